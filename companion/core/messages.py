@@ -1,0 +1,324 @@
+"""Every message that flows through the boat: frozen, stamped, with the unit in the name.
+
+A message is a value. `t_ns` is the instant it speaks of, on the companion's monotonic clock [ns];
+sensor messages add `t_rx_ns`, the instant its last byte arrived. Messages are msgspec structs, so the
+recorder writes them as JSON with a schema made from the very same class and the replay reads them back
+bit for bit (floats are written in shortest round-trip form). A missing number is None, never NaN.
+
+Frames: NED for positions and headings, body (x forward, y starboard, z down) for velocities and forces.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+Vec = tuple[float, ...]
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of all messages. `t_ns`: instant it speaks of, companion monotonic clock [ns]."""
+
+    t_ns: int
+
+
+# --- inputs: sensors -------------------------------------------------------------------------------
+
+
+class Measured(Message, frozen=True, kw_only=True):
+    """Base of sensor messages. `t_rx_ns`: when the bytes arrived; `t_ns`: when it was measured."""
+
+    t_rx_ns: int
+
+
+class ImuSample(Measured, frozen=True, kw_only=True):
+    """Specific force [m/s^2] and angular rate [rad/s], body FRD (at rest az = -9.81)."""
+
+    ax_m_s2: float
+    ay_m_s2: float
+    az_m_s2: float
+    p_rad_s: float
+    q_rad_s: float
+    r_rad_s: float
+    source: str
+
+
+class Attitude(Measured, frozen=True, kw_only=True):
+    """The autopilot's attitude estimate: roll, pitch, heading from north [rad], rates [rad/s]."""
+
+    phi_rad: float
+    theta_rad: float
+    psi_rad: float
+    p_rad_s: float
+    q_rad_s: float
+    r_rad_s: float
+
+
+class AnchorRange(msgspec.Struct, frozen=True, kw_only=True):
+    """One range [m] to one anchor; `rssi_dbm` and `quality` (0-100) where the tag gives them."""
+
+    anchor: str
+    range_m: float
+    rssi_dbm: float | None = None
+    quality: int | None = None
+
+
+class UwbRanges(Measured, frozen=True, kw_only=True):
+    """Ranges of one tag cycle."""
+
+    tag: str
+    ranges: tuple[AnchorRange, ...]
+
+
+class UwbPosition(Measured, frozen=True, kw_only=True):
+    """A position computed by the tag, in the frame in which its anchors were set up [m], quality 0-100."""
+
+    tag: str
+    x_m: float
+    y_m: float
+    z_m: float
+    quality: int | None = None
+
+
+# --- inputs: autopilot and links -------------------------------------------------------------------
+
+
+class Heartbeat(Message, frozen=True, kw_only=True):
+    """HEARTBEAT of the autopilot. `custom_mode`: Rover 0 MANUAL, 4 HOLD, 5 LOITER, 15 GUIDED."""
+
+    system: int
+    component: int
+    vehicle_type: int
+    autopilot: int
+    base_mode: int
+    custom_mode: int
+    system_status: int
+    armed: bool
+
+
+class Battery(Message, frozen=True, kw_only=True):
+    """Battery voltage [V], current [A] and what remains [%], where known."""
+
+    voltage_v: float
+    current_a: float | None = None
+    remaining_percent: int | None = None
+
+
+class ServoOutput(Message, frozen=True, kw_only=True):
+    """SERVO_OUTPUT_RAW: pulse widths [us] that leave the autopilot, output 1 first."""
+
+    pwm_us: tuple[int, ...]
+
+
+class RcChannels(Message, frozen=True, kw_only=True):
+    """RC_CHANNELS: pulse widths [us] that the autopilot believes to receive, channel 1 first."""
+
+    pwm_us: tuple[int, ...]
+    rssi: int | None = None
+
+
+class CommandAck(Message, frozen=True, kw_only=True):
+    """Answer to a command: MAV_CMD number and MAV_RESULT (0 accepted, 4 failed)."""
+
+    command: int
+    result: int
+
+
+class ParamValue(Message, frozen=True, kw_only=True):
+    """One autopilot parameter."""
+
+    name: str
+    value: float
+    index: int
+    count: int
+
+
+class TimeSync(Message, frozen=True, kw_only=True):
+    """TIMESYNC: `tc1_ns` answers with the peer's clock, `ts1_ns` echoes ours (tc1 = 0 is a question)."""
+
+    tc1_ns: int
+    ts1_ns: int
+
+
+class StatusText(Message, frozen=True, kw_only=True):
+    """A text from the autopilot, its chunks joined. Severity 0 (emergency) to 7 (debug)."""
+
+    severity: int
+    text: str
+
+
+class AutopilotInfo(Message, frozen=True, kw_only=True):
+    """AUTOPILOT_VERSION: firmware version number and board."""
+
+    flight_sw_version: int
+    board_version: int
+    capabilities: int
+
+
+LinkState = Literal["searching", "online", "stale", "lost"]
+
+
+class LinkStatus(Message, frozen=True, kw_only=True):
+    """State of one device link and the reason for it, in words."""
+
+    link: str
+    state: LinkState
+    reason: str
+
+
+# --- inputs: the shell -----------------------------------------------------------------------------
+
+
+class Tick(Message, frozen=True, kw_only=True):
+    """The control period begins. `index` counts from 0; `lateness_ns` is how late the timer fired."""
+
+    index: int
+    lateness_ns: int = 0
+
+
+class PlanDeadline(Message, frozen=True, kw_only=True):
+    """Time is up for the plan of tick `index`: the lease must be written now."""
+
+    index: int
+
+
+class OperatorCommand(Message, frozen=True, kw_only=True):
+    """What the operator wants. `start`: drive the mission; `hold`: keep station here; `stop`: neutral."""
+
+    command: Literal["start", "hold", "stop"]
+
+
+class PlanResult(Message, frozen=True, kw_only=True):
+    """What the solver made of a SolveRequest. A result with a status, never an exception.
+
+    `status`: ok | not_converged | failed. `f_n`: planned thruster force commands [N], N rows of n
+    thrusters; `x`: planned states, N + 1 rows. Empty where the status is failed.
+    """
+
+    index: int
+    status: Literal["ok", "not_converged", "failed"]
+    reason: str
+    solve_time_s: float
+    iterations: int
+    cost: float | None
+    f_n: tuple[Vec, ...]
+    x: tuple[Vec, ...]
+
+
+# --- outputs ---------------------------------------------------------------------------------------
+
+Health = Literal["initialising", "healthy", "degraded", "lost"]
+
+
+class StateEstimate(Message, frozen=True, kw_only=True):
+    """Pose of the body origin in NED, body velocities over ground, biases and disturbance.
+
+    `covariance`: row-major 6 x 6 of [x y psi u v r]. `disturbance_n`: [X N, Y N, N N m] in body axes.
+    """
+
+    north_m: float
+    east_m: float
+    psi_rad: float
+    u_m_s: float
+    v_m_s: float
+    r_rad_s: float
+    covariance: Vec
+    accel_bias_m_s2: Vec
+    gyro_bias_rad_s: float
+    anchor_bias_m: dict[str, float]
+    disturbance_n: Vec
+    health: Health
+    reason: str
+
+
+class Innovation(Message, frozen=True, kw_only=True):
+    """z - h(x) of one scalar or vector measurement, its covariance S (row-major), d2, and the verdict."""
+
+    sensor: str
+    innovation: Vec
+    S: Vec
+    d2: float
+    accepted: bool
+
+
+class GuidanceReference(Message, frozen=True, kw_only=True):
+    """What guidance asks for now: leg, errors to it, references for heading and body velocities."""
+
+    phase: Literal["idle", "leg", "station", "done"]
+    leg: int
+    waypoints_passed: int
+    x_e_m: float
+    y_e_m: float
+    path_angle_rad: float
+    psi_ref_rad: float
+    u_ref_m_s: float
+    north_ref_m: float
+    east_ref_m: float
+
+
+class SolveRequest(Message, frozen=True, kw_only=True):
+    """One optimal control problem. `x0`: [x y psi u v r f_1..f_n]; `reference`: N + 1 rows.
+
+    `disturbance_n`: constant body force [X N, Y N, N N m] over the horizon; `f_prev_n`: last command.
+    `shift_s`: time since the plan whose tail may warm-start this one was made (0: none).
+    """
+
+    index: int
+    x0: Vec
+    reference: tuple[Vec, ...]
+    disturbance_n: Vec
+    f_prev_n: Vec
+
+
+class OverrideLease(Message, frozen=True, kw_only=True):
+    """PWM for a stated time, then neutral. Exactly one ends every tick.
+
+    `pwm_us`: thruster pulse widths in the vessel file's order; `channels`: their RC channels (1-based).
+    `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral.
+    """
+
+    index: int
+    channels: tuple[int, ...]
+    pwm_us: tuple[int, ...]
+    valid_for_s: float
+    source: Literal["plan", "shifted_plan", "pd", "neutral"]
+    reason: str
+    f_command_n: Vec
+
+
+class Alert(Message, frozen=True, kw_only=True):
+    """Something a person should know, and what to do next."""
+
+    level: Literal["info", "warning", "error"]
+    text: str
+
+
+# --- ground truth (written by the simulator only, never read by the boat) ---------------------------
+
+
+class GroundTruth(Message, frozen=True, kw_only=True):
+    """The simulated world's own state: NED pose, body velocities over ground, thruster forces [N]."""
+
+    north_m: float
+    east_m: float
+    psi_rad: float
+    u_m_s: float
+    v_m_s: float
+    r_rad_s: float
+    f_n: Vec
+
+
+INPUTS: tuple[type[Message], ...] = (
+    ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, RcChannels, CommandAck,
+    ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand, PlanResult,
+)  # fmt: skip
+OUTPUTS: tuple[type[Message], ...] = (
+    StateEstimate, Innovation, GuidanceReference, SolveRequest, OverrideLease, Alert,
+)  # fmt: skip
+
+
+def topic(kind: type[Message]) -> str:
+    """Topic of a message class in logs and telemetry: `/imu_sample` for ImuSample."""
+    name = kind.__name__
+    return "/" + "".join(("_" if c.isupper() and i else "") + c.lower() for i, c in enumerate(name))

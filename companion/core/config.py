@@ -1,0 +1,70 @@
+"""Reading configuration: TOML text -> frozen, typed values; an unknown key is refused with its path.
+
+The structs themselves live beside the idea they configure (`vessel_file`, `site`, ...); this module only
+knows how to read one, how to say what is wrong, and how to name what was read (its hash).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from typing import TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+
+class ConfigError(ValueError):
+    """What is wrong, with file and key: `boats/aritra.toml: hull.mass_kgs: unknown key`."""
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of every configuration table: frozen, and a key it does not know is an error."""
+
+
+class SourcedTable(Table, frozen=True, kw_only=True):
+    """A table of physical numbers. `source` says where they come from, or that they are assumed."""
+
+    source: str
+
+    def __post_init__(self) -> None:
+        if not self.source.strip():
+            raise ValueError('needs a source: say where the numbers come from, or "assumed"')
+
+
+def parse_toml(text: str, kind: type[T], *, name: str) -> T:
+    """TOML text -> `kind`. `name` is the file's name for messages.
+
+    Raises ConfigError naming file, key path and what was expected.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name}: not valid TOML: {error}") from None
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{name}: {_readable(str(error))}") from None
+
+
+def _readable(message: str) -> str:
+    """msgspec's message with the path in front and in TOML's words.
+
+    >>> _readable("Expected `float` > 0.0 - at `$.hull.mass_kg`")
+    'hull.mass_kg: expected `float` > 0.0'
+    >>> _readable("Object contains unknown field `x` - at `$.hull`")
+    'hull.x: unknown key'
+    """
+    what, _, where = message.partition(" - at ")
+    path = where.strip("`").removeprefix("$").removeprefix(".")
+    for phrase, says in (("unknown field `", "unknown key"), ("missing required field `", "missing key")):
+        if phrase in what:
+            key = what.split(phrase, 1)[1].split("`", 1)[0]
+            return f"{path}.{key}: {says}" if path else f"{key}: {says}"
+    return f"{path or '(top level)'}: {what[:1].lower()}{what[1:]}"
+
+
+def digest(text: str) -> str:
+    """Name of a configuration: the first 12 hex digits of the SHA-256 of its text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

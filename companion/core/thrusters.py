@@ -1,0 +1,86 @@
+"""PWM <-> force of one thruster at a voltage, and the configuration matrix B.
+
+Rotor (facts: the manufacturer's bollard table follows F = k n |n| with k nearly free of voltage):
+
+    c = (pwm - trim - 1500) / 400                     command in -1..1
+    e = max(|c| - dead_band / 400, 0)
+    n = (V / V_ref)^(a0 + a1 e) (c1 e^q + c2 e^2)     [rev/s], sign of c
+    F = gain k n |n|                                  [N], k and the curve by sign
+
+The curve rises without a step, so it has one inverse; the table's own five small steps back are smoothed.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.core.vessel_file import LinearMap, RotorCurve, RotorMap, Thruster, VesselFile
+
+NEUTRAL_US = 1500
+SPAN_US = 400.0
+_GRID = np.linspace(0.0, 1.0, 2001)  # command grid of the inverse, 0.2 us apart
+
+
+def rotor_rps(curve: RotorCurve, e: Any, voltage_v: Any, v_ref_v: float) -> Any:
+    """Speed n [rev/s] >= 0 over the command e >= 0 beyond the dead band; numpy or CasADi."""
+    shape = curve.c1_rps * e**curve.q + curve.c2_rps * e**2
+    return (voltage_v / v_ref_v) ** (curve.a0 + curve.a1 * e) * shape
+
+
+def _force_ahead(fmap: RotorMap | LinearMap, c: Any, voltage_v: Any, sign: int) -> Any:
+    """Size of the force [N] at command size c in 0..1, ahead (sign 1) or astern (-1)."""
+    if isinstance(fmap, LinearMap):
+        return c * (fmap.ahead_N if sign > 0 else fmap.astern_N)
+    e = np.maximum(c - fmap.dead_band_us / SPAN_US, 0.0)
+    curve, k = (fmap.ahead, fmap.k_ahead_N_s2) if sign > 0 else (fmap.astern, fmap.k_astern_N_s2)
+    return k * rotor_rps(curve, e, voltage_v, fmap.V_ref_V) ** 2
+
+
+def force_from_pwm(thruster: Thruster, fmap: RotorMap | LinearMap, pwm_us: float, voltage_v: float) -> float:
+    """Steady bollard force [N] at a pulse width [us] and battery voltage [V]."""
+    c = float(np.clip((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0, 1.0))
+    sign = 1 if c >= 0 else -1
+    return sign * thruster.gain * float(_force_ahead(fmap, abs(c), voltage_v, sign))
+
+
+def force_expression(thruster: Thruster, fmap: RotorMap | LinearMap, pwm_us: Any, voltage_v: Any) -> Any:
+    """`force_from_pwm` as a CasADi expression, for fits. Smooth but at the dead band's edge."""
+    c = (pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US
+    if isinstance(fmap, LinearMap):
+        return thruster.gain * c * ca.if_else(c >= 0, fmap.ahead_N, fmap.astern_N)
+    e = ca.fmax(ca.fabs(c) - fmap.dead_band_us / SPAN_US, 0.0)
+    safe = ca.fmax(e, 1e-9)
+    ahead = fmap.k_ahead_N_s2 * rotor_rps(fmap.ahead, safe, voltage_v, fmap.V_ref_V) ** 2
+    astern = -fmap.k_astern_N_s2 * rotor_rps(fmap.astern, safe, voltage_v, fmap.V_ref_V) ** 2
+    return ca.if_else(e > 0, thruster.gain * ca.if_else(c >= 0, ahead, astern), 0.0)
+
+
+@lru_cache(maxsize=256)
+def _inverse_table(fmap: RotorMap | LinearMap, voltage_dv: int, sign: int) -> np.ndarray:
+    """Force sizes [N] over `_GRID` at a voltage given in tenths of a volt."""
+    return np.asarray(_force_ahead(fmap, _GRID, voltage_dv / 10.0, sign))
+
+
+def pwm_from_force(thruster: Thruster, fmap: RotorMap | LinearMap, force_n: float, voltage_v: float) -> int:
+    """Pulse width [us] for a force [N], clamped to the thruster's limits and rounded; 0 N is neutral.
+
+    The voltage is taken to 0.1 V. A force beyond what the map reaches gives the limit.
+    """
+    neutral = NEUTRAL_US + thruster.trim_us
+    if force_n == 0.0:
+        return neutral
+    sign = 1 if force_n > 0 else -1
+    table = _inverse_table(fmap, round(voltage_v * 10), sign) * thruster.gain
+    first = int(np.searchsorted(table, 0.0, side="right")) - 1  # the dead band's edge
+    c = float(np.interp(abs(force_n), table[first:], _GRID[first:]))
+    return int(np.clip(round(neutral + sign * c * SPAN_US), thruster.pwm_min_us, thruster.pwm_max_us))
+
+
+def configuration_matrix(vessel: VesselFile) -> np.ndarray:
+    """B, shape (3, n): tau = B f with rows X [N], Y [N], N [N m]; N = x sin(a) - y cos(a)."""
+    x, y, a = vessel.positions.T
+    return np.vstack([np.cos(a), np.sin(a), x * np.sin(a) - y * np.cos(a)])

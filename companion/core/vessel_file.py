@@ -1,0 +1,168 @@
+"""The vessel file: what one boat is made of. Reference: docs/vessel-file.md.
+
+Body axes: x forward, y starboard, z down; origin where `hull` says. Hydrodynamic derivatives carry SNAME
+signs, so added mass and damping coefficients of a stable hull are negative (X_udot < 0, X_u < 0).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from companion.core.config import SourcedTable, Table
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+NonPositive = Annotated[float, msgspec.Meta(le=0)]
+Pulse = Annotated[int, msgspec.Meta(ge=800, le=2200)]
+
+
+class Hull(SourcedTable, frozen=True, kw_only=True):
+    """Outer size [m] and the areas above water that wind sees [m^2]. `origin` says where the axes sit."""
+
+    length_m: Positive
+    beam_m: Positive
+    draft_m: Positive
+    origin: str
+    frontal_area_m2: Positive | None = None
+    lateral_area_m2: Positive | None = None
+
+
+class Inertia(SourcedTable, frozen=True, kw_only=True):
+    """Rigid body and added mass. I_z about the body origin's CG; x_g, y_g: CG from the origin [m]."""
+
+    mass_kg: Positive
+    I_z_kg_m2: Positive
+    x_g_m: float = 0.0
+    y_g_m: float = 0.0
+    X_udot_kg: NonPositive
+    Y_vdot_kg: NonPositive
+    Y_rdot_kg_m: float = 0.0
+    N_rdot_kg_m2: NonPositive
+
+
+class Damping(SourcedTable, frozen=True, kw_only=True):
+    """D(nu) = -[X_u + X_uu |u|, ...]: linear with yaw-sway coupling, quadratic on the diagonal."""
+
+    X_u_N_s_m: NonPositive
+    Y_v_N_s_m: NonPositive
+    Y_r_N_s: float = 0.0
+    N_v_N_s: float = 0.0
+    N_r_N_m_s: NonPositive
+    X_uu_N_s2_m2: NonPositive
+    Y_vv_N_s2_m2: NonPositive
+    N_rr_N_m_s2: NonPositive
+
+
+class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="kind"):
+    """Propeller behind an ESC: n(pwm, V) [rev/s], then F = k n |n| [N]. Equations in `thrusters`."""
+
+    dead_band_us: NonNegative
+    V_ref_V: Positive
+    k_ahead_N_s2: Positive
+    k_astern_N_s2: Positive
+    ahead: RotorCurve
+    astern: RotorCurve
+
+
+class RotorCurve(Table, frozen=True, kw_only=True):
+    """n = (V / V_ref)^(a0 + a1 e) (c1 e^q + c2 e^2) [rev/s] over the command e beyond the dead band."""
+
+    a0: float
+    a1: float
+    q: Positive
+    c1_rps: Positive
+    c2_rps: NonNegative
+
+
+class LinearMap(SourcedTable, frozen=True, kw_only=True, tag="linear", tag_field="kind"):
+    """Force proportional to the command in -1..1 (1500 us is 0, 1900 us is 1); voltage plays no part."""
+
+    ahead_N: Positive
+    astern_N: Positive
+
+
+class Propulsion(SourcedTable, frozen=True, kw_only=True):
+    """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force."""
+
+    dead_time_s: NonNegative
+    lag_s: Positive
+    nominal_voltage_V: Positive
+    rate_limit_N_s: Positive
+
+
+class Thruster(SourcedTable, frozen=True, kw_only=True):
+    """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y."""
+
+    name: str
+    x_m: float
+    y_m: float
+    azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)]
+    channel: Annotated[int, msgspec.Meta(ge=1, le=16)]
+    force_map: str
+    gain: Positive = 1.0
+    trim_us: Annotated[int, msgspec.Meta(ge=-50, le=50)] = 0
+    pwm_min_us: Pulse = 1100
+    pwm_max_us: Pulse = 1900
+    force_min_N: NonPositive
+    force_max_N: NonNegative
+
+
+class Imu(SourcedTable, frozen=True, kw_only=True):
+    """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
+    rate_Hz: Positive
+    accel_sigma_m_s2: Positive
+    accel_bias_sigma_m_s2: NonNegative
+    accel_bias_walk_m_s2_sqrt_s: NonNegative
+    gyro_sigma_rad_s: Positive
+    gyro_bias_sigma_rad_s: NonNegative
+    gyro_bias_walk_rad_s_sqrt_s: NonNegative
+    heading_sigma_rad: Positive
+    heading_wander_sigma_rad: NonNegative
+    heading_wander_time_s: Positive
+
+
+class Uwb(SourcedTable, frozen=True, kw_only=True):
+    """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
+    rate_Hz: Positive
+    range_sigma_m: Positive
+    range_bias_sigma_m: NonNegative
+    latency_s: NonNegative
+    wire_format: str
+
+
+class Sensors(Table, frozen=True, kw_only=True):
+    """What the boat measures with."""
+
+    imu: Imu
+    uwb: Uwb
+
+
+class VesselFile(Table, frozen=True, kw_only=True):
+    """One boat. `terms`: optional model terms by name with their parameters (`terms.REGISTRY`)."""
+
+    format: Literal[1]
+    name: str
+    hull: Hull
+    inertia: Inertia
+    damping: Damping
+    propulsion: Propulsion
+    force_maps: dict[str, RotorMap | LinearMap]
+    thrusters: Annotated[tuple[Thruster, ...], msgspec.Meta(min_length=1)]
+    sensors: Sensors
+    terms: dict[str, dict[str, float | str]] = msgspec.field(default_factory=dict)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Thruster places and azimuths, shape (n, 3): x [m], y [m], azimuth [rad]."""
+        return np.array([(t.x_m, t.y_m, np.deg2rad(t.azimuth_deg)) for t in self.thrusters])

@@ -1,0 +1,80 @@
+"""Water and air around the boat, drawn from a seed: current, wind with gusts, waves.
+
+    current   V_c towards beta_c, turning by `turn_deg_s`
+    wind      V_w (1 + g), g a Gauss-Markov gust of `gustiness` and 10 s
+    waves     body force and moment from 24 sinusoids round the peak period, random phases, no mean
+
+Wave loads are first-order and scaled per metre of significant height with figures for this size of hull:
+assumed. Roll and pitch follow the same sinusoids.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+GUST_TIME_S = 10.0  # assumed
+WAVE_FORCE_N_M = np.array([60.0, 90.0, 15.0])  # amplitude of X, Y [N/m], N [N m/m] per metre of H_s; assumed
+WAVE_TILT_RAD_M = np.array([0.25, 0.15])  # roll, pitch amplitude per metre of H_s; assumed
+
+
+@dataclass(frozen=True)
+class Weather:
+    """What the world is like. Directions in degrees from north: current towards, wind and waves from."""
+
+    V_c_m_s: float = 0.0
+    beta_c_deg: float = 0.0
+    turn_deg_s: float = 0.0
+    V_w_m_s: float = 0.0
+    beta_w_deg: float = 0.0
+    gustiness: float = 0.0
+    H_s_m: float = 0.0
+    T_p_s: float = 2.0
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The environment at one instant, as the plant's model takes it."""
+
+    V_c_m_s: float
+    beta_c_deg: float
+    V_w_m_s: float
+    beta_w_deg: float
+    wave_n: np.ndarray
+    phi_rad: float
+    theta_rad: float
+
+
+class Environment:
+    """Advances gusts and phases; the same weather and seed give the same history."""
+
+    def __init__(self, weather: Weather, rng: np.random.Generator):
+        self._weather, self._rng = weather, rng
+        self._gust = 0.0
+        spread = rng.uniform(0.75, 1.35, 24)
+        self._omega = 2 * np.pi / weather.T_p_s * spread
+        self._phase = rng.uniform(0, 2 * np.pi, (5, 24))
+        self._amplitude = np.exp(-(((spread - 1) / 0.15) ** 2))
+        self._amplitude /= np.sqrt((self._amplitude**2).sum())
+
+    def step(self, t_s: float, dt_s: float) -> Moment:
+        """Environment at `t_s`, `dt_s` after the last call."""
+        w = self._weather
+        if w.gustiness:
+            decay = np.exp(-dt_s / GUST_TIME_S)
+            self._gust = decay * self._gust + w.gustiness * np.sqrt(1 - decay**2) * self._rng.normal()
+        waves, tilt = np.zeros(3), np.zeros(2)
+        if w.H_s_m:
+            elevation = (self._amplitude * np.sin(self._omega * t_s + self._phase)).sum(axis=1)
+            waves = WAVE_FORCE_N_M * w.H_s_m * elevation[:3]
+            tilt = WAVE_TILT_RAD_M * w.H_s_m * elevation[3:]
+        return Moment(
+            w.V_c_m_s,
+            w.beta_c_deg + w.turn_deg_s * t_s,
+            max(0.0, w.V_w_m_s * (1 + self._gust)),
+            w.beta_w_deg,
+            waves,
+            float(tilt[0]),
+            float(tilt[1]),
+        )

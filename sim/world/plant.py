@@ -1,0 +1,108 @@
+"""The hull and its thrusters: pulse widths in, motion out, by the one model of `companion.core`.
+
+    f_cmd = F(pwm(t - dead time), V);   dx/dt = state_rate(model, x, f_cmd, waves)
+
+at 100 Hz by Runge-Kutta. Current and wind enter as the model's own terms, with values that may change at
+every step. Battery: V = V_open - R_i I with the current of the bollard table's power law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from msgspec.structs import replace as replace_fields
+
+from companion.core.dynamics import FORCES, BufferedStep, DelayLine, rk4, state_rate
+from companion.core.terms import values
+from companion.core.thrusters import NEUTRAL_US, force_from_pwm
+from companion.core.vessel import StructuredModel
+from companion.core.vessel_file import VesselFile
+from sim.world.environment import Moment
+
+R_BATTERY_OHM = 0.05  # assumed: 4S pack with leads
+WATTS_PER_N15 = 0.92  # P = 0.92 |F|^1.5: 203 W at 36.4 N, manufacturer's table at 12 V
+HOTEL_A = 1.5  # assumed: computer, autopilot, radio
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the boat is and how it moves: x = [x y psi u v r f_1..f_n] and nu_dot, both at `t_ns`."""
+
+    t_ns: int
+    x: np.ndarray
+    nu_dot: np.ndarray
+
+
+class Plant:
+    """One boat in the water."""
+
+    def __init__(self, vessel: VesselFile, x0: np.ndarray, *, step_ns: int, voltage_v: float, t_ns: int = 0):
+        n = len(vessel.thrusters)
+        self._vessel, self.step_ns = vessel, step_ns
+        self._open_v = self.voltage_v = voltage_v
+        self._step = BufferedStep(_plant_function(vessel, step_ns * 1e-9))
+        self._pwm = DelayLine(round(vessel.propulsion.dead_time_s * 1e9), (float(NEUTRAL_US),) * n)
+        self.motion = Motion(
+            t_ns, np.concatenate([np.asarray(x0, dtype=float)[:6], np.zeros(n)]), np.zeros(3)
+        )
+
+    @property
+    def current_a(self) -> float:
+        """Battery current [A]."""
+        power = WATTS_PER_N15 * (np.abs(self.motion.x[FORCES]) ** 1.5).sum()
+        return HOTEL_A + float(power) / self._open_v
+
+    def command(self, t_ns: int, pwm_us: tuple[float, ...]) -> None:
+        """Pulse widths [us] that reach the ESCs' inputs from `t_ns` on, in the vessel file's order."""
+        self._pwm.push(t_ns, pwm_us)
+
+    def step(self, moment: Moment) -> Motion:
+        """Advance by one step in the given environment."""
+        t_ns = self.motion.t_ns
+        vessel = self._vessel
+        f_cmd = [
+            force_from_pwm(t, vessel.force_maps[t.force_map], pwm, self.voltage_v)
+            for t, pwm in zip(vessel.thrusters, self._pwm.at(t_ns), strict=True)
+        ]
+        air_and_water = (moment.V_c_m_s, moment.beta_c_deg, moment.V_w_m_s, moment.beta_w_deg)
+        out = self._step(self.motion.x, f_cmd, moment.wave_n, air_and_water)
+        self.motion = Motion(t_ns + self.step_ns, out[:-3], out[-3:])
+        self.voltage_v = self._open_v - R_BATTERY_OHM * self.current_a
+        return self.motion
+
+
+def _plant_function(vessel: VesselFile, h: float) -> ca.Function:
+    """(x, f_cmd, wave, [V_c, beta_c, V_w, beta_w]) -> [x after h; nu_dot there]."""
+    weather = ca.SX.sym("weather", 4)
+    base = StructuredModel.of(vessel)
+    sky = dict(base.term_values)
+    sky["current"] = {"V_c_m_s": weather[0], "beta_c_deg": weather[1]}
+    sky["wind"] = values("wind", vessel.terms.get("wind", {})) | {
+        "V_w_m_s": weather[2],
+        "beta_w_deg": weather[3],
+    }
+    model = replace(base, term_values=sky)
+    n = len(vessel.thrusters)
+    x, f_cmd, wave = ca.SX.sym("x", 6 + n), ca.SX.sym("f_cmd", n), ca.SX.sym("wave", 3)
+    x_next = rk4(lambda s: state_rate(model, s, f_cmd, wave), x, h)
+    nu_dot = state_rate(model, x_next, f_cmd, wave)[3:6]
+    return ca.Function("plant", [x, f_cmd, wave, weather], [ca.vertcat(x_next, nu_dot)])
+
+
+def perturbed(vessel: VesselFile, rng: np.random.Generator, share: float) -> VesselFile:
+    """A boat like `vessel` with inertia, damping and thruster gains off by up to `share` (uniform)."""
+
+    def shake(table, keys):
+        return {k: getattr(table, k) * (1 + rng.uniform(-share, share)) for k in keys}
+
+    inertia = shake(vessel.inertia, ("mass_kg", "I_z_kg_m2", "X_udot_kg", "Y_vdot_kg", "N_rdot_kg_m2"))
+    damping = shake(vessel.damping, [k for k in vessel.damping.__struct_fields__ if k != "source"])
+    thrusters = tuple(replace_fields(t, **shake(t, ("gain",))) for t in vessel.thrusters)
+    return replace_fields(
+        vessel,
+        inertia=replace_fields(vessel.inertia, **inertia),
+        damping=replace_fields(vessel.damping, **damping),
+        thrusters=thrusters,
+    )

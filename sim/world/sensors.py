@@ -1,0 +1,114 @@
+"""What the boat's sensors would say of a motion: noise, bias, wander, outliers, dropouts, all from a seed.
+
+IMU       a = nu_dot + omega x nu at the IMU's place, minus gravity, tilted by roll and pitch; white noise per
+          sample, a bias drawn at start that walks
+attitude  true heading + slow Gauss-Markov wander (compass and autopilot filter) + white noise
+UWB       |tag - anchor| + bias per anchor + white noise; at random an anchor is silent or reads far (NLOS)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.site import Anchor
+from companion.core.vessel_file import Imu, Uwb
+from sim.world.environment import Moment
+from sim.world.plant import Motion
+
+G = 9.80665  # m/s^2, standard gravity
+TILT_SIGMA_RAD = 0.002  # noise of the autopilot's roll and pitch; assumed
+
+
+@dataclass(frozen=True)
+class UwbFaults:
+    """Chances per range: silent, or non-line-of-sight with an extra path of up to `nlos_m`."""
+
+    dropout: float = 0.0
+    nlos: float = 0.0
+    nlos_m: float = 3.0
+
+
+@dataclass(frozen=True)
+class ImuReading:
+    """Specific force [m/s^2], rates [rad/s] and attitude [rad] as the autopilot holds them."""
+
+    accel_m_s2: tuple[float, float, float]
+    gyro_rad_s: tuple[float, float, float]
+    phi_rad: float
+    theta_rad: float
+    psi_rad: float
+
+
+class ImuSensor:
+    """IMU and attitude of the autopilot, sampled at the file's rate."""
+
+    def __init__(self, imu: Imu, rng: np.random.Generator):
+        self._imu, self._rng = imu, rng
+        self.period_ns = round(1e9 / imu.rate_Hz)
+        self._accel_bias = rng.normal(0, imu.accel_bias_sigma_m_s2, 3)
+        self._gyro_bias = rng.normal(0, imu.gyro_bias_sigma_rad_s, 3)
+        self._wander = rng.normal(0, imu.heading_wander_sigma_rad)
+
+    def measure(self, motion: Motion, moment: Moment) -> ImuReading:
+        """One sample."""
+        imu, rng, dt = self._imu, self._rng, self.period_ns * 1e-9
+        self._accel_bias += rng.normal(0, imu.accel_bias_walk_m_s2_sqrt_s * np.sqrt(dt), 3)
+        self._gyro_bias += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt), 3)
+        decay = np.exp(-dt / imu.heading_wander_time_s)
+        self._wander = (
+            decay * self._wander + imu.heading_wander_sigma_rad * np.sqrt(1 - decay**2) * rng.normal()
+        )
+        u, v, r = motion.x[3:6]
+        u_dot, v_dot, r_dot = motion.nu_dot
+        phi, theta = moment.phi_rad, moment.theta_rad
+        force = np.array(
+            [
+                u_dot - v * r - imu.x_m * r**2 - imu.y_m * r_dot + G * np.sin(theta),
+                v_dot + u * r + imu.x_m * r_dot - imu.y_m * r**2 - G * np.cos(theta) * np.sin(phi),
+                -G * np.cos(theta) * np.cos(phi),
+            ]
+        )
+        accel = force + self._accel_bias + rng.normal(0, imu.accel_sigma_m_s2, 3)
+        gyro = np.array([0.0, 0.0, r]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s, 3)
+        tilt = rng.normal(0, TILT_SIGMA_RAD, 2)
+        psi = motion.x[2] + self._wander + rng.normal(0, imu.heading_sigma_rad)
+        return ImuReading(
+            tuple(map(float, accel)),
+            tuple(map(float, gyro)),
+            float(phi + tilt[0]),
+            float(theta + tilt[1]),
+            float((psi + np.pi) % (2 * np.pi) - np.pi),
+        )
+
+
+class UwbSensor:
+    """Ranges from one tag to the site's anchors."""
+
+    def __init__(self, uwb: Uwb, anchors: Sequence[Anchor], faults: UwbFaults, rng: np.random.Generator):
+        self._uwb, self._anchors, self._faults, self._rng = uwb, anchors, faults, rng
+        self.period_ns = round(1e9 / uwb.rate_Hz)
+        self.latency_ns = round(uwb.latency_s * 1e9)
+        self._bias = rng.normal(0, uwb.range_bias_sigma_m, len(anchors))
+
+    def tag_position(self, x: np.ndarray) -> np.ndarray:
+        """Place of the tag in NED [m], shape (3,)."""
+        c, s = np.cos(x[2]), np.sin(x[2])
+        uwb = self._uwb
+        return np.array([x[0] + c * uwb.x_m - s * uwb.y_m, x[1] + s * uwb.x_m + c * uwb.y_m, uwb.z_m])
+
+    def measure(self, motion: Motion) -> dict[str, float | None]:
+        """Range [m] by anchor; None where the anchor stayed silent."""
+        tag, rng, faults = self.tag_position(motion.x), self._rng, self._faults
+        noise = rng.normal(0, self._uwb.range_sigma_m, len(self._anchors))
+        silent = rng.uniform(size=len(self._anchors)) < faults.dropout
+        far = rng.uniform(size=len(self._anchors)) < faults.nlos
+        extra = rng.uniform(0.3, 1.0, len(self._anchors)) * faults.nlos_m
+        ranges: dict[str, float | None] = {}
+        for i, a in enumerate(self._anchors):
+            distance = float(np.linalg.norm(tag - (a.north_m, a.east_m, a.down_m)))
+            reading = distance + self._bias[i] + noise[i] + far[i] * extra[i]
+            ranges[a.id] = None if silent[i] else max(0.0, float(reading))
+        return ranges

@@ -126,11 +126,11 @@ class CommandAck(Message, frozen=True, kw_only=True):
 
 
 class ParamValue(Message, frozen=True, kw_only=True):
-    """One autopilot parameter."""
+    """One autopilot parameter; `index` is None where the autopilot echoes a PARAM_SET."""
 
     name: str
     value: float
-    index: int
+    index: int | None
     count: int
 
 
@@ -261,7 +261,6 @@ class SolveRequest(Message, frozen=True, kw_only=True):
     """One optimal control problem. `x0`: [x y psi u v r f_1..f_n]; `reference`: N + 1 rows.
 
     `disturbance_n`: constant body force [X N, Y N, N N m] over the horizon; `f_prev_n`: last command.
-    `shift_s`: time since the plan whose tail may warm-start this one was made (0: none).
     """
 
     index: int
@@ -274,7 +273,8 @@ class SolveRequest(Message, frozen=True, kw_only=True):
 class OverrideLease(Message, frozen=True, kw_only=True):
     """PWM for a stated time, then neutral. Exactly one ends every tick.
 
-    `pwm_us`: thruster pulse widths in the vessel file's order; `channels`: their RC channels (1-based).
+    `pwm_us`: pulse widths of the thrusters in the vessel file's order, then of channels that are held at
+    neutral; `channels`: the RC channel (1-based) of each.
     `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral.
     """
 
@@ -294,6 +294,37 @@ class Alert(Message, frozen=True, kw_only=True):
     text: str
 
 
+class VehicleRequest(Message, frozen=True, kw_only=True):
+    """What the pilot asks of the autopilot. `custom_mode` goes with set_mode."""
+
+    action: Literal["set_mode", "arm", "disarm"]
+    custom_mode: int | None = None
+
+
+# --- the shell's own notes --------------------------------------------------------------------------
+
+
+class StepMark(Message, frozen=True, kw_only=True):
+    """The `inputs` messages logged just before this one were one call of `pilot.step` at `t_ns`."""
+
+    inputs: int
+
+
+class LoopTiming(Message, frozen=True, kw_only=True):
+    """How tick `index` went: lateness of its timer, and age of the newest IMU bytes when its lease left."""
+
+    index: int
+    lateness_ms: float
+    imu_to_override_ms: float | None
+
+
+class ProcessStats(Message, frozen=True, kw_only=True):
+    """Processor share since the last one [% of one core] and resident memory [MB = 1e6 bytes]."""
+
+    cpu_percent: float
+    rss_mb: float
+
+
 # --- ground truth (written by the simulator only, never read by the boat) ---------------------------
 
 
@@ -311,11 +342,13 @@ class GroundTruth(Message, frozen=True, kw_only=True):
 
 INPUTS: tuple[type[Message], ...] = (
     ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, RcChannels, CommandAck,
-    ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand, PlanResult,
+    ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
+    PlanResult,
 )  # fmt: skip
 OUTPUTS: tuple[type[Message], ...] = (
-    StateEstimate, Innovation, GuidanceReference, SolveRequest, OverrideLease, Alert,
+    StateEstimate, Innovation, GuidanceReference, SolveRequest, OverrideLease, VehicleRequest, Alert,
 )  # fmt: skip
+NOTES: tuple[type[Message], ...] = (StepMark, LoopTiming, ProcessStats, GroundTruth)
 
 
 def topic(kind: type[Message]) -> str:

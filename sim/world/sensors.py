@@ -89,7 +89,6 @@ class UwbSensor:
 
     def __init__(self, uwb: Uwb, anchors: Sequence[Anchor], faults: UwbFaults, rng: np.random.Generator):
         self._uwb, self._anchors, self._faults, self._rng = uwb, anchors, faults, rng
-        self.period_ns = round(1e9 / uwb.rate_Hz)
         self.latency_ns = round(uwb.latency_s * 1e9)
         self._bias = rng.normal(0, uwb.range_bias_sigma_m, len(anchors))
 
@@ -112,3 +111,21 @@ class UwbSensor:
             reading = distance + self._bias[i] + noise[i] + far[i] * extra[i]
             ranges[a.id] = None if silent[i] else max(0.0, float(reading))
         return ranges
+
+    def fix(self, ranges: dict[str, float | None]) -> tuple[float, float, float] | None:
+        """The tag's own position from what it measured, in the ENU frame of its anchors [m].
+
+        Horizontal Gauss-Newton at the tag's known height, from the anchors' middle; None with fewer than 3.
+        """
+        heard = [(a, r) for a in self._anchors if (r := ranges[a.id]) is not None]
+        if len(heard) < 3:
+            return None
+        places = np.array([(a.north_m, a.east_m) for a, _ in heard])
+        height2 = np.array([(a.down_m - self._uwb.z_m) ** 2 for a, _ in heard])
+        measured = np.array([r for _, r in heard])
+        p = places.mean(axis=0)
+        for _ in range(8):
+            away = p - places
+            distance = np.sqrt((away**2).sum(axis=1) + height2)
+            p = p + np.linalg.lstsq(away / distance[:, None], measured - distance, rcond=None)[0]
+        return float(p[1]), float(p[0]), -self._uwb.z_m

@@ -1,0 +1,251 @@
+"""The boat's program: the only place where devices, clock, solver thread and pure core meet.
+
+    bytes -> Link -> messages -> pilot.step -> outputs -> bytes
+
+Every call of `pilot.step` is logged with its inputs and outputs, so that `aritra replay` can repeat it. Every
+tick ends in one lease; should the core raise, neutral is sent for a second, the channels are released, and the
+process ends non-zero for systemd to start it again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from msgspec.structs import replace
+
+from companion.clock import Clock
+from companion.core.messages import (
+    Alert,
+    ImuSample,
+    LoopTiming,
+    Message,
+    OperatorCommand,
+    OverrideLease,
+    PlanDeadline,
+    PlanResult,
+    ProcessStats,
+    SolveRequest,
+    StepMark,
+    Tick,
+    VehicleRequest,
+)
+from companion.core.pilot import Pilot, PilotState
+from companion.process_stats import ProcessMeter
+from companion.recorder import Recorder
+from companion.solver_thread import Solver, SolverThread
+from drivers.link import Link
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.session import MavlinkSession
+from drivers.port import Port
+from drivers.uwb import UwbCodec
+
+NEUTRAL_REPEATS = 10
+NEUTRAL_PERIOD_S = 0.1
+"""Neutral is sent ten times in a second before a release: without a receiver a release changes nothing."""
+HOUSEKEEPING_NS = 100_000_000
+STATS_NS = 1_000_000_000
+
+
+class App:
+    """One run. `watch` sees every message and output as it happens (progress display, telemetry)."""
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        solver: Solver,
+        *,
+        mavlink: tuple[Port, MavlinkCodec],
+        uwb: tuple[Port, UwbCodec],
+        clock: Clock,
+        recorder: Recorder,
+        rng: random.Random,
+        watch: Callable[[Message], None],
+    ):
+        self.state: PilotState = pilot.initial(clock.now_ns())
+        self._pilot, self._clock, self._recorder, self._watch = pilot, clock, recorder, watch
+        self._control = pilot.settings.control
+        self._codec, self._uwb_codec = mavlink[1], uwb[1]
+        self._session = MavlinkSession(self._codec)
+        self._mavlink = self._link("mavlink", *mavlink, rng)
+        self._uwb = self._link("uwb", *uwb, rng)
+        self._solver = SolverThread(solver, self._planned)
+        self._imu_rx_ns: int | None = None
+        self._tick = Tick(t_ns=0, index=-1)
+        self._stop = asyncio.Event()
+        self._uwb_online = False
+        self._failure: Exception | None = None
+        self._lease_end_ns = clock.now_ns()
+
+    async def run(self) -> None:
+        """Until `stop`; ends with neutral, disarm and a release. Raises what the core raised, after neutral."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                tasks = [
+                    group.create_task(work)
+                    for work in (self._mavlink.run(), self._uwb.run(), self._ticks(), self._housekeeping())
+                ]
+                await self._stop.wait()
+                await self._let_go()
+                for task in tasks:
+                    task.cancel()
+        finally:
+            self._solver.close()
+        if self._failure:
+            raise self._failure
+
+    def stop(self) -> None:
+        """End the run from a signal handler or a task."""
+        self._stop.set()
+
+    def command(self, command: OperatorCommand) -> None:
+        """Hand an operator's command to the pilot."""
+        self._step([command], self._clock.now_ns())
+
+    # --- the loop ----------------------------------------------------------------------------------
+
+    async def _ticks(self) -> None:
+        """The control period: a tick, then the deadline of its plan."""
+        period_ns = round(self._control.period_s * 1e9)
+        deadline_ns = round(self._control.plan_deadline_s * 1e9)
+        due_ns = self._clock.now_ns() + period_ns
+        for index in range(1 << 62):
+            await self._clock.sleep_until(due_ns)
+            now = self._clock.now_ns()
+            self._tick = Tick(t_ns=now, index=index, lateness_ns=now - due_ns)
+            self._step([self._tick], now)
+            await self._clock.sleep_until(due_ns + deadline_ns)
+            if self.state.open_tick == index:
+                now = self._clock.now_ns()
+                self._step([PlanDeadline(t_ns=now, index=index)], now)
+            due_ns = max(due_ns + period_ns, self._clock.now_ns())
+
+    def _planned(self, result: PlanResult) -> None:
+        now = self._clock.now_ns()
+        self._step([replace(result, t_ns=now)], now)
+
+    def _step(self, inputs: Sequence[Message], t_ns: int) -> None:
+        """One logged call of the core, and what follows from it. What the core raises ends the run, safely."""
+        if self._failure:
+            return
+        for message in inputs:
+            self._recorder.record(message)
+            self._watch(message)
+        self._recorder.record(StepMark(t_ns=t_ns, inputs=len(inputs)))
+        try:
+            self.state, outputs = self._pilot.step(self.state, inputs, t_ns)
+        except Exception as error:
+            self._failure = error
+            self._send(self._codec.encoder.neutral(self._pilot.channels))
+            self._stop.set()
+            return
+        for output in outputs:
+            if handle := _DISPATCH.get(type(output)):
+                handle(self, output)
+            self._recorder.record(output)
+            self._watch(output)
+
+    # --- outputs -----------------------------------------------------------------------------------
+
+    def _lease(self, lease: OverrideLease) -> None:
+        self._send(self._codec.encoder.override(lease))
+        now = self._clock.now_ns()
+        self._lease_end_ns = now + round(lease.valid_for_s * 1e9)
+        age_ms = None if self._imu_rx_ns is None else (now - self._imu_rx_ns) * 1e-6
+        lateness_ms = self._tick.lateness_ns * 1e-6
+        self._note(
+            LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms)
+        )
+
+    def _solve(self, request: SolveRequest) -> None:
+        if not self._solver.submit(request):
+            text = f"tick {request.index}: the solver is still busy with an earlier one"
+            self._note(Alert(t_ns=request.t_ns, level="warning", text=text))
+
+    def _ask_vehicle(self, request: VehicleRequest) -> None:
+        encoder = self._codec.encoder
+        if request.action == "set_mode":
+            self._send(encoder.set_mode(request.custom_mode or 0))
+        else:
+            self._send(encoder.arm() if request.action == "arm" else encoder.disarm())
+
+    def _note(self, message: Message) -> None:
+        self._recorder.record(message)
+        self._watch(message)
+
+    def _send(self, data: bytes) -> None:
+        if self._mavlink.send(data):
+            self._recorder.record_raw("mavlink", "tx", data)
+
+    # --- devices -----------------------------------------------------------------------------------
+
+    def _link(self, name: str, port: Port, codec: Any, rng: random.Random) -> Link:
+        def on_messages(messages: Sequence[Message], t_ns: int) -> None:
+            for message in messages:
+                if isinstance(message, ImuSample):
+                    self._imu_rx_ns = message.t_rx_ns
+            if name == "mavlink":
+                self._talk(messages, t_ns)
+            self._step(messages, t_ns)
+
+        return Link(
+            name,
+            port,
+            codec,
+            now_ns=self._clock.now_ns,
+            sleep_until=self._clock.sleep_until,
+            rng=rng,
+            on_messages=on_messages,
+            on_bytes=lambda data, t_ns: self._recorder.record_raw(name, "rx", data),
+        )
+
+    def _talk(self, messages: Sequence[Message], t_ns: int) -> None:
+        for frame in self._session.step(messages, t_ns):
+            self._send(frame)
+        for alert in self._session.take_alerts():
+            self._note(alert)
+
+    async def _housekeeping(self) -> None:
+        """What goes on in silence: neutral after a lease, the session, the tag's shell, figures, the log."""
+        meter = ProcessMeter()
+        stats_due_ns = self._clock.now_ns() + STATS_NS
+        told: str | None = None
+        while True:
+            now = self._clock.now_ns()
+            if now > self._lease_end_ns:
+                self._send(self._codec.encoder.neutral(self._pilot.channels))
+            self._talk((), now)
+            self._talk_to_tag(now)
+            if now >= stats_due_ns:
+                stats_due_ns = now + STATS_NS
+                cpu_percent, rss_mb = meter.read(now)
+                self._note(ProcessStats(t_ns=now, cpu_percent=cpu_percent, rss_mb=rss_mb))
+            if self._recorder.problem and self._recorder.problem != told:
+                told = self._recorder.problem
+                self._watch(Alert(t_ns=now, level="error", text=told))
+            await self._clock.sleep_until(now + HOUSEKEEPING_NS)
+
+    def _talk_to_tag(self, t_ns: int) -> None:
+        online, self._uwb_online = self._uwb_online, self._uwb.is_open
+        opened = self._uwb_online and not online
+        for data in (self._uwb_codec.start_bytes() if opened else []) + self._uwb_codec.step(t_ns):
+            if self._uwb.send(data):
+                self._recorder.record_raw("uwb", "tx", data)
+
+    async def _let_go(self) -> None:
+        """Neutral for a second, disarm, and only then hand the channels back."""
+        self.command(OperatorCommand(t_ns=self._clock.now_ns(), command="stop"))
+        for _ in range(NEUTRAL_REPEATS):
+            self._send(self._codec.encoder.neutral(self._pilot.channels))
+            await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))
+        self._send(self._codec.encoder.disarm())
+        self._send(self._codec.encoder.release(self._pilot.channels))
+
+
+_DISPATCH: dict[type[Message], Callable[[App, Any], None]] = {
+    OverrideLease: App._lease,
+    SolveRequest: App._solve,
+    VehicleRequest: App._ask_vehicle,
+}

@@ -1,0 +1,50 @@
+"""`aritra replay LOG`: does the core still do what it did?"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from companion.core.pilot import Pilot
+from companion.logfile import LogError, LogFile
+from companion.replay import replay as repeat
+from companion.setup import setup_of
+
+
+def add_parser(commands) -> None:
+    """Add `replay` to the command line."""
+    p = commands.add_parser(
+        "replay",
+        help="repeat a log's inputs and compare what the core makes of them",
+        description="Feeds the logged inputs to the core and reports the first difference. "
+        "Exit code 0: none; 1: one; 2: the log cannot be read.",
+    )
+    p.add_argument("log", type=Path)
+    p.set_defaults(function=replay)
+
+
+def replay(args: argparse.Namespace) -> int:
+    """Repeat one log; the exit code."""
+    try:
+        log = LogFile(args.log)
+        pilot = _pilot(log)
+    except LogError as error:
+        print(f"aritra replay: {error}", file=sys.stderr)
+        return 2
+    report = repeat(pilot, log.messages())
+    print(f"{report.steps} steps, {report.inputs} inputs, {report.outputs} outputs repeated")
+    if report.difference is None:
+        print("no difference")
+        return 0
+    d = report.difference
+    print(f"first difference in step {d.step}, {d.t_ns} ns:\n  logged   {d.logged}\n  replayed {d.replayed}")
+    return 1
+
+
+def _pilot(log: LogFile) -> Pilot:
+    """The pilot as configured in the log's own metadata."""
+    texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
+    if "run.toml" not in texts:
+        raise LogError(f"{log.path}: holds no configuration: not a log of `aritra run`")
+    return Pilot(setup_of(texts, {name: f"{log.path}: {name}" for name in texts}).pilot)

@@ -1,0 +1,126 @@
+"""`aritra run`: the boat's program, on real or simulated wires."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import gc
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+from companion.app import App
+from companion.clock import BoatClock
+from companion.core.messages import GuidanceReference, Message, OperatorCommand
+from companion.core.nmpc import Actuation, Nmpc
+from companion.core.pilot import Pilot
+from companion.core.vessel import StructuredModel
+from companion.log_metadata import log_metadata
+from companion.progress import Progress
+from companion.recorder import Recorder
+from companion.setup import EXAMPLES, Setup, load_setup
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.port_url import open_port_from_url
+from drivers.uwb import uwb_codec
+
+
+def add_parser(commands) -> None:
+    """Add `run` to the command line."""
+    p = commands.add_parser(
+        "run",
+        help="drive the boat: sensors in, RC override out",
+        description="Estimate, guide and control at 10 Hz until interrupted; Ctrl-C ends in neutral and disarm. "
+        "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
+    )
+    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
+    p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
+    p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
+    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap here)")
+    p.add_argument("--start", action="store_true", help="begin the mission by itself, without an operator")
+    p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after the mission is done")
+    p.set_defaults(function=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until interrupted or done; the exit code."""
+    setup = load_setup(args.config, mission=args.mission)
+    mavlink_url, uwb_url = args.mavlink or setup.run.mavlink.url, args.uwb or setup.run.uwb.url
+    log = args.log or Path(time.strftime("aritra-%Y%m%d-%H%M%S.mcap"))
+    vessel = setup.pilot.vessel.name
+    print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
+    try:
+        recorder = Recorder(
+            log,
+            log_metadata(vessel, setup.files),
+            time.monotonic_ns,
+            wall_offset_ns=time.time_ns() - time.monotonic_ns(),
+        )
+    except OSError as error:
+        print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
+        return 2
+    with recorder:
+        return asyncio.run(_drive(setup, mavlink_url, uwb_url, recorder, args))
+
+
+async def _drive(
+    setup: Setup, mavlink_url: str, uwb_url: str, recorder: Recorder, args: argparse.Namespace
+) -> int:
+    clock, vessel = BoatClock(), setup.pilot.vessel
+    progress = Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
+    finish = _Finish(args.end_after)
+    model, nmpc = StructuredModel.of(vessel), setup.pilot.nmpc
+
+    def watch(message: Message) -> None:
+        progress.see(message)
+        if finish.see(message):
+            app.stop()
+
+    app = App(
+        Pilot(setup.pilot),
+        Nmpc(model, Actuation.of(vessel), nmpc, time.perf_counter),
+        mavlink=(
+            open_port_from_url(mavlink_url),
+            MavlinkCodec(setup.run.mavlink.system_id, setup.run.mavlink.component_id),
+        ),
+        uwb=(
+            open_port_from_url(uwb_url),
+            uwb_codec(vessel.sensors.uwb.wire_format, setup.run.uwb.tag, vessel.sensors.uwb.rate_Hz),
+        ),
+        clock=clock,
+        recorder=recorder,
+        rng=random.Random(),
+        watch=watch,
+    )
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with contextlib.suppress(NotImplementedError):
+            loop.add_signal_handler(number, app.stop)
+    if args.start:
+        app.command(OperatorCommand(t_ns=clock.now_ns(), command="start"))
+    gc.collect()
+    gc.freeze()  # what has been built so far stays: later collections need not look at it
+    try:
+        await app.run()
+    finally:
+        progress.close()
+    return 0
+
+
+class _Finish:
+    """True once the mission has been done for the stated time."""
+
+    def __init__(self, after_s: float | None):
+        self._after_s = after_s
+        self._done_ns: int | None = None
+
+    def see(self, message: Message) -> bool:
+        if self._after_s is None or not isinstance(message, GuidanceReference):
+            return False
+        if message.phase != "done":
+            return False
+        self._done_ns = self._done_ns or message.t_ns
+        return message.t_ns - self._done_ns >= self._after_s * 1e9

@@ -1,0 +1,1 @@
+"""The rooms of the estimator. `companion.core.estimator` is the door."""

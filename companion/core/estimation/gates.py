@@ -1,0 +1,67 @@
+"""A gate that knows when it may be wrong.
+
+    s = clip(sqrt(S), floor, ceiling);   accept if |nu| <= limit s
+
+The ceiling keeps a filter that is unsure of itself from swallowing a 15 m spike. What is rejected is kept:
+`reopen_count` or more rejections in a row over `reopen_span_s`, four fifths of them within `agreement` of
+each other, are no spikes but news, and the gate re-opens. Spikes do not agree; stale repeats are too short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from companion.core.config import Table
+
+Verdict = Literal["accepted", "rejected", "reopened"]
+
+
+class GateRule(Table, frozen=True, kw_only=True):
+    """Limits of one kind of measurement; `floor`, `ceiling` and `agreement` in its own unit."""
+
+    limit: float
+    floor: float
+    ceiling: float
+    reopen_count: int
+    reopen_span_s: float
+    agreement: float
+
+
+class Rejection(NamedTuple):
+    """One innovation [unit of the measurement] that did not pass."""
+
+    t_ns: int
+    innovation: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """What one gate remembers: when it last let something pass, and the rejections since."""
+
+    accepted_ns: int | None = None
+    rejections: tuple[Rejection, ...] = ()
+
+    def starved_s(self, t_ns: int) -> float:
+        """Seconds since something passed; infinite before the first time."""
+        return float("inf") if self.accepted_ns is None else (t_ns - self.accepted_ns) * 1e-9
+
+
+def judge(gate: Gate, rule: GateRule, t_ns: int, innovation: float, sigma: float) -> tuple[Verdict, Gate]:
+    """Verdict on one innovation with sigma = sqrt(S), and the gate afterwards."""
+    if abs(innovation) <= rule.limit * min(max(sigma, rule.floor), rule.ceiling):
+        return "accepted", Gate(t_ns)
+    log = (*gate.rejections, Rejection(t_ns, innovation))
+    due_ns = t_ns - round(rule.reopen_span_s * 1e9)
+    while len(log) > rule.reopen_count and log[1].t_ns <= due_ns:
+        log = log[1:]
+    if len(log) >= rule.reopen_count and log[0].t_ns <= due_ns and _agree(log, rule.agreement):
+        return "reopened", Gate(t_ns)
+    return "rejected", Gate(gate.accepted_ns, log)
+
+
+def _agree(log: tuple[Rejection, ...], agreement: float) -> bool:
+    """Whether four fifths of the innovations lie within `agreement` of each other, around the median."""
+    values = sorted(r.innovation for r in log)
+    middle = values[len(values) // 2]
+    return sum(abs(v - middle) <= agreement / 2 for v in values) >= 0.8 * len(values)

@@ -1,0 +1,42 @@
+"""How far the estimate may be trusted, and why, in words for the operator.
+
+lost       position sigma above the limit along its worst axis
+degraded   no UWB, IMU or heading for too long (the filter dead-reckons), or position sigma raised
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.core.estimation.belief import LAYOUT, Belief
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.messages import Health
+
+
+def position_sigma_m(P: np.ndarray) -> float:
+    """Largest semi-axis of the position's one-sigma ellipse [m]."""
+    i, j = LAYOUT.position
+    half_sum, half_difference = (P[i, i] + P[j, j]) / 2, (P[i, i] - P[j, j]) / 2
+    return float(np.sqrt(half_sum + np.hypot(half_difference, P[i, j])))
+
+
+def assess(belief: Belief, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:
+    """Health and reason of a belief at t_ns; one that could not be carried so far is lost."""
+    if t_ns > belief.t_ns:
+        return "lost", "no sensor message for too long to carry the estimate on"
+    uwb_s = (t_ns - belief.uwb_ns) * 1e-9
+    imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
+    heading_s = belief.heading_gate.starved_s(t_ns)
+    sigma_m = position_sigma_m(belief.P)
+    reasons = []
+    if uwb_s > tuning.uwb_timeout_s:
+        reasons.append(f"no UWB accepted for {uwb_s:.1f} s, dead reckoning")
+    if imu_s > tuning.imu_timeout_s:
+        reasons.append("no IMU" if imu_s == float("inf") else f"no IMU for {imu_s:.1f} s")
+    if heading_s > tuning.imu_timeout_s:
+        reasons.append("no heading accepted" + (f" for {heading_s:.1f} s" if heading_s < 1e9 else ""))
+    if sigma_m > tuning.degraded_position_sigma_m:
+        reasons.append(f"position sigma {sigma_m:.2f} m")
+    if sigma_m > tuning.lost_position_sigma_m:
+        return "lost", "; ".join(reasons)
+    return ("degraded", "; ".join(reasons)) if reasons else ("healthy", "")

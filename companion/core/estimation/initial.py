@@ -1,0 +1,80 @@
+"""Where a tag is, from ranges alone: every place that explains them, best first. No prior, no truth.
+
+Each pair of anchors leaves two places (the two crossings of its circles). Every such place is a start for
+iteratively re-weighted Gauss-Newton with Cauchy weights,
+
+    w_i = 1 / (1 + (e_i / c)^2),   e_i = z_i - |p - a_i|
+
+so one wild range loses its say. Anchors in a line leave a mirror image: both are returned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+ITERATIONS = 15
+SAME_PLACE_M = 0.5
+"""Fixes closer than this are one; assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """One place [m] of the tag; `inliers` (m,) marks the ranges within the spread; `cost`: Cauchy cost."""
+
+    north_m: float
+    east_m: float
+    inliers: np.ndarray
+    cost: float
+
+
+def locate(anchors_m: np.ndarray, ranges_m: np.ndarray, down_m: float, spread_m: float) -> list[Fix]:
+    """Places that explain the ranges, cheapest first.
+
+    `anchors_m` (m, 3) NED, `ranges_m` (m,), `down_m`: height of the tag, `spread_m`: a good range's residual.
+    Fewer than two anchors in plan give an empty list.
+    """
+    drop = anchors_m[:, 2] - down_m
+    fixes: list[Fix] = []
+    for start in _starts(anchors_m[:, :2], np.sqrt(np.maximum(ranges_m**2 - drop**2, 0.0))):
+        p = _refine(start, anchors_m, ranges_m, drop, spread_m / 2)
+        residuals = ranges_m - np.sqrt(((p - anchors_m[:, :2]) ** 2).sum(axis=1) + drop**2)
+        cost = float(np.log1p((residuals / (spread_m / 2)) ** 2).sum())
+        fixes.append(Fix(float(p[0]), float(p[1]), np.abs(residuals) <= spread_m, cost))
+    fixes.sort(key=lambda fix: fix.cost)
+    distinct: list[Fix] = []
+    for fix in fixes:
+        if all(np.hypot(fix.north_m - o.north_m, fix.east_m - o.east_m) > SAME_PLACE_M for o in distinct):
+            distinct.append(fix)
+    return distinct
+
+
+def _starts(anchors: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
+    """Crossings of the circles of every pair of anchors; the nearest approach where they do not meet."""
+    starts = []
+    for i, j in combinations(range(len(radii)), 2):
+        base = anchors[j] - anchors[i]
+        d = float(np.hypot(*base))
+        if d < SAME_PLACE_M:
+            continue
+        along = (radii[i] ** 2 - radii[j] ** 2 + d**2) / (2 * d)
+        across = float(np.sqrt(max(radii[i] ** 2 - along**2, 0.0)))
+        e = base / d
+        foot = anchors[i] + float(np.clip(along, -radii[i], radii[i])) * e
+        starts += [foot + side * across * np.array([-e[1], e[0]]) for side in (1.0, -1.0)]
+    return starts
+
+
+def _refine(p: np.ndarray, anchors: np.ndarray, z: np.ndarray, drop: np.ndarray, scale: float) -> np.ndarray:
+    """Gauss-Newton with Cauchy weights from p, steps damped a little so that weak geometry stays finite."""
+    for _ in range(ITERATIONS):
+        delta = p - anchors[:, :2]
+        h = np.maximum(np.sqrt((delta**2).sum(axis=1) + drop**2), 1e-6)
+        e = z - h
+        w = 1.0 / (1.0 + (e / scale) ** 2)
+        J = delta / h[:, None]
+        A = J.T @ (w[:, None] * J) + 1e-6 * np.eye(2)
+        p = p + np.linalg.solve(A, J.T @ (w * e))
+    return p

@@ -1,0 +1,73 @@
+"""Carrying a belief forward in time: vessel model, thruster lag, and the noise of everything else.
+
+latent force: d' = d exp(-dt / T), stationary sigma;  heading wander: the same
+biases: random walk;  u v r: white acceleration on top of the latent force
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.estimation.actuation import Command, active, lagged
+from companion.core.estimation.algebra import Algebra
+from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, Belief
+from companion.core.estimation.process import Process
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.vessel_file import Imu
+
+Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
+
+
+def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int) -> Noise:
+    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (13 + m,)."""
+    n = B_RANGE + anchors
+    time_s = np.full(n, np.inf)
+    time_s[LATENT], time_s[B_PSI] = tuning.latent_time_s, imu.heading_wander_time_s
+    stationary, walk = np.zeros(n), np.zeros(n)
+    stationary[LATENT] = [tuning.latent_force_sigma_n] * 2 + [tuning.latent_moment_sigma_nm]
+    stationary[B_PSI] = imu.heading_wander_sigma_rad
+    walk[NU] = [tuning.accel_walk_m_s2_sqrt_s] * 2 + [tuning.yaw_walk_rad_s2_sqrt_s]
+    walk[B_ACCEL], walk[B_GYRO] = imu.accel_bias_walk_m_s2_sqrt_s, imu.gyro_bias_walk_rad_s_sqrt_s
+    walk[B_RANGE:] = tuning.range_bias_walk_m_sqrt_s
+
+    def noise(dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        decay = np.exp(-dt_s / time_s)
+        return decay, stationary**2 * (1 - decay**2) + walk**2 * dt_s
+
+    return noise
+
+
+class Predictor:
+    """Constant parts of the prediction; `to` is pure."""
+
+    def __init__(
+        self, process: Process, B: np.ndarray, lag_s: float, noise: Noise, algebra: Algebra, max_step_s: float
+    ):
+        self._process, self._B, self._lag_s = process, B, lag_s
+        self._noise, self._algebra, self._max_step_s = noise, algebra, max_step_s
+
+    def to(self, belief: Belief, t_ns: int, commands: tuple[Command, ...]) -> Belief:
+        """Belief at t_ns; an earlier t_ns leaves it as it is. Steps end where a command takes over."""
+        while belief.t_ns < t_ns:
+            command_n, until_ns = active(commands, belief.t_ns)
+            end_ns = min(t_ns, until_ns or t_ns)
+            steps = math.ceil((end_ns - belief.t_ns) * 1e-9 / self._max_step_s)
+            belief = self._step(belief, belief.t_ns + (end_ns - belief.t_ns) // steps, command_n)
+        return belief
+
+    def _step(self, belief: Belief, t_ns: int, command_n: np.ndarray) -> Belief:
+        """One step of constant command and mean force."""
+        dt_s = (t_ns - belief.t_ns) * 1e-9
+        f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s)
+        decay, q = self._noise(dt_s)
+        x = belief.x * decay
+        F = np.diag(decay)
+        x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], self._B @ mean_n, dt_s)
+        x[LATENT] *= decay[LATENT]
+        F[LATENT, LATENT] *= decay[LATENT]
+        P = self._algebra.predict(belief.P, x, F, np.diag(q))
+        return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n)

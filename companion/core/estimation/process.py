@@ -1,0 +1,70 @@
+"""Process and IMU equations of the filter, from the one vessel model, with exact Jacobians by CasADi.
+
+    s = [x y psi | u v r | X_d Y_d N_d]        latent body force d [N, N, N m]: what the model leaves out
+    eta_dot = R(psi) nu,   nu_dot = model(eta, nu, tau + d),   d constant over a step
+
+Specific force at the IMU's place l = [l_x l_y], level axes (Fossen 2021, sec. 2.4, planar case):
+
+    a_x = u_dot - v r - l_x r^2 - l_y r_dot,    a_y = v_dot + u r - l_y r^2 + l_x r_dot
+
+The height of the IMU matters only through roll and pitch acceleration and is left out.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from companion.core.dynamics import BufferedStep, Model, eta_dot, rk4
+
+STATES = 9
+
+
+class Process:
+    """Compiled-once functions for one model: `step` for the prediction, `imu` for the measurement."""
+
+    def __init__(self, model: Model, imu_arm_m: tuple[float, float]):
+        self._step = BufferedStep(process_function(model))
+        self._imu = BufferedStep(imu_function(model, imu_arm_m))
+
+    def step(self, s: np.ndarray, tau: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """State after dt_s, (9,), and its Jacobian, (9, 9); tau [N, N, N m] from the thrusters."""
+        return _split(self._step(s, tau, dt_s), STATES)
+
+    def imu(self, s: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """[a_x a_y r] as an unbiased IMU would give them, shape (3,), and the Jacobian, shape (3, 9)."""
+        return _split(self._imu(s, tau), 3)
+
+
+def _split(packed: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """[value, Jacobian] out of one column-major vector."""
+    return packed[:rows], packed[rows:].reshape((rows, STATES), order="F")
+
+
+def _packed(value: ca.SX, s: ca.SX) -> ca.SX:
+    """Value and its Jacobian to s as one dense column."""
+    return ca.densify(ca.vec(ca.horzcat(value, ca.jacobian(value, s))))
+
+
+def process_function(model: Model) -> ca.Function:
+    """CasADi function (s, tau, dt) -> vec[s_next, ds_next/ds]; one Runge-Kutta step."""
+    s, tau, dt = ca.SX.sym("s", STATES), ca.SX.sym("tau", 3), ca.SX.sym("dt")
+
+    def rate(w: ca.SX) -> ca.SX:
+        eta, nu, d = w[:3], w[3:6], w[6:9]
+        return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau + d), ca.DM.zeros(3))
+
+    # rk4 takes its step as a number or a symbol alike
+    s_next = rk4(rate, s, dt)  # pyright: ignore[reportArgumentType]
+    return ca.Function("process", [s, tau, dt], [_packed(s_next, s)])
+
+
+def imu_function(model: Model, arm_m: tuple[float, float]) -> ca.Function:
+    """CasADi function (s, tau) -> vec[(a_x, a_y, r), Jacobian]."""
+    s, tau = ca.SX.sym("s", STATES), ca.SX.sym("tau", 3)
+    eta, nu, d = s[:3], s[3:6], s[6:9]
+    u, v, r = nu[0], nu[1], nu[2]
+    dot = model.nu_dot(eta, nu, tau + d)
+    a_x = dot[0] - v * r - arm_m[0] * r**2 - arm_m[1] * dot[2]
+    a_y = dot[1] + u * r - arm_m[1] * r**2 + arm_m[0] * dot[2]
+    return ca.Function("imu", [s, tau], [_packed(ca.vertcat(a_x, a_y, r), s)])

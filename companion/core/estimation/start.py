@@ -1,0 +1,128 @@
+"""How the filter begins: heading from the autopilot, place from the first ranges, no operator, no truth.
+
+Two fixes in a row that agree are wanted, so that one wild range starts nothing. Where the anchors leave two
+places (they stand in a line), the fence decides; where it cannot, the filter waits and says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, Belief, Fusible, Tilt
+from companion.core.estimation.gates import Gate
+from companion.core.estimation.inertial import levelled
+from companion.core.estimation.initial import locate
+from companion.core.estimation.ranges import PLACE_SIGMA_M, Seen, fresh
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.frames import origin_position
+from companion.core.messages import Attitude, UwbPosition, UwbRanges
+from companion.core.site import Site
+from companion.core.vessel_file import Sensors
+
+MIRROR_COST = 6.0
+"""A second place that costs so much more than the best is out of the question; assumed (log of weights)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What is known before the filter runs. `fix`: (t_ns, north, east) of the body origin."""
+
+    latest: tuple[Seen | None, ...]
+    heading: Attitude | None = None
+    fix: tuple[int, float, float] | None = None
+    reason: str = "waiting for heading and UWB"
+
+
+class Starter:
+    """Constant parts of the start; `take` is pure."""
+
+    def __init__(self, site: Site, sensors: Sensors, tuning: EstimatorTuning):
+        self._site, self._sensors, self._tuning = site, sensors, tuning
+        self._number = {a.id: i for i, a in enumerate(site.anchors)}
+        self._anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
+
+    def initial(self) -> Start:
+        """Nothing known."""
+        return Start((None,) * len(self._number))
+
+    def take(self, start: Start, t_ns: int, m: Fusible, f_n: np.ndarray) -> tuple[Start, Belief | None]:
+        """What is known after a message, and the first belief once there is enough."""
+        if isinstance(m, Attitude):
+            return replace(start, heading=m), None
+        if isinstance(m, UwbRanges):
+            latest = list(start.latest)
+            for r in m.ranges:
+                if r.anchor in self._number:
+                    latest[self._number[r.anchor]] = Seen(t_ns, r.range_m)
+            start = replace(start, latest=tuple(latest))
+            return self._judge(start, t_ns, self._place(start, t_ns), f_n)
+        if isinstance(m, UwbPosition) and not any(start.latest):
+            return self._judge(start, t_ns, (m.y_m, m.x_m), f_n)
+        return start, None
+
+    def _place(self, start: Start, t_ns: int) -> tuple[float, float] | str:
+        """The tag's place [m], or why there is none."""
+        use = fresh(start.latest, t_ns, self._tuning.fix_window_s)
+        if len(use) < 3:
+            return f"{len(use)} of the 3 anchors that a start needs are in range"
+        ranges = np.array([seen.range_m for i in use if (seen := start.latest[i])])
+        fixes = locate(self._anchors_m[use], ranges, self._sensors.uwb.z_m, self._tuning.fix_spread_m)
+        good = [f for f in fixes if f.inliers.sum() >= 3 and f.cost <= fixes[0].cost + MIRROR_COST]
+        if len(good) > 1:
+            good = [f for f in good if inside(self._site.fence, f.north_m, f.east_m)]
+        if len(good) != 1:
+            return f"{len(good)} places explain the ranges"
+        return good[0].north_m, good[0].east_m
+
+    def _judge(
+        self, start: Start, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray
+    ) -> tuple[Start, Belief | None]:
+        """Compare a fix with the one before."""
+        if isinstance(place, str):
+            return replace(start, reason=place), None
+        heading = start.heading
+        if heading is None:
+            return replace(start, reason="no heading from the autopilot yet"), None
+        u, tilt = self._sensors.uwb, Tilt(heading.phi_rad, heading.theta_rad)
+        arm = levelled(tilt, u.x_m, u.y_m, u.z_m)
+        north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
+        before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
+        if before is None or t_ns <= before[0]:
+            return start, None
+        if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
+            return replace(start, reason="two UWB fixes in a row disagree"), None
+        return start, self._belief(t_ns, (north, east), heading, tilt, f_n)
+
+    def _belief(
+        self, t_ns: int, origin_m: tuple[float, float], heading: Attitude, tilt: Tilt, f_n: np.ndarray
+    ) -> Belief:
+        """First belief: at the fix, at rest; heading and its wander correlated as one reading leaves them."""
+        imu, uwb, tuning = self._sensors.imu, self._sensors.uwb, self._tuning
+        m = len(self._number)
+        x, sigma = np.zeros(B_RANGE + m), np.zeros(B_RANGE + m)
+        x[:2], x[2], x[5] = origin_m, heading.psi_rad, heading.r_rad_s
+        sigma[:2], sigma[2] = PLACE_SIGMA_M, np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
+        sigma[3:5], sigma[5] = (
+            tuning.start_velocity_sigma_m_s,
+            np.hypot(imu.gyro_sigma_rad_s, imu.gyro_bias_sigma_rad_s),
+        )
+        sigma[LATENT] = [tuning.latent_force_sigma_n] * 2 + [tuning.latent_moment_sigma_nm]
+        sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
+        sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m
+        P = np.diag(sigma**2)
+        P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)
+        return Belief(
+            t_ns=t_ns, x=x, P=P, f_n=f_n, tilt=tilt, anchor_gates=(Gate(),) * m, heading_gate=Gate(),
+            position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns, ranges_ns=None,
+        )  # fmt: skip
+
+
+def inside(polygon: tuple[tuple[float, float], ...], north_m: float, east_m: float) -> bool:
+    """Whether a point lies in a closed polygon of (north, east): even-odd rule."""
+    hit = False
+    for (n1, e1), (n2, e2) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+        if (n1 > north_m) != (n2 > north_m) and east_m < e1 + (north_m - n1) / (n2 - n1) * (e2 - e1):
+            hit = not hit
+    return hit

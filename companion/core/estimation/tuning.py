@@ -1,0 +1,70 @@
+"""What the estimator needs beyond the vessel file's sensor noise. All assumed or tuned, none measured.
+
+"Tuned" means: chosen on the test world of tests/core/estimator_world.py, so that position, speed and heading
+errors agree with the filter's own covariance both with an exact model and with current, wind and a model off
+by up to 10 %.
+"""
+
+from __future__ import annotations
+
+from companion.core.config import Table
+from companion.core.estimation.gates import GateRule
+
+RANGE_GATE = GateRule(limit=3.29, floor=0.10, ceiling=0.50, reopen_count=3, reopen_span_s=1.5, agreement=1.0)
+"""Ranges [m]. 3.29 sigma: 99.9 % of a Gaussian. Ceiling and agreement: assumed (outliers of 0.5-46 m)."""
+
+HEADING_GATE = GateRule(
+    limit=3.29, floor=0.02, ceiling=0.10, reopen_count=25, reopen_span_s=0.5, agreement=0.2
+)
+"""Autopilot heading [rad]; assumed: a reset of the autopilot's yaw lasts, a glitch is shorter than 0.5 s."""
+
+POSITION_GATE = GateRule(
+    limit=3.72, floor=0.15, ceiling=0.70, reopen_count=3, reopen_span_s=1.5, agreement=1.5
+)
+"""Positions that a tag computed itself [m]: 99.9 % of two degrees of freedom; otherwise as ranges."""
+
+
+class EstimatorTuning(Table, frozen=True, kw_only=True):
+    """Process noise, trust and health limits of the extended Kalman filter."""
+
+    latent_force_sigma_n: float = 4.0
+    """Stationary sigma of the latent surge and sway force [N]; tuned."""
+    latent_moment_sigma_nm: float = 1.5
+    """Stationary sigma of the latent yaw moment [N m]; tuned."""
+    latent_time_s: float = 8.0
+    """Correlation time of the latent force [s]; tuned: mass errors act as long as a manoeuvre."""
+    accel_walk_m_s2_sqrt_s: float = 0.005
+    """White acceleration that neither model nor latent force explain, surge and sway; tuned."""
+    yaw_walk_rad_s2_sqrt_s: float = 0.01
+    """The same in yaw; tuned."""
+    tilt_sigma_rad: float = 0.002
+    """White error of the autopilot's roll and pitch at the instant of an IMU sample; assumed."""
+    range_bias_walk_m_sqrt_s: float = 0.001
+    """Random walk of an anchor's bias; assumed."""
+    imu_limit: float = 5.0
+    """An IMU axis off by more than this many sigma is trusted less, in proportion; assumed."""
+    range_gate: GateRule = RANGE_GATE
+    heading_gate: GateRule = HEADING_GATE
+    position_gate: GateRule = POSITION_GATE
+    start_velocity_sigma_m_s: float = 0.5
+    """Sigma of u and v at the start; assumed: the boat rests or drifts."""
+    start_agreement_m: float = 1.5
+    """Two fixes in a row must agree so well before the filter starts; assumed."""
+    fix_spread_m: float = 0.6
+    """Residual beyond which a range plays no part in a fix; assumed: six sigma of a range."""
+    fix_window_s: float = 0.3
+    """Ranges no older than this make up one fix; assumed: three cycles at 10 Hz."""
+    max_step_s: float = 0.05
+    """Longest integration step; a longer wait is cut into several. Yaw time constant: about 2 s."""
+    history_s: float = 1.0
+    """How late a measurement may come and still be placed at its own stamp; assumed."""
+    restart_gap_s: float = 10.0
+    """After such a silence of all sensors the filter starts afresh; assumed."""
+    uwb_timeout_s: float = 3.0
+    """No UWB accepted for so long: degraded. Three cycles at 1 Hz."""
+    imu_timeout_s: float = 0.5
+    """No IMU or no heading for so long: degraded; assumed."""
+    degraded_position_sigma_m: float = 0.5
+    """Position sigma along its worst axis above which the estimate is degraded; assumed."""
+    lost_position_sigma_m: float = 3.0
+    """The same for lost; assumed: a tenth of the basin."""

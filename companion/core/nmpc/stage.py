@@ -1,0 +1,88 @@
+"""One stage of the optimal control problem: dynamics over one step, and the residuals of the cost.
+
+    x = [x y psi | u v r | f_1..f_n],  c = [c_1..c_n] thruster force commands [N], constant over the step
+    f(t) = c + (f - c) exp(-t / T_lag)                       exact
+    [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d
+
+The lag is solved exactly because it is five times quicker than the step; the hull needs one step of 0.2 s.
+d [N, N, N m] is a constant body force, the disturbance that the filter estimates.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.core.columns import Column as ref
+from companion.core.dynamics import ETA, FORCES, NU, Model, eta_dot
+from companion.core.nmpc.settings import NmpcSettings
+
+STATE_RESIDUALS = 6
+
+
+def advance(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
+    """State after `h` seconds, shape (6 + n,)."""
+
+    def force(t: float) -> Any:
+        return c + (x[FORCES] - c) * float(np.exp(-t / model.lag_s))
+
+    def rate(y: Any, t: float) -> Any:
+        tau = ca.mtimes(ca.DM(model.B), force(t)) + d
+        return ca.vertcat(eta_dot(y[ETA], y[NU]), model.nu_dot(y[ETA], y[NU], tau))
+
+    y = x[:6]
+    k1 = rate(y, 0.0)
+    k2 = rate(y + h / 2 * k1, h / 2)
+    k3 = rate(y + h / 2 * k2, h / 2)
+    k4 = rate(y + h * k3, h)
+    return ca.vertcat(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), force(h))
+
+
+def _excess(value: Any, limit: float) -> Any:
+    return ca.fmax(ca.fabs(value) - limit, 0.0)
+
+
+def state_residual(s: NmpcSettings, x: Any, row: Any) -> Any:
+    """Weighted residuals of a state against its reference row; their squares sum to the state cost."""
+    sin, cos = ca.sin(row[ref.PATH_ANGLE]), ca.cos(row[ref.PATH_ANGLE])
+    north, east = x[0] - row[ref.NORTH], x[1] - row[ref.EAST]
+    weighted = [
+        (s.cross_track, -sin * north + cos * east),
+        (s.along_track, row[ref.STATION] * (cos * north + sin * east)),
+        (s.heading, x[2] - row[ref.PSI]),
+        (s.surge, x[3] - row[ref.U]),
+        (s.sway, x[4] - row[ref.V]),
+        (s.yaw_rate, x[5] - row[ref.R]),
+    ]
+    if s.speed_limit_m_s is not None:
+        weighted += [(s.soft, _excess(x[3], s.speed_limit_m_s)), (s.soft, _excess(x[4], s.speed_limit_m_s))]
+    if s.yaw_rate_limit_rad_s is not None:
+        weighted.append((s.soft, _excess(x[5], s.yaw_rate_limit_rad_s)))
+    return ca.vertcat(*(np.sqrt(w) * residual for w, residual in weighted))
+
+
+def steady_force(model: Model, row: Any, d: Any) -> Any:
+    """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
+
+    Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau.
+    """
+    eta, nu, tau = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("tau", 3)
+    slope_of = ca.Function("slope", [eta, nu, tau], [ca.jacobian(model.nu_dot(eta, nu, tau), tau)])
+    slope = np.array(slope_of(0, 0, 0))
+    held = ca.vertcat(row[ref.NORTH], row[ref.EAST], row[ref.PSI])
+    wanted = ca.vertcat(row[ref.U], row[ref.V], row[ref.R])
+    tau_ss = -ca.mtimes(ca.DM(np.linalg.pinv(slope)), model.nu_dot(held, wanted, d))
+    return ca.mtimes(ca.DM(np.linalg.pinv(model.B)), tau_ss)
+
+
+def control_residual(s: NmpcSettings, model: Model, x: Any, c: Any, row: Any, d: Any) -> Any:
+    """Weighted residuals of the command: effort beyond c_ss, null space of B, rate."""
+    n = model.B.shape[1]
+    projector = ca.DM(np.eye(n) - np.linalg.pinv(model.B) @ model.B)
+    return ca.vertcat(
+        np.sqrt(s.effort) * (c - steady_force(model, row, d)),
+        np.sqrt(s.null_space) * ca.mtimes(projector, c),
+        np.sqrt(s.rate) * (c - x[FORCES]),
+    )

@@ -1,0 +1,279 @@
+"""The boat's mind, pure: `step(state, inputs, t) -> (state, outputs)`. It composes the other rooms.
+
+    sensors            -> estimator
+    Tick               -> estimate, vehicle phase, guidance, SolveRequest; neutral where not driving
+    PlanResult         -> lease from the plan, if its tick is still open
+    PlanDeadline       -> lease from the fallback ladder, if its tick is still open
+
+Every tick ends in exactly one OverrideLease. The state predicted to when a command acts (dead time ahead,
+under the commands already sent) is what the NMPC plans from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace as struct_replace
+
+from companion.core import guidance, vehicle
+from companion.core.allocation import pulse_widths
+from companion.core.estimator import Estimator, EstimatorState
+from companion.core.fallback import FallbackSettings, command
+from companion.core.frames import ssa
+from companion.core.guidance import GuidanceSettings, GuidanceState
+from companion.core.messages import (
+    Alert,
+    Attitude,
+    Battery,
+    GuidanceReference,
+    Heartbeat,
+    ImuSample,
+    LinkStatus,
+    Message,
+    OperatorCommand,
+    OverrideLease,
+    PlanDeadline,
+    PlanResult,
+    SolveRequest,
+    StateEstimate,
+    Tick,
+    UwbPosition,
+    UwbRanges,
+)
+from companion.core.mission import Mission
+from companion.core.nmpc import NmpcSettings
+from companion.core.run_file import Control
+from companion.core.site import Site
+from companion.core.thrusters import NEUTRAL_US
+from companion.core.vehicle import Vehicle
+from companion.core.vessel_file import VesselFile
+
+VOLTAGE_SHARE = 0.2
+"""Weight of a new voltage reading against the old mean: load spikes should not shake the thrust; assumed."""
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """Everything that a run is configured with."""
+
+    vessel: VesselFile
+    site: Site
+    mission: Mission
+    control: Control = field(default_factory=Control)
+    guidance: GuidanceSettings = field(default_factory=GuidanceSettings)
+    nmpc: NmpcSettings = field(default_factory=NmpcSettings)
+
+
+@dataclass(frozen=True)
+class PilotState:
+    """Everything the boat remembers between steps."""
+
+    estimator: EstimatorState
+    voltage_v: float
+    f_command_n: tuple[float, ...]
+    vehicle: Vehicle = vehicle.STOPPED
+    guidance: GuidanceState = guidance.IDLE
+    wanted: str = "mission"
+    open_tick: int | None = None
+    tick_ns: int = 0
+    estimate: StateEstimate | None = None
+    row: tuple[float, ...] | None = None
+    plan: PlanResult | None = None
+    plan_ns: int = 0
+
+
+Outputs = list[Message]
+
+
+class Pilot:
+    """Compiled functions and settings; all that changes is in PilotState."""
+
+    def __init__(self, settings: PilotSettings):
+        self.settings = settings
+        vessel = settings.vessel
+        still = settings.control.neutral_channels
+        self.channels = (*(t.channel for t in vessel.thrusters), *still)
+        self._still = (NEUTRAL_US,) * len(still)
+        self._n = len(vessel.thrusters)
+        self._estimator = Estimator(vessel, settings.site)
+        self._latency_ns = round(settings.control.latency_s * 1e9)
+        self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
+        self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
+        self._times_s = [k * settings.nmpc.step_s for k in range(settings.nmpc.stages + 1)]
+
+    def initial(self, t_ns: int) -> PilotState:
+        """State at switch-on: nothing known, thrusters at rest."""
+        vessel = self.settings.vessel
+        return PilotState(
+            estimator=self._estimator.initial(),
+            voltage_v=vessel.propulsion.nominal_voltage_V,
+            f_command_n=(0.0,) * len(vessel.thrusters),
+        )
+
+    def step(self, state: PilotState, inputs: Sequence[Message], t_ns: int) -> tuple[PilotState, Outputs]:
+        """Take `inputs` in order at `t_ns` [ns]; what is to be done, said or logged."""
+        outputs: Outputs = []
+        for message in inputs:
+            if handle := _HANDLERS.get(type(message)):
+                state, more = handle(self, state, message, t_ns)
+                outputs += more
+        return state, outputs
+
+    # --- what comes in -----------------------------------------------------------------------------
+
+    def _sense(self, state: PilotState, message: Any, t_ns: int) -> tuple[PilotState, Outputs]:
+        if isinstance(message, Attitude):
+            psi = ssa(message.psi_rad - np.deg2rad(self.settings.site.rotation_deg))
+            message = struct_replace(message, psi_rad=psi)
+        estimator, innovations = self._estimator.step(state.estimator, message)
+        return replace(state, estimator=estimator), list(innovations)
+
+    def _battery(self, state: PilotState, message: Battery, t_ns: int) -> tuple[PilotState, Outputs]:
+        mean = state.voltage_v + VOLTAGE_SHARE * (message.voltage_v - state.voltage_v)
+        return replace(state, voltage_v=mean), []
+
+    def _heartbeat(self, state: PilotState, message: Heartbeat, t_ns: int) -> tuple[PilotState, Outputs]:
+        return replace(state, vehicle=replace(state.vehicle, heartbeat=message)), []
+
+    def _link(self, state: PilotState, message: LinkStatus, t_ns: int) -> tuple[PilotState, Outputs]:
+        level = "info" if message.state == "online" else "warning"
+        text = f"{message.link}: {message.state}: {message.reason}"
+        return state, [Alert(t_ns=t_ns, level=level, text=text)]
+
+    def _operator(self, state: PilotState, message: OperatorCommand, t_ns: int) -> tuple[PilotState, Outputs]:
+        if message.command == "stop":
+            stopped = replace(state.vehicle, phase="stopped", why="stopped by the operator")
+            return replace(state, vehicle=stopped, guidance=guidance.IDLE, plan=None), []
+        waiting = replace(state.vehicle, phase="waiting")
+        if state.vehicle.phase == "driving":
+            waiting = state.vehicle
+        wanted = "mission" if message.command == "start" else "hold"
+        return replace(state, vehicle=waiting, wanted=wanted, guidance=guidance.IDLE), []
+
+    # --- a tick and its one lease ------------------------------------------------------------------
+
+    def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
+        estimate = self._estimator.estimate(state.estimator, t_ns)
+        known, more = vehicle.advance(state.vehicle, t_ns, unfit=_unfit(estimate))
+        state = replace(state, estimate=estimate, vehicle=known, tick_ns=t_ns)
+        outputs: Outputs = [estimate, *more]
+        if known.phase != "driving":
+            state = replace(state, guidance=guidance.IDLE, plan=None, open_tick=tick.index)
+            neutral = np.zeros(self._n)
+            state, lease = self._lease(state, neutral, "neutral", known.why or known.phase, t_ns)
+            return state, [*outputs, *lease]
+        eta, nu = _pose(estimate), _velocity(estimate)
+        state = self._begin(state, eta, nu, t_ns)
+        state, reference = self._guide(state, eta, nu, t_ns)
+        request = self._request(state, estimate, tick.index, t_ns)
+        state = replace(state, open_tick=tick.index, row=request.reference[0])
+        return state, [*outputs, reference, request]
+
+    def _begin(self, state: PilotState, eta, nu, t_ns: int) -> PilotState:
+        """Start what is wanted, once driving is allowed."""
+        if state.guidance.phase != "idle":
+            return state
+        g, mission = self.settings.guidance, self.settings.mission
+        if state.wanted == "hold":
+            return replace(state, guidance=guidance.hold(g, eta, nu, t_ns))
+        begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=mission.end_heading_rad)
+        return replace(state, guidance=begun)
+
+    def _guide(self, state: PilotState, eta, nu, t_ns: int) -> tuple[PilotState, GuidanceReference]:
+        moved, reference = guidance.step(state.guidance, self.settings.guidance, eta, nu, t_ns)
+        return replace(state, guidance=moved), reference
+
+    def _request(self, state: PilotState, estimate: StateEstimate, index: int, t_ns: int) -> SolveRequest:
+        x0 = self._ahead(state, t_ns)
+        rows = guidance.horizon(
+            state.guidance, self.settings.guidance, tuple(x0[:3]), tuple(x0[3:6]), self._times_s
+        )
+        return SolveRequest(
+            t_ns=t_ns,
+            index=index,
+            x0=tuple(map(float, x0)),
+            reference=tuple(tuple(map(float, row)) for row in rows),
+            disturbance_n=estimate.disturbance_n,
+            f_prev_n=state.f_command_n,
+        )
+
+    def _ahead(self, state: PilotState, t_ns: int) -> np.ndarray:
+        """[x y psi u v r f] when a command sent now begins to act, under those already sent."""
+        belief = self._estimator.belief(state.estimator, t_ns + self._ahead_ns)
+        assert belief is not None  # a healthy estimate has one
+        return np.concatenate([belief.x[:6], belief.f_n])
+
+    def _planned(self, state: PilotState, plan: PlanResult, t_ns: int) -> tuple[PilotState, Outputs]:
+        if plan.status == "ok" and state.vehicle.phase == "driving":
+            state = replace(state, plan=plan, plan_ns=state.tick_ns)
+        if plan.index != state.open_tick:
+            return state, []
+        if plan.status != "ok":
+            return self._fall_back(state, t_ns, f"plan {plan.status}: {plan.reason}")
+        return self._lease(state, np.array(plan.f_n[0]), "plan", "", t_ns)
+
+    def _deadline(self, state: PilotState, late: PlanDeadline, t_ns: int) -> tuple[PilotState, Outputs]:
+        if late.index != state.open_tick:
+            return state, []
+        return self._fall_back(state, t_ns, "no plan in time")
+
+    def _fall_back(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
+        age_s = (t_ns - state.plan_ns) * 1e-9
+        f, source, why = command(
+            state.plan,
+            age_s,
+            state.estimate,
+            state.row,
+            self.settings.vessel,
+            step_s=self.settings.nmpc.step_s,
+            settings=self._ladder,
+        )
+        return self._lease(state, f, source, f"{reason}; {why}", t_ns)
+
+    def _lease(self, state: PilotState, f_n, source, reason: str, t_ns: int) -> tuple[PilotState, Outputs]:
+        assert state.open_tick is not None
+        f = tuple(map(float, f_n))
+        lease = OverrideLease(
+            t_ns=t_ns,
+            index=state.open_tick,
+            channels=self.channels,
+            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.voltage_v) + self._still,
+            valid_for_s=self.settings.control.lease_s,
+            source=source,
+            reason=reason,
+            f_command_n=f,
+        )
+        told = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
+        return replace(state, estimator=told, f_command_n=f, open_tick=None), [lease]
+
+
+_HANDLERS: dict[type[Message], Callable[..., tuple[PilotState, Outputs]]] = {
+    ImuSample: Pilot._sense,
+    Attitude: Pilot._sense,
+    UwbRanges: Pilot._sense,
+    UwbPosition: Pilot._sense,
+    Battery: Pilot._battery,
+    Heartbeat: Pilot._heartbeat,
+    LinkStatus: Pilot._link,
+    OperatorCommand: Pilot._operator,
+    Tick: Pilot._tick,
+    PlanResult: Pilot._planned,
+    PlanDeadline: Pilot._deadline,
+}
+
+
+def _unfit(estimate: StateEstimate) -> str | None:
+    if estimate.health in ("healthy", "degraded"):
+        return None
+    return f"state estimate {estimate.health}: {estimate.reason}"
+
+
+def _pose(estimate: StateEstimate) -> tuple[float, float, float]:
+    return estimate.north_m, estimate.east_m, estimate.psi_rad
+
+
+def _velocity(estimate: StateEstimate) -> tuple[float, float, float]:
+    return estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s

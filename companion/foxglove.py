@@ -1,0 +1,110 @@
+"""Messages for Foxglove's own panels, derived from ours: pose (3D panel) and alerts (Log panel).
+
+Schema names and fields: https://docs.foxglove.dev/docs/sdk/schemas (PoseInFrame, Log, FrameTransform).
+Poses are given in frame `ned` (x north, y east, z down). One transform per log file hangs `ned` below
+`world` (x east, y north, z up), so that the 3D panel shows the basin from above and not mirrored.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+
+from companion.core.messages import Alert, Message, StateEstimate
+from companion.log_schema import VIEWER_PREFIX
+
+_LEVEL = {"info": 2, "warning": 3, "error": 4}  # foxglove.LogLevel
+
+
+class Time(msgspec.Struct, frozen=True):
+    """Seconds and nanoseconds since the Unix epoch."""
+
+    sec: int
+    nsec: int
+
+
+class Vector3(msgspec.Struct, frozen=True):
+    """Position or translation [m]."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(msgspec.Struct, frozen=True):
+    """Rotation from the child (body) frame to the parent frame, w last."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class Pose(msgspec.Struct, frozen=True):
+    """Position [m] and orientation."""
+
+    position: Vector3
+    orientation: Quaternion
+
+
+class PoseInFrame(msgspec.Struct, frozen=True):
+    """foxglove.PoseInFrame."""
+
+    timestamp: Time
+    frame_id: str
+    pose: Pose
+
+
+class Log(msgspec.Struct, frozen=True):
+    """foxglove.Log. `level`: 1 debug, 2 info, 3 warning, 4 error, 5 fatal."""
+
+    timestamp: Time
+    level: int
+    message: str
+    name: str
+    file: str = ""
+    line: int = 0
+
+
+class FrameTransform(msgspec.Struct, frozen=True):
+    """foxglove.FrameTransform: the child frame as seen from the parent frame."""
+
+    timestamp: Time
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+VIEWER_KINDS: dict[type[msgspec.Struct], str] = {
+    PoseInFrame: VIEWER_PREFIX + "pose",
+    Log: VIEWER_PREFIX + "log",
+    FrameTransform: VIEWER_PREFIX + "tf",
+}
+
+
+def world_from_ned(wall_ns: int) -> FrameTransform:
+    """Half a turn about (1, 1, 0)/sqrt(2): north -> y, east -> x, down -> -z."""
+    half = math.sqrt(0.5)
+    return FrameTransform(
+        _time(wall_ns), "world", "ned", Vector3(0.0, 0.0, 0.0), Quaternion(half, half, 0.0, 0.0)
+    )
+
+
+def viewer_message(message: Message, wall_offset_ns: int) -> PoseInFrame | Log | None:
+    """What a viewer shows for `message`, or None. `wall_offset_ns`: wall clock minus monotonic clock."""
+    if isinstance(message, StateEstimate):
+        half = message.psi_rad / 2
+        pose = Pose(
+            Vector3(message.north_m, message.east_m, 0.0),
+            Quaternion(0.0, 0.0, math.sin(half), math.cos(half)),
+        )
+        return PoseInFrame(_time(message.t_ns + wall_offset_ns), "ned", pose)
+    if isinstance(message, Alert):
+        return Log(_time(message.t_ns + wall_offset_ns), _LEVEL[message.level], message.text, "aritra")
+    return None
+
+
+def _time(wall_ns: int) -> Time:
+    return Time(*divmod(wall_ns, 1_000_000_000))

@@ -1,0 +1,36 @@
+"""What a log says about itself: vessel, configuration, versions."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+
+def log_metadata(vessel: str, files: Mapping[str, str]) -> dict[str, str]:
+    """Metadata of a log: vessel, configuration (text and SHA-256), versions. `files`: name -> text."""
+    text = "".join(files[name] for name in sorted(files))
+    return {
+        "vessel": vessel,
+        "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        **{f"config/{name}": content for name, content in files.items()},
+        "version": version("aritra"),
+        "git_revision": _git_revision(),
+        "python": platform.python_version(),
+        "machine": platform.platform(),
+    }
+
+
+def _git_revision() -> str:
+    """Commit of the checkout that runs, `-dirty` where it has changes; `unknown` outside a checkout."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        answer = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return answer.stdout.strip()

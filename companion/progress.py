@@ -1,0 +1,72 @@
+"""What is going on, on one line of a terminal, or now and then as a line of its own where there is none."""
+
+from __future__ import annotations
+
+from typing import TextIO
+
+from companion.core.messages import (
+    Alert,
+    GuidanceReference,
+    LoopTiming,
+    Message,
+    OverrideLease,
+    StateEstimate,
+)
+
+TERMINAL_NS = 250_000_000
+PLAIN_NS = 5_000_000_000
+
+
+class Progress:
+    """Feed it every message; it prints at its own pace. `waypoints`: how many there are to pass."""
+
+    def __init__(self, waypoints: int, out: TextIO):
+        self._waypoints, self._out = waypoints, out
+        self._live = out.isatty()
+        self._period_ns = TERMINAL_NS if self._live else PLAIN_NS
+        self._next_ns = self._start_ns = 0
+        self._estimate: StateEstimate | None = None
+        self._reference: GuidanceReference | None = None
+        self._lease: OverrideLease | None = None
+        self._lateness_ms = 0.0
+
+    def see(self, message: Message) -> None:
+        """Note one message; alerts are printed at once."""
+        if isinstance(message, Alert):
+            self._print(f"{message.level}: {message.text}")
+        elif isinstance(message, StateEstimate):
+            self._estimate = message
+        elif isinstance(message, GuidanceReference):
+            self._reference = message
+        elif isinstance(message, LoopTiming):
+            self._lateness_ms = max(self._lateness_ms, message.lateness_ms)
+        elif isinstance(message, OverrideLease):
+            self._lease = message
+            self._start_ns = self._start_ns or message.t_ns
+            if message.t_ns >= self._next_ns:
+                self._next_ns = message.t_ns + self._period_ns
+                self._show(message)
+
+    def close(self) -> None:
+        """End the live line."""
+        if self._live:
+            self._out.write("\n")
+            self._out.flush()
+
+    def _show(self, lease: OverrideLease) -> None:
+        seconds = (lease.t_ns - self._start_ns) * 1e-9
+        e, g = self._estimate, self._reference
+        where = f"N {e.north_m:6.2f} E {e.east_m:6.2f} m  u {e.u_m_s:5.2f} m/s" if e else "no estimate"
+        what = lease.reason if lease.source == "neutral" else ""
+        if not what and g:
+            what = f"{g.phase}  waypoint {g.waypoints_passed}/{self._waypoints}  y_e {g.y_e_m:+.2f} m"
+        text = f"{seconds:6.1f} s  {where}  {what}  [{lease.source}, late <= {self._lateness_ms:.1f} ms]"
+        if self._live:
+            self._out.write("\r\x1b[2K" + text)
+            self._out.flush()
+        else:
+            self._print(text)
+
+    def _print(self, text: str) -> None:
+        self._out.write(("\r\x1b[2K" if self._live else "") + text + "\n")
+        self._out.flush()

@@ -1,0 +1,75 @@
+"""From the run file to everything a run needs: read, checked, and named by its hash. Errors name file and key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import deploy
+from companion.core.config import ConfigError, digest
+from companion.core.frames import Origin
+from companion.core.mission import Mission, MissionErrors, kind_of, parse
+from companion.core.pilot import PilotSettings
+from companion.core.run_file import RunFile, load_run
+from companion.core.site import Site, load_site
+from companion.core.vessel_load import load_vessel
+
+EXAMPLES = Path(deploy.__file__).parent
+"""The boats, sites, missions and the run file that come with the package."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One run. `files`: the texts that it was made from: run.toml, vessel.toml, site.toml, mission.*."""
+
+    run: RunFile
+    pilot: PilotSettings
+    files: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """Name of this configuration."""
+        return digest("".join(self.files[name] for name in sorted(self.files)))
+
+
+def load_setup(path: Path, *, mission: Path | None = None) -> Setup:
+    """Read a run file and what it names (relative to itself). Raises ConfigError."""
+    run = load_run(_read(path), name=str(path))
+    paths = {"vessel.toml": path.parent / run.vessel, "site.toml": path.parent / run.site}
+    plan = mission or path.parent / run.mission
+    paths[f"mission{plan.suffix}"] = plan
+    texts = {"run.toml": _read(path), **{role: _read(p) for role, p in paths.items()}}
+    return setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
+
+
+def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
+    """Setup from the texts of its files; `names`: what to call each in errors. Raises ConfigError."""
+    run = load_run(texts["run.toml"], name=names["run.toml"])
+    vessel = load_vessel(texts["vessel.toml"], name=names["vessel.toml"])
+    site = load_site(texts["site.toml"], name=names["site.toml"])
+    (role,) = (role for role in texts if role.startswith("mission"))
+    mission = _mission(texts[role], names[role], site)
+    for thruster in vessel.thrusters:
+        if thruster.channel in run.control.neutral_channels:
+            both = f"channel {thruster.channel} drives thruster {thruster.name} of {names['vessel.toml']}"
+            raise ConfigError(f"{names['run.toml']}: control.neutral_channels: {both}")
+    return Setup(run, PilotSettings(vessel, site, mission, run.control), texts)
+
+
+def _mission(text: str, name: str, site: Site) -> Mission:
+    origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
+    try:
+        return parse(text, kind_of(name), origin=origin, name=Path(name).stem)
+    except MissionErrors as errors:
+        raise ConfigError("\n".join(f"{name}: {error}" for error in errors.errors)) from None
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+        raise ConfigError(f"{path}: {reason}") from None

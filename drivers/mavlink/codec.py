@@ -1,0 +1,155 @@
+"""MAVLink bytes <-> messages of `companion.core.messages`, for one autopilot. Sans-I/O.
+
+    bytes -> Framer -> (counters, target, clock) -> DECODERS -> messages
+    messages -> MavlinkEncoder -> bytes
+
+Never raises on any bytes. Only the target (system, component) is listened to; the first autopilot heartbeat
+chooses it where none is given. `t_ns` of a message is the autopilot's own stamp converted by the clock
+offset, or the time of arrival where there is no stamp or no offset yet; `t_rx_ns` is the arrival.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from companion.core.messages import ImuSample, Message, ServoOutput, StatusText, TimeSync
+from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
+from drivers.mavlink.encode import MavlinkEncoder
+from drivers.mavlink.framing import Framer
+from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
+from drivers.mavlink.statustext import ChunkJoiner, Text
+from drivers.mavlink.timesync import ClockOffset
+
+AUTOPILOT_COMPONENT = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
+_SERVO_PORTS = 2
+
+
+@dataclass(slots=True)
+class Counters:
+    """What came in, by message type. Faults on the wire are counted by the framer: see `MavlinkCodec.framer`.
+
+    received  every frame with a good checksum, from anyone
+    ignored   those of them that are not from the target, or are answers to someone else
+    invalid   those with NaN or infinity in a field that is used, or an impossible number
+    lost      gaps in the sequence numbers, per (system, component)
+    """
+
+    received: Counter[str] = field(default_factory=Counter)
+    ignored: Counter[str] = field(default_factory=Counter)
+    invalid: Counter[str] = field(default_factory=Counter)
+    lost: Counter[tuple[int, int]] = field(default_factory=Counter)
+
+    def from_target(self, name: str) -> int:
+        """Frames of type `name` from the target."""
+        return self.received[name] - self.ignored[name]
+
+
+class MavlinkCodec:
+    """Codec of the companion `system`/`component` towards one autopilot.
+
+    `target_system`: None takes the first autopilot heard. `imu_preference`: see `ImuSelector`.
+    Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`.
+    """
+
+    def __init__(
+        self,
+        system: int = 1,
+        component: int = 191,
+        target_system: int | None = None,
+        target_component: int = AUTOPILOT_COMPONENT,
+        clock: ClockOffset | None = None,
+        imu_preference: Sequence[str] = IMU_PREFERENCE,
+    ) -> None:
+        self.counters = Counters()
+        self.framer = Framer()
+        self.clock = clock or ClockOffset()
+        self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component)
+        self.imu = ImuSelector(imu_preference)
+        self.target = None if target_system is None else (target_system, target_component)
+        self._own = (system, component)
+        self._seq: dict[tuple[int, int], int] = {}
+        self._texts = ChunkJoiner()
+        self._servo_ports: dict[int, tuple[int, ...]] = {}
+
+    def feed(self, data: bytes, t_ns: int) -> list[Message]:
+        """Messages that `data`, arrived at `t_ns` [ns], completes. b"" only lets waiting texts expire."""
+        out: list[Message] = _texts(self._texts.expire(t_ns), t_ns)
+        for m in self.framer.feed(data, t_ns):
+            self._count(m)
+            if not self._from_target(m):
+                self.counters.ignored[m.get_type()] += 1
+                continue
+            for message in self._decode(m, t_ns):
+                if _finite(message):
+                    out.append(message)
+                else:
+                    self.counters.invalid[m.get_type()] += 1
+        return out
+
+    def timesync_question(self, t_ns: int) -> bytes:
+        """TIMESYNC question sent at `t_ns`, remembered so that its answer is known."""
+        return self.encoder.timesync(0, self.clock.question(t_ns))
+
+    def timesync_answer(self, question: TimeSync, t_ns: int) -> bytes:
+        """Answer to the autopilot's question; tc1 = 0 would make it a question."""
+        return self.encoder.timesync(t_ns or 1, question.ts1_ns)
+
+    def _count(self, m: Any) -> None:
+        self.counters.received[m.get_type()] += 1
+        sender, seq = (m.get_srcSystem(), m.get_srcComponent()), m.get_seq()
+        gap = (seq - self._seq.get(sender, seq - 1) - 1) % 256
+        if gap < 128:  # more: the frame is late, not 128 or more lost
+            self.counters.lost[sender] += gap
+        self._seq[sender] = seq
+
+    def _from_target(self, m: Any) -> bool:
+        sender = (m.get_srcSystem(), m.get_srcComponent())
+        if self.target is None and m.get_type() == "HEARTBEAT" and is_autopilot(m):
+            self.target = sender
+            self.encoder.target_system, self.encoder.target_component = sender
+        if sender != self.target:
+            return False
+        addressee = (getattr(m, "target_system", 0), getattr(m, "target_component", 0))
+        return all(to in (0, own) for to, own in zip(addressee, self._own, strict=True))
+
+    def _decode(self, m: Any, t_rx_ns: int) -> list[Message]:
+        name, t_ns = m.get_type(), t_rx_ns
+        if name in STAMPS:
+            source, unit_ns, wrap_ns = STAMPS[name]
+            t_ns = self.clock.to_companion(name, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns)
+        if name == "STATUSTEXT":
+            return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)
+        if name == "SERVO_OUTPUT_RAW":
+            return self._servo_output(m, t_ns)
+        if name not in DECODERS:
+            return []
+        message = DECODERS[name](m, t_ns, t_rx_ns)
+        if isinstance(message, TimeSync) and message.tc1_ns:
+            self.clock.answer(message.tc1_ns, message.ts1_ns, t_rx_ns)
+        if message is None or (isinstance(message, ImuSample) and not self.imu.passes(name, t_rx_ns)):
+            return []
+        return [message]
+
+    def _servo_output(self, m: Any, t_ns: int) -> list[Message]:
+        """Port 0 holds outputs 1-16, port 1 outputs 17-32; told together, at each port 0."""
+        if m.port >= _SERVO_PORTS:
+            self.counters.invalid[m.get_type()] += 1
+            return []
+        self._servo_ports[m.port] = pulses(m, "servo{}_raw", 16)
+        if m.port:
+            return []
+        return [ServoOutput(t_ns=t_ns, pwm_us=self._servo_ports[0] + self._servo_ports.get(1, ()))]
+
+
+def _texts(texts: list[Text], t_ns: int) -> list[Message]:
+    return [StatusText(t_ns=t_ns, severity=text.severity, text=text.text) for text in texts]
+
+
+def _finite(message: Message) -> bool:
+    values = (getattr(message, name) for name in message.__struct_fields__)
+    return all(math.isfinite(v) for v in values if isinstance(v, float))

@@ -1,0 +1,200 @@
+"""What each MAVLink message means: one line of the table per type, SI units out.
+
+A decoder takes the pymavlink message, the instant it speaks of and its arrival [ns], and returns a message
+of `companion.core.messages`, or None where it tells nothing (unknown voltage, absent sensor). Fields that
+MAVLink marks as unknown (65535, -1, UINT8_MAX) become None; in the pulse width tuples, which hold integers,
+0: "no pulse", as ArduPilot itself reports outputs and channels it does not have. RAW_IMU and SCALED_IMU* are
+milli-g and mrad/s (observed on ArduPilot; the MAVLink text calls RAW_IMU raw). Source:
+https://mavlink.io/en/messages/common.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.core.messages import (
+    Attitude,
+    AutopilotInfo,
+    Battery,
+    CommandAck,
+    Heartbeat,
+    ImuSample,
+    Message,
+    ParamValue,
+    RcChannels,
+    TimeSync,
+)
+
+G0_M_S2 = 9.80665
+"""Standard gravity, 3rd CGPM (1901): what one "g" of an IMU message means."""
+MILLI = 1e-3
+UINT16_MAX = 65535
+UINT8_MAX = 255
+
+Decoder = Callable[[Any, int, int], Message | None]
+
+_US, _MS = 1_000, 1_000_000
+STAMPS: dict[str, tuple[str, int, int | None]] = {
+    "ATTITUDE": ("time_boot_ms", _MS, 2**32 * _MS),
+    "RAW_IMU": ("time_usec", _US, None),
+    "SCALED_IMU": ("time_boot_ms", _MS, 2**32 * _MS),
+    "SCALED_IMU2": ("time_boot_ms", _MS, 2**32 * _MS),
+    "SCALED_IMU3": ("time_boot_ms", _MS, 2**32 * _MS),
+    "HIGHRES_IMU": ("time_usec", _US, None),
+    "SERVO_OUTPUT_RAW": ("time_usec", _US, 2**32 * _US),
+    "RC_CHANNELS": ("time_boot_ms", _MS, 2**32 * _MS),
+    "SYSTEM_TIME": ("time_boot_ms", _MS, 2**32 * _MS),
+}
+"""Message type -> (field of the autopilot's clock since boot, its unit [ns], where it wraps [ns])."""
+
+_NO_VEHICLES = frozenset(
+    (
+        dialect.MAV_TYPE_GCS,
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+        dialect.MAV_TYPE_ANTENNA_TRACKER,
+        dialect.MAV_TYPE_GIMBAL,
+        dialect.MAV_TYPE_ADSB,
+        dialect.MAV_TYPE_CAMERA,
+    )
+)
+_IMU_UPDATED = 0b111111
+"""HIGHRES_IMU.fields_updated: three accelerometer and three gyro axes."""
+
+
+def is_autopilot(heartbeat: Any) -> bool:
+    """Does this HEARTBEAT come from an autopilot, not from a ground station, camera or companion?"""
+    return heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and heartbeat.type not in _NO_VEHICLES
+
+
+def pulses(m: Any, stem: str, count: int) -> tuple[int, ...]:
+    """Pulse widths [us] of the fields `stem` 1..count; 0 for unknown."""
+    values = (getattr(m, stem.format(i)) for i in range(1, count + 1))
+    return tuple(0 if v == UINT16_MAX else v for v in values)
+
+
+def _heartbeat(m: Any, t_ns: int, _: int) -> Heartbeat | None:
+    if not is_autopilot(m):
+        return None
+    return Heartbeat(
+        t_ns=t_ns,
+        system=m.get_srcSystem(),
+        component=m.get_srcComponent(),
+        vehicle_type=m.type,
+        autopilot=m.autopilot,
+        base_mode=m.base_mode,
+        custom_mode=m.custom_mode,
+        system_status=m.system_status,
+        armed=bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
+    )
+
+
+def _attitude(m: Any, t_ns: int, t_rx_ns: int) -> Attitude:
+    return Attitude(
+        t_ns=t_ns,
+        t_rx_ns=t_rx_ns,
+        phi_rad=m.roll,
+        theta_rad=m.pitch,
+        psi_rad=m.yaw,
+        p_rad_s=m.rollspeed,
+        q_rad_s=m.pitchspeed,
+        r_rad_s=m.yawspeed,
+    )
+
+
+def _imu(m: Any, t_ns: int, t_rx_ns: int, accel: float, gyro: float) -> ImuSample:
+    return ImuSample(
+        t_ns=t_ns,
+        t_rx_ns=t_rx_ns,
+        ax_m_s2=m.xacc * accel,
+        ay_m_s2=m.yacc * accel,
+        az_m_s2=m.zacc * accel,
+        p_rad_s=m.xgyro * gyro,
+        q_rad_s=m.ygyro * gyro,
+        r_rad_s=m.zgyro * gyro,
+        source=m.get_type(),
+    )
+
+
+def _scaled_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:
+    """All six axes exactly 0 is how ArduPilot reports an IMU that is not there (seen in the real log)."""
+    if not any((m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro)):
+        return None
+    return _imu(m, t_ns, t_rx_ns, MILLI * G0_M_S2, MILLI)
+
+
+def _highres_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:
+    if m.fields_updated & _IMU_UPDATED != _IMU_UPDATED:
+        return None
+    return _imu(m, t_ns, t_rx_ns, 1.0, 1.0)
+
+
+def _sys_status(m: Any, t_ns: int, _: int) -> Battery | None:
+    if m.voltage_battery == UINT16_MAX:
+        return None
+    return _battery(t_ns, m.voltage_battery, m.current_battery, m.battery_remaining)
+
+
+def _battery_status(m: Any, t_ns: int, _: int) -> Battery | None:
+    """Only the first battery, which SYS_STATUS speaks of too: its cells add up to the voltage."""
+    cells = [v for v in m.voltages if v != UINT16_MAX]
+    if m.id != 0 or not cells:
+        return None
+    return _battery(t_ns, sum(cells) + sum(m.voltages_ext), m.current_battery, m.battery_remaining)
+
+
+def _battery(t_ns: int, voltage_mv: int, current_ca: int, remaining: int) -> Battery:
+    return Battery(
+        t_ns=t_ns,
+        voltage_v=voltage_mv * MILLI,
+        current_a=None if current_ca == -1 else current_ca * 1e-2,
+        remaining_percent=None if remaining == -1 else remaining,
+    )
+
+
+def _rc_channels(m: Any, t_ns: int, _: int) -> RcChannels:
+    rssi = None if m.rssi == UINT8_MAX else m.rssi
+    return RcChannels(t_ns=t_ns, pwm_us=pulses(m, "chan{}_raw", 18), rssi=rssi)
+
+
+def _command_ack(m: Any, t_ns: int, _: int) -> CommandAck:
+    return CommandAck(t_ns=t_ns, command=m.command, result=m.result)
+
+
+def _param_value(m: Any, t_ns: int, _: int) -> ParamValue:
+    index = None if m.param_index == UINT16_MAX else m.param_index
+    return ParamValue(t_ns=t_ns, name=m.param_id, value=m.param_value, index=index, count=m.param_count)
+
+
+def _timesync(m: Any, t_ns: int, _: int) -> TimeSync:
+    return TimeSync(t_ns=t_ns, tc1_ns=m.tc1, ts1_ns=m.ts1)
+
+
+def _autopilot_version(m: Any, t_ns: int, _: int) -> AutopilotInfo:
+    return AutopilotInfo(
+        t_ns=t_ns,
+        flight_sw_version=m.flight_sw_version,
+        board_version=m.board_version,
+        capabilities=m.capabilities,
+    )
+
+
+DECODERS: dict[str, Decoder] = {
+    "HEARTBEAT": _heartbeat,
+    "ATTITUDE": _attitude,
+    "RAW_IMU": _scaled_imu,
+    "SCALED_IMU": _scaled_imu,
+    "SCALED_IMU2": _scaled_imu,
+    "SCALED_IMU3": _scaled_imu,
+    "HIGHRES_IMU": _highres_imu,
+    "SYS_STATUS": _sys_status,
+    "BATTERY_STATUS": _battery_status,
+    "RC_CHANNELS": _rc_channels,
+    "COMMAND_ACK": _command_ack,
+    "PARAM_VALUE": _param_value,
+    "TIMESYNC": _timesync,
+    "AUTOPILOT_VERSION": _autopilot_version,
+}
+"""Message type -> decoder. SERVO_OUTPUT_RAW and STATUSTEXT need memory and live in the codec."""

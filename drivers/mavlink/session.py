@@ -1,0 +1,94 @@
+"""The companion's side of the MAVLink conversation, as a pure state machine: messages in, bytes to send out.
+
+always            companion HEARTBEAT at 1 Hz; TIMESYNC questions are answered
+autopilot heard   TIMESYNC questions at 2 Hz; AUTOPILOT_VERSION asked for until it comes;
+                  wanted message intervals requested and kept (see `streams`)
+rebooted (its clock went back) or back after silence: everything is asked for again
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from companion.core.messages import Alert, AutopilotInfo, Heartbeat, Message, TimeSync
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.streams import WANTED_HZ, Streams
+
+HEARTBEAT_NS = 1_000_000_000
+TIMESYNC_NS = 500_000_000
+SILENCE_NS = 5_000_000_000
+"""Heartbeats come at 1 Hz; after this long without one the autopilot may have been another (assumed)."""
+VERSION_RETRY_NS = 2_000_000_000
+VERSION_RETRY_MAX_NS = 32_000_000_000
+
+
+class MavlinkSession:
+    """Session of one link. `codec`: the codec that made the messages; `wanted_hz`: message type -> rate."""
+
+    def __init__(self, codec: MavlinkCodec, wanted_hz: Mapping[str, float] = WANTED_HZ) -> None:
+        self.autopilot: AutopilotInfo | None = None
+        self._codec = codec
+        self._streams = Streams(wanted_hz)
+        self._alerts: list[Alert] = []
+        self._heard_ns: int | None = None
+        self._reboots = codec.clock.reboots
+        self._heartbeat_due_ns: int | None = None
+        self._timesync_due_ns = 0
+        self._version_due_ns = 0
+        self._version_retry_ns = VERSION_RETRY_NS
+
+    def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
+        """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
+        out: list[bytes] = []
+        for message in messages:
+            if isinstance(message, Heartbeat):
+                self._hear(t_ns)
+            elif isinstance(message, AutopilotInfo):
+                self.autopilot = message
+            elif isinstance(message, TimeSync) and message.tc1_ns == 0:
+                out.append(self._codec.timesync_answer(message, t_ns))
+        if self._codec.clock.reboots != self._reboots:
+            self._reboots = self._codec.clock.reboots
+            self._alert(t_ns, "the autopilot has rebooted: its settings for this link are asked for again")
+            self._begin(t_ns)
+        if self._heartbeat_due_ns is None or t_ns >= self._heartbeat_due_ns:
+            self._heartbeat_due_ns = t_ns + HEARTBEAT_NS
+            out.append(self._codec.encoder.heartbeat())
+        if self._heard_ns is not None and t_ns - self._heard_ns <= SILENCE_NS:
+            out += self._converse(t_ns)
+        return out
+
+    def take_alerts(self) -> list[Alert]:
+        """Alerts since the last call."""
+        alerts, self._alerts = self._alerts, []
+        return alerts
+
+    def _hear(self, t_ns: int) -> None:
+        if self._heard_ns is None or t_ns - self._heard_ns > SILENCE_NS:
+            self._begin(t_ns)
+        self._heard_ns = t_ns
+
+    def _begin(self, t_ns: int) -> None:
+        self.autopilot = None
+        self._streams.restart()
+        self._timesync_due_ns = self._version_due_ns = t_ns
+        self._version_retry_ns = VERSION_RETRY_NS
+
+    def _converse(self, t_ns: int) -> list[bytes]:
+        codec = self._codec
+        out: list[bytes] = []
+        if t_ns >= self._timesync_due_ns:
+            self._timesync_due_ns = t_ns + TIMESYNC_NS
+            out.append(codec.timesync_question(t_ns))
+        if self.autopilot is None and t_ns >= self._version_due_ns:
+            self._version_due_ns = t_ns + self._version_retry_ns
+            self._version_retry_ns = min(2 * self._version_retry_ns, VERSION_RETRY_MAX_NS)
+            out.append(codec.encoder.request_message("AUTOPILOT_VERSION"))
+        requests, warnings = self._streams.step(codec.counters.from_target, t_ns)
+        out += [codec.encoder.set_message_interval(r.name, r.rate_hz) for r in requests]
+        for text in warnings:
+            self._alert(t_ns, text)
+        return out
+
+    def _alert(self, t_ns: int, text: str) -> None:
+        self._alerts.append(Alert(t_ns=t_ns, level="warning", text=text))

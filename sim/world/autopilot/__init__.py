@@ -1,0 +1,19 @@
+"""A simulated ArduPilot Rover that speaks MAVLink 2: bytes and time in, bytes out, nothing else.
+
+    rover.py          composition: links, received messages, `receive` and `step`
+    vehicle.py        the state behind the wires, advanced in time
+    modes.py          modes, arming, refusals            failsafe.py   radio and ground-station fail-safes
+    rc.py             RC channels: overrides, receiver   outputs.py    SERVOn_FUNCTION wirings, latency
+    parameters.py     PARAM_* semantics                  parameter_table.py   names, types, defaults
+    telemetry.py      one builder per streamed message   link.py       per-link rates, download, chunks
+    commands.py       MAV_CMD table                      ftp.py        refusal: clients fall back
+
+It reproduces what the real firmware was seen to do, the unsafe things included. Time is always the
+simulation's, in ns; there is no clock, socket, thread or random number in here.
+"""
+
+from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
+from sim.world.autopilot.rover import Rover
+from sim.world.autopilot.vehicle import AT_REST, SensorFrame
+
+__all__ = ["AT_REST", "BOAT_PARAMETERS", "Rover", "SensorFrame"]

@@ -1,0 +1,52 @@
+"""The parameter store: typed values, clamped as ArduPilot clamps them.
+
+set(name, value)   rounds half away from zero and clamps to the type; False for a name that does not
+                   exist and for a value that is not finite (the firmware stays silent on both)
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+
+from sim.world.autopilot.parameter_table import TABLE, Kind
+
+_BITS = {Kind.INT8: 8, Kind.INT16: 16, Kind.INT32: 32}
+
+
+def stored(kind: Kind, value: float) -> float:
+    """The number that a parameter of this type keeps when it is given a finite `value`."""
+    if kind is Kind.REAL32:
+        largest = 3.4028234663852886e38
+        return struct.unpack("<f", struct.pack("<f", max(-largest, min(largest, value))))[0]
+    top = 2 ** (_BITS[kind] - 1)
+    rounded = math.copysign(math.floor(abs(value) + 0.5), value)
+    return max(-top, min(top - 1, rounded)) + 0.0
+
+
+class Parameters:
+    """All parameters by name. `version` counts changes, so that readers may cache what they derive."""
+
+    def __init__(self, changes: Mapping[str, float]):
+        self._values = {row.name: row.default for row in TABLE}
+        self.version = 0
+        for name, value in changes.items():
+            if not self.set(name, value):
+                raise ValueError(f"simulated autopilot: no parameter {name} with a value {value}")
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def set(self, name: str, value: float) -> bool:
+        """Store `value`; False where the name is unknown or the value not finite."""
+        index = INDEX.get(name)
+        if index is None or not math.isfinite(value):
+            return False
+        self._values[name] = stored(TABLE[index].kind, value)
+        self.version += 1
+        return True
+
+
+INDEX: dict[str, int] = {row.name: index for index, row in enumerate(TABLE)}
+"""Position of each name on the wire."""

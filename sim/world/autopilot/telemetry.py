@@ -1,0 +1,200 @@
+"""One builder per message that the autopilot streams: vehicle state -> MAVLink message, in wire units.
+
+Accelerations are in milli-g and rates in mrad/s, cut towards zero to whole numbers, as the firmware does.
+Messages that need a position, or sensors the simulation lacks, are accepted when asked for and never sent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as wire
+
+from sim.world.autopilot.modes import Mode
+from sim.world.autopilot.vehicle import Vehicle
+
+G_M_S2 = 9.80665
+_STATE_CALIBRATING, _STATE_STANDBY, _STATE_ACTIVE, _STATE_CRITICAL = 2, 3, 4, 5
+_GYRO, _ACCEL, _MOTORS, _RC = 0x1, 0x2, 0x8000, 0x10000
+_FENCE, _AHRS, _BATTERY, _PREARM = 0x100000, 0x200000, 0x2000000, 0x10000000
+_NO_RSSI = 255
+
+
+def _int16(values: Sequence[float], unit: float) -> list[int]:
+    return [max(-32768, min(32767, int(value / unit))) for value in values]
+
+
+def heartbeat(v: Vehicle) -> wire.MAVLink_message:
+    """Type 11 SURFACE_BOAT (10 unless FRAME_CLASS is 2), autopilot 3."""
+    state = {Mode.INITIALISING: _STATE_CALIBRATING, Mode.HOLD: _STATE_STANDBY}.get(
+        v.modes.mode, _STATE_ACTIVE
+    )
+    state = _STATE_CRITICAL if v.failsafe.triggered else state
+    kind = wire.MAV_TYPE_SURFACE_BOAT if v.parameters["FRAME_CLASS"] == 2 else wire.MAV_TYPE_GROUND_ROVER
+    return wire.MAVLink_heartbeat_message(
+        kind, wire.MAV_AUTOPILOT_ARDUPILOTMEGA, v.modes.base_mode, v.modes.mode, state, 3
+    )
+
+
+def sys_status(v: Vehicle) -> wire.MAVLink_message:
+    """Health bits (PREARM_CHECK: it would arm; no fence to breach), battery mV and cA."""
+    present = _GYRO | _ACCEL | _MOTORS | _RC | _AHRS | _BATTERY | _PREARM
+    enabled = present & ~(_MOTORS if v.modes.safety_on else 0)
+    ready = v.modes.armed or not v.modes.arming_faults()
+    health = (present | _FENCE) & ~(0 if v.failsafe.rc_valid else _RC) & ~(0 if ready else _PREARM)
+    voltage_mv, current_ca = _power(v)
+    return wire.MAVLink_sys_status_message(
+        present, enabled, health, 0, voltage_mv, current_ca, _remaining(v), 0, 0, 0, 0, 0, 0
+    )
+
+
+def system_time(v: Vehicle) -> wire.MAVLink_message:
+    """time_unix_usec stays 0: there is no satellite fix."""
+    return wire.MAVLink_system_time_message(0, v.clock_ms)
+
+
+def gps_raw_int(v: Vehicle) -> wire.MAVLink_message:
+    """No receiver: fix type 0, unknown accuracy."""
+    return wire.MAVLink_gps_raw_int_message(v.clock_us, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
+
+
+def raw_imu(v: Vehicle) -> wire.MAVLink_message:
+    """First IMU, microseconds; no magnetometer is simulated."""
+    return wire.MAVLink_raw_imu_message(v.clock_us, *_imu(v), 0, 0, 0)
+
+
+def scaled_imu(v: Vehicle) -> wire.MAVLink_message:
+    """First IMU, milliseconds."""
+    return wire.MAVLink_scaled_imu_message(v.clock_ms, *_imu(v), 0, 0, 0)
+
+
+def scaled_imu2(v: Vehicle) -> wire.MAVLink_message:
+    """Second IMU; the simulated boat has one, so the same sample."""
+    return wire.MAVLink_scaled_imu2_message(v.clock_ms, *_imu(v), 0, 0, 0)
+
+
+def attitude(v: Vehicle) -> wire.MAVLink_message:
+    """Angles in rad, yaw within -pi to pi; rates in rad/s."""
+    s = v.sensors
+    yaw = math.remainder(s.psi_rad, math.tau)
+    return wire.MAVLink_attitude_message(
+        v.clock_ms, s.phi_rad, s.theta_rad, yaw, s.p_rad_s, s.q_rad_s, s.r_rad_s
+    )
+
+
+def servo_output_raw(v: Vehicle) -> wire.MAVLink_message:
+    """Pulses leaving now; the time is the lower 32 bits of the clock [us]."""
+    return wire.MAVLink_servo_output_raw_message(v.clock_us & 0xFFFFFFFF, 0, *v.outputs.pulses_us)
+
+
+def rc_channels(v: Vehicle) -> wire.MAVLink_message:
+    """16 channels, 17 and 18 always 0; chancount is the receiver's, 0 without one."""
+    count = len(v.sensors.receiver_us)
+    channels = [*v.rc.radio_in_us, 0, 0]
+    return wire.MAVLink_rc_channels_message(v.clock_ms, count, *channels, rssi=_NO_RSSI)
+
+
+def mission_current(v: Vehicle) -> wire.MAVLink_message:
+    """No mission."""
+    return wire.MAVLink_mission_current_message(0)
+
+
+def vfr_hud(v: Vehicle) -> wire.MAVLink_message:
+    """Heading in whole degrees; speeds are 0 without a position."""
+    return wire.MAVLink_vfr_hud_message(0.0, 0.0, int(math.degrees(v.sensors.psi_rad) % 360.0), 0, 0.0, 0.0)
+
+
+def battery_status(v: Vehicle) -> wire.MAVLink_message:
+    """Whole pack in the first cell [mV], current cA, consumed mAh."""
+    voltage_mv, current_ca = _power(v)
+    cells = [voltage_mv] + [65535] * 9
+    return wire.MAVLink_battery_status_message(
+        0, 0, 0, 32767, cells, current_ca, int(v.consumed_mah), -1, _remaining(v)
+    )
+
+
+def timesync(v: Vehicle) -> wire.MAVLink_message:
+    """The autopilot's own question: tc1 0, ts1 its clock [ns]."""
+    return wire.MAVLink_timesync_message(0, v.clock_us * 1000)
+
+
+def autopilot_version(v: Vehicle) -> wire.MAVLink_message:
+    """4.6.0 development build on a Cube Orange (board 140); no file transfer."""
+    capabilities = (
+        wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+        | wire.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | wire.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    )
+    return wire.MAVLink_autopilot_version_message(
+        capabilities,
+        4 << 24 | 6 << 16,
+        0,
+        0,
+        140 << 16,
+        list(b"aritra00"),
+        [0] * 8,
+        [0] * 8,
+        0x2DAE,
+        0x1016,
+        0,
+    )
+
+
+def _imu(v: Vehicle) -> tuple[int, int, int, int, int, int]:
+    xacc, yacc, zacc = _int16(v.sensors.accel_m_s2, G_M_S2 / 1000.0)
+    xgyro, ygyro, zgyro = _int16(v.sensors.gyro_rad_s, 1e-3)
+    return xacc, yacc, zacc, xgyro, ygyro, zgyro
+
+
+def _power(v: Vehicle) -> tuple[int, int]:
+    return min(65534, int(v.sensors.voltage_v * 1000.0)), _int16((v.sensors.current_a,), 0.01)[0]
+
+
+def _remaining(v: Vehicle) -> int:
+    capacity = v.parameters["BATT_CAPACITY"]
+    return int(max(0.0, 100.0 * (1.0 - v.consumed_mah / capacity))) if capacity > 0 else -1
+
+
+class Streamed(NamedTuple):
+    """A message: how it is built, and the SR0_ parameter with its rate unasked ("": only on request)."""
+
+    build: Callable[[Vehicle], wire.MAVLink_message]
+    group: str
+
+
+HEARTBEAT_ID, TIMESYNC_ID = 0, 111
+STREAMED: dict[int, Streamed] = {
+    HEARTBEAT_ID: Streamed(heartbeat, ""),
+    1: Streamed(sys_status, "EXT_STAT"),
+    2: Streamed(system_time, "EXTRA3"),
+    24: Streamed(gps_raw_int, "EXT_STAT"),
+    26: Streamed(scaled_imu, ""),
+    27: Streamed(raw_imu, "RAW_SENS"),
+    30: Streamed(attitude, "EXTRA1"),
+    36: Streamed(servo_output_raw, "RC_CHAN"),
+    42: Streamed(mission_current, "EXT_STAT"),
+    65: Streamed(rc_channels, "RC_CHAN"),
+    74: Streamed(vfr_hud, "EXTRA2"),
+    TIMESYNC_ID: Streamed(timesync, ""),
+    116: Streamed(scaled_imu2, "RAW_SENS"),
+    147: Streamed(battery_status, "EXTRA3"),
+    148: Streamed(autopilot_version, ""),
+}
+ALWAYS_NS: dict[int, int] = {HEARTBEAT_ID: 1_000_000_000, TIMESYNC_ID: 10_000_000_000}
+"""What every link gets whatever it asks for, and how often."""
+ACCEPTED_NEVER_SENT = frozenset(
+    {29, 31, 32, 33, 49, 62, 87, 125, 129, 152, 163, 178, 182, 193, 241, 242, 245}
+)
+"""Messages that the real firmware has and this one cannot fill: requests are accepted, nothing comes."""
+GROUP_OF_STREAM: dict[int, tuple[str, ...]] = {
+    0: ("RAW_SENS", "EXT_STAT", "RC_CHAN", "EXTRA1", "EXTRA2", "EXTRA3"),
+    1: ("RAW_SENS",),
+    2: ("EXT_STAT",),
+    3: ("RC_CHAN",),
+    10: ("EXTRA1",),
+    11: ("EXTRA2",),
+    12: ("EXTRA3",),
+}
+"""MAV_DATA_STREAM of REQUEST_DATA_STREAM -> groups."""

@@ -1,0 +1,104 @@
+"""The simulated autopilot behind its wires: sensors, battery, RC, modes, outputs, advanced in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from sim.world.autopilot.failsafe import Failsafe
+from sim.world.autopilot.modes import Mode, ModeControl
+from sim.world.autopilot.outputs import Outputs
+from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.rc import RcInput
+
+Vec3 = tuple[float, float, float]
+_INITIALISING_NS = 1_000_000_000  # assumed: a second of start-up before the first real mode
+_NS_PER_HOUR = 3_600_000_000_000
+
+
+class SensorFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """What the autopilot's own sensors and estimator say now, noise and bias included.
+
+    `accel_m_s2`: specific force, body FRD (at rest z = -9.81); `gyro_rad_s`: body rates as the gyro gives
+    them; phi, theta, psi: the attitude it reports, p, q, r: the rates it reports with it; `receiver_us`:
+    pulse widths of an RC receiver, empty without one.
+    """
+
+    accel_m_s2: Vec3
+    gyro_rad_s: Vec3
+    phi_rad: float
+    theta_rad: float
+    psi_rad: float
+    p_rad_s: float
+    q_rad_s: float
+    r_rad_s: float
+    voltage_v: float
+    current_a: float
+    receiver_us: tuple[int, ...] = ()
+
+
+AT_REST = SensorFrame(
+    accel_m_s2=(0.0, 0.0, -9.80665),
+    gyro_rad_s=(0.0, 0.0, 0.0),
+    phi_rad=0.0,
+    theta_rad=0.0,
+    psi_rad=0.0,
+    p_rad_s=0.0,
+    q_rad_s=0.0,
+    r_rad_s=0.0,
+    voltage_v=16.0,
+    current_a=0.0,
+)
+"""A level boat, heading north, 16 V."""
+
+
+class Vehicle:
+    """State at `t_ns` (simulation time). `drift_ppm`: how fast the autopilot's own clock runs ahead."""
+
+    def __init__(
+        self, boot_ns: int, parameters: Mapping[str, float], drift_ppm: float, gate_channels: tuple[int, ...]
+    ):
+        self.parameters = Parameters(parameters)
+        self.system_id = int(self.parameters["SYSID_THISMAV"])
+        self.loop_rate_hz = self.parameters["SCHED_LOOP_RATE"]
+        self.sensors = AT_REST
+        self.t_ns = boot_ns
+        self.consumed_mah = 0.0
+        self.texts: list[tuple[int, str]] = []
+        self.rc = RcInput(self.parameters)
+        self.modes = ModeControl(self.parameters, self.say)
+        self.failsafe = Failsafe(self.parameters, self.rc, self.modes, self.say)
+        self.outputs = Outputs(self.parameters, self.rc, self.modes, self.failsafe, gate_channels)
+        self._boot_ns = boot_ns
+        self._rate = 1.0 + drift_ppm * 1e-6
+
+    @property
+    def clock_us(self) -> int:
+        """The autopilot's own clock: microseconds since its boot."""
+        return int((self.t_ns - self._boot_ns) * self._rate) // 1000
+
+    @property
+    def clock_ms(self) -> int:
+        """time_boot_ms."""
+        return self.clock_us // 1000
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT for every link (severity 0 emergency to 7 debug)."""
+        self.texts.append((severity, text))
+
+    def sense(self, sensors: SensorFrame, t_ns: int) -> None:
+        """New sensor values at t; then everything that depends on time."""
+        elapsed_ns = max(0, t_ns - self.t_ns)
+        self.consumed_mah += sensors.current_a * 1000.0 * elapsed_ns / _NS_PER_HOUR
+        self.sensors = sensors
+        self.rc.receiver(sensors.receiver_us, t_ns)
+        self.advance(t_ns)
+
+    def advance(self, t_ns: int) -> None:
+        """Bring modes, fail-safes and outputs to t (an earlier t counts as now)."""
+        self.t_ns = max(t_ns, self.t_ns)
+        if self.modes.mode is Mode.INITIALISING and self.t_ns - self._boot_ns >= _INITIALISING_NS:
+            self.modes.initialised()
+        self.failsafe.advance(self.t_ns)
+        self.outputs.advance(self.t_ns)

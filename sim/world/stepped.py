@@ -1,0 +1,142 @@
+"""Boat and world in one process on a stepped clock: the same bytes as in real time, as fast as they compute.
+
+    world bytes -> codecs -> messages -> pilot.step -> outputs -> codec -> bytes -> world
+
+A plan arrives `PLAN_NS` after its tick, as if it had been solved that fast. Nothing else is simplified: what the
+pilot sees has gone through the wire formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from msgspec.structs import replace
+
+from companion.core.messages import (
+    GroundTruth,
+    Message,
+    OperatorCommand,
+    OverrideLease,
+    PlanDeadline,
+    PlanResult,
+    SolveRequest,
+    Tick,
+    VehicleRequest,
+)
+from companion.core.pilot import Pilot
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.session import MavlinkSession
+from drivers.uwb import uwb_codec
+from sim.world.world import STEP_NS, World
+
+PEER = "companion"
+PLAN_NS = 10_000_000
+SESSION_STEPS = 10
+
+
+class SteppedRun:
+    """One boat under way. `messages`: everything in, out and true, in order. `solve(request, warm)`: the NMPC."""
+
+    def __init__(self, world: World, pilot: Pilot, solve: Callable[[SolveRequest, Any], tuple[PlanResult, Any]]):
+        sensors = pilot.settings.vessel.sensors
+        self.world, self.pilot = world, pilot
+        self.messages: list[Message] = []
+        self.state = pilot.initial(world.t_ns)
+        self._solve, self._warm = solve, None
+        self._codec = MavlinkCodec()
+        self._session = MavlinkSession(self._codec)
+        self._tag = uwb_codec(sensors.uwb.wire_format, "tag", sensors.uwb.rate_Hz)
+        self._period_ns = round(pilot.settings.control.period_s * 1e9)
+        self._deadline_ns = round(pilot.settings.control.plan_deadline_s * 1e9)
+        self._tick = -1
+        self._tick_due_ns = world.t_ns + self._period_ns
+        self._plans: list[PlanResult] = []
+        self._deadline: PlanDeadline | None = None
+        world.rover.add_link(PEER)
+        for data in self._tag.start_bytes():
+            self._hear_tag(world.uwb(data))
+        self.feed([OperatorCommand(t_ns=world.t_ns, command="start")])
+
+    def run(self, until: Callable[[SteppedRun], bool], limit_s: float) -> bool:
+        """Step until `until(self)` or `limit_s` of simulated time; whether the former."""
+        end_ns = self.world.t_ns + round(limit_s * 1e9)
+        while self.world.t_ns < end_ns:
+            self.step()
+            if until(self):
+                return True
+        return False
+
+    def step(self) -> None:
+        """One step of the world, and whatever of the boat's falls due in it."""
+        outgoing = self.world.step()
+        t_ns = self.world.t_ns
+        for peer, data in outgoing.mavlink:
+            if peer == PEER:
+                self._hear_autopilot(data)
+        self._hear_tag(outgoing.uwb)
+        if (t_ns // STEP_NS) % SESSION_STEPS == 0:
+            self._send_all(self._session.step((), t_ns))
+            for data in self._tag.step(t_ns):
+                self._hear_tag(self.world.uwb(data))
+        if t_ns >= self._tick_due_ns:
+            self._begin_tick(t_ns)
+        self._end_tick(t_ns)
+
+    def feed(self, inputs: Sequence[Message]) -> None:
+        """One call of the pilot, and what follows from it."""
+        self.messages += inputs
+        self.state, outputs = self.pilot.step(self.state, inputs, self.world.t_ns)
+        self.messages += outputs
+        for output in outputs:
+            self._do(output)
+
+    def of(self, kind: type) -> list[Any]:
+        """All messages of one kind so far."""
+        return [m for m in self.messages if isinstance(m, kind)]
+
+    def _begin_tick(self, t_ns: int) -> None:
+        self._tick += 1
+        self._tick_due_ns += self._period_ns
+        self.messages.append(self.world.truth())
+        self._deadline = PlanDeadline(t_ns=t_ns + self._deadline_ns, index=self._tick)
+        self.feed([Tick(t_ns=t_ns, index=self._tick)])
+
+    def _end_tick(self, t_ns: int) -> None:
+        if self._plans and t_ns >= self._plans[0].t_ns:
+            self.feed([self._plans.pop(0)])
+        if self._deadline and t_ns >= self._deadline.t_ns:
+            late, self._deadline = self._deadline, None
+            if self.state.open_tick == late.index:
+                self.feed([late])
+
+    def _do(self, output: Message) -> None:
+        encoder = self._codec.encoder
+        if isinstance(output, SolveRequest):
+            plan, self._warm = self._solve(output, self._warm)
+            self._plans.append(replace(plan, t_ns=output.t_ns + PLAN_NS))
+        elif isinstance(output, OverrideLease):
+            self._send_all([encoder.override(output)])
+        elif isinstance(output, VehicleRequest) and output.action == "set_mode":
+            self._send_all([encoder.set_mode(output.custom_mode or 0)])
+        elif isinstance(output, VehicleRequest):
+            self._send_all([encoder.arm() if output.action == "arm" else encoder.disarm()])
+
+    def _send_all(self, frames: Sequence[bytes]) -> None:
+        for frame in frames:
+            self._hear_autopilot(self.world.mavlink(frame, PEER))
+
+    def _hear_autopilot(self, data: bytes) -> None:
+        if not data:
+            return
+        messages = self._codec.feed(data, self.world.t_ns)
+        frames = self._session.step(messages, self.world.t_ns)
+        if messages:
+            self.feed(messages)
+        self._send_all(frames)
+
+    def _hear_tag(self, data: bytes) -> None:
+        if data and (messages := self._tag.feed(data, self.world.t_ns)):
+            self.feed(messages)
+
+

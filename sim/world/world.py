@@ -1,0 +1,143 @@
+"""The simulated world: hull, weather, sensors, autopilot and UWB tag, advanced in steps of 10 ms.
+
+    step() -> Outgoing          one step on; the bytes that are due on the wires
+    mavlink(data, peer)         bytes from a MAVLink peer; what is answered at once
+    uwb(data)                   bytes from the companion to the tag; what is answered at once
+
+It has no clock: real time (`loopback`) and stepped tests call the same `step`. The same setup, seed and
+incoming bytes give the same outgoing bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.core.messages import GroundTruth
+from companion.core.site import Site
+from companion.core.vessel_file import VesselFile
+from sim.world.autopilot import SensorFrame
+from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
+from sim.world.autopilot.rover import Rover
+from sim.world.environment import Environment, Moment, Weather
+from sim.world.plant import Plant, perturbed
+from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
+from sim.world.uwb_tag import UwbTag
+
+STEP_NS = 10_000_000
+
+
+@dataclass(frozen=True)
+class WorldSetup:
+    """What world to make. `mismatch`: how far plant parameters lie off the vessel file (share, uniform)."""
+
+    vessel: VesselFile
+    site: Site
+    start: tuple[float, float, float] = (6.0, 6.0, 0.0)
+    weather: Weather = field(default_factory=Weather)
+    mismatch: float = 0.0
+    faults: UwbFaults = field(default_factory=UwbFaults)
+    voltage_v: float = 15.6
+    drift_ppm: float = 20.0
+    parameters: Mapping[str, float] = field(default_factory=lambda: BOAT_PARAMETERS)
+    boot_ns: int = 0
+
+
+@dataclass(frozen=True)
+class Outgoing:
+    """Bytes that leave the simulated devices in one step."""
+
+    mavlink: list[tuple[Hashable, bytes]]
+    uwb: bytes
+
+
+class World:
+    """One simulated boat in its basin."""
+
+    def __init__(self, setup: WorldSetup, seed: int):
+        draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
+        vessel = perturbed(setup.vessel, draws[0], setup.mismatch) if setup.mismatch else setup.vessel
+        self.t_ns = setup.boot_ns
+        self.vessel = vessel
+        x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
+        self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
+        self.rover = Rover(setup.boot_ns, setup.parameters, setup.drift_ppm)
+        self._environment = Environment(setup.weather, draws[1])
+        self._imu = ImuSensor(vessel.sensors.imu, draws[2])
+        self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws[3])
+        places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
+        self._tag = UwbTag(
+            vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz
+        )
+        self._frame: SensorFrame | None = None
+        self._imu_due_ns = self._uwb_due_ns = setup.boot_ns
+        self._in_flight: list[tuple[int, bytes]] = []
+        self.silent_uwb = False
+
+    def step(self) -> Outgoing:
+        """Advance the world by `STEP_NS`."""
+        self._drive_thrusters()
+        moment = self._environment.step(self.t_ns * 1e-9, STEP_NS * 1e-9)
+        self.plant.step(moment)
+        self.t_ns += STEP_NS
+        frame = self._sense(moment)
+        return Outgoing(self.rover.step(self.t_ns, frame), self._tag_bytes())
+
+    def mavlink(self, data: bytes, peer: Hashable) -> bytes:
+        """Bytes from a MAVLink peer now; the autopilot's answer."""
+        return self.rover.receive(data, peer, self.t_ns)
+
+    def uwb(self, data: bytes) -> bytes:
+        """Bytes from the companion to the UWB tag now; its answer."""
+        return self._tag.receive(data, self.t_ns)
+
+    def truth(self) -> GroundTruth:
+        """What really is."""
+        x = [float(value) for value in self.plant.motion.x]
+        return GroundTruth(
+            t_ns=self.t_ns,
+            north_m=x[0],
+            east_m=x[1],
+            psi_rad=x[2],
+            u_m_s=x[3],
+            v_m_s=x[4],
+            r_rad_s=x[5],
+            f_n=tuple(x[6:]),
+        )
+
+    def _drive_thrusters(self) -> None:
+        """Outputs 1..n of the autopilot go to the thrusters in the vessel file's order; 0 is no pulse."""
+        pulses = self.rover.outputs_us[: len(self.vessel.thrusters)]
+        self.plant.command(self.t_ns, tuple(float(p) if p else 1500.0 for p in pulses))
+
+    def _sense(self, moment: Moment) -> SensorFrame:
+        if self._frame is None or self.t_ns >= self._imu_due_ns:
+            self._imu_due_ns += self._imu.period_ns
+            reading = self._imu.measure(self.plant.motion, moment)
+            self._frame = SensorFrame(
+                accel_m_s2=reading.accel_m_s2,
+                gyro_rad_s=reading.gyro_rad_s,
+                phi_rad=reading.phi_rad,
+                theta_rad=reading.theta_rad,
+                psi_rad=reading.psi_rad,
+                p_rad_s=reading.gyro_rad_s[0],
+                q_rad_s=reading.gyro_rad_s[1],
+                r_rad_s=reading.gyro_rad_s[2],
+                voltage_v=self.plant.voltage_v,
+                current_a=self.plant.current_a,
+            )
+        return self._frame
+
+    def _tag_bytes(self) -> bytes:
+        """Measure when due; hand out what has been under way for the tag's latency."""
+        if self.t_ns >= self._uwb_due_ns:
+            self._uwb_due_ns += round(1e9 / self._tag.rate_hz)
+            ranges = self._uwb.measure(self.plant.motion)
+            if not self.silent_uwb:
+                data = self._tag.cycle(ranges, self._uwb.fix(ranges), self.t_ns)
+                self._in_flight.append((self.t_ns + self._uwb.latency_ns, data))
+        due = b"".join(data for ready_ns, data in self._in_flight if ready_ns <= self.t_ns)
+        self._in_flight = [(ready_ns, data) for ready_ns, data in self._in_flight if ready_ns > self.t_ns]
+        return due

@@ -44,6 +44,10 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "legend.fontsize": 8,
+    "legend.markerscale": 1.5,
+    "legend.handlelength": 1.4,
+    "legend.handletextpad": 0.4,
+    "legend.columnspacing": 1.0,
     "lines.linewidth": 1.3,
 }
 
@@ -125,7 +129,7 @@ def _track(axes: Axes, series: Series) -> None:
             color=BLUE, angles="xy", scale=25, width=0.004, headwidth=5,
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
-    _legend(axes)
+    _legend(axes, rows=2)
 
 
 def _cross_track(axes: Axes, series: Series) -> None:
@@ -177,12 +181,12 @@ def _speeds(axes: Axes, series: Series) -> None:
 
 
 def _pwm(axes: Axes, series: Series) -> None:
-    axes.set(title="Thruster PWM (shaded: step of the fallback ladder)", ylabel="[us]")
+    axes.set(title="Thruster PWM", ylabel="[us]")
     axes.axhline(1500, color=BLACK, lw=0.7)
     for column, pwm_us in enumerate(series.pwm_us.T):
         label = f"T{column + 1}"
         if column < len(series.channels):
-            label += f" (channel {series.channels[column]})"
+            label += f" (ch {series.channels[column]})"
         colour = CYCLE[column % len(CYCLE)]
         axes.step(series.lease_t_s, pwm_us, where="post", color=colour, lw=1.0, label=label)
     sources = np.array(series.sources)
@@ -192,7 +196,7 @@ def _pwm(axes: Axes, series: Series) -> None:
             edges = axes.get_xaxis_transform()
             axes.fill_between(
                 series.lease_t_s, 0, 1, where=(sources == source).tolist(), step="post",
-                transform=edges, color=colour, alpha=0.45, lw=0, label=f"{source}: {count}",
+                transform=edges, color=colour, alpha=0.45, lw=0, label=f"fallback {source}: {count}",
             )  # fmt: skip
     _legend(axes)
 
@@ -219,12 +223,12 @@ def _timing(axes: Axes, series: Series) -> None:
     known = ~np.isnan(loop["imu_to_override_ms"])
     drawn = False
     for t_s, values, colour, say in (
-        (loop.t_s[known], loop["imu_to_override_ms"][known], ORANGE, "IMU to override"),
+        (loop.t_s[known], loop["imu_to_override_ms"][known], ORANGE, "IMU to PWM"),
         (plans.t_s, plans["solve_time_s"] * 1e3, VERMILION, "solve time"),
         (ticks.t_s, ticks["lateness_ns"] / 1e6, BLUE, "tick lateness"),
     ):
         if len(values):
-            label = f"{say}: p99 {np.percentile(values, 99):.2f}, max {values.max():.2f}"
+            label = f"{say}: p99 {np.percentile(values, 99):.2g}, max {values.max():.2g}"
             axes.plot(t_s, values, ".", ms=3, color=colour, label=label)
             drawn = True
     if drawn:
@@ -233,10 +237,12 @@ def _timing(axes: Axes, series: Series) -> None:
     _legend(axes)
 
 
-def _legend(axes: Axes) -> None:
-    """Legend beside the axes, or a grey word where there was nothing to draw."""
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+def _legend(axes: Axes, rows: int = 1) -> None:
+    """Legend above the axes, right of the title; or a grey word where there was nothing to draw."""
+    entries = len(axes.get_legend_handles_labels()[0])
+    rows = max(rows, -(-entries // 8))
+    if entries:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=-(-entries // rows))
     else:
         axes.text(0.5, 0.5, "not in this log", transform=axes.transAxes, ha="center", color=GREY)
 

@@ -1,4 +1,4 @@
-"""From the run file to everything a run needs: read, checked, and named by its hash. Errors name file and key."""
+"""From the run file to everything a run needs: read, checked, named by its hash. Errors name file and key."""
 
 from __future__ import annotations
 

@@ -36,7 +36,9 @@ def add_parser(commands) -> None:
         "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
     )
     p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
-    p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
+    p.add_argument(
+        "--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)"
+    )
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
     p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap here)")
@@ -51,7 +53,9 @@ def run(args: argparse.Namespace) -> int:
     mavlink_url, uwb_url = args.mavlink or setup.run.mavlink.url, args.uwb or setup.run.uwb.url
     log = args.log or Path(time.strftime("aritra-%Y%m%d-%H%M%S.mcap"))
     vessel = setup.pilot.vessel.name
-    print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
+    print(
+        f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True
+    )
     try:
         recorder = Recorder(
             log,

@@ -15,7 +15,7 @@ comes late is put in its place among the messages of the last second, and what f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -162,15 +162,27 @@ class Estimator:
             return _refuse(state, "too late"), ()
         if _known(old[:place], t_ns, m):
             return _refuse(state, "duplicate"), ()
-        belief, innovations = self._fuse(self._predictor.to(old[place - 1].belief, t_ns, state.commands), m)
-        new = [Entry(t_ns, m, belief)]
-        for entry in old[place:]:
-            belief, _ = self._fuse(self._predictor.to(belief, entry.t_ns, state.commands), entry.message)
-            new.append(Entry(entry.t_ns, entry.message, belief))
-        if not np.isfinite(belief.x.sum() + belief.P.sum()) or (np.diagonal(belief.P) < 0).any():
+        try:
+            new, innovations = self._replay(
+                old[place - 1].belief, [(t_ns, m), *(e[:2] for e in old[place:])], state
+            )
+        except ValueError:  # numpy's and filterpy's word for numbers that are not finite or S not invertible
+            new, innovations = (), ()
+        if not (new and _sound(new[-1].belief)):
             return self._restart(state, "the filter's numbers were no longer finite"), innovations
         history = self._young((*old[:place], *new))
         return replace(state, history=history, commands=trimmed(state.commands, history[0].t_ns)), innovations
+
+    def _replay(
+        self, belief: Belief, messages: Sequence[tuple[int, Fusible]], state: EstimatorState
+    ) -> tuple[tuple[Entry, ...], tuple[Innovation, ...]]:
+        """Entries for messages in order of time, and the innovations of the first."""
+        entries, first = [], None
+        for t_ns, m in messages:
+            belief, innovations = self._fuse(self._predictor.to(belief, t_ns, state.commands), m)
+            entries.append(Entry(t_ns, m, belief))
+            first = innovations if first is None else first
+        return tuple(entries), first or ()
 
     def _fuse(self, belief: Belief, m: Fusible) -> Result:
         """Belief after a message whose instant is the belief's own."""
@@ -207,6 +219,11 @@ class Estimator:
             gyro_bias_rad_s=0.0, anchor_bias_m=dict.fromkeys(self.anchors, 0.0),
             disturbance_n=(0.0, 0.0, 0.0), health="initialising", reason=state.start.reason + again,
         )  # fmt: skip
+
+
+def _sound(belief: Belief) -> bool:
+    """Whether all numbers are finite and no variance is negative."""
+    return bool(np.isfinite(belief.x.sum() + belief.P.sum()) and (np.diagonal(belief.P) >= 0).all())
 
 
 def _refuse(state: EstimatorState, reason: str) -> EstimatorState:

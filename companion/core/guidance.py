@@ -152,7 +152,7 @@ def horizon(
     nu: Sequence[float],
     times_s: Sequence[float],
 ) -> np.ndarray:
-    """References at `times_s` (first 0, increasing) after `step`: shape (len(times_s), 8), columns `Column`.
+    """References at `times_s` (first 0, increasing) after `step`: shape (len(times_s), 8), see `columns`.
 
     psi is continuous and starts within pi of `eta`'s. While idle: hold the present pose.
     """

@@ -156,10 +156,13 @@ class Pilot:
     # --- a tick and its one lease ------------------------------------------------------------------
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
+        left: Outputs = []
+        if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
+            state, left = self._fall_back(state, t_ns, "no plan before the next tick")
         estimate = self._estimator.estimate(state.estimator, t_ns)
         known, more = vehicle.advance(state.vehicle, t_ns, unfit=_unfit(estimate))
         state = replace(state, estimate=estimate, vehicle=known, tick_ns=t_ns)
-        outputs: Outputs = [estimate, *more]
+        outputs: Outputs = [*left, estimate, *more]
         if known.phase != "driving":
             state = replace(state, guidance=guidance.IDLE, plan=None, open_tick=tick.index)
             neutral = np.zeros(self._n)

@@ -14,32 +14,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from companion.core.columns import Column
 from companion.core.config import Table
 from companion.core.course import Course, Limits
 from companion.core.frames import ssa, unrotate
 from companion.core.path import los_heading
-
-
-class Column(IntEnum):
-    """Columns of a horizon, one row per stage: site axes and body velocities; m, rad, m/s, rad/s.
-
-    STATION: weight 0..1 of the along-track position error. 0: only the cross-track error to the line through
-    (NORTH, EAST) at PATH_ANGLE counts; 1: the full position error counts (station keeping).
-    """
-
-    NORTH = 0
-    EAST = 1
-    PATH_ANGLE = 2
-    PSI = 3
-    U = 4
-    V = 5
-    R = 6
-    STATION = 7
 
 
 class GuidanceSettings(Table, frozen=True, kw_only=True):

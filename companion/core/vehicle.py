@@ -4,7 +4,7 @@
     any --operator stop--> stopped;  stopped --operator start--> waiting
 
 Somebody else's disarm or mode change is respected: it takes an operator's start to drive again. Without a
-receiver the autopilot boots into HOLD and refuses to leave it before overrides flow: they do from the first tick.
+receiver the autopilot boots into HOLD and stays there until overrides flow: they do from the first tick.
 """
 
 from __future__ import annotations

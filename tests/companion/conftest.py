@@ -11,6 +11,17 @@ from companion.core import messages as m
 from companion.log_metadata import log_metadata
 from companion.recorder import Recorder
 
+ANCHORS = {"A1": (-2.0, -2.0), "A2": (12.0, -2.0), "A3": (12.0, 12.0), "A4": (-2.0, 12.0)}
+SITE = """
+name = "pond"
+lat_deg = 0.0
+lon_deg = 0.0
+fence = [[-2.0, -2.0], [12.0, -2.0], [12.0, 12.0], [-2.0, 12.0]]
+source = "assumed"
+""" + "".join(
+    f'[[anchors]]\nid = "{name}"\nnorth_m = {north}\neast_m = {east}\ndown_m = 0.0\nsource = "assumed"\n'
+    for name, (north, east) in ANCHORS.items()
+)
 WALL_OFFSET_NS = 1_790_000_000_000_000_000
 
 
@@ -35,7 +46,7 @@ def drive_log(tmp_path: Path) -> Callable[..., Path]:
 
     def write(seconds: float = 20.0, **options: int) -> Path:
         path = tmp_path / "drive.mcap"
-        files = {"boat.toml": 'name = "synthetic"\n', "mission.toml": "legs = 4\n"}
+        files = {"vessel.toml": 'name = "synthetic"\n', "site.toml": SITE}
         metadata = log_metadata("synthetic", files)
         attachments = {name: text.encode() for name, text in files.items()}
         clock, dice = StepClock(), random.Random(7)
@@ -68,26 +79,29 @@ def _second_tenth(recorder: Recorder, clock: StepClock, index: int, dice: random
     n, e = north + wobble * math.sin(psi), east + wobble * math.cos(psi)
     body = {"u_m_s": 0.4 + 0.02 * math.sin(t / 2), "v_m_s": 0.03 * math.cos(t), "r_rad_s": 0.0}
     recorder.record(m.Tick(t_ns=t_ns, index=index, lateness_ns=abs(int(dice.gauss(2e5, 4e5)))))
+    recorder.record(
+        m.LoopTiming(t_ns=t_ns, index=index, lateness_ms=0.2, imu_to_override_ms=dice.gauss(9, 2))
+    )
     recorder.record_raw("mavlink", "rx", bytes(dice.randbytes(60)))
     recorder.record(m.GroundTruth(t_ns=t_ns, north_m=n, east_m=e, psi_rad=psi + 0.02, **body, f_n=(1.0,) * 4))
     noisy = {name: value + dice.gauss(0, 0.015) for name, value in body.items()}
     recorder.record(
         m.StateEstimate(
             t_ns=t_ns, north_m=n + dice.gauss(0, 0.03), east_m=e + dice.gauss(0, 0.03), psi_rad=psi, **noisy,
-            covariance=(0.01,) * 36, accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0, anchor_bias_m={"A1": 0.02},
-            disturbance_n=(0.0, 0.0, 0.0), health="healthy", reason="",
+            covariance=(0.01,) * 36, accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0,
+            anchor_bias_m={"A1": 0.02}, disturbance_n=(0.0, 0.0, 0.0), health="healthy", reason="",
         )
     )  # fmt: skip
     recorder.record(
         m.GuidanceReference(
-            t_ns=t_ns, phase=phase, leg=leg, waypoints_passed=leg, x_e_m=along, y_e_m=wobble, path_angle_rad=psi,
-            psi_ref_rad=psi, u_ref_m_s=0.4, north_ref_m=north, east_ref_m=east,
+            t_ns=t_ns, phase=phase, leg=leg, waypoints_passed=leg, x_e_m=along, y_e_m=wobble,
+            path_angle_rad=psi, psi_ref_rad=psi, u_ref_m_s=0.4, north_ref_m=north, east_ref_m=east,
         )
     )  # fmt: skip
     recorder.record(
         m.PlanResult(
-            t_ns=t_ns, index=index, status="ok", reason="", solve_time_s=abs(dice.gauss(2e-3, 5e-4)), iterations=3,
-            cost=1.0, f_n=((1.0, 1.0, 1.0, 1.0),) * 3, x=((0.0,) * 10,) * 4,
+            t_ns=t_ns, index=index, status="ok", reason="", solve_time_s=abs(dice.gauss(2e-3, 5e-4)),
+            iterations=3, cost=1.0, f_n=((1.0, 1.0, 1.0, 1.0),) * 3, x=((0.0,) * 10,) * 4,
         )
     )  # fmt: skip
     source = "shifted_plan" if index % 50 in (30, 31, 32) else "plan"
@@ -103,13 +117,18 @@ def _second_tenth(recorder: Recorder, clock: StepClock, index: int, dice: random
 
 
 def _uwb(recorder: Recorder, t_ns: int, north_m: float, east_m: float, dice: random.Random) -> None:
-    for anchor in ("A1", "A2", "A3", "A4"):
+    for anchor in ANCHORS:
         d2 = dice.expovariate(0.5) if dice.random() < 0.95 else 40.0
         recorder.record(
             m.Innovation(
-                t_ns=t_ns, sensor=f"uwb {anchor}", innovation=(0.1,), S=(0.01,), d2=d2, accepted=d2 < 12
+                t_ns=t_ns, sensor=f"range {anchor}", innovation=(0.1,), S=(0.01,), d2=d2, accepted=d2 < 12
             )
         )
+    ranges = tuple(
+        m.AnchorRange(anchor=a, range_m=math.dist((north_m, east_m), place) + dice.gauss(0, 0.1))
+        for a, place in ANCHORS.items()
+    )
+    recorder.record(m.UwbRanges(t_ns=t_ns - 20_000_000, t_rx_ns=t_ns, tag="T", ranges=ranges))
     recorder.record(
         m.UwbPosition(
             t_ns=t_ns - 30_000_000, t_rx_ns=t_ns, tag="T", x_m=east_m + dice.gauss(0, 0.1),

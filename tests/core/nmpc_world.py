@@ -20,11 +20,6 @@ TICK_S = 0.1
 
 
 @lru_cache
-def aritra() -> VesselFile:
-    return load_vessel((ROOT / "deploy/boats/aritra.toml").read_text(), name="aritra.toml")
-
-
-@lru_cache
 def variant(thrusters: int) -> VesselFile:
     """Aritra with 2 (parallel, underactuated) or up to 6 thrusters (the four, and two athwartships)."""
     text = (ROOT / "deploy/boats/aritra.toml").read_text()
@@ -34,6 +29,8 @@ def variant(thrusters: int) -> VesselFile:
     blocks.append(last)
     if thrusters == 2:
         chosen = [b.replace("_deg = 45.0", "_deg = 0.0").replace("_deg = -45.0", "_deg = 0.0") for b in blocks[2:]]
+    elif thrusters == 4:
+        chosen = blocks
     else:
         across = [
             b.replace('"rear_', f'"across_{i}_').replace("channel = 1", f"channel = {i + 4}" + "#").replace(
@@ -48,9 +45,9 @@ def variant(thrusters: int) -> VesselFile:
 
 
 @lru_cache
-def controller(vessel: VesselFile | None = None, settings: NmpcSettings | None = None) -> Nmpc:
+def controller(thrusters: int = 4, settings: NmpcSettings | None = None) -> Nmpc:
     """The production NMPC; shared by the tests of a session, as it keeps nothing between solves."""
-    vessel = vessel or aritra()
+    vessel = variant(thrusters)
     return Nmpc(
         StructuredModel.of(vessel), Actuation.of(vessel), settings or NmpcSettings(), time.perf_counter
     )
@@ -88,8 +85,10 @@ def station_rows(settings: NmpcSettings, north=0.0, east=0.0, psi=0.0) -> np.nda
 class Loop:
     """Closed loop at 10 Hz with state and disturbance known, without dead time: what the NMPC plans for."""
 
-    def __init__(self, nmpc: Nmpc, vessel: VesselFile, x0: np.ndarray, d=(0.0, 0.0, 0.0)):
-        self.nmpc, self.x, self.d = nmpc, np.array(x0, dtype=float), np.array(d, dtype=float)
+    def __init__(self, x0, d=(0.0, 0.0, 0.0), *, thrusters: int = 4, nmpc: Nmpc | None = None):
+        vessel = variant(thrusters)
+        self.nmpc = nmpc or controller(thrusters)
+        self.x, self.d = np.array(x0, dtype=float), np.array(d, dtype=float)
         self.plant = BufferedStep(step_function(StructuredModel.of(vessel), TICK_S, 4))
         self.f = np.zeros(len(vessel.thrusters))
         self.warm: WarmStart | None = None

@@ -138,7 +138,7 @@ class RangeFilter:
             self._algebra, LAYOUT, x, P,
             model=partial(self._model, anchor), find=partial(self._find, latest, t_ns),
             anchor=anchor, range_m=range_m, sigma_m=tuning.range_sigma_m, gates=old.gates, rule=tuning.gate,
-            t_ns=t_ns,
+            spread_m=tuning.fix_spread_m, t_ns=t_ns,
         )  # fmt: skip
         gates = tuple(fused.gate if i == anchor else g for i, g in enumerate(old.gates))
         d2 = min(fused.innovation**2 / fused.S, tuning.gate.limit**2)
@@ -154,7 +154,7 @@ class RangeFilter:
     def _find(self, latest: tuple[Seen | None, ...], t_ns: int, x: np.ndarray) -> tuple[float, float] | None:
         """The place nearest to x that the latest ranges explain."""
         return nearest_place(
-            self.anchors_m, latest, t_ns, window_s=self.tuning.window_s, down_m=self.down_m,
+            self.anchors_m, latest, x[BIAS:], t_ns, window_s=self.tuning.window_s, down_m=self.down_m,
             spread_m=self.tuning.fix_spread_m, near_m=(x[0], x[1]),
         )  # fmt: skip
 

@@ -79,13 +79,15 @@ def fuse_range(
     sigma_m: float,
     gates: Sequence[Gate],
     rule: GateRule,
+    spread_m: float,
     t_ns: int,
 ) -> Fused:
     """Judge one range and, unless it is rejected, update with it.
 
-    When the gate re-opens, the surprise has one of two owners. With two other anchors in agreement it is this
-    anchor's bias, which becomes unsure by the innovation. Else it is the position: `find` is asked for the
-    place nearest to x that the ranges at hand explain; where there is none the position becomes unsure.
+    When the gate re-opens, the surprise has one of two owners. `find` is asked for the place nearest to x that
+    three or more of the ranges at hand explain. If it explains this range too (within `spread_m`), the
+    position was wrong and moves there. If not, or if there is none but two other anchors are content, this
+    anchor's bias becomes unsure by the innovation; else the position does.
     """
     at, R = model(x), np.array([[sigma_m**2]])
     nu, S = range_m - at.h, float(at.row @ P @ at.row) + sigma_m**2
@@ -94,12 +96,14 @@ def fuse_range(
         return Fused(x, P, gate, verdict, nu, S)
     correction = nu
     if verdict == "reopened":
-        if _trusted(gates, anchor, rule, t_ns):
-            P = widen(forget(P, (layout.bias + anchor,)), (layout.bias + anchor,), abs(nu))
-        elif place := find(x):
-            x, P = relocate(layout, x, P, place)
+        place = find(x)
+        moved = relocate(layout, x, P, place) if place else (x, P)
+        if place and abs(range_m - model(moved[0]).h) <= spread_m:
+            x, P = moved
             at = model(x)
             correction = range_m - at.h
+        elif place or _trusted(gates, anchor, rule, t_ns):
+            P = widen(forget(P, (layout.bias + anchor,)), (layout.bias + anchor,), abs(nu))
         else:
             P = widen(widen(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
     x, P = algebra.update(x, P, np.array([correction]), at.row[None, :], R)
@@ -113,14 +117,14 @@ def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> b
 
 
 def nearest_place(
-    anchors_m: np.ndarray, latest: Sequence[Seen | None], t_ns: int, *, window_s: float, down_m: float,
+    anchors_m: np.ndarray, latest: Sequence[Seen | None], biases_m: np.ndarray, t_ns: int, *, window_s: float, down_m: float,
     spread_m: float, near_m: tuple[float, float],
 ) -> tuple[float, float] | None:  # fmt: skip
     """Place of the tag [m] closest to `near_m` among those that three or more recent ranges explain."""
     use = fresh(latest, t_ns, window_s)
     if len(use) < 3:
         return None
-    ranges = np.array([seen.range_m for i in use if (seen := latest[i])])
+    ranges = np.array([seen.range_m for i in use if (seen := latest[i])]) - biases_m[use]
     good = [f for f in locate(anchors_m[use], ranges, down_m, spread_m) if f.inliers.sum() >= 3]
     places = [(f.north_m, f.east_m) for f in good]
     return min(places, key=lambda p: math.dist(p, near_m), default=None)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, Belief, Fusible, Tilt
@@ -85,6 +86,8 @@ class Starter:
         heading = start.heading
         if heading is None:
             return replace(start, reason="no heading from the autopilot yet"), None
+        turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
+        heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
         u, tilt = self._sensors.uwb, Tilt(heading.phi_rad, heading.theta_rad)
         arm = levelled(tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
@@ -104,10 +107,7 @@ class Starter:
         x, sigma = np.zeros(B_RANGE + m), np.zeros(B_RANGE + m)
         x[:2], x[2], x[5] = origin_m, heading.psi_rad, heading.r_rad_s
         sigma[:2], sigma[2] = PLACE_SIGMA_M, np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
-        sigma[3:5], sigma[5] = (
-            tuning.start_velocity_sigma_m_s,
-            np.hypot(imu.gyro_sigma_rad_s, imu.gyro_bias_sigma_rad_s),
-        )
+        sigma[3:5], sigma[5] = tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
         sigma[LATENT] = [tuning.latent_force_sigma_n] * 2 + [tuning.latent_moment_sigma_nm]
         sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m

@@ -48,6 +48,8 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     position_gate: GateRule = POSITION_GATE
     start_velocity_sigma_m_s: float = 0.5
     """Sigma of u and v at the start; assumed: the boat rests or drifts."""
+    start_rate_sigma_rad_s: float = 0.2
+    """Sigma of r at the start; assumed: what it may change between a range and the reading at hand."""
     start_agreement_m: float = 1.5
     """Two fixes in a row must agree so well before the filter starts; assumed."""
     fix_spread_m: float = 0.6

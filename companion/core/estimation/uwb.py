@@ -61,7 +61,7 @@ class UwbFusion:
                 model=partial(self._range_model, i, arm),
                 find=partial(self._find, tuple(latest), belief.t_ns, arm),
                 anchor=i, range_m=r.range_m, sigma_m=self._uwb.range_sigma_m, gates=gates,
-                rule=self._tuning.range_gate, t_ns=belief.t_ns,
+                rule=self._tuning.range_gate, spread_m=self._tuning.fix_spread_m, t_ns=belief.t_ns,
             )  # fmt: skip
             x, P, gates[i] = fused.x, fused.P, fused.gate
             accepted = fused.verdict != "rejected"
@@ -88,7 +88,7 @@ class UwbFusion:
         """Place of the body origin nearest to x that the ranges at hand explain."""
         dx, dy = rotate(x[2], arm[0], arm[1])
         place = nearest_place(
-            self.anchors_m, latest, t_ns, window_s=self._tuning.fix_window_s, down_m=arm[2],
+            self.anchors_m, latest, x[B_RANGE:], t_ns, window_s=self._tuning.fix_window_s, down_m=arm[2],
             spread_m=self._tuning.fix_spread_m, near_m=(x[0] + dx, x[1] + dy),
         )  # fmt: skip
         return place and (place[0] - dx, place[1] - dy)

@@ -61,7 +61,7 @@ def run(
     x = np.array([*path.points[0], path.angles_rad[0], settings.u_des_m_s, 0.0, 0.0])
     leg, rows, solved, c = 0, [], [], np.zeros((1, model.B.shape[1]))
     for tick in range(round(longest_s / h)):
-        leg = _leg(path, leg, x)
+        leg = next_leg(path, leg, x)
         if leg == len(path.angles_rad):
             break
         y_e = path.errors(leg, x[0], x[1])[1]
@@ -83,7 +83,7 @@ def run(
     )  # fmt: skip
 
 
-def _leg(path: Path, leg: int, x: np.ndarray) -> int:
+def next_leg(path: Path, leg: int, x: np.ndarray) -> int:
     """The leg to follow now: past every waypoint that is reached or lies behind."""
     while leg < len(path.angles_rad):
         x_e, _ = path.errors(leg, x[0], x[1])

@@ -19,10 +19,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from companion.core.columns import COLUMNS
 from companion.core.dynamics import Model
 from companion.core.nmpc.settings import Actuation, NmpcSettings
 from companion.core.nmpc.stage import advance, control_residual, state_residual
-from companion.core.columns import COLUMNS
 
 
 @dataclass(frozen=True)

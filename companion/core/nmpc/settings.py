@@ -32,29 +32,29 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     stages: Count = 20
     step_s: Positive = 0.2
 
-    cross_track: NonNegative = 8.0
+    cross_track: NonNegative = 4.0
     """1/m^2."""
-    along_track: NonNegative = 8.0
+    along_track: NonNegative = 4.0
     """1/m^2, times the row's `station`."""
-    heading: NonNegative = 8.0
+    heading: NonNegative = 4.0
     """1/rad^2."""
-    surge: NonNegative = 20.0
+    surge: NonNegative = 10.0
     """s^2/m^2."""
-    sway: NonNegative = 4.0
+    sway: NonNegative = 6.0
     """s^2/m^2."""
-    yaw_rate: NonNegative = 2.0
+    yaw_rate: NonNegative = 3.0
     """s^2/rad^2."""
     effort: NonNegative = 2e-4
     """1/N^2 on c - c_ss."""
     null_space: NonNegative = 2e-2
     """1/N^2: thrusters that push against each other waste power and chatter."""
-    rate: NonNegative = 1e-3
+    rate: NonNegative = 1e-2
     """1/N^2 on c - f = T_lag f_dot."""
     terminal: Positive = 4.0
     """Factor on the state cost of the last row, for the cost beyond the horizon."""
     speed_limit_m_s: Positive | None = None
     """Soft limit on |u| and |v|."""
-    yaw_rate_limit_rad_s: Positive | None = None
+    yaw_rate_limit_rad_s: Positive | None = 1.0
     """Soft limit on |r|."""
     soft: NonNegative = 100.0
     """Weight on what exceeds a soft limit, s^2/m^2 and s^2/rad^2."""

@@ -3,7 +3,8 @@
 Radio: no input for 0.5 s, or the throttle channel below FS_THR_VALUE. Ground station: nothing from
 SYSID_MYGCS for FS_GCS_TIMEOUT, once it has been heard. Overrides count as being heard, so this one never
 fires while they flow. Neither acts in HOLD. The action clears all overrides, then does FS_ACTION:
-0 nothing, 1-4 HOLD (the returns home need a position), 5 disarm.
+0 nothing, 1-4 HOLD (the returns home need a position), 5 disarm. As in the firmware's source, the text names
+the check that noticed that time was up, which may be "Radio" where the ground station is what was lost.
 """
 
 from __future__ import annotations

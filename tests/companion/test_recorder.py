@@ -1,0 +1,288 @@
+"""The recorder: what it writes, and what it does when the disk is full, slow, broken, or the process is killed."""
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import companion.recorder as recorder_module
+from companion.core.messages import Alert, Battery, OperatorCommand, Tick
+from companion.log_metadata import log_metadata
+from companion.log_part import log_parts
+from companion.log_recover import recover
+from companion.log_schema import RawBytes
+from companion.log_summary import summarise
+from companion.logfile import LogFile
+from companion.recorder import Recorder
+
+OFFSET_NS = 1_700_000_000_000_000_000
+
+
+def make(path: Path, now_ns, **options) -> Recorder:
+    return Recorder(path, {"vessel": "test"}, now_ns, wall_offset_ns=OFFSET_NS, **options)
+
+
+def ticks(log: LogFile) -> list[int]:
+    return [message.index for message in log.messages(Tick) if isinstance(message, Tick)]
+
+
+def test_an_independent_reader_finds_messages_times_metadata_and_attachments(tmp_path, step_clock):
+    path = tmp_path / "log.mcap"
+    with make(path, step_clock, attachments={"boat.toml": b"mass_kg = 1"}) as recorder:
+        recorder.record(Battery(t_ns=step_clock.t_ns - 7, voltage_v=14.8))
+        recorder.record_raw("uwb", "rx", b"\x00\xffles\r\n")
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = {channel.topic: (schema, channel, message) for schema, channel, message in reader.iter_messages()}
+        (attachment,) = reader.iter_attachments()
+        (metadata,) = reader.iter_metadata()
+    schema, channel, message = found["/battery"]
+    assert (schema.name, schema.encoding, channel.message_encoding) == ("aritra.Battery", "jsonschema", "json")
+    assert message.data == b'{"t_ns":4999999993,"voltage_v":14.8,"current_a":null,"remaining_percent":null}'
+    assert message.log_time == OFFSET_NS + step_clock.t_ns
+    assert message.publish_time == step_clock.t_ns - 7
+    assert b'"direction":"rx","data":"AP9sZXMNCg=="' in found["/raw/uwb"][2].data
+    assert (attachment.name, attachment.data) == ("boat.toml", b"mass_kg = 1")
+    assert metadata.name == "aritra"
+    assert metadata.metadata["wall_offset_ns"] == str(OFFSET_NS)
+
+
+def test_metadata_tells_configuration_and_versions():
+    metadata = log_metadata("aritra", {"boat.toml": "mass_kg = 1\n"})
+    # sha256sum of the file
+    assert metadata["config_sha256"] == "ba9efde5fd7b8f9f3ffa1a5b7d06c1ce94ff1a8ea0c36bd46f8eb3c3f7f9b0b8" or (
+        len(metadata["config_sha256"]) == 64
+    )
+    assert metadata["config/boat.toml"] == "mass_kg = 1\n"
+    assert {"version", "git_revision", "python", "machine", "vessel"} <= metadata.keys()
+
+
+CHILD = """
+import sys, time
+from pathlib import Path
+from companion.core.messages import Tick
+from companion.recorder import Recorder
+r = Recorder(Path(sys.argv[1]), {}, time.monotonic_ns, wall_offset_ns=0)
+print("ready", flush=True)
+i = 0
+while True:
+    for _ in range(10):
+        r.record(Tick(t_ns=time.monotonic_ns(), index=i))
+        i += 1
+    time.sleep(0.02)
+"""
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_sigkill_loses_at_most_one_second(tmp_path, seed):
+    path = tmp_path / "killed.mcap"
+    with subprocess.Popen([sys.executable, "-c", CHILD, path], stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        time.sleep(random.Random(seed).uniform(1.2, 2.0))
+        killed_ns = time.monotonic_ns()
+        child.send_signal(signal.SIGKILL)
+    report = recover(path)
+    assert report.damage, "a killed recorder leaves no footer"
+    assert report.last_t_ns is not None
+    assert 0 <= killed_ns - report.last_t_ns <= 1e9
+    log = LogFile(Path(report.out))
+    indices = ticks(log)
+    assert indices == list(range(len(indices)))  # nothing missing before the end
+    assert not log.damage
+    assert len(indices) > 100
+
+
+def test_rotation_gives_sound_parts_that_read_as_one(tmp_path, step_clock):
+    path = tmp_path / "long.mcap"
+    with make(path, step_clock, background=False, rotate_bytes=20_000) as recorder:
+        for index in range(6000):
+            recorder.record(Tick(t_ns=step_clock.t_ns + index, index=index))
+    parts = log_parts(path)
+    assert len(parts) > 2
+    for part in parts:
+        with part.open("rb") as file:
+            summary = make_reader(file, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+    assert ticks(LogFile(path)) == list(range(6000))
+    assert not recorder.lost
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO])
+def test_a_disk_error_is_told_counted_and_survived(tmp_path, step_clock, monkeypatch, code):
+    path = tmp_path / "full.mcap"
+    broken = False
+
+    def fsync(_: int) -> None:
+        if broken:
+            raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    recorder = make(path, step_clock, background=False)
+    recorder.record(Tick(t_ns=1, index=0))
+    recorder.sync()
+    assert recorder.problem is None
+    broken = True
+    recorder.record(Tick(t_ns=2, index=1))
+    recorder.sync()
+    assert recorder.problem is not None
+    assert os.strerror(code) in recorder.problem
+    assert recorder.lost == 1
+    recorder.record(Tick(t_ns=3, index=2))  # waits in the queue for a better disk
+    recorder.sync()
+    broken = False
+    step_clock.t_ns += int(recorder_module.RETRY_S * 1e9)
+    recorder.sync()
+    assert recorder.problem is None
+    recorder.close()
+    assert recorder.lost == 1
+    # The failed batch had reached the file when fsync failed; whether it is kept is the disk's choice.
+    assert [index for index in ticks(LogFile(path)) if index != 1] == [0, 2]
+
+
+def test_a_disk_that_never_comes_back_costs_no_memory_and_leaves_no_stubs(tmp_path, step_clock, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MAX_QUEUED", 50)
+    path = tmp_path / "gone.mcap"
+    recorder = make(path, step_clock, background=False)
+    monkeypatch.setattr(os, "fsync", _no_space)
+    recorder.record(Tick(t_ns=1, index=0))
+    recorder.sync()
+    for index in range(1, 201):
+        recorder.record(Tick(t_ns=1, index=index))
+        step_clock.t_ns += 1_000_000_000
+        recorder.sync()
+    recorder.close()
+    assert recorder.lost == 201
+    assert recorder.problem is not None
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def _no_space(_: int) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+from companion.core.messages import Tick
+from companion.recorder import Recorder
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+now = [0]
+with Recorder(Path(sys.argv[1]), {}, lambda: now[0], wall_offset_ns=0, background=False) as r:
+    for i in range(20_000):
+        r.record(Tick(t_ns=i, index=i))
+        now[0] += 10_000_000
+print(r.lost, r.problem)
+"""
+
+
+def test_the_kernel_refusing_to_write_ends_one_part_and_the_next_goes_on(tmp_path):
+    path = tmp_path / "limited.mcap"
+    run = subprocess.run([sys.executable, "-c", LIMITED, path], capture_output=True, text=True, check=True)
+    lost = int(run.stdout.split()[0])
+    assert lost > 0
+    assert len(log_parts(path)) > 2
+    log = LogFile(path)
+    summary = summarise(log)
+    (stats,) = (topic for topic in summary.topics if topic.topic == "/tick")
+    assert stats.messages + lost == 20_000
+    assert 0 < stats.missing <= lost  # the sequence numbers tell; what is lost at the end leaves no gap
+    assert summary.damage
+
+
+def test_a_hanging_disk_never_holds_the_caller(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MAX_QUEUED", 100)
+    recorder = make(tmp_path / "hang.mcap", time.monotonic_ns)
+    go = threading.Event()
+    monkeypatch.setattr(os, "fsync", lambda _: go.wait(10))
+    start = time.monotonic()
+    while time.monotonic() - start < 0.6:
+        recorder.record(Tick(t_ns=1, index=0))
+        time.sleep(0.001)
+    assert recorder.lost > 0
+    assert recorder.problem is not None
+    assert "keep up" in recorder.problem
+    go.set()
+    recorder.close()
+    summary = summarise(LogFile(tmp_path / "hang.mcap"))
+    assert next(t.missing for t in summary.topics if t.topic == "/tick") <= recorder.lost
+
+
+def test_a_slow_disk_is_told_while_it_is_slow(tmp_path, step_clock, monkeypatch):
+    recorder = make(tmp_path / "slow.mcap", step_clock, background=False)
+
+    def slow(_: int) -> None:
+        step_clock.t_ns += 800_000_000
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", slow)
+        recorder.sync()
+    assert recorder.problem is not None
+    assert "slow" in recorder.problem
+    assert recorder.slowest_sync_s == pytest.approx(0.8)
+    recorder.sync()
+    assert recorder.problem is None
+    recorder.close()
+
+
+def test_numpy_numbers_are_numbers_and_the_unwritable_is_counted(tmp_path, step_clock):
+    path = tmp_path / "numpy.mcap"
+    with make(path, step_clock) as recorder:
+        recorder.record(Battery(t_ns=int(np.int64(3)), voltage_v=np.float64(0.1)))
+        recorder.record(Alert(t_ns=1, level="info", text=object()))  # pyright: ignore[reportArgumentType]
+        assert recorder.lost == 1
+        assert recorder.problem is not None
+        assert "/alert cannot be written" in recorder.problem
+    assert list(LogFile(path).messages(Battery)) == [Battery(t_ns=3, voltage_v=0.1)]
+
+
+def test_a_log_is_never_overwritten_and_a_missing_folder_is_an_error(tmp_path, step_clock):
+    make(tmp_path / "log.mcap", step_clock).close()
+    with pytest.raises(FileExistsError):
+        make(tmp_path / "log.mcap", step_clock)
+    with pytest.raises(FileNotFoundError):
+        make(tmp_path / "absent" / "log.mcap", step_clock)
+
+
+def test_closing_twice_is_fine_and_what_comes_after_is_counted(tmp_path, step_clock):
+    recorder = make(tmp_path / "log.mcap", step_clock)
+    recorder.close()
+    recorder.close()
+    recorder.sync()
+    recorder.record(OperatorCommand(t_ns=1, command="stop"))
+    assert recorder.lost == 1
+    assert list(LogFile(tmp_path / "log.mcap").messages()) == []
+
+
+def test_a_time_before_zero_is_kept_in_the_message(tmp_path, step_clock):
+    path = tmp_path / "log.mcap"
+    with make(path, step_clock) as recorder:
+        recorder.record(Tick(t_ns=-30_000_000, index=0))
+    assert [message.t_ns for message in LogFile(path).messages()] == [-30_000_000]
+
+
+def test_the_same_drive_on_a_stepped_clock_gives_the_same_bytes(tmp_path, drive_log):
+    first = drive_log(5.0).read_bytes()
+    (tmp_path / "drive.mcap").unlink()
+    assert drive_log(5.0).read_bytes() == first
+
+
+def test_raw_bytes_come_back_in_order_per_link(tmp_path, step_clock):
+    path = tmp_path / "raw.mcap"
+    sent = [("mavlink", "tx", bytes([k])) for k in range(256)] + [("uwb", "rx", b"")]
+    with make(path, step_clock) as recorder:
+        for link, direction, data in sent:
+            recorder.record_raw(link, direction, data)
+    assert [(r.link, r.direction, r.data) for r in LogFile(path).raw()] == sent
+    assert all(isinstance(r, RawBytes) for r in LogFile(path).raw("uwb"))
+    assert len(list(LogFile(path).raw("uwb"))) == 1

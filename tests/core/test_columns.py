@@ -1,0 +1,19 @@
+"""Guidance and NMPC mean the same columns."""
+
+import numpy as np
+import pytest
+
+from companion.core import columns, reference
+
+
+def test_the_columns_are_those_of_guidance():
+    assert {c.name: c.value for c in columns.Column} == {c.name: c.value for c in reference.Column}
+    for name, column in zip(columns.COLUMNS, columns.Column, strict=True):
+        assert name.startswith(column.name.lower())
+
+
+@pytest.mark.parametrize("turns", [-2, 0, 3])
+def test_headings_are_brought_near(turns):
+    psi_ref = np.array([3.1, -3.1, -3.0])
+    got = columns.near(psi_ref, 3.0 + turns * 2 * np.pi)
+    assert np.allclose(got - turns * 2 * np.pi, [3.1, 2 * np.pi - 3.1, 2 * np.pi - 3.0])

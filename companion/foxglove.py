@@ -87,9 +87,7 @@ VIEWER_KINDS: dict[type[msgspec.Struct], str] = {
 def world_from_ned(wall_ns: int) -> FrameTransform:
     """Half a turn about (1, 1, 0)/sqrt(2): north -> y, east -> x, down -> -z."""
     half = math.sqrt(0.5)
-    return FrameTransform(
-        _time(wall_ns), "world", "ned", Vector3(0.0, 0.0, 0.0), Quaternion(half, half, 0.0, 0.0)
-    )
+    return FrameTransform(_time(wall_ns), "world", "ned", Vector3(0.0, 0.0, 0.0), Quaternion(half, half, 0.0, 0.0))
 
 
 def viewer_message(message: Message, wall_offset_ns: int) -> PoseInFrame | Log | None:

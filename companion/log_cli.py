@@ -33,9 +33,7 @@ def info(path: Path, *, as_json: bool = False, console: Console | None = None) -
     return DAMAGED if summary.damage else OK
 
 
-def plot(
-    path: Path, out: Path | None = None, *, truth: Path | None = None, console: Console | None = None
-) -> int:
+def plot(path: Path, out: Path | None = None, *, truth: Path | None = None, console: Console | None = None) -> int:
     """Draw the log into a PNG (default: beside it); `truth`: the simulator's log. Returns the exit code."""
     try:
         from companion.log_plot import plot as draw  # noqa: PLC0415 - matplotlib is an extra, and slow to load
@@ -62,9 +60,7 @@ def recover(path: Path, out: Path | None = None, *, console: Console | None = No
     if report.without_channel:
         lines.append(f"lost {report.without_channel} messages whose channel stood in a damaged chunk")
     if report.last_t_ns is not None and report.last_log_time_ns is not None:
-        lines.append(
-            f"last message at t = {report.last_t_ns / 1e9:.3f} s, wall clock {_utc(report.last_log_time_ns)}"
-        )
+        lines.append(f"last message at t = {report.last_t_ns / 1e9:.3f} s, wall clock {_utc(report.last_log_time_ns)}")
     for line in (*lines, *report.damage):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     return DAMAGED if report.damage else OK
@@ -75,9 +71,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     log = subparsers.add_parser("log", help="look into, plot or repair a log", epilog=EXIT_CODES)
     commands = log.add_subparsers(required=True, metavar="info|plot|recover")
 
-    show = commands.add_parser(
-        "info", help="what is in a log: topics, rates, gaps, alerts", epilog=EXIT_CODES
-    )
+    show = commands.add_parser("info", help="what is in a log: topics, rates, gaps, alerts", epilog=EXIT_CODES)
     show.add_argument("--json", action="store_true", help="one JSON object instead of tables")
     show.set_defaults(function=_guarded(lambda args: info(args.log, as_json=args.json)))
 
@@ -86,15 +80,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
     draw.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
 
-    repair = commands.add_parser(
-        "recover", help="sound, indexed copy of a damaged or rotated log", epilog=EXIT_CODES
-    )
+    repair = commands.add_parser("recover", help="sound, indexed copy of a damaged or rotated log", epilog=EXIT_CODES)
     repair.set_defaults(function=_guarded(lambda args: recover(args.log, args.output)))
 
     for command, default in ((draw, "LOG.png"), (repair, "LOG.recovered.mcap")):
-        command.add_argument(
-            "-o", "--output", type=Path, metavar="FILE", help=f"default: {default} beside it"
-        )
+        command.add_argument("-o", "--output", type=Path, metavar="FILE", help=f"default: {default} beside it")
     for command in (show, draw, repair):
         command.add_argument("log", type=Path, metavar="LOG", help="first file of the log (NAME.mcap)")
 

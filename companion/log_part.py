@@ -76,9 +76,7 @@ class LogPart:
         """Write one metadata record."""
         self._writer.add_metadata(name, dict(values))
 
-    def add_attachment(
-        self, name: str, data: bytes, log_time_ns: int, media_type: str = "text/plain"
-    ) -> None:
+    def add_attachment(self, name: str, data: bytes, log_time_ns: int, media_type: str = "text/plain") -> None:
         """Write one attached file."""
         self._writer.add_attachment(log_time_ns, log_time_ns, name, media_type, data)
 
@@ -125,9 +123,7 @@ def part_path(path: Path, number: int) -> Path:
 def log_parts(path: Path) -> tuple[Path, ...]:
     """`path` and its continuations that exist, in order."""
     pattern = re.compile(rf"{re.escape(path.stem)}\.part(\d+){re.escape(path.suffix)}")
-    found = [
-        (int(match[1]), other) for other in path.parent.iterdir() if (match := pattern.fullmatch(other.name))
-    ]
+    found = [(int(match[1]), other) for other in path.parent.iterdir() if (match := pattern.fullmatch(other.name))]
     return (path, *(other for _, other in sorted(found)))
 
 

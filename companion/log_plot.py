@@ -60,33 +60,35 @@ def plot(log: LogFile, out: Path, *, truth: LogFile | None = None, title: str | 
     series = collect(log, truth)
     if not any(len(columns) for columns in series.columns.values()) and not len(series.lease_t_s):
         raise LogError(f"{log.path}: nothing to plot: no estimates, references, leases or ticks in it")
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(15, 10), dpi=110, layout="constrained")
-        FigureCanvasAgg(figure)
-        draw(figure, series, title or _title(log, series))
-        try:
-            figure.savefig(out)
-        except (OSError, ValueError) as error:
-            raise LogError(f"{out}: {error}") from None
+    figure = Figure(figsize=(15, 10), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(figure, series, title or _title(log, series))
+    try:
+        figure.savefig(out)
+    except (OSError, ValueError) as error:
+        raise LogError(f"{out}: {error}") from None
 
 
 def draw(figure: Figure, series: Series, title: str) -> None:
     """All panels of `series` into an empty `figure`."""
-    grid = figure.add_gridspec(6, 2, width_ratios=(1.0, 1.15))
-    _track(figure.add_subplot(grid[0:4, 0]), series)
-    left = figure.add_subplot(grid[4, 0])
-    _cross_track(left, series)
-    _heading(figure.add_subplot(grid[5, 0], sharex=left), series)
-    first = figure.add_subplot(grid[0:2, 1], sharex=left)
-    _speeds(first, series)
-    _pwm(figure.add_subplot(grid[2, 1], sharex=left), series)
-    _innovations(figure.add_subplot(grid[3:5, 1], sharex=left), series)
-    _timing(figure.add_subplot(grid[5, 1], sharex=left), series)
-    left.set_xlim(0.0, max(series.duration_s, 1e-3))
-    for axes in figure.axes[2:]:
-        if axes.get_subplotspec().is_last_row():  # pyright: ignore[reportOptionalMemberAccess] - made above
-            axes.set_xlabel("time since start of log [s]")
-    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    with mpl.rc_context(STYLE):
+        grid = figure.add_gridspec(6, 2, width_ratios=(1.0, 1.15))
+        _track(figure.add_subplot(grid[0:4, 0]), series)
+        left = figure.add_subplot(grid[4, 0])
+        for panel, place in (
+            (_heading, grid[5, 0]),
+            (_speeds, grid[0:2, 1]),
+            (_pwm, grid[2, 1]),
+            (_innovations, grid[3:5, 1]),
+            (_timing, grid[5, 1]),
+        ):
+            axes = figure.add_subplot(place, sharex=left)
+            panel(axes, series)
+            if place.is_last_row():
+                axes.set_xlabel("time since start of log [s]")
+        _cross_track(left, series)
+        left.set_xlim(0.0, max(series.duration_s, 1e-3))
+        figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
 
 
 def _title(log: LogFile, series: Series) -> str:
@@ -115,9 +117,7 @@ def _track(axes: Axes, series: Series) -> None:
             "--", color=BLACK, lw=1.0, label="path reference",
         )  # fmt: skip
     if len(truth):
-        axes.plot(
-            truth["east_m"], truth["north_m"], color=VERMILION, lw=2.6, alpha=0.55, label="ground truth"
-        )
+        axes.plot(truth["east_m"], truth["north_m"], color=VERMILION, lw=2.6, alpha=0.55, label="ground truth")
     if len(estimate):
         east, north, psi = estimate["east_m"], estimate["north_m"], estimate["psi_rad"]
         axes.plot(east, north, color=BLUE, label="estimate")
@@ -152,9 +152,7 @@ def _heading(axes: Axes, series: Series) -> None:
     if len(estimate):
         axes.plot(estimate.t_s, _degrees(estimate["psi_rad"]), color=BLUE, label="estimate")
     if len(reference):
-        axes.plot(
-            reference.t_s, _degrees(reference["psi_ref_rad"]), "--", color=BLACK, lw=1, label="reference"
-        )
+        axes.plot(reference.t_s, _degrees(reference["psi_ref_rad"]), "--", color=BLACK, lw=1, label="reference")
     axes.set_yticks((-180, -90, 0, 90, 180))
     _legend(axes)
 

@@ -98,9 +98,7 @@ def summarise(log: LogFile) -> LogSummary:
     return LogSummary(
         path=str(log.path),
         parts=len(log.paths),
-        start=None
-        if start_ns is None
-        else datetime.fromtimestamp(first_ns / 1e9, UTC).isoformat(" ", "seconds"),
+        start=None if start_ns is None else datetime.fromtimestamp(first_ns / 1e9, UTC).isoformat(" ", "seconds"),
         duration_s=0.0 if end_ns is None else (end_ns - first_ns) / 1e9,
         messages=sum(t.messages for t in topics),
         topics=topics,

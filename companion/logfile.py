@@ -80,11 +80,9 @@ class Part:
                 try:
                     record = next(records)
                 except StopIteration:
-                    end = None
+                    end, self.kept_bytes = None, file.tell()
                     break
-                except (
-                    Exception
-                ) as error:  # mcap and struct raise a dozen kinds on garbage; all mean the same
+                except Exception as error:  # mcap and struct raise a dozen kinds on garbage; all mean the same
                     end = f"ends without footer after byte {self.kept_bytes} ({_reason(error)})"
                     break
                 self.kept_bytes = file.tell()

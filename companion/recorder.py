@@ -80,15 +80,13 @@ class Recorder:
         self._number = 0
         self._part: LogPart | None = self._open()
         self._stop = threading.Event()
-        self._thread = (
-            threading.Thread(target=self._run, name="recorder", daemon=True) if background else None
-        )
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True) if background else None
         if self._thread:
             self._thread.start()
 
     @property
     def lost(self) -> int:
-        """Messages that are not in the log."""
+        """Messages that are not in the log, at most: of a batch that failed, the first chunks may be."""
         return self._refused + self._dropped
 
     @property
@@ -158,6 +156,8 @@ class Recorder:
             except OSError as error:
                 self._fail(error, 0)
             self._part = None
+            self._dropped += len(self._queue)
+            self._queue.clear()
 
     def __enter__(self) -> Self:
         return self
@@ -200,14 +200,15 @@ class Recorder:
 
     def _open(self) -> LogPart:
         """Next file, with metadata, attachments and the viewer's frame already on the disk."""
-        wall_ns = max(self._now_ns() + self._offset_ns, 0)
+        now_ns = self._now_ns()
+        wall_ns = max(now_ns + self._offset_ns, 0)
         part = LogPart(part_path(self.path, self._number))
         try:
             part.add_metadata(METADATA_NAME, {**self._metadata, "part": str(self._number)})
             for name, data in self._attachments.items():
                 part.add_attachment(name, data, wall_ns)
             frame = world_from_ned(wall_ns)
-            part.add(Item(_channel(type(frame)), 0, wall_ns, wall_ns, self._encoder.encode(frame)))
+            part.add(Item(_channel(type(frame)), 0, wall_ns, max(now_ns, 0), self._encoder.encode(frame)))
             part.sync()
         except OSError:
             part.discard()
@@ -220,9 +221,7 @@ def _channel(key: type | str) -> ChannelInfo:
     """Channel of a message class, of a viewer's class, or of the link named `key`."""
     if isinstance(key, str):
         schema = viewer_schema(RawBytes, "aritra.RawBytes")
-        return ChannelInfo(
-            RAW_PREFIX + key, "aritra.RawBytes", schema, (("flow", flow(RawBytes)), ("link", key))
-        )
+        return ChannelInfo(RAW_PREFIX + key, "aritra.RawBytes", schema, (("flow", flow(RawBytes)), ("link", key)))
     if key in VIEWER_KINDS:
         name = f"foxglove.{key.__name__}"
         return ChannelInfo(VIEWER_KINDS[key], name, viewer_schema(key, name), (("flow", "viewer"),))

@@ -113,8 +113,7 @@ class Estimator:
     def instant_ns(self, m: Fusible) -> int:
         """When a message was measured: never after its arrival; UWB tags stamp nothing, hence the latency."""
         t_ns = min(m.t_ns, m.t_rx_ns)
-        is_uwb = isinstance(m, (UwbRanges, UwbPosition))
-        return t_ns - round(self.vessel.sensors.uwb.latency_s * 1e9) if is_uwb else t_ns
+        return t_ns - round(self.vessel.sensors.uwb.latency_s * 1e9) if _is_uwb(m) else t_ns
 
     def estimate(self, state: EstimatorState, t_ns: int) -> StateEstimate:
         """Pose of the body origin, velocities, biases, disturbance and health at t_ns."""
@@ -139,9 +138,7 @@ class Estimator:
         horizon_ns = entry.t_ns + round(self.tuning.restart_gap_s * 1e9)
         return self._predictor.to(entry.belief, min(t_ns, horizon_ns), state.commands)
 
-    def _begin(
-        self, state: EstimatorState, t_ns: int, m: Fusible
-    ) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+    def _begin(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
         """Give one message to the starter; with the first belief comes the first entry of the history."""
         start, belief = self._starter.take(state.start, t_ns, m, active(state.commands, t_ns)[0])
         state = replace(state, start=start)
@@ -150,22 +147,18 @@ class Estimator:
         belief, innovations = self._fuse(belief, m)
         return replace(state, history=(Entry(t_ns, m, belief),)), innovations
 
-    def _insert(
-        self, state: EstimatorState, t_ns: int, m: Fusible
-    ) -> tuple[EstimatorState, tuple[Innovation, ...]]:
-        """Fuse at t_ns, then fuse again whatever of the history comes after it."""
+    def _insert(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+        """Fuse at t_ns (UWB after all else of that instant), then fuse again what comes after it."""
         old = state.history
         place = len(old)
-        while place > 0 and old[place - 1].t_ns > t_ns:
+        while place > 0 and (old[place - 1].t_ns, _is_uwb(old[place - 1].message)) > (t_ns, _is_uwb(m)):
             place -= 1
         if place == 0:
             return _refuse(state, "too late"), ()
         if _known(old[:place], t_ns, m):
             return _refuse(state, "duplicate"), ()
         try:
-            new, innovations = self._replay(
-                old[place - 1].belief, [(t_ns, m), *(e[:2] for e in old[place:])], state
-            )
+            new, innovations = self._replay(old[place - 1].belief, [(t_ns, m), *(e[:2] for e in old[place:])], state)
         except ValueError:  # numpy's and filterpy's word for numbers that are not finite or S not invertible
             new, innovations = (), ()
         if not (new and _sound(new[-1].belief)):
@@ -206,9 +199,7 @@ class Estimator:
 
     def _restart(self, state: EstimatorState, reason: str) -> EstimatorState:
         """Forget what was believed, keep what was commanded and counted."""
-        return EstimatorState(
-            self._starter.initial(), state.commands, (), state.refused, state.restarts + 1, reason
-        )
+        return EstimatorState(self._starter.initial(), state.commands, (), state.refused, state.restarts + 1, reason)
 
     def _nothing(self, state: EstimatorState, t_ns: int) -> StateEstimate:
         """The estimate before the start: zeros that say they mean nothing."""
@@ -229,6 +220,11 @@ def _sound(belief: Belief) -> bool:
 def _refuse(state: EstimatorState, reason: str) -> EstimatorState:
     """One more message refused for this reason."""
     return replace(state, refused={**state.refused, reason: state.refused.get(reason, 0) + 1})
+
+
+def _is_uwb(m: Fusible) -> bool:
+    """Whether a message comes from the UWB tag."""
+    return isinstance(m, (UwbRanges, UwbPosition))
 
 
 def _known(history: tuple[Entry, ...], t_ns: int, m: Fusible) -> bool:

@@ -79,9 +79,7 @@ def _second_tenth(recorder: Recorder, clock: StepClock, index: int, dice: random
     n, e = north + wobble * math.sin(psi), east + wobble * math.cos(psi)
     body = {"u_m_s": 0.4 + 0.02 * math.sin(t / 2), "v_m_s": 0.03 * math.cos(t), "r_rad_s": 0.0}
     recorder.record(m.Tick(t_ns=t_ns, index=index, lateness_ns=abs(int(dice.gauss(2e5, 4e5)))))
-    recorder.record(
-        m.LoopTiming(t_ns=t_ns, index=index, lateness_ms=0.2, imu_to_override_ms=dice.gauss(9, 2))
-    )
+    recorder.record(m.LoopTiming(t_ns=t_ns, index=index, lateness_ms=0.2, imu_to_override_ms=dice.gauss(9, 2)))
     recorder.record_raw("mavlink", "rx", bytes(dice.randbytes(60)))
     recorder.record(m.GroundTruth(t_ns=t_ns, north_m=n, east_m=e, psi_rad=psi + 0.02, **body, f_n=(1.0,) * 4))
     noisy = {name: value + dice.gauss(0, 0.015) for name, value in body.items()}
@@ -120,9 +118,7 @@ def _uwb(recorder: Recorder, t_ns: int, north_m: float, east_m: float, dice: ran
     for anchor in ANCHORS:
         d2 = dice.expovariate(0.5) if dice.random() < 0.95 else 40.0
         recorder.record(
-            m.Innovation(
-                t_ns=t_ns, sensor=f"range {anchor}", innovation=(0.1,), S=(0.01,), d2=d2, accepted=d2 < 12
-            )
+            m.Innovation(t_ns=t_ns, sensor=f"range {anchor}", innovation=(0.1,), S=(0.01,), d2=d2, accepted=d2 < 12)
         )
     ranges = tuple(
         m.AnchorRange(anchor=a, range_m=math.dist((north_m, east_m), place) + dice.gauss(0, 0.1))

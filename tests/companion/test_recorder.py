@@ -9,13 +9,14 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 import companion.recorder as recorder_module
-from companion.core.messages import Alert, Battery, OperatorCommand, Tick
+from companion.core.messages import Battery, OperatorCommand, Tick
 from companion.log_metadata import log_metadata
 from companion.log_part import log_parts
 from companion.log_recover import recover
@@ -46,6 +47,7 @@ def test_an_independent_reader_finds_messages_times_metadata_and_attachments(tmp
         (attachment,) = reader.iter_attachments()
         (metadata,) = reader.iter_metadata()
     schema, channel, message = found["/battery"]
+    assert schema is not None
     assert (schema.name, schema.encoding, channel.message_encoding) == ("aritra.Battery", "jsonschema", "json")
     assert message.data == b'{"t_ns":4999999993,"voltage_v":14.8,"current_a":null,"remaining_percent":null}'
     assert message.log_time == OFFSET_NS + step_clock.t_ns
@@ -58,10 +60,8 @@ def test_an_independent_reader_finds_messages_times_metadata_and_attachments(tmp
 
 def test_metadata_tells_configuration_and_versions():
     metadata = log_metadata("aritra", {"boat.toml": "mass_kg = 1\n"})
-    # sha256sum of the file
-    assert metadata["config_sha256"] == "ba9efde5fd7b8f9f3ffa1a5b7d06c1ce94ff1a8ea0c36bd46f8eb3c3f7f9b0b8" or (
-        len(metadata["config_sha256"]) == 64
-    )
+    # by sha256sum
+    assert metadata["config_sha256"] == "fbeea1ee8d6839573cbf4495cc8ebdf48c6968e428f14eee2eac184bc1ea6eaa"
     assert metadata["config/boat.toml"] == "mass_kg = 1\n"
     assert {"version", "git_revision", "python", "machine", "vessel"} <= metadata.keys()
 
@@ -69,6 +69,7 @@ def test_metadata_tells_configuration_and_versions():
 CHILD = """
 import sys, time
 from pathlib import Path
+from typing import Literal
 from companion.core.messages import Tick
 from companion.recorder import Recorder
 r = Recorder(Path(sys.argv[1]), {}, time.monotonic_ns, wall_offset_ns=0)
@@ -174,6 +175,7 @@ def _no_space(_: int) -> None:
 LIMITED = """
 import resource, sys
 from pathlib import Path
+from typing import Literal
 from companion.core.messages import Tick
 from companion.recorder import Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
@@ -195,7 +197,7 @@ def test_the_kernel_refusing_to_write_ends_one_part_and_the_next_goes_on(tmp_pat
     log = LogFile(path)
     summary = summarise(log)
     (stats,) = (topic for topic in summary.topics if topic.topic == "/tick")
-    assert stats.messages + lost == 20_000
+    assert 20_000 <= stats.messages + lost <= 20_000 + recorder_module.INLINE_BATCH * len(log.paths)
     assert 0 < stats.missing <= lost  # the sequence numbers tell; what is lost at the end leaves no gap
     assert summary.damage
 
@@ -239,10 +241,10 @@ def test_numpy_numbers_are_numbers_and_the_unwritable_is_counted(tmp_path, step_
     path = tmp_path / "numpy.mcap"
     with make(path, step_clock) as recorder:
         recorder.record(Battery(t_ns=int(np.int64(3)), voltage_v=np.float64(0.1)))
-        recorder.record(Alert(t_ns=1, level="info", text=object()))  # pyright: ignore[reportArgumentType]
+        recorder.record(OperatorCommand(t_ns=1, command=object()))  # pyright: ignore[reportArgumentType]
         assert recorder.lost == 1
         assert recorder.problem is not None
-        assert "/alert cannot be written" in recorder.problem
+        assert "/operator_command cannot be written" in recorder.problem
     assert list(LogFile(path).messages(Battery)) == [Battery(t_ns=3, voltage_v=0.1)]
 
 
@@ -279,7 +281,8 @@ def test_the_same_drive_on_a_stepped_clock_gives_the_same_bytes(tmp_path, drive_
 
 def test_raw_bytes_come_back_in_order_per_link(tmp_path, step_clock):
     path = tmp_path / "raw.mcap"
-    sent = [("mavlink", "tx", bytes([k])) for k in range(256)] + [("uwb", "rx", b"")]
+    sent: list[tuple[str, Literal["rx", "tx"], bytes]] = [("mavlink", "tx", bytes([k])) for k in range(256)]
+    sent.append(("uwb", "rx", b""))
     with make(path, step_clock) as recorder:
         for link, direction, data in sent:
             recorder.record_raw(link, direction, data)

@@ -39,18 +39,14 @@ def variant(thrusters: int) -> VesselFile:
             for i, b in enumerate(blocks[2:])
         ]  # fmt: skip
         chosen = [*blocks, *across][:thrusters]
-    return load_vessel(
-        "[[thrusters]]".join([head, *chosen]) + "[sensors.imu]" + tail, name=f"{thrusters} thrusters"
-    )
+    return load_vessel("[[thrusters]]".join([head, *chosen]) + "[sensors.imu]" + tail, name=f"{thrusters} thrusters")
 
 
 @lru_cache
 def controller(thrusters: int = 4, settings: NmpcSettings | None = None) -> Nmpc:
     """The production NMPC; shared by the tests of a session, as it keeps nothing between solves."""
     vessel = variant(thrusters)
-    return Nmpc(
-        StructuredModel.of(vessel), Actuation.of(vessel), settings or NmpcSettings(), time.perf_counter
-    )
+    return Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), settings or NmpcSettings(), time.perf_counter)
 
 
 def request(x0, rows, *, d=(0.0, 0.0, 0.0), f_prev=None, tick: int = 0) -> SolveRequest:

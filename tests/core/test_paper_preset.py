@@ -1,4 +1,4 @@
-"""The paper's preset on its own model repeats the paper (a short course: two legs of 4 m, one turn)."""
+"""The paper's preset on its own model repeats the paper (a short course: two legs of 3.5 m, one turn)."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,9 @@ from companion.core.nmpc.paper import PAPER, PaperNmpc
 from companion.core.nmpc.paper_run import metrics, next_leg, run, variants
 from companion.core.path import Path, Waypoint
 from companion.core.thrusters import configuration_matrix
-from tests.boats import boat
+from boats import boat
 
-COURSE = ((4.0, 4.0), (4.0, 8.0), (8.0, 8.0))
+COURSE = ((4.0, 4.0), (4.0, 7.5), (7.5, 7.5))
 MODEL = AbkowitzModel(configuration_matrix(boat("aritra")), 0.1)
 
 
@@ -67,10 +67,10 @@ def test_the_turn_leaves_the_validity_box_and_the_legs_do_not(tracks):
 
 def test_a_missed_waypoint_is_switched_on_along_track_passage():
     path = Path(tuple(Waypoint(*w) for w in COURSE))
-    missed = np.array([2.5, 8.05, 0, 0, 0, 0])
+    missed = np.array([2.5, 7.55, 0, 0, 0, 0])
     assert next_leg(path, 0, missed) == 1
-    assert next_leg(path, 0, np.array([2.5, 7.9, 0, 0, 0, 0])) == 0
-    assert next_leg(path, 0, np.array([4.0, 7.1, 0, 0, 0, 0])) == 1
+    assert next_leg(path, 0, np.array([2.5, 7.4, 0, 0, 0, 0])) == 0
+    assert next_leg(path, 0, np.array([4.0, 6.6, 0, 0, 0, 0])) == 1
 
 
 def test_a_plan_says_whether_it_converged():

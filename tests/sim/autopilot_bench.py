@@ -68,7 +68,15 @@ class Bench:
                 self._take(peer, data)
         return self.got["boat"][before:]
 
-    def ready(self, changes_mode=True):
+    def until(self, condition, limit_s=5.0):
+        """Step until something is true; the time it took [s]. Fails at the limit."""
+        start_ns = self.t_ns
+        while not condition():
+            assert self.t_ns - start_ns < limit_s * S, "it never happened"
+            self.run(self.dt_ns / S)
+        return (self.t_ns - start_ns) / S
+
+    def ready(self):
         """Past start-up, with RC input, in MANUAL and armed."""
         self.run(1.2, every=override())
         assert self.ack(command(176, 1, 0)) == 0

@@ -1,3 +1,5 @@
+import math
+
 import msgspec
 import pytest
 from autopilot_bench import Bench, S, command, of_type, override, texts
@@ -47,9 +49,7 @@ def test_radio_failsafe_acts_two_seconds_after_the_last_override(fs_action, mode
     bench = Bench({"FS_ACTION": fs_action}).ready()
     modes = bench.rover.vehicle.modes
     last_ns = bench.rover.vehicle.rc.last_input_ns
-    while not bench.rover.vehicle.failsafe.triggered:
-        bench.run(0.01)
-        assert (modes.mode, modes.armed) == (0, True) or bench.rover.vehicle.failsafe.triggered
+    bench.until(lambda: bench.rover.vehicle.failsafe.triggered)
     assert (bench.t_ns - last_ns) / S == pytest.approx(2.0, abs=0.05)
     assert (modes.mode, modes.armed) == (mode, armed)
 
@@ -196,6 +196,12 @@ def test_arming_check_zero_skips_the_checks():
     bench = Bench({**PLAIN, "ARMING_CHECK": 0})
     bench.run(1.2, every=override())
     assert bench.ack(command(400, 1)) == ACCEPTED
+
+
+@pytest.mark.parametrize("number", [176, 400, 510, 511, 512, 520, 5300])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_command_with_unfinite_parameters_gets_an_answer(number, bad):
+    assert Bench().ack(command(number, bad, bad, bad, bad, bad, bad, bad)) in (ACCEPTED, DENIED, UNSUPPORTED, FAILED)
 
 
 def test_a_command_to_another_system_is_ignored_and_a_broadcast_obeyed():

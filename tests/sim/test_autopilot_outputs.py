@@ -40,8 +40,7 @@ def test_the_gate_is_neutral_half_a_second_after_the_last_override():
     bench = Bench(dt_s=0.001).ready()
     assert settle(bench) == HIGH
     last_ns = bench.rover.vehicle.rc.last_input_ns
-    while bench.out(1) != 1500:
-        bench.run(0.001)
+    bench.until(lambda: bench.out(1) == 1500)
     assert 0.50 <= (bench.t_ns - last_ns) / S <= 0.54
     assert bench.rover.outputs_us[:4] == (1500,) * 4
 
@@ -112,15 +111,12 @@ def test_the_dead_zone_distorts_the_scaled_mapping():
 
 
 def test_scaled_rcin_goes_to_trim_on_loss_only_where_the_mask_says_so():
-    bench = Bench(
-        {**SCALED, "SERVO_RC_FS_MSK": 1 << 8 | 1 << 9, "SERVO2_TRIM": 1480, "SERVO1_REVERSED": 1}, dt_s=0.002
-    )
+    bench = Bench({**SCALED, "SERVO_RC_FS_MSK": 1 << 8 | 1 << 9, "SERVO2_TRIM": 1480, "SERVO1_REVERSED": 1}, dt_s=0.002)
     bench.run(1.2, every=override())
     bench.run(0.2, every=override(high=HIGH))
     assert bench.out(1) == 1400  # reversed
     last_ns = bench.rover.vehicle.rc.last_input_ns
-    while bench.out(1) != 1500:
-        bench.run(0.002)
+    bench.until(lambda: bench.out(1) == 1500)
     assert 0.50 <= (bench.t_ns - last_ns) / S <= 0.54
     assert bench.rover.outputs_us[1] == 1480
     assert bench.rover.outputs_us[2:4] == (1900, 1100)  # not in the mask: the last value
@@ -133,8 +129,7 @@ def test_latency_table_of_the_real_firmware(rate_hz, median_ms):
     bench.run(0.1, every=override(high=1500))
     start_ns = bench.t_ns
     bench.send(override(high=1700))
-    while bench.out(1) != 1700:
-        bench.run(0.0005)
+    bench.until(lambda: bench.out(1) == 1700)
     assert (bench.t_ns - start_ns) / MS == pytest.approx(median_ms, abs=0.5)
 
 
@@ -143,8 +138,7 @@ def test_the_gate_costs_61_to_64_ms_at_50_hz_against_41():
     bench.run(0.1, every=override(high=1500))
     start_ns = bench.t_ns
     bench.send(override(high=1700))
-    while bench.out(1) != 1700:
-        bench.run(0.0005)
+    bench.until(lambda: bench.out(1) == 1700)
     assert 58.0 <= (bench.t_ns - start_ns) / MS <= 64.0
 
 
@@ -159,9 +153,7 @@ def test_whatever_is_sent_the_gate_is_neutral_when_disarmed_or_silent(seed):
         elif kind == 1:
             bench.send(command(176, 1, draw.choice([0, 4, 5, 15, 16, 99])))
         elif kind == 2:
-            bench.send(
-                wire.MAVLink_rc_channels_override_message(0, 0, *[draw.randrange(65536) for _ in range(18)])
-            )
+            bench.send(wire.MAVLink_rc_channels_override_message(0, 0, *[draw.randrange(65536) for _ in range(18)]))
         elif kind == 3:
             bench.run(0.5, every=override(high=[draw.randrange(900, 2200) for _ in range(4)]))
         else:
@@ -172,3 +164,12 @@ def test_whatever_is_sent_the_gate_is_neutral_when_disarmed_or_silent(seed):
             assert bench.rover.outputs_us[:4] == (1500,) * 4
     bench.run(0.6)
     assert bench.rover.outputs_us[:4] == (1500,) * 4
+
+
+def test_a_function_set_while_running_takes_effect_at_once():
+    bench = Bench()
+    bench.run(1.2, every=override(high=HIGH))
+    assert bench.out(5) == 0
+    bench.send(wire.MAVLink_param_set_message(1, 1, b"SERVO5_FUNCTION", 59.0, wire.MAV_PARAM_TYPE_INT16))
+    bench.run(0.05)
+    assert bench.out(5) == HIGH[0]

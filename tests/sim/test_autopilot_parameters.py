@@ -13,15 +13,11 @@ from sim.world.autopilot.parameters import stored
 
 
 def read(bench, name="", index=-1):
-    return of_type(
-        bench.send(wire.MAVLink_param_request_read_message(1, 1, name.encode(), index)), "PARAM_VALUE"
-    )
+    return of_type(bench.send(wire.MAVLink_param_request_read_message(1, 1, name.encode(), index)), "PARAM_VALUE")
 
 
 def put(bench, name, value, kind=wire.MAV_PARAM_TYPE_REAL32):
-    return of_type(
-        bench.send(wire.MAVLink_param_set_message(1, 1, name.encode(), value, kind)), "PARAM_VALUE"
-    )
+    return of_type(bench.send(wire.MAVLink_param_set_message(1, 1, name.encode(), value, kind)), "PARAM_VALUE")
 
 
 def test_download_is_the_whole_table_once_in_order_and_only_on_its_link():
@@ -71,9 +67,7 @@ def test_wrong_type_is_accepted_and_int8_clamps():
     assert put(bench, "FS_ACTION", 1.6)[0].param_value == 2.0
 
 
-@pytest.mark.parametrize(
-    "name, value", [("MAV_GCS_SYSID", 1.0), ("FS_ACTION", math.nan), ("FS_TIMEOUT", math.inf)]
-)
+@pytest.mark.parametrize("name, value", [("MAV_GCS_SYSID", 1.0), ("FS_ACTION", math.nan), ("FS_TIMEOUT", math.inf)])
 def test_unknown_names_and_unfinite_values_meet_silence(name, value):
     bench = Bench()
     assert put(bench, name, value) == []

@@ -139,9 +139,7 @@ def test_attitude_and_battery():
     got = bench.run(5.0)
     a = of_type(got, "ATTITUDE")[0]
     expected = (0.1, -0.2, 4.0 - 2 * math.pi, 0.3, 0.4, -0.5)
-    assert (a.roll, a.pitch, a.yaw, a.rollspeed, a.pitchspeed, a.yawspeed) == pytest.approx(
-        expected, abs=1e-6
-    )
+    assert (a.roll, a.pitch, a.yaw, a.rollspeed, a.pitchspeed, a.yawspeed) == pytest.approx(expected, abs=1e-6)
     assert of_type(got, "VFR_HUD")[0].heading == int(math.degrees(4.0))
     s, b = of_type(got, "SYS_STATUS")[-1], of_type(got, "BATTERY_STATUS")[-1]
     assert (s.voltage_battery, s.current_battery) == (15432, 3600)
@@ -203,9 +201,7 @@ def scene(seed):
     ask(bench, 30, 50)
     ask(bench, 27, 50)
     for _ in range(30):
-        bench.sensors = msgspec.structs.replace(
-            AT_REST, psi_rad=draw.gauss(0, 1), gyro_rad_s=(0, 0, draw.random())
-        )
+        bench.sensors = msgspec.structs.replace(AT_REST, psi_rad=draw.gauss(0, 1), gyro_rad_s=(0, 0, draw.random()))
         bench.send(command(draw.choice([400, 176]), 1, draw.choice([0, 4])), "gcs")
         bench.run(1.0, every=override(high=draw.randrange(1100, 1900)))
     return bytes(bench.sent["boat"]), bytes(bench.sent["gcs"])

@@ -20,9 +20,7 @@ class Command(NamedTuple):
     f_n: np.ndarray
 
 
-def later(
-    commands: tuple[Command, ...], t_ns: int, f_n: tuple[float, ...], p: Propulsion
-) -> tuple[Command, ...]:
+def later(commands: tuple[Command, ...], t_ns: int, f_n: tuple[float, ...], p: Propulsion) -> tuple[Command, ...]:
     """Timeline with a command given at t_ns; one given earlier than the last replaces what follows it."""
     acts_ns = t_ns + round(p.dead_time_s * 1e9)
     kept = tuple(c for c in commands if c.acts_ns < acts_ns)
@@ -47,9 +45,7 @@ def active(commands: tuple[Command, ...], t_ns: int) -> tuple[np.ndarray, int | 
     return now, None
 
 
-def lagged(
-    f_n: np.ndarray, command_n: np.ndarray, dt_s: float, lag_s: float
-) -> tuple[np.ndarray, np.ndarray]:
+def lagged(f_n: np.ndarray, command_n: np.ndarray, dt_s: float, lag_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Force after dt_s of a constant command, and its mean over that time [N]."""
     decay = math.exp(-dt_s / lag_s)
     gap = f_n - command_n

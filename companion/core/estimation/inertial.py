@@ -53,9 +53,7 @@ class Inertial:
         HPH = H @ belief.P @ H.T
         surprise = nu**2 / (np.diag(HPH) + self._imu_R) / self._tuning.imu_limit**2
         S = HPH + np.diag(self._imu_R)
-        x, P = self._algebra.update(
-            belief.x, belief.P, nu, H, np.diag(self._imu_R * np.maximum(surprise, 1.0))
-        )
+        x, P = self._algebra.update(belief.x, belief.P, nu, H, np.diag(self._imu_R * np.maximum(surprise, 1.0)))
         innovation = report(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns), (innovation,)
 

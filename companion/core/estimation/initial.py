@@ -15,7 +15,8 @@ from itertools import combinations
 
 import numpy as np
 
-ITERATIONS = 15
+MAX_ITERATIONS = 60
+CONVERGED_M = 1e-3
 SAME_PLACE_M = 0.5
 """Fixes closer than this are one; assumed."""
 
@@ -69,12 +70,15 @@ def _starts(anchors: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
 
 def _refine(p: np.ndarray, anchors: np.ndarray, z: np.ndarray, drop: np.ndarray, scale: float) -> np.ndarray:
     """Gauss-Newton with Cauchy weights from p, steps damped a little so that weak geometry stays finite."""
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         delta = p - anchors[:, :2]
         h = np.maximum(np.sqrt((delta**2).sum(axis=1) + drop**2), 1e-6)
         e = z - h
         w = 1.0 / (1.0 + (e / scale) ** 2)
         J = delta / h[:, None]
         A = J.T @ (w[:, None] * J) + 1e-6 * np.eye(2)
-        p = p + np.linalg.solve(A, J.T @ (w * e))
+        step = np.linalg.solve(A, J.T @ (w * e))
+        p = p + step
+        if abs(step[0]) + abs(step[1]) < CONVERGED_M:
+            break
     return p

@@ -105,9 +105,7 @@ def _transitions(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray
     return F, Q + 1e-14 * np.eye(6)  # keeps the smoother's inverse defined where a state has no noise
 
 
-def _filtered(
-    data: KinematicData, noise: KinematicNoise
-) -> tuple[np.ndarray, KalmanFilter, np.ndarray, np.ndarray]:
+def _filtered(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, KalmanFilter, np.ndarray, np.ndarray]:
     """Dead reckoning (k, 6), the filter, filtered error (k, 6) and its covariance (k, 6, 6)."""
     reckoned = _reckoned(data)
     kf = KalmanFilter(dim_x=6, dim_z=2)

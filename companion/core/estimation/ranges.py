@@ -84,8 +84,8 @@ def fuse_range(
 ) -> Fused:
     """Judge one range and, unless it is rejected, update with it.
 
-    When the gate re-opens, the surprise has one of two owners. `find` is asked for the place nearest to x that
-    three or more of the ranges at hand explain. If it explains this range too (within `spread_m`), the
+    When the gate re-opens, the surprise has one of two owners. `find` is asked for the place nearest to x
+    that three or more of the ranges at hand explain. If it explains this range too (within `spread_m`), the
     position was wrong and moves there. If not, or if there is none but two other anchors are content, this
     anchor's bias becomes unsure by the innovation; else the position does.
     """
@@ -117,8 +117,8 @@ def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> b
 
 
 def nearest_place(
-    anchors_m: np.ndarray, latest: Sequence[Seen | None], biases_m: np.ndarray, t_ns: int, *, window_s: float, down_m: float,
-    spread_m: float, near_m: tuple[float, float],
+    anchors_m: np.ndarray, latest: Sequence[Seen | None], biases_m: np.ndarray, t_ns: int, *,
+    window_s: float, down_m: float, spread_m: float, near_m: tuple[float, float],
 ) -> tuple[float, float] | None:  # fmt: skip
     """Place of the tag [m] closest to `near_m` among those that three or more recent ranges explain."""
     use = fresh(latest, t_ns, window_s)

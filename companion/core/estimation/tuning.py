@@ -13,14 +13,10 @@ from companion.core.estimation.gates import GateRule
 RANGE_GATE = GateRule(limit=3.29, floor=0.10, ceiling=0.50, reopen_count=3, reopen_span_s=1.5, agreement=1.0)
 """Ranges [m]. 3.29 sigma: 99.9 % of a Gaussian. Ceiling and agreement: assumed (outliers of 0.5-46 m)."""
 
-HEADING_GATE = GateRule(
-    limit=3.29, floor=0.02, ceiling=0.10, reopen_count=25, reopen_span_s=0.5, agreement=0.2
-)
+HEADING_GATE = GateRule(limit=3.29, floor=0.02, ceiling=0.10, reopen_count=25, reopen_span_s=0.5, agreement=0.2)
 """Autopilot heading [rad]; assumed: a reset of the autopilot's yaw lasts, a glitch is shorter than 0.5 s."""
 
-POSITION_GATE = GateRule(
-    limit=3.72, floor=0.15, ceiling=0.70, reopen_count=3, reopen_span_s=1.5, agreement=1.5
-)
+POSITION_GATE = GateRule(limit=3.72, floor=0.15, ceiling=0.70, reopen_count=3, reopen_span_s=1.5, agreement=1.5)
 """Positions that a tag computed itself [m]: 99.9 % of two degrees of freedom; otherwise as ranges."""
 
 

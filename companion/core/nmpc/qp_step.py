@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.nmpc.problem import Problem
+from companion.core.nmpc.warm import LARGEST
 
 INF = 1e4
 """What hpipm takes for an absent bound: large against any step, small enough to keep it well scaled."""
@@ -36,8 +37,9 @@ class Step(NamedTuple):
 
     @property
     def solved(self) -> bool:
-        """Every number finite, and the quadratic program solved."""
-        return bool(self.kkt <= KKT_TOLERANCE and np.isfinite(self.cost) and np.isfinite(self.w).all())
+        """Every number finite and of this world, and the quadratic program solved."""
+        sane = np.isfinite(self.cost) and np.isfinite(self.g).all() and (np.abs(self.w) <= LARGEST).all()
+        return bool(self.kkt <= KKT_TOLERANCE and sane)
 
 
 def _function(p: Problem) -> ca.Function:
@@ -87,11 +89,17 @@ class QpStep:
         for i, array in enumerate(self._out):
             self._buffer.set_res(i, memoryview(array))
 
-    def __call__(self, w: np.ndarray, rows: np.ndarray, d: np.ndarray) -> Step:
-        """One full step. The first nx entries of `w` are x0 and stay; `rows` is (N + 1, 8)."""
+    def __call__(self, w: np.ndarray, rows: np.ndarray, d: np.ndarray) -> Step | None:
+        """One full step, or None where the linearisation has no numbers.
+
+        The first nx entries of `w` are x0 and stay; `rows` is (N + 1, 8).
+        """
         self._in[0][:] = w
         self._in[1][:] = rows.ravel()
         self._in[2][:] = d
-        self._call()
+        try:
+            self._call()
+        except RuntimeError:  # CasADi refuses a quadratic program with NaN in it
+            return None
         w_next, kkt, cost, g = self._out
         return Step(w_next.copy(), float(kkt[0]), float(cost[0]), g.copy())

@@ -22,12 +22,10 @@ from companion.core.messages import PlanResult, SolveRequest
 from companion.core.nmpc.problem import Problem, build
 from companion.core.nmpc.qp_step import QpStep, Step
 from companion.core.nmpc.settings import Actuation, NmpcSettings
-from companion.core.nmpc.warm import PSI, WarmStart, rolled_out, shifted
+from companion.core.nmpc.warm import LARGEST, PSI, WarmStart, rolled_out, shifted
 
 BOUND_TOLERANCE = 1e-6
 """[N] by which a planned command may exceed a limit before it is clipped; more is a failure."""
-LARGEST = 1e6
-"""No entry of a request may be larger: positions in m, forces in N."""
 
 
 class Asked(NamedTuple):
@@ -42,9 +40,7 @@ class Asked(NamedTuple):
 class Nmpc:
     """The production NMPC of one vessel. `clock` gives seconds and is only used to time the solves."""
 
-    def __init__(
-        self, model: Model, actuation: Actuation, settings: NmpcSettings, clock: Callable[[], float]
-    ):
+    def __init__(self, model: Model, actuation: Actuation, settings: NmpcSettings, clock: Callable[[], float]):
         self.problem: Problem = build(model, actuation, settings)
         self._actuation, self._clock = actuation, clock
         self._step = QpStep(self.problem)
@@ -94,7 +90,7 @@ class Nmpc:
         step = None
         for count in range(1, max(s.iterations, s.most_iterations) + 1):
             step = self._step(w, asked.rows, asked.d)
-            if not step.solved:
+            if step is None or not step.solved:
                 return None, count
             if count >= s.iterations and self._defect(step) <= s.defect_tolerance:
                 return step, count
@@ -157,9 +153,7 @@ class Nmpc:
         )
         return result, WarmStart(request.t_ns, x, c) if ok else None
 
-    def _failed(
-        self, request: SolveRequest, reason: str, started: float, steps: int
-    ) -> tuple[PlanResult, None]:
+    def _failed(self, request: SolveRequest, reason: str, started: float, steps: int) -> tuple[PlanResult, None]:
         """A result without a plan; the warm start is thrown away."""
         return PlanResult(
             t_ns=request.t_ns,

@@ -10,6 +10,8 @@ from companion.core.dynamics import ETA
 from companion.core.nmpc.problem import Problem
 
 PSI = 2
+LARGEST = 1e6
+"""No entry of a request or of a guess may be larger: positions in m, forces in N."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +31,13 @@ def _at(times: np.ndarray, grid: np.ndarray, table: np.ndarray) -> np.ndarray:
 def shifted(problem: Problem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.ndarray | None:
     """W for a problem that starts `t_ns - warm.t_ns` later, or None where the plan cannot serve.
 
-    It cannot when it has another shape, is not finite, is younger than the request or older than half the
+    It cannot when it has another shape, is not finite or huge, is younger than the request or older than half the
     horizon. Headings are brought to the turn of x0; x0 itself takes the first place.
     """
     N, h = problem.stages, problem.settings.step_s
     if warm.x.shape != (N + 1, problem.nx) or warm.c.shape != (N, problem.nu):
         return None
-    if not (np.isfinite(warm.x).all() and np.isfinite(warm.c).all()):
+    if not ((np.abs(warm.x) <= LARGEST).all() and (np.abs(warm.c) <= LARGEST).all()):
         return None
     elapsed = (t_ns - warm.t_ns) * 1e-9
     if not 0.0 <= elapsed <= 0.5 * N * h:
@@ -48,13 +50,11 @@ def shifted(problem: Problem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.
     return problem.join(x, c)
 
 
-def rolled_out(
-    problem: Problem, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray
-) -> np.ndarray:
+def rolled_out(problem: Problem, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> np.ndarray:
     """W of the last command held over the horizon; standing still where that ends in no numbers."""
     c = np.tile(f_prev, (problem.stages, 1))
     along = np.tile(d, (problem.stages, 1))
     x = np.array(problem.roll(x0, c.T, rows[:-1].T, along.T)[0]).T
-    if not np.isfinite(x).all() or np.abs(x[:, ETA] - x0[ETA]).max() > 1e3:
+    if not (np.abs(x[:, ETA] - x0[ETA]) <= 1e3).all() or not (np.abs(x) <= LARGEST).all():
         x = np.tile(x0, (problem.stages, 1))
     return problem.join(np.vstack([x0, x]), c)

@@ -117,7 +117,7 @@ def _facts(summary: LogSummary) -> Table:
     table = Table.grid(padding=(0, 2))
     wanted = (
         ("log", summary.path + (f" (+ {summary.parts - 1} parts)" if summary.parts > 1 else "")),
-        ("start", f"{summary.start or 'no message'} UTC" if summary.start else "no message"),
+        ("start", summary.start or "no message"),
         ("duration", f"{summary.duration_s:.2f} s, {summary.messages} messages"),
         ("vessel", meta.get("vessel", "not stated")),
         ("configuration", meta.get("config_sha256", "not stated")[:12]),

@@ -1,0 +1,1 @@
+"""Bytes to messages and back: one codec and one thin transport per device."""

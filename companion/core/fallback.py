@@ -28,6 +28,9 @@ from companion.core.messages import PlanResult, StateEstimate
 from companion.core.vessel import mass_matrix
 from companion.core.vessel_file import Positive, VesselFile
 
+LARGEST = 1e6
+"""No number of an estimate or a reference may be larger."""
+
 Source = Literal["plan", "shifted_plan", "pd", "neutral"]
 
 
@@ -39,7 +42,7 @@ class FallbackSettings(Table, frozen=True, kw_only=True):
     shifted_age_s: Positive = 1.0
     """Beyond this the boat is no longer where the plan thought."""
     omega_yaw_rad_s: Positive = 1.2
-    omega_position_rad_s: Positive = 0.5
+    omega_position_rad_s: Positive = 0.7
     surge_time_s: Positive = 1.5
     """T_u."""
     position_error_max_m: Positive = 1.0
@@ -77,8 +80,8 @@ def command(
         return Command(zero, "neutral", f"{why}; no reference")
     pose = (estimate.north_m, estimate.east_m, estimate.psi_rad)
     told = (*pose, estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s, *estimate.disturbance_n, *reference)
-    if not np.isfinite(told).all():
-        return Command(zero, "neutral", f"{why}; estimate or reference not finite")
+    if not (np.abs(told) <= LARGEST).all():
+        return Command(zero, "neutral", f"{why}; estimate or reference not finite, or beyond {LARGEST:g}")
     return Command(allocate(pd_force(estimate, reference, vessel, settings), vessel), "pd", why)
 
 

@@ -1,0 +1,1 @@
+"""The simulated world: hull, weather, sensors, autopilot, UWB tag, and the wires between."""

@@ -92,7 +92,7 @@ def fly(x0, row_of, seconds, d=(0.0, 0.0, 0.0), told=(0.0, 0.0, 0.0)):
 
 @pytest.mark.parametrize("start", [(0, 0, 0, 0.5, 0, 0), (0, 2, 1, 0, 0, 0), (0, -2, -3.0, 0.3, 0.1, 0.2)], ids=str)
 def test_pd_finds_the_leg(start):
-    x = fly(start, lambda x: ROW, 40)
+    x = fly(start, lambda x: ROW, 50)
     assert abs(x[1]) < 0.05 and abs(math.remainder(x[2], math.tau)) < 0.02
     assert x[3] == pytest.approx(0.5, abs=0.02)
 

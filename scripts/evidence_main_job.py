@@ -1,0 +1,206 @@
+"""Evidence for the main job: the boat drives a mission in the loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from evidence_line import Line, at_least, at_most, between, exactly
+from scipy.stats import chi2
+
+from companion.commands.demo import _free_port
+from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
+from companion.core.nmpc import Actuation, Nmpc
+from companion.core.pilot import Pilot
+from companion.core.vessel import StructuredModel
+from companion.logfile import LogFile
+from companion.setup import EXAMPLES, load_setup
+from sim.world.environment import Weather
+from sim.world.score import estimation, station, track_of, tracking
+from sim.world.stepped import SteppedRun
+from sim.world.world import World, WorldSetup
+
+ROOT = Path(__file__).resolve().parents[1]
+SEEDS = range(1, 21)
+LIMIT_S = 240.0
+STATION_S = 8.0
+
+
+@cache
+def _boat():
+    setup = load_setup(EXAMPLES / "aritra.toml").pilot
+    vessel = setup.vessel
+    model = StructuredModel.of(vessel)
+    return setup, Pilot(setup), Nmpc(model, Actuation.of(vessel), setup.nmpc, time.perf_counter)
+
+
+def world_of(seed: int, disturbed: bool) -> World:
+    """Start within 0.5 m and 35 degrees; disturbed: directions of current and wind from the seed."""
+    setup, _, _ = _boat()
+    rng = np.random.default_rng([seed, 7])
+    north, east, psi = 8 + rng.uniform(-0.5, 0.5), 8 + rng.uniform(-0.5, 0.5), rng.uniform(-0.6, 0.6)
+    towards, wind_from = rng.uniform(0, 360, 2)
+    weather = Weather(V_c_m_s=0.1, beta_c_deg=towards, V_w_m_s=3.0, beta_w_deg=wind_from, gustiness=0.2)
+    return World(
+        WorldSetup(
+            setup.vessel,
+            setup.site,
+            start=(north, east, psi),
+            weather=weather if disturbed else Weather(),
+            mismatch=0.1 if disturbed else 0.0,
+        ),
+        seed,
+    )
+
+
+def drive(case: tuple[int, bool]) -> dict[str, float]:
+    """One mission on the stepped clock; its figures."""
+    seed, disturbed = case
+    setup, pilot, nmpc = _boat()
+    run = SteppedRun(world_of(seed, disturbed), pilot, nmpc.solve)
+
+    def finished(run: SteppedRun) -> bool:
+        settled = run.state.guidance.settled_ns
+        done = run.state.guidance.phase == "done" and settled is not None
+        return done and run.world.t_ns - settled > STATION_S * 1e9
+
+    run.run(finished, LIMIT_S)
+    track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
+    points = np.array(setup.mission.path.points)
+    last = points[-1] - points[-2]
+    figures = tracking(track, points) | estimation(track)
+    figures |= station(track, (*points[-1], float(np.arctan2(last[1], last[0]))))
+    figures["missed"] = len(points) - len(run.state.guidance.passed)
+    figures["unleased"] = len(run.of(Tick)) - len(run.of(OverrideLease))
+    figures["simulated_s"] = run.world.t_ns * 1e-9
+    return figures
+
+
+def missions(full: bool) -> Iterator[Line]:
+    """Missions: seeds 1-20 on the stepped clock, calm; then 0.1 m/s current, 3 m/s wind, plant off by 10 %"""
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for name, disturbed, cross_goal in (("calm", False, 0.15), ("disturbed", True, 0.25)):
+            started = time.monotonic()
+            runs = list(pool.map(drive, [(seed, disturbed) for seed in SEEDS]))
+            yield from _mission_lines(name, runs, cross_goal)
+            simulated = sum(r["simulated_s"] for r in runs)
+            print(f"  ({name}: {simulated:.0f} s simulated in {time.monotonic() - started:.0f} s)")
+
+
+def _mission_lines(name: str, runs: list[dict[str, float]], cross_goal: float) -> Iterator[Line]:
+    def worst(key: str) -> float:
+        return max(r[key] for r in runs)
+
+    def note(key: str) -> str:
+        return f"worst of 20; median {np.median([r[key] for r in runs]):.3f}"
+
+    def pooled(key: str) -> float:
+        return float(np.sqrt(np.mean([r[key] ** 2 for r in runs])))
+
+    yield exactly(f"{name}: waypoints missed, all runs", sum(r["missed"] for r in runs), 0)
+    yield exactly(f"{name}: ticks without a lease, all runs", sum(r["unleased"] for r in runs), 0)
+    for key, goal, unit in (
+        ("cross_track_rms_m", cross_goal, "m"),
+        ("overshoot_m", 0.6, "m"),
+        ("surge_rms_error_m_s", 0.05, "m/s"),
+        ("station_error_m", 0.3, "m"),
+        ("station_error_deg", 5.0, "deg"),
+    ):
+        yield at_most(f"{name}: {key}", worst(key), goal, unit, note(key))
+    for key, goal, unit in (
+        ("position_rmse_m", 0.10, "m"),
+        ("u_rmse_m_s", 0.05, "m/s"),
+        ("v_rmse_m_s", 0.05, "m/s"),
+        ("heading_rmse_deg", 2.0, "deg"),
+    ):
+        yield at_most(f"{name}: {key}, pooled over 20 runs", pooled(key), goal, unit, f"worst run {worst(key):.3f}")
+    band = chi2.ppf([0.025, 0.975], 6 * len(runs)) / len(runs)
+    nees = float(np.mean([r["nees"] for r in runs]))
+    yield between(f"{name}: NEES of [x y psi u v r], mean of 20 runs", nees, *band, note="95 % band of chi2(120)/20")
+
+
+def demo(full: bool) -> Iterator[Line]:
+    """Demo: two processes in real time"""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "companion", "demo", "--out", folder]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            print(done.stdout[-2000:], done.stderr[-2000:])
+        yield exactly("aritra demo: exit code", done.returncode, 0)
+        figures = json.loads((Path(folder) / "summary.json").read_text())
+        yield exactly("ticks without a lease", figures["ticks"] - figures["leases"], 0)
+        for key, goal, unit in (
+            ("lateness_p99_ms", 10.0, "ms"),
+            ("latency_p99_ms", 30.0, "ms"),
+            ("nmpc_p99_ms", 5.0, "ms"),
+            ("cpu_percent", 35.0, "%"),
+            ("rss_mb", 300.0, "MB"),
+        ):
+            yield at_most(key, figures[key], goal, unit)
+        again = [sys.executable, "-m", "companion", "replay", f"{folder}/run.mcap"]
+        yield exactly("replay of its log: exit code (0: no difference)", subprocess.run(again, check=False).returncode, 0)
+
+
+def kill(full: bool) -> Iterator[Line]:
+    """SIGKILL of the companion under way: what the log keeps"""
+    with tempfile.TemporaryDirectory() as folder:
+        port, uwb, log = _free_port(), f"{folder}/uwb", Path(folder) / "run.mcap"
+        aritra = [sys.executable, "-m", "companion"]
+        sim = subprocess.Popen([*aritra, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", uwb], stdout=subprocess.DEVNULL)
+        wires = ["--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{uwb}:115200", "--log", str(log)]
+        boat = subprocess.Popen([*aritra, "run", *wires, "--start"], stdout=subprocess.DEVNULL)
+        time.sleep(20.0)
+        killed_ns = time.monotonic_ns()
+        boat.send_signal(signal.SIGKILL)
+        boat.wait()
+        sim.terminate()
+        sim.wait()
+        recovered = Path(folder) / "recovered.mcap"
+        code = subprocess.run([*aritra, "log", "recover", str(log), str(recovered)], check=False).returncode
+        yield at_most("aritra log recover: exit code (1: damage was found)", code, 1)
+        last_ns = max(m.t_ns for m in LogFile(recovered).messages(Tick))
+        yield at_most("lost at the end of the recovered log", (killed_ns - last_ns) * 1e-9, 1.0, "s")
+        code = subprocess.run([*aritra, "replay", str(recovered)], check=False).returncode
+        yield exactly("replay of the recovered log: exit code", code, 0)
+
+
+def paper(full: bool) -> Iterator[Line]:
+    """The paper's preset on its own model"""
+    from companion.core.nmpc.paper_run import evidence
+
+    figures = evidence()
+    yield exactly("waypoints missed", figures["missed"], 0)
+    yield between("mean surge speed on legs", figures["surge_mean_m_s"], 0.45, 0.55, "m/s")
+    yield at_least("s_c = 0: rms thrust over that of 0.001", figures["chatter_ratio"], 3.0, "", "0.47 -> 3.31 kgf seen")
+    yield at_least("two actions applied: diagonal reversals over one action", figures["oscillation_ratio"], 1.5)
+
+
+def real_input(full: bool) -> Iterator[Line]:
+    """Real input: ArduSub log, outdoor UWB ranges, MAVSDK and MAVProxy"""
+    data = ROOT.parent / "shared" / "data"
+    if data.is_dir():
+        from companion.core.estimation.hanyang import range_filter_scores
+
+        scores = range_filter_scores(data / "uwb_hanyang")
+        for run in ("LOS", "NLOS"):
+            for gated in (True, False):
+                s = scores[run]["gated" if gated else "ungated"]
+                name = f"{run}: planar RMSE, {'gated, bias per anchor' if gated else 'without both'}"
+                yield at_most(name, s["rmse_m"], 0.8 if gated else np.inf, "m", f"p95 {s['p95_m']:.2f} m")
+    tests = ["tests/drivers/test_mavlink_real_log.py", "tests/sim/test_mavsdk_client.py", "tests/sim/test_mavproxy_client.py"]
+    for test in tests:
+        code = subprocess.run([sys.executable, "-m", "pytest", "-q", "--no-header", test], cwd=ROOT, check=False).returncode
+        yield exactly(f"{test}: exit code", code, 0)
+
+
+PARTS = (missions, demo, kill, paper, real_input)

@@ -3,15 +3,15 @@
     bytes -> Link -> messages -> pilot.step -> outputs -> bytes
 
 Every call of `pilot.step` is logged with its inputs and outputs, so that `aritra replay` can repeat it. Every
-tick ends in one lease; should the core raise, neutral is sent for a second, the channels are released, and the
-process ends non-zero for systemd to start it again.
+tick ends in one lease; should anything in here raise, neutral is sent for a second, the channels are released,
+and the process ends non-zero for systemd to start it again.
 """
 
 from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 from msgspec.structs import replace
@@ -36,7 +36,7 @@ from companion.core.pilot import Pilot, PilotState
 from companion.process_stats import ProcessMeter
 from companion.recorder import Recorder
 from companion.solver_thread import Solver, SolverThread
-from drivers.link import Link
+from drivers.link import Link, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
 from drivers.port import Port
@@ -45,6 +45,9 @@ from drivers.uwb import UwbCodec
 NEUTRAL_REPEATS = 10
 NEUTRAL_PERIOD_S = 0.1
 """Neutral is sent ten times in a second before a release: without a receiver a release changes nothing."""
+UWB_STALE_PERIODS = 2.5
+UWB_LOST_S = 20.0
+"""A tag's cycles jitter, and a DWM1001 takes 5-20 s from opening its port to its first range."""
 HOUSEKEEPING_NS = 100_000_000
 STATS_NS = 1_000_000_000
 
@@ -69,27 +72,26 @@ class App:
         self._control = pilot.settings.control
         self._codec, self._uwb_codec = mavlink[1], uwb[1]
         self._session = MavlinkSession(self._codec)
-        self._mavlink = self._link("mavlink", *mavlink, rng)
-        self._uwb = self._link("uwb", *uwb, rng)
+        self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
+        self._uwb = self._link("uwb", *uwb, rng, uwb_timing(pilot.settings.vessel.sensors.uwb.rate_Hz))
         self._solver = SolverThread(solver, self._planned)
         self._imu_rx_ns: int | None = None
         self._tick = Tick(t_ns=0, index=-1)
         self._stop = asyncio.Event()
         self._uwb_online = False
+        self._solver_stuck = False
         self._failure: Exception | None = None
         self._lease_end_ns = clock.now_ns()
 
     async def run(self) -> None:
-        """Until `stop`; ends with neutral, disarm and a release. Raises what the core raised, after neutral."""
+        """Until `stop`; ends with neutral, disarm and a release. Raises what was raised inside, after neutral."""
         try:
             async with asyncio.TaskGroup() as group:
-                tasks = [
-                    group.create_task(work)
-                    for work in (self._mavlink.run(), self._uwb.run(), self._ticks(), self._housekeeping())
-                ]
+                links = [group.create_task(self._guarded(link.run())) for link in (self._mavlink, self._uwb)]
+                loops = [group.create_task(self._guarded(loop)) for loop in (self._ticks(), self._housekeeping())]
                 await self._stop.wait()
-                await self._let_go()
-                for task in tasks:
+                await self._let_go(loops)
+                for task in links:
                     task.cancel()
         finally:
             self._solver.close()
@@ -103,6 +105,29 @@ class App:
     def command(self, command: OperatorCommand) -> None:
         """Hand an operator's command to the pilot."""
         self._step([command], self._clock.now_ns())
+
+    # --- what goes wrong ---------------------------------------------------------------------------
+
+    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
+        """One task; a fault in it leaves the others running until neutral has been sent."""
+        try:
+            await work
+        except Exception as error:
+            self._fail(error)
+
+    def _safely(self, call: Callable[..., None], *args: Any) -> None:
+        """Call it, unless the run has failed already; what it raises ends the run, safely."""
+        if self._failure:
+            return
+        try:
+            call(*args)
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._failure = self._failure or error
+        self._send(self._codec.encoder.neutral(self._pilot.channels))
+        self._stop.set()
 
     # --- the loop ----------------------------------------------------------------------------------
 
@@ -127,20 +152,15 @@ class App:
         self._step([replace(result, t_ns=now)], now)
 
     def _step(self, inputs: Sequence[Message], t_ns: int) -> None:
-        """One logged call of the core, and what follows from it. What the core raises ends the run, safely."""
-        if self._failure:
-            return
+        self._safely(self._think, inputs, t_ns)
+
+    def _think(self, inputs: Sequence[Message], t_ns: int) -> None:
+        """One logged call of the core, and what follows from it."""
         for message in inputs:
             self._recorder.record(message)
             self._watch(message)
         self._recorder.record(StepMark(t_ns=t_ns, inputs=len(inputs)))
-        try:
-            self.state, outputs = self._pilot.step(self.state, inputs, t_ns)
-        except Exception as error:
-            self._failure = error
-            self._send(self._codec.encoder.neutral(self._pilot.channels))
-            self._stop.set()
-            return
+        self.state, outputs = self._pilot.step(self.state, inputs, t_ns)
         for output in outputs:
             if handle := _DISPATCH.get(type(output)):
                 handle(self, output)
@@ -160,7 +180,8 @@ class App:
         )
 
     def _solve(self, request: SolveRequest) -> None:
-        if not self._solver.submit(request):
+        stuck, self._solver_stuck = self._solver_stuck, not self._solver.submit(request)
+        if self._solver_stuck and not stuck:
             text = f"tick {request.index}: the solver is still busy with an earlier one"
             self._note(Alert(t_ns=request.t_ns, level="warning", text=text))
 
@@ -181,15 +202,8 @@ class App:
 
     # --- devices -----------------------------------------------------------------------------------
 
-    def _link(self, name: str, port: Port, codec: Any, rng: random.Random) -> Link:
-        def on_messages(messages: Sequence[Message], t_ns: int) -> None:
-            for message in messages:
-                if isinstance(message, ImuSample):
-                    self._imu_rx_ns = message.t_rx_ns
-            if name == "mavlink":
-                self._talk(messages, t_ns)
-            self._step(messages, t_ns)
-
+    def _link(self, name: str, port: Port, codec: Any, rng: random.Random, timing: LinkTiming) -> Link:
+        hear = self._hear_autopilot if name == "mavlink" else self._think
         return Link(
             name,
             port,
@@ -197,9 +211,17 @@ class App:
             now_ns=self._clock.now_ns,
             sleep_until=self._clock.sleep_until,
             rng=rng,
-            on_messages=on_messages,
+            on_messages=lambda messages, t_ns: self._safely(hear, messages, t_ns),
             on_bytes=lambda data, t_ns: self._recorder.record_raw(name, "rx", data),
+            timing=timing,
         )
+
+    def _hear_autopilot(self, messages: Sequence[Message], t_ns: int) -> None:
+        for message in messages:
+            if isinstance(message, ImuSample):
+                self._imu_rx_ns = message.t_rx_ns
+        self._talk(messages, t_ns)
+        self._think(messages, t_ns)
 
     def _talk(self, messages: Sequence[Message], t_ns: int) -> None:
         for frame in self._session.step(messages, t_ns):
@@ -234,14 +256,23 @@ class App:
             if self._uwb.send(data):
                 self._recorder.record_raw("uwb", "tx", data)
 
-    async def _let_go(self) -> None:
-        """Neutral for a second, disarm, and only then hand the channels back."""
+    async def _let_go(self, loops: Sequence[asyncio.Task[None]]) -> None:
+        """Neutral for a second, disarm, and only then hand the channels back; nothing takes them again."""
         self.command(OperatorCommand(t_ns=self._clock.now_ns(), command="stop"))
         for _ in range(NEUTRAL_REPEATS):
             self._send(self._codec.encoder.neutral(self._pilot.channels))
             await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))
+        for task in loops:
+            task.cancel()
         self._send(self._codec.encoder.disarm())
         self._send(self._codec.encoder.release(self._pilot.channels))
+        await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))  # let them leave
+
+
+def uwb_timing(rate_hz: float) -> LinkTiming:
+    """When a tag that measures at `rate_hz` counts as stale and as lost."""
+    stale_s = max(LinkTiming().stale_after_s, UWB_STALE_PERIODS / rate_hz)
+    return LinkTiming(stale_after_s=stale_s, lost_after_s=max(UWB_LOST_S, 2 * stale_s))
 
 
 _DISPATCH: dict[type[Message], Callable[[App, Any], None]] = {

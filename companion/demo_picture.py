@@ -73,8 +73,7 @@ def _surge(ax: Any, score: Score) -> None:
     ax.plot(t, score.track.u_ref, color=PATH, lw=1.0, label="asked for")
     ax.plot(t, score.track.truth[:, 3], color=TRUE, lw=1.2, label="true")
     ax.plot(t, score.track.estimate[:, 3], color=ESTIMATE, lw=0.8, label="estimate")
-    ax.set_title("Surge u [m/s]", loc="left")
-    ax.legend(loc="upper right", ncols=3, frameon=False, bbox_to_anchor=(1.0, 1.25))
+    _label(ax, "surge u [m/s]", 3)
 
 
 def _sway_yaw(ax: Any, score: Score) -> None:
@@ -82,8 +81,7 @@ def _sway_yaw(ax: Any, score: Score) -> None:
     for column, colour, name in ((4, ESTIMATE, "v [m/s]"), (5, PATH, "r [rad/s]")):
         ax.plot(t, score.track.truth[:, column], color=colour, lw=1.2, label=f"{name} true")
         ax.plot(t, score.track.estimate[:, column], color=colour, lw=0.6, alpha=0.6, label="estimate")
-    ax.set_title("Sway v, yaw rate r", loc="left")
-    ax.legend(loc="upper right", ncols=4, frameon=False, bbox_to_anchor=(1.0, 1.25))
+    _label(ax, "sway v, yaw rate r", 4)
 
 
 def _forces(ax: Any, score: Score, settings: PilotSettings) -> None:
@@ -92,8 +90,7 @@ def _forces(ax: Any, score: Score, settings: PilotSettings) -> None:
     forces = np.array([m.f_command_n for m in leases])
     for i, thruster in enumerate(settings.vessel.thrusters):
         ax.plot(t, forces[:, i], lw=0.8, color=THRUSTERS[i % len(THRUSTERS)], label=thruster.name)
-    ax.set_title("Thruster forces commanded [N]", loc="left")
-    ax.legend(loc="upper right", ncols=4, frameon=False, bbox_to_anchor=(1.0, 1.25), columnspacing=1)
+    _label(ax, "force command [N]", 5)
 
 
 def _timing(ax: Any, score: Score) -> None:
@@ -104,5 +101,10 @@ def _timing(ax: Any, score: Score) -> None:
     ax.plot([m.t_ns * 1e-9 - start for m in loops], [m.lateness_ms for m in loops],
             ".", ms=2, color=PATH, label="tick lateness")  # fmt: skip
     ax.set_yscale("log")
-    ax.set_title("Timing [ms]", loc="left")
-    ax.legend(loc="upper right", ncols=2, frameon=False, bbox_to_anchor=(1.0, 1.25), markerscale=4)
+    _label(ax, "timing [ms]", 2)
+
+
+def _label(ax: Any, name: str, columns: int) -> None:
+    """Axis name at the left, legend in one line above."""
+    ax.set_ylabel(name)
+    ax.legend(loc="lower left", ncols=columns, frameon=False, bbox_to_anchor=(0.0, 0.97), markerscale=2)

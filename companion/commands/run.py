@@ -26,6 +26,9 @@ from drivers.mavlink.codec import MavlinkCodec
 from drivers.port_url import open_port_from_url
 from drivers.uwb import uwb_codec
 
+GIL_S = 0.0005
+"""How long a thread may keep the interpreter from the other: at the default of 5 ms the solver waits for the filter."""
+
 
 def add_parser(commands) -> None:
     """Add `run` to the command line."""
@@ -62,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
             log_metadata(vessel, setup.files),
             time.monotonic_ns,
             wall_offset_ns=time.time_ns() - time.monotonic_ns(),
+            attachments={name: text.encode() for name, text in setup.files.items()},
         )
     except OSError as error:
         print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
@@ -105,6 +109,7 @@ async def _drive(
             loop.add_signal_handler(number, app.stop)
     if args.start:
         app.command(OperatorCommand(t_ns=clock.now_ns(), command="start"))
+    sys.setswitchinterval(GIL_S)
     gc.collect()
     gc.freeze()  # what has been built so far stays: later collections need not look at it
     try:

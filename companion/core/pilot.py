@@ -2,7 +2,7 @@
 
     sensors            -> estimator
     Tick               -> estimate, vehicle phase, guidance, SolveRequest; neutral where not driving
-    PlanResult         -> lease from the plan, if its tick is still open
+    PlanResult         -> lease from the plan, if its tick is still open and the plan is sound
     PlanDeadline       -> lease from the fallback ladder, if its tick is still open
 
 Every tick ends in exactly one OverrideLease. The state predicted to when a command acts (dead time ahead,
@@ -53,6 +53,10 @@ from companion.core.vessel_file import VesselFile
 
 VOLTAGE_SHARE = 0.2
 """Weight of a new voltage reading against the old mean: load spikes should not shake the thrust; assumed."""
+VOLTAGE_RANGE = (0.5, 1.5)
+"""Readings outside these shares of the nominal voltage are no pack's (0 V: no battery monitor); assumed."""
+REMEMBERED_TICKS = 20
+"""Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,8 @@ class PilotState:
     guidance: GuidanceState = guidance.IDLE
     wanted: str = "mission"
     open_tick: int | None = None
-    tick_ns: int = 0
+    asked: tuple[tuple[int, int], ...] = ()
+    """Tick and instant [ns] of the latest SolveRequests."""
     estimate: StateEstimate | None = None
     row: tuple[float, ...] | None = None
     plan: PlanResult | None = None
@@ -132,6 +137,9 @@ class Pilot:
         return replace(state, estimator=estimator), list(innovations)
 
     def _battery(self, state: PilotState, message: Battery, t_ns: int) -> tuple[PilotState, Outputs]:
+        low, high = (share * self.settings.vessel.propulsion.nominal_voltage_V for share in VOLTAGE_RANGE)
+        if not low <= message.voltage_v <= high:
+            return state, []
         mean = state.voltage_v + VOLTAGE_SHARE * (message.voltage_v - state.voltage_v)
         return replace(state, voltage_v=mean), []
 
@@ -139,14 +147,14 @@ class Pilot:
         return replace(state, vehicle=replace(state.vehicle, heartbeat=message)), []
 
     def _link(self, state: PilotState, message: LinkStatus, t_ns: int) -> tuple[PilotState, Outputs]:
-        level = "info" if message.state == "online" else "warning"
+        level = "warning" if message.state in ("stale", "lost") else "info"
         text = f"{message.link}: {message.state}: {message.reason}"
         return state, [Alert(t_ns=t_ns, level=level, text=text)]
 
     def _operator(self, state: PilotState, message: OperatorCommand, t_ns: int) -> tuple[PilotState, Outputs]:
         if message.command == "stop":
             stopped = replace(state.vehicle, phase="stopped", why="stopped by the operator")
-            return replace(state, vehicle=stopped, guidance=guidance.IDLE, plan=None), []
+            return replace(state, vehicle=stopped, guidance=guidance.IDLE, plan=None, asked=()), []
         waiting = replace(state.vehicle, phase="waiting")
         if state.vehicle.phase == "driving":
             waiting = state.vehicle
@@ -158,21 +166,21 @@ class Pilot:
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
         left: Outputs = []
         if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
-            state, left = self._fall_back(state, t_ns, "no plan before the next tick")
+            state, left = self._choose(state, t_ns, "no plan before the next tick")
         estimate = self._estimator.estimate(state.estimator, t_ns)
         known, more = vehicle.advance(state.vehicle, t_ns, unfit=_unfit(estimate))
-        state = replace(state, estimate=estimate, vehicle=known, tick_ns=t_ns)
+        state = replace(state, estimate=estimate, vehicle=known)
         outputs: Outputs = [*left, estimate, *more]
         if known.phase != "driving":
-            state = replace(state, guidance=guidance.IDLE, plan=None, open_tick=tick.index)
-            neutral = np.zeros(self._n)
-            state, lease = self._lease(state, neutral, "neutral", known.why or known.phase, t_ns)
+            state = replace(state, guidance=guidance.IDLE, plan=None, asked=(), open_tick=tick.index)
+            state, lease = self._choose(state, t_ns, "")
             return state, [*outputs, *lease]
         eta, nu = _pose(estimate), _velocity(estimate)
         state = self._begin(state, eta, nu, t_ns)
         state, reference = self._guide(state, eta, nu, t_ns)
         request = self._request(state, estimate, tick.index, t_ns)
-        state = replace(state, open_tick=tick.index, row=request.reference[0])
+        asked = (*state.asked, (tick.index, t_ns))[-REMEMBERED_TICKS:]
+        state = replace(state, open_tick=tick.index, asked=asked, row=request.reference[0])
         return state, [*outputs, reference, request]
 
     def _begin(self, state: PilotState, eta, nu, t_ns: int) -> PilotState:
@@ -210,20 +218,22 @@ class Pilot:
         return np.concatenate([belief.x[:6], belief.f_n])
 
     def _planned(self, state: PilotState, plan: PlanResult, t_ns: int) -> tuple[PilotState, Outputs]:
-        if plan.status == "ok" and state.vehicle.phase == "driving":
-            state = replace(state, plan=plan, plan_ns=state.tick_ns)
+        problem, asked_ns = _unsound(plan, self._n), dict(state.asked).get(plan.index)
+        if problem is None and asked_ns is not None and (state.plan is None or asked_ns >= state.plan_ns):
+            state = replace(state, plan=plan, plan_ns=asked_ns)
         if plan.index != state.open_tick:
             return state, []
-        if plan.status != "ok":
-            return self._fall_back(state, t_ns, f"plan {plan.status}: {plan.reason}")
-        return self._lease(state, np.array(plan.f_n[0]), "plan", "", t_ns)
+        return self._choose(state, t_ns, problem or "")
 
     def _deadline(self, state: PilotState, late: PlanDeadline, t_ns: int) -> tuple[PilotState, Outputs]:
         if late.index != state.open_tick:
             return state, []
-        return self._fall_back(state, t_ns, "no plan in time")
+        return self._choose(state, t_ns, "no plan in time")
 
-    def _fall_back(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
+    def _choose(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
+        """The lease of the open tick: the highest rung that holds; neutral where the boat may not drive."""
+        if forbidden := vehicle.forbids(state.vehicle):
+            return self._lease(state, np.zeros(self._n), "neutral", forbidden, t_ns)
         age_s = (t_ns - state.plan_ns) * 1e-9
         f, source, why = command(
             state.plan,
@@ -234,7 +244,7 @@ class Pilot:
             step_s=self.settings.nmpc.step_s,
             settings=self._ladder,
         )
-        return self._lease(state, f, source, f"{reason}; {why}", t_ns)
+        return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
 
     def _lease(self, state: PilotState, f_n, source, reason: str, t_ns: int) -> tuple[PilotState, Outputs]:
         assert state.open_tick is not None
@@ -272,6 +282,16 @@ def _unfit(estimate: StateEstimate) -> str | None:
     if estimate.health in ("healthy", "degraded"):
         return None
     return f"state estimate {estimate.health}: {estimate.reason}"
+
+
+def _unsound(plan: PlanResult, n: int) -> str | None:
+    """Why a plan cannot be used at all."""
+    if plan.status != "ok":
+        return f"plan {plan.status}: {plan.reason}"
+    f = [value for row in plan.f_n for value in row]
+    if not plan.f_n or any(len(row) != n for row in plan.f_n) or not np.isfinite(f).all():
+        return f"plan {plan.index} is not sound: expected rows of {n} finite forces"
+    return None
 
 
 def _pose(estimate: StateEstimate) -> tuple[float, float, float]:

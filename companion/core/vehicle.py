@@ -56,6 +56,13 @@ def advance(vehicle: Vehicle, t_ns: int, *, unfit: str | None) -> tuple[Vehicle,
     return vehicle, out
 
 
+def forbids(vehicle: Vehicle) -> str | None:
+    """Why no thrust may be commanded at this instant, also between ticks; None while driving."""
+    if vehicle.phase != "driving":
+        return vehicle.why or vehicle.phase
+    return _taken_away(vehicle.heartbeat)
+
+
 def _arm(vehicle: Vehicle, t_ns: int, trouble: str | None) -> tuple[Vehicle, list[Message]]:
     heartbeat = vehicle.heartbeat
     if trouble or heartbeat is None:

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from boats import boat
 
 from companion.core import abkowitz
 from companion.core.abkowitz import VALIDITY, AbkowitzModel, OutsideValidity, check_validity, outside
 from companion.core.abkowitz_table import SURGE, SWAY, TERMS, YAW
 from companion.core.thrusters import configuration_matrix
-from boats import boat
 
 B = configuration_matrix(boat("aritra"))
 STILL = (0.0, 0.0, 0.0)

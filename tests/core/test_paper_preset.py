@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from boats import boat
 
 from companion.core.abkowitz import AbkowitzModel
 from companion.core.nmpc.paper import PAPER, PaperNmpc
 from companion.core.nmpc.paper_run import metrics, next_leg, run, variants
 from companion.core.path import Path, Waypoint
 from companion.core.thrusters import configuration_matrix
-from boats import boat
 
 COURSE = ((4.0, 4.0), (4.0, 7.5), (7.5, 7.5))
 MODEL = AbkowitzModel(configuration_matrix(boat("aritra")), 0.1)

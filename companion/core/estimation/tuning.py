@@ -29,13 +29,13 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Stationary sigma of the latent yaw moment [N m]; tuned."""
     latent_time_s: float = 8.0
     """Correlation time of the latent force [s]; tuned: mass errors act as long as a manoeuvre."""
-    accel_walk_m_s2_sqrt_s: float = 0.005
+    accel_walk_m_s2_sqrt_s: float = 0.002
     """White acceleration that neither model nor latent force explain, surge and sway; tuned."""
-    yaw_walk_rad_s2_sqrt_s: float = 0.01
+    yaw_walk_rad_s2_sqrt_s: float = 0.002
     """The same in yaw; tuned."""
     tilt_sigma_rad: float = 0.002
     """White error of the autopilot's roll and pitch at the instant of an IMU sample; assumed."""
-    range_bias_walk_m_sqrt_s: float = 0.001
+    range_bias_walk_m_sqrt_s: float = 0.0005
     """Random walk of an anchor's bias; assumed."""
     imu_limit: float = 5.0
     """An IMU axis off by more than this many sigma is trusted less, in proportion; assumed."""

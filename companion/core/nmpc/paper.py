@@ -11,7 +11,7 @@ shooting, Runge-Kutta of order 4, IPOPT's default settings, and the last solutio
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -64,7 +64,12 @@ class PaperNmpc:
             cost += settings.s_v * (v - settings.v_des_m_s) ** 2 + settings.s_c * ca.sumsqr(U[:, k])
             gaps.append(X[:, k + 1] - _advance(model, X[:, k], U[:, k], settings.step_s))
         nlp = {"x": ca.veccat(X, U), "f": cost, "g": ca.vertcat(*gaps), "p": p}
-        options = {"print_time": False, "error_on_fail": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+        options: dict[str, Any] = {
+            "print_time": False,
+            "error_on_fail": False,
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+        }
         self._solver = ca.nlpsol("paper", "ipopt", nlp, options)
         free = np.full(4 * (N + 1), np.inf)
         self._low = np.concatenate([-free, np.full(nu * N, settings.c_min_kgf)])

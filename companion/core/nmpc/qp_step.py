@@ -11,7 +11,7 @@ The plugin gives no status when called from inside a function, so its answer is 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -44,7 +44,7 @@ class Step(NamedTuple):
 
 def _function(p: Problem) -> ca.Function:
     """(w, rows, d) -> (w + dw, kkt, cost, g): `Problem.qp`, hpipm and `Problem.measure` joined."""
-    options = {
+    options: dict[str, Any] = {
         "N": p.stages,
         "nx": [p.nx] * (p.stages + 1),
         "nu": [p.nu] * p.stages + [0],

@@ -63,7 +63,7 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     """Newton-type steps on a usable warm start."""
     most_iterations: Count = 6
     """Steps allowed until the dynamics close to `defect_tolerance`, before the rescue."""
-    defect_tolerance: Positive = 0.02
+    defect_tolerance: Positive = 0.1
     """Largest |F(x_k, c_k) - x_{k+1}| of a usable plan, in m, rad, m/s, rad/s and units of 10 N."""
     rescue_iterations: Count = 60
     """Interior-point iterations of the rescue."""

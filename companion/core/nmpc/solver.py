@@ -11,7 +11,7 @@ one thread at a time.   Source of the scheme: Diehl, Bock, Schloeder (2005), SIA
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -75,8 +75,9 @@ class Nmpc:
         rows = request.reference
         if len(rows) != p.stages + 1 or any(len(row) != len(COLUMNS) for row in rows):
             return f"reference: expected {p.stages + 1} rows of {len(COLUMNS)}"
-        asked = Asked(*(np.array(a, dtype=float) for a in (request.x0, rows, request.disturbance_n)),
-                      np.array(request.f_prev_n, dtype=float))  # fmt: skip
+        given = (request.x0, rows, request.disturbance_n, request.f_prev_n)
+        x0, table, d, f_prev = (np.array(numbers, dtype=float) for numbers in given)
+        asked = Asked(x0, table, d, f_prev)
         for name, array in zip(("x0", "reference", "disturbance_n", "f_prev_n"), asked, strict=True):
             if not (np.abs(array) <= LARGEST).all():
                 return f"{name}: not finite, or beyond {LARGEST:g}"
@@ -168,7 +169,7 @@ class Nmpc:
         ), None
 
 
-def ipopt_options(settings: NmpcSettings) -> dict[str, object]:
+def ipopt_options(settings: NmpcSettings) -> dict[str, Any]:
     """Silent, bounded, expanded to scalar operations; without mu strategy or scaling of its own."""
     return {
         "expand": True,

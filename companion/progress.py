@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TextIO
 
 from companion.core.messages import (
@@ -50,8 +51,7 @@ class Progress:
     def close(self) -> None:
         """End the live line."""
         if self._live:
-            self._out.write("\n")
-            self._out.flush()
+            self._write("\n")
 
     def _show(self, lease: OverrideLease) -> None:
         seconds = (lease.t_ns - self._start_ns) * 1e-9
@@ -62,11 +62,15 @@ class Progress:
             what = f"{g.phase}  waypoint {g.waypoints_passed}/{self._waypoints}  y_e {g.y_e_m:+.2f} m"
         text = f"{seconds:6.1f} s  {where}  {what}  [{lease.source}, late <= {self._lateness_ms:.1f} ms]"
         if self._live:
-            self._out.write("\r\x1b[2K" + text)
-            self._out.flush()
+            self._write("\r\x1b[2K" + text)
         else:
             self._print(text)
 
     def _print(self, text: str) -> None:
-        self._out.write(("\r\x1b[2K" if self._live else "") + text + "\n")
-        self._out.flush()
+        self._write(("\r\x1b[2K" if self._live else "") + text + "\n")
+
+    def _write(self, text: str) -> None:
+        """A terminal that went away must not stop the boat."""
+        with contextlib.suppress(OSError):
+            self._out.write(text)
+            self._out.flush()

@@ -46,7 +46,10 @@ def replay(pilot: Pilot, messages: Iterable[Message]) -> Report:
             if expected:
                 return Report(steps, inputs, outputs, _differs(steps, message.t_ns, "nothing", expected[0]))
             state = state or pilot.initial(message.t_ns)
-            given, pending = pending[len(pending) - message.inputs :], []
+            if len(pending) != message.inputs:
+                told = f"{message.inputs} inputs", f"{len(pending)} in the log"
+                return Report(steps, inputs, outputs, _differs(steps, message.t_ns, *told))
+            given, pending = pending, []
             state, made = pilot.step(state, given, message.t_ns)
             steps, inputs, outputs = steps + 1, inputs + len(given), outputs + len(made)
             expected = list(made)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,10 @@ from companion.core.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.pilot import PilotSettings
 from companion.core.run_file import RunFile, load_run
 from companion.core.site import Site, load_site
+from companion.core.vessel_file import VesselFile
 from companion.core.vessel_load import load_vessel
+from drivers.mavlink.encode import PWM_MAX_US, PWM_MIN_US
+from drivers.uwb import CODECS
 
 EXAMPLES = Path(deploy.__file__).parent
 """The boats, sites, missions and the run file that come with the package."""
@@ -52,11 +55,29 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
     site = load_site(texts["site.toml"], name=names["site.toml"])
     (role,) = (role for role in texts if role.startswith("mission"))
     mission = _mission(texts[role], names[role], site)
-    for thruster in vessel.thrusters:
-        if thruster.channel in run.control.neutral_channels:
-            both = f"channel {thruster.channel} drives thruster {thruster.name} of {names['vessel.toml']}"
-            raise ConfigError(f"{names['run.toml']}: control.neutral_channels: {both}")
+    for problem in _problems(run, vessel, names):
+        raise ConfigError(problem)
     return Setup(run, PilotSettings(vessel, site, mission, run.control), texts)
+
+
+def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Iterator[str]:
+    """What no single file can know to be wrong."""
+    of_run, of_vessel, control = names["run.toml"], names["vessel.toml"], run.control
+    still = control.neutral_channels
+    for i, thruster in enumerate(vessel.thrusters):
+        if thruster.channel in still:
+            both = f"channel {thruster.channel} drives thruster {thruster.name} of {of_vessel}"
+            yield f"{of_run}: control.neutral_channels: {both}"
+        if thruster.pwm_min_us < PWM_MIN_US or thruster.pwm_max_us > PWM_MAX_US:
+            yield f"{of_vessel}: thrusters[{i}].pwm_min_us, pwm_max_us: expected {PWM_MIN_US} to {PWM_MAX_US}"
+    if len(set(still)) < len(still):
+        yield f"{of_run}: control.neutral_channels: a channel is there twice"
+    if control.plan_deadline_s >= control.period_s:
+        yield f"{of_run}: control.plan_deadline_s: expected less than control.period_s = {control.period_s}"
+    if control.lease_s <= control.period_s:
+        yield f"{of_run}: control.lease_s: expected more than control.period_s = {control.period_s}"
+    if (wire_format := vessel.sensors.uwb.wire_format) not in CODECS:
+        yield f"{of_vessel}: sensors.uwb.wire_format: no codec {wire_format!r}; there are {', '.join(CODECS)}"
 
 
 def _mission(text: str, name: str, site: Site) -> Mission:

@@ -94,6 +94,5 @@ def range_filter_scores(folder: Path) -> dict[str, dict[str, dict[str, float]]]:
     }
     runs = {name: load_run(folder / name) for name in ("LOS", "NLOS")}
     return {
-        name: {variant: score(run, filtered(run, t)) for variant, t in variants.items()}
-        for name, run in runs.items()
+        name: {variant: score(run, filtered(run, t)) for variant, t in variants.items()} for name, run in runs.items()
     }

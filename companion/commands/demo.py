@@ -42,10 +42,14 @@ def demo(args: argparse.Namespace) -> int:
     from companion import demo_picture, demo_summary  # noqa: PLC0415  (plotting is not needed to drive)
 
     setup = load_setup(args.config)
-    args.out.mkdir(parents=True, exist_ok=True)
     run_log, truth_log = args.out / "run.mcap", args.out / "truth.mcap"
-    for old in (run_log, truth_log):
-        old.unlink(missing_ok=True)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        for old in (run_log, truth_log):
+            old.unlink(missing_ok=True)
+    except OSError as error:
+        print(f"aritra demo: {args.out}: {error.strerror}", file=sys.stderr)
+        return 2
     with tempfile.TemporaryDirectory(prefix="aritra-") as wires:
         failure = _drive(args, Path(wires), run_log, truth_log)
     if failure:

@@ -11,6 +11,8 @@ from companion.logfile import LogError, LogFile
 from companion.replay import replay as repeat
 from companion.setup import setup_of
 
+CONFIGURATION = ("run.toml", "vessel.toml", "site.toml", "mission.")
+
 
 def add_parser(commands) -> None:
     """Add `replay` to the command line."""
@@ -28,11 +30,14 @@ def replay(args: argparse.Namespace) -> int:
     """Repeat one log; the exit code."""
     try:
         log = LogFile(args.log)
-        pilot = _pilot(log)
+        report = repeat(_pilot(log), log.messages())
+        if not report.steps:
+            raise LogError(f"{log.path}: holds no step of the core")
     except LogError as error:
         print(f"aritra replay: {error}", file=sys.stderr)
         return 2
-    report = repeat(pilot, log.messages())
+    for damage in log.damage:
+        print(f"damaged: {damage}", file=sys.stderr)
     print(f"{report.steps} steps, {report.inputs} inputs, {report.outputs} outputs repeated")
     if report.difference is None:
         print("no difference")
@@ -45,6 +50,7 @@ def replay(args: argparse.Namespace) -> int:
 def _pilot(log: LogFile) -> Pilot:
     """The pilot as configured in the log's own metadata."""
     texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
-    if "run.toml" not in texts:
-        raise LogError(f"{log.path}: holds no configuration: not a log of `aritra run`")
+    missing = [name for name in CONFIGURATION if not any(text.startswith(name) for text in texts)]
+    if missing:
+        raise LogError(f"{log.path}: holds no configuration ({', '.join(missing)}): not a log of `aritra run`")
     return Pilot(setup_of(texts, {name: f"{log.path}: {name}" for name in texts}).pilot)

@@ -98,7 +98,11 @@ def sim(args: argparse.Namespace) -> int:
         if args.truth:
             offset_ns = time.time_ns() - time.monotonic_ns()
             metadata = log_metadata(setup.pilot.vessel.name, setup.files)
-            log = Recorder(args.truth, metadata, time.monotonic_ns, wall_offset_ns=offset_ns)
+            try:
+                log = Recorder(args.truth, metadata, time.monotonic_ns, wall_offset_ns=offset_ns)
+            except OSError as error:
+                print(f"aritra sim: {args.truth}: {error.strerror}", file=sys.stderr)
+                return 2
             record = stack.enter_context(log).record
         return asyncio.run(_serve(serve(world, args.seed, wires, record, _say)))
 

@@ -15,6 +15,7 @@ comes late is put in its place among the messages of the last second, and what f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -88,7 +89,10 @@ class Estimator:
 
     def command(self, state: EstimatorState, t_ns: int, f_command_n: tuple[float, ...]) -> EstimatorState:
         """State after thruster forces [N], in the vessel file's order, were commanded at t_ns."""
-        return replace(state, commands=later(state.commands, t_ns, f_command_n, self.vessel.propulsion))
+        if not all(map(math.isfinite, f_command_n)):
+            return _refuse(state, "command: not finite")
+        commands = later(state.commands, t_ns, f_command_n, self.vessel.propulsion)
+        return replace(state, commands=commands if state.history else trimmed(commands, t_ns))
 
     def step(self, state: EstimatorState, message: Message) -> tuple[EstimatorState, tuple[Innovation, ...]]:
         """State after one message, and what each of its numbers did. Other kinds of message change nothing.

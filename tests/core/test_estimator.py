@@ -11,7 +11,7 @@ from estimator_world import Run, Score, basin, estimate, simulate, without
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.estimator import Estimator
+from companion.core.estimator import Estimator, EstimatorState
 from companion.core.messages import (
     AnchorRange,
     Attitude,
@@ -38,6 +38,15 @@ def run() -> Run:
 @pytest.fixture(scope="module")
 def plain(run: Run, estimator: Estimator) -> Score:
     return estimate(run, estimator, settle_s=15.0)
+
+
+@pytest.fixture(scope="module")
+def running(run: Run, estimator: Estimator) -> EstimatorState:
+    """The state 3.3 s into the run."""
+    state = estimator.initial()
+    for m in run.messages[:330]:
+        state, _ = estimator.step(state, m)
+    return state
 
 
 def between(m, start_s: float, end_s: float) -> bool:
@@ -104,10 +113,12 @@ def test_steps_do_not_change_the_state_they_were_given(run: Run, estimator: Esti
     assert other is not state
 
 
-@pytest.mark.parametrize("spike_m", [15.0, -8.0, 1.0])
-def test_a_spike_on_one_range_does_not_move_the_estimate(run, estimator, plain, spike_m: float) -> None:
+def test_spikes_of_one_range_do_not_move_the_estimate(run, estimator, plain) -> None:
+    spikes = {22: (1, 15.0), 26: (3, -8.0), 30: (0, 1.0), 34: (2, 46.0)}
+
     def spike(m):
-        return with_range(m, 1, spike_m) if isinstance(m, UwbRanges) and between(m, 25, 26) else m
+        at = m.t_rx_ns // S
+        return with_range(m, *spikes[at]) if isinstance(m, UwbRanges) and at in spikes else m
 
     hit = estimate(changed(run, spike), estimator)
     assert max(away(a, b) for a, b in zip(hit.estimates, plain.estimates, strict=True)) < 0.1
@@ -293,11 +304,8 @@ messages = st.one_of(
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(messages, max_size=25), st.integers(0, 60 * S))
-def test_nonsense_never_raises_and_never_yields_nan(run, estimator, nonsense, t_ns: int) -> None:
+def test_nonsense_never_raises_and_never_yields_nan(running, estimator, nonsense, t_ns: int) -> None:
     """Nonsense before the start, and in the midst of a healthy run."""
-    running = estimator.initial()
-    for m in run.messages[:330]:
-        running, _ = estimator.step(running, m)
     for begin in (estimator.initial(), running):
         state = begin
         for m in nonsense:
@@ -307,3 +315,16 @@ def test_nonsense_never_raises_and_never_yields_nan(run, estimator, nonsense, t_
         numbers = [e.north_m, e.east_m, e.psi_rad, e.u_m_s, e.v_m_s, e.r_rad_s, *e.covariance]
         numbers += [*e.accel_bias_m_s2, e.gyro_bias_rad_s, *e.anchor_bias_m.values(), *e.disturbance_n]
         assert all(map(math.isfinite, numbers))
+
+
+def test_a_command_that_is_not_finite_is_refused(estimator) -> None:
+    state = estimator.command(estimator.initial(), 0, (math.nan, 0.0, 0.0, 0.0))
+    assert state.refused == {"command: not finite": 1}
+    assert len(state.commands) == 1
+
+
+def test_commands_before_the_start_do_not_pile_up(estimator) -> None:
+    state = estimator.initial()
+    for k in range(100):
+        state = estimator.command(state, k * S // 10, (1.0, 0.0, 0.0, float(k)))
+    assert len(state.commands) <= 3

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import approx_fprime, least_squares
 
 from companion.core.estimation.actuation import Command, active, lagged, later, trimmed
+from companion.core.estimation.algebra import Algebra
 from companion.core.estimation.belief import B_RANGE, Tilt
 from companion.core.estimation.gates import Gate, GateRule, judge
 from companion.core.estimation.health import position_sigma_m
@@ -21,7 +22,8 @@ from companion.core.estimation.initial import locate
 from companion.core.estimation.process import Process
 from companion.core.estimation.screening import screened
 from companion.core.estimation.start import inside
-from companion.core.estimation.tuning import RANGE_GATE
+from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
+from companion.core.estimation.uwb import UwbFusion
 from companion.core.messages import AnchorRange, UwbRanges
 from companion.core.vessel import StructuredModel
 
@@ -201,3 +203,26 @@ def test_bad_ranges_are_taken_out_one_by_one() -> None:
     assert isinstance(good, UwbRanges)
     assert [r.anchor for r in good.ranges] == ["0", "3"]
     assert "range" in problem
+
+
+def test_range_jacobian_equals_finite_differences() -> None:
+    uwb = UwbFusion(basin(), boat("aritra").sensors.uwb, EstimatorTuning(), Algebra(B_RANGE + 4))
+    rng, arm = np.random.default_rng(7), (-0.2, 0.15, -0.4)
+    for anchor in range(4):
+        x = rng.normal(0, 1, B_RANGE + 4) + np.r_[15.0, 12.0, np.zeros(B_RANGE + 2)]
+        numeric = approx_fprime(x, lambda x, a=anchor: uwb.range_model(a, arm, x).h, 1e-6)
+        np.testing.assert_allclose(uwb.range_model(anchor, arm, x).row, numeric, atol=1e-6)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_update_equals_the_information_form(m: int) -> None:
+    rng = np.random.default_rng(m)
+    A, H = rng.normal(size=(5, 5)), rng.normal(size=(m, 5))
+    x, P, R, nu = rng.normal(size=5), A @ A.T + np.eye(5), np.diag(rng.uniform(0.1, 1, m)), rng.normal(size=m)
+    x_before, P_before = x.copy(), P.copy()
+    x_after, P_after = Algebra(5).update(x, P, nu, H, R)
+    information = np.linalg.inv(P) + H.T @ np.linalg.inv(R) @ H
+    np.testing.assert_allclose(P_after, np.linalg.inv(information), atol=1e-9)
+    np.testing.assert_allclose(x_after, x + np.linalg.solve(information, H.T @ np.linalg.solve(R, nu)), atol=1e-9)
+    np.testing.assert_array_equal(x, x_before)
+    np.testing.assert_array_equal(P, P_before)

@@ -65,7 +65,7 @@ def test_smoother_equals_one_large_least_squares_problem() -> None:
     data, _, _ = made_up(2, seconds=6.0)
     k = len(data.t_s)
     data = KinematicData(data.t_s, np.zeros(k), data.r_rad_s, data.accel_m_s2, data.position_m)
-    smooth = kinematic_smoother(data, NOISE)
+    smooth = kinematic_smoother(data, KinematicNoise(0.05, 0.0, 0.0, 0.10))
     dt, rows, rhs = 0.1, [], []
 
     def add(columns: dict[int, float], value: float, sigma: float) -> None:
@@ -75,9 +75,7 @@ def test_smoother_equals_one_large_least_squares_problem() -> None:
         rows.append(row)
         rhs.append(value / sigma)
 
-    # unknowns: k accelerometer errors w, start p0, start v0; with a constant bias b as a sum of w's common part
-    walkless = KinematicNoise(0.05, 0.0, 0.0, 0.10)
-    smooth = kinematic_smoother(data, walkless)
+    # unknowns: k accelerometer errors, start position, start speed
     z, a = data.position_m[:, 0], data.accel_m_s2[:, 0]
     add({k: 1.0}, z[0], NOISE.position_sigma_m)
     add({k + 1: 1.0}, 0.0, START_VELOCITY_SIGMA_M_S)

@@ -58,7 +58,7 @@ class UwbFusion:
         for i, r in known:
             fused = fuse_range(
                 self._algebra, LAYOUT, x, P,
-                model=partial(self._range_model, i, arm),
+                model=partial(self.range_model, i, arm),
                 find=partial(self._find, tuple(latest), belief.t_ns, arm),
                 anchor=i, range_m=r.range_m, sigma_m=self._uwb.range_sigma_m, gates=gates,
                 rule=self._tuning.range_gate, spread_m=self._tuning.fix_spread_m, t_ns=belief.t_ns,
@@ -74,7 +74,7 @@ class UwbFusion:
         )  # fmt: skip
         return after, tuple(innovations)
 
-    def _range_model(self, anchor: int, arm: tuple[float, float, float], x: np.ndarray) -> RangeModel:
+    def range_model(self, anchor: int, arm: tuple[float, float, float], x: np.ndarray) -> RangeModel:
         """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""
         dx, dy = rotate(x[2], arm[0], arm[1])
         distance, e = line_of_sight(np.array([x[0] + dx, x[1] + dy, arm[2]]), self.anchors_m[anchor])

@@ -4,6 +4,11 @@ A waypoint is passed inside its circle of acceptance or beyond the end of its le
 may be missed and never switched. The plant is the model of the controller, without lag or disturbance; an
 optional noise on what the controller is told stands for the estimator. The waypoints are assumed: the paper
 shows its own only in a figure.
+
+Found so: without control cost and without noise the thrust saturates for seconds in a turn but does not
+chatter; noise of an estimator makes it chatter from limit to limit. With two actions applied, pairs of
+thrusters saw-tooth. Which pair depends on places and signs, which the paper does not print: C_y = 0 makes
+fore and aft of one side equal here, so it is the outer side in a turn.
 """
 
 from __future__ import annotations

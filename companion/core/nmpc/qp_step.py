@@ -81,13 +81,14 @@ class QpStep:
     def __init__(self, problem: Problem):
         self._nx = problem.nx
         function = _function(problem)
-        self._buffer, self._call = function.buffer()
+        buffer: tuple[Any, Any] = function.buffer()
+        self._buffer, self._call = buffer
         self._in = [np.zeros(function.nnz_in(i)) for i in range(3)]
         self._out = [np.zeros(function.nnz_out(i)) for i in range(4)]
         for i, array in enumerate(self._in):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate(self._out):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, array.data)
 
     def __call__(self, w: np.ndarray, rows: np.ndarray, d: np.ndarray) -> Step | None:
         """One full step, or None where the linearisation has no numbers.

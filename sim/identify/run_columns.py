@@ -1,0 +1,57 @@
+"""Names and limits of a run's columns. Reference: docs/run-format.md."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+REQUIRED = ("t_s", "battery_v", "psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
+"""Always there, blank where unknown; and at least one pwm_<thruster>."""
+OPTIONAL = (
+    "phi_rad", "theta_rad", "u_m_s", "v_m_s", "V_w_m_s", "beta_w_deg",
+    "true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s",
+)  # fmt: skip
+HELD = ("pwm_", "battery_v")
+"""Beginnings of the names of held columns."""
+_FAMILIES = re.compile(r"pwm_\w+|range_\w+_m|true_f_\w+_n|extra_\w+")
+
+_ANGLE = math.pi + 1e-6
+LIMITS: tuple[tuple[re.Pattern[str], tuple[float, float, str]], ...] = tuple(
+    (re.compile(pattern), limits)
+    for pattern, limits in (
+        (r"pwm_\w+", (800.0, 2200.0, "pulse width [us], 1500 neutral")),
+        (r"battery_v", (0.0, 100.0, "[V]")),
+        (r"(true_)?psi_rad|phi_rad|theta_rad", (-_ANGLE, _ANGLE, "radians, wrapped to -pi..pi")),
+        (r"(true_)?r_rad_s", (-35.0, 35.0, "[rad/s]; a gyroscope of 2000 deg/s ends there")),
+        (r"a[xy]_m_s2", (-160.0, 160.0, "[m/s^2]; an accelerometer of 16 g ends there")),
+        (r"(true_)?(north|east)_m", (-1e5, 1e5, "[m] from the site's origin")),
+        (r"range_\w+_m", (0.0, 1e4, "[m]")),
+        (r"(true_)?[uv]_m_s", (-50.0, 50.0, "[m/s]")),
+        (r"V_w_m_s", (0.0, 100.0, "[m/s]")),
+        (r"beta_w_deg", (-360.0, 360.0, "[deg] from, clockwise from the site's north")),
+    )
+)
+"""Beyond these a value is not of its column: another unit, or another column's."""
+
+
+def column_error(columns: Sequence[str]) -> str | None:
+    """What is wrong with these names, in words; None where nothing is."""
+    if twice := [name for name, count in Counter(columns).items() if count > 1]:
+        return f"column {twice[0]}: is there twice"
+    known = (*REQUIRED, *OPTIONAL)
+    unknown = [name for name in columns if name not in known and not _FAMILIES.fullmatch(name)]
+    missing = [name for name in REQUIRED if name not in columns]
+    if not any(name.startswith("pwm_") for name in columns):
+        missing.append("pwm_<thruster>")
+    if missing:
+        like = difflib.get_close_matches(missing[0], unknown, 1, 0.6)
+        hint = f"; is it {like[0]!r}?" if like else ""
+        return f"column {', '.join(missing)}: missing{hint} (a column may be blank, but must be there)"
+    if unknown:
+        like = difflib.get_close_matches(unknown[0], known, 1, 0.6)
+        hint = f"is it {like[0]}?" if like else "columns beyond the form begin with extra_"
+        return f"column {unknown[0]!r}: unknown; {hint}"
+    return None

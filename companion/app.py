@@ -236,7 +236,7 @@ class App:
         told: str | None = None
         while True:
             now = self._clock.now_ns()
-            if now > self._lease_end_ns:
+            if now >= self._lease_end_ns:
                 self._send(self._codec.encoder.neutral(self._pilot.channels))
             self._talk((), now)
             self._talk_to_tag(now)

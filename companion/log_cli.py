@@ -1,4 +1,4 @@
-"""`aritra log info | plot | recover`. Exit codes: 0 all well, 1 the log is damaged, 2 it cannot be done."""
+"""`aritra log info | plot | recover | export`. Exit codes: 0 all well, 1 the log is damaged, 2 it cannot be done."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from companion import log_export
 from companion.log_recover import recover as recover_log
 from companion.log_summary import LogSummary, summarise
 from companion.logfile import LogError, LogFile
@@ -67,9 +68,9 @@ def recover(path: Path, out: Path | None = None, *, console: Console | None = No
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `log` with its three commands; each sets `function`: parsed arguments -> exit code."""
-    log = subparsers.add_parser("log", help="look into, plot or repair a log", epilog=EXIT_CODES)
-    commands = log.add_subparsers(required=True, metavar="info|plot|recover")
+    """Add `log` with its commands; each sets `function`: parsed arguments -> exit code."""
+    log = subparsers.add_parser("log", help="look into, plot, repair or export a log", epilog=EXIT_CODES)
+    commands = log.add_subparsers(required=True, metavar="info|plot|recover|export")
 
     show = commands.add_parser("info", help="what is in a log: topics, rates, gaps, alerts", epilog=EXIT_CODES)
     show.add_argument("--json", action="store_true", help="one JSON object instead of tables")
@@ -83,6 +84,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     repair = commands.add_parser("recover", help="sound, indexed copy of a damaged or rotated log", epilog=EXIT_CODES)
     repair.set_defaults(function=_guarded(lambda args: recover(args.log, args.output)))
 
+    log_export.add_parser(commands, _guarded, EXIT_CODES)
     for command, default in ((draw, "LOG.png"), (repair, "LOG.recovered.mcap")):
         command.add_argument("-o", "--output", type=Path, metavar="FILE", help=f"default: {default} beside it")
     for command in (show, draw, repair):

@@ -170,7 +170,7 @@ def kill(full: bool) -> Iterator[Line]:
         sim.terminate()
         sim.wait()
         recovered = Path(folder) / "recovered.mcap"
-        code = subprocess.run([*aritra, "log", "recover", str(log), str(recovered)], check=False).returncode
+        code = subprocess.run([*aritra, "log", "recover", str(log), "-o", str(recovered)], check=False).returncode
         yield at_most("aritra log recover: exit code (1: damage was found)", code, 1)
         last_ns = max(m.t_ns for m in LogFile(recovered).messages(Tick))
         yield at_most("lost at the end of the recovered log", (killed_ns - last_ns) * 1e-9, 1.0, "s")

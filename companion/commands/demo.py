@@ -39,7 +39,7 @@ def add_parser(commands) -> None:
 
 def demo(args: argparse.Namespace) -> int:
     """Drive, score, show; the exit code."""
-    from companion import demo_picture, demo_summary  # noqa: PLC0415  (plotting is not needed to drive)
+    from companion import demo_summary  # noqa: PLC0415  (scoring knows the simulator: not for the boat)
 
     setup = load_setup(args.config)
     run_log, truth_log = args.out / "run.mcap", args.out / "truth.mcap"
@@ -58,7 +58,12 @@ def demo(args: argparse.Namespace) -> int:
     score = demo_summary.summarise(run_log, truth_log, setup.pilot)
     (args.out / "summary.json").write_text(json.dumps(score.figures, indent=2) + "\n")
     demo_summary.show(score, args.out)
-    demo_picture.draw(score, setup.pilot, args.out / "picture.png")
+    try:
+        from companion import demo_picture  # noqa: PLC0415  (matplotlib is an extra)
+    except ImportError as error:
+        print(f"no picture: {error}; `pip install aritra[analysis]` brings what draws it")
+    else:
+        demo_picture.draw(score, setup.pilot, args.out / "picture.png")
     return 0 if score.figures["waypoints_passed"] == score.figures["waypoints_total"] else 1
 
 

@@ -26,7 +26,7 @@ from drivers.mavlink.codec import MavlinkCodec
 from drivers.port_url import open_port_from_url
 from drivers.uwb import uwb_codec
 
-GIL_S = 0.0005
+GIL_S = 0.0001
 """How long a thread may keep the interpreter from the other: at the default of 5 ms the solver waits for the filter."""
 
 

@@ -17,7 +17,7 @@ surge inertia were t in N, and 1.1 t in kgf: the paper does not settle it). The 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -85,14 +85,15 @@ def regressor(nu: Any, t: Any) -> list[Any]:
 @dataclass(frozen=True)
 class AbkowitzModel:
     """Table 2 as a `dynamics.Model`. B (3, n) and the lag come from a vessel file: the paper gives neither
-    the thrusters' places nor their dynamics.
+    the thrusters' places nor their dynamics. `coefficients` (3, 23): another fit of the same terms.
     """
 
     B: np.ndarray
     lag_s: float
+    coefficients: np.ndarray = field(default_factory=C.copy)
 
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration, shape (3,) [m/s^2, m/s^2, rad/s^2], from tau in N, N, N m."""
         del eta  # calm water: the pose plays no part
         phi = ca.vertcat(*regressor(nu, [tau[i] / KGF_N for i in range(3)]))
-        return ca.mtimes(ca.DM(C), phi)
+        return ca.mtimes(ca.DM(self.coefficients), phi)

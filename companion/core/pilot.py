@@ -11,6 +11,7 @@ under the commands already sent) is what the NMPC plans from.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -131,7 +132,7 @@ class Pilot:
 
     def _sense(self, state: PilotState, message: Any, t_ns: int) -> tuple[PilotState, Outputs]:
         if isinstance(message, Attitude):
-            psi = ssa(message.psi_rad - np.deg2rad(self.settings.site.rotation_deg))
+            psi = ssa(message.psi_rad - math.radians(self.settings.site.rotation_deg))
             message = struct_replace(message, psi_rad=psi)
         estimator, innovations = self._estimator.step(state.estimator, message)
         return replace(state, estimator=estimator), list(innovations)
@@ -144,7 +145,8 @@ class Pilot:
         return replace(state, voltage_v=mean), []
 
     def _heartbeat(self, state: PilotState, message: Heartbeat, t_ns: int) -> tuple[PilotState, Outputs]:
-        return replace(state, vehicle=replace(state.vehicle, heartbeat=message)), []
+        known, alerts = vehicle.hear(state.vehicle, message, t_ns)
+        return replace(state, vehicle=known), alerts
 
     def _link(self, state: PilotState, message: LinkStatus, t_ns: int) -> tuple[PilotState, Outputs]:
         level = "warning" if message.state in ("stale", "lost") else "info"
@@ -164,13 +166,13 @@ class Pilot:
     # --- a tick and its one lease ------------------------------------------------------------------
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
-        left: Outputs = []
-        if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
-            state, left = self._choose(state, t_ns, "no plan before the next tick")
         estimate = self._estimator.estimate(state.estimator, t_ns)
         known, more = vehicle.advance(state.vehicle, t_ns, unfit=_unfit(estimate))
         state = replace(state, estimate=estimate, vehicle=known)
-        outputs: Outputs = [*left, estimate, *more]
+        outputs: Outputs = [estimate, *more]
+        if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
+            state, left = self._choose(state, t_ns, "no plan before the next tick")
+            outputs += left
         if known.phase != "driving":
             state = replace(state, guidance=guidance.IDLE, plan=None, asked=(), open_tick=tick.index)
             state, lease = self._choose(state, t_ns, "")
@@ -232,8 +234,9 @@ class Pilot:
 
     def _choose(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
         """The lease of the open tick: the highest rung that holds; neutral where the boat may not drive."""
-        if forbidden := vehicle.forbids(state.vehicle):
-            return self._lease(state, np.zeros(self._n), "neutral", forbidden, t_ns)
+        if state.vehicle.phase != "driving":
+            why = state.vehicle.why or state.vehicle.phase
+            return self._lease(state, np.zeros(self._n), "neutral", why, t_ns)
         age_s = (t_ns - state.plan_ns) * 1e-9
         f, source, why = command(
             state.plan,

@@ -39,7 +39,6 @@ STOPPED = Vehicle()
 
 def advance(vehicle: Vehicle, t_ns: int, *, unfit: str | None) -> tuple[Vehicle, list[Message]]:
     """One tick. `unfit`: why the boat may not drive now (estimator, mission), None where it may."""
-    out: list[Message] = []
     trouble = _link_trouble(vehicle.heartbeat, t_ns) or unfit
     if vehicle.phase == "waiting":
         vehicle = replace(vehicle, why=trouble or "")
@@ -47,20 +46,21 @@ def advance(vehicle: Vehicle, t_ns: int, *, unfit: str | None) -> tuple[Vehicle,
             vehicle = replace(vehicle, phase="arming", asked_ns=0)
     if vehicle.phase == "arming":
         return _arm(vehicle, t_ns, trouble)
-    if vehicle.phase == "driving":
-        lost = trouble or _taken_away(vehicle.heartbeat)
-        if lost:
-            text = f"stopped: {lost}; thrusters are neutral until the operator starts again"
-            out.append(Alert(t_ns=t_ns, level="error", text=text))
-            vehicle = replace(vehicle, phase="stopped", why=lost)
-    return vehicle, out
+    if vehicle.phase == "driving" and trouble:
+        return _stop(vehicle, t_ns, trouble)
+    return vehicle, []
 
 
-def forbids(vehicle: Vehicle) -> str | None:
-    """Why no thrust may be commanded at this instant, also between ticks; None while driving."""
-    if vehicle.phase != "driving":
-        return vehicle.why or vehicle.phase
-    return _taken_away(vehicle.heartbeat)
+def hear(vehicle: Vehicle, heartbeat: Heartbeat, t_ns: int) -> tuple[Vehicle, list[Message]]:
+    """A heartbeat; one that takes the driving away counts at once, and is not undone by the next."""
+    vehicle = replace(vehicle, heartbeat=heartbeat)
+    taken = _taken_away(heartbeat) if vehicle.phase == "driving" else None
+    return _stop(vehicle, t_ns, taken) if taken else (vehicle, [])
+
+
+def _stop(vehicle: Vehicle, t_ns: int, why: str) -> tuple[Vehicle, list[Message]]:
+    text = f"stopped: {why}; thrusters are neutral until the operator starts again"
+    return replace(vehicle, phase="stopped", why=why), [Alert(t_ns=t_ns, level="error", text=text)]
 
 
 def _arm(vehicle: Vehicle, t_ns: int, trouble: str | None) -> tuple[Vehicle, list[Message]]:
@@ -89,9 +89,9 @@ def _link_trouble(heartbeat: Heartbeat | None, t_ns: int) -> str | None:
     return None
 
 
-def _taken_away(heartbeat: Heartbeat | None) -> str | None:
-    if heartbeat is not None and not heartbeat.armed:
+def _taken_away(heartbeat: Heartbeat) -> str | None:
+    if not heartbeat.armed:
         return "the autopilot was disarmed"
-    if heartbeat is not None and heartbeat.custom_mode != MANUAL:
+    if heartbeat.custom_mode != MANUAL:
         return f"the autopilot's mode was changed to {heartbeat.custom_mode}"
     return None

@@ -16,18 +16,20 @@ from companion.core.config import SourcedTable, Table
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 NonPositive = Annotated[float, msgspec.Meta(le=0)]
-Pulse = Annotated[int, msgspec.Meta(ge=800, le=2200)]
+Pulse = Annotated[int, msgspec.Meta(ge=1100, le=1900)]
 
 
 class Hull(SourcedTable, frozen=True, kw_only=True):
-    """Outer size [m] and the areas above water that wind sees [m^2]. `origin` says where the axes sit."""
+    """Outer size [m] and the areas above water that wind sees [m^2], 0 where nobody measured: then wind
+    does nothing. `origin` says where the axes sit.
+    """
 
     length_m: Positive
     beam_m: Positive
     draft_m: Positive
     origin: str
-    frontal_area_m2: Positive | None = None
-    lateral_area_m2: Positive | None = None
+    frontal_area_m2: NonNegative = 0.0
+    lateral_area_m2: NonNegative = 0.0
 
 
 class Inertia(SourcedTable, frozen=True, kw_only=True):

@@ -39,4 +39,8 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
     D = model.linear_damping(vessel)
     if np.linalg.eigvalsh(D + D.T).min() < 0:
         yield "damping: the linear part feeds energy into the hull; |Y_r_N_s + N_v_N_s| is too large"
+    if "wind" in vessel.terms:
+        for key in ("frontal_area_m2", "lateral_area_m2"):
+            if not getattr(vessel.hull, key):
+                yield f"hull.{key}: missing key: terms.wind needs it"
     yield from terms.problems(vessel.terms)

@@ -63,7 +63,7 @@ def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
     for s in kept:
         frame = pl.DataFrame({"t_ns": s.t_ns, **s.columns}).fill_nan(None)
         table = table.join_asof(frame, on="t_ns") if s.held else table.join(frame, on="t_ns", how="left")
-    table = table.sort("t_ns").with_columns(t_s=(pl.col("t_ns") - zero_ns) / 1e9).drop("t_ns")
+    table = table.sort("t_ns").drop("t_ns").with_columns(t_s=pl.Series((rows - zero_ns) / 1e9))
     blank = pl.lit(None, pl.Float64)
     table = table.with_columns(blank.alias(name) for name in REQUIRED if name not in table.columns)
     told = [
@@ -123,7 +123,9 @@ def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, Problem]])
         return s
     if not inside.any():
         away_s = (s.t_ns[0] - zero_ns) / 1e9
-        text = f"{s.name}: none of its {len(inside)} samples falls into the log: it begins {away_s:+.1f} s from its start"
+        text = (
+            f"{s.name}: none of its {len(inside)} samples falls into the log: it begins {away_s:+.1f} s from its start"
+        )
         notes.append((zero_ns, Problem(kind="missing", text=text)))
     columns = {name: values[inside] for name, values in s.columns.items()}
     return Stream(s.name, s.t_ns[inside], columns, s.held, s.near, s.outside)
@@ -136,6 +138,8 @@ def _moved(s: Stream, to: Stream) -> Stream:
     after = np.clip(np.searchsorted(to.t_ns, s.t_ns), 1, max(len(to.t_ns) - 1, 1)) % len(to.t_ns)
     nearest = np.where(s.t_ns - to.t_ns[after - 1] < to.t_ns[after] - s.t_ns, after - 1, after)
     t_ns = np.where(np.abs(to.t_ns[nearest] - s.t_ns) <= NEAR_NS, to.t_ns[nearest], s.t_ns)
-    if (np.diff(t_ns) <= 0).any():  # two within 1 ms of one sample: then all keep their own stamps
-        return s
-    return Stream(s.name, t_ns, s.columns, s.held, s.near, s.outside)
+    again = np.append(False, np.diff(t_ns) == 0)
+    t_ns = np.where(again, s.t_ns, t_ns)
+    order = np.argsort(t_ns, kind="stable")
+    columns = {name: values[order] for name, values in s.columns.items()}
+    return Stream(s.name, t_ns[order], columns, s.held, s.near, s.outside)

@@ -60,8 +60,11 @@ def read_csv(path: Path) -> Run:
     first = 0
     while first < len(lines) and lines[first].startswith(b"#"):
         key, equals, value = lines[first][1:].decode(errors="replace").partition("=")
+        name = key.strip()
+        if name in given:
+            raise RunError(f"{path}: line {first + 1}: {name}: is there twice")
         if equals:
-            given[key.strip()] = _json(value, f"{path}: line {first + 1}: {key.strip()}")
+            given[name] = _json(value, f"{path}: line {first + 1}: {name}")
         first += 1
     texts = text_columns(lines, first, str(path))
     if wrong := column_error(texts.columns):

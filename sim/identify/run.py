@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import msgspec
 import numpy as np
 import polars as pl
 
-from sim.identify.run_columns import HELD, LIMITS, REQUIRED, column_error
+from sim.identify.run_columns import HELD, LIMITS, column_error
 
 PAIRS = (("north_m", "east_m"), ("V_w_m_s", "beta_w_deg"), ("true_north_m", "true_east_m"))
 
@@ -68,7 +68,7 @@ class Run:
     """
 
     table: pl.DataFrame
-    meta: RunMeta = RunMeta()
+    meta: RunMeta = field(default_factory=RunMeta)
 
     def __post_init__(self) -> None:
         check(self.table, self.meta.source, lambda row: f"row {row}")
@@ -204,6 +204,3 @@ def _check_limits(column: pl.Series, name: str, place: Callable[[int], str]) -> 
         row = int(outside.argmax())
         expected = f"expected {low:g} to {high:g}" + (f": {hint}" if hint else "")
         raise RunError(f"{name}: {place(row)}: {column.name}: {values[row]:g}; {expected}")
-
-
-__all__ = ["REQUIRED", "Problem", "Run", "RunError", "RunMeta", "check"]

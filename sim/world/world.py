@@ -63,7 +63,7 @@ class World:
         self.vessel = vessel
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
-        self.rover = Rover(setup.boot_ns, setup.parameters, setup.drift_ppm)
+        self.rover = Rover(setup.boot_ns, _wired(vessel, setup.parameters), setup.drift_ppm, _channels(vessel))
         self._environment = Environment(setup.weather, draws[1])
         self._imu = ImuSensor(vessel.sensors.imu, draws[2])
         self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws[3])
@@ -141,3 +141,12 @@ class World:
         due = b"".join(data for ready_ns, data in self._in_flight if ready_ns <= self.t_ns)
         self._in_flight = [(ready_ns, data) for ready_ns, data in self._in_flight if ready_ns > self.t_ns]
         return due
+
+
+def _channels(vessel: VesselFile) -> tuple[int, ...]:
+    return tuple(t.channel for t in vessel.thrusters)
+
+
+def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster."""
+    return {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from voyage import pilot, setup, under_way
 
 from companion.core import messages as m
-from companion.core.vehicle import forbids
 
 S, MS = 1_000_000_000, 1_000_000
 VESSEL = setup().pilot.vessel
@@ -65,7 +63,7 @@ class Shell:
         assert np.isfinite(lease.f_command_n).all() and lease.valid_for_s == 0.3
         if lease.source == "neutral":
             assert lease.reason and lease.pwm_us == (1500,) * 8
-        if len(inputs) == 1 and forbids(self.state.vehicle):
+        if len(inputs) == 1 and self.state.vehicle.phase != "driving":
             assert lease.source == "neutral", "thrust without leave to drive"
 
     def tick(self, **after):
@@ -152,7 +150,7 @@ def live_through(shell, events):
     assert shell.index - 1 in [lease.index for lease in shell.leases]
 
 
-ANY = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+ANY = settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 
 
 @ANY
@@ -178,13 +176,23 @@ def test_it_does_not_matter_that_messages_come_in_one_call(groups):
         for each in messages:
             apart, _ = pilot().step(apart, [each], shell.t_ns)
         shell.feed(*messages)
-        assert pickle.dumps(exact(apart)) == pickle.dumps(exact(shell.state))
+        assert same(apart, shell.state)
 
 
-def exact(state):
-    """A state as text in which every bit of every number shows."""
-    with np.printoptions(floatmode="unique", threshold=10**9, linewidth=10**9):
-        return repr(replace(state, estimator=state.estimator.history[-3:]))
+def same(a, b):
+    """Equal to the last bit, arrays and all."""
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
+    if isinstance(a, (tuple, list)):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, float):
+        return a == b or (a != a and b != b)
+    names = getattr(a, "__struct_fields__", None) or getattr(a, "__dataclass_fields__", ())
+    if names:
+        return type(a) is type(b) and all(same(getattr(a, k), getattr(b, k)) for k in names)
+    return a == b
 
 
 @settings(ANY, max_examples=30)
@@ -195,12 +203,12 @@ def test_a_step_is_pure(events):
         inputs = [m.Tick(t_ns=shell.t_ns, index=shell.index)] if event[0] in ("tick", "wait") else []
         inputs = inputs or [message(shell, event)]
         shell.wait(13)
-        before = exact(shell.state), pickle.dumps(shell.state)
+        before = pickle.dumps(shell.state)
         one, out_one = pilot().step(shell.state, inputs, shell.t_ns)
         two, out_two = pilot().step(shell.state, inputs, shell.t_ns)
-        assert exact(one) == exact(two)
+        assert same(one, two)
         assert msgspec.json.encode(out_one) == msgspec.json.encode(out_two)
-        assert (exact(shell.state), pickle.dumps(shell.state)) == before
+        assert same(pickle.loads(before), shell.state)
         shell.state = one
 
 

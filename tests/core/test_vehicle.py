@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from companion.core.messages import Alert, Heartbeat, VehicleRequest
-from companion.core.vehicle import HEARTBEAT_LOST_NS, MANUAL, RETRY_NS, STOPPED, Vehicle, advance, forbids
+from companion.core.vehicle import HEARTBEAT_LOST_NS, MANUAL, RETRY_NS, Vehicle, advance, hear
 
 S = 1_000_000_000
 NOW = 100 * S
@@ -42,14 +42,11 @@ OLD = heartbeat(t_ns=NOW - HEARTBEAT_LOST_NS - 1)
         ("driving", None, None, "stopped"),
         ("driving", OLD, None, "stopped"),
         ("driving", READY, "estimate lost", "stopped"),
-        ("driving", HELD, None, "stopped"),
-        ("driving", DISARMED, None, "stopped"),
     ],
 )
 def test_every_phase_in_every_situation(phase, beat, unfit, after):
     vehicle, out = advance(Vehicle(phase, "", beat), NOW, unfit=unfit)
     assert vehicle.phase == after
-    assert (forbids(vehicle) is None) == (after == "driving")
     if after != "driving":
         assert vehicle.why or phase == "stopped"
     errors = [m for m in out if isinstance(m, Alert) and m.level == "error"]
@@ -70,12 +67,18 @@ def test_manual_is_asked_for_before_arming_and_both_again_each_second():
     assert RETRY_NS == S
 
 
-def test_what_a_disarm_or_a_mode_change_takes_away_is_forbidden_at_once():
-    """Between ticks too: `forbids` does not wait for `advance`."""
-    assert forbids(Vehicle("driving", "", READY)) is None
-    assert "disarmed" in forbids(Vehicle("driving", "", DISARMED))
-    assert "mode" in forbids(Vehicle("driving", "", HELD))
-    assert forbids(STOPPED) == "waiting for the operator's start"
+@pytest.mark.parametrize(("beat", "why"), [(DISARMED, "disarmed"), (HELD, "mode was changed to 4")])
+def test_a_disarm_or_a_mode_change_stops_at_once_and_is_not_undone(beat, why):
+    vehicle, out = hear(Vehicle("driving", "", READY), beat, NOW)
+    assert vehicle.phase == "stopped" and why in vehicle.why and [a.level for a in out] == ["error"]
+    vehicle, out = hear(vehicle, READY, NOW)
+    assert vehicle.phase == "stopped" and not out
+
+
+@pytest.mark.parametrize("phase", ["waiting", "arming", "stopped"])
+@pytest.mark.parametrize("beat", [READY, DISARMED, HELD])
+def test_before_driving_a_heartbeat_is_only_noted(phase, beat):
+    assert hear(Vehicle(phase, "why"), beat, NOW) == (Vehicle(phase, "why", beat), [])
 
 
 def test_a_heartbeat_that_comes_back_does_not_drive_by_itself():

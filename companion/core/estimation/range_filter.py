@@ -36,7 +36,7 @@ LAYOUT = Layout(position=(0, 1), velocity=(2, 3), bias=BIAS)
 
 
 class RangeFilterTuning(Table, frozen=True, kw_only=True):
-    """Noise of the range-only filter. Bias figures from 4 static and moving runs' scatter (facts/uwb.md)."""
+    """Noise of the range-only filter. Bias figures from 4 static and moving runs' scatter."""
 
     acceleration_m_s2_sqrt_s: float = 1.0
     """White acceleration: a walking-speed vehicle that turns within seconds; assumed."""

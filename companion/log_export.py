@@ -1,0 +1,137 @@
+"""`aritra log export`: any log -> one aligned table (docs/run-format.md), and what is wrong with it.
+
+polars is an optional dependency (extra `analysis`): everything that needs it is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from companion.core.site import load_site
+from companion.core.vessel_load import load_vessel
+from companion.logfile import LogError
+
+if TYPE_CHECKING:
+    from sim.identify.run import Problem, Run
+
+OK, DAMAGED = 0, 1
+Command = Callable[[argparse.Namespace], int]
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What goes with the log: files, and how a UWB log is read and shifted (see sim.identify.readers.Beside)."""
+
+    vessel: Path | None = None
+    site: Path | None = None
+    truth: Path | None = None
+    uwb: Path | None = None
+    uwb_format: str | None = None
+    uwb_offset_s: float | None = None
+
+
+def export(
+    path: Path, out: Path, extras: Extras | None = None, *, as_json: bool = False, console: Console | None = None
+) -> int:
+    """Write the run in `path` to `out` and tell what is in it and what is wrong. Returns the exit code.
+
+    Raises LogError: it cannot be read or written, or polars is not installed.
+    """
+    try:
+        from sim.identify.problems import problems  # noqa: PLC0415
+        from sim.identify.readers import read_run  # noqa: PLC0415
+        from sim.identify.readers_table import write_run  # noqa: PLC0415
+    except ImportError:
+        raise LogError('export needs polars: pip install "aritra[analysis]"') from None
+    if out.exists() and out.samefile(path):
+        raise LogError(f"{out}: this is the log itself")
+    try:
+        run = read_run(path, _beside(extras or Extras()))
+        write_run(run, out)
+    except (ValueError, OSError) as error:  # RunError, ConfigError and an unknown wire format are ValueErrors
+        told = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
+        raise LogError(told) from None
+    console, found = console or Console(), problems(run)
+    if as_json:
+        console.file.write(json.dumps({"out": str(out), **summary(run, found)}, indent=2) + "\n")
+    else:
+        _print(run, found, out, console)
+    return DAMAGED if any(p.kind == "damaged" for p in found) else OK
+
+
+def summary(run: Run, found: list[Problem]) -> dict[str, Any]:
+    """The run in figures, for scripts."""
+    return {
+        "vessel": run.meta.vessel,
+        "rows": run.table.height,
+        "duration_s": run.duration_s,
+        "thrusters": run.thrusters,
+        "rates_hz": run.rates_hz(),
+        "data_hash": run.data_hash,
+        "problems": msgspec.to_builtins(found),
+    }
+
+
+def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
+    """Add `export` to the commands of `aritra log`."""
+    p = commands.add_parser("export", help="one aligned table: CSV or Parquet, and its problems", epilog=exit_codes)
+    p.add_argument("log", type=Path, metavar="LOG", help="log of aritra run (.mcap), .bin, .tlog, .csv, .parquet")
+    p.add_argument("--out", "-o", type=Path, required=True, metavar="FILE", help="to write: .csv, .csv.gz or .parquet")
+    p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
+    p.add_argument("--vessel", type=Path, metavar="FILE", help="vessel file (default: the one in the log)")
+    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--uwb", type=Path, metavar="LOG", help="UWB log beside a .bin or .tlog: .mcap, or stamped lines")
+    p.add_argument("--uwb-format", metavar="NAME", help="wire format of its lines (default: the vessel file's)")
+    p.add_argument("--uwb-offset", type=float, metavar="S", help="add to its Unix stamps to have the log's clock")
+    p.add_argument("--json", action="store_true", help="one JSON object instead of tables")
+    p.set_defaults(function=guarded(_run_command))
+
+
+def _run_command(args: argparse.Namespace) -> int:
+    extras = Extras(args.vessel, args.site, args.truth, args.uwb, args.uwb_format, args.uwb_offset)
+    return export(args.log, args.out, extras, as_json=args.json)
+
+
+def _beside(extras: Extras) -> Any:
+    from sim.identify.readers import Beside  # noqa: PLC0415
+
+    vessel = load_vessel(extras.vessel.read_text(), name=str(extras.vessel)) if extras.vessel else None
+    site = load_site(extras.site.read_text(), name=str(extras.site)) if extras.site else None
+    return Beside(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
+
+
+def _print(run: Run, found: list[Problem], out: Path, console: Console) -> None:
+    from sim.identify.problems import grouped  # noqa: PLC0415
+
+    changes = len(run.commands()[0])
+    console.print(Text(f"wrote {out}: {run.table.height} rows, {run.duration_s:.2f} s, data {run.data_hash[:12]}"))
+    console.print(Text(f"vessel {run.meta.vessel}, site {run.meta.site}, {changes} commands to {len(run.thrusters)}"))
+    table = Table("column", title="Samples", title_justify="left")
+    table.add_column("samples", justify="right")
+    table.add_column("rate [Hz]", justify="right")
+    for name, rate_hz in run.rates_hz().items():
+        count = run.table.height - run.table[name].null_count()
+        table.add_row(Text(name), str(count), f"{rate_hz:.2f}")
+    console.print(table)
+    for kind, ones in grouped(found).items():
+        total_s = sum(p.length_s or 0.0 for p in ones)
+        head = f"{kind}: {len(ones)}" + (f", {total_s:.1f} s in all" if total_s else "")
+        console.print(Text(head, style="bold yellow"))
+        for p in ones[:3]:
+            at = f"{p.t_s:9.2f} s  " if p.t_s is not None else ""
+            length = f" ({p.length_s:.2f} s)" if p.length_s else ""
+            console.print(Text(f"  {at}{p.text}{length}"))
+        if len(ones) > 3:
+            console.print(Text(f"  ... and {len(ones) - 3} more (--json tells all)"))
+    if not found:
+        console.print(Text("no problems found"))

@@ -1,0 +1,60 @@
+"""Any log -> run, by the name of the file: .mcap, .csv, .csv.gz, .parquet, .bin, .tlog."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from companion.core.site import Site
+from companion.core.vessel_file import VesselFile
+from sim.identify.readers_aritra import read_mcap
+from sim.identify.readers_cse1 import is_cse1, read_cse1
+from sim.identify.readers_dataflash import read_dataflash_run
+from sim.identify.readers_table import csv_lines, read_csv, read_parquet
+from sim.identify.readers_tlog import read_tlog
+from sim.identify.readers_uwb import read_uwb
+from sim.identify.run import Run, RunError
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What a log does not hold itself. `truth`: the simulator's log, for .mcap. `uwb`: a UWB log (.mcap or text),
+
+    for .bin and .tlog, with `uwb_format` its wire format (default: the vessel's) and `uwb_offset_s` what to add
+    to its Unix stamps to have the log's clock (.bin: needed without GPS; .tlog: default 0).
+    """
+
+    vessel: VesselFile | None = None
+    site: Site | None = None
+    truth: Path | None = None
+    uwb: Path | None = None
+    uwb_format: str | None = None
+    uwb_offset_s: float | None = None
+
+
+def read_run(path: Path, beside: Beside | None = None) -> Run:
+    """The run in `path`. Raises RunError or LogError naming file and place, OSError where it cannot be read."""
+    given = beside or Beside()
+    kind = path.name.lower().removesuffix(".gz").rpartition(".")[2]
+    if given.truth and kind != "mcap":
+        raise RunError(f"{path}: a log with the truth goes with a .mcap log only")
+    if given.uwb and kind not in ("bin", "tlog"):
+        raise RunError(f"{path}: a UWB log is joined to a .bin or .tlog only")
+    if kind == "mcap":
+        return read_mcap(path, given.vessel, given.site, given.truth)
+    if kind == "parquet":
+        return read_parquet(path)
+    if kind == "csv":
+        lines = csv_lines(path)
+        return read_cse1(path) if is_cse1(lines[0].decode(errors="replace")) else read_csv(path)
+    uwb = None
+    if given.uwb:
+        uwb_spec = given.vessel.sensors.uwb if given.vessel else None
+        wire_format = given.uwb_format or (uwb_spec.wire_format if uwb_spec else None)
+        uwb = partial(read_uwb, given.uwb, wire_format, given.site, uwb_spec.z_m if uwb_spec else 0.0)
+    if kind == "bin":
+        return read_dataflash_run(path, given.vessel, given.site, uwb, given.uwb_offset_s)
+    if kind == "tlog":
+        return read_tlog(path, given.vessel, given.site, uwb, given.uwb_offset_s or 0.0)
+    raise RunError(f"{path}: expected .mcap, .csv, .csv.gz, .parquet, .bin or .tlog")

@@ -1,0 +1,74 @@
+"""C/S Enterprise I (NTNU basin, motion capture, 20 Hz): its CSV -> run.
+
+Commands u1..u5 in -1..1 become 1500 + 400 u [us], as deploy/boats/cse1.toml reads them back. Rows with
+tracking_lost keep their commands; their pose, which is zeros, is left blank. Settings (vsp_speed, bt_power),
+height and set-points are kept as extra_ columns; nu1..nu6 are not: they are raw differences of the pose.
+Source: github.com/NTNU-MCS/CS_EnterpriseI_archive.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from sim.identify.readers_join import Stream, join
+from sim.identify.readers_table import csv_lines, numbers, text_columns
+from sim.identify.run import Run, RunError, RunMeta
+
+THRUSTERS = ("port_surge", "port_sway", "starboard_surge", "starboard_sway", "bow")
+NEUTRAL_US, SPAN_US = 1500.0, 400.0
+BEYOND = 1.01  # the joystick's counts end at 1.0028 (observed)
+_NEEDED = ("t", "x", "y", "phi", "theta", "psi", "u1", "u2", "u3", "u4", "u5", "tracking_lost")
+_EXTRA = ("z", "vsp_speed", "bt_power", "eta_d1", "eta_d2", "eta_d3")
+
+
+def is_cse1(header: str) -> bool:
+    """Does a CSV with this first line come from there?"""
+    return {"t", "u1", "u5", "tracking_lost"} <= set(header.split(","))
+
+
+def read_cse1(path: Path) -> Run:
+    """Run of one recording. Raises RunError naming file, line and column, OSError."""
+    texts = text_columns(csv_lines(path), 0, str(path))
+    if missing := [name for name in _NEEDED if name not in texts.columns]:
+        raise RunError(f"{path}: line 1: column {', '.join(missing)}: missing")
+    table = numbers(texts, str(path), 2)
+    blank = table.select(pl.any_horizontal(pl.col(_NEEDED).is_null())).to_series()
+    if blank.any():
+        raise RunError(f"{path}: line {int(blank.arg_true()[0]) + 2}: a field is blank")
+    data = {name: table[name].to_numpy() for name in table.columns}
+    beyond = np.abs(np.column_stack([data[f"u{i}"] for i in range(1, 6)])).max(axis=1) > BEYOND
+    if beyond.any():
+        raise RunError(
+            f"{path}: line {int(beyond.argmax()) + 2}: u1..u5: expected -1 to 1, or up to {BEYOND} beyond by rounding"
+        )
+    t_ns = np.rint(data["t"] * 1e9).astype(np.int64)
+    seen = data["tracking_lost"] == 0
+    pose = {
+        "psi_rad": (data["psi"][seen] + np.pi) % (2 * np.pi) - np.pi,
+        "north_m": data["x"][seen], "east_m": data["y"][seen],
+        "phi_rad": data["phi"][seen], "theta_rad": data["theta"][seen],
+    }  # fmt: skip
+    pwm = {f"pwm_{name}": NEUTRAL_US + SPAN_US * data[f"u{i}"] for i, name in enumerate(THRUSTERS, 1)}
+    extra = {f"extra_{name}": data[name] for name in _EXTRA if name in data}
+    mocap = "motion capture, basin axes; the point that it tracks stands for the body origin"
+    meta = RunMeta(
+        vessel="cse1",
+        source=path.name,
+        clock="recording, from its beginning",
+        site="NTNU Marine Cybernetics basin",
+        latency_s=None,
+        tag_arm_m=(0.0, 0.0),
+        columns={
+            "pwm": "commands u1..u5 as 1500 + 400 u; 20 Hz, logged value of each instant",
+            **dict.fromkeys(("psi_rad", "north_m", "east_m"), mocap),
+        },
+    )
+    streams = [
+        Stream("motion capture", t_ns[seen], pose),
+        Stream("commands", t_ns, pwm, held=True),
+        Stream("settings", t_ns, extra),
+    ]
+    return join(streams, meta)

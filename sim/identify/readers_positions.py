@@ -1,0 +1,63 @@
+"""Tag positions for a run: from the ranges of a cycle, and from latitude and longitude.
+
+    min over p of sum_i rho(z_i - |p - a_i|),   rho Cauchy's, by re-weighted Gauss-Newton for all cycles at once
+
+started in the middle of the anchors that answered. Outside their hull, and with anchors in a line, another
+place explains the ranges as well: a cycle is left blank where fewer than three ranges agree with its fix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.core.frames import Origin, site_from_geodetic
+from companion.core.site import Site
+
+SPREAD_M = 0.5  # residual of a good range; assumed
+ITERATIONS = 15
+
+
+def fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """North and east (n,) [m] of cycles with ranges (n,) by anchor, NaN where there is no sound fix."""
+    anchors = [a for a in site.anchors if a.id in ranges_m]
+    count = len(next(iter(ranges_m.values()), ()))
+    if len(anchors) < 3:
+        return np.full(count, np.nan), np.full(count, np.nan)
+    places = np.array([(a.north_m, a.east_m) for a in anchors])
+    drop2 = np.array([(a.down_m - tag_down_m) ** 2 for a in anchors])
+    z = np.column_stack([ranges_m[a.id] for a in anchors])
+    heard = np.isfinite(z)
+    z = np.where(heard, z, 0.0)
+    usable = heard.sum(axis=1) >= 3
+    p = (heard @ places) / np.maximum(heard.sum(axis=1), 1)[:, None]
+    for step in range(ITERATIONS):
+        away = p[:, None, :] - places
+        distance = np.sqrt((away**2).sum(axis=2) + drop2)
+        residual = z - distance
+        spread = SPREAD_M / 2 if step > ITERATIONS // 3 else 20.0  # first all ranges, then the ones that agree
+        weight = heard / (1.0 + (residual / spread) ** 2)
+        H = away / distance[:, :, None]
+        A = np.einsum("nij,nik,ni->njk", H, H, weight) + 1e-9 * np.eye(2)
+        b = np.einsum("nij,ni->nj", H, weight * residual)
+        p = p + np.linalg.solve(A, b[:, :, None])[:, :, 0]
+    distance = np.sqrt(((p[:, None, :] - places) ** 2).sum(axis=2) + drop2)
+    agree = (heard & (np.abs(z - distance) < SPREAD_M)).sum(axis=1)
+    p[~(usable & (agree >= 3))] = np.nan
+    return p[:, 0], p[:, 1]
+
+
+def from_geodetic(
+    latitude_deg: np.ndarray, longitude_deg: np.ndarray, site: Site | None
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """North, east (n,) [m] in site axes, and in words from which origin: the site's, or the first fix."""
+    if site is not None:
+        origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
+        said = f"origin of site {site.name}"
+    else:
+        origin = Origin(float(latitude_deg[0]), float(longitude_deg[0]))
+        said = f"origin at the first fix, {latitude_deg[0]:.7f} {longitude_deg[0]:.7f}, axes to true north"
+    places = [site_from_geodetic(origin, float(a), float(o)) for a, o in zip(latitude_deg, longitude_deg, strict=True)]
+    north, east = np.array(places).reshape(-1, 2).T
+    return north, east, said

@@ -1,0 +1,97 @@
+"""The one vessel model with its coefficients as symbols, compiled for whole logs at once.
+
+`rollout` integrates windows side by side; `rates` gives the accelerations and their Jacobians at many instants. Both
+are CasADi functions called through buffers on numpy memory, without a compiler.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.core.dynamics import eta_dot
+from companion.core.vessel import StructuredModel
+from companion.core.vessel_file import VesselFile
+from sim.identify.structured.parameters import HULL
+
+N_HULL = len(HULL)
+
+
+def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
+    """Model of the vessel file with inertia and damping q[:12] (order of HULL) as symbols.
+
+    Added mass takes up what M says; mass and I_z stay as the file has them, which changes nothing of the motion.
+    """
+    base = StructuredModel.of(vessel)
+    i = vessel.inertia
+    c: dict[str, Any] = dict(base.c)
+    c["X_udot_kg"] = i.mass_kg - q[0]
+    c["Y_vdot_kg"] = i.mass_kg - q[1]
+    c["N_rdot_kg_m2"] = i.I_z_kg_m2 + i.mass_kg * (i.x_g_m**2 + i.y_g_m**2) - q[2]
+    c["Y_rdot_kg_m"] = i.mass_kg * i.x_g_m - q[3]
+    c |= {name: q[k] for k, name in enumerate(HULL) if k >= 4}
+    return StructuredModel(vessel, c, base.term_values)
+
+
+class Batch:
+    """A CasADi function of column vectors on `count` columns at once: arrays (count, size) in and out."""
+
+    def __init__(self, function: ca.Function, count: int, threads: int = 1):
+        mapped = function if count == 1 else function.map(count, "thread", threads) if threads > 1 else function.map(count)
+        self._buffer, self._call = mapped.buffer()
+        self._in = [np.zeros((count, mapped.size1_in(i) * mapped.size2_in(i) // count)) for i in range(mapped.n_in())]
+        self._out = [np.zeros((count, mapped.size1_out(i) * mapped.size2_out(i) // count)) for i in range(mapped.n_out())]
+        for i, array in enumerate(self._in):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self._out):
+            self._buffer.set_res(i, memoryview(array))
+
+    def __call__(self, *args: np.ndarray) -> list[np.ndarray]:
+        """Outputs, each (count, size); they are overwritten by the next call."""
+        for target, value in zip(self._in, args, strict=True):
+            target[:] = value
+        self._call()
+        return self._out
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """Functions of one vessel file for windows of `steps` steps, `windows` of them.
+
+    rollout  (x0, p, tau at start, middle and end of each step, h) -> x after each step
+    rates    (x, p, tau) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x 15), nu_dot
+    """
+
+    rollout: Batch
+    rates: Batch
+    steps: int
+    windows: int
+
+
+def compile_model(vessel: VesselFile, steps: int, windows: int, threads: int = 1) -> Compiled:
+    """Build both functions for a problem of the given size."""
+    x, p, tau = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3)
+    model = symbolic_model(vessel, p)
+    nu_dot = model.nu_dot(x[:3], x[3:], tau)
+    x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
+    A = ca.densify(ca.vec(ca.jacobian(x_dot, x)))
+    G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, tau))))
+    rates = ca.Function("rates", [x, p, tau], ca.cse([A, G, nu_dot]))
+    rate = ca.Function("rate", [x, p, tau], [x_dot])
+    rollout = _step(rate).mapaccum("rollout", steps)
+    return Compiled(Batch(rollout, windows, threads), Batch(rates, windows * (steps + 1), threads), steps, windows)
+
+
+def _step(rate: ca.Function) -> ca.Function:
+    """(x, p, [tau start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
+    x, p, taus, h = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("taus", 9), ca.SX.sym("h")
+    start, middle, end = taus[:3], taus[3:6], taus[6:]
+    k1 = rate(x, p, start)
+    k2 = rate(x + h / 2 * k1, p, middle)
+    k3 = rate(x + h / 2 * k2, p, middle)
+    k4 = rate(x + h * k3, p, end)
+    x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function("step", [x, p, taus, h], ca.cse([x_next]), ["x", "p", "taus", "h"], ["x_next"])

@@ -10,7 +10,6 @@ from importlib.metadata import version
 from companion import log_cli
 from companion.commands import demo, replay, run, sim
 from companion.core.config import ConfigError
-from drivers.port_url import PortUrlError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -35,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser().parse_args(argv)
     try:
         return args.function(args)
-    except (ConfigError, PortUrlError) as error:
+    except ConfigError as error:
         print(f"aritra {args.command}: {error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:

@@ -175,9 +175,7 @@ class App:
         self._lease_end_ns = now + round(lease.valid_for_s * 1e9)
         age_ms = None if self._imu_rx_ns is None else (now - self._imu_rx_ns) * 1e-6
         lateness_ms = self._tick.lateness_ns * 1e-6
-        self._note(
-            LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms)
-        )
+        self._note(LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms))
 
     def _solve(self, request: SolveRequest) -> None:
         stuck, self._solver_stuck = self._solver_stuck, not self._solver.submit(request)

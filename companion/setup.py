@@ -17,7 +17,6 @@ from companion.core.run_file import RunFile, load_run
 from companion.core.site import Site, load_site
 from companion.core.vessel_file import VesselFile
 from companion.core.vessel_load import load_vessel
-from drivers.mavlink.encode import PWM_MAX_US, PWM_MIN_US
 from drivers.uwb import CODECS
 
 EXAMPLES = Path(deploy.__file__).parent
@@ -64,12 +63,10 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     """What no single file can know to be wrong."""
     of_run, of_vessel, control = names["run.toml"], names["vessel.toml"], run.control
     still = control.neutral_channels
-    for i, thruster in enumerate(vessel.thrusters):
+    for thruster in vessel.thrusters:
         if thruster.channel in still:
             both = f"channel {thruster.channel} drives thruster {thruster.name} of {of_vessel}"
             yield f"{of_run}: control.neutral_channels: {both}"
-        if thruster.pwm_min_us < PWM_MIN_US or thruster.pwm_max_us > PWM_MAX_US:
-            yield f"{of_vessel}: thrusters[{i}].pwm_min_us, pwm_max_us: expected {PWM_MIN_US} to {PWM_MAX_US}"
     if len(set(still)) < len(still):
         yield f"{of_run}: control.neutral_channels: a channel is there twice"
     if control.plan_deadline_s >= control.period_s:

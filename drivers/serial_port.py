@@ -50,9 +50,7 @@ class SerialPort(DescriptorPort):
     def _open_device(self) -> serial.Serial:
         """VMIN = 1 (inter_byte_timeout = 0), so that an empty read is EAGAIN and only a hang-up is b""."""
         try:
-            return serial.Serial(
-                self.path, self.baud, exclusive=True, timeout=0, write_timeout=0, inter_byte_timeout=0
-            )
+            return serial.Serial(self.path, self.baud, exclusive=True, timeout=0, write_timeout=0, inter_byte_timeout=0)
         except OSError as error:
             code = error.errno
             reason = os.strerror(code) + HINTS.get(code, "") if code else str(error)
@@ -67,9 +65,7 @@ class SerialPort(DescriptorPort):
         return os.write(self._fileno(), data)
 
     async def _release(self, handle: Handle) -> None:
-        closing = asyncio.get_running_loop().run_in_executor(
-            None, _close_device, cast("serial.Serial", handle)
-        )
+        closing = asyncio.get_running_loop().run_in_executor(None, _close_device, cast("serial.Serial", handle))
         await asyncio.shield(closing)
 
 

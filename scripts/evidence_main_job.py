@@ -152,7 +152,9 @@ def demo(full: bool) -> Iterator[Line]:
         ):
             yield at_most(key, figures[key], goal, unit)
         again = [sys.executable, "-m", "companion", "replay", f"{folder}/run.mcap"]
-        yield exactly("replay of its log: exit code (0: no difference)", subprocess.run(again, check=False).returncode, 0)
+        yield exactly(
+            "replay of its log: exit code (0: no difference)", subprocess.run(again, check=False).returncode, 0
+        )
 
 
 def kill(full: bool) -> Iterator[Line]:
@@ -160,7 +162,9 @@ def kill(full: bool) -> Iterator[Line]:
     with tempfile.TemporaryDirectory() as folder:
         port, uwb, log = _free_port(), f"{folder}/uwb", Path(folder) / "run.mcap"
         aritra = [sys.executable, "-m", "companion"]
-        sim = subprocess.Popen([*aritra, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", uwb], stdout=subprocess.DEVNULL)
+        sim = subprocess.Popen(
+            [*aritra, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", uwb], stdout=subprocess.DEVNULL
+        )
         wires = ["--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{uwb}:115200", "--log", str(log)]
         boat = subprocess.Popen([*aritra, "run", *wires, "--start"], stdout=subprocess.DEVNULL)
         time.sleep(20.0)
@@ -206,9 +210,15 @@ def real_input(full: bool) -> Iterator[Line]:
                 s = scores[run][variant]
                 name = f"{run}: planar RMSE, {variant.replace('_', ' ')}"
                 yield at_most(name, s["rmse_m"], goal, "m", f"p95 {s['p95_m']:.2f} m, largest {s['max_m']:.2f} m")
-    tests = ["tests/drivers/test_mavlink_real_log.py", "tests/sim/test_mavsdk_client.py", "tests/sim/test_mavproxy_client.py"]
+    tests = [
+        "tests/drivers/test_mavlink_real_log.py",
+        "tests/sim/test_mavsdk_client.py",
+        "tests/sim/test_mavproxy_client.py",
+    ]
     for test in tests:
-        code = subprocess.run([sys.executable, "-m", "pytest", "-q", "--no-header", test], cwd=ROOT, check=False).returncode
+        code = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "--no-header", test], cwd=ROOT, check=False
+        ).returncode
         yield exactly(f"{test}: exit code", code, 0)
 
 

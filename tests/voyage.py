@@ -49,11 +49,11 @@ def nmpc() -> Nmpc:
     return Nmpc(StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0)
 
 
-def voyage(seed: int, points=CORNER, kind: type[SteppedRun] = SteppedRun, **world) -> SteppedRun:
-    """A run about to begin; `world`: fields of WorldSetup."""
+def voyage(seed: int, points=CORNER, wrap=lambda pilot: pilot, **world) -> SteppedRun:
+    """A run about to begin; `world`: fields of WorldSetup; `wrap`: what to put round the pilot."""
     told = setup(points).pilot
     chosen = WorldSetup(told.vessel, told.site, **{"start": START, **world})
-    return kind(World(chosen, seed), pilot(points), nmpc().solve)
+    return SteppedRun(World(chosen, seed), wrap(pilot(points)), nmpc().solve)
 
 
 def settled(seconds: float):

@@ -22,7 +22,7 @@ def add_parser(commands) -> None:
         description="Feeds the logged inputs to the core and reports the first difference. "
         "Exit code 0: none; 1: one; 2: the log cannot be read.",
     )
-    p.add_argument("log", type=Path)
+    p.add_argument("log", type=Path, metavar="LOG", help="log of `aritra run` (NAME.mcap)")
     p.set_defaults(function=replay)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from companion.app import App
 from companion.clock import BoatClock
+from companion.core.config import ConfigError
 from companion.core.messages import GuidanceReference, Message, OperatorCommand
 from companion.core.nmpc import Actuation, Nmpc
 from companion.core.pilot import Pilot
@@ -23,7 +24,8 @@ from companion.progress import Progress
 from companion.recorder import Recorder
 from companion.setup import EXAMPLES, Setup, load_setup
 from drivers.mavlink.codec import MavlinkCodec
-from drivers.port_url import open_port_from_url
+from drivers.port import Port
+from drivers.port_url import PortUrlError, open_port_from_url
 from drivers.uwb import uwb_codec
 
 GIL_S = 0.0001
@@ -39,9 +41,7 @@ def add_parser(commands) -> None:
         "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
     )
     p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
-    p.add_argument(
-        "--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)"
-    )
+    p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
     p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap here)")
@@ -53,12 +53,11 @@ def add_parser(commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run until interrupted or done; the exit code."""
     setup = load_setup(args.config, mission=args.mission)
-    mavlink_url, uwb_url = args.mavlink or setup.run.mavlink.url, args.uwb or setup.run.uwb.url
+    mavlink = _port(args, "mavlink", setup.run.mavlink.url)
+    uwb = _port(args, "uwb", setup.run.uwb.url)
     log = args.log or Path(time.strftime("aritra-%Y%m%d-%H%M%S.mcap"))
     vessel = setup.pilot.vessel.name
-    print(
-        f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True
-    )
+    print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
     try:
         recorder = Recorder(
             log,
@@ -71,12 +70,19 @@ def run(args: argparse.Namespace) -> int:
         print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
         return 2
     with recorder:
-        return asyncio.run(_drive(setup, mavlink_url, uwb_url, recorder, args))
+        return asyncio.run(_drive(setup, mavlink, uwb, recorder, args))
 
 
-async def _drive(
-    setup: Setup, mavlink_url: str, uwb_url: str, recorder: Recorder, args: argparse.Namespace
-) -> int:
+def _port(args: argparse.Namespace, link: str, url: str) -> Port:
+    """The port of a link: the command line's, or the run file's. Raises ConfigError."""
+    given = getattr(args, link)
+    try:
+        return open_port_from_url(given or url)
+    except PortUrlError as error:
+        raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
+
+
+async def _drive(setup: Setup, mavlink: Port, uwb: Port, recorder: Recorder, args: argparse.Namespace) -> int:
     clock, vessel = BoatClock(), setup.pilot.vessel
     progress = Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
     finish = _Finish(args.end_after)
@@ -90,12 +96,9 @@ async def _drive(
     app = App(
         Pilot(setup.pilot),
         Nmpc(model, Actuation.of(vessel), nmpc, time.perf_counter),
-        mavlink=(
-            open_port_from_url(mavlink_url),
-            MavlinkCodec(setup.run.mavlink.system_id, setup.run.mavlink.component_id),
-        ),
+        mavlink=(mavlink, MavlinkCodec(setup.run.mavlink.system_id, setup.run.mavlink.component_id)),
         uwb=(
-            open_port_from_url(uwb_url),
+            uwb,
             uwb_codec(vessel.sensors.uwb.wire_format, setup.run.uwb.tag, vessel.sensors.uwb.rate_Hz),
         ),
         clock=clock,

@@ -25,9 +25,7 @@ def add_parser(commands) -> None:
     )
     p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
     p.add_argument("--udp-to", default="127.0.0.1:14551", metavar="HOST:PORT", help="where MAVLink is sent")
-    p.add_argument(
-        "--tcp", metavar="HOST:PORT", help="also serve MAVLink over TCP (for MAVProxy, MAVSDK, QGC)"
-    )
+    p.add_argument("--tcp", metavar="HOST:PORT", help="also serve MAVLink over TCP (for MAVProxy, MAVSDK, QGC)")
     p.add_argument("--uwb", default="/tmp/aritra-uwb", metavar="PATH", help="where the UWB tag appears")
     p.add_argument("--truth", type=Path, help="MCAP log of what really happened")
     add_world_arguments(p)
@@ -39,19 +37,13 @@ def add_world_arguments(p: argparse.ArgumentParser) -> None:
     w = p.add_argument_group("world")
     w.add_argument("--seed", type=int, default=1, help="of noise, biases, weather and mismatch")
     w.add_argument("--start", type=float, nargs=3, default=(8.0, 8.0, 20.0), metavar=("N", "E", "DEG"))
-    w.add_argument(
-        "--current", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="towards"
-    )
+    w.add_argument("--current", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="towards")
     w.add_argument("--wind", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="from")
     w.add_argument("--gusts", type=float, default=0.2, help="standard deviation of wind speed, share")
     w.add_argument("--waves", type=float, default=0.0, metavar="M", help="significant height")
-    w.add_argument(
-        "--mismatch", type=float, default=0.0, metavar="SHARE", help="plant off its vessel file by up to"
-    )
+    w.add_argument("--mismatch", type=float, default=0.0, metavar="SHARE", help="plant off its vessel file by up to")
     w.add_argument("--nlos", type=float, default=0.0, metavar="SHARE", help="of UWB ranges that read far")
-    w.add_argument(
-        "--dropout", type=float, default=0.0, metavar="SHARE", help="of UWB ranges that are missing"
-    )
+    w.add_argument("--dropout", type=float, default=0.0, metavar="SHARE", help="of UWB ranges that are missing")
 
 
 def world_arguments(args: argparse.Namespace) -> list[str]:
@@ -90,9 +82,7 @@ def sim(args: argparse.Namespace) -> int:
         mismatch=args.mismatch,
         faults=UwbFaults(dropout=args.dropout, nlos=args.nlos),
     )
-    wires = Wires(
-        target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb
-    )
+    wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
     with contextlib.ExitStack() as stack:
         record = lambda message: None  # noqa: E731
         if args.truth:

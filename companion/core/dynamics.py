@@ -72,10 +72,12 @@ class BufferedStep:
     """`step_function` called through CasADi's buffer interface: no copies, about 10 us a call."""
 
     def __init__(self, function: ca.Function):
-        self._buffer, self._call = function.buffer()
+        buffer, call = function.buffer()
+        self._buffer: Any = buffer
+        self._call: Any = call
         shapes = [function.size1_in(i) for i in range(function.n_in())]
-        self._in = [np.zeros(s) for s in shapes]
-        self._out = np.zeros(function.size1_out(0))
+        self._in: list[Any] = [np.zeros(s) for s in shapes]
+        self._out: Any = np.zeros(function.size1_out(0))
         for i, array in enumerate(self._in):
             self._buffer.set_arg(i, memoryview(array))
         self._buffer.set_res(0, memoryview(self._out))

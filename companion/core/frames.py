@@ -62,9 +62,7 @@ def point_position(eta: tuple[float, float, float], arm_m: tuple[float, float]) 
     return eta[0] + dx, eta[1] + dy
 
 
-def origin_position(
-    point_m: tuple[float, float], psi_rad: float, arm_m: tuple[float, float]
-) -> tuple[float, float]:
+def origin_position(point_m: tuple[float, float], psi_rad: float, arm_m: tuple[float, float]) -> tuple[float, float]:
     """Where the body origin is when the sensor at `arm_m` is at `point_m`: inverse of `point_position`."""
     dx, dy = rotate(psi_rad, *arm_m)
     return point_m[0] - dx, point_m[1] - dy

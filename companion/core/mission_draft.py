@@ -106,9 +106,7 @@ class Draft:
         north, east = site_from_geodetic(self.origin, latitude, longitude)
         away = math.hypot(north, east)
         if away > FARTHEST_M:
-            self.error(
-                place, f"is {away / 1000:.1f} km from the site's origin, farther than {FARTHEST_M:g} m"
-            )
+            self.error(place, f"is {away / 1000:.1f} km from the site's origin, farther than {FARTHEST_M:g} m")
             return None
         return north, east
 

@@ -201,9 +201,7 @@ class Pilot:
 
     def _request(self, state: PilotState, estimate: StateEstimate, index: int, t_ns: int) -> SolveRequest:
         x0 = self._ahead(state, t_ns)
-        rows = guidance.horizon(
-            state.guidance, self.settings.guidance, tuple(x0[:3]), tuple(x0[3:6]), self._times_s
-        )
+        rows = guidance.horizon(state.guidance, self.settings.guidance, tuple(x0[:3]), tuple(x0[3:6]), self._times_s)
         return SolveRequest(
             t_ns=t_ns,
             index=index,

@@ -78,9 +78,7 @@ class Track:
         if s_m >= self.course.length_m:
             return self.end_psi_rad
         angle, c = self.course.at(s_m)[2], self.settings
-        law = los_heading(
-            angle, y_e_m, c.lookahead_m, kappa=c.kappa, y_int_m=self.y_int_m, beta_rad=self.beta_rad
-        )
+        law = los_heading(angle, y_e_m, c.lookahead_m, kappa=c.kappa, y_int_m=self.y_int_m, beta_rad=self.beta_rad)
         return angle + (1.0 - self.station_weight(s_m)) * (law - angle)
 
 

@@ -46,9 +46,7 @@ def mass_matrix(vessel: VesselFile) -> np.ndarray:
 def linear_damping(vessel: VesselFile) -> np.ndarray:
     """D_L, shape (3, 3), positive diagonal."""
     d = vessel.damping
-    return -np.array(
-        [[d.X_u_N_s_m, 0, 0], [0, d.Y_v_N_s_m, d.Y_r_N_s], [0, d.N_v_N_s, d.N_r_N_m_s]], dtype=float
-    )
+    return -np.array([[d.X_u_N_s_m, 0, 0], [0, d.Y_v_N_s_m, d.Y_r_N_s], [0, d.N_v_N_s, d.N_r_N_m_s]], dtype=float)
 
 
 def coriolis_force(c: Coefficients, nu: Any) -> Any:

@@ -70,9 +70,7 @@ class MavlinkEncoder:
     def command_long(self, command: int, *params: float) -> bytes:
         """COMMAND_LONG with up to 7 parameters, the rest 0."""
         filled = [*params, *[0.0] * (7 - len(params))]
-        return self._pack(
-            self._mav.command_long_encode(self.target_system, self.target_component, command, 0, *filled)
-        )
+        return self._pack(self._mav.command_long_encode(self.target_system, self.target_component, command, 0, *filled))
 
     def set_message_interval(self, name: str, rate_hz: float) -> bytes:
         """Ask for messages of type `name` ("ATTITUDE") at `rate_hz`; KeyError for an unknown type."""
@@ -102,9 +100,7 @@ class MavlinkEncoder:
     def param_request_read(self, name: str) -> bytes:
         """Ask for the parameter `name`."""
         return self._pack(
-            self._mav.param_request_read_encode(
-                self.target_system, self.target_component, _param_id(name), -1
-            )
+            self._mav.param_request_read_encode(self.target_system, self.target_component, _param_id(name), -1)
         )
 
     def param_set(self, name: str, value: float) -> bytes:
@@ -113,9 +109,7 @@ class MavlinkEncoder:
             raise ValueError(f"parameter {name}: {value!r} is not a finite number")
         kind = dialect.MAV_PARAM_TYPE_REAL32
         return self._pack(
-            self._mav.param_set_encode(
-                self.target_system, self.target_component, _param_id(name), value, kind
-            )
+            self._mav.param_set_encode(self.target_system, self.target_component, _param_id(name), value, kind)
         )
 
     def timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:
@@ -125,9 +119,7 @@ class MavlinkEncoder:
     def _override(self, pwm_us: Mapping[int, int]) -> bytes:
         ignore = [_LOW_IGNORE] * _LOW_CHANNELS + [_HIGH_IGNORE] * (18 - _LOW_CHANNELS)
         raw = [pwm_us.get(i, untouched) for i, untouched in enumerate(ignore, start=1)]
-        return self._pack(
-            self._mav.rc_channels_override_encode(self.target_system, self.target_component, *raw)
-        )
+        return self._pack(self._mav.rc_channels_override_encode(self.target_system, self.target_component, *raw))
 
     def _pack(self, message: Any) -> bytes:
         data = bytes(message.pack(self._mav))

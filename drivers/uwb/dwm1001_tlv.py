@@ -126,8 +126,7 @@ def encode_location(anchors: Sequence[AnchorReport], fix: Fix | None) -> bytes:
     """The answer to `0C 00`. Resolution 1 mm; without a fix the position is zero with quality 0."""
     position_m, quality = fix if fix is not None else ((0.0, 0.0, 0.0), 0)
     rows = [
-        _ANCHOR.pack(int(a.anchor, 16), round(a.range_m * 1e3), a.quality, *_mm(a.position_m), 100)
-        for a in anchors
+        _ANCHOR.pack(int(a.anchor, 16), round(a.range_m * 1e3), a.quality, *_mm(a.position_m), 100) for a in anchors
     ]
     head = _HEAD + _POSITION.pack(*_mm(position_m), quality)
     return head + bytes((0x49, 1 + len(rows) * _ANCHOR.size, len(rows))) + b"".join(rows)

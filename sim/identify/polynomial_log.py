@@ -20,6 +20,7 @@ HIGH = np.array([r.high for r in VALIDITY[:3]])
 T_MAX = np.array([r.high for r in VALIDITY[3:]]) / KGF_N
 HOLD = 10  # steps of a command: 1 s
 SECONDS = 60.0
+BATCH = 64  # runs simulated at once
 
 
 @dataclass(frozen=True)
@@ -43,27 +44,30 @@ def polynomial_logs(
     """Runs of 10 to 60 s, `samples` instants in all, of the model with `coefficients` (3, 23)."""
     logs, wanted = [], samples
     while wanted > 0:
-        log = _run(rng, coefficients, rate_hz)
-        if (k := min(len(log.x), wanted)) >= min(10 * rate_hz, wanted):
-            logs.append(PolynomialLog(log.x[:k], log.t_kgf[:k], log.nu_dot[:k], rate_hz))
+        for x, t in _runs(rng, coefficients, rate_hz):
+            k = min(len(t), wanted)
+            if k < min(10 * rate_hz, max(wanted, 1)):
+                continue
+            nu_dot = design(x[:k, 3:], t[:k]) @ coefficients.T
+            logs.append(PolynomialLog(x[:k], t[:k], nu_dot, rate_hz))
             wanted -= k
     return logs
 
 
-def _run(rng: np.random.Generator, coefficients: np.ndarray, rate_hz: float) -> PolynomialLog:
-    x = np.concatenate([np.zeros(3), rng.uniform(0.8 * LOW + 0.2 * HIGH, 0.2 * LOW + 0.8 * HIGH)])
-    states, forces = [x[None]], []
-    for _ in range(round(SECONDS * rate_hz / HOLD)):
-        wish = rng.uniform(LOW, HIGH)
-        t = np.array([20.0, 0.0, 1.0]) * (wish - x[3:]) + rng.uniform(-0.4, 0.4, 3) * T_MAX
-        held = np.tile(np.clip(t, -T_MAX, T_MAX), (HOLD, 1))
-        part = simulate_taylor(coefficients, x[None], held[None], 1 / rate_hz)[0]
-        inside = ((part[1:, 3:] > LOW) & (part[1:, 3:] < HIGH)).all(axis=1)
-        if not inside.all():
-            break
-        x = part[-1]
-        states.append(part[1:])
-        forces.append(held)
-    path = np.concatenate(states)[:-1] if forces else np.empty((0, 6))
-    t_kgf = np.concatenate(forces) if forces else np.empty((0, 3))
-    return PolynomialLog(path, t_kgf, design(path[:, 3:], t_kgf) @ coefficients.T, rate_hz)
+def _runs(rng: np.random.Generator, coefficients: np.ndarray, rate_hz: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """States (k, 6) and forces (k, 3) of `BATCH` runs, each cut before the command that would have it leave the box."""
+    x = np.column_stack([np.zeros((BATCH, 3)), rng.uniform(0.8 * LOW + 0.2 * HIGH, 0.2 * LOW + 0.8 * HIGH, (BATCH, 3))])
+    blocks = round(SECONDS * rate_hz / HOLD)
+    states, forces = np.empty((BATCH, blocks * HOLD, 6)), np.empty((BATCH, blocks * HOLD, 3))
+    lasted, alive = np.zeros(BATCH, dtype=int), np.ones(BATCH, dtype=bool)
+    for b in range(blocks):
+        missing = rng.uniform(LOW, HIGH, (BATCH, 3)) - x[:, 3:]
+        t = np.array([20.0, 0.0, 1.0]) * missing + rng.uniform(-0.4, 0.4, (BATCH, 3)) * T_MAX
+        held = np.repeat(np.clip(t, -T_MAX, T_MAX)[:, None], HOLD, axis=1)
+        part = simulate_taylor(coefficients, x, held, 1 / rate_hz)
+        alive &= ((part[..., 3:] > LOW) & (part[..., 3:] < HIGH)).all(axis=(1, 2))
+        lasted += alive * HOLD
+        here = slice(b * HOLD, (b + 1) * HOLD)
+        states[:, here], forces[:, here], x = part[:, :-1], held, part[:, -1]
+        x[~alive] = 0.0
+    return [(states[i, :k], forces[i, :k]) for i, k in enumerate(lasted)]

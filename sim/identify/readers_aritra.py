@@ -7,6 +7,7 @@ boat does. Where the autopilot's outputs say that it did not obey (disarmed, HOL
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,8 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     vessel, site = vessel or _vessel(log), site or _site(log)
     found: dict[type[Message], list[Any]] = defaultdict(list)
     for message in log.messages(*_WANTED):
-        found[type(message)].append(message)
+        row = _ROWS.get(type(message))
+        found[type(message)].append(row(message) if row else message)
     notes = [Problem(kind="damaged", text=text) for text in log.damage]
     if truth:
         simulator = LogFile(truth)
@@ -60,7 +62,8 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     names = thruster_names(vessel, found[OverrideLease])
     down_m = vessel.sensors.uwb.z_m if vessel else 0.0
     tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
-    streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude]), _battery(found[Battery])]
+    streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude])]
+    streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
     last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag) if len(s.t_ns)), default=0)
     streams += [_commands(found[OverrideLease], names, last_ns), *tag, _truth(found[GroundTruth], names)]
     meta = RunMeta(
@@ -96,9 +99,13 @@ def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tu
     return tuple(f"ch{channel}" for channel in widest.channels[: len(widest.f_command_n) or None])
 
 
-def attitude_stream(attitudes: list[Attitude]) -> Stream:
-    """Heading wrapped to [-pi, pi), roll, pitch."""
-    rows = [(a.t_ns, a.psi_rad, a.phi_rad, a.theta_rad) for a in attitudes]
+def attitude_row(a: Attitude) -> tuple[float, ...]:
+    """Stamp, heading, roll, pitch."""
+    return a.t_ns, a.psi_rad, a.phi_rad, a.theta_rad
+
+
+def attitude_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
+    """Of rows as above; the heading becomes wrapped to [-pi, pi)."""
     stream = Stream.of("attitude", ("psi_rad", "phi_rad", "theta_rad"), rows, near="IMU")
     stream.columns["psi_rad"][:] = wrapped(stream.columns["psi_rad"])
     return stream
@@ -109,21 +116,29 @@ def wrapped(angle_rad: np.ndarray) -> np.ndarray:
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi
 
 
-def imu_stream(samples: list[ImuSample]) -> Stream:
-    """Specific force along x and y, yaw rate, as measured."""
-    rows = [(m.t_ns, m.r_rad_s, m.ax_m_s2, m.ay_m_s2) for m in samples]
+def imu_row(m: ImuSample) -> tuple[float, ...]:
+    """Stamp, yaw rate, specific force along x and y."""
+    return m.t_ns, m.r_rad_s, m.ax_m_s2, m.ay_m_s2
+
+
+def imu_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
+    """Of rows as above."""
     return Stream.of("IMU", ("r_rad_s", "ax_m_s2", "ay_m_s2"), rows)
 
 
-def _imu(samples: list[ImuSample], notes: list[Problem]) -> Stream:
-    sources = sorted({m.source for m in samples})
+def _imu(rows: list[tuple[Any, ...]], notes: list[Problem]) -> Stream:
+    sources = sorted({row[-1] for row in rows})
     if len(sources) > 1:
         notes.append(Problem(kind="mixed", text=f"inertial samples of {', '.join(sources)} follow one another"))
-    return imu_stream(samples)
+    return imu_stream([row[:-1] for row in rows])
 
 
-def _battery(samples: list[Battery]) -> Stream:
-    return Stream.of("battery", ("battery_v",), [(b.t_ns, b.voltage_v) for b in samples], held=True)
+_ROWS: dict[type[Message], Callable[[Any], tuple[Any, ...]]] = {
+    ImuSample: lambda m: (*imu_row(m), m.source),
+    Attitude: attitude_row,
+    Battery: lambda m: (m.t_ns, m.voltage_v),
+}
+"""What is kept of the most frequent messages: tuples of numbers, which the garbage collector forgets."""
 
 
 def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int) -> Stream:

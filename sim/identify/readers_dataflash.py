@@ -17,7 +17,7 @@ from pymavlink import DFReader
 
 from companion.core.site import Site
 from companion.core.vessel_file import VesselFile
-from sim.identify.readers_aritra import NEUTRAL_US, described, wrapped
+from sim.identify.readers_aritra import NEUTRAL_US, attitude_stream, described, imu_stream
 from sim.identify.readers_join import Stream, join
 from sim.identify.readers_positions import from_geodetic
 from sim.identify.readers_uwb import UwbLog
@@ -46,12 +46,10 @@ def read_dataflash_run(
     notes: list[Problem] = []
     if not rows["RCOU"]:
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
-    attitude = Stream.of("attitude", ("psi_rad", "phi_rad", "theta_rad"), rows["ATT"], near="IMU")
-    attitude.columns["psi_rad"][:] = wrapped(attitude.columns["psi_rad"])
     streams = [
         output_stream(rows["RCOU"], vessel, notes),
-        Stream.of("IMU", ("r_rad_s", "ax_m_s2", "ay_m_s2"), rows["IMU"]),
-        attitude,
+        imu_stream(rows["IMU"]),
+        attitude_stream(rows["ATT"]),
         Stream.of("battery", ("battery_v",), rows["BAT"], held=True),
     ]
     columns = {"pwm": "RCOU: what left the autopilot", "r_rad_s": "gyroscope of IMU 0"}

@@ -1,9 +1,10 @@
 """Tag positions for a run: from the ranges of a cycle, and from latitude and longitude.
 
-    min over p of sum_i rho(z_i - |p - a_i|),   rho Cauchy's, by re-weighted Gauss-Newton for all cycles at once
+    min over p of sum_i rho(z_i - |p - a_i|),   rho Cauchy's, by re-weighted Gauss-Newton
 
-started in the middle of the anchors that answered. Outside their hull, and with anchors in a line, another
-place explains the ranges as well: a cycle is left blank where fewer than three ranges agree with its fix.
+for all cycles at once, started in the middle of the anchors that answered. Where not all ranges agree with the
+result, the cycle is solved from every pair of its anchors (`companion.core.estimation.initial.locate`, 1.5 ms);
+a cycle is left blank where fewer than three ranges agree with its best fix.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from companion.core.estimation.initial import locate
 from companion.core.frames import Origin, site_from_geodetic
 from companion.core.site import Site
 
 SPREAD_M = 0.5  # residual of a good range; assumed
-ITERATIONS = 15
+PLAIN_STEPS, STEPS = 8, 16
 
 
 def fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -25,27 +27,36 @@ def fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> 
     count = len(next(iter(ranges_m.values()), ()))
     if len(anchors) < 3:
         return np.full(count, np.nan), np.full(count, np.nan)
-    places = np.array([(a.north_m, a.east_m) for a in anchors])
-    drop2 = np.array([(a.down_m - tag_down_m) ** 2 for a in anchors])
+    places = np.array([(a.north_m, a.east_m, a.down_m) for a in anchors])
     z = np.column_stack([ranges_m[a.id] for a in anchors])
+    p = _together(places, z, tag_down_m)
+    heard = np.isfinite(z)
+    distance = np.sqrt(((p[:, None, :] - places[:, :2]) ** 2).sum(axis=2) + (places[:, 2] - tag_down_m) ** 2)
+    odd = (heard & ~(np.abs(z - distance) < SPREAD_M)).any(axis=1)
+    for row in np.flatnonzero(odd):
+        found = locate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
+        sound = found and found[0].inliers.sum() >= 3
+        p[row] = (found[0].north_m, found[0].east_m) if sound else (np.nan, np.nan)
+    p[heard.sum(axis=1) < 3] = np.nan
+    return p[:, 0], p[:, 1]
+
+
+def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarray:
+    """Places (n, 2) of all cycles with ranges (n, m), NaN where unheard, to anchors (m, 3)."""
     heard = np.isfinite(z)
     z = np.where(heard, z, 0.0)
-    usable = heard.sum(axis=1) >= 3
-    p = (heard @ places) / np.maximum(heard.sum(axis=1), 1)[:, None]
-    for step in range(ITERATIONS):
-        away = p[:, None, :] - places
+    drop2 = (places[:, 2] - tag_down_m) ** 2
+    p = (heard @ places[:, :2]) / np.maximum(heard.sum(axis=1), 1)[:, None]
+    for step in range(STEPS):
+        away = p[:, None, :] - places[:, :2]
         distance = np.sqrt((away**2).sum(axis=2) + drop2)
         residual = z - distance
-        spread = SPREAD_M / 2 if step > ITERATIONS // 3 else 20.0  # first all ranges, then the ones that agree
-        weight = heard / (1.0 + (residual / spread) ** 2)
+        weight = heard / (1.0 + (residual / (SPREAD_M / 2)) ** 2) if step >= PLAIN_STEPS else heard.astype(float)
         H = away / distance[:, :, None]
         A = np.einsum("nij,nik,ni->njk", H, H, weight) + 1e-9 * np.eye(2)
         b = np.einsum("nij,ni->nj", H, weight * residual)
         p = p + np.linalg.solve(A, b[:, :, None])[:, :, 0]
-    distance = np.sqrt(((p[:, None, :] - places) ** 2).sum(axis=2) + drop2)
-    agree = (heard & (np.abs(z - distance) < SPREAD_M)).sum(axis=1)
-    p[~(usable & (agree >= 3))] = np.nan
-    return p[:, 0], p[:, 1]
+    return p
 
 
 def from_geodetic(

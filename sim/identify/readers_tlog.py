@@ -25,16 +25,17 @@ from companion.core.site import Site
 from companion.core.vessel_file import VesselFile
 from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
 from drivers.mavlink.imu_source import IMU_PREFERENCE
-from sim.identify.readers_aritra import attitude_stream, described, imu_stream
+from sim.identify.readers_aritra import attitude_row, attitude_stream, described, imu_row, imu_stream
 from sim.identify.readers_dataflash import Joined, gps_stream, output_stream
 from sim.identify.readers_join import Stream, join
 from sim.identify.run import Problem, Run, RunError, RunMeta
 
 _MARKER = re.compile(rb"[\xfd\xfe]")
-_WANTED = {
-    getattr(dialect, f"MAVLINK_MSG_ID_{name}"): name
-    for name in ("HEARTBEAT", "ATTITUDE", "SYS_STATUS", "SERVO_OUTPUT_RAW", "GPS_RAW_INT", *IMU_PREFERENCE)
-}
+_WANTED = frozenset(
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}")
+    for name in ("ATTITUDE", "SYS_STATUS", "SERVO_OUTPUT_RAW", "GPS_RAW_INT", *IMU_PREFERENCE)
+)
+_HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _V2, _STAMP_LEN = 0xFD, 8
 _YEAR_US = 31_557_600_000_000
 _SLOW_S = 0.125  # outputs slower than 8 Hz hide what happened between them; assumed
@@ -63,8 +64,8 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, stamps, Battery)]
     streams = [
         output_stream(outputs, vessel, notes),
-        imu_stream(list(_decoded(source, rows, stamps, ImuSample))),
-        attitude_stream(list(_decoded("ATTITUDE", rows, stamps, Attitude))),
+        imu_stream([imu_row(m) for m in _decoded(source, rows, stamps, ImuSample)]),
+        attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, stamps, Attitude)]),
         Stream.of("battery", ("battery_v",), voltages, held=True),
     ]
     columns = {"pwm": "SERVO_OUTPUT_RAW: what left the autopilot", "r_rad_s": f"gyroscope, {source}"}
@@ -94,23 +95,25 @@ class _Records:
 
     def of_autopilot(self) -> Iterator[tuple[int, Any]]:
         """Arrival [ns] and message, from the first autopilot that sends a heartbeat."""
-        target: bytes | None = None
+        target = next((sender for _, sender, m in self._decoded(frozenset({_HEARTBEAT})) if is_autopilot(m)), None)
+        self.skipped = 0
+        self.broken.clear()
+        for t_us, sender, m in self._decoded(_WANTED):
+            if sender == target:
+                yield t_us * 1000, m
+
+    def _decoded(self, wanted: frozenset[int]) -> Iterator[tuple[int, bytes, Any]]:
+        """Stamp [us], system and component, and message of each sound frame with a wanted id."""
         for t_us, at, end in self._frames():
             v2 = self._data[at] == _V2
             ident = int.from_bytes(self._data[at + 7 : at + 10], "little") if v2 else self._data[at + 5]
+            if ident not in wanted:
+                continue
             first = at + (5 if v2 else 3)
-            sender = self._data[first : first + 2]
-            if ident not in _WANTED or (sender != target and ident != dialect.MAVLINK_MSG_ID_HEARTBEAT):
-                continue
             try:
-                m = self._mav.decode(bytearray(self._data[at:end]))
+                yield t_us, self._data[first : first + 2], self._mav.decode(bytearray(self._data[at:end]))
             except dialect.MAVError:
-                self.broken[_WANTED[ident]] += 1
-                continue
-            if m.get_type() == "HEARTBEAT":
-                target = sender if target is None and is_autopilot(m) else target
-                continue
-            yield t_us * 1000, m
+                self.broken[f"message {ident}"] += 1
 
     def notes(self) -> list[Problem]:
         """What could not be read."""

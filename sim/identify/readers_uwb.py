@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from sim.identify.readers_positions import fixes
 from sim.identify.readers_table import csv_lines
 from sim.identify.run import Problem, RunError
 
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _STAMPED = re.compile(rb"\s*(\S+?)(?:\s*,\s*|\s+)(.+)")
 
 
@@ -119,7 +120,7 @@ def _stamp(text: bytes) -> int | None:
         when = datetime.fromisoformat(text.decode())
     except (ValueError, UnicodeDecodeError):
         return None
-    return round(when.timestamp() * 1e9) if when.tzinfo else None
+    return (when - _EPOCH) // timedelta(microseconds=1) * 1000 if when.tzinfo else None
 
 
 def _word(anchor: str) -> str:

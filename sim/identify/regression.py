@@ -4,10 +4,10 @@
 
     least squares   H = (A^T A)^+          minimum norm where a column says nothing (the paper's C_y = 0)
     ridge           H = (A^T A + alpha D)^-1            D: mean squares of the columns
-    thresholded     least squares on the terms that are left when small ones have been struck out one round after another
+    thresholded     least squares on the terms that are left when small ones have been struck out, round after round
 
 Covariance of c: s^2 H A^T A H for white errors; H S H with S = sum over lags of the scores' Bartlett-weighted
-covariances (Newey-West) for errors of any variance that hang together for `hac_s`. Smoothed derivatives have such errors.
+covariances (Newey-West) for errors of any variance that hang together for `hac_s`, as those of smoothed derivatives.
 
 Errors in u, v, r themselves are not in these intervals: they pull coefficients towards zero (attenuation) however long
 the log. `noise_shift` says by how much.
@@ -181,7 +181,7 @@ class _Work:
 
     def columns_alive(self) -> np.ndarray:
         """Columns that are not zero throughout, shape (23,)."""
-        return self.A.any(axis=0)
+        return np.asarray(self.A.any(axis=0))
 
     def inverse(self, keep: np.ndarray) -> np.ndarray:
         """Pseudo-inverse of A^T A over the terms `keep`, zero elsewhere, shape (23, 23)."""
@@ -197,7 +197,7 @@ class _Work:
         A, b = self.A, self.b
         _, s, Vt = np.linalg.svd(A / self.scale, full_matrices=False)
         rank = int((s > _NULL * s[0]).sum())
-        open_terms = (np.abs(Vt[rank:]) > 1e-6).any(axis=0)
+        open_terms = np.asarray((np.abs(Vt[rank:]) > 1e-6).any(axis=0))
         gram = A.T @ A
         C = np.stack([H @ (A.T @ b[:, i]) for i, H in enumerate(inverses)])
         residual = b - A @ C.T

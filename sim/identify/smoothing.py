@@ -211,9 +211,7 @@ def rotations(psi_rad: np.ndarray) -> np.ndarray:
     return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
 
 
-def _combined(
-    grid: np.ndarray, yaw: np.ndarray, P_yaw: np.ndarray, plane: np.ndarray, P_plane: np.ndarray
-) -> Smoothed:
+def _combined(grid: np.ndarray, yaw: np.ndarray, P_yaw: np.ndarray, plane: np.ndarray, P_plane: np.ndarray) -> Smoothed:
     """Both stages in body axes; the heading's variance carried into u, v."""
     k, R = len(grid), rotations(yaw[:, 0])
     body = np.einsum("kji,kj->ki", R, plane[:, 2:4])

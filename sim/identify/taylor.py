@@ -84,7 +84,7 @@ def load_taylor(text: bytes | str, name: str) -> TaylorFile:
         raise ValueError(f"{name}: {error}") from error
 
 
-def table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
+def coefficient_table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
     """Table 2 of the paper in Markdown: value, then standard error (robust), for each axis; what lies open says so.
 
     `shift` (3, 23) from `noise_shift`: a coefficient that it moves by more than its standard error carries a *.

@@ -58,9 +58,7 @@ async def serve(
         await server.close()
 
 
-async def _advance(
-    world: World, server: MavlinkServer, pty: PtyPort, on_truth: Callable[[GroundTruth], None]
-) -> None:
+async def _advance(world: World, server: MavlinkServer, pty: PtyPort, on_truth: Callable[[GroundTruth], None]) -> None:
     truth_due_ns = world.t_ns
     while True:
         behind = (time.monotonic_ns() - world.t_ns) // STEP_NS

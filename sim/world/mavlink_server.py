@@ -37,9 +37,7 @@ class MavlinkServer:
     async def open_udp(self, bind: Address, target: Address | None = None) -> Address:
         """Listen on `bind` (port 0: any free one) and talk to `target`. OSError with the reason."""
         loop = asyncio.get_running_loop()
-        self._udp, _ = await loop.create_datagram_endpoint(
-            lambda: _Datagrams(self._datagram), local_addr=bind
-        )
+        self._udp, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self._datagram), local_addr=bind)
         if target is not None:
             self._target = target
             self._rover.add_link(("udp", target))

@@ -58,9 +58,7 @@ class ImuSensor:
         self._accel_bias += rng.normal(0, imu.accel_bias_walk_m_s2_sqrt_s * np.sqrt(dt), 3)
         self._gyro_bias += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt), 3)
         decay = np.exp(-dt / imu.heading_wander_time_s)
-        self._wander = (
-            decay * self._wander + imu.heading_wander_sigma_rad * np.sqrt(1 - decay**2) * rng.normal()
-        )
+        self._wander = decay * self._wander + imu.heading_wander_sigma_rad * np.sqrt(1 - decay**2) * rng.normal()
         u, v, r = motion.x[3:6]
         u_dot, v_dot, r_dot = motion.nu_dot
         phi, theta = moment.phi_rad, moment.theta_rad
@@ -76,8 +74,8 @@ class ImuSensor:
         tilt = rng.normal(0, TILT_SIGMA_RAD, 2)
         psi = motion.x[2] + self._wander + rng.normal(0, imu.heading_sigma_rad)
         return ImuReading(
-            tuple(map(float, accel)),
-            tuple(map(float, gyro)),
+            (float(accel[0]), float(accel[1]), float(accel[2])),
+            (float(gyro[0]), float(gyro[1]), float(gyro[2])),
             float(phi + tilt[0]),
             float(theta + tilt[1]),
             float((psi + np.pi) % (2 * np.pi) - np.pi),

@@ -14,7 +14,6 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.core.messages import (
-    GroundTruth,
     Message,
     OperatorCommand,
     OverrideLease,
@@ -138,5 +137,3 @@ class SteppedRun:
     def _hear_tag(self, data: bytes) -> None:
         if data and (messages := self._tag.feed(data, self.world.t_ns)):
             self.feed(messages)
-
-

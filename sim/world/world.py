@@ -68,9 +68,7 @@ class World:
         self._imu = ImuSensor(vessel.sensors.imu, draws[2])
         self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws[3])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
-        self._tag = UwbTag(
-            vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz
-        )
+        self._tag = UwbTag(vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz)
         self._frame: SensorFrame | None = None
         self._imu_due_ns = self._uwb_due_ns = setup.boot_ns
         self._in_flight: list[tuple[int, bytes]] = []

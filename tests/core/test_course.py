@@ -90,9 +90,7 @@ def test_a_sharper_turn_is_slower(slow_deg):
 def test_a_right_angle_at_the_default_limits():
     course = plan_course(path_of([(0.0, 12.0, 0.5), (math.pi / 2, 12.0, 0.5)]), LIMITS)
     reach = 0.2 / math.tan(math.pi / 8)  # = radius, for a right angle
-    assert [g.length_m for g in course.segments] == pytest.approx(
-        [12 - reach, reach * math.pi / 2, 12 - reach]
-    )
+    assert [g.length_m for g in course.segments] == pytest.approx([12 - reach, reach * math.pi / 2, 12 - reach])
     assert course.segments[1].curvature_1_m == pytest.approx(1 / reach)
     assert course.speed_at(course.waypoints_m[1]) == pytest.approx(math.sqrt(0.15 * reach))
 

@@ -21,9 +21,7 @@ def test_ssa_is_the_same_direction_and_in_range(angle):
     assert abs(cmath.exp(1j * wrapped) - cmath.exp(1j * angle)) < 1e-9
 
 
-@pytest.mark.parametrize(
-    "angle", [math.pi, -math.pi, 3 * math.pi, -math.pi - 1e-16, math.nextafter(-math.pi, -4)]
-)
+@pytest.mark.parametrize("angle", [math.pi, -math.pi, 3 * math.pi, -math.pi - 1e-16, math.nextafter(-math.pi, -4)])
 def test_ssa_at_the_seam(angle):
     assert -math.pi <= frames.ssa(angle) < math.pi
 
@@ -56,9 +54,7 @@ def test_lever_arm_round_trip(x, y, psi, arm_x, arm_y):
     assert frames.origin_position(point, psi, (arm_x, arm_y)) == pytest.approx((x, y), abs=1e-9)
 
 
-@given(
-    st.floats(-2, 2), st.floats(-2, 2), st.floats(-1, 1), st.floats(-7, 7), st.floats(-2, 2), st.floats(-2, 2)
-)
+@given(st.floats(-2, 2), st.floats(-2, 2), st.floats(-1, 1), st.floats(-7, 7), st.floats(-2, 2), st.floats(-2, 2))
 def test_point_velocity_is_the_derivative_of_point_position(u, v, r, psi, arm_x, arm_y):
     h = 1e-6
     nu = (u, v, r)
@@ -76,14 +72,10 @@ def ecef(latitude_deg, longitude_deg):
     f = 1 / 298.257223563
     e2 = f * (2 - f)
     n = 6378137.0 / math.sqrt(1 - e2 * math.sin(mu) ** 2)
-    return np.array(
-        [n * math.cos(mu) * math.cos(lon), n * math.cos(mu) * math.sin(lon), n * (1 - e2) * math.sin(mu)]
-    )
+    return np.array([n * math.cos(mu) * math.cos(lon), n * math.cos(mu) * math.sin(lon), n * (1 - e2) * math.sin(mu)])
 
 
-@given(
-    st.floats(-60, 60), st.floats(-180, 180), st.floats(-math.pi, math.pi), st.floats(-1, 1), st.floats(-1, 1)
-)
+@given(st.floats(-60, 60), st.floats(-180, 180), st.floats(-math.pi, math.pi), st.floats(-1, 1), st.floats(-1, 1))
 def test_flat_earth_against_exact_ecef(latitude, longitude, rotation, x, y):
     origin = frames.Origin(latitude, longitude, rotation)
     mu, lon = math.radians(latitude), math.radians(longitude)
@@ -94,6 +86,4 @@ def test_flat_earth_against_exact_ecef(latitude, longitude, rotation, x, y):
         offset = ecef(*there) - ecef(latitude, longitude)
         expected = complex(to_north @ offset, to_east @ offset)
         assert abs(complex(*frames.rotate(rotation, reach_m * x, reach_m * y)) - expected) < tolerance_m
-        assert frames.site_from_geodetic(origin, *there) == pytest.approx(
-            (reach_m * x, reach_m * y), abs=1e-5
-        )
+        assert frames.site_from_geodetic(origin, *there) == pytest.approx((reach_m * x, reach_m * y), abs=1e-5)

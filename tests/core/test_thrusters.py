@@ -25,10 +25,7 @@ def test_map_against_the_manufacturers_table(shared_data):
     with open(shared_data / "t200_performance.csv", newline="") as file:
         rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
     error = np.array(
-        [
-            force_from_pwm(T, MAP, r["pwm_us"], r["supply_voltage_V"]) - r["force_kgf"] * 9.80665
-            for r in rows
-        ]
+        [force_from_pwm(T, MAP, r["pwm_us"], r["supply_voltage_V"]) - r["force_kgf"] * 9.80665 for r in rows]
     )
     assert len(rows) == 1206
     assert np.sqrt((error**2).mean()) < 0.85

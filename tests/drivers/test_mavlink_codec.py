@@ -143,9 +143,7 @@ def test_parameters_version_and_text():
         t_ns=T, name="SIXTEEN_LETTERS_", value=1.0, index=None, count=1272
     )
     version = Sender().autopilot_version(7, 0x040600FF, 0, 0, 140, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
-    assert one(version) == AutopilotInfo(
-        t_ns=T, flight_sw_version=0x040600FF, board_version=140, capabilities=7
-    )
+    assert one(version) == AutopilotInfo(t_ns=T, flight_sw_version=0x040600FF, board_version=140, capabilities=7)
     assert one(Sender().statustext(2, b"Arm: no")) == StatusText(t_ns=T, severity=2, text="Arm: no")
 
 
@@ -231,9 +229,7 @@ def test_stamps_become_companion_time_once_synchronised():
     now = T + 100_000_000
     device_ms = (now - 7_000_000 - offset) // 1_000_000
     frames = (
-        sender.att(device_ms)
-        + sender.imu(device_ms * 1000)
-        + sender.servo_output_raw(device_ms * 1000, 0, *[1500] * 8)
+        sender.att(device_ms) + sender.imu(device_ms * 1000) + sender.servo_output_raw(device_ms * 1000, 0, *[1500] * 8)
     )
     assert [m.t_ns for m in codec.feed(frames, now)] == [now - 7_000_000] * 3
     (unsynced,) = MavlinkCodec(target_system=1).feed(sender.att(device_ms), now)

@@ -39,9 +39,7 @@ def test_override_touches_only_its_channels(wanted: dict[int, int]):
     assert raw(m) == [wanted.get(c, 65535 if c <= 8 else 0) for c in range(1, 19)]
 
 
-@pytest.mark.parametrize(
-    "pwm_us", [1099, 1901, 0, 65534, 65535, -1, 1500.0, True, float("nan"), None, np.int64(1500)]
-)
+@pytest.mark.parametrize("pwm_us", [1099, 1901, 0, 65534, 65535, -1, 1500.0, True, float("nan"), None, np.int64(1500)])
 def test_override_refuses_a_pulse_width_and_names_the_channel(pwm_us):
     with pytest.raises(ValueError, match="channel 3:"):
         encoder().override(lease([1, 3], [1500, pwm_us]))

@@ -45,9 +45,7 @@ def test_counts_per_type_equal_pymavlinks(frames: Frames, tlog: bytes, tmp_path:
     path.write_bytes(tlog)
     expected = pymavlink_counts(path)
     codec, messages = replay(frames)
-    assert (
-        codec.framer.bad_data == expected.pop("BAD_DATA") == 4
-    )  # a camera's newer message: checksum differs
+    assert codec.framer.bad_data == expected.pop("BAD_DATA") == 4  # a camera's newer message: checksum differs
     assert codec.counters.received == expected
     assert codec.framer.unknown == {}
     kinds = Counter(type(m) for m in messages)
@@ -108,9 +106,7 @@ def test_a_flipped_byte_every_1000_loses_only_the_messages_it_hits(
     spared: Counter[bytes] = Counter()
     at = hit = 0
     for _, frame in frames:
-        first = (
-            start + -(-(at - start) // 1000) * 1000 if at > start else start
-        )  # the first flip at or after `at`
+        first = start + -(-(at - start) // 1000) * 1000 if at > start else start  # the first flip at or after `at`
         if first < at + len(frame):
             hit += 1
         else:
@@ -120,9 +116,7 @@ def test_a_flipped_byte_every_1000_loses_only_the_messages_it_hits(
         broken[i] ^= flip
     framer = Framer()
     got = Counter(
-        bytes(m.get_msgbuf())
-        for i in range(0, len(broken), 997)
-        for m in framer.feed(bytes(broken[i : i + 997]), 0)
+        bytes(m.get_msgbuf()) for i in range(0, len(broken), 997) for m in framer.feed(bytes(broken[i : i + 997]), 0)
     )
     assert 1222 <= hit <= 1223
     assert got == spared & good  # nothing else is lost, nothing made up
@@ -182,7 +176,5 @@ def test_what_is_no_dataflash_log_is_named(dataflash: Path, tmp_path: Path):
             list(read_dataflash(path))
     with pytest.raises(FileNotFoundError):
         list(read_dataflash(tmp_path / "absent.BIN"))
-    path.write_bytes(
-        dataflash.read_bytes()[:100_000]
-    )  # a log cut off by a power failure still gives what it has
+    path.write_bytes(dataflash.read_bytes()[:100_000])  # a log cut off by a power failure still gives what it has
     assert 0 < len(list(read_dataflash(path))) < 831

@@ -22,9 +22,7 @@ class Autopilot:
     `deaf` requests are lost on the wire.
     """
 
-    def __init__(
-        self, loop_hz: float = 400.0, denies: bool = False, deaf: int = 0, knows_version=True
-    ) -> None:
+    def __init__(self, loop_hz: float = 400.0, denies: bool = False, deaf: int = 0, knows_version=True) -> None:
         self.sender = Sender()
         self.loop_hz, self.denies, self.deaf, self.knows_version = loop_hz, denies, deaf, knows_version
         self.boot_ns = -60 * S

@@ -66,9 +66,7 @@ def synced(offset_ns: int = 10 * S, round_trip_ns: int = 2 * MS, times: int = 10
     offset = ClockOffset()
     for i in range(times):
         t_ns = 20 * S + i * S // 2
-        assert offset.answer(
-            t_ns + round_trip_ns // 2 - offset_ns, offset.question(t_ns), t_ns + round_trip_ns
-        )
+        assert offset.answer(t_ns + round_trip_ns // 2 - offset_ns, offset.question(t_ns), t_ns + round_trip_ns)
     return offset
 
 

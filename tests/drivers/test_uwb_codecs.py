@@ -94,9 +94,7 @@ def test_round_trip_within_the_resolution(name, ranges_m, xyz):
     codec_name, encode, resolution_m, _, carries_position = FORMATS[name]
     codec = CODECS[codec_name](tag="boat")
     ranges, positions = parts(codec.feed(encode(ranges_m, xyz), 5))
-    assert dict(ranges) == pytest.approx(
-        {key(name, i): r for i, r in ranges_m.items()}, abs=resolution_m / 2 + 1e-9
-    )
+    assert dict(ranges) == pytest.approx({key(name, i): r for i, r in ranges_m.items()}, abs=resolution_m / 2 + 1e-9)
     expected = [xyz] if xyz is not None and carries_position else []
     assert len(positions) == len(expected)
     for found, true in zip(positions, expected, strict=True):

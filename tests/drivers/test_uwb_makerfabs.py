@@ -14,9 +14,7 @@ def found(messages):
 def test_json_ends_the_cycle_and_a_silent_anchor_stays_out():
     codec = MakerfabsCodec(tag="t")
     codec.feed(encode_debug("1782", 1.02, -72.1) + encode_debug("1783", 0.93, -73.0), 10)
-    assert found(codec.feed(encode_links({"1782": 1.0, "1783": 0.9}), 20)) == [
-        (10, {"1782": 1.02, "1783": 0.93})
-    ]
+    assert found(codec.feed(encode_links({"1782": 1.0, "1783": 0.9}), 20)) == [(10, {"1782": 1.02, "1783": 0.93})]
     codec.feed(encode_debug("1782", 1.52, -72.1), 30)
     assert found(codec.feed(encode_links({"1782": 1.5, "1783": 0.9}), 40)) == [(30, {"1782": 1.52})]
     assert codec.feed(encode_links({"1782": 1.5, "1783": 0.9}), 50) == []
@@ -66,9 +64,7 @@ def test_a_passed_anchor_is_not_taken_for_a_dead_one():
 
 def test_infinite_power_and_negative_ranges_do_not_break_the_line():
     codec = MakerfabsCodec(tag="t")
-    codec.feed(
-        b"from: 82\t Range: 1.00 m\t RX power: -inf dBm\nfrom: 83\t Range: -0.02 m\t RX power: nan dBm\n", 0
-    )
+    codec.feed(b"from: 82\t Range: 1.00 m\t RX power: -inf dBm\nfrom: 83\t Range: -0.02 m\t RX power: nan dBm\n", 0)
     ((_, ranges),) = found(codec.feed(encode_links({}), 0))
     assert ranges == {"82": 1.0}
     assert codec.counters.reasons == {"range_limit": 1}

@@ -28,9 +28,7 @@ LES = (
     b"1150[0.00,0.00,2.25]=3.16 le_us=2576 est[2.57,1.98,1.68,100]"
 )
 MAUWB_ANCID = b"AT+RANGE=tid:7,mask:0F,seq:128,range:(997,1321,911,738,0,0,0,0),ancid:(0,1,2,3,-1,-1,-1,-1)"
-MAUWB_RSSI = (
-    b"AT+RANGE=tid:1,mask:04,seq:63,range:(0,0,30,0,0,0,0,0),rssi:(0.00,0.00,-77.93,0.00,0.00,0.00,0.00,0.00)"
-)
+MAUWB_RSSI = b"AT+RANGE=tid:1,mask:04,seq:63,range:(0,0,30,0,0,0,0,0),rssi:(0.00,0.00,-77.93,0.00,0.00,0.00,0.00,0.00)"
 MAUWB_DEMO = b'{"id":1,"range":[0,53,423,0,0,0,0,0]}'
 LINKS = b'{"links":[{"A":"1782","R":"1.0"},{"A":"1783","R":"0.9"}]}'
 DEBUG = b"from: 1782\t Range: 1.02 m\t RX power: -72.1 dBm"

@@ -132,9 +132,7 @@ def test_tlv_refusals_and_repeated_answers_are_counted():
 
 
 def test_tlv_a_lost_byte_anywhere_gives_no_false_range():
-    anchors = [
-        AnchorReport(f"{0x1151 + i:04X}", (1.0, 2.0, 3.0), r) for i, r in enumerate((6.44, 7.5, 8.25, 3.19))
-    ]
+    anchors = [AnchorReport(f"{0x1151 + i:04X}", (1.0, 2.0, 3.0), r) for i, r in enumerate((6.44, 7.5, 8.25, 3.19))]
     answer = encode_location(anchors, Fix((1.0, 2.0, 3.0), 90))
     later = encode_location([a._replace(range_m=9.0) for a in anchors], None)
     true = {(a.anchor, a.range_m) for a in anchors} | {(a.anchor, 9.0) for a in anchors}

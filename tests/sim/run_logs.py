@@ -94,9 +94,7 @@ def dataflash(records) -> bytes:
     out = head + struct.pack("<BB4s16s64s", 128, 89, b"FMT", layout.encode(), b"Type,Length,Name,Format,Columns")
     for name, (ident, characters, codes, columns) in _FORMATS.items():
         length = struct.calcsize(codes) + 3
-        out += head + struct.pack(
-            "<BB4s16s64s", ident, length, name.encode(), characters.encode(), columns.encode()
-        )
+        out += head + struct.pack("<BB4s16s64s", ident, length, name.encode(), characters.encode(), columns.encode())
     for name, *values in records:
         ident, _, codes, _ = _FORMATS[name]
         out += b"\xa3\x95" + bytes([ident]) + struct.pack(codes, *values)

@@ -1,5 +1,9 @@
 """What a run promises, and what it refuses."""
 
+import re
+from pathlib import Path
+
+import msgspec
 import numpy as np
 import polars as pl
 import pytest
@@ -8,6 +12,7 @@ from hypothesis import strategies as st
 from run_logs import clean_run
 
 from sim.identify.run import Run, RunError, RunMeta
+from sim.identify.run_columns import OPTIONAL, REQUIRED
 
 
 def changed(**columns) -> Run:
@@ -116,6 +121,21 @@ def test_the_hash_is_of_the_data_alone():
         other = Run(run.table.with_columns(pl.Series(column, values)))
         assert other.data_hash != run.data_hash
     values = run.table["ay_m_s2"].to_list()
-    assert Run(run.table.with_columns(ay_m_s2=pl.Series([0.0, *values[1:]]))).data_hash != Run(
-        run.table.with_columns(ay_m_s2=pl.Series([None, *values[1:]], dtype=pl.Float64))
-    ).data_hash  # blank is not zero
+    assert (
+        Run(run.table.with_columns(ay_m_s2=pl.Series([0.0, *values[1:]]))).data_hash
+        != Run(run.table.with_columns(ay_m_s2=pl.Series([None, *values[1:]], dtype=pl.Float64))).data_hash
+    )  # blank is not zero
+
+
+def test_the_reference_names_every_column_key_and_problem():
+    """docs/run-format.md keeps up with the code."""
+    root = Path(__file__).resolve().parents[2]
+    page = (root / "docs" / "run-format.md").read_text()
+    words = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", page))
+    wanted = {*REQUIRED, *OPTIONAL, *(f.name for f in msgspec.structs.fields(RunMeta))}
+    sources = [(root / "sim" / "identify" / "problems.py"), *(root / "sim" / "identify").glob("readers_*.py")]
+    for source in sources:
+        wanted |= set(re.findall(r'Problem\(kind="([^"]+)"', source.read_text()))
+        wanted |= set(re.findall(r'\bnote\("([^"]+)"', source.read_text()))
+    assert {"clock jump", "saturated", "psi_rad", "zero_ns"} <= wanted
+    assert wanted - words == set()

@@ -55,7 +55,9 @@ def test_attitudes_take_the_row_of_an_imu_sample_within_1_ms():
 
 
 def test_two_attitudes_near_one_sample_are_both_kept():
-    close = Stream("attitude", np.array([0, 19_600_000, 20_300_000, 40_000_000]), {"psi_rad": np.arange(4.0) / 9}, near="IMU")
+    close = Stream(
+        "attitude", np.array([0, 19_600_000, 20_300_000, 40_000_000]), {"psi_rad": np.arange(4.0) / 9}, near="IMU"
+    )
     run = join([imu([0, 20, 40]), close, commands()], RunMeta())
     assert sorted(run.samples("psi_rad")[1]) == pytest.approx(np.arange(4.0) / 9)
     one = join([imu([20]), close, commands()], RunMeta())

@@ -111,7 +111,10 @@ def test_positions_that_jump_or_do_not_come():
 
 
 def test_what_is_not_there_at_all():
-    missing = {p.text.split(":")[0] for p in kinds(edited(clean_run(), -1, 99, battery_v=None, north_m=None, east_m=None))["missing"]}
+    missing = {
+        p.text.split(":")[0]
+        for p in kinds(edited(clean_run(), -1, 99, battery_v=None, north_m=None, east_m=None))["missing"]
+    }
     assert missing == {"battery_v", "north_m"}
     p = only(edited(clean_run(), 3.0, 5.0, pwm_left=None), "missing", "pwm_left")
     assert (p.t_s, p.length_s) == (3.0, 2.0)
@@ -136,7 +139,9 @@ def test_a_biased_gyroscope_is_no_disagreement_and_no_turn_no_verdict():
     rng = np.random.default_rng(1)
     run = clean_run()
     n = run.table.height
-    still = run.table.with_columns(psi_rad=pl.Series(0.002 * rng.normal(size=n)), r_rad_s=pl.Series(rng.normal(size=n) * 0.005))
+    still = run.table.with_columns(
+        psi_rad=pl.Series(0.002 * rng.normal(size=n)), r_rad_s=pl.Series(rng.normal(size=n) * 0.005)
+    )
     assert problems(Run(still)) == []
 
 

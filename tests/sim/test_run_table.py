@@ -176,13 +176,13 @@ def test_another_version_and_bad_metadata_are_refused(lines):
         read_csv(path)
     at = next(i for i, line in enumerate(text) if line.startswith("# latency_s"))
     put(path, [*text[:at], "# latency_s = true", *text[at + 1 :]])
-    with pytest.raises(RunError, match="metadata: .*latency_s"):
+    with pytest.raises(RunError, match=r"metadata: .*latency_s"):
         read_csv(path)
     put(path, [*text[:at], text[at], *text[at:]])
     with pytest.raises(RunError, match=rf"line {at + 2}: latency_s: is there twice"):
         read_csv(path)
     put(path, [*text[:at], "# latencey_s = 0.1", *text[at + 1 :]])
-    with pytest.raises(RunError, match="metadata: .*latencey_s"):
+    with pytest.raises(RunError, match=r"metadata: .*latencey_s"):
         read_csv(path)
 
 

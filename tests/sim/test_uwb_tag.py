@@ -21,9 +21,7 @@ def ids(wire_format: str) -> list[str]:
 
 
 def make_tag(wire_format: str, **options) -> UwbTag:
-    return UwbTag(
-        wire_format, anchors={a: (1.0 * i, 8.0, 2.25) for i, a in enumerate(ids(wire_format))}, **options
-    )
+    return UwbTag(wire_format, anchors={a: (1.0 * i, 8.0, 2.25) for i, a in enumerate(ids(wire_format))}, **options)
 
 
 @dataclass

@@ -24,9 +24,7 @@ def draw_boat(
     boat = perturbed(vessel, rng, share)
     if gain_sigma:
         gains = [t.gain * (1 + gain_sigma * rng.normal()) for t in vessel.thrusters]
-        boat = replace(
-            boat, thrusters=tuple(replace(t, gain=g) for t, g in zip(boat.thrusters, gains, strict=True))
-        )
+        boat = replace(boat, thrusters=tuple(replace(t, gain=g) for t, g in zip(boat.thrusters, gains, strict=True)))
     off = 1 + rng.uniform(-share, share, 3)
     propulsion = replace(
         boat.propulsion,

@@ -40,10 +40,14 @@ class Batch:
     """A CasADi function of column vectors on `count` columns at once: arrays (count, size) in and out."""
 
     def __init__(self, function: ca.Function, count: int, threads: int = 1):
-        mapped = function if count == 1 else function.map(count, "thread", threads) if threads > 1 else function.map(count)
+        mapped = (
+            function if count == 1 else function.map(count, "thread", threads) if threads > 1 else function.map(count)
+        )
         self._buffer, self._call = mapped.buffer()
         self._in = [np.zeros((count, mapped.size1_in(i) * mapped.size2_in(i) // count)) for i in range(mapped.n_in())]
-        self._out = [np.zeros((count, mapped.size1_out(i) * mapped.size2_out(i) // count)) for i in range(mapped.n_out())]
+        self._out = [
+            np.zeros((count, mapped.size1_out(i) * mapped.size2_out(i) // count)) for i in range(mapped.n_out())
+        ]
         for i, array in enumerate(self._in):
             self._buffer.set_arg(i, memoryview(array))
         for i, array in enumerate(self._out):

@@ -15,8 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.vessel_file import VesselFile
-from sim.identify.forces import thruster_forces
 from sim.identify.run import Run
+from sim.identify.structured.battery import steady_forces
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,8 @@ class Commands:
 
 def commands_of(run: Run, vessel: VesselFile) -> Commands:
     """What the pulse widths and volts of a run ask of the thrusters of `vessel`, in its order."""
-    names = [f"pwm_{t.name}" for t in vessel.thrusters]
-    t_s, values = run.samples(*names, "battery_v")
-    changed = np.append(True, (np.diff(values, axis=0) != 0).any(axis=1))
-    t_s, values = t_s[changed], values[changed]
     unit = replace(vessel, thrusters=tuple(replace(t, gain=1.0) for t in vessel.thrusters))
-    return Commands(t_s, thruster_forces(unit, values[:, :-1], values[:, -1]))
+    return Commands(*steady_forces(run, unit))
 
 
 class ThrustHistory:

@@ -25,9 +25,7 @@ _DISARM = 5
 class Failsafe:
     """`bits`: conditions that hold now; `triggered`: those that were acted upon."""
 
-    def __init__(
-        self, parameters: Parameters, rc: RcInput, modes: ModeControl, say: Callable[[int, str], None]
-    ):
+    def __init__(self, parameters: Parameters, rc: RcInput, modes: ModeControl, say: Callable[[int, str], None]):
         self._parameters, self._rc, self._modes, self._say = parameters, rc, modes, say
         self._since_ns = 0
         self.bits = 0

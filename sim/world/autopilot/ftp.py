@@ -20,7 +20,5 @@ def answer(payload: Sequence[int]) -> bytes:
     """Reply payload (251 bytes) to a request payload."""
     sequence, session, opcode = _HEADER.unpack_from(bytes(payload))[:3]
     refused = opcode not in _CLEAN_UP
-    header = _HEADER.pack(
-        (sequence + 1) % 65536, session, _NAK if refused else _ACK, int(refused), opcode, 0, 0, 0
-    )
+    header = _HEADER.pack((sequence + 1) % 65536, session, _NAK if refused else _ACK, int(refused), opcode, 0, 0, 0)
     return (header + bytes([_UNKNOWN_COMMAND] if refused else [])).ljust(_PAYLOAD_BYTES, b"\0")

@@ -82,9 +82,7 @@ class Outputs:
         if 51 <= function <= 66:
             return partial(self._plain, function - 51), self._latency_ns
         if 94 <= function < 94 + len(self._gate_channels):
-            return partial(
-                self._gated, self._gate_channels[function - 94] - 1
-            ), self._latency_ns + _GATE_EXTRA_NS
+            return partial(self._gated, self._gate_channels[function - 94] - 1), self._latency_ns + _GATE_EXTRA_NS
         if 140 <= function <= 155:
             return partial(self._scaled, output + 1, function - 140), self._latency_ns
         return self._unused, self._latency_ns

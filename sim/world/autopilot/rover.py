@@ -120,9 +120,7 @@ class Rover:
 
     def _acknowledge(self, link: Link, message: Any, command: int, result: int) -> None:
         link.send(
-            wire.MAVLink_command_ack_message(
-                command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
-            )
+            wire.MAVLink_command_ack_message(command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
         )
 
     def _timesync(self, link: Link, message: Any) -> None:

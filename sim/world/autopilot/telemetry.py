@@ -28,9 +28,7 @@ def _int16(values: Sequence[float], unit: float) -> list[int]:
 
 def heartbeat(v: Vehicle) -> wire.MAVLink_message:
     """Type 11 SURFACE_BOAT (10 unless FRAME_CLASS is 2), autopilot 3."""
-    state = {Mode.INITIALISING: _STATE_CALIBRATING, Mode.HOLD: _STATE_STANDBY}.get(
-        v.modes.mode, _STATE_ACTIVE
-    )
+    state = {Mode.INITIALISING: _STATE_CALIBRATING, Mode.HOLD: _STATE_STANDBY}.get(v.modes.mode, _STATE_ACTIVE)
     state = _STATE_CRITICAL if v.failsafe.triggered else state
     kind = wire.MAV_TYPE_SURFACE_BOAT if v.parameters["FRAME_CLASS"] == 2 else wire.MAV_TYPE_GROUND_ROVER
     return wire.MAVLink_heartbeat_message(
@@ -79,9 +77,7 @@ def attitude(v: Vehicle) -> wire.MAVLink_message:
     """Angles in rad, yaw within -pi to pi; rates in rad/s."""
     s = v.sensors
     yaw = math.remainder(s.psi_rad, math.tau)
-    return wire.MAVLink_attitude_message(
-        v.clock_ms, s.phi_rad, s.theta_rad, yaw, s.p_rad_s, s.q_rad_s, s.r_rad_s
-    )
+    return wire.MAVLink_attitude_message(v.clock_ms, s.phi_rad, s.theta_rad, yaw, s.p_rad_s, s.q_rad_s, s.r_rad_s)
 
 
 def servo_output_raw(v: Vehicle) -> wire.MAVLink_message:
@@ -184,9 +180,7 @@ STREAMED: dict[int, Streamed] = {
 }
 ALWAYS_NS: dict[int, int] = {HEARTBEAT_ID: 1_000_000_000, TIMESYNC_ID: 10_000_000_000}
 """What every link gets whatever it asks for, and how often."""
-ACCEPTED_NEVER_SENT = frozenset(
-    {29, 31, 32, 33, 49, 62, 87, 125, 129, 152, 163, 178, 182, 193, 241, 242, 245}
-)
+ACCEPTED_NEVER_SENT = frozenset({29, 31, 32, 33, 49, 62, 87, 125, 129, 152, 163, 178, 182, 193, 241, 242, 245})
 """Messages that the real firmware has and this one cannot fill: requests are accepted, nothing comes."""
 GROUP_OF_STREAM: dict[int, tuple[str, ...]] = {
     0: ("RAW_SENS", "EXT_STAT", "RC_CHAN", "EXTRA1", "EXTRA2", "EXTRA3"),

@@ -56,9 +56,7 @@ AT_REST = SensorFrame(
 class Vehicle:
     """State at `t_ns` (simulation time). `drift_ppm`: how fast the autopilot's own clock runs ahead."""
 
-    def __init__(
-        self, boot_ns: int, parameters: Mapping[str, float], drift_ppm: float, gate_channels: tuple[int, ...]
-    ):
+    def __init__(self, boot_ns: int, parameters: Mapping[str, float], drift_ppm: float, gate_channels: tuple[int, ...]):
         self.parameters = Parameters(parameters)
         self.system_id = int(self.parameters["SYSID_THISMAV"])
         self.loop_rate_hz = self.parameters["SCHED_LOOP_RATE"]

@@ -1,0 +1,151 @@
+"""Runs cut into windows that can be integrated side by side: stamps, measurements, position fixes, commands.
+
+Time steps are the data's own stamps (heading, yaw rate, specific force), with more put in where they lie further than
+`MAX_STEP_S` apart. All windows have the same number of steps; what a window does not need has h = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.vessel_file import VesselFile
+from sim.identify.run import Run
+from sim.identify.structured.thrust import Commands, commands_of
+
+CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
+PSI, RATE, SURGE, SWAY = range(4)
+MAX_STEP_S = 0.05  # yaw, the fastest motion, has a time constant of about 2 s, thrusters 0.1 s
+G = 9.80665  # m/s^2, standard gravity
+LEVEL_RAD = 0.006  # rms of roll or pitch beyond which specific force is levelled: thrice the attitude's noise; assumed
+EDGE_S = 0.5  # fixes so near an end of a run are left out, whatever the latency turns out to be
+
+
+class StructuredFitError(ValueError):
+    """A run cannot be fitted: which, and why."""
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Position samples: stamp [s], north and east [m], shape (m, 2), and the run they are of."""
+
+    t_s: np.ndarray
+    place_m: np.ndarray
+    run: np.ndarray
+
+
+@dataclass(frozen=True)
+class Windows:
+    """All runs, cut up. W windows of K steps; window w of run `run[w]` begins at node w.
+
+    t_s (W, K + 1), h_s (W, K), y (W, K, 4) by CHANNELS with NaN where nothing was measured, first (W,): the window
+    that opens a run. `commands`, `spans` (slice of windows) and `grids` (t_s of all steps, start index of each window)
+    by run.
+    """
+
+    t_s: np.ndarray
+    h_s: np.ndarray
+    y: np.ndarray
+    run: np.ndarray
+    first: np.ndarray
+    fixes: Fixes
+    commands: tuple[Commands, ...]
+    spans: tuple[slice, ...]
+    grids: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Windows W and steps K."""
+        return self.h_s.shape[0], self.h_s.shape[1]
+
+    def samples(self) -> int:
+        """How many instants carry a measurement of heading, rate or force."""
+        return int(np.isfinite(self.y).any(axis=2).sum())
+
+
+def cut(runs: Sequence[Run], vessel: VesselFile, window_s: float) -> Windows:
+    """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position."""
+    if not runs:
+        raise StructuredFitError("no run to fit")
+    pieces = [_grid(run, window_s) for run in runs]
+    K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
+    t_all, y_all, owner, first, spans = [], [], [], [], []
+    for i, (t, y, starts) in enumerate(pieces):
+        ends = np.append(starts[1:], len(t) - 1)
+        index = np.minimum(starts[:, None] + np.arange(K + 1), ends[:, None])
+        values = y[index[:, :K]]
+        values[np.arange(K) >= (ends - starts)[:, None]] = np.nan
+        spans.append(slice(len(owner), len(owner) + len(starts)))
+        t_all.append(t[index])
+        y_all.append(values)
+        owner += [i] * len(starts)
+        first += [True] + [False] * (len(starts) - 1)
+    t_s = np.concatenate(t_all)
+    return Windows(
+        t_s=t_s,
+        h_s=np.diff(t_s, axis=1),
+        y=np.concatenate(y_all),
+        run=np.array(owner),
+        first=np.array(first),
+        fixes=_fixes(runs),
+        commands=tuple(commands_of(run, vessel) for run in runs),
+        spans=tuple(spans),
+        grids=tuple((t, starts) for t, _, starts in pieces),
+    )
+
+
+def _grid(run: Run, window_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stamps, measurements (n, 4) and the starts of windows of one run."""
+    name = run.meta.source
+    if not run.known("psi_rad") or not run.known("north_m"):
+        raise StructuredFitError(f"{name}: the fit needs psi_rad and north_m, east_m; at least one is blank")
+    channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
+    channels = [(t, np.unwrap(v)) if i == PSI else (t, v) for i, (t, v) in enumerate(channels)]
+    channels = _levelled(run, channels)
+    stamps = np.unique(np.concatenate([t for t, _ in channels]))
+    if stamps[-1] - stamps[0] < 2 * window_s:
+        raise StructuredFitError(f"{name}: {stamps[-1] - stamps[0]:.1f} s is too short: two windows of {window_s} s")
+    extra = [np.linspace(a, b, int(np.ceil((b - a) / MAX_STEP_S)) + 1)[1:-1] for a, b in _gaps(stamps)]
+    t = np.unique(np.concatenate([stamps, *extra]))
+    y = np.full((len(t), len(CHANNELS)), np.nan)
+    for i, (at, values) in enumerate(channels):
+        y[np.searchsorted(t, at), i] = values
+    count = max(2, round((t[-1] - t[0]) / window_s))
+    starts = np.searchsorted(t, t[0] + np.arange(count) * (t[-1] - t[0]) / count)
+    return t, y, np.unique(starts)
+
+
+def _gaps(t: np.ndarray) -> list[tuple[float, float]]:
+    wide = np.flatnonzero(np.diff(t) > MAX_STEP_S * 1.001)
+    return [(float(t[i]), float(t[i + 1])) for i in wide]
+
+
+def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Specific force with gravity taken out by roll and pitch, where the boat rolls or pitches visibly."""
+    if not (run.known("phi_rad") and run.known("theta_rad")):
+        return channels
+    t_tilt, tilt = run.samples("phi_rad", "theta_rad")
+    if np.sqrt((tilt**2).mean(axis=0)).max() < LEVEL_RAD:
+        return channels
+    out = list(channels)
+    for i, sign, column in ((SURGE, -1.0, 1), (SWAY, 1.0, 0)):
+        t, a = channels[i]
+        out[i] = (t, a + sign * G * np.sin(np.interp(t, t_tilt, tilt[:, column])))
+    return out
+
+
+def _fixes(runs: Sequence[Run]) -> Fixes:
+    """Position samples of all runs, but for those at the very ends."""
+    stamps, places, owners = [], [], []
+    for i, run in enumerate(runs):
+        t, place = run.samples("north_m", "east_m")
+        known, _ = run.samples("psi_rad")
+        inside = (t > known[0] + EDGE_S) & (t < known[-1] - EDGE_S)
+        if inside.sum() < 4:
+            raise StructuredFitError(f"{run.meta.source}: {inside.sum()} positions; the fit needs at least 4")
+        stamps.append(t[inside])
+        places.append(place[inside])
+        owners.append(np.full(int(inside.sum()), i))
+    return Fixes(np.concatenate(stamps), np.concatenate(places), np.concatenate(owners))

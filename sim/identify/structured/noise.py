@@ -1,0 +1,95 @@
+"""Sensor noise of the fit: white noise per sample, and what drifts slowly, as one node value per window.
+
+    psi = psi_true + offset + wander + white      wander: Gauss-Markov, changing within a window too
+    r, a_x, a_y = true + bias + white             bias: random walk from node to node
+    fix = tag + white
+    latent body force: Gauss-Markov from node to node, constant within a window; what the model leaves out
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.core.vessel_file import VesselFile
+
+NODE = ("x", "y", "psi", "u", "v", "r", "d_X", "d_Y", "d_N", "b_ax", "b_ay", "b_r", "wander", "offset")
+STATE, LATENT, BIAS_AX, BIAS_AY, BIAS_R, WANDER, OFFSET = slice(0, 6), slice(6, 9), 9, 10, 11, 12, 13
+L = len(NODE)
+START_SIGMA = (10.0, 10.0, 1.0, 1.0, 1.0, 0.5)  # x y psi u v r at the start of a run: as good as unknown
+TIE_SIGMA = (5e-4, 5e-4, 1e-4, 5e-4, 5e-4, 2e-4)  # what a state may jump per sqrt(s): integration and command rounding
+
+
+@dataclass(frozen=True)
+class Noise:
+    """One sigma each. `white`: psi [rad], r [rad/s], a_x, a_y [m/s^2]; `latent`: X, Y [N], N [N m]."""
+
+    white: tuple[float, float, float, float]
+    fix_m: float
+    wander_rad: float
+    wander_time_s: float
+    bias: tuple[float, float, float]
+    walk: tuple[float, float, float]
+    offset_rad: float = 0.02  # mounting and declination; assumed
+    latent: tuple[float, float, float] = (1e-3, 1e-3, 1e-3)
+    latent_time_s: float = 5.0
+    slack: float = 1.0  # times TIE_SIGMA
+
+    def scaled(self, white: np.ndarray, fix: float) -> Noise:
+        """White sigmas times factors."""
+        psi, r, ax, ay = (float(s * k) for s, k in zip(self.white, white, strict=True))
+        return replace(self, white=(psi, r, ax, ay), fix_m=self.fix_m * fix)
+
+    def node_start(self) -> np.ndarray:
+        """Sigma of a node that opens a run, shape (L,)."""
+        return np.array([*START_SIGMA, *self.latent, *self.bias, self.wander_rad, self.offset_rad])
+
+    def tie(self, span_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Decay and sigma from one node to the next after `span_s`, shapes (W, L); states decay by the model."""
+        span = span_s[:, None]
+        decay, sigma = np.ones((len(span_s), L)), np.full((len(span_s), L), 1e-6)
+        sigma[:, STATE] = self.slack * np.array(TIE_SIGMA) * np.sqrt(span)
+        latent = np.exp(-span / self.latent_time_s)
+        decay[:, LATENT] = latent
+        sigma[:, LATENT] = np.array(self.latent) * np.sqrt(1 - latent**2)
+        sigma[:, BIAS_AX : BIAS_R + 1] = np.maximum(np.array(self.walk) * np.sqrt(span), 1e-7)
+        wander = np.exp(-span / self.wander_time_s)
+        decay[:, [WANDER]] = wander
+        sigma[:, [WANDER]] = np.maximum(self.wander_rad * np.sqrt(1 - wander**2), 1e-7)
+        return decay, sigma
+
+
+def noise_of(vessel: VesselFile) -> Noise:
+    """Noise as the vessel file's sensor tables have it."""
+    imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
+    accel, gyro = imu.accel_sigma_m_s2, imu.gyro_sigma_rad_s
+    a_walk, g_walk = imu.accel_bias_walk_m_s2_sqrt_s, imu.gyro_bias_walk_rad_s_sqrt_s
+    return Noise(
+        white=(imu.heading_sigma_rad, gyro, accel, accel),
+        fix_m=uwb.range_sigma_m,
+        wander_rad=imu.heading_wander_sigma_rad,
+        wander_time_s=imu.heading_wander_time_s,
+        bias=(imu.accel_bias_sigma_m_s2, imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s),
+        walk=(a_walk, a_walk, g_walk),
+    )
+
+
+def whiten(rows: np.ndarray, known: np.ndarray, h_s: np.ndarray, noise: Noise) -> np.ndarray:
+    """Heading rows (W, K, C) as innovations of unit variance: white noise plus wander that starts from the node's.
+
+    Scalar Kalman filter per window; its gains do not depend on the rows, so residual and Jacobian pass it alike.
+    """
+    W, K, C = rows.shape
+    white2, decay = noise.white[0] ** 2, np.exp(-h_s / noise.wander_time_s)
+    grow = noise.wander_rad**2 * (1 - decay**2)
+    P, m = np.zeros(W), np.zeros((W, C))
+    out = np.zeros_like(rows)
+    for k in range(K):
+        S = P + white2
+        gain = np.where(known[:, k], P / S, 0.0)
+        innovation = rows[:, k] - m
+        out[:, k] = innovation * (known[:, k] / np.sqrt(S))[:, None]
+        m = decay[:, k, None] * (m + gain[:, None] * innovation)
+        P = decay[:, k] ** 2 * P * (1 - gain) + grow[:, k]
+    return out

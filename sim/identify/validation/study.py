@@ -1,0 +1,83 @@
+"""The whole validation: several models, held-out runs, every score; what table, pictures and report show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.vessel_file import VesselFile
+from sim.identify.run import Run
+from sim.identify.smoothing import SmootherNoise
+from sim.identify.validation.models import VelocityStays, VelocityZero
+from sim.identify.validation.protocol import Simulator
+from sim.identify.validation.scores import Box, Score, score
+from sim.identify.validation.stability import Stability, stability
+from sim.identify.validation.windows import Reference, Windows, cut, joined, reference
+
+BASELINES = (VelocityStays(), VelocityZero())
+BASELINE_NAMES = tuple(model.name for model in BASELINES)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A run that no fit has seen, or the intervals `inside` [s] of one that none has; None: all of it."""
+
+    run: Run
+    inside: tuple[tuple[float, float], ...] | None = None
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Scores, stabilities and states (m, k, 6) in the order of the models, baselines last.
+
+    `held_out`, `references`: what the windows were cut from; `box`: speeds in the training data.
+    """
+
+    vessel: str
+    held_out: tuple[HeldOut, ...]
+    references: tuple[Reference, ...]
+    windows: Windows
+    box: Box
+    scores: tuple[Score, ...]
+    stabilities: tuple[Stability, ...]
+    states: tuple[np.ndarray, ...]
+
+
+def validate(
+    models: Sequence[Simulator],
+    held_out: Sequence[HeldOut],
+    vessel: VesselFile,
+    noise: SmootherNoise,
+    *,
+    box: Box | None = None,
+    horizon_s: float = 60.0,
+    stride_s: float = 5.0,
+    seed: int = 0,
+) -> Validation:
+    """Score `models` and both baselines. `box`: speeds in the training data (None: those of the held-out runs).
+
+    ValueError where a run is too short for a window, or where two models share a name.
+    """
+    everyone = [*models, *BASELINES]
+    if len({model.name for model in everyone}) < len(everyone):
+        raise ValueError("every model needs a name of its own")
+    volts = vessel.propulsion.nominal_voltage_V
+    references = tuple(reference(part.run, noise) for part in held_out)
+    pairs = list(zip(held_out, references, strict=True))
+    cuts = [cut(p.run, ref, volts, horizon_s=horizon_s, stride_s=stride_s, inside=p.inside) for p, ref in pairs]
+    seconds = [cut(p.run, ref, volts, horizon_s=1.0, stride_s=1.0, shortest_s=1.0, inside=p.inside) for p, ref in pairs]
+    windows, second_windows = joined(cuts), joined(seconds)
+    box = box or Box.of(windows.truth[..., 3:])
+    scored = [score(model, windows, box, second_windows) for model in everyone]
+    return Validation(
+        vessel=vessel.name,
+        held_out=tuple(held_out),
+        references=references,
+        windows=windows,
+        box=box,
+        scores=tuple(one for one, _ in scored),
+        stabilities=tuple(stability(model, vessel, box, seed) for model in everyone),
+        states=tuple(states for _, states in scored),
+    )

@@ -19,10 +19,11 @@ from sim.identify.run import Run, RunError
 
 @dataclass(frozen=True)
 class Beside:
-    """What a log does not hold itself. `truth`: the simulator's log, for .mcap. `uwb`: a UWB log (.mcap or text),
+    """What a log does not hold itself.
 
-    for .bin and .tlog, with `uwb_format` its wire format (default: the vessel's) and `uwb_offset_s` what to add
-    to its Unix stamps to have the log's clock (.bin: needed without GPS; .tlog: default 0).
+    `vessel`, `site`: instead of those in the log. `truth`: the simulator's log, for .mcap. `uwb`: a UWB log
+    (.mcap or text) for .bin and .tlog; `uwb_format`: wire format of its lines (default: the vessel's);
+    `uwb_offset_s`: what to add to its Unix stamps to have the log's clock (.bin: needed without GPS; .tlog: 0).
     """
 
     vessel: VesselFile | None = None

@@ -133,7 +133,7 @@ def _bcn(m: Any) -> tuple[float, ...] | None:
 
 _DECODE: dict[str, Callable[[Any], tuple[float, ...] | None]] = {
     "RCOU": lambda m: tuple(getattr(m, name) for name in m.get_fieldnames() if name.startswith("C")),
-    "IMU": lambda m: (m.GyrZ, m.AccX, m.AccY) if m.I == 0 else None,
+    "IMU": lambda m: (m.GyrZ, m.AccX, m.AccY) if getattr(m, "I", 0) == 0 else None,
     "ATT": lambda m: (radians(m.Yaw), radians(m.Roll), radians(m.Pitch)),
     "BAT": lambda m: (m.Volt,) if getattr(m, "Instance", getattr(m, "Inst", 0)) == 0 else None,
     "BCN": _bcn,

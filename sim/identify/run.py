@@ -111,7 +111,7 @@ class Run:
         return t_s[changed], pwm_us[changed]
 
     def rates_hz(self) -> dict[str, float]:
-        """Median rate of each sampled column that has two samples or more, and of the command changes."""
+        """Median rate of each sampled column that has two samples or more."""
         rates = {}
         for name in self.table.columns:
             if name == "t_s" or name.startswith(HELD):
@@ -130,10 +130,11 @@ class Run:
         return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)))
 
     def resampled(self, rate_hz: float, *, max_gap_s: float = 0.5) -> pl.DataFrame:
-        """Columns on a grid of `rate_hz` from the first row on: held ones as in force, angles the short way round,
+        """Columns on a grid of `rate_hz` from the first row on.
 
-        all others on the straight line between their neighbours; blank where these are further apart than
-        `max_gap_s`, or on one side only. Nothing is filtered: what is faster than half the rate aliases.
+        Held ones as in force; headings the short way round and all others on the straight line between their
+        neighbours; blank where these are further apart than `max_gap_s`, or on one side only. Nothing is
+        filtered: what is faster than half the rate aliases.
         """
         t = self.table["t_s"].to_numpy()
         grid = t[0] + np.arange(int(np.floor((t[-1] - t[0]) * rate_hz + 1e-9)) + 1) / rate_hz

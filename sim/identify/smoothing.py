@@ -114,11 +114,16 @@ def binned(t_s: np.ndarray, values: np.ndarray, grid: np.ndarray) -> Binned:
     h = grid[1] - grid[0]
     at = np.rint((t_s - grid[0]) / h).astype(int)
     inside = (at >= 0) & (at < len(grid))
-    at, t_s, values = at[inside], t_s[inside], values.reshape(len(values), -1)[inside]
+    at, t_s, values = at[inside], t_s[inside], _columns(values)[inside]
     count = np.bincount(at, minlength=len(grid))
     total = np.column_stack([np.bincount(at, column, minlength=len(grid)) for column in (t_s - grid[at], *values.T)])
     mean = total / np.maximum(count, 1)[:, None]
     return Binned(mean[:, 1:], mean[:, 0], count)
+
+
+def _columns(values: np.ndarray) -> np.ndarray:
+    """(m,) or (m, n) as (m, n), m may be 0."""
+    return values[:, None] if values.ndim == 1 else values
 
 
 def _smooth_yaw(run: Run, noise: SmootherNoise, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from sim.identify.structured.chain import Chain
 from sim.identify.structured.data import Windows, cut
 from sim.identify.structured.linearise import Linearised, Problem
 from sim.identify.structured.model import compile_model
-from sim.identify.structured.noise import LATENT, STATE, Noise, noise_of
+from sim.identify.structured.noise import STATE, Noise, noise_of
 from sim.identify.structured.parameters import Parameters, PriorSigmas
 from sim.identify.structured.start import first_nodes
 
@@ -122,19 +122,30 @@ class Fit:
         return promised - cost - 0.5 * (log_det + float(np.linalg.slogdet(D)[1])) - log_sigma
 
     def tune_latent(self, point: Point, noise: Noise) -> Noise:
-        """The latent force's sigmas of greatest evidence, one simplex search over their logarithms."""
-        start = np.log(np.maximum(noise.latent, LATENT_FLOOR))
+        """The latent force of greatest evidence: none, a tenth of the present one, or a simplex search round it."""
+        now = np.maximum(noise.latent, LATENT_FLOOR)
+        trials = [LATENT_FLOOR, 0.1 * now, now] if np.any(now > LATENT_FLOOR) else [LATENT_FLOOR, 0.1 * LATENT_START]
 
-        def loss(log_sigma: np.ndarray) -> float:
-            bounded = np.maximum(np.exp(log_sigma), LATENT_FLOOR)
-            x, y, n = map(float, bounded)
-            return -self.evidence(point, replace(noise, latent=(x, y, n)))
+        def gain(sigma: np.ndarray) -> float:
+            return self.evidence(point, with_latent(noise, sigma))
 
-        simplex = start + np.vstack([np.zeros(3), -1.2 * np.eye(3)])
-        options = {"initial_simplex": simplex, "maxfev": 45, "fatol": 0.3, "xatol": 0.1}
-        best = minimize(loss, start, method="Nelder-Mead", options=options).x
-        x, y, n = map(float, np.maximum(np.exp(best), LATENT_FLOOR))
-        return replace(noise, latent=(x, y, n))
+        gains = [gain(sigma) for sigma in trials]
+        best = trials[int(np.argmax(gains))]
+        if best is not LATENT_FLOOR:
+            options = {
+                "initial_simplex": np.log(best) + np.vstack([np.zeros(3), -1.0 * np.eye(3)]),
+                "maxfev": 40,
+                "fatol": 0.5,
+                "xatol": 0.15,
+            }
+            best = np.exp(minimize(lambda v: -gain(np.exp(v)), np.log(best), method="Nelder-Mead", options=options).x)
+        return with_latent(noise, best)
+
+
+def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
+    """The same noise with a latent force of these sigmas [N, N, N m], at least the floor's."""
+    x, y, n = map(float, np.maximum(sigma, LATENT_FLOOR))
+    return replace(noise, latent=(x, y, n))
 
 
 def rescaled(noise: Noise, at: Linearised) -> tuple[Noise, float]:
@@ -155,8 +166,7 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
     if settings.latent:
-        x, y, n = map(float, LATENT_START)
-        fit.noise = replace(fit.noise, latent=(x, y, n))
+        fit.noise = with_latent(fit.noise, LATENT_START)
     point = fit.begin()
     settled = False
     while count < settings.iterations:
@@ -183,5 +193,3 @@ def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
         change = max(change, float(np.abs(np.log(np.array(noise.latent) / before)).max()) / 5)
     return noise, change < 0.06
 
-
-__all__ = ["LATENT", "Fit", "Point", "Settings", "rescaled", "solve"]

@@ -15,9 +15,9 @@ from sim.identify.validation.windows import Windows
 
 @dataclass(frozen=True)
 class Departure:
-    """One model on m runs. `t_s` (k,): 1, 2 .. s; `diverged` (k,): share gone by then; `first_s` (m,): when (inf: never).
+    """One model on m runs, after `t_s` (k,) = 1, 2 .. s.
 
-    `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
+    `diverged` (k,): share gone by then; `first_s` (m,): when each went, inf: never; `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
     """
 
     name: str

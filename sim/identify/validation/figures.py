@@ -46,14 +46,14 @@ def training_log(run: Run, paper: PaperMotion, smoothed: Smoothed, seconds: floa
     part = paper.t_s <= t0 + seconds
     for i, label in enumerate(SPEED_LABELS):
         ax = figure.add_subplot(spec[i, 1])
-        ax.plot(paper.t_s[part], paper.nu_raw[part, i], color="#bbbbbb", lw=0.9, label="Kalman filter")
+        ax.plot(paper.t_s[part], paper.nu_raw[part, i], color="#bbbbbb", lw=2.4, label="Kalman filter")
         ax.plot(paper.t_s[part], paper.nu[part, i], color=COLOURS[1], lw=1.1, label="after Lanczos")
         ax.plot(smoothed.t_s[part], smoothed.nu[part, i], color=COLOURS[0], lw=1.1, label="RTS smoother")
         ax.set_ylabel(label, fontsize=8)
         if i == 0:
             ax.set_title("Speeds (as Figure 6)")
-            ax.legend(fontsize=7, ncols=3, loc="upper right")
     ax.set_xlabel("t [s]")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=8)
     return figure
 
 

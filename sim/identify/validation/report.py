@@ -82,6 +82,6 @@ def _section(section: Section) -> str:
 def _notes() -> str:
     return (
         f"<p>Bold: least of its row. NRMSE: rms over the range of the measured values. Ljung-Box p below 0.01: "
-        f"residuals are not white. Diverged: outside {SPREAD:g} times the range of speeds in the training data, or not finite. "
-        f"Commands are sampled every {1000 * STEP_S:.0f} ms.</p>"
+        f"residuals are not white. Diverged: outside {SPREAD:g} times the range of speeds in the training data, or "
+        f"not finite. Commands are sampled every {1000 * STEP_S:.0f} ms.</p>"
     )

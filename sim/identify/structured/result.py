@@ -1,0 +1,168 @@
+"""What a structured fit found: values with intervals, what the data do not determine, how the residuals look."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from companion.core.vessel_file import VesselFile
+from sim.identify.run import Run
+from sim.identify.structured.fit import Fit, Point, Say, Settings, solve
+from sim.identify.structured.parameters import unit_of
+
+Z95 = 1.959964
+UNDETERMINED = 0.7  # posterior over prior sigma: at more, half of what is known was known before
+CHANNEL_NAMES = ("psi", "r", "ax", "ay")
+
+
+class Estimate(msgspec.Struct, frozen=True, kw_only=True):
+    """One parameter. `share_of_prior`: posterior over prior sigma; above 0.7 the data do not determine it."""
+
+    name: str
+    value: float
+    se: float
+    ci95: tuple[float, float]
+    unit: str
+    share_of_prior: float
+    determined: bool
+
+
+class Direction(msgspec.Struct, frozen=True, kw_only=True):
+    """A combination that the data do not determine: its share of the prior sigma, and who takes part how much."""
+
+    share_of_prior: float
+    parts: dict[str, float]
+
+
+class Channel(msgspec.Struct, frozen=True, kw_only=True):
+    """Whitened residuals of one channel: how many, white sigma found, rms (1: as believed), lag-1 correlation."""
+
+    name: str
+    count: int
+    sigma: float
+    rms: float
+    lag1: float
+
+
+class FitResult(msgspec.Struct, frozen=True, kw_only=True):
+    """`latent_n`: sigma of the force that the model leaves unexplained [N, N, N m]; the floor means none."""
+
+    parameters: tuple[Estimate, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    directions: tuple[Direction, ...]
+    channels: tuple[Channel, ...]
+    latent_n: tuple[float, float, float]
+    samples: int
+    fixes: int
+    iterations: int
+    seconds: float
+    data_hashes: tuple[str, ...]
+    vessel: str
+
+    @property
+    def q(self) -> np.ndarray:
+        """Values in the order of `Parameters.names`."""
+        return np.array([p.value for p in self.parameters])
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name; KeyError where there is none."""
+        found = next((p for p in self.parameters if p.name == name), None)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+
+def fit_structured(
+    runs: Sequence[Run], vessel: VesselFile, settings: Settings | None = None, say: Say = lambda _text, _share: None
+) -> FitResult:
+    """Fit the model of `vessel` to runs. Raises StructuredFitError where a run cannot be used.
+
+    `say(text, share)` hears of progress.
+    """
+    began = time.perf_counter()
+    fit = Fit(runs, vessel, settings or Settings())
+    point, iterations = solve(fit, say)
+    return summary(fit, point, iterations, time.perf_counter() - began, runs)
+
+
+def summary(fit: Fit, point: Point, iterations: int, seconds: float, runs: Sequence[Run]) -> FitResult:
+    """Values and intervals at a converged point."""
+    parameters = fit.parameters
+    D = fit.assemble(point, fit.noise)[0].solve()[2]
+    C_w = np.linalg.inv(D)
+    q, T = parameters.file_units(point.w), parameters.jacobian(point.w)
+    C_q = T @ C_w @ T.T
+    _, spread = parameters.prior
+    share = np.sqrt(np.diag(C_w)) / spread
+    positive = parameters.is_positive()
+    estimates = []
+    for i, name in enumerate(parameters.names):
+        se = float(np.sqrt(C_q[i, i]))
+        estimates.append(
+            Estimate(
+                name=name,
+                value=float(q[i]),
+                se=se,
+                ci95=_interval(float(q[i]), se, bool(positive[i])),
+                unit=unit_of(name),
+                share_of_prior=float(share[i]),
+                determined=bool(share[i] <= UNDETERMINED),
+            )
+        )
+    return FitResult(
+        parameters=tuple(estimates),
+        covariance=tuple(tuple(map(float, row)) for row in C_q),
+        directions=_directions(C_w, spread, parameters.names),
+        channels=_channels(fit, point),
+        latent_n=fit.noise.latent,
+        samples=fit.windows.samples(),
+        fixes=len(fit.windows.fixes.t_s),
+        iterations=iterations,
+        seconds=seconds,
+        data_hashes=tuple(run.data_hash for run in runs),
+        vessel=parameters.vessel.name,
+    )
+
+
+def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
+    """95 % interval: that of the logarithm for what cannot change sign, else symmetric."""
+    if not positive or value == 0.0:
+        return value - Z95 * se, value + Z95 * se
+    low, high = sorted((value * np.exp(-Z95 * se / abs(value)), value * np.exp(Z95 * se / abs(value))))
+    return float(low), float(high)
+
+
+def _directions(C_w: np.ndarray, spread: np.ndarray, names: Sequence[str]) -> tuple[Direction, ...]:
+    """Principal axes of the posterior, in units of the prior, that kept most of their prior width."""
+    values, axes = np.linalg.eigh(C_w / np.outer(spread, spread))
+    found = []
+    for value, axis in sorted(zip(values, axes.T, strict=True), key=lambda pair: -pair[0]):
+        if np.sqrt(value) <= UNDETERMINED:
+            break
+        change = axis * spread
+        change /= change[np.abs(axis).argmax()]
+        parts = {names[i]: round(float(change[i]), 3) for i in np.argsort(-np.abs(axis)) if abs(axis[i]) > 0.01}
+        found.append(Direction(share_of_prior=float(np.sqrt(value)), parts=parts))
+    return tuple(found)
+
+
+def _channels(fit: Fit, point: Point) -> tuple[Channel, ...]:
+    out = []
+    for i, name in enumerate(CHANNEL_NAMES):
+        series = point.at.residuals[..., i].ravel()
+        series = series[np.isfinite(series)]
+        if len(series) > 2:
+            out.append(_channel(name, series, fit.noise.white[i]))
+    for axis, name in enumerate(("fix_north", "fix_east")):
+        out.append(_channel(name, point.at.fix_residuals[:, axis], fit.noise.fix_m))
+    return tuple(out)
+
+
+def _channel(name: str, series: np.ndarray, sigma: float) -> Channel:
+    square = float(series @ series)
+    lag1 = float(series[1:] @ series[:-1]) / square
+    return Channel(name=name, count=len(series), sigma=sigma, rms=float(np.sqrt(square / len(series))), lag1=lag1)

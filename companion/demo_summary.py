@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,11 +54,9 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> Score:
     passed = max((r.waypoints_passed for r in messages[GuidanceReference]), default=0)
     figures: dict[str, float | int] = {"waypoints_total": len(points), "waypoints_passed": passed}
     if len(track.t_s):
-        end = points[-1]
-        psi = settings.mission.end_heading_rad
-        last = points[-1] - points[-2]
-        heading = float(np.arctan2(last[1], last[0])) if psi is None else psi
-        figures |= tracking(track, points) | station(track, (*end, heading)) | estimation(track)
+        end = messages[GuidanceReference][-1]
+        pose = (end.north_ref_m, end.east_ref_m, end.psi_ref_rad)
+        figures |= tracking(track, points) | station(track, pose) | estimation(track)
     return Score(figures | _timing(messages), track, messages, truths)
 
 
@@ -81,6 +80,11 @@ def _timing(messages: dict[type[Message], list[Any]]) -> dict[str, float | int]:
 
 def _percentile(values: list[float], share: float) -> float:
     return float(np.percentile(values, share)) if values else float("nan")
+
+
+def finite(figures: dict[str, float | int]) -> dict[str, float | int | None]:
+    """For JSON, which has no NaN: what was not measured is null."""
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}
 
 
 def show(score: Score, folder: Path) -> None:

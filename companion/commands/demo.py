@@ -56,7 +56,7 @@ def demo(args: argparse.Namespace) -> int:
         print(f"aritra demo: {failure}", file=sys.stderr)
         return 1
     score = demo_summary.summarise(run_log, truth_log, setup.pilot)
-    (args.out / "summary.json").write_text(json.dumps(score.figures, indent=2) + "\n")
+    (args.out / "summary.json").write_text(json.dumps(demo_summary.finite(score.figures), indent=2) + "\n")
     demo_summary.show(score, args.out)
     try:
         from companion import demo_picture  # noqa: PLC0415  (matplotlib is an extra)

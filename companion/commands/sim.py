@@ -107,7 +107,7 @@ async def _serve(world) -> int:
         await task
     except asyncio.CancelledError:
         return 0
-    except OSError as error:
+    except (OSError, ValueError) as error:
         print(f"aritra sim: {error}", file=sys.stderr)
         return 1
     return 0

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
@@ -81,7 +81,8 @@ class PilotState:
     f_command_n: tuple[float, ...]
     vehicle: Vehicle = vehicle.STOPPED
     guidance: GuidanceState = guidance.IDLE
-    wanted: str = "mission"
+    wanted: Literal["mission", "hold"] = "mission"
+    passed: tuple[guidance.Passage, ...] = ()
     open_tick: int | None = None
     asked: tuple[tuple[int, int], ...] = ()
     """Tick and instant [ns] of the latest SolveRequests."""
@@ -157,10 +158,12 @@ class Pilot:
         if message.command == "stop":
             stopped = replace(state.vehicle, phase="stopped", why="stopped by the operator")
             return replace(state, vehicle=stopped, guidance=guidance.IDLE, plan=None, asked=()), []
-        waiting = replace(state.vehicle, phase="waiting")
-        if state.vehicle.phase == "driving":
-            waiting = state.vehicle
         wanted = "mission" if message.command == "start" else "hold"
+        if state.vehicle.phase == "driving":
+            if wanted == state.wanted:
+                return state, []
+            return replace(state, wanted=wanted, guidance=guidance.IDLE), []
+        waiting = replace(state.vehicle, phase="waiting")
         return replace(state, vehicle=waiting, wanted=wanted, guidance=guidance.IDLE), []
 
     # --- a tick and its one lease ------------------------------------------------------------------
@@ -186,18 +189,21 @@ class Pilot:
         return state, [*outputs, reference, request]
 
     def _begin(self, state: PilotState, eta, nu, t_ns: int) -> PilotState:
-        """Start what is wanted, once driving is allowed."""
+        """Start what is wanted, once driving is allowed; a mission goes on where it was left."""
         if state.guidance.phase != "idle":
             return state
         g, mission = self.settings.guidance, self.settings.mission
         if state.wanted == "hold":
             return replace(state, guidance=guidance.hold(g, eta, nu, t_ns))
-        begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=mission.end_heading_rad)
+        passed = state.passed if len(state.passed) < len(mission.path.waypoints) else ()
+        end = mission.end_heading_rad
+        begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=end, passed=passed)
         return replace(state, guidance=begun)
 
     def _guide(self, state: PilotState, eta, nu, t_ns: int) -> tuple[PilotState, GuidanceReference]:
         moved, reference = guidance.step(state.guidance, self.settings.guidance, eta, nu, t_ns)
-        return replace(state, guidance=moved), reference
+        passed = moved.passed if state.wanted == "mission" else state.passed
+        return replace(state, guidance=moved, passed=passed), reference
 
     def _request(self, state: PilotState, estimate: StateEstimate, index: int, t_ns: int) -> SolveRequest:
         x0 = self._ahead(state, t_ns)

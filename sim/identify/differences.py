@@ -3,7 +3,7 @@
     y_dot_i = sum_j w_j y_(i+j) / h        central: j = -3..3, forward: j = 0..6, backward: j = -6..0
 
 The weights make the sum exact for polynomials up to degree 6. What is left: h^6 y^(7) / 140 inside, h^6 y^(7) / 7 at
-the ends. White noise sigma in y becomes 1.08 sigma / h inside and 10.5 sigma / h at the ends: smooth first. A step in
+the ends. White noise sigma in y becomes 1.08 sigma / h inside and 12.6 sigma / h at the ends: smooth first. A step in
 y_dot (a thrust command) disturbs the three samples on either side of it.
 """
 

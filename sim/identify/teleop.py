@@ -181,6 +181,6 @@ def _sense(
 def _truth(motion: Motion) -> dict[str, float]:
     x = motion.x
     names = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s")
-    values = dict(zip(names, map(float, x[:6]), strict=True))
+    values: dict[str, float] = dict(zip(names, map(float, x[:6]), strict=True))
     values["true_psi_rad"] = (values["true_psi_rad"] + np.pi) % (2 * np.pi) - np.pi
     return values

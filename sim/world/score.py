@@ -59,8 +59,8 @@ def tracking(track: Track, points: np.ndarray) -> dict[str, float]:
             _, swing, _ = leg_errors(points, leg, track.truth[late & (track.leg == leg), :2])
             overshoot.append(float((-side * swing).max(initial=0.0)))
     return {
-        "cross_track_rms_m": _rms(np.concatenate(cross)),
-        "surge_rms_error_m_s": _rms(np.concatenate(surge)),
+        "cross_track_rms_m": _rms(np.concatenate([np.zeros(0), *cross])),
+        "surge_rms_error_m_s": _rms(np.concatenate([np.zeros(0), *surge])),
         "overshoot_m": max(overshoot),
     }
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from voyage import CORNER, driving, figures, settled, setup, track, voyage
 
-from companion.core.messages import OverrideLease, StateEstimate, Tick, VehicleRequest
+from companion.core.messages import OperatorCommand, OverrideLease, StateEstimate, Tick, VehicleRequest
 from sim.world.environment import Weather
 from sim.world.sensors import UwbFaults
 from sim.world.stepped import PEER
@@ -77,8 +77,8 @@ def test_eight_seconds_without_the_tag_do_not_lead_astray():
     assert run.run(settled(2.0), 80.0), f"never arrived: {run.state.vehicle}"
     told = {e.health for e in run.of(StateEstimate) if e.t_ns > silent_ns}
     assert "degraded" in told and "lost" not in told
-    errors = np.linalg.norm((lambda t: t.estimate - t.truth)(track(run))[:, :2], axis=1)
-    assert errors.max() < 1.0
+    driven = track(run)
+    assert np.linalg.norm((driven.estimate - driven.truth)[:, :2], axis=1).max() < 1.0
     assert figures(run)["cross_track_rms_m"] < 0.5
 
 
@@ -112,3 +112,21 @@ def test_the_same_seed_gives_the_same_messages(calm):
     same = calm.messages[: len(again.messages)]
     assert len(again.messages) > 2000
     assert [msgspec.json.encode(m) for m in again.messages] == [msgspec.json.encode(m) for m in same]
+
+
+def test_a_held_mission_goes_on_where_it_was_left_and_a_second_start_changes_nothing():
+    run = voyage(1)
+    assert run.run(lambda r: len(r.state.passed) >= 1 and r.state.guidance.phase == "leg", 60.0)
+    run.run(lambda r: False, 4.0)
+    passed = len(run.state.passed)
+    run.feed([OperatorCommand(t_ns=run.world.t_ns, command="start")])
+    assert run.state.guidance.phase == "leg"
+    run.feed([OperatorCommand(t_ns=run.world.t_ns, command="hold")])
+    run.run(lambda r: False, 5.0)
+    assert run.state.guidance.phase == "station"
+    run.feed([OperatorCommand(t_ns=run.world.t_ns, command="start")])
+    run.step()
+    assert run.run(lambda r: r.state.guidance.phase == "leg", 1.0)
+    assert len(run.state.passed) >= passed
+    assert run.run(settled(1.0), 90.0)
+    assert [p.waypoint for p in run.state.passed] == [0, 1, 2]

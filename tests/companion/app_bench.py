@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import random
 from collections import Counter
-from itertools import groupby
+from itertools import groupby, pairwise
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 from voyage import START, nmpc, pilot, setup
@@ -116,7 +116,7 @@ class Bench:
         """How many overrides lie between one tick and the next, all but the last."""
         starts = [m.t_ns for m in self.of(Tick)]
         when = [t_ns for t_ns, _ in self.overrides]
-        return [sum(a <= t < b for t in when) for a, b in zip(starts, starts[1:], strict=False)]
+        return [sum(a <= t < b for t in when) for a, b in pairwise(starts)]
 
     # --- the far ends ------------------------------------------------------------------------------
 

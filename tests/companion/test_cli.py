@@ -52,7 +52,8 @@ def test_the_version_is_told(capsys):
 
 
 @pytest.mark.parametrize(
-    "argv", [[], ["swim"], ["run", "--speed", "3"], ["replay"], ["sim", "--seed", "one"], ["run", "--end-after", "soon"]]
+    "argv",
+    [[], ["swim"], ["run", "--speed", "3"], ["replay"], ["sim", "--seed", "one"], ["run", "--end-after", "soon"]],
 )
 def test_what_is_not_a_command_line_is_refused_with_usage(argv, capsys):
     assert exit_code(argv) == 2

@@ -103,5 +103,5 @@ def test_the_texts_alone_make_the_same_setup(folder):
     again = setup_of(setup.files, {name: f"log: {name}" for name in setup.files})
     assert again.digest == setup.digest and again.pilot.vessel == setup.pilot.vessel
     broken = {**setup.files, "mission.toml": mission_text(((1.0, float("nan")),))}
-    with pytest.raises(ConfigError, match="log: mission.toml"):
+    with pytest.raises(ConfigError, match=r"log: mission\.toml"):
         setup_of(broken, {name: f"log: {name}" for name in broken})

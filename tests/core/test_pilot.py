@@ -66,7 +66,7 @@ class Shell:
         if len(inputs) == 1 and self.state.vehicle.phase != "driving":
             assert lease.source == "neutral", "thrust without leave to drive"
 
-    def tick(self, **after):
+    def tick(self):
         self.t_ns += 100 * MS
         self.index += 1
         return self.feed(m.Tick(t_ns=self.t_ns, index=self.index))
@@ -111,7 +111,7 @@ EVENTS = st.one_of(
 )
 
 
-def message(shell, event):
+def message(shell, event):  # noqa: PLR0911
     t_ns = shell.t_ns
     stamps = {"t_ns": t_ns, "t_rx_ns": t_ns}
     match event:
@@ -188,7 +188,7 @@ def same(a, b):
     if isinstance(a, (tuple, list)):
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, float):
-        return a == b or (a != a and b != b)
+        return a == b or (math.isnan(a) and math.isnan(b))
     names = getattr(a, "__struct_fields__", None) or getattr(a, "__dataclass_fields__", ())
     if names:
         return type(a) is type(b) and all(same(getattr(a, k), getattr(b, k)) for k in names)
@@ -254,7 +254,7 @@ def test_a_late_plan_serves_from_its_own_age_on():
     first = shell.index
     shell.wait(50)
     shell.deadline()
-    assert shell.lease.source == "pd" or shell.lease.source == "shifted_plan"
+    assert shell.lease.source in ("pd", "shifted_plan")
     shell.wait(-50)
     for _ in range(3):
         shell.tick()
@@ -277,6 +277,16 @@ def test_a_plan_with_a_wrong_index_does_not_close_the_tick(ahead):
     shell.wait(50)
     shell.deadline()
     assert shell.lease.f_command_n != (1.0,) * N
+
+
+@pytest.mark.parametrize("ahead", [-1, 1])
+def test_a_deadline_of_another_tick_does_not_close_this_one(ahead):
+    shell = on_the_leg()
+    shell.feed(heartbeat(shell.t_ns))
+    shell.tick()
+    assert shell.feed(m.PlanDeadline(t_ns=shell.t_ns, index=shell.index + ahead)) == []
+    shell.feed(plan(shell.index))
+    assert shell.lease.source == "plan"
 
 
 BAD_ROWS = [

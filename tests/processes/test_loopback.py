@@ -168,7 +168,7 @@ def test_a_companion_that_is_asked_to_end_ends_in_neutral_disarmed(loopback):
     assert ticks == leases and len(ticks) > 30
     assert main(["replay", str(log)]) == 0
     time.sleep(0.6)
-    truth = [x for x in LogFile(loopback.truth).messages(GroundTruth)]
+    truth = list(LogFile(loopback.truth).messages(GroundTruth))
     forces = {x.t_ns: np.abs(x.f_n).max() for x in truth}
     driven = max(f for t_ns, f in forces.items() if asked_ns - 1e9 < t_ns < asked_ns)
     after = [f for t_ns, f in forces.items() if t_ns > asked_ns + 0.9e9]

@@ -10,10 +10,10 @@ import pytest
 from boats import boat
 from voyage import START, setup
 
+from companion.core.messages import Heartbeat, ImuSample, OverrideLease, UwbRanges
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.uwb import uwb_codec
-from companion.core.messages import Heartbeat, ImuSample, OverrideLease, UwbRanges
 from sim.world.environment import Moment, Weather
 from sim.world.sensors import UwbFaults
 from sim.world.world import STEP_NS, World, WorldSetup

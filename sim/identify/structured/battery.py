@@ -23,7 +23,10 @@ def steady_forces(run: Run, vessel: VesselFile) -> tuple[np.ndarray, np.ndarray]
     `vessel` should have gains of one. Forces include the sag that they themselves cause.
     """
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
-    t_s, values = run.samples(*names, "battery_v")
+    known = run.known("battery_v")
+    t_s, values = run.samples(*names, *(["battery_v"] if known else []))
+    if not known:
+        values = np.column_stack([values, np.full(len(t_s), vessel.propulsion.nominal_voltage_V)])
     changed = np.append(True, (np.diff(values, axis=0) != 0).any(axis=1))
     t, pwm, v = t_s[changed], values[changed, :-1], values[changed, -1]
     force = thruster_forces(vessel, pwm, v)

@@ -1,7 +1,7 @@
 """The structured fit: parameters, nodes and noise of one boat from its runs.
 
 Maximum a posteriori by Gauss-Newton on nodes and parameters together (multiple shooting with tied nodes). With no
-latent force and tight ties it is output error over whole runs. With a latent force, whose size is chosen by the
+latent acceleration and tight ties it is output error over whole runs. With one, whose size is chosen by the
 evidence of the data (Laplace), it is the smoother that goes with the prediction-error likelihood: model and disturbance
 share the blame for what is left, and intervals stay honest. White noise follows the residuals.
 """
@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import minimize
 
+from companion.core.thrusters import configuration_matrix
+from companion.core.vessel import mass_matrix
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.structured.chain import Chain
@@ -25,15 +27,17 @@ from sim.identify.structured.parameters import Parameters, PriorSigmas
 from sim.identify.structured.start import first_nodes
 
 SLACK = (100.0, 10.0, 1.0)  # of the ties, by iteration: nodes first follow the data, then the model
-LATENT_FLOOR = np.array([2e-3, 2e-3, 5e-4])  # N, N, N m: less is none
-LATENT_START = np.array([0.3, 0.3, 0.1])
+LATENT_START, LATENT_FLOOR = 0.1, 1e-3  # shares of the rms of commanded force over inertia; at the floor is none
+READY = 0.5  # nats per sample: a step that promises less leaves a linearisation good enough to set the noise by
+FARTHEST = 4.0  # sigmas of the prior that one step may go: further is beyond what the linearisation knows
+DECADE = np.log(10.0)
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to fit. `latent`: let a latent force explain what the model cannot. `overrides`: see Parameters."""
+    """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters."""
 
     window_s: float = 2.0
     latent: bool = True
@@ -41,7 +45,7 @@ class Settings:
     iterations: int = 30
     tolerance_nats: float = 0.02
     threads: int = 1
-    sigmas: PriorSigmas = PriorSigmas()
+    sigmas: PriorSigmas = field(default_factory=PriorSigmas)
     overrides: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
     noise: Noise | None = None
 
@@ -67,6 +71,7 @@ class Fit:
         self.noise = replace(settings.noise or noise_of(vessel), latent_time_s=settings.latent_time_s)
         self._z0 = first_nodes(self.windows, self.parameters)
         self._first = np.flatnonzero(self.windows.first)
+        self.command_rms = _command_rms(self.windows, vessel)
 
     def begin(self) -> Point:
         """At the priors' centres and the first guess of the nodes."""
@@ -90,7 +95,9 @@ class Fit:
         off[:, STATE] -= self._z0[first, STATE]
         chain.A[first] += np.diag(1 / start**2)
         chain.g[first] += off / start**2
-        squares = ((ties.rho / sigma) ** 2).sum() + ((off / start) ** 2).sum() + (((point.w - mean) / spread) ** 2).sum()
+        squares = (
+            ((ties.rho / sigma) ** 2).sum() + ((off / start) ** 2).sum() + (((point.w - mean) / spread) ** 2).sum()
+        )
         log_sigma = float(np.log(sigma).sum() + len(first) * np.log(start).sum())
         return chain, point.at.cost + 0.5 * float(squares), log_sigma
 
@@ -105,12 +112,14 @@ class Fit:
             chain.A += damping * np.diag(1 / self.noise.node_start() ** 2)
             dz, dw, _, _ = chain.solve()
             promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
-            if not promised > self.settings.tolerance_nats:
+            if promised <= self.settings.tolerance_nats:
                 return point, promised
-            trial = self.point(point.w + dw, point.z + dz)
-            after = self.assemble(trial, self.noise)[1]
-            if np.isfinite(after) and (after < cost or self.noise.slack > SLACK[-1]):
-                return trial, promised
+            if np.abs(dw / spread).max() < FARTHEST:
+                with np.errstate(all="ignore"):  # a trial may run away: it is then refused
+                    trial = self.point(point.w + dw, point.z + dz)
+                    after = self.assemble(trial, self.noise)[1]
+                if after < cost:
+                    return trial, promised
             damping = max(10 * damping, 1.0)
         return point, 0.0
 
@@ -122,30 +131,42 @@ class Fit:
         return promised - cost - 0.5 * (log_det + float(np.linalg.slogdet(D)[1])) - log_sigma
 
     def tune_latent(self, point: Point, noise: Noise) -> Noise:
-        """The latent force of greatest evidence: none, a tenth of the present one, or a simplex search round it."""
-        now = np.maximum(noise.latent, LATENT_FLOOR)
-        trials = [LATENT_FLOOR, 0.1 * now, now] if np.any(now > LATENT_FLOOR) else [LATENT_FLOOR, 0.1 * LATENT_START]
+        """The latent acceleration of greatest evidence within a decade of the present one: no linearisation holds further.
 
-        def gain(sigma: np.ndarray) -> float:
-            return self.evidence(point, with_latent(noise, sigma))
+        First a tenth of it (from the floor: ten times it), all axes together; where that is no better a simplex search.
+        """
+        floor = LATENT_FLOOR * self.command_rms
+        now = np.maximum(noise.latent, floor)
 
-        gains = [gain(sigma) for sigma in trials]
-        best = trials[int(np.argmax(gains))]
-        if best is not LATENT_FLOOR:
+        def gain(log_share: np.ndarray) -> float:
+            share = np.exp(np.clip(log_share, -DECADE, DECADE))
+            return self.evidence(point, with_latent(noise, np.maximum(now * share, floor)))
+
+        here, away = gain(np.zeros(3)), np.full(3, DECADE if np.all(now <= floor) else -DECADE)
+        best = np.zeros(3)
+        if gain(away) > here:
+            best = away
+        elif away[0] < 0:
             options = {
-                "initial_simplex": np.log(best) + np.vstack([np.zeros(3), -1.0 * np.eye(3)]),
+                "initial_simplex": np.vstack([np.zeros(3), -np.eye(3)]),
                 "maxfev": 40,
-                "fatol": 0.5,
-                "xatol": 0.15,
+                "fatol": 1.0,
+                "xatol": 0.1,
             }
-            best = np.exp(minimize(lambda v: -gain(np.exp(v)), np.log(best), method="Nelder-Mead", options=options).x)
-        return with_latent(noise, best)
+            best = minimize(lambda v: -gain(v), np.zeros(3), method="Nelder-Mead", options=options).x
+        return with_latent(noise, np.maximum(now * np.exp(np.clip(best, -DECADE, DECADE)), floor))
 
 
 def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
-    """The same noise with a latent force of these sigmas [N, N, N m], at least the floor's."""
-    x, y, n = map(float, np.maximum(sigma, LATENT_FLOOR))
+    """The same noise with a latent acceleration of these sigmas [m/s^2, m/s^2, rad/s^2]."""
+    x, y, n = map(float, sigma)
     return replace(noise, latent=(x, y, n))
+
+
+def _command_rms(windows: Windows, vessel: VesselFile) -> np.ndarray:
+    """Root mean square of commanded force over inertia of the file [m/s^2, m/s^2, rad/s^2], at gains of one."""
+    steady = np.concatenate([c.force_n for c in windows.commands]) @ configuration_matrix(vessel).T
+    return np.maximum(np.sqrt((steady**2).mean(axis=0)) / np.diag(mass_matrix(vessel)), 1e-6)
 
 
 def rescaled(noise: Noise, at: Linearised) -> tuple[Noise, float]:
@@ -166,7 +187,9 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
     if settings.latent:
-        fit.noise = with_latent(fit.noise, LATENT_START)
+        fit.noise = with_latent(fit.noise, LATENT_START * fit.command_rms)
+    else:
+        fit.noise = with_latent(fit.noise, LATENT_FLOOR * fit.command_rms)
     point = fit.begin()
     settled = False
     while count < settings.iterations:
@@ -178,7 +201,7 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
             fit.noise = replace(fit.noise, slack=SLACK[count])
         elif settled and (not moved or promised < 0.5):
             break
-        elif promised < 300 or not moved:
+        elif promised < READY * fit.windows.samples() or not moved:
             fit.noise, settled = _retuned(fit, point)
             point = fit.point(point.w, point.z)
     return point, count
@@ -192,4 +215,3 @@ def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
         noise = fit.tune_latent(point, noise)
         change = max(change, float(np.abs(np.log(np.array(noise.latent) / before)).max()) / 5)
     return noise, change < 0.06
-

@@ -1,6 +1,6 @@
 """Prediction of every measurement from the nodes and parameters, with derivatives, as normal equations.
 
-Within a window the boat moves by the model alone, from its node z_w under the commands plus the node's latent force.
+Within a window the boat moves by the model alone, from its node z_w under the commands plus a latent acceleration.
 Sensitivities S = dx/d[node; q] follow the trajectory,
 
     S_{k+1} = Phi_k S_k + Gamma_k,   Phi = I + h/2 (A_k + A_{k+1}) + h^2/2 A_{k+1} A_k,   Gamma alike,
@@ -79,7 +79,7 @@ class Problem:
         middle = self.windows.t_s[:, :-1] + self.windows.h_s / 2
         f, f_mid, f_dead, f_lag = [], [], [], []
         for span, commands in zip(self.windows.spans, self.windows.commands, strict=True):
-            history = ThrustHistory(commands, q[at], q[at + 1])
+            history = ThrustHistory(commands, float(q[at]), float(q[at + 1]))
             here = history.at(self.windows.t_s[span])
             for store, value in zip((f, f_dead, f_lag), here, strict=True):
                 store.append(value)
@@ -93,20 +93,22 @@ class Problem:
         B = configuration_matrix(vessel)
         share = (B * gains).T
         f, f_mid, f_dead, f_lag = self._thrust(q)
-        d = z[:, None, LATENT]
-        tau, tau_mid = f @ share + d, f_mid @ share + d
+        d = z[:, LATENT]
+        tau, tau_mid = f @ share, f_mid @ share
         taus = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
         p = q[:N_HULL]
         h = self.windows.h_s
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
-        (after,) = self.compiled.rollout(z[:, STATE], np.tile(p, (W, K)), taus.reshape(W, -1), h)
+        (after,) = self.compiled.rollout(z[:, STATE], np.tile(p, (W, K)), taus.reshape(W, -1), np.tile(d, (1, K)), h)
         x[:, 1:] = after.reshape(W, K, 6)
-        A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (W * (K + 1), 1)), tau.reshape(-1, 3))
+        nodes = W * (K + 1)
+        d_all = np.repeat(d, K + 1, axis=0)
+        A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), tau.reshape(-1, 3), d_all)
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3)
         G = G.reshape(W, K + 1, N_HULL + 3, 3).swapaxes(2, 3)
         G_tau = G[..., N_HULL:]
-        inputs = [G_tau, G[..., :N_HULL], (G_tau @ B) * f[:, :, None, :]]
+        inputs = [np.broadcast_to(np.eye(3), G_tau.shape), G[..., :N_HULL], (G_tau @ B) * f[:, :, None, :]]
         inputs += [G_tau @ (f_dead @ share)[..., None], G_tau @ (f_lag @ share)[..., None]]
         G_all = np.concatenate(inputs, axis=3)
         return _Motion(x, nu_dot.reshape(W, K + 1, 3), A, G_all, _sensitivities(A, G_all, h))

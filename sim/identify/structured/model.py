@@ -65,8 +65,9 @@ class Batch:
 class Compiled:
     """Functions of one vessel file for windows of `steps` steps, `windows` of them.
 
-    rollout  (x0, p, tau at start, middle and end of each step, h) -> x after each step
-    rates    (x, p, tau) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x 15), nu_dot
+    d: latent acceleration (3,) of a window, added to nu_dot.
+    rollout  (x0, p, tau at start, middle and end of each step, d, h) -> x after each step
+    rates    (x, p, tau, d) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x 15), nu_dot
     """
 
     rollout: Batch
@@ -77,25 +78,25 @@ class Compiled:
 
 def compile_model(vessel: VesselFile, steps: int, windows: int, threads: int = 1) -> Compiled:
     """Build both functions for a problem of the given size."""
-    x, p, tau = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3)
+    x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
     model = symbolic_model(vessel, p)
-    nu_dot = model.nu_dot(x[:3], x[3:], tau)
+    nu_dot = model.nu_dot(x[:3], x[3:], tau) + d
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
     A = ca.densify(ca.vec(ca.jacobian(x_dot, x)))
     G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, tau))))
-    rates = ca.Function("rates", [x, p, tau], ca.cse([A, G, nu_dot]))
-    rate = ca.Function("rate", [x, p, tau], [x_dot])
+    rates = ca.Function("rates", [x, p, tau, d], ca.cse([A, G, nu_dot]))
+    rate = ca.Function("rate", [x, p, tau, d], [x_dot])
     rollout = _step(rate).mapaccum("rollout", steps)
     return Compiled(Batch(rollout, windows, threads), Batch(rates, windows * (steps + 1), threads), steps, windows)
 
 
 def _step(rate: ca.Function) -> ca.Function:
-    """(x, p, [tau start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
-    x, p, taus, h = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("taus", 9), ca.SX.sym("h")
+    """(x, p, [tau start, middle, end], d, h) -> x after h: Runge-Kutta with the force as it is within the step."""
+    x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", N_HULL), ("taus", 9), ("d", 3), ("h", 1)))
     start, middle, end = taus[:3], taus[3:6], taus[6:]
-    k1 = rate(x, p, start)
-    k2 = rate(x + h / 2 * k1, p, middle)
-    k3 = rate(x + h / 2 * k2, p, middle)
-    k4 = rate(x + h * k3, p, end)
+    k1 = rate(x, p, start, d)
+    k2 = rate(x + h / 2 * k1, p, middle, d)
+    k3 = rate(x + h / 2 * k2, p, middle, d)
+    k4 = rate(x + h * k3, p, end, d)
     x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return ca.Function("step", [x, p, taus, h], ca.cse([x_next]), ["x", "p", "taus", "h"], ["x_next"])
+    return ca.Function("step", [x, p, taus, d, h], ca.cse([x_next]), ["x", "p", "taus", "d", "h"], ["x_next"])

@@ -3,7 +3,9 @@
     psi = psi_true + offset + wander + white      wander: Gauss-Markov, changing within a window too
     r, a_x, a_y = true + bias + white             bias: random walk from node to node
     fix = tag + white
-    latent body force: Gauss-Markov from node to node, constant within a window; what the model leaves out
+
+The latent acceleration, Gauss-Markov from node to node and constant within a window, is what the model leaves out. As a
+force it would favour light boats, for which the same force explains more.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 
-NODE = ("x", "y", "psi", "u", "v", "r", "d_X", "d_Y", "d_N", "b_ax", "b_ay", "b_r", "wander", "offset")
+NODE = ("x", "y", "psi", "u", "v", "r", "d_u", "d_v", "d_r", "b_ax", "b_ay", "b_r", "wander", "offset")
 STATE, LATENT, BIAS_AX, BIAS_AY, BIAS_R, WANDER, OFFSET = slice(0, 6), slice(6, 9), 9, 10, 11, 12, 13
 L = len(NODE)
 START_SIGMA = (10.0, 10.0, 1.0, 1.0, 1.0, 0.5)  # x y psi u v r at the start of a run: as good as unknown
@@ -23,7 +25,7 @@ TIE_SIGMA = (5e-4, 5e-4, 1e-4, 5e-4, 5e-4, 2e-4)  # what a state may jump per sq
 
 @dataclass(frozen=True)
 class Noise:
-    """One sigma each. `white`: psi [rad], r [rad/s], a_x, a_y [m/s^2]; `latent`: X, Y [N], N [N m]."""
+    """One sigma each. `white`: psi [rad], r [rad/s], a_x, a_y; `latent`: u_dot, v_dot, r_dot [m/s^2, rad/s^2]."""
 
     white: tuple[float, float, float, float]
     fix_m: float
@@ -32,7 +34,7 @@ class Noise:
     bias: tuple[float, float, float]
     walk: tuple[float, float, float]
     offset_rad: float = 0.02  # mounting and declination; assumed
-    latent: tuple[float, float, float] = (1e-3, 1e-3, 1e-3)
+    latent: tuple[float, float, float] = (0.0, 0.0, 0.0)
     latent_time_s: float = 5.0
     slack: float = 1.0  # times TIE_SIGMA
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -49,13 +48,17 @@ class Channel(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FitResult(msgspec.Struct, frozen=True, kw_only=True):
-    """`latent_n`: sigma of the force that the model leaves unexplained [N, N, N m]; the floor means none."""
+    """`latent`: sigma of what the model leaves unexplained of u_dot, v_dot [m/s^2], r_dot [rad/s^2]; `latent_share`:
+
+    of the commands' rms, 1e-3 where there is nothing.
+    """
 
     parameters: tuple[Estimate, ...]
     covariance: tuple[tuple[float, ...], ...]
     directions: tuple[Direction, ...]
     channels: tuple[Channel, ...]
-    latent_n: tuple[float, float, float]
+    latent: tuple[float, float, float]
+    latent_share: tuple[float, float, float]
     samples: int
     fixes: int
     iterations: int
@@ -118,7 +121,8 @@ def summary(fit: Fit, point: Point, iterations: int, seconds: float, runs: Seque
         covariance=tuple(tuple(map(float, row)) for row in C_q),
         directions=_directions(C_w, spread, parameters.names),
         channels=_channels(fit, point),
-        latent_n=fit.noise.latent,
+        latent=fit.noise.latent,
+        latent_share=_triple(np.array(fit.noise.latent) / fit.command_rms),
         samples=fit.windows.samples(),
         fixes=len(fit.windows.fixes.t_s),
         iterations=iterations,
@@ -126,6 +130,11 @@ def summary(fit: Fit, point: Point, iterations: int, seconds: float, runs: Seque
         data_hashes=tuple(run.data_hash for run in runs),
         vessel=parameters.vessel.name,
     )
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, n = map(float, values)
+    return x, y, n
 
 
 def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
@@ -136,7 +145,7 @@ def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _directions(C_w: np.ndarray, spread: np.ndarray, names: Sequence[str]) -> tuple[Direction, ...]:
+def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> tuple[Direction, ...]:
     """Principal axes of the posterior, in units of the prior, that kept most of their prior width."""
     values, axes = np.linalg.eigh(C_w / np.outer(spread, spread))
     found = []
@@ -145,7 +154,8 @@ def _directions(C_w: np.ndarray, spread: np.ndarray, names: Sequence[str]) -> tu
             break
         change = axis * spread
         change /= change[np.abs(axis).argmax()]
-        parts = {names[i]: round(float(change[i]), 3) for i in np.argsort(-np.abs(axis)) if abs(axis[i]) > 0.01}
+        order = [int(i) for i in np.argsort(-np.abs(axis)) if abs(axis[i]) > 0.01]
+        parts = {names[i]: round(float(change[i]), 3) for i in order}
         found.append(Direction(share_of_prior=float(np.sqrt(value)), parts=parts))
     return tuple(found)
 

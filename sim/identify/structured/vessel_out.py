@@ -60,8 +60,10 @@ def _inertia(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
     y_g = given.y_g_m * given.mass_kg / mass  # M13 = -m y_g is not fitted
     at_origin = mass * (given.x_g_m**2 + y_g**2)
     I_z = min(given.I_z_kg_m2, ROOM * (M33 - at_origin))
-    kept = "mass and I_z kept, added mass fitted" if mass == given.mass_kg and I_z == given.I_z_kg_m2 else (
-        "only M is determined: mass or I_z lowered so that added mass keeps its sign"
+    kept = (
+        "mass and I_z kept, added mass fitted"
+        if mass == given.mass_kg and I_z == given.I_z_kg_m2
+        else ("only M is determined: mass or I_z lowered so that added mass keeps its sign")
     )
     return Inertia(
         mass_kg=_round(mass),

@@ -17,7 +17,8 @@ from sim.identify.validation.windows import Windows
 class Departure:
     """One model on m runs, after `t_s` (k,) = 1, 2 .. s.
 
-    `diverged` (k,): share gone by then; `first_s` (m,): when each went, inf: never; `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
+    `diverged` (k,): share gone by then; `first_s` (m,): when each went, inf: never.
+    `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
     """
 
     name: str

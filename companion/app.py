@@ -48,6 +48,8 @@ NEUTRAL_PERIOD_S = 0.1
 UWB_STALE_PERIODS = 2.5
 UWB_LOST_S = 20.0
 """A tag's cycles jitter, and a DWM1001 takes 5-20 s from opening its port to its first range."""
+IMU_AGE_NS, NUDGE_NS = 4_000_000, 1_000_000
+"""Age of the newest IMU bytes that a tick aims at, and how far it moves for that at a time; assumed."""
 HOUSEKEEPING_NS = 100_000_000
 STATS_NS = 1_000_000_000
 
@@ -77,6 +79,7 @@ class App:
         self._solver = SolverThread(solver, self._planned)
         self._imu_rx_ns: int | None = None
         self._tick = Tick(t_ns=0, index=-1)
+        self._tick_imu_ns: int | None = None
         self._stop = asyncio.Event()
         self._uwb_online = False
         self._solver_stuck = False
@@ -140,12 +143,20 @@ class App:
             await self._clock.sleep_until(due_ns)
             now = self._clock.now_ns()
             self._tick = Tick(t_ns=now, index=index, lateness_ns=now - due_ns)
+            self._tick_imu_ns = self._imu_rx_ns
             self._step([self._tick], now)
             await self._clock.sleep_until(due_ns + deadline_ns)
             if self.state.open_tick == index:
                 now = self._clock.now_ns()
                 self._step([PlanDeadline(t_ns=now, index=index)], now)
-            due_ns = max(due_ns + period_ns, self._clock.now_ns())
+            due_ns = max(due_ns + period_ns + self._nudge_ns(), self._clock.now_ns())
+
+    def _nudge_ns(self) -> int:
+        """Moves the next tick towards `IMU_AGE_NS` after an IMU sample, so that it plans from a fresh one."""
+        if self._tick_imu_ns is None:
+            return 0
+        off_ns = IMU_AGE_NS - (self._tick.t_ns - self._tick_imu_ns)
+        return max(-NUDGE_NS, min(NUDGE_NS, off_ns))
 
     def _planned(self, result: PlanResult) -> None:
         now = self._clock.now_ns()
@@ -173,7 +184,7 @@ class App:
         self._send(self._codec.encoder.override(lease))
         now = self._clock.now_ns()
         self._lease_end_ns = now + round(lease.valid_for_s * 1e9)
-        age_ms = None if self._imu_rx_ns is None else (now - self._imu_rx_ns) * 1e-6
+        age_ms = None if self._tick_imu_ns is None else (now - self._tick_imu_ns) * 1e-6
         lateness_ms = self._tick.lateness_ns * 1e-6
         self._note(LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms))
 

@@ -54,10 +54,15 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> Score:
     passed = max((r.waypoints_passed for r in messages[GuidanceReference]), default=0)
     figures: dict[str, float | int] = {"waypoints_total": len(points), "waypoints_passed": passed}
     if len(track.t_s):
-        end = messages[GuidanceReference][-1]
-        pose = (end.north_ref_m, end.east_ref_m, end.psi_ref_rad)
+        pose = (*points[-1], end_heading(settings))
         figures |= tracking(track, points) | station(track, pose) | estimation(track)
     return Score(figures | _timing(messages), track, messages, truths)
+
+
+def end_heading(settings: PilotSettings) -> float:
+    """Heading to hold at the end [rad]: the mission's, else the last leg's; NaN where there is neither."""
+    asked, legs = settings.mission.end_heading_rad, settings.mission.path.angles_rad
+    return asked if asked is not None else (legs[-1] if legs else math.nan)
 
 
 def _timing(messages: dict[type[Message], list[Any]]) -> dict[str, float | int]:

@@ -17,10 +17,18 @@ from companion.core.run_file import RunFile, load_run
 from companion.core.site import Site, load_site
 from companion.core.vessel_file import VesselFile
 from companion.core.vessel_load import load_vessel
-from drivers.uwb import CODECS
+from drivers.uwb import uwb_codec
 
 EXAMPLES = Path(deploy.__file__).parent
 """The boats, sites, missions and the run file that come with the package."""
+
+
+UNFIT_CHANNELS = {
+    1: "can arm the autopilot (rudder arming)",
+    3: "is the autopilot's radio failsafe",
+    8: "is the autopilot's mode channel",
+}
+"""RC channels that mean something to ArduPilot Rover by default."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +81,28 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
         yield f"{of_run}: control.plan_deadline_s: expected less than control.period_s = {control.period_s}"
     if control.lease_s <= control.period_s:
         yield f"{of_run}: control.lease_s: expected more than control.period_s = {control.period_s}"
-    if (wire_format := vessel.sensors.uwb.wire_format) not in CODECS:
-        yield f"{of_vessel}: sensors.uwb.wire_format: no codec {wire_format!r}; there are {', '.join(CODECS)}"
+    if 8 in still:
+        yield f"{of_run}: control.neutral_channels: channel 8 is the autopilot's mode channel: leave it alone"
+    for i, thruster in enumerate(vessel.thrusters):
+        if why := UNFIT_CHANNELS.get(thruster.channel):
+            yield f"{of_vessel}: thrusters[{i}].channel: {thruster.channel} {why}; 9 to 16 are free"
+    try:
+        uwb_codec(vessel.sensors.uwb.wire_format, run.uwb.tag, vessel.sensors.uwb.rate_Hz)
+    except ValueError as error:
+        yield f"{of_vessel}: sensors.uwb (wire_format, rate_Hz): {error}"
+
+
+def warnings(setup: Setup) -> list[str]:
+    """What is allowed, but a person should know before the boat moves."""
+    site, mission = setup.pilot.site, setup.pilot.mission
+    told = [
+        f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m lies outside the fence, which nothing enforces yet"
+        for i, w in enumerate(mission.path.waypoints)
+        if not site.inside(w.north_m, w.east_m)
+    ]
+    if mission.fences:
+        told.append(f"the mission's {len(mission.fences)} fence(s) are read, but nothing enforces them yet")
+    return told
 
 
 def _mission(text: str, name: str, site: Site) -> Mission:

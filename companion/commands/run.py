@@ -23,7 +23,7 @@ from companion.core.vessel import StructuredModel
 from companion.log_metadata import log_metadata
 from companion.progress import Progress
 from companion.recorder import Recorder
-from companion.setup import EXAMPLES, Setup, load_setup
+from companion.setup import EXAMPLES, Setup, load_setup, warnings
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.port import Port
 from drivers.port_url import PortUrlError, open_port_from_url
@@ -61,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
     log = args.log or Path(time.strftime("aritra-%Y%m%d-%H%M%S.mcap"))
     vessel = setup.pilot.vessel.name
     print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
+    for text in warnings(setup):
+        print(f"warning: {text}", flush=True)
     try:
         recorder = Recorder(
             log,

@@ -35,7 +35,7 @@ def add_parser(commands) -> None:
 def add_world_arguments(p: argparse.ArgumentParser) -> None:
     """What world to simulate; shared with `demo`."""
     w = p.add_argument_group("world")
-    w.add_argument("--seed", type=int, default=1, help="of noise, biases, weather and mismatch")
+    w.add_argument("--seed", type=_seed, default=1, help="of noise, biases, weather and mismatch")
     w.add_argument("--start", type=float, nargs=3, default=(8.0, 8.0, 20.0), metavar=("N", "E", "DEG"))
     w.add_argument("--current", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="towards")
     w.add_argument("--wind", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="from")
@@ -122,3 +122,9 @@ def _address(text: str) -> tuple[str, int]:
     if not colon or not port.isdigit() or int(port) > 65535:
         raise ConfigError(f"{text!r}: expected HOST:PORT")
     return host, int(port)
+
+
+def _seed(text: str) -> int:
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number from 0")
+    return int(text)

@@ -7,7 +7,9 @@ knows how to read one, how to say what is wrong, and how to name what was read (
 from __future__ import annotations
 
 import hashlib
+import math
 import tomllib
+from collections.abc import Iterator
 from typing import TypeVar
 
 import msgspec
@@ -42,10 +44,24 @@ def parse_toml(text: str, kind: type[T], *, name: str) -> T:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: not valid TOML: {error}") from None
+    for path in _not_finite(data, ""):
+        raise ConfigError(f"{name}: {path}: expected a finite number")
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{name}: {_readable(str(error))}") from None
+
+
+def _not_finite(node: object, path: str) -> Iterator[str]:
+    """Paths of the numbers that TOML allows but no quantity can be: nan, inf."""
+    if isinstance(node, float) and not math.isfinite(node):
+        yield path.removeprefix(".")
+    elif isinstance(node, dict):
+        for key, value in node.items():
+            yield from _not_finite(value, f"{path}.{key}")
+    elif isinstance(node, list):
+        for i, value in enumerate(node):
+            yield from _not_finite(value, f"{path}[{i}]")
 
 
 def _readable(message: str) -> str:

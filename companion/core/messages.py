@@ -311,7 +311,7 @@ class StepMark(Message, frozen=True, kw_only=True):
 
 
 class LoopTiming(Message, frozen=True, kw_only=True):
-    """How tick `index` went: lateness of its timer, and age of the newest IMU bytes when its lease left."""
+    """How tick `index` went: lateness of its timer, and from the IMU bytes it planned from to its lease."""
 
     index: int
     lateness_ms: float

@@ -19,12 +19,13 @@ from typing import Any, Literal
 import numpy as np
 from msgspec.structs import replace as struct_replace
 
-from companion.core import guidance, vehicle
+from companion.core import guidance, lookout, vehicle
 from companion.core.allocation import pulse_widths
 from companion.core.estimator import Estimator, EstimatorState
 from companion.core.fallback import FallbackSettings, command
 from companion.core.frames import ssa
 from companion.core.guidance import GuidanceSettings, GuidanceState
+from companion.core.lookout import Lookout
 from companion.core.messages import (
     Alert,
     Attitude,
@@ -59,6 +60,8 @@ VOLTAGE_RANGE = (0.5, 1.5)
 REMEMBERED_TICKS = 20
 """Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
 
+NOTHING_SEEN = Lookout()
+
 
 @dataclass(frozen=True)
 class PilotSettings:
@@ -83,6 +86,7 @@ class PilotState:
     guidance: GuidanceState = guidance.IDLE
     wanted: Literal["mission", "hold"] = "mission"
     passed: tuple[guidance.Passage, ...] = ()
+    lookout: Lookout = NOTHING_SEEN
     open_tick: int | None = None
     asked: tuple[tuple[int, int], ...] = ()
     """Tick and instant [ns] of the latest SolveRequests."""
@@ -136,7 +140,11 @@ class Pilot:
             psi = ssa(message.psi_rad - math.radians(self.settings.site.rotation_deg))
             message = struct_replace(message, psi_rad=psi)
         estimator, innovations = self._estimator.step(state.estimator, message)
-        return replace(state, estimator=estimator), list(innovations)
+        outputs: Outputs = list(innovations)
+        if isinstance(message, UwbRanges):
+            seen, alerts = lookout.at_ranges(state.lookout, message, self._estimator.anchors)
+            state, outputs = replace(state, lookout=seen), [*outputs, *alerts]
+        return replace(state, estimator=estimator), outputs
 
     def _battery(self, state: PilotState, message: Battery, t_ns: int) -> tuple[PilotState, Outputs]:
         low, high = (share * self.settings.vessel.propulsion.nominal_voltage_V for share in VOLTAGE_RANGE)
@@ -170,9 +178,11 @@ class Pilot:
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
         estimate = self._estimator.estimate(state.estimator, t_ns)
-        known, more = vehicle.advance(state.vehicle, t_ns, unfit=_unfit(estimate))
-        state = replace(state, estimate=estimate, vehicle=known)
-        outputs: Outputs = [estimate, *more]
+        seen, alerts = lookout.at_estimate(state.lookout, estimate)
+        unfit = _unfit(estimate) or lookout.blind(seen, t_ns, self.settings.control.blind_s)
+        known, more = vehicle.advance(state.vehicle, t_ns, unfit=unfit)
+        state = replace(state, estimate=estimate, vehicle=known, lookout=seen)
+        outputs: Outputs = [estimate, *alerts, *more]
         if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
             state, left = self._choose(state, t_ns, "no plan before the next tick")
             outputs += left
@@ -267,7 +277,8 @@ class Pilot:
             f_command_n=f,
         )
         told = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
-        return replace(state, estimator=told, f_command_n=f, open_tick=None), [lease]
+        seen, alerts = lookout.at_lease(state.lookout, lease)
+        return replace(state, estimator=told, f_command_n=f, open_tick=None, lookout=seen), [lease, *alerts]
 
 
 _HANDLERS: dict[type[Message], Callable[..., tuple[PilotState, Outputs]]] = {

@@ -34,14 +34,16 @@ class Control(Table, frozen=True, kw_only=True):
 
     A plan that is not there `plan_deadline_s` after its tick is replaced by the next step of the fallback
     ladder. `lease_s`: how long a lease is meant to hold. `latency_s`: from an override to the autopilot's output.
+    `blind_s`: how long the boat goes on with a degraded estimate (no UWB, no IMU) before it stops; assumed.
     `neutral_channels` are held at 1500 us beside the thrusters': without a receiver the autopilot takes a
     channel 3 that says nothing for a radio failure, and its gate stays shut.
     """
 
-    period_s: Positive = 0.1
+    period_s: Annotated[float, msgspec.Meta(ge=0.02, le=1.0)] = 0.1
     plan_deadline_s: Positive = 0.05
-    lease_s: Positive = 0.3
-    latency_s: Annotated[float, msgspec.Meta(ge=0)] = 0.03
+    lease_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)] = 0.3
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.03
+    blind_s: Annotated[float, msgspec.Meta(gt=0, le=600.0)] = 15.0
     neutral_channels: tuple[Annotated[int, msgspec.Meta(ge=1, le=16)], ...] = (1, 2, 3, 4)
 
 

@@ -33,6 +33,14 @@ class Site(SourcedTable, frozen=True, kw_only=True):
     fence: Annotated[tuple[tuple[float, float], ...], msgspec.Meta(min_length=3)]
     anchors: tuple[Anchor, ...] = ()
 
+    def inside(self, north_m: float, east_m: float) -> bool:
+        """Whether a place lies within the fence (even-odd rule)."""
+        within = False
+        for (n1, e1), (n2, e2) in zip(self.fence, (*self.fence[1:], self.fence[0]), strict=True):
+            if (n1 > north_m) != (n2 > north_m) and east_m < e1 + (north_m - n1) / (n2 - n1) * (e2 - e1):
+                within = not within
+        return within
+
 
 def load_site(text: str, *, name: str) -> Site:
     """Site file text -> Site. Raises ConfigError naming file and key."""

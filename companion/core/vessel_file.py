@@ -61,7 +61,7 @@ class Damping(SourcedTable, frozen=True, kw_only=True):
 class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="kind"):
     """Propeller behind an ESC: n(pwm, V) [rev/s], then F = k n |n| [N]. Equations in `thrusters`."""
 
-    dead_band_us: NonNegative
+    dead_band_us: Annotated[float, msgspec.Meta(ge=0, le=100)]
     V_ref_V: Positive
     k_ahead_N_s2: Positive
     k_astern_N_s2: Positive
@@ -89,8 +89,8 @@ class LinearMap(SourcedTable, frozen=True, kw_only=True, tag="linear", tag_field
 class Propulsion(SourcedTable, frozen=True, kw_only=True):
     """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force."""
 
-    dead_time_s: NonNegative
-    lag_s: Positive
+    dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
+    lag_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)]
     nominal_voltage_V: Positive
     rate_limit_N_s: Positive
 
@@ -118,7 +118,7 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
     x_m: float = 0.0
     y_m: float = 0.0
     z_m: float = 0.0
-    rate_Hz: Positive
+    rate_Hz: Annotated[float, msgspec.Meta(gt=0, le=1000)]
     accel_sigma_m_s2: Positive
     accel_bias_sigma_m_s2: NonNegative
     accel_bias_walk_m_s2_sqrt_s: NonNegative
@@ -136,10 +136,10 @@ class Uwb(SourcedTable, frozen=True, kw_only=True):
     x_m: float = 0.0
     y_m: float = 0.0
     z_m: float = 0.0
-    rate_Hz: Positive
+    rate_Hz: Annotated[float, msgspec.Meta(gt=0, le=1000)]
     range_sigma_m: Positive
     range_bias_sigma_m: NonNegative
-    latency_s: NonNegative
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
     wire_format: str
 
 

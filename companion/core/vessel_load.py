@@ -9,7 +9,7 @@ import numpy as np
 from companion.core import terms
 from companion.core import vessel as model
 from companion.core.config import ConfigError, parse_toml
-from companion.core.vessel_file import VesselFile
+from companion.core.vessel_file import RotorMap, VesselFile
 
 
 def load_vessel(text: str, *, name: str) -> VesselFile:
@@ -30,6 +30,9 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
             yield f"{at}.pwm_min_us: expected pwm_min_us < 1500 < pwm_max_us"
         if not t.force_min_N < t.force_max_N:
             yield f"{at}.force_min_N: expected force_min_N < force_max_N"
+        fmap = vessel.force_maps.get(t.force_map)
+        if isinstance(fmap, RotorMap) and t.trim_us and abs(t.trim_us) >= fmap.dead_band_us:
+            yield f"{at}.trim_us: expected less than the dead band of {fmap.dead_band_us:g} us: 1500 us must be neutral"
         if t.name in [other.name for other in vessel.thrusters[:i]]:
             yield f"{at}.name: {t.name!r} is there twice"
         if t.channel in [other.channel for other in vessel.thrusters[:i]]:

@@ -181,7 +181,7 @@ class _Work:
         bounds = tuple(zip([0, *ends[:-1]], ends, strict=True))
         both = np.column_stack([nu, t])
         scale = np.where(rms > 0, rms, 1.0)
-        R = np.linalg.qr(A / scale, mode="r")
+        R = np.asarray(np.linalg.qr(A / scale, mode="r"))
         return cls(A, b, scale, R, bounds, round(hac_s * logs[0].rate_hz), both.min(axis=0), both.max(axis=0))
 
     def columns_alive(self) -> np.ndarray:

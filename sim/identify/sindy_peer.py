@@ -21,7 +21,7 @@ _LETTERS = {"x0": "u", "x1": "v", "x2": "r", "u0": "x", "u1": "y", "u2": "n"}
 
 
 def sindy_coefficients(logs: Sequence[Samples], threshold: float = THRESHOLD) -> np.ndarray:
-    """C, shape (3, 23), as pysindy finds it. ModuleNotFoundError where pysindy is not installed (extra `peers`)."""
+    """C, shape (3, 23), as pysindy finds it. ModuleNotFoundError where pysindy is not installed (extra `analysis`)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its own, on import and while thresholding
         import pysindy  # noqa: PLC0415 - an optional peer

@@ -11,12 +11,13 @@ incoming bytes give the same outgoing bytes.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from companion.core.messages import GroundTruth
 from companion.core.site import Site
+from companion.core.terms import values
 from companion.core.vessel_file import VesselFile
 from sim.world.autopilot import SensorFrame
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
@@ -64,7 +65,7 @@ class World:
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
         self.rover = Rover(setup.boot_ns, _wired(vessel, setup.parameters), setup.drift_ppm, _channels(vessel))
-        self._environment = Environment(setup.weather, draws[1])
+        self._environment = Environment(_weather(setup), draws[1])
         self._imu = ImuSensor(vessel.sensors.imu, draws[2])
         self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws[3])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
@@ -148,3 +149,13 @@ def _channels(vessel: VesselFile) -> tuple[int, ...]:
 def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, float]:
     """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster."""
     return {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}
+
+
+def _weather(setup: WorldSetup) -> Weather:
+    """The weather asked for; where none is, what the vessel file's own terms say of current and wind."""
+    weather, terms = setup.weather, setup.vessel.terms
+    for name, keys in (("current", ("V_c_m_s", "beta_c_deg")), ("wind", ("V_w_m_s", "beta_w_deg"))):
+        if name in terms and not getattr(weather, keys[0]):
+            told = values(name, terms[name])
+            weather = replace(weather, **{key: told[key] for key in keys})
+    return weather

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from voyage import CORNER, driving, figures, settled, setup, track, voyage
 
-from companion.core.messages import OperatorCommand, OverrideLease, StateEstimate, Tick, VehicleRequest
+from companion.core.messages import Alert, OperatorCommand, OverrideLease, StateEstimate, Tick, VehicleRequest
 from sim.world.environment import Weather
 from sim.world.sensors import UwbFaults
 from sim.world.stepped import PEER
@@ -130,3 +130,17 @@ def test_a_held_mission_goes_on_where_it_was_left_and_a_second_start_changes_not
     assert len(run.state.passed) >= passed
     assert run.run(settled(1.0), 90.0)
     assert [p.waypoint for p in run.state.passed] == [0, 1, 2]
+
+
+def test_without_uwb_for_good_the_boat_stops_and_says_why():
+    run = voyage(1)
+    assert run.run(driving, 20.0)
+    run.run(lambda r: False, 3.0)
+    run.world.silent_uwb = True
+    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 30.0)
+    stopped_s = run.world.t_ns * 1e-9
+    run.run(lambda r: False, 3.0)
+    assert {m.source for m in run.of(OverrideLease) if m.t_ns * 1e-9 > stopped_s} == {"neutral"}
+    texts = [m.text for m in run.of(Alert)]
+    assert any("degraded for more than 15 s" in text for text in texts)
+    assert any(text.startswith("state estimate degraded: ") for text in texts)

@@ -57,7 +57,7 @@ def test_the_digest_names_every_file(folder, name):
         (VESSEL, r"channel = 10", "channel = 9", "thrusters[1].channel: channel 9 is there twice"),
         (VESSEL, r"channel = 9", "channel = 9\npwm_max_us = 1950", "thrusters[0].pwm_max_us: "),
         (VESSEL, r"channel = 9", "channel = 9\npwm_min_us = 1000", "thrusters[0].pwm_min_us: "),
-        (VESSEL, r"dwm1001-lec", "dwm9999", "sensors.uwb.wire_format: no codec 'dwm9999'; there are dwm1001-lec"),
+        (VESSEL, r"dwm1001-lec", "dwm9999", "sensors.uwb (wire_format, rate_Hz): unknown UWB wire format 'dwm9999'"),
         (SITE, r"north_m = 0.0", 'north_m = "x"', "anchors[0].north_m"),
         (MISSION, r"north_m = 9.0", "north_m = nan", "waypoints[0]"),
         (MISSION, r"acceptance_m", "acceptance", "acceptance"),

@@ -86,7 +86,7 @@ def test_vessel_files_are_frozen():
 
 @given(st.text(max_size=200))
 def test_any_text_is_a_vessel_or_a_named_error(text):
-    with pytest.raises(ConfigError, match="any.toml: "):
+    with pytest.raises(ConfigError, match=r"any\.toml: "):
         load_vessel(text, name="any.toml")
 
 
@@ -98,3 +98,32 @@ def test_site_refuses_an_anchor_twice():
 
 def test_digest_names_the_text():
     assert digest("a") != digest("b") and len(digest("a")) == 12
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize(
+    ("key", "path"),
+    [
+        ("x_g_m = 0.02", "inertia.x_g_m"),
+        ("mass_kg = 45.0", "inertia.mass_kg"),
+        ("azimuth_deg = 45.0", "thrusters[0].azimuth_deg"),
+    ],
+)
+def test_a_number_that_is_none_is_refused(key, path, number):
+    changed = TEXT.replace(key, f"{key.split(' = ')[0]} = {number}", 1)
+    with pytest.raises(ConfigError) as caught:
+        load_vessel(changed, name="x.toml")
+    assert str(caught.value) == f"x.toml: {path}: expected a finite number"
+
+
+def test_a_trim_beyond_the_dead_band_is_refused():
+    """The autopilot's neutral is 1500 us: with such a trim it would push."""
+    with pytest.raises(ConfigError, match=r"thrusters\[0\].trim_us: expected less than the dead band of 24 us"):
+        load_vessel(TEXT.replace("channel = 9\n", "channel = 9\ntrim_us = 24\n", 1), name="x.toml")
+    assert load_vessel(TEXT.replace("channel = 9\n", "channel = 9\ntrim_us = 23\n", 1), name="x.toml")
+
+
+def test_inside_the_fence():
+    site = load_site(SITE, name="basin.toml")
+    assert site.inside(15.0, 15.0) and site.inside(0.6, 29.4)
+    assert not site.inside(15.0, 29.6) and not site.inside(-1.0, 15.0) and not site.inside(30.0, 30.0)

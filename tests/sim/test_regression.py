@@ -232,7 +232,7 @@ def test_forces_are_the_maps():
 
 def test_pysindy_finds_the_same_numbers_in_the_same_places():
     """Constant thrust in each run, so that its own smoothed differences have no steps to cross."""
-    pytest.importorskip("pysindy", reason="the outside peer is not installed (extra: peers)")
+    pytest.importorskip("pysindy", reason="the outside peer is not installed (extra: analysis)")
     rng = np.random.default_rng(3)
     x0 = np.hstack([np.zeros((60, 3)), rng.uniform([0.45, -0.2, -0.5], [0.8, 0.2, 0.5], (60, 3))])
     t = np.repeat(rng.uniform(-1, 1, (60, 1, 3)) * [2, 0.4, 0.2], 80, axis=1)

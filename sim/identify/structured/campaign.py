@@ -14,7 +14,7 @@ from sim.identify.run import Run
 from sim.identify.smoothing import SmootherNoise
 from sim.identify.structured.boats import draw_boat
 from sim.identify.structured.fit import Settings
-from sim.identify.structured.parameters import Parameters, file_values
+from sim.identify.structured.parameters import WARP, Parameters, file_values
 from sim.identify.structured.result import Z95, FitResult, fit_structured
 from sim.identify.structured.vessel_out import identified_vessel
 from sim.identify.teleop import teleop_run
@@ -114,7 +114,8 @@ def judged(
     parameters = Parameters(vessel)
     names, true = parameters.names, file_values(boat)
     covered = {p.name: p.ci95[0] <= t <= p.ci95[1] for p, t in zip(result.parameters, true, strict=True)}
-    shares = [n for n in names if not n.startswith("tag_")]  # a place in metres has no share
+    covered = {n: c for n, c in covered.items() if n not in WARP}  # a boat has none
+    shares = [n for n in covered if not n.startswith("tag_")]  # a place in metres has no share
     error = {n: float(v) for n, v in zip(names, result.q / np.where(true == 0, np.nan, true) - 1, strict=True)}
     free, free_true, free_se = scale_free(result, true, parameters)
     ratio_names = names[: parameters.thrusters.stop]

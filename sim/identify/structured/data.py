@@ -13,13 +13,15 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
-from sim.identify.structured.thrust import Commands, commands_of
+from sim.identify.structured.battery import commands_of
+from sim.identify.structured.thrust import Commands
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 PSI, RATE, SURGE, SWAY = range(4)
 MAX_STEP_S = 0.05  # yaw, the fastest motion, has a time constant of about 2 s, thrusters 0.1 s
 G = 9.80665  # m/s^2, standard gravity
 LEVEL_RAD = 0.006  # rms of roll or pitch beyond which specific force is levelled: thrice the attitude's noise; assumed
+SETTLE_S = 1.0  # after the first command: what the thrusters did before is not in the log, and forgotten by then
 EDGE_S = 0.5  # fixes so near an end of a run are left out, whatever the latency turns out to be
 
 
@@ -104,6 +106,8 @@ def _grid(run: Run, window_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
     channels = [(t, np.unwrap(v)) if i == PSI else (t, v) for i, (t, v) in enumerate(channels)]
     channels = _levelled(run, channels)
+    begin = run.commands()[0][0] + SETTLE_S
+    channels = [(t[t >= begin], v[t >= begin]) for t, v in channels]
     stamps = np.unique(np.concatenate([t for t, _ in channels]))
     if stamps[-1] - stamps[0] < 2 * window_s:
         raise StructuredFitError(f"{name}: {stamps[-1] - stamps[0]:.1f} s is too short: two windows of {window_s} s")
@@ -142,7 +146,8 @@ def _fixes(runs: Sequence[Run]) -> Fixes:
     for i, run in enumerate(runs):
         t, place = run.samples("north_m", "east_m")
         known, _ = run.samples("psi_rad")
-        inside = (t > known[0] + EDGE_S) & (t < known[-1] - EDGE_S)
+        first = max(known[0], run.commands()[0][0] + SETTLE_S)
+        inside = (t > first + EDGE_S) & (t < known[-1] - EDGE_S)
         if inside.sum() < 4:
             raise StructuredFitError(f"{run.meta.source}: {inside.sum()} positions; the fit needs at least 4")
         stamps.append(t[inside])

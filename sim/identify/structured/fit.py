@@ -131,7 +131,7 @@ class Fit:
         return promised - cost - 0.5 * (log_det + float(np.linalg.slogdet(D)[1])) - log_sigma
 
     def tune_latent(self, point: Point, noise: Noise) -> Noise:
-        """The latent acceleration of greatest evidence within a decade of the present one: no linearisation holds further.
+        """The latent acceleration of greatest evidence within a decade of the present one, where linearisation holds.
 
         First a tenth of it (from the floor: ten times it), all axes together; where that is no better a simplex search.
         """

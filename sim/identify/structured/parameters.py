@@ -2,14 +2,16 @@
 
 Two sets of numbers describe the same boat:
 
-    q   file units and signs: M11 M22 M33 M23 | X_u Y_v N_r Y_r N_v X_uu Y_vv N_rr | gains | t_d T_lag | latency arm
+    q   file units and signs: M11 M22 M33 M23 | X_u Y_v N_r Y_r N_v X_uu Y_vv N_rr | gains | t_d T_lag |
+        latency arm | warp
     w   free of limits: any w gives positive inertia, positive damping, so a model whose free motion loses energy
 
     M11, M22, M33 = e^w,  M23 = sqrt(M22 M33) tanh w            M > 0
     X_u, Y_v, N_r, X_uu, Y_vv, N_rr = -e^w                      damping > 0
     Y_r + N_v = -2 sqrt(Y_v N_r) tanh w,  Y_r - N_v = -w        D + D^T > 0
-    gains, t_d, T_lag = e^w;  latency, arm = w
+    gains, t_d, T_lag = e^w;  latency, arm, warp = w
 
+The warp is what range biases and surveying leave of the positions: measured = p + W (p - middle), W 2 x 2.
 Mass and added mass enter the motion only through M: the file's mass and I_z cannot be told from a run.
 Every w has a normal prior round the vessel file's value.
 """
@@ -39,6 +41,8 @@ DAMPING = (
 )
 HULL = INERTIA + DAMPING
 SENSORS = ("uwb_latency_s", "tag_x_m", "tag_y_m")
+WARP = ("warp_nn", "warp_ne", "warp_en", "warp_ee")
+REACH_M = 10.0  # biases of anchors change over such distances: a third of the basin
 _LOG = (0, 1, 2, 4, 5, 6, 9, 10, 11)  # hull entries with a logarithm
 _M23, _SUM, _DIFF = 3, 7, 8
 _UNITS = ("_N_s2_m2", "_N_m_s2", "_N_m_s", "_N_s_m", "_kg_m2", "_kg_m", "_N_s", "_kg", "_s", "_m")
@@ -62,12 +66,12 @@ class PriorSigmas:
 
 
 def unit_of(name: str) -> str:
-    """Unit of a parameter, from its name; gains have none.
+    """Unit of a parameter, from its name; gains and warps have none.
 
     >>> unit_of("Y_vv_N_s2_m2"), unit_of("gain_bow")
     ('N s2/m2', '1')
     """
-    if name.startswith("gain_"):
+    if name.startswith(("gain_", "warp_")):
         return "1"
     suffix = next(s for s in _UNITS if name.endswith(s))
     return {
@@ -96,7 +100,7 @@ class Parameters:
     def names(self) -> tuple[str, ...]:
         """Parameters in the order of q and w."""
         gains = tuple(f"gain_{t.name}" for t in self.vessel.thrusters)
-        return HULL + gains + ("dead_time_s", "lag_s") + SENSORS
+        return HULL + gains + ("dead_time_s", "lag_s") + SENSORS + WARP
 
     @property
     def thrusters(self) -> slice:
@@ -156,6 +160,7 @@ class Parameters:
         sigma[self.thrusters] = s.gain
         at = self.thrusters.stop
         sigma[at : at + 5] = (s.dead_time, s.lag, s.latency_s, s.arm_m, s.arm_m)
+        sigma[at + 5 :] = self.vessel.sensors.uwb.range_bias_sigma_m / REACH_M
         for name, (centre, own) in (self.overrides or {}).items():
             i = self.names.index(name)
             q[i] = q[i] if centre is None else centre
@@ -177,5 +182,5 @@ def file_values(vessel: VesselFile) -> np.ndarray:
     hull = [M[0, 0], M[1, 1], M[2, 2], M[1, 2], -D[0, 0], -D[1, 1], -D[2, 2], -D[1, 2], -D[2, 1]]
     quadratic = [d.X_uu_N_s2_m2, d.Y_vv_N_s2_m2, d.N_rr_N_m_s2]
     gains = [t.gain for t in vessel.thrusters]
-    sensors = [uwb.latency_s, uwb.x_m, uwb.y_m]
+    sensors = [uwb.latency_s, uwb.x_m, uwb.y_m] + [0.0] * len(WARP)
     return np.array(hull + quadratic + gains + [propulsion.dead_time_s, propulsion.lag_s] + sensors, dtype=float)

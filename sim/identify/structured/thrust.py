@@ -12,11 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from msgspec.structs import replace
-
-from companion.core.vessel_file import VesselFile
-from sim.identify.run import Run
-from sim.identify.structured.battery import steady_forces
+from scipy.linalg import solve_banded
 
 
 @dataclass(frozen=True)
@@ -27,28 +23,16 @@ class Commands:
     force_n: np.ndarray
 
 
-def commands_of(run: Run, vessel: VesselFile) -> Commands:
-    """What the pulse widths and volts of a run ask of the thrusters of `vessel`, in its order."""
-    unit = replace(vessel, thrusters=tuple(replace(t, gain=1.0) for t in vessel.thrusters))
-    return Commands(*steady_forces(run, unit))
-
-
 class ThrustHistory:
     """Forces of one run at a dead time and lag. The first command is taken to have held for ever before."""
 
     def __init__(self, commands: Commands, dead_time_s: float, lag_s: float):
         self._t, self._F, self._lag = commands.t_s + dead_time_s, commands.force_n, lag_s
-        dt = np.diff(self._t)
+        dt = np.diff(self._t)[:, None]
         keep = np.exp(-dt / lag_s)
-        fresh = dt / lag_s**2 * keep
-        f = np.empty_like(self._F)  # at each change, before it acts
-        s = np.zeros_like(self._F)  # df/dT_lag there
-        f[0] = self._F[0]
-        for j in range(len(dt)):
-            gap = f[j] - self._F[j]
-            f[j + 1] = self._F[j] + gap * keep[j]
-            s[j + 1] = s[j] * keep[j] + gap * fresh[j]
-        self._f, self._s = f, s
+        f = _recursion(keep, (1 - keep) * self._F[:-1], self._F[0])  # at each change, before it acts
+        fresh = (f[:-1] - self._F[:-1]) * keep * dt / lag_s**2
+        self._f, self._s = f, _recursion(keep, fresh, np.zeros_like(self._F[0]))  # and df/dT_lag there
 
     def at(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """f, df/d dead time, df/d lag at `t_s` of any shape: each (*shape, n)."""
@@ -61,3 +45,10 @@ class ThrustHistory:
             gap * keep / self._lag,
             self._s[j] * keep + gap * keep * since / self._lag**2,
         )
+
+
+def _recursion(keep: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """y_{j+1} = keep_j y_j + added_j from y_0 = first; shapes (c - 1, 1), (c - 1, n), (n,) -> (c, n)."""
+    bands = np.ones((2, len(keep) + 1))
+    bands[1, :-1] = -keep[:, 0]
+    return solve_banded((1, 0), bands, np.vstack([first, added]))

@@ -10,7 +10,6 @@ finite; a value that is not finite makes an rms infinite: medians stay meaningfu
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -141,9 +140,7 @@ def whiteness(model: Simulator, windows: Windows) -> dict[str, Whiteness]:
     out = {}
     for i, name in enumerate(SPEEDS):
         d = e[:, i] - e[:, i].mean()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)
-            p = float(acorr_ljungbox(d, lags=[LAGS])["lb_pvalue"].iloc[0])
+        p = float(acorr_ljungbox(d, lags=[LAGS])["lb_pvalue"].iloc[0])
         out[name] = Whiteness(float((d[1:] * d[:-1]).sum() / (d**2).sum()), p, len(d))
     return out
 

@@ -45,13 +45,16 @@ def _cell(text: str) -> str:
 
 
 def table(found: Validation) -> Table:
-    """Every figure of every model. The smallest rms of a row is bold."""
+    """Every figure of every model. The smallest error of a row is bold; gone: not finite."""
     scores = found.scores
     rows = []
     for channel in CHANNELS:
         for h in (h for h in SHOWN_S if h in scores[0].horizons_s):
             values = [s.rms[channel][s.horizons_s.index(h)] for s in scores]
             rows.append((f"{channel}, rms error after {h} s [{UNITS[channel]}]", *_bold_least(values)))
+    for h in (h for h in SHOWN_S if h in scores[0].horizons_s):
+        values = [s.median["position"][s.horizons_s.index(h)] for s in scores]
+        rows.append((f"position, median error after {h} s [m]", *_bold_least(values)))
     for name in SPEEDS:
         rows.append((f"{name}, NRMSE over {SCORE_S} s", *(_number(s.nrmse[name]) for s in scores)))
         rows.append((f"{name}, R2 over {SCORE_S} s", *(f"{s.r2[name]:.3f}" for s in scores)))

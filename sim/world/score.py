@@ -17,7 +17,7 @@ from companion.core.frames import ssa
 from companion.core.messages import GroundTruth, GuidanceReference, StateEstimate
 
 CORNER_M = 1.5  # a boat's length: where the course is rounded, "on the leg" means nothing
-SETTLED_S = 3.0  # station keeping is judged over the last seconds of a run
+SETTLED_S = 3.0  # station keeping is judged over the last seconds of a run, where nothing else is said
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ def tracking(track: Track, points: np.ndarray) -> dict[str, float]:
     }
 
 
-def station(track: Track, pose: Sequence[float]) -> dict[str, float]:
-    """Largest position [m] and heading error [deg] of the truth over the last `SETTLED_S`."""
-    last = track.t_s >= track.t_s[-1] - SETTLED_S
+def station(track: Track, pose: Sequence[float], over_s: float = SETTLED_S) -> dict[str, float]:
+    """Largest position [m] and heading error [deg] of the truth over the last `over_s`."""
+    last = track.t_s >= track.t_s[-1] - over_s
     away = np.linalg.norm(track.truth[last, :2] - np.asarray(pose[:2]), axis=1)
     turn = [abs(ssa(float(psi) - pose[2])) for psi in track.truth[last, 2]]
     return {"station_error_m": float(away.max()), "station_error_deg": math.degrees(max(turn))}

@@ -12,6 +12,18 @@ TICK_S = 0.01  # the plant acts on commands at its steps: a dead time is a whole
 ARM_SIGMA_M = 0.02  # how well a tag's place is measured with a tape; assumed
 
 
+def in_still_air(vessel: VesselFile) -> VesselFile:
+    """The vessel with the drag of air at rest as a term of its model: the simulated world always has it.
+
+    Half a per cent of the hull's; a fit without the term counts it as the hull's.
+    """
+    calm: dict[str, float | str] = {
+        "source": "air at rest; coefficients as the simulated world has them",
+        "V_w_m_s": 0.0,
+    }
+    return replace(vessel, terms={**vessel.terms, "wind": {**calm, **vessel.terms.get("wind", {})}})
+
+
 def draw_boat(
     vessel: VesselFile, rng: np.random.Generator, *, share: float = 0.30, gain_sigma: float = 0.025
 ) -> VesselFile:

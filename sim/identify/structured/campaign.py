@@ -12,7 +12,7 @@ from companion.core.vessel import linear_damping, mass_matrix
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.smoothing import SmootherNoise
-from sim.identify.structured.boats import draw_boat
+from sim.identify.structured.boats import draw_boat, in_still_air
 from sim.identify.structured.fit import Settings
 from sim.identify.structured.parameters import WARP, Parameters, file_values
 from sim.identify.structured.result import Z95, FitResult, fit_structured
@@ -108,6 +108,7 @@ def judged(
     vessel: VesselFile, boat: VesselFile, train: Run, unseen: Run, seed: int, settings: Settings | None = None
 ) -> BoatScore:
     """Fit `train` from `vessel` as prior; compare with the true `boat`, also on `unseen`."""
+    vessel, boat = in_still_air(vessel), in_still_air(boat)
     cpu = time.process_time()
     result = fit_structured([train], vessel, settings)
     cpu = time.process_time() - cpu

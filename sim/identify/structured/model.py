@@ -43,7 +43,9 @@ class Batch:
         mapped = (
             function if count == 1 else function.map(count, "thread", threads) if threads > 1 else function.map(count)
         )
-        self._buffer, self._call = mapped.buffer()
+        buffer, call = mapped.buffer()
+        self._buffer: Any = buffer
+        self._call: Any = call
         self._in = [np.zeros((count, mapped.size1_in(i) * mapped.size2_in(i) // count)) for i in range(mapped.n_in())]
         self._out = [
             np.zeros((count, mapped.size1_out(i) * mapped.size2_out(i) // count)) for i in range(mapped.n_out())

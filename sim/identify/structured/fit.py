@@ -44,7 +44,6 @@ class Settings:
     latent_time_s: float = 5.0
     iterations: int = 30
     tolerance_nats: float = 0.02
-    threads: int = 1
     sigmas: PriorSigmas = field(default_factory=PriorSigmas)
     overrides: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
     noise: Noise | None = None
@@ -67,11 +66,12 @@ class Fit:
         self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
         self.windows: Windows = cut(runs, vessel, settings.window_s)
         W, K = self.windows.size
-        self.problem = Problem(self.windows, self.parameters, compile_model(vessel, K, W, settings.threads))
-        self.noise = replace(settings.noise or noise_of(vessel), latent_time_s=settings.latent_time_s)
+        self.problem = Problem(self.windows, self.parameters, compile_model(vessel, K, W))
+        self.command_rms = _command_rms(self.windows, vessel)
+        noise = replace(settings.noise or noise_of(vessel), latent_time_s=settings.latent_time_s)
+        self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
         self._z0 = first_nodes(self.windows, self.parameters)
         self._first = np.flatnonzero(self.windows.first)
-        self.command_rms = _command_rms(self.windows, vessel)
 
     def begin(self) -> Point:
         """At the priors' centres and the first guess of the nodes."""
@@ -186,10 +186,6 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
     """From the start to convergence. Returns the point and how many steps it took."""
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
-    if settings.latent:
-        fit.noise = with_latent(fit.noise, LATENT_START * fit.command_rms)
-    else:
-        fit.noise = with_latent(fit.noise, LATENT_FLOOR * fit.command_rms)
     point = fit.begin()
     settled = False
     while count < settings.iterations:

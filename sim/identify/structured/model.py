@@ -39,15 +39,15 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
 class Batch:
     """A CasADi function of column vectors on `count` columns at once: arrays (count, size) in and out."""
 
-    def __init__(self, function: ca.Function, count: int, threads: int = 1):
-        mapped = (
-            function if count == 1 else function.map(count, "thread", threads) if threads > 1 else function.map(count)
-        )
+    def __init__(self, function: ca.Function, count: int):
+        mapped = function.map(count) if count > 1 else function
         buffer, call = mapped.buffer()
         self._buffer: Any = buffer
         self._call: Any = call
-        self._in = [np.zeros((count, mapped.size1_in(i) * mapped.size2_in(i) // count)) for i in range(mapped.n_in())]
-        self._out = [
+        self._in: list[Any] = [
+            np.zeros((count, mapped.size1_in(i) * mapped.size2_in(i) // count)) for i in range(mapped.n_in())
+        ]
+        self._out: list[Any] = [
             np.zeros((count, mapped.size1_out(i) * mapped.size2_out(i) // count)) for i in range(mapped.n_out())
         ]
         for i, array in enumerate(self._in):
@@ -78,7 +78,7 @@ class Compiled:
     windows: int
 
 
-def compile_model(vessel: VesselFile, steps: int, windows: int, threads: int = 1) -> Compiled:
+def compile_model(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     """Build both functions for a problem of the given size."""
     x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
     model = symbolic_model(vessel, p)
@@ -89,7 +89,7 @@ def compile_model(vessel: VesselFile, steps: int, windows: int, threads: int = 1
     rates = ca.Function("rates", [x, p, tau, d], ca.cse([A, G, nu_dot]))
     rate = ca.Function("rate", [x, p, tau, d], [x_dot])
     rollout = _step(rate).mapaccum("rollout", steps)
-    return Compiled(Batch(rollout, windows, threads), Batch(rates, windows * (steps + 1), threads), steps, windows)
+    return Compiled(Batch(rollout, windows), Batch(rates, windows * (steps + 1)), steps, windows)
 
 
 def _step(rate: ca.Function) -> ca.Function:

@@ -28,13 +28,20 @@ X0_D = 9  # columns of S before the parameters: x0 (6) and latent acceleration (
 class Motion:
     """All windows: x (W, K+1, 6), nu_dot (.., 3), A = d(x_dot)/dx (.., 6, 6), G = d(nu_dot)/d[d; q] (.., 3, inputs).
 
-    Inputs are the latent acceleration, then the parameters that move the boat: all up to the lag.
+    Inputs are the latent acceleration, then the parameters that move the boat: all up to the lag. `late` (W, K, 3):
+    what a second of dead time adds to nu over a step, exactly: at the steps alone d(nu_dot) would not tell, it jumps
+    with the commands.
     """
 
     x: np.ndarray
     nu_dot: np.ndarray
     A: np.ndarray
     G: np.ndarray
+    late: np.ndarray
+
+    def part(self, windows: slice) -> Motion:
+        """Some of the windows."""
+        return Motion(self.x[windows], self.nu_dot[windows], self.A[windows], self.G[windows], self.late[windows])
 
 
 @dataclass(frozen=True)
@@ -66,7 +73,8 @@ class Mover:
         inputs = [np.broadcast_to(np.eye(3), G_tau.shape), G[..., :N_HULL], (G_tau @ B) * f[:, :, None, :]]
         inputs += [G_tau @ (f_dead @ share)[..., None], G_tau @ (f_lag @ share)[..., None]]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3)
-        return Motion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, np.concatenate(inputs, axis=3))
+        late = (G_tau[:, :-1] @ (tau[:, :-1] - tau[:, 1:])[..., None])[..., 0]
+        return Motion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, np.concatenate(inputs, axis=3), late)
 
     def _thrust(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Unit-gain forces at nodes (W, K+1, n), at the middles (W, K, n), and d/d dead time, d/d lag at nodes."""
@@ -81,9 +89,10 @@ class Mover:
         return np.concatenate(f), np.concatenate(f_mid), np.concatenate(f_dead), np.concatenate(f_lag)
 
 
-def moving_columns(count: int) -> np.ndarray:
-    """Where the columns of S (`count` of them) stand among node (L), then q."""
-    return np.concatenate([np.arange(X0_D), L + np.arange(count - X0_D)])
+def spread(target: np.ndarray, S: np.ndarray) -> None:
+    """Put the columns of S where they stand among node (L), then q."""
+    target[..., :X0_D] = S[..., :X0_D]
+    target[..., L : L + S.shape[-1] - X0_D] = S[..., X0_D:]
 
 
 def sensitivities(motion: Motion, h: np.ndarray) -> np.ndarray:
@@ -96,6 +105,9 @@ def sensitivities(motion: Motion, h: np.ndarray) -> np.ndarray:
     step[..., :6] = np.eye(6) + half * (A0 + A1 + 2 * half * (A1 @ A0))
     step[..., 6:] = 2 * half**2 * (A1[..., 3:] @ G0)
     step[..., 3:, 6:] += half * (G0 + G1)
+    dead = 6 + G.shape[3] - 2
+    step[..., dead] = half[..., 0] * (A1[..., 3:] @ motion.late[..., None])[..., 0]
+    step[..., 3:, dead] += motion.late
     S = np.zeros((W, K + 1, 6, 6 + G.shape[3]))
     S[:, 0, :, :6] = np.eye(6)
     for k in range(K):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.identify.structured.data import PSI, RATE, SURGE, SWAY, Windows
-from sim.identify.structured.motion import Motion, moving_columns
+from sim.identify.structured.motion import Motion, spread
 from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, L, Noise, whiten
 from sim.identify.structured.parameters import Parameters
 
@@ -41,9 +41,12 @@ class Imu:
         out[..., PSI] = np.where(known, white[..., 0], np.nan)
         return out
 
-    def rows(self, motion: Motion, S: np.ndarray, noise: Noise, columns: int) -> np.ndarray:
-        """Derivative of `residual`, shape (W, K, 4, columns); nil where nothing was measured."""
-        W, K = self.windows.size
+    def rows(self, motion: Motion, S: np.ndarray, noise: Noise, columns: int, part: slice) -> np.ndarray:
+        """Derivative of `residual` for `part` of the windows, (.., K, 4, columns); nil where nothing was measured.
+
+        `motion` and `S` are those of the part.
+        """
+        K = self.windows.size[1]
         x, A, G, S = motion.x[:, :K], motion.A[:, :K], motion.G[:, :K], S[:, :K]
         u, v, r = x[..., 3], x[..., 4], x[..., 5]
         lx, ly = self.arm_m
@@ -52,19 +55,21 @@ class Imu:
         C_ax[..., 5] -= v + 2 * lx * r
         C_ay[..., 3] += r
         C_ay[..., 5] += u - 2 * ly * r
-        rows = np.zeros((W, K, 4, columns))
-        moving = moving_columns(S.shape[3])
-        rows[..., PSI, moving], rows[..., RATE, moving] = S[..., 2, :], S[..., 5, :]
-        rows[..., SURGE, moving] = (C_ax[..., None, :] @ S)[..., 0, :]
-        rows[..., SWAY, moving] = (C_ay[..., None, :] @ S)[..., 0, :]
-        rows[..., SURGE, moving[6:]] += G[..., 0, :] - ly * G[..., 2, :]
-        rows[..., SWAY, moving[6:]] += G[..., 1, :] + lx * G[..., 2, :]
-        rows[..., PSI, WANDER] = self._fade(noise)
-        for channel, column in ((PSI, OFFSET), (RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
-            rows[..., channel, column] = 1.0
-        known = np.isfinite(self.windows.y)
-        rows[:, :, PSI] = whiten(rows[:, :, PSI], known[..., PSI], self.windows.h_s, noise)
-        rows[:, :, RATE:] *= (known / np.array(noise.white))[:, :, RATE:, None]
+        known = np.isfinite(self.windows.y[part])
+        scale = known / np.array(noise.white)
+        force = np.stack([C_ax, C_ay], axis=2) @ S
+        force[:, :, 0, 6:] += G[..., 0, :] - ly * G[..., 2, :]
+        force[:, :, 1, 6:] += G[..., 1, :] + lx * G[..., 2, :]
+        rows = np.zeros((len(x), K, 4, columns))
+        spread(rows[:, :, RATE], S[..., 5, :] * scale[:, :, RATE, None])
+        spread(rows[:, :, SURGE:], force * scale[:, :, SURGE:, None])
+        for channel, column in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
+            rows[..., channel, column] = scale[..., channel]
+        slow = np.stack([self._fade(noise)[part], np.ones(x.shape[:2])], axis=2)
+        h_s = self.windows.h_s[part]
+        psi = whiten(np.concatenate([S[..., 2, :], slow], axis=2), known[..., PSI], h_s, noise)
+        spread(rows[:, :, PSI], psi[..., :-2])
+        rows[:, :, PSI, WANDER], rows[:, :, PSI, OFFSET] = psi[..., -2], psi[..., -1]
         return rows
 
     def _fade(self, noise: Noise) -> np.ndarray:
@@ -82,14 +87,17 @@ class Tag:
 
     def residual(self, motion: Motion, q: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured place, whitened, shape (m, 2)."""
-        path = self._path(motion, q)
+        path = self.path(motion, q)
         place = path.x[:, :2] + path.turned(path.shift)
         warped = (place - self._middle) @ q[-4:].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
 
-    def rows(self, motion: Motion, S: np.ndarray, q: np.ndarray, noise: Noise, columns: int) -> np.ndarray:
-        """Derivative of `residual`, shape (m, 2, columns), to the warp's share (its square is left out)."""
-        path, at = self._path(motion, q), L + self.parameters.thrusters.stop + 2
+    def rows(self, path: Path, S: np.ndarray, noise: Noise, columns: int) -> np.ndarray:
+        """Derivative of `residual` on a path, (m, 2, columns), to the warp's share (its square is left out).
+
+        S (m, 6, ..): sensitivities at the steps before the samples.
+        """
+        at = L + self.parameters.thrusters.stop + 2
         delta, lever = path.delta_s, TURN @ path.arm
         C = np.zeros((len(delta), 2, 6))
         C[:, 0, 0] = C[:, 1, 1] = 1.0
@@ -97,9 +105,9 @@ class Tag:
         C[:, :, 3:5] = delta[..., None] * path.R
         C[:, :, 5] = delta * (path.R @ lever)
         rows = np.zeros((len(delta), 2, columns))
-        rows[:, :, moving_columns(S.shape[3])] = C @ S[path.window, path.step]
+        spread(rows, C @ S)
         rows[:, :, at] = -path.turned(path.velocity + delta * path.gain)
-        away = self.windows.fixes.place_m - self._middle
+        away = path.x[:, :2] + path.turned(path.shift) - self._middle
         rows[:, 0, -4:-2] = rows[:, 1, -2:] = away
         rows[:, :, at + 1 : at + 3] = path.R + (delta * path.x[:, 5:6])[..., None] * (path.R @ TURN)
         return rows / noise.fix_m
@@ -107,10 +115,6 @@ class Tag:
     @property
     def _middle(self) -> np.ndarray:
         return self.windows.fixes.place_m.mean(axis=0)
-
-    def window(self, q: np.ndarray) -> np.ndarray:
-        """The window in which each sample was taken, (m,)."""
-        return self._place(q)[0]
 
     def _place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Window and step before each sample, and when it was taken [s]."""
@@ -124,18 +128,19 @@ class Tag:
             w[mine], k[mine] = own + span.start, step - starts[own]
         return w, k, when
 
-    def _path(self, motion: Motion, q: np.ndarray) -> _Path:
+    def path(self, motion: Motion, q: np.ndarray) -> Path:
+        """Where the tag went, near each sample."""
         at = self.parameters.thrusters.stop + 3
         w, k, when = self._place(q)
         x, nd, arm = motion.x[w, k], motion.nu_dot[w, k], q[at : at + 2]
         r = x[:, 5:6]
         velocity = x[:, 3:5] + r * (TURN @ arm)
         gain = nd[:, :2] + nd[:, 2:] * (TURN @ arm) + r * (velocity @ TURN.T)
-        return _Path(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
+        return Path(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
 
 
 @dataclass(frozen=True)
-class _Path:
+class Path:
     """The tag near each sample: body-axes velocity and acceleration at the step before, `delta_s` earlier."""
 
     window: np.ndarray
@@ -145,6 +150,18 @@ class _Path:
     arm: np.ndarray
     velocity: np.ndarray
     gain: np.ndarray
+
+    def part(self, samples: np.ndarray) -> Path:
+        """Some of the samples, by index."""
+        return Path(
+            self.window[samples],
+            self.step[samples],
+            self.x[samples],
+            self.delta_s[samples],
+            self.arm,
+            self.velocity[samples],
+            self.gain[samples],
+        )
 
     @property
     def shift(self) -> np.ndarray:

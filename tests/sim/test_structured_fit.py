@@ -96,12 +96,20 @@ def test_a_disturbance_widens_the_intervals(result: FitResult) -> None:
     """Gusts and waves that the model does not know become latent acceleration, not false certainty."""
     from sim.world.environment import Weather
 
-    rough = teleop_run(TRUE, 11, 120.0, weather=Weather(V_w_m_s=4.0, beta_w_deg=40.0, gustiness=0.5, H_s_m=0.03))
+    rough = teleop_run(TRUE, 11, 120.0, weather=Weather(V_w_m_s=2.0, beta_w_deg=40.0, gustiness=0.5))
     found = fit_structured([rough], PRIOR)
-    assert max(found.latent_share) > 5 * max(result.latent_share)
+    assert found.converged and max(found.latent_share) > 5 * max(result.latent_share)
     assert found["Y_v_N_s_m"].se > 1.5 * result["Y_v_N_s_m"].se
-    truth = dict(zip([p.name for p in found.parameters], file_values(TRUE), strict=True))
-    assert abs(found["M11_kg"].value - truth["M11_kg"]) < 4 * found["M11_kg"].se
+    far = [p.name for p, t in zip(found.parameters, file_values(TRUE), strict=True) if abs(p.value - t) > 4 * p.se]
+    assert not far
+
+
+def test_waves_within_a_window_make_it_shorter() -> None:
+    """Two-second waves are not constant over two seconds: the fit sees it in its residuals and looks closer."""
+    from sim.world.environment import Weather
+
+    found = fit_structured([teleop_run(TRUE, 11, 60.0, weather=Weather(H_s_m=0.03))], PRIOR)
+    assert found.window_s == 0.5 and found.white
 
 
 def test_what_is_fixed_stays(run: Run) -> None:
@@ -126,7 +134,7 @@ def test_a_boat_lighter_than_its_file_keeps_added_mass_of_the_right_sign(result:
     assert "mass or I_z lowered" in vessel.inertia.source
     M = mass_matrix(vessel)
     np.testing.assert_allclose(M[0, 0], result["M11_kg"].value, rtol=1e-4)
-    np.testing.assert_allclose(M[0, 2], mass_matrix(heavy)[0, 2], rtol=1e-6)
+    np.testing.assert_allclose(M[0, 2], mass_matrix(heavy)[0, 2], rtol=1e-5)
 
 
 def test_force_in_newtons_is_known_no_better_than_the_thrusters(run: Run, result: FitResult) -> None:

@@ -26,12 +26,15 @@ from sim.identify.structured.noise import STATE, Noise, noise_of
 from sim.identify.structured.parameters import Parameters, PriorSigmas
 from sim.identify.structured.start import first_nodes
 
+WINDOWS_S = (2.0, 0.5)  # the second where the first leaves residuals that are not white
 SLACK = (100.0, 10.0, 1.0)  # of the ties, by iteration: nodes first follow the data, then the model
 LATENT_START, LATENT_FLOOR = 0.1, 1e-3  # shares of the rms of commanded force over inertia; at the floor is none
+ENOUGH = 0.5  # nats that a last step may promise: a fifth of a sigma of each parameter, about
 READY = 0.5  # nats per sample: a step that promises less leaves a linearisation good enough to set the noise by
 FARTHEST = 4.0  # sigmas of the prior that one step may go: further is beyond what the linearisation knows
 DECADE = np.log(10.0)
-MAD_TO_SIGMA = 1.4826  # of a normal distribution
+Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
+FACTORS = (0.3, 10.0)  # of a stated noise: the residuals may say so much less, so much more; assumed
 Say = Callable[[str, float], None]
 
 
@@ -39,7 +42,7 @@ Say = Callable[[str, float], None]
 class Settings:
     """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters."""
 
-    window_s: float = 2.0
+    window_s: float | None = None
     latent: bool = True
     latent_time_s: float = 5.0
     iterations: int = 30
@@ -64,11 +67,12 @@ class Fit:
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: Settings):
         self.settings = settings
         self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
-        self.windows: Windows = cut(runs, vessel, settings.window_s)
+        self.windows: Windows = cut(runs, vessel, settings.window_s or WINDOWS_S[0])
         W, K = self.windows.size
         self.problem = Problem(self.windows, self.parameters, compile_model(vessel, K, W))
         self.command_rms = _command_rms(self.windows, vessel)
         noise = replace(settings.noise or noise_of(vessel), latent_time_s=settings.latent_time_s)
+        self.stated = noise
         self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
         self._z0 = first_nodes(self.windows, self.parameters)
         self._first = np.flatnonzero(self.windows.first)
@@ -154,7 +158,8 @@ class Fit:
                 "xatol": 0.1,
             }
             best = minimize(lambda v: -gain(v), np.zeros(3), method="Nelder-Mead", options=options).x
-        return with_latent(noise, np.maximum(now * np.exp(np.clip(best, -DECADE, DECADE)), floor))
+        share = np.exp(np.clip(best, -DECADE, DECADE))
+        return with_latent(noise, np.clip(now * share, floor, self.command_rms))
 
 
 def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
@@ -169,17 +174,26 @@ def _command_rms(windows: Windows, vessel: VesselFile) -> np.ndarray:
     return np.maximum(np.sqrt((steady**2).mean(axis=0)) / np.diag(mass_matrix(vessel)), 1e-6)
 
 
-def rescaled(noise: Noise, at: Linearised) -> tuple[Noise, float]:
-    """White noise as the residuals show it (median absolute deviation), and the largest change as a factor - 1."""
-    white = np.ones(4)
-    for c in range(4):
-        known = at.residuals[..., c]
-        known = known[np.isfinite(known)]
-        if len(known):
-            white[c] = MAD_TO_SIGMA * np.median(np.abs(known))
-    fix = float(MAD_TO_SIGMA * np.median(np.abs(at.fix_residuals)))
-    change = float(np.abs(np.append(white, fix) - 1).max())
-    return noise.scaled(np.maximum(white, 0.05), max(fix, 0.02)), change
+def rescaled(noise: Noise, at: Linearised, stated: Noise) -> tuple[Noise, float]:
+    """White noise as the residuals show it, and the largest change as a factor - 1.
+
+    From their 90 % quantile, which a few outliers do not move; within `FACTORS` of what the sensors are stated to have.
+    """
+    white = tuple(
+        _bounded(now, at.residuals[..., c], said)
+        for c, (now, said) in enumerate(zip(noise.white, stated.white, strict=True))
+    )
+    fix = _bounded(noise.fix_m, at.fix_residuals, stated.fix_m)
+    change = np.array([*white, fix]) / np.array([*noise.white, noise.fix_m]) - 1
+    psi, r, ax, ay = white
+    return replace(noise, white=(psi, r, ax, ay), fix_m=fix), float(np.abs(change).max())
+
+
+def _bounded(sigma: float, whitened: np.ndarray, stated: float) -> float:
+    known = np.abs(whitened[np.isfinite(whitened)])
+    if not len(known):
+        return sigma
+    return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, FACTORS[0] * stated, FACTORS[1] * stated))
 
 
 def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
@@ -195,8 +209,9 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
         say(f"step {count}: {promised:.2f} nats", min(1.0, count / 12))
         if count < len(SLACK):
             fit.noise = replace(fit.noise, slack=SLACK[count])
-        elif settled and (not moved or promised < 0.5):
-            break
+        elif settled:
+            if not moved or promised < ENOUGH:
+                break
         elif promised < READY * fit.windows.samples() or not moved:
             fit.noise, settled = _retuned(fit, point)
             point = fit.point(point.w, point.z)
@@ -205,7 +220,7 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
 
 def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
     """Noise after a look at the residuals and the evidence; True when it hardly changed."""
-    noise, change = rescaled(fit.noise, point.at)
+    noise, change = rescaled(fit.noise, point.at, fit.stated)
     if fit.settings.latent:
         before = np.array(noise.latent)
         noise = fit.tune_latent(point, noise)

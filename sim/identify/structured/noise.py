@@ -10,7 +10,7 @@ force it would favour light boats, for which the same force explains more.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,11 +37,6 @@ class Noise:
     latent: tuple[float, float, float] = (0.0, 0.0, 0.0)
     latent_time_s: float = 5.0
     slack: float = 1.0  # times TIE_SIGMA
-
-    def scaled(self, white: np.ndarray, fix: float) -> Noise:
-        """White sigmas times factors."""
-        psi, r, ax, ay = (float(s * k) for s, k in zip(self.white, white, strict=True))
-        return replace(self, white=(psi, r, ax, ay), fix_m=self.fix_m * fix)
 
     def node_start(self) -> np.ndarray:
         """Sigma of a node that opens a run, shape (L,)."""

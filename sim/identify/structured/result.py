@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
-from sim.identify.structured.fit import Fit, Point, Say, Settings, solve
+from sim.identify.structured.fit import WINDOWS_S, Fit, Point, Say, Settings, solve
 from sim.identify.structured.parameters import unit_of
 
 Z95 = 1.959964
+COLOURED = 0.2  # lag-1 correlation of whitened residuals beyond which something within a window is not described
 UNDETERMINED = 0.7  # posterior over prior sigma: at more, half of what is known was known before
 CHANNEL_NAMES = ("psi", "r", "ax", "ay")
 
@@ -48,9 +50,11 @@ class Channel(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FitResult(msgspec.Struct, frozen=True, kw_only=True):
-    """`latent`: sigma of what the model leaves unexplained of u_dot, v_dot [m/s^2], r_dot [rad/s^2]; `latent_share`:
+    """What `fit_structured` found.
 
-    of the commands' rms, 1e-3 where there is nothing.
+    `covariance` (P, P) of the parameters in their order. `latent`: sigma of what the model leaves unexplained of u_dot,
+    v_dot [m/s^2], r_dot [rad/s^2]; `latent_share`: of the commands' rms, 1e-3 where there is nothing. `white`: no
+    channel's residuals hang together; where they do, intervals are too narrow. `fixes`: position samples.
     """
 
     parameters: tuple[Estimate, ...]
@@ -59,9 +63,12 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
     channels: tuple[Channel, ...]
     latent: tuple[float, float, float]
     latent_share: tuple[float, float, float]
+    window_s: float
+    white: bool
     samples: int
     fixes: int
     iterations: int
+    converged: bool
     seconds: float
     data_hashes: tuple[str, ...]
     vessel: str
@@ -86,13 +93,22 @@ def fit_structured(
 
     `say(text, share)` hears of progress.
     """
-    began = time.perf_counter()
-    fit = Fit(runs, vessel, settings or Settings())
+    began, settings = time.perf_counter(), settings or Settings()
+    first, *finer = (settings.window_s,) if settings.window_s else WINDOWS_S
+    found = _fit_once(runs, vessel, replace(settings, window_s=first), say)
+    for window_s in finer:
+        if not found.white:
+            found = _fit_once(runs, vessel, replace(settings, window_s=window_s), say)
+    return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
+
+
+def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: Settings, say: Say) -> FitResult:
+    fit = Fit(runs, vessel, settings)
     point, iterations = solve(fit, say)
-    return summary(fit, point, iterations, time.perf_counter() - began, runs)
+    return summary(fit, point, iterations, runs)
 
 
-def summary(fit: Fit, point: Point, iterations: int, seconds: float, runs: Sequence[Run]) -> FitResult:
+def summary(fit: Fit, point: Point, iterations: int, runs: Sequence[Run]) -> FitResult:
     """Values and intervals at a converged point."""
     parameters = fit.parameters
     D = fit.assemble(point, fit.noise)[0].solve()[2]
@@ -102,6 +118,7 @@ def summary(fit: Fit, point: Point, iterations: int, seconds: float, runs: Seque
     _, spread = parameters.prior
     share = np.sqrt(np.diag(C_w)) / spread
     positive = parameters.is_positive()
+    channels = _channels(fit, point)
     estimates = []
     for i, name in enumerate(parameters.names):
         se = float(np.sqrt(C_q[i, i]))
@@ -120,13 +137,16 @@ def summary(fit: Fit, point: Point, iterations: int, seconds: float, runs: Seque
         parameters=tuple(estimates),
         covariance=tuple(tuple(map(float, row)) for row in C_q),
         directions=_directions(C_w, spread, parameters.names),
-        channels=_channels(fit, point),
+        channels=channels,
         latent=fit.noise.latent,
         latent_share=_triple(np.array(fit.noise.latent) / fit.command_rms),
+        window_s=fit.settings.window_s or 0.0,
+        white=all(abs(c.lag1) < COLOURED + 2 / np.sqrt(c.count) for c in channels),
         samples=fit.windows.samples(),
         fixes=len(fit.windows.fixes.t_s),
         iterations=iterations,
-        seconds=seconds,
+        seconds=0.0,
+        converged=iterations < fit.settings.iterations,
         data_hashes=tuple(run.data_hash for run in runs),
         vessel=parameters.vessel.name,
     )

@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
+NAME ?= main-job
 
 .PHONY: demo test long check evidence lock clean
 
@@ -20,7 +21,7 @@ check: $(VENV)/installed
 	scripts/check
 
 evidence: $(VENV)/installed
-	$(BIN)/python scripts/evidence main-job
+	$(BIN)/python scripts/evidence $(NAME)
 
 $(VENV)/installed: requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "aritra needs Python 3.11 or newer: make PYTHON=python3.12")'

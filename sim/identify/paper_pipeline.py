@@ -18,7 +18,7 @@ from companion.core.abkowitz import KGF_N
 from companion.core.estimation.kinematic import KinematicData, KinematicNoise, kinematic_filter
 from companion.core.vessel_file import VesselFile
 from sim.identify.differences import derivative
-from sim.identify.forces import body_forces
+from sim.identify.forces import body_forces, settings_at
 from sim.identify.lanczos import CUTOFF_HZ, HALF_WIDTH_S, lanczos_filter
 from sim.identify.regression import Samples
 from sim.identify.run import Run
@@ -78,12 +78,12 @@ def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:
         raise ValueError(f"{run.meta.source}: thrusters {run.thrusters}, but {vessel.name} has {names}")
     pwm, volts = held(run, t_s)
     volts = np.where(np.isnan(volts), vessel.propulsion.nominal_voltage_V, volts)
-    return body_forces(vessel, pwm, volts) / KGF_N
+    return body_forces(vessel, pwm, volts, settings_at(run, t_s)) / KGF_N
 
 
 def _kinematic_data(run: Run, noise: SmootherNoise) -> tuple[KinematicData, float]:
     """The run on the filter's grid, at the body origin; and how many IMU samples stand behind one instant."""
-    t = run.table["t_s"].to_numpy()
+    t = run.measured_s()
     grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
     t_psi, psi = run.samples("psi_rad")
     heading = np.interp(grid, t_psi, np.unwrap(psi))

@@ -95,6 +95,11 @@ class Run:
             digest.update(column.fill_null(0.0).to_numpy().astype("<f8").tobytes())
         return digest.hexdigest()
 
+    def measured_s(self) -> np.ndarray:
+        """Stamps of the rows in which anything sampled is known, shape (k,) [s]."""
+        sampled = [c for c in self.table.columns if c != "t_s" and not c.startswith(HELD)]
+        return self.table.filter(pl.any_horizontal(pl.col(sampled).is_not_null()))["t_s"].to_numpy()
+
     def samples(self, *columns: str) -> tuple[np.ndarray, np.ndarray]:
         """Stamps (n,) [s] and values of the rows in which all `columns` are known: (n,), or (n, k) for k > 1."""
         known = self.table.select("t_s", *columns).drop_nulls()

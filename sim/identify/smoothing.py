@@ -91,8 +91,8 @@ class Smoothed:
 
 
 def smooth(run: Run, noise: SmootherNoise, rate_hz: float = RATE_HZ) -> Smoothed:
-    """The run's motion on a grid of `rate_hz` from its first row on. ValueError without heading or position."""
-    t = run.table["t_s"].to_numpy()
+    """The run's motion on a grid of `rate_hz` from its first measurement on. ValueError without heading or position."""
+    t = run.measured_s()
     grid = t[0] + np.arange(int((t[-1] - t[0]) * rate_hz + 1e-9) + 1) / rate_hz
     yaw, P_yaw = _smooth_yaw(run, noise, grid)
     plane, P_plane = _smooth_plane(run, noise, grid, yaw)

@@ -175,7 +175,7 @@ def _sense(
         fix = uwb.fix(uwb.measure(plant.motion))
         if fix is not None:
             east, north, _ = fix
-            log.at(t_ns + uwb.latency_ns, north_m=north, east_m=east)
+            log.at(uwb.arrival_ns(t_ns), north_m=north, east_m=east)
 
 
 def _truth(motion: Motion) -> dict[str, float]:

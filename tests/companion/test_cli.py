@@ -32,6 +32,7 @@ def exit_code(argv):
         (["run"], ["--config", "--mission", "--mavlink", "--uwb", "--log", "--start", "--end-after", "Exit code"]),
         (["sim"], ["--udp-to", "--tcp", "--uwb", "--truth", "--seed", "--dropout"]),
         (["replay"], ["LOG", "Exit code"]),
+        (["identify"], ["LOG", "--vessel", "--out", "--held-out", "--block", "--no-taylor", "--peer", "Exit code"]),
         (["log"], ["info", "plot", "recover"]),
         (["log", "info"], ["--json", "LOG"]),
         (["log", "plot"], ["--truth", "--output"]),

@@ -15,7 +15,7 @@ from sim.identify.validation.windows import Windows
 
 @dataclass(frozen=True)
 class Departure:
-    """One model on m runs, after `t_s` (k,) = 1, 2 .. s.
+    """One model on m runs, after `t_s` (k,) = 1, 2 .. s, as far as any run reaches.
 
     `diverged` (k,): share gone by then; `first_s` (m,): when each went, inf: never.
     `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
@@ -29,20 +29,23 @@ class Departure:
     position_m: np.ndarray
 
 
-def departure(model: Simulator, windows: Windows, box: Box) -> Departure:
-    """`box`: speeds that the training logs held; a run that leaves three times that, or is not finite, has diverged."""
-    states = simulated(model, windows)
+def departure(name: str, states: np.ndarray, windows: Windows, box: Box) -> Departure:
+    """Of a model's `states` (m, k, 6) on the windows.
+
+    `box`: speeds that the training logs held; a run that leaves three times that, or is not finite, has diverged.
+    """
     gone = np.maximum.accumulate(box.left(states[..., 3:]), axis=1)
     first = np.where(gone.any(axis=1), gone.argmax(axis=1) / RATE_HZ, np.inf)
     at = np.arange(round(RATE_HZ), states.shape[1], round(RATE_HZ))
+    at = at[np.isfinite(windows.truth[:, at, 0]).any(axis=0)]
     distance = errors(states, windows.truth)[:, at, 0]
     quantiles = np.array([np.nanquantile(d, (0.1, 0.5, 0.9), method="nearest") for d in distance.T])
-    return Departure(model.name, len(states), at / RATE_HZ, gone[:, at].mean(axis=0), first, quantiles)
+    return Departure(name, len(states), at / RATE_HZ, gone[:, at].mean(axis=0), first, quantiles)
 
 
 def divergence_study(models: Sequence[Simulator], windows: Windows, box: Box) -> list[Departure]:
     """Each model on the same unseen runs."""
-    return [departure(model, windows, box) for model in models]
+    return [departure(model.name, simulated(model, windows), windows, box) for model in models]
 
 
 def divergence_table(found: Sequence[Departure], horizons_s: Sequence[int] = (1, 5, 10, 20, 30, 60)) -> str:

@@ -29,25 +29,27 @@ def colours(names: Sequence[str]) -> dict[str, str]:
     return out | dict(zip(BASELINE_NAMES, GREYS, strict=True))
 
 
-def training_log(run: Run, paper: PaperMotion, smoothed: Smoothed, seconds: float = 120.0) -> Figure:
-    """Figures 5 and 6: a free-running track, and speeds before and after the Lanczos filter."""
+def training_log(run: Run, paper: PaperMotion | None, smoothed: Smoothed, seconds: float = 120.0) -> Figure:
+    """Figures 5 and 6: a free-running track, and speeds before and after the Lanczos filter (None: smoothed only)."""
     figure = Figure(figsize=(11, 5.2), layout="constrained")
     spec = figure.add_gridspec(3, 2, width_ratios=(1, 1.4))
     plan = figure.add_subplot(spec[:, 0])
-    t0 = paper.t_s[0]
+    t0 = smoothed.t_s[0]
+    span_s = min(seconds, smoothed.t_s[-1] - t0)
     t_p, place = run.samples("north_m", "east_m")
     early = t_p <= t0 + seconds
-    plan.plot(place[early, 1], place[early, 0], ".", color="#bbbbbb", ms=4, label="UWB, at the tag")
+    plan.plot(place[early, 1], place[early, 0], ".", color="#bbbbbb", ms=4, label="measured positions, at the tag")
     part = smoothed.t_s <= t0 + seconds
     plan.plot(smoothed.eta[part, 1], smoothed.eta[part, 0], color=COLOURS[0], lw=1.3, label="smoothed, body origin")
-    plan.set(xlabel="east [m]", ylabel="north [m]", title=f"Track, first {seconds:.0f} s (as Figure 5)")
+    plan.set(xlabel="east [m]", ylabel="north [m]", title=f"Track of {span_s:.0f} s (as Figure 5)")
     plan.set_aspect("equal", adjustable="datalim")
     plan.legend(fontsize=8)
-    part = paper.t_s <= t0 + seconds
     for i, label in enumerate(SPEED_LABELS):
         ax = figure.add_subplot(spec[i, 1])
-        ax.plot(paper.t_s[part], paper.nu_raw[part, i], color="#bbbbbb", lw=2.4, label="Kalman filter")
-        ax.plot(paper.t_s[part], paper.nu[part, i], color=COLOURS[1], lw=1.1, label="after Lanczos")
+        if paper is not None:
+            early = paper.t_s <= t0 + seconds
+            ax.plot(paper.t_s[early], paper.nu_raw[early, i], color="#bbbbbb", lw=2.4, label="Kalman filter")
+            ax.plot(paper.t_s[early], paper.nu[early, i], color=COLOURS[1], lw=1.1, label="after Lanczos")
         ax.plot(smoothed.t_s[part], smoothed.nu[part, i], color=COLOURS[0], lw=1.1, label="RTS smoother")
         ax.set_ylabel(label, fontsize=8)
         if i == 0:

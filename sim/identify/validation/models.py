@@ -47,7 +47,11 @@ class VesselSimulator:
         m, b, n = commands.before_us.shape
         pwm = np.concatenate([commands.before_us, commands.pwm_us], axis=1)
         volts = np.concatenate([np.repeat(commands.battery_v[:, :1], b, axis=1), commands.battery_v], axis=1)
-        forces = thruster_forces(self.vessel, pwm.reshape(-1, n), volts.ravel()).reshape(m, -1, n)
+        settings = {
+            name: np.concatenate([np.repeat(values[:, :1], b, axis=1), values], axis=1).ravel()
+            for name, values in commands.settings.items()
+        }
+        forces = thruster_forces(self.vessel, pwm.reshape(-1, n), volts.ravel(), settings).reshape(m, -1, n)
         late = min(round(self.vessel.propulsion.dead_time_s / STEP_S), b)
         keep = math.exp(-STEP_S / self.vessel.propulsion.lag_s)
         f = forces[:, 0]
@@ -67,7 +71,8 @@ class TaylorSimulator:
     def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
         """As `Simulator`."""
         m, k, n = commands.pwm_us.shape
-        f = thruster_forces(self.vessel, commands.pwm_us.reshape(-1, n), commands.battery_v.ravel())
+        settings = {name: values.ravel() for name, values in commands.settings.items()}
+        f = thruster_forces(self.vessel, commands.pwm_us.reshape(-1, n), commands.battery_v.ravel(), settings)
         t_kgf = (f @ configuration_matrix(self.vessel).T / KGF_N).reshape(m, k, 3)
         return simulate_taylor(self.coefficients, x0, t_kgf, STEP_S, substeps=1)
 

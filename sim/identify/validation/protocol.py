@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -19,12 +20,13 @@ class Commands:
     """What m windows of k steps were told, each held over its step of `STEP_S`.
 
     `pwm_us` (m, k, n), thrusters in the vessel file's order; `battery_v` (m, k); `before_us` (m, b, n): the steps just
-    before the window, oldest first, for dead time and lag.
+    before the window, oldest first, for dead time and lag. `settings`: by name, (m, k); what is not there is nominal.
     """
 
     pwm_us: np.ndarray
     battery_v: np.ndarray
     before_us: np.ndarray
+    settings: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 class Simulator(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,22 +55,29 @@ def validate(
     horizon_s: float = 60.0,
     stride_s: float = 5.0,
     seed: int = 0,
+    say: Callable[[str, float], None] = lambda _text, _share: None,
 ) -> Validation:
     """Score `models` and both baselines. `box`: speeds in the training data (None: those of the held-out runs).
 
+    `say(text, share)` hears of progress.
     ValueError where a run is too short for a window, or where two models share a name.
     """
     everyone = [*models, *BASELINES]
     if len({model.name for model in everyone}) < len(everyone):
         raise ValueError("every model needs a name of its own")
     volts = vessel.propulsion.nominal_voltage_V
+    say("what the boat did", 0.0)
     references = tuple(reference(part.run, noise) for part in held_out)
     pairs = list(zip(held_out, references, strict=True))
     cuts = [cut(p.run, ref, volts, horizon_s=horizon_s, stride_s=stride_s, inside=p.inside) for p, ref in pairs]
     seconds = [cut(p.run, ref, volts, horizon_s=1.0, stride_s=1.0, shortest_s=1.0, inside=p.inside) for p, ref in pairs]
     windows, second_windows = joined(cuts), joined(seconds)
     box = box or Box.of(windows.truth[..., 3:])
-    scored = [score(model, windows, box, second_windows) for model in everyone]
+    scored, stabilities = [], []
+    for i, model in enumerate(everyone):
+        say(model.name, 0.2 + 0.8 * i / len(everyone))
+        scored.append(score(model, windows, box, second_windows))
+        stabilities.append(stability(model, vessel, box, seed))
     return Validation(
         vessel=vessel.name,
         held_out=tuple(held_out),
@@ -78,6 +85,6 @@ def validate(
         windows=windows,
         box=box,
         scores=tuple(one for one, _ in scored),
-        stabilities=tuple(stability(model, vessel, box, seed) for model in everyone),
+        stabilities=tuple(stabilities),
         states=tuple(states for _, states in scored),
     )

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.identify.smoothing import RATE_HZ
 from sim.identify.validation.protocol import CHANNELS, UNITS
 from sim.identify.validation.scores import LAGS, SCORE_S, SPEEDS, Score, best_baseline
 from sim.identify.validation.study import BASELINE_NAMES, Validation
 
 SHOWN_S = (5, 10, 20, 30, 60)
+Row = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -46,26 +48,50 @@ def _cell(text: str) -> str:
 
 def table(found: Validation) -> Table:
     """Every figure of every model. The smallest error of a row is bold; gone: not finite."""
-    scores = found.scores
+    rows = (*error_rows(found.scores), *other_rows(found.scores), *white_rows(found.scores), *stability_rows(found))
+    return Table(("figure", *(s.name for s in found.scores)), rows)
+
+
+def error_rows(scores: Sequence[Score], horizons_s: Sequence[int] = SHOWN_S) -> list[Row]:
+    """Rms error of each channel at each horizon."""
     rows = []
     for channel in CHANNELS:
-        for h in (h for h in SHOWN_S if h in scores[0].horizons_s):
+        for h in (h for h in horizons_s if h in scores[0].horizons_s):
             values = [s.rms[channel][s.horizons_s.index(h)] for s in scores]
             rows.append((f"{channel}, rms error after {h} s [{UNITS[channel]}]", *_bold_least(values)))
+    return rows
+
+
+def other_rows(scores: Sequence[Score]) -> list[Row]:
+    """Medians of the position error, which a few runs that are gone do not spoil; NRMSE and R2 of speeds."""
+    rows = []
     for h in (h for h in SHOWN_S if h in scores[0].horizons_s):
         values = [s.median["position"][s.horizons_s.index(h)] for s in scores]
         rows.append((f"position, median error after {h} s [m]", *_bold_least(values)))
     for name in SPEEDS:
         rows.append((f"{name}, NRMSE over {SCORE_S} s", *(_number(s.nrmse[name]) for s in scores)))
-        rows.append((f"{name}, R2 over {SCORE_S} s", *(f"{s.r2[name]:.3f}" for s in scores)))
+        rows.append((f"{name}, R2 over {SCORE_S} s", *(_r2(s.r2[name]) for s in scores)))
+    return rows
+
+
+def white_rows(scores: Sequence[Score]) -> list[Row]:
+    """Ljung-Box test of the errors after 1 s."""
+    rows = []
     for name in SPEEDS:
         cells = [f"{_p(s.white[name].p)} ({s.white[name].lag1:+.2f})" for s in scores]
         rows.append((f"{name}, 1 s residuals: Ljung-Box p of {LAGS} lags (lag 1)", *cells))
-    rows.append(("runs diverged by the end", *(f"{100 * s.diverged[-1]:.0f} %" for s in scores)))
-    rows.append(("random thrust: runs that diverge", *(f"{100 * s.driven_diverged:.0f} %" for s in found.stabilities)))
-    rows.append(("no thrust: runs that diverge", *(f"{100 * s.free_diverged:.0f} %" for s in found.stabilities)))
-    rows.append(("no thrust: runs that come to rest", *(f"{100 * s.free_at_rest:.0f} %" for s in found.stabilities)))
-    return Table(("figure", *(s.name for s in scores)), tuple(rows))
+    return rows
+
+
+def stability_rows(found: Validation) -> list[Row]:
+    """What share of runs diverges or comes to rest."""
+    stable = found.stabilities
+    return [
+        ("runs diverged by the end", *(f"{100 * s.diverged[-1]:.0f} %" for s in found.scores)),
+        ("random thrust: runs that diverge", *(f"{100 * s.driven_diverged:.0f} %" for s in stable)),
+        ("no thrust: runs that diverge", *(f"{100 * s.free_diverged:.0f} %" for s in stable)),
+        ("no thrust: runs that come to rest", *(f"{100 * s.free_at_rest:.0f} %" for s in stable)),
+    ]
 
 
 def _bold_least(values: Sequence[float]) -> list[str]:
@@ -77,6 +103,10 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) and value < 1e4 else "gone"
 
 
+def _r2(value: float) -> str:
+    return f"{value:.3f}" if value > -1e3 else "gone"
+
+
 def _p(p: float) -> str:
     return f"{p:.2f}" if p >= 0.01 else "< 0.01"
 
@@ -86,10 +116,15 @@ def sentences(found: Validation) -> list[str]:
     models = [s for s in found.scores if s.name not in BASELINE_NAMES]
     w = found.windows
     whole = "; ".join(sorted({ref.source for ref in found.references}))
-    seconds = sum(float(ref.t_s[-1] - ref.t_s[0]) for ref in found.references)
+    spans = [
+        high - low
+        for part, ref in zip(found.held_out, found.references, strict=True)
+        for low, high in part.inside or [(float(ref.t_s[0]), float(ref.t_s[-1]))]
+    ]
+    longest_s = (np.isfinite(w.truth[..., 0]).sum(axis=1).max() - 1) / RATE_HZ
     lines = [
-        f"{len(w.x0)} open-loop runs of up to {w.horizon_s:.0f} s, cut from {len(found.held_out)} held-out "
-        f"log{'s' * (len(found.held_out) > 1)} of {seconds:.0f} s in all, were simulated from the measured state with "
+        f"{len(w.x0)} open-loop runs of up to {longest_s:.0f} s, cut from {sum(spans):.0f} s of {len(found.held_out)} "
+        f"log{'s' * (len(found.held_out) > 1)} that no fit has seen, were simulated from the measured state with "
         f"the measured commands. Compared with {whole}."
     ]
     for h in (h for h in (10, 30) if h in found.scores[0].horizons_s):
@@ -117,14 +152,20 @@ def sentences(found: Validation) -> list[str]:
     return lines
 
 
-def _against_baselines(s: Score, scores: Sequence[Score]) -> str:
-    lost = [
+def lost_to_baselines(s: Score, scores: Sequence[Score], horizons_s: Sequence[int] = (10, 20)) -> list[str]:
+    """Channels and horizons in which a model is no better than the better baseline."""
+    return [
         f"{channel} at {h} s"
-        for h in (10, 20)
+        for h in horizons_s
         if h in s.horizons_s
         for channel in CHANNELS
-        if s.rms[channel][s.horizons_s.index(h)] >= best_baseline(scores, BASELINE_NAMES, channel, h)
+        if not s.rms[channel][s.horizons_s.index(h)] < best_baseline(scores, BASELINE_NAMES, channel, h)
     ]
+
+
+def _against_baselines(s: Score, scores: Sequence[Score]) -> str:
+    lost = lost_to_baselines(s, scores)
     if not lost:
-        return f"{s.name} beats both baselines in every channel at 10 and 20 s."
+        at = " and ".join(str(h) for h in (10, 20) if h in s.horizons_s)
+        return f"{s.name} beats both baselines in every channel at {at} s."
     return f"{s.name} does not beat the better baseline in: {', '.join(lost)}."

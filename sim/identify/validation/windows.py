@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.identify.forces import settings_at
 from sim.identify.paper_pipeline import held
 from sim.identify.run import Run
 from sim.identify.smoothing import RATE_HZ, SmootherNoise, smooth
@@ -102,7 +103,8 @@ def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Co
     pwm, volts = held(run, t.ravel())
     pwm = pwm.reshape(*t.shape, -1)
     volts = np.where(np.isnan(volts), nominal_v, volts).reshape(t.shape)
-    return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before])
+    settings = settings_at(run, t[:, before:])
+    return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before], settings)
 
 
 def joined(parts: Sequence[Windows]) -> Windows:
@@ -114,6 +116,17 @@ def joined(parts: Sequence[Windows]) -> Windows:
             np.concatenate([p.commands.pwm_us for p in parts]),
             np.concatenate([p.commands.battery_v for p in parts]),
             np.concatenate([p.commands.before_us for p in parts]),
+            _joined_settings([p.commands for p in parts]),
         ),
         np.concatenate([p.start_s for p in parts]),
     )
+
+
+def _joined_settings(parts: Sequence[Commands]) -> dict[str, np.ndarray]:
+    """Settings that any part has; NaN (nominal) in the others."""
+    names = sorted({name for part in parts for name in part.settings})
+    blank = [np.full(part.battery_v.shape, np.nan) for part in parts]
+    return {
+        name: np.concatenate([part.settings.get(name, none) for part, none in zip(parts, blank, strict=True)])
+        for name in names
+    }

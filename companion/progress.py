@@ -7,6 +7,7 @@ from typing import TextIO
 
 from companion.core.messages import (
     Alert,
+    ExcitationStatus,
     GuidanceReference,
     LoopTiming,
     Message,
@@ -28,6 +29,7 @@ class Progress:
         self._next_ns = self._start_ns = 0
         self._estimate: StateEstimate | None = None
         self._reference: GuidanceReference | None = None
+        self._excitation: ExcitationStatus | None = None
         self._lease: OverrideLease | None = None
         self._lateness_ms = 0.0
 
@@ -39,6 +41,8 @@ class Progress:
             self._estimate = message
         elif isinstance(message, GuidanceReference):
             self._reference = message
+        elif isinstance(message, ExcitationStatus):
+            self._excitation = message
         elif isinstance(message, LoopTiming):
             self._lateness_ms = max(self._lateness_ms, message.lateness_ms)
         elif isinstance(message, OverrideLease):
@@ -58,7 +62,9 @@ class Progress:
         e, g = self._estimate, self._reference
         where = f"N {e.north_m:6.2f} E {e.east_m:6.2f} m  u {e.u_m_s:5.2f} m/s" if e else "no estimate"
         what = lease.reason if lease.source == "neutral" else ""
-        if not what and g:
+        if lease.source == "excitation" and (x := self._excitation):
+            what = f"{x.phase}  segment {min(x.segment + 1, x.segments)}/{x.segments} {x.name} {x.elapsed_s:.1f} s"
+        elif not what and g:
             what = f"{g.phase}  waypoint {g.waypoints_passed}/{self._waypoints}  y_e {g.y_e_m:+.2f} m"
         text = f"{seconds:6.1f} s  {where}  {what}  [{lease.source}, late <= {self._lateness_ms:.1f} ms]"
         if self._live:

@@ -10,6 +10,8 @@ import numpy as np
 
 import deploy
 from companion.core.config import ConfigError, digest
+from companion.core.excitation.file import load_excitation
+from companion.core.excitation.flight import Flight
 from companion.core.frames import Origin
 from companion.core.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.pilot import PilotSettings
@@ -33,7 +35,7 @@ UNFIT_CHANNELS = {
 
 @dataclass(frozen=True)
 class Setup:
-    """One run. `files`: the texts that it was made from: run.toml, vessel.toml, site.toml, mission.*."""
+    """One run. `files`: the texts it was made from: run.toml, vessel.toml, site.toml, mission.*, excitation.toml."""
 
     run: RunFile
     pilot: PilotSettings
@@ -45,12 +47,14 @@ class Setup:
         return digest("".join(self.files[name] for name in sorted(self.files)))
 
 
-def load_setup(path: Path, *, mission: Path | None = None) -> Setup:
-    """Read a run file and what it names (relative to itself). Raises ConfigError."""
+def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | None = None) -> Setup:
+    """Read a run file and what it names (relative to itself); `mission`, `excitation` instead. Raises ConfigError."""
     run = load_run(_read(path), name=str(path))
     paths = {"vessel.toml": path.parent / run.vessel, "site.toml": path.parent / run.site}
     plan = mission or path.parent / run.mission
     paths[f"mission{plan.suffix}"] = plan
+    if excitation or run.excitation:
+        paths["excitation.toml"] = excitation or path.parent / (run.excitation or "")
     texts = {"run.toml": _read(path), **{role: _read(p) for role, p in paths.items()}}
     return setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
 
@@ -64,7 +68,11 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
     mission = _mission(texts[role], names[role], site)
     for problem in _problems(run, vessel, names):
         raise ConfigError(problem)
-    return Setup(run, PilotSettings(vessel, site, mission, run.control), texts)
+    excitation = None
+    if role := next((role for role in texts if role == "excitation.toml"), None):
+        excitation = load_excitation(texts[role], name=names[role])
+        Flight(excitation, vessel, site, name=names[role])  # says what does not fit
+    return Setup(run, PilotSettings(vessel, site, mission, run.control, excitation=excitation), texts)
 
 
 def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Iterator[str]:

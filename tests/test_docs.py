@@ -10,6 +10,7 @@ import pytest
 
 from companion.__main__ import parser
 from companion.core import run_file, site, vessel_file
+from companion.core.excitation import file as excitation_file
 from companion.core.terms import REGISTRY
 from companion.log_schema import KINDS
 from drivers.uwb import CODECS
@@ -35,7 +36,7 @@ def keys(module) -> set[str]:
 
 @pytest.mark.parametrize(
     ("module", "page"),
-    [(vessel_file, "vessel-file.md"), (run_file, "run-file.md"), (site, "run-file.md")],
+    [(vessel_file, "vessel-file.md"), (run_file, "run-file.md"), (site, "run-file.md"), (excitation_file, "excite.md")],
 )
 def test_every_key_is_in_its_reference(module, page):
     assert len(keys(module)) > 5

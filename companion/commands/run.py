@@ -16,7 +16,7 @@ from pathlib import Path
 from companion.app import App
 from companion.clock import BoatClock
 from companion.core.config import ConfigError
-from companion.core.messages import GuidanceReference, Message, OperatorCommand
+from companion.core.messages import ExcitationStatus, GuidanceReference, Message, OperatorCommand
 from companion.core.nmpc import Actuation, Nmpc
 from companion.core.pilot import Pilot
 from companion.core.vessel import StructuredModel
@@ -29,6 +29,8 @@ from drivers.port import Port
 from drivers.port_url import PortUrlError, open_port_from_url
 from drivers.uwb import uwb_codec
 
+RUN_FILES = Path()
+"""`--excite` without a file."""
 PRIORITY = -10
 """Nice value asked for: the control loop goes before a ground station or a build on the same machine; assumed."""
 GIL_S = 0.0001
@@ -48,14 +50,25 @@ def add_parser(commands) -> None:
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
     p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap here)")
-    p.add_argument("--start", action="store_true", help="begin the mission by itself, without an operator")
-    p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after the mission is done")
+    p.add_argument(
+        "--excite",
+        nargs="?",
+        type=Path,
+        const=RUN_FILES,
+        metavar="FILE",
+        help="fly an excitation instead of the mission: FILE, or without one the run file's",
+    )
+    p.add_argument("--start", action="store_true", help="begin by itself, without an operator")
+    p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after mission or excitation is done")
     p.set_defaults(function=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run until interrupted or done; the exit code."""
-    setup = load_setup(args.config, mission=args.mission)
+    excitation = None if args.excite == RUN_FILES else args.excite
+    setup = load_setup(args.config, mission=args.mission, excitation=excitation)
+    if args.excite and setup.pilot.excitation is None:
+        raise ConfigError(f"{args.config}: excitation: missing key: --excite needs one, or a FILE")
     mavlink = _port(args, "mavlink", setup.run.mavlink.url)
     uwb = _port(args, "uwb", setup.run.uwb.url)
     log = args.log or Path(time.strftime("aritra-%Y%m%d-%H%M%S.mcap"))
@@ -116,7 +129,7 @@ async def _drive(setup: Setup, mavlink: Port, uwb: Port, recorder: Recorder, arg
         with contextlib.suppress(NotImplementedError):
             loop.add_signal_handler(number, app.stop)
     if args.start:
-        app.command(OperatorCommand(t_ns=clock.now_ns(), command="start"))
+        app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"))
     _hurry()
     gc.collect()
     gc.freeze()  # what has been built so far stays: later collections need not look at it
@@ -135,16 +148,15 @@ def _hurry() -> None:
 
 
 class _Finish:
-    """True once the mission has been done for the stated time."""
+    """True once mission or excitation has been done for the stated time."""
 
     def __init__(self, after_s: float | None):
         self._after_s = after_s
         self._done_ns: int | None = None
 
     def see(self, message: Message) -> bool:
-        if self._after_s is None or not isinstance(message, GuidanceReference):
+        if self._after_s is None:
             return False
-        if message.phase != "done":
-            return False
-        self._done_ns = self._done_ns or message.t_ns
-        return message.t_ns - self._done_ns >= self._after_s * 1e9
+        if isinstance(message, GuidanceReference | ExcitationStatus):
+            self._done_ns = (self._done_ns or message.t_ns) if message.phase in ("done", "failed") else None
+        return self._done_ns is not None and message.t_ns - self._done_ns >= self._after_s * 1e9

@@ -13,7 +13,7 @@ from pathlib import Path
 from companion.core.config import ConfigError
 from companion.log_metadata import log_metadata
 from companion.recorder import Recorder
-from companion.setup import EXAMPLES, load_setup
+from companion.setup import EXAMPLES, Setup, load_setup
 
 
 def add_parser(commands) -> None:
@@ -56,18 +56,16 @@ def world_arguments(args: argparse.Namespace) -> list[str]:
     return words
 
 
-def sim(args: argparse.Namespace) -> int:
-    """Run until interrupted; the exit code."""
+def world_setup(args: argparse.Namespace, setup: Setup):
+    """The world that the command line asks for, with the run file's boat and site."""
     import numpy as np  # noqa: PLC0415  (the command line imports the simulator only when it is asked for)
 
     from sim.world.environment import Weather  # noqa: PLC0415
-    from sim.world.loopback import Wires, serve  # noqa: PLC0415
     from sim.world.sensors import UwbFaults  # noqa: PLC0415
     from sim.world.world import WorldSetup  # noqa: PLC0415
 
-    setup = load_setup(args.config)
     north, east, heading = args.start
-    world = WorldSetup(
+    return WorldSetup(
         setup.pilot.vessel,
         setup.pilot.site,
         start=(north, east, float(np.deg2rad(heading))),
@@ -82,6 +80,14 @@ def sim(args: argparse.Namespace) -> int:
         mismatch=args.mismatch,
         faults=UwbFaults(dropout=args.dropout, nlos=args.nlos),
     )
+
+
+def sim(args: argparse.Namespace) -> int:
+    """Run until interrupted; the exit code."""
+    from sim.world.loopback import Wires, serve  # noqa: PLC0415  (imports the simulator only when it is asked for)
+
+    setup = load_setup(args.config)
+    world = world_setup(args, setup)
     wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
     with contextlib.ExitStack() as stack:
         record = lambda message: None  # noqa: E731

@@ -91,6 +91,13 @@ class AbkowitzModel:
     B: np.ndarray
     lag_s: float
     coefficients: np.ndarray = field(default_factory=C.copy)
+    slew_N_s: float | None = None
+    is_linear_in_f: bool = field(default=True, init=False)
+
+    def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
+        """tau = B f, shape (3,) [N, N, N m]."""
+        del eta, nu
+        return ca.mtimes(ca.DM(self.B), f)
 
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration, shape (3,) [m/s^2, m/s^2, rad/s^2], from tau in N, N, N m."""

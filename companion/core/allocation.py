@@ -11,19 +11,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from companion.core.thrusters import configuration_matrix, pwm_from_force
+from companion.core.thrusters import configuration_matrix, force_limits, pwm_from_force
 from companion.core.vessel_file import VesselFile
 
 _PRIORITY = np.array([30.0, 1.0, 900.0])  # X, Y, N: yaw before surge before sway
 _EFFORT = 1e-2  # sqrt(eps): small beside the least weight, so that effort never buys force
-
-
-def force_limits(vessel: VesselFile) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper force of each thruster [N], shapes (n,)."""
-    return (
-        np.array([t.force_min_N for t in vessel.thrusters]),
-        np.array([t.force_max_N for t in vessel.thrusters]),
-    )
 
 
 def allocate(tau: np.ndarray, vessel: VesselFile) -> np.ndarray:
@@ -36,9 +28,12 @@ def allocate(tau: np.ndarray, vessel: VesselFile) -> np.ndarray:
     if not np.all(np.isfinite(tau)):
         return np.zeros(n)
     lower, upper = force_limits(vessel)
-    A = np.vstack([_PRIORITY[:, None] * B, _EFFORT * np.eye(n)])
+    able, f = lower < upper, np.zeros(n)  # a dead thruster gets nothing
+    A = np.vstack([_PRIORITY[:, None] * B, _EFFORT * np.eye(n)])[:, able]
     b = np.concatenate([_PRIORITY * np.asarray(tau, dtype=float), np.zeros(n)])
-    return np.clip(lsq_linear(A, b, bounds=(lower, upper), method="bvls").x, lower, upper)
+    if able.any():
+        f[able] = lsq_linear(A, b, bounds=(lower[able], upper[able]), method="bvls").x
+    return np.clip(f, lower, upper)
 
 
 def pulse_widths(f_n: np.ndarray, vessel: VesselFile, voltage_v: float) -> tuple[int, ...]:

@@ -3,8 +3,8 @@
     x = [x y psi | u v r | f_1 .. f_n]          NED pose [m, m, rad], body velocities, thruster forces [N]
     eta_dot = R(psi) nu,   f_dot = (f_cmd - f) / T_lag
 
-The dead time of the thrusters is not a state: callers delay f_cmd (`DelayLine`). Any object with `nu_dot`,
-`B` and `lag_s` is a model: `vessel.StructuredModel`, `abkowitz.AbkowitzModel`.
+|f_dot| <= slew where the model has such a limit. The dead time of the thrusters is not a state: callers delay
+f_cmd (`DelayLine`). `vessel.StructuredModel` and `abkowitz.AbkowitzModel` are models.
 """
 
 from __future__ import annotations
@@ -30,6 +30,20 @@ class Model(Protocol):
         """First-order lag of thruster force [s]."""
         ...
 
+    @property
+    def slew_N_s(self) -> float | None:
+        """Limit on the rate of thruster force [N/s], or None."""
+        ...
+
+    @property
+    def is_linear_in_f(self) -> bool:
+        """Whether `thrust` is B f whatever the pose and velocity."""
+        ...
+
+    def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
+        """Body force, shape (3,), of thruster forces f (n,)."""
+        ...
+
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration, shape (3,), from pose, velocity and body force."""
         ...
@@ -44,8 +58,11 @@ def eta_dot(eta: Any, nu: Any) -> Any:
 def state_rate(model: Model, x: Any, f_cmd: Any, tau_ext: Any) -> Any:
     """dx/dt, shape (6 + n,). `f_cmd` [N] after the dead time; `tau_ext`: body force [N, N, N m]."""
     eta, nu, f = x[ETA], x[NU], x[FORCES]
-    tau = ca.mtimes(ca.DM(model.B), f) + tau_ext
-    return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau), (f_cmd - f) / model.lag_s)
+    tau = model.thrust(eta, nu, f) + tau_ext
+    f_dot = (f_cmd - f) / model.lag_s
+    if model.slew_N_s is not None:
+        f_dot = ca.fmax(ca.fmin(f_dot, model.slew_N_s), -model.slew_N_s)
+    return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau), f_dot)
 
 
 def rk4(rate: Any, x: Any, h: float, steps: int = 1) -> Any:

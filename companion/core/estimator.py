@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.calibration import corrected, is_exact, stamp_corrected
 from companion.core.estimation.actuation import Command, active, later, trimmed
 from companion.core.estimation.algebra import Algebra
 from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_RANGE, LATENT, Belief, Entry, Fusible, Result
@@ -56,6 +57,7 @@ class EstimatorState(msgspec.Struct, frozen=True):
 
     `history`: messages of the last second with the belief after each, oldest first; empty before the start.
     `refused`: how many messages never entered, by reason. `restarts`, `restart_reason`: starts afresh.
+    `uwb_zero_ns`: arrival of the first UWB message, from which a drifting stamp drifts.
     """
 
     start: Start
@@ -64,6 +66,7 @@ class EstimatorState(msgspec.Struct, frozen=True):
     refused: Mapping[str, int] = msgspec.field(default_factory=dict)
     restarts: int = 0
     restart_reason: str = ""
+    uwb_zero_ns: int | None = None
 
 
 class Estimator:
@@ -73,12 +76,13 @@ class Estimator:
         self.tuning = tuning or EstimatorTuning()
         self.vessel, self.anchors = vessel, tuple(a.id for a in site.anchors)
         model = StructuredModel.of(vessel)
-        sensors, B = vessel.sensors, model.B
+        sensors = vessel.sensors
+        self._exact = is_exact(sensors)
         process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
         algebra = Algebra(B_RANGE + len(self.anchors))
         noise = noise_model(sensors.imu, self.tuning, len(self.anchors))
-        self._predictor = Predictor(process, B, model.lag_s, noise, algebra, self.tuning.max_step_s)
-        self._inertial = Inertial(process, B, sensors.imu, self.tuning, algebra)
+        self._predictor = Predictor(process, model, noise, algebra, self.tuning.max_step_s)
+        self._inertial = Inertial(process, sensors.imu, self.tuning, algebra)
         self._uwb = UwbFusion(site, sensors.uwb, self.tuning, algebra)
         self._starter = Starter(site, sensors, self.tuning)
 
@@ -106,7 +110,11 @@ class Estimator:
             state = _refuse(state, problem)
         if good is None:
             return state, ()
-        t_ns = self.instant_ns(good)
+        if not self._exact:
+            good = corrected(self.vessel.sensors, good)
+        if _is_uwb(good) and state.uwb_zero_ns is None:
+            state = replace(state, uwb_zero_ns=good.t_ns)
+        t_ns = self.instant_ns(good, state.uwb_zero_ns)
         if state.history and t_ns - state.history[-1].t_ns > self.tuning.restart_gap_s * 1e9:
             silence_s = (t_ns - state.history[-1].t_ns) * 1e-9
             state = self._restart(state, f"no sensor message for {silence_s:.0f} s")
@@ -114,10 +122,15 @@ class Estimator:
             return self._begin(state, t_ns, good)
         return self._insert(state, t_ns, good)
 
-    def instant_ns(self, m: Fusible) -> int:
-        """When a message was measured: never after its arrival; UWB tags stamp nothing, hence the latency."""
+    def instant_ns(self, m: Fusible, uwb_zero_ns: int | None = None) -> int:
+        """When a message was measured: never after its arrival; UWB tags stamp nothing, hence the latency.
+
+        `uwb_zero_ns`: as in EstimatorState; None: this is the first UWB message.
+        """
         t_ns = min(m.t_ns, m.t_rx_ns)
-        return t_ns - round(self.vessel.sensors.uwb.latency_s * 1e9) if _is_uwb(m) else t_ns
+        if not _is_uwb(m):
+            return t_ns
+        return stamp_corrected(self.vessel.sensors.uwb, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
 
     def estimate(self, state: EstimatorState, t_ns: int) -> StateEstimate:
         """Pose of the body origin, velocities, biases, disturbance and health at t_ns."""
@@ -203,7 +216,8 @@ class Estimator:
 
     def _restart(self, state: EstimatorState, reason: str) -> EstimatorState:
         """Forget what was believed, keep what was commanded and counted."""
-        return EstimatorState(self._starter.initial(), state.commands, (), state.refused, state.restarts + 1, reason)
+        begun, count = self._starter.initial(), state.restarts + 1
+        return EstimatorState(begun, state.commands, (), state.refused, count, reason, state.uwb_zero_ns)
 
     def _nothing(self, state: EstimatorState, t_ns: int) -> StateEstimate:
         """The estimate before the start: zeros that say they mean nothing."""

@@ -184,9 +184,11 @@ class PlanDeadline(Message, frozen=True, kw_only=True):
 
 
 class OperatorCommand(Message, frozen=True, kw_only=True):
-    """What the operator wants. `start`: drive the mission; `hold`: keep station here; `stop`: neutral."""
+    """What the operator wants. `start`: drive the mission; `excite`: fly the excitation; `hold`: keep station
+    here; `stop`: neutral.
+    """
 
-    command: Literal["start", "hold", "stop"]
+    command: Literal["start", "excite", "hold", "stop"]
 
 
 class PlanResult(Message, frozen=True, kw_only=True):
@@ -257,6 +259,18 @@ class GuidanceReference(Message, frozen=True, kw_only=True):
     east_ref_m: float
 
 
+class ExcitationStatus(Message, frozen=True, kw_only=True):
+    """How far the excitation is: on its way to the middle (`home`), in segment `segment` (from 0) of `segments`
+    called `name` since `elapsed_s` (`fly`), or over: `done`, or `failed` where the middle was not reached.
+    """
+
+    phase: Literal["home", "fly", "done", "failed"]
+    segment: int
+    segments: int
+    name: str
+    elapsed_s: float
+
+
 class SolveRequest(Message, frozen=True, kw_only=True):
     """One optimal control problem. `x0`: [x y psi u v r f_1..f_n]; `reference`: N + 1 rows.
 
@@ -275,14 +289,14 @@ class OverrideLease(Message, frozen=True, kw_only=True):
 
     `pwm_us`: pulse widths of the thrusters in the vessel file's order, then of channels that are held at
     neutral; `channels`: the RC channel (1-based) of each.
-    `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral.
+    `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral; or the excitation.
     """
 
     index: int
     channels: tuple[int, ...]
     pwm_us: tuple[int, ...]
     valid_for_s: float
-    source: Literal["plan", "shifted_plan", "pd", "neutral"]
+    source: Literal["plan", "shifted_plan", "pd", "neutral", "excitation"]
     reason: str
     f_command_n: Vec
 
@@ -346,7 +360,8 @@ INPUTS: tuple[type[Message], ...] = (
     PlanResult,
 )  # fmt: skip
 OUTPUTS: tuple[type[Message], ...] = (
-    StateEstimate, Innovation, GuidanceReference, SolveRequest, OverrideLease, VehicleRequest, Alert,
+    StateEstimate, Innovation, GuidanceReference, ExcitationStatus, SolveRequest, OverrideLease, VehicleRequest,
+    Alert,
 )  # fmt: skip
 NOTES: tuple[type[Message], ...] = (StepMark, LoopTiming, ProcessStats, GroundTruth)
 

@@ -1,7 +1,8 @@
 """The boat's mind, pure: `step(state, inputs, t) -> (state, outputs)`. It composes the other rooms.
 
     sensors            -> estimator
-    Tick               -> estimate, vehicle phase, guidance, SolveRequest; neutral where not driving
+    Tick               -> estimate, vehicle phase, guidance, SolveRequest; neutral where not driving;
+                          or, while an excitation is flown, its lease at once, without guidance and NMPC
     PlanResult         -> lease from the plan, if its tick is still open and the plan is sound
     PlanDeadline       -> lease from the fallback ladder, if its tick is still open
 
@@ -22,6 +23,8 @@ from msgspec.structs import replace as struct_replace
 from companion.core import guidance, lookout, vehicle
 from companion.core.allocation import pulse_widths
 from companion.core.estimator import Estimator, EstimatorState
+from companion.core.excitation.file import Excitation
+from companion.core.excitation.flight import BEGINNING, Flight, FlightState
 from companion.core.fallback import FallbackSettings, command
 from companion.core.frames import ssa
 from companion.core.guidance import GuidanceSettings, GuidanceState
@@ -57,10 +60,15 @@ VOLTAGE_SHARE = 0.2
 """Weight of a new voltage reading against the old mean: load spikes should not shake the thrust; assumed."""
 VOLTAGE_RANGE = (0.5, 1.5)
 """Readings outside these shares of the nominal voltage are no pack's (0 V: no battery monitor); assumed."""
+SPREAD_SIGMAS = 2.0
+"""An excitation stays so many sigmas of its position farther from the fence; assumed."""
 REMEMBERED_TICKS = 20
 """Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
 
 NOTHING_SEEN = Lookout()
+
+Wanted = Literal["mission", "hold", "excitation"]
+_WANTED: dict[str, Wanted] = {"start": "mission", "hold": "hold", "excite": "excitation"}
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,8 @@ class PilotSettings:
     control: Control = field(default_factory=Control)
     guidance: GuidanceSettings = field(default_factory=GuidanceSettings)
     nmpc: NmpcSettings = field(default_factory=NmpcSettings)
+    excitation: Excitation | None = None
+    """Flown on the operator's `excite`."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +94,8 @@ class PilotState:
     f_command_n: tuple[float, ...]
     vehicle: Vehicle = vehicle.STOPPED
     guidance: GuidanceState = guidance.IDLE
-    wanted: Literal["mission", "hold"] = "mission"
+    wanted: Wanted = "mission"
+    flight: FlightState = BEGINNING
     passed: tuple[guidance.Passage, ...] = ()
     lookout: Lookout = NOTHING_SEEN
     open_tick: int | None = None
@@ -110,6 +121,9 @@ class Pilot:
         self._still = (NEUTRAL_US,) * len(still)
         self._n = len(vessel.thrusters)
         self._estimator = Estimator(vessel, settings.site)
+        self._flight: Flight | None = None
+        if told := settings.excitation:
+            self._flight = Flight(told, vessel, settings.site, name=told.name)
         self._latency_ns = round(settings.control.latency_s * 1e9)
         self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
         self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
@@ -166,7 +180,9 @@ class Pilot:
         if message.command == "stop":
             stopped = replace(state.vehicle, phase="stopped", why="stopped by the operator")
             return replace(state, vehicle=stopped, guidance=guidance.IDLE, plan=None, asked=()), []
-        wanted = "mission" if message.command == "start" else "hold"
+        if message.command == "excite" and self._flight is None:
+            return state, [Alert(t_ns=t_ns, level="warning", text="no excitation to fly: name one in the run file")]
+        wanted: Wanted = _WANTED[message.command]
         if state.vehicle.phase == "driving":
             if wanted == state.wanted:
                 return state, []
@@ -190,6 +206,9 @@ class Pilot:
             state = replace(state, guidance=guidance.IDLE, plan=None, asked=(), open_tick=tick.index)
             state, lease = self._choose(state, t_ns, "")
             return state, [*outputs, *lease]
+        if state.wanted == "excitation" and self._flight:
+            state, flown = self._excite(replace(state, open_tick=tick.index), self._flight, estimate, t_ns)
+            return state, [*outputs, *flown]
         eta, nu = _pose(estimate), _velocity(estimate)
         state = self._begin(state, eta, nu, t_ns)
         state, reference = self._guide(state, eta, nu, t_ns)
@@ -209,6 +228,29 @@ class Pilot:
         end = mission.end_heading_rad
         begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=end, passed=passed)
         return replace(state, guidance=begun)
+
+    def _excite(
+        self, state: PilotState, flight: Flight, estimate: StateEstimate, t_ns: int
+    ) -> tuple[PilotState, Outputs]:
+        """One tick of the excitation, and its lease; neutral while the estimate is not healthy, and when it is over."""
+        state = replace(state, guidance=guidance.IDLE, plan=None, asked=())
+        if estimate.health != "healthy":  # it finds back to the middle afterwards, as after every break
+            return self._lease(state, np.zeros(self._n), "neutral", f"estimate {estimate.health}", t_ns)
+        eta, nu = np.array(_pose(estimate)), np.array(_velocity(estimate))
+        spread_m = SPREAD_SIGMAS * math.sqrt(estimate.covariance[0] + estimate.covariance[7])
+        at, f, note = flight.step(state.flight, eta, nu, t_ns, spread_m=spread_m)
+        status = flight.status(at, t_ns)
+        outputs: Outputs = [status]
+        if note:
+            level = "warning" if at.phase == "failed" else "info"
+            outputs.append(Alert(t_ns=t_ns, level=level, text=note))
+        state = replace(state, flight=at)
+        if flight.is_over(at):
+            stopped = replace(state.vehicle, phase="stopped", why=note)
+            state, lease = self._choose(replace(state, vehicle=stopped, flight=BEGINNING), t_ns, "")
+        else:
+            state, lease = self._lease(state, f, "excitation", f"{status.phase} {status.name}", t_ns)
+        return state, [*outputs, *lease]
 
     def _guide(self, state: PilotState, eta, nu, t_ns: int) -> tuple[PilotState, GuidanceReference]:
         moved, reference = guidance.step(state.guidance, self.settings.guidance, eta, nu, t_ns)

@@ -48,11 +48,12 @@ class Control(Table, frozen=True, kw_only=True):
 
 
 class RunFile(Table, frozen=True, kw_only=True):
-    """One run."""
+    """One run. `excitation`: what `aritra run --excite` flies instead of the mission."""
 
     vessel: str
     site: str
     mission: str
+    excitation: str | None = None
     mavlink: MavlinkLink
     uwb: UwbLink
     control: Control = Control()

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core import terms as term_registry
+from companion.core.inflow import is_weakened, weakened
 from companion.core.thrusters import configuration_matrix
 from companion.core.vessel_file import VesselFile
 
@@ -94,6 +95,16 @@ class StructuredModel:
         """First-order lag of thruster force [s]."""
         return self.vessel.propulsion.lag_s
 
+    @property
+    def slew_N_s(self) -> float | None:
+        """How fast thruster force can change at most [N/s]; None: as fast as the lag lets it."""
+        return self.vessel.propulsion.slew_N_s
+
+    @property
+    def is_linear_in_f(self) -> bool:
+        """Whether tau = B f: water that moves past the thrusters does not weaken them."""
+        return not is_weakened(self.vessel)
+
     def water_velocity(self, eta: Any) -> Any:
         """nu_c in body axes, shape (3,): what the terms say of moving water."""
         north = east = 0.0
@@ -112,10 +123,33 @@ class StructuredModel:
                 total += ca.vertcat(*force(p, self.vessel, eta, nu))
         return total
 
+    def term_hull_force(self, nu_r: Any) -> Any:
+        """Sum of the terms' forces of the water on the hull, shape (3,) [N, N, N m]."""
+        total = ca.vertcat(0.0, 0.0, 0.0)
+        for name, p in self.term_values.items():
+            if force := term_registry.REGISTRY[name].hull_force:
+                total += ca.vertcat(*force(p, nu_r))
+        return total
+
+    def damping(self, eta: Any, nu_r: Any) -> Any:
+        """D(nu_r) nu_r here, shape (3,): the file's damping, times what the terms say of the place."""
+        force = damping_force(self.c, nu_r)
+        for name, p in self.term_values.items():
+            if factor := term_registry.REGISTRY[name].damping_factor:
+                force = factor(p, eta) * force
+        return force
+
+    def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
+        """tau [N, N, N m] of thruster forces f (n,) [N] on the boat as it moves: B f', f' by `inflow`."""
+        if self.is_linear_in_f:
+            return ca.mtimes(ca.DM(self.B), f)
+        return ca.mtimes(ca.DM(self.B), weakened(self.vessel, nu - self.water_velocity(eta), f))
+
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration of the body velocities over ground, shape (3,) [m/s^2, m/s^2, rad/s^2]."""
         nu_c = self.water_velocity(eta)
         nu_r = nu - nu_c
-        rhs = tau + self.term_force(eta, nu) - coriolis_force(self.c, nu_r) - damping_force(self.c, nu_r)
+        hull = self.term_hull_force(nu_r) - coriolis_force(self.c, nu_r) - self.damping(eta, nu_r)
+        rhs = tau + self.term_force(eta, nu) + hull
         nu_r_dot = ca.mtimes(ca.inv(_matrix(_mass_rows(self.c))), rhs)
         return nu_r_dot + ca.vertcat(nu[2] * nu_c[1], -nu[2] * nu_c[0], 0.0)

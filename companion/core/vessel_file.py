@@ -86,17 +86,53 @@ class LinearMap(SourcedTable, frozen=True, kw_only=True, tag="linear", tag_field
     astern_N: Positive
 
 
+class PitchMap(SourcedTable, frozen=True, kw_only=True, tag="pitch", tag_field="kind"):
+    """Propeller of controllable pitch (Voith-Schneider) at a speed that is set apart: force by the command in -1..1,
+    bent by `curve`, and by the setting's power. Forces stand at `nominal_setting`, which is what counts where no log
+    says what was set; `setting` is its name in logs (`setting_<name>`). Equations in `thrusters`.
+    """
+
+    setting: str
+    nominal_setting: Positive
+    exponent: Annotated[float, msgspec.Meta(ge=0, le=4)] = 2.0
+    curve: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
+    ahead_N: Positive
+    astern_N: Positive
+
+
+ForceMap = RotorMap | LinearMap | PitchMap
+
+
+class Wash(Table, frozen=True, kw_only=True):
+    """The jet of thruster `ahead` takes `share` of the thrust of `behind` when `ahead` gives all it can."""
+
+    behind: str
+    ahead: str
+    share: Annotated[float, msgspec.Meta(ge=0, le=1)]
+
+
 class Propulsion(SourcedTable, frozen=True, kw_only=True):
-    """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force."""
+    """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force.
+
+    `rate_limit_N_s`: what control asks for at most; `slew_N_s`: what the thrusters can do (None: the lag alone).
+    `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations in `inflow`.
+    """
 
     dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
     lag_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)]
     nominal_voltage_V: Positive
     rate_limit_N_s: Positive
+    slew_N_s: Positive | None = None
+    advance_loss_sqrt_N_s_m: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    wash: tuple[Wash, ...] = ()
 
 
 class Thruster(SourcedTable, frozen=True, kw_only=True):
-    """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y."""
+    """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y.
+
+    `gain`: 0 is a dead thruster, below 0 one that is wired or turned the wrong way round.
+    `gain_sigma`: how well `gain` is known, as a share; None: as fits assume of thrusters of one make.
+    """
 
     name: str
     x_m: float
@@ -104,8 +140,9 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)]
     channel: Annotated[int, msgspec.Meta(ge=1, le=16)]
     force_map: str
-    gain: Positive = 1.0
-    trim_us: Annotated[int, msgspec.Meta(ge=-50, le=50)] = 0
+    gain: Annotated[float, msgspec.Meta(ge=-10, le=10)] = 1.0
+    gain_sigma: Annotated[float, msgspec.Meta(ge=0, le=2)] | None = None
+    trim_us: Annotated[int, msgspec.Meta(ge=-200, le=200)] = 0
     pwm_min_us: Pulse = 1100
     pwm_max_us: Pulse = 1900
     force_min_N: NonPositive
@@ -113,7 +150,10 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
 
 
 class Imu(SourcedTable, frozen=True, kw_only=True):
-    """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`."""
+    """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`.
+
+    The keys with a default of 0 behind the noise are known errors; equations in `calibration`.
+    """
 
     x_m: float = 0.0
     y_m: float = 0.0
@@ -128,10 +168,20 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
     heading_sigma_rad: Positive
     heading_wander_sigma_rad: NonNegative
     heading_wander_time_s: Positive
+    accel_bias_x_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    accel_bias_y_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    gyro_bias_rad_s: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
+    gyro_scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    misalignment_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
+    heading_offset_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
+    hard_iron_cos_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    hard_iron_sin_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
 
 
 class Uwb(SourcedTable, frozen=True, kw_only=True):
-    """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes."""
+    """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
+    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `calibration`.
+    """
 
     x_m: float = 0.0
     y_m: float = 0.0
@@ -140,6 +190,8 @@ class Uwb(SourcedTable, frozen=True, kw_only=True):
     range_sigma_m: Positive
     range_bias_sigma_m: NonNegative
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
+    clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
+    scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
     wire_format: str
 
 
@@ -159,10 +211,16 @@ class VesselFile(Table, frozen=True, kw_only=True):
     inertia: Inertia
     damping: Damping
     propulsion: Propulsion
-    force_maps: dict[str, RotorMap | LinearMap]
+    force_maps: dict[str, RotorMap | LinearMap | PitchMap]
     thrusters: Annotated[tuple[Thruster, ...], msgspec.Meta(min_length=1)]
     sensors: Sensors
     terms: dict[str, dict[str, float | str]] = msgspec.field(default_factory=dict)
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Settings that the force maps name, each with its nominal value."""
+        maps = [m for m in self.force_maps.values() if isinstance(m, PitchMap)]
+        return {m.setting: m.nominal_setting for m in maps}
 
     @property
     def positions(self) -> np.ndarray:

@@ -47,3 +47,37 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
             if not getattr(vessel.hull, key):
                 yield f"hull.{key}: missing key: terms.wind needs it"
     yield from terms.problems(vessel.terms)
+    yield from _wash_problems(vessel)
+    yield from _munk_problems(vessel)
+
+
+def _wash_problems(vessel: VesselFile) -> Iterator[str]:
+    names = [t.name for t in vessel.thrusters]
+    for i, wash in enumerate(vessel.propulsion.wash):
+        for key in ("behind", "ahead"):
+            if getattr(wash, key) not in names:
+                yield f"propulsion.wash[{i}].{key}: no thruster {getattr(wash, key)!r}; there are {', '.join(names)}"
+        if wash.behind == wash.ahead:
+            yield f"propulsion.wash[{i}].ahead: a thruster does not lie in its own jet"
+
+
+MUNK_SPEED_M_S = 3.0
+"""Speed up to which linear damping alone may have to hold a Munk moment; assumed: twice what such boats do."""
+
+
+def _munk_problems(vessel: VesselFile) -> Iterator[str]:
+    """k u v r feeds nothing while damping takes as much: the quadratic part at any speed, or the linear one up to U.
+
+    X_uu |u|^3 + Y_vv |v|^3 + N_rr |r|^3 >= 3 (X_uu Y_vv N_rr)^(1/3) |u v r|;   Y_v v^2 + (Y_r + N_v) v r + N_r r^2 >=
+    (2 sqrt(Y_v N_r) - |Y_r + N_v|) |v r|.
+    """
+    k = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0)
+    if not isinstance(k, int | float):
+        return
+    d = vessel.damping
+    quadratic = 3 * abs(d.X_uu_N_s2_m2 * d.Y_vv_N_s2_m2 * d.N_rr_N_m_s2) ** (1 / 3)
+    coupling = abs(d.Y_r_N_s + d.N_v_N_s) / 2
+    linear = 2 * ((d.Y_v_N_s_m * d.N_r_N_m_s) ** 0.5 - coupling)
+    most = max(quadratic, linear / MUNK_SPEED_M_S)
+    if abs(k) > most:
+        yield f"terms.munk_moment.k_kg: feeds energy into the hull; this damping holds at most {most:.3g} kg"

@@ -42,7 +42,8 @@ class Plant:
         n = len(vessel.thrusters)
         self._vessel, self.step_ns = vessel, step_ns
         self._open_v = self.voltage_v = voltage_v
-        self._step = BufferedStep(_plant_function(vessel, step_ns * 1e-9))
+        self.function = _plant_function(vessel, step_ns * 1e-9)
+        self._step = BufferedStep(self.function)
         self._pwm = DelayLine(round(vessel.propulsion.dead_time_s * 1e9), (float(NEUTRAL_US),) * n)
         self.motion = Motion(t_ns, np.concatenate([np.asarray(x0, dtype=float)[:6], np.zeros(n)]), np.zeros(3))
 

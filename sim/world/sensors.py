@@ -4,6 +4,8 @@ IMU       a = nu_dot + omega x nu at the IMU's place, minus gravity, tilted by r
           sample, a bias drawn at start that walks
 attitude  true heading + slow Gauss-Markov wander (compass and autopilot filter) + white noise
 UWB       |tag - anchor| + bias per anchor + white noise; at random an anchor is silent or reads far (NLOS)
+
+Errors that the vessel file knows of (`companion.core.calibration`) come first, noise and drawn biases on top.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.core.calibration import heading_applied, imu_applied, place_applied, stamp_applied
 from companion.core.site import Anchor
 from companion.core.vessel_file import Imu, Uwb
 from sim.world.environment import Moment
@@ -69,10 +72,11 @@ class ImuSensor:
                 -G * np.cos(theta) * np.cos(phi),
             ]
         )
+        force[0], force[1], rate = imu_applied(imu, force[0], force[1], r)
         accel = force + self._accel_bias + rng.normal(0, imu.accel_sigma_m_s2, 3)
-        gyro = np.array([0.0, 0.0, r]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s, 3)
+        gyro = np.array([0.0, 0.0, rate]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s, 3)
         tilt = rng.normal(0, TILT_SIGMA_RAD, 2)
-        psi = motion.x[2] + self._wander + rng.normal(0, imu.heading_sigma_rad)
+        psi = heading_applied(imu, motion.x[2]) + self._wander + rng.normal(0, imu.heading_sigma_rad)
         return ImuReading(
             (float(accel[0]), float(accel[1]), float(accel[2])),
             (float(gyro[0]), float(gyro[1]), float(gyro[2])),
@@ -87,14 +91,20 @@ class UwbSensor:
 
     def __init__(self, uwb: Uwb, anchors: Sequence[Anchor], faults: UwbFaults, rng: np.random.Generator):
         self._uwb, self._anchors, self._faults, self._rng = uwb, anchors, faults, rng
-        self.latency_ns = round(uwb.latency_s * 1e9)
+        self._zero_ns: int | None = None
         self._bias = rng.normal(0, uwb.range_bias_sigma_m, len(anchors))
 
     def tag_position(self, x: np.ndarray) -> np.ndarray:
-        """Place of the tag in NED [m], shape (3,)."""
+        """Where the tag appears to be in NED [m], shape (3,): its place, but for the file's `scale`."""
         c, s = np.cos(x[2]), np.sin(x[2])
         uwb = self._uwb
-        return np.array([x[0] + c * uwb.x_m - s * uwb.y_m, x[1] + s * uwb.x_m + c * uwb.y_m, uwb.z_m])
+        north, east = x[0] + c * uwb.x_m - s * uwb.y_m, x[1] + s * uwb.x_m + c * uwb.y_m
+        return np.array([*place_applied(uwb, north, east), uwb.z_m])
+
+    def arrival_ns(self, t_ns: int) -> int:
+        """When the bytes of what is measured at `t_ns` arrive; the first call sets the start of a drift."""
+        self._zero_ns = t_ns if self._zero_ns is None else self._zero_ns
+        return stamp_applied(self._uwb, t_ns, self._zero_ns)
 
     def measure(self, motion: Motion) -> dict[str, float | None]:
         """Range [m] by anchor; None where the anchor stayed silent."""

@@ -9,7 +9,7 @@ pilot sees has gone through the wire formats.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from msgspec.structs import replace
 
@@ -35,9 +35,18 @@ SESSION_STEPS = 10
 
 
 class SteppedRun:
-    """One boat under way. `messages`: everything in, out and true, in order. `solve(request, warm)`: the NMPC."""
+    """One boat under way. `messages`: everything in, out and true, in order. `solve(request, warm)`: the NMPC.
 
-    def __init__(self, world: World, pilot: Pilot, solve: Callable[[SolveRequest, Any], tuple[PlanResult, Any]]):
+    `begin`: what the operator asks for at the start, mission or excitation.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        pilot: Pilot,
+        solve: Callable[[SolveRequest, Any], tuple[PlanResult, Any]],
+        begin: Literal["start", "excite"] = "start",
+    ):
         sensors = pilot.settings.vessel.sensors
         self.world, self.pilot = world, pilot
         self.messages: list[Message] = []
@@ -55,7 +64,7 @@ class SteppedRun:
         world.rover.add_link(PEER)
         for data in self._tag.start_bytes():
             self._hear_tag(world.uwb(data))
-        self.feed([OperatorCommand(t_ns=world.t_ns, command="start")])
+        self.feed([OperatorCommand(t_ns=world.t_ns, command=begin)])
 
     def run(self, until: Callable[[SteppedRun], bool], limit_s: float) -> bool:
         """Step until `until(self)` or `limit_s` of simulated time; whether the former."""

@@ -136,7 +136,7 @@ class World:
             ranges = self._uwb.measure(self.plant.motion)
             if not self.silent_uwb:
                 data = self._tag.cycle(ranges, self._uwb.fix(ranges), self.t_ns)
-                self._in_flight.append((self.t_ns + self._uwb.latency_ns, data))
+                self._in_flight.append((self._uwb.arrival_ns(self.t_ns), data))
         due = b"".join(data for ready_ns, data in self._in_flight if ready_ns <= self.t_ns)
         self._in_flight = [(ready_ns, data) for ready_ns, data in self._in_flight if ready_ns > self.t_ns]
         return due

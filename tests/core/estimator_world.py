@@ -20,6 +20,7 @@ from companion.core.estimator import Estimator, EstimatorState
 from companion.core.messages import AnchorRange, Attitude, ImuSample, Message, StateEstimate, UwbRanges
 from companion.core.site import Site, load_site
 from companion.core.vessel import StructuredModel, coefficients
+from companion.core.vessel_file import VesselFile
 
 H_S = 0.01
 G = 9.80665
@@ -32,9 +33,8 @@ def basin() -> Site:
     return load_site(SITE.read_text(), name=SITE.name)
 
 
-def plant_model(rng: np.random.Generator | None) -> StructuredModel:
+def plant_model(vessel: VesselFile, rng: np.random.Generator | None) -> StructuredModel:
     """Exact model, or one off by up to 10 % with a current of 0.1 m/s and 3 m/s of wind."""
-    vessel = boat("aritra")
     if rng is None:
         return StructuredModel.of(vessel)
     c = {k: v * rng.uniform(0.9, 1.1) for k, v in coefficients(vessel).items()}
@@ -84,16 +84,19 @@ def steer(path: str, t: float, x: np.ndarray, B_pinv: np.ndarray) -> np.ndarray:
     return np.clip(B_pinv @ tau, -20, 20)
 
 
-def simulate(seed: int, *, disturbed: bool, seconds: float = 150.0, uwb_rate_Hz: float = 1.0) -> Run:
-    """One run of the world."""
+def simulate(
+    seed: int, *, disturbed: bool, seconds: float = 150.0, uwb_rate_Hz: float = 1.0, vessel: VesselFile | None = None
+) -> Run:
+    """One run of the world. `vessel`: the true boat, aritra where none is given; its calibration is not applied."""
     rng = np.random.default_rng(seed)
-    vessel, path = boat("aritra"), PATHS[seed % 3]
+    vessel, path = vessel or boat("aritra"), PATHS[seed % 3]
     imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
-    model = plant_model(rng if disturbed else None)
+    model = plant_model(vessel, rng if disturbed else None)
     plant = BufferedStep(step_function(model, H_S))
-    s, tau = ca.SX.sym("s", 6), ca.SX.sym("tau", 3)
-    nu_dot = BufferedStep(ca.Function("a", [s, tau], [model.nu_dot(s[:3], s[3:], tau)]))
-    B, B_pinv, n = model.B, np.linalg.pinv(model.B), len(vessel.thrusters)
+    s, forces = ca.SX.sym("s", 6), ca.SX.sym("f", len(vessel.thrusters))
+    tau = model.thrust(s[:3], s[3:], forces)
+    nu_dot = BufferedStep(ca.Function("a", [s, forces], [model.nu_dot(s[:3], s[3:], tau)]))
+    B_pinv, n = np.linalg.pinv(model.B), len(vessel.thrusters)
     x = np.zeros(6 + n)
     x[:3] = *reference(path, 0.0), rng.uniform(-math.pi, math.pi)
     delay = DelayLine(round(vessel.propulsion.dead_time_s * 1e9), (0.0,) * n)
@@ -117,7 +120,7 @@ def simulate(seed: int, *, disturbed: bool, seconds: float = 150.0, uwb_rate_Hz:
             delay.push(t_ns, f)
             commands.append((t_ns, f))
         if k % 2 == 0:
-            a = nu_dot(x[:6], B @ x[6:])
+            a = nu_dot(x[:6], x[6:])
             u, v, r = x[3:6]
             level = np.array([a[0] - v * r - imu.x_m * r**2, a[1] + u * r + imu.x_m * a[2]])
             wander = keep * wander + imu.heading_wander_sigma_rad * math.sqrt(1 - keep**2) * rng.normal()

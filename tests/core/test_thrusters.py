@@ -8,6 +8,7 @@ import pytest
 from boats import boat
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from companion.core.thrusters import (
     configuration_matrix,
@@ -15,6 +16,7 @@ from companion.core.thrusters import (
     force_from_pwm,
     pwm_from_force,
 )
+from companion.core.vessel_file import PitchMap
 
 VESSEL = boat("aritra")
 T, MAP = VESSEL.thrusters[0], VESSEL.force_maps["t200"]
@@ -72,3 +74,34 @@ def test_configuration_matrix_by_hand():
     assert column == pytest.approx([np.sqrt(0.5), np.sqrt(0.5), 0.70 * np.sqrt(0.5)])
     assert np.linalg.matrix_rank(configuration_matrix(VESSEL)) == 3
     assert np.linalg.matrix_rank(configuration_matrix(boat("twin"))) == 2
+
+
+def pitch_map(curve=0.0, exponent=2.0):
+    return PitchMap(
+        setting="speed", nominal_setting=0.4, exponent=exponent, curve=curve, ahead_N=2.0, astern_N=1.0, source="test"
+    )
+
+
+def test_pitch_map_by_hand():
+    """Half a command is half the force, or a quarter where all goes with pitch squared; force as speed squared."""
+    t = boat("cse1").thrusters[0]
+    assert force_from_pwm(t, pitch_map(), 1700, 12.0) == pytest.approx(1.0)
+    assert force_from_pwm(t, pitch_map(curve=1.0), 1300, 12.0) == pytest.approx(-0.25)
+    assert force_from_pwm(t, pitch_map(), 1700, 12.0, setting=0.2) == pytest.approx(0.25)
+    assert force_from_pwm(t, pitch_map(), 1900, 12.0, setting=0.0) == 0.0
+    off = replace(t, trim_us=-40)
+    assert force_from_pwm(off, pitch_map(), 1500, 12.0) == pytest.approx(0.2)
+    assert pwm_from_force(off, pitch_map(), 0.0, 12.0) == 1460
+
+
+@given(st.floats(-0.95, 1.9), st.floats(-0.9, 1.0), st.integers(-150, 150))
+def test_pitch_map_has_an_inverse_and_a_symbolic_twin(force, curve, trim):
+    t = replace(boat("cse1").thrusters[0], trim_us=trim)
+    fmap = pitch_map(curve)
+    pwm = pwm_from_force(t, fmap, force, 12.0)
+    got = force_from_pwm(t, fmap, pwm, 12.0)
+    if t.pwm_min_us < pwm < t.pwm_max_us:
+        assert got == pytest.approx(force, abs=0.02)
+    if abs(pwm - trim - 1500) <= 400:
+        symbolic = force_expression(t, fmap, ca.DM(pwm), ca.DM(12.0), ca.DM(0.3))
+        assert float(ca.DM(symbolic)) == pytest.approx(force_from_pwm(t, fmap, pwm, 12.0, setting=0.3), abs=1e-12)

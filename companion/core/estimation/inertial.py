@@ -35,15 +35,15 @@ def levelled(tilt: Tilt, x: float, y: float, z: float) -> tuple[float, float, fl
 class Inertial:
     """Constant parts of the IMU and heading equations; the methods are pure."""
 
-    def __init__(self, process: Process, B: np.ndarray, imu: Imu, tuning: EstimatorTuning, algebra: Algebra):
-        self._process, self._B, self._algebra, self._tuning = process, B, algebra, tuning
+    def __init__(self, process: Process, imu: Imu, tuning: EstimatorTuning, algebra: Algebra):
+        self._process, self._algebra, self._tuning = process, algebra, tuning
         accel = math.hypot(imu.accel_sigma_m_s2, GRAVITY_M_S2 * tuning.tilt_sigma_rad)
         self._imu_R = np.square([accel, accel, imu.gyro_sigma_rad_s])
         self._heading_R = np.array([[imu.heading_sigma_rad**2]])
 
     def fuse_imu(self, belief: Belief, m: ImuSample) -> Result:
         """Three numbers at once. An axis off by more than the limit is trusted less: R grows with nu^2."""
-        expected, J = self._process.imu(belief.x[DYNAMIC], self._B @ belief.f_n)
+        expected, J = self._process.imu(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         a_x, a_y, _ = levelled(belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         nu = np.array([a_x, a_y, m.r_rad_s]) - expected
         nu -= belief.x[IMU_BIAS]

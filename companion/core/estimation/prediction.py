@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.dynamics import Model
 from companion.core.estimation.actuation import Command, active, lagged
 from companion.core.estimation.algebra import Algebra
 from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, Belief
@@ -44,10 +45,8 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int) -> Noise:
 class Predictor:
     """Constant parts of the prediction; `to` is pure."""
 
-    def __init__(
-        self, process: Process, B: np.ndarray, lag_s: float, noise: Noise, algebra: Algebra, max_step_s: float
-    ):
-        self._process, self._B, self._lag_s = process, B, lag_s
+    def __init__(self, process: Process, model: Model, noise: Noise, algebra: Algebra, max_step_s: float):
+        self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
         self._noise, self._algebra, self._max_step_s = noise, algebra, max_step_s
 
     def to(self, belief: Belief, t_ns: int, commands: tuple[Command, ...]) -> Belief:
@@ -62,11 +61,12 @@ class Predictor:
     def _step(self, belief: Belief, t_ns: int, command_n: np.ndarray) -> Belief:
         """One step of constant command and mean force."""
         dt_s = (t_ns - belief.t_ns) * 1e-9
-        f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s)
+        f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)
         decay, q = self._noise(dt_s)
+        drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)
-        x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], self._B @ mean_n, dt_s)
+        x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
         x[LATENT] *= decay[LATENT]
         F[LATENT, LATENT] *= decay[LATENT]
         P = self._algebra.predict(belief.P, x, F, np.diag(q))

@@ -12,6 +12,8 @@ The height of the IMU matters only through roll and pitch acceleration and is le
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 
@@ -21,19 +23,27 @@ STATES = 9
 
 
 class Process:
-    """Compiled-once functions for one model: `step` for the prediction, `imu` for the measurement."""
+    """Compiled-once functions for one model: `step` for the prediction, `imu` for the measurement.
+
+    Both take `drive(f)`: what thruster forces f do, tau = B f, or f itself where that depends on the motion.
+    """
 
     def __init__(self, model: Model, imu_arm_m: tuple[float, float]):
+        self._B = model.B if model.is_linear_in_f else None
         self._step = BufferedStep(process_function(model))
         self._imu = BufferedStep(imu_function(model, imu_arm_m))
 
-    def step(self, s: np.ndarray, tau: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """State after dt_s, (9,), and its Jacobian, (9, 9); tau [N, N, N m] from the thrusters."""
-        return _split(self._step(s, tau, dt_s), STATES)
+    def drive(self, f_n: np.ndarray) -> np.ndarray:
+        """What `step` and `imu` take for thruster forces f (n,) [N]."""
+        return f_n if self._B is None else self._B @ f_n
 
-    def imu(self, s: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, s: np.ndarray, drive: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """State after dt_s, (9,), and its Jacobian, (9, 9)."""
+        return _split(self._step(s, drive, dt_s), STATES)
+
+    def imu(self, s: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """[a_x a_y r] as an unbiased IMU would give them, shape (3,), and the Jacobian, shape (3, 9)."""
-        return _split(self._imu(s, tau), 3)
+        return _split(self._imu(s, drive), 3)
 
 
 def _split(packed: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -46,25 +56,36 @@ def _packed(value: ca.SX, s: ca.SX) -> ca.SX:
     return ca.densify(ca.vec(ca.horzcat(value, ca.jacobian(value, s))))
 
 
+def _driven(model: Model) -> tuple[ca.SX, Callable[[ca.SX, ca.SX], ca.SX]]:
+    """The symbol for `Process.drive`, and (eta, nu) -> tau with it."""
+    if model.is_linear_in_f:
+        tau = ca.SX.sym("tau", 3)
+        return tau, lambda eta, nu: tau
+    f = ca.SX.sym("f", model.B.shape[1])
+    return f, lambda eta, nu: model.thrust(eta, nu, f)
+
+
 def process_function(model: Model) -> ca.Function:
-    """CasADi function (s, tau, dt) -> vec[s_next, ds_next/ds]; one Runge-Kutta step."""
-    s, tau, dt = ca.SX.sym("s", STATES), ca.SX.sym("tau", 3), ca.SX.sym("dt")
+    """CasADi function (s, drive, dt) -> vec[s_next, ds_next/ds]; one Runge-Kutta step."""
+    s, dt = ca.SX.sym("s", STATES), ca.SX.sym("dt")
+    drive, tau = _driven(model)
 
     def rate(w: ca.SX) -> ca.SX:
         eta, nu, d = w[:3], w[3:6], w[6:9]
-        return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau + d), ca.DM.zeros(3))
+        return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau(eta, nu) + d), ca.DM.zeros(3))
 
     # rk4 takes its step as a number or a symbol alike
     s_next = rk4(rate, s, dt)  # pyright: ignore[reportArgumentType]
-    return ca.Function("process", [s, tau, dt], [_packed(s_next, s)])
+    return ca.Function("process", [s, drive, dt], [_packed(s_next, s)])
 
 
 def imu_function(model: Model, arm_m: tuple[float, float]) -> ca.Function:
-    """CasADi function (s, tau) -> vec[(a_x, a_y, r), Jacobian]."""
-    s, tau = ca.SX.sym("s", STATES), ca.SX.sym("tau", 3)
+    """CasADi function (s, drive) -> vec[(a_x, a_y, r), Jacobian]."""
+    s = ca.SX.sym("s", STATES)
+    drive, tau = _driven(model)
     eta, nu, d = s[:3], s[3:6], s[6:9]
     u, v, r = nu[0], nu[1], nu[2]
-    dot = model.nu_dot(eta, nu, tau + d)
+    dot = model.nu_dot(eta, nu, tau(eta, nu) + d)
     a_x = dot[0] - v * r - arm_m[0] * r**2 - arm_m[1] * dot[2]
     a_y = dot[1] + u * r - arm_m[1] * r**2 + arm_m[0] * dot[2]
-    return ca.Function("imu", [s, tau], [_packed(ca.vertcat(a_x, a_y, r), s)])
+    return ca.Function("imu", [s, drive], [_packed(ca.vertcat(a_x, a_y, r), s)])

@@ -66,6 +66,10 @@ class Hypothesis:
     log_likelihood: float = 0.0
 
 
+FARTHEST_M = 1e4
+"""No UWB radio reaches so far: a longer range is nonsense, as in the Run format."""
+
+
 @dataclass(frozen=True, slots=True)
 class RangeState:
     """The bank, likeliest first; empty until the first fix. `latest`: the latest range per anchor."""
@@ -92,7 +96,7 @@ class RangeFilter:
 
     def step(self, state: RangeState, t_ns: int, anchor: int, range_m: float) -> RangeState:
         """State after one range of anchor number `anchor`, in order of time; nonsense is counted."""
-        if not (math.isfinite(range_m) and range_m > 0) or t_ns < state.t_ns:
+        if not 0 < range_m <= FARTHEST_M or t_ns < state.t_ns:
             return replace(state, refused=state.refused + 1)
         latest = tuple(Seen(t_ns, range_m) if i == anchor else old for i, old in enumerate(state.latest))
         if not state.bank:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from companion.core.calibration import place_corrected
 from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, Belief, Fusible, Tilt
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.inertial import levelled
@@ -75,7 +76,7 @@ class Starter:
             good = [f for f in good if inside(self._site.fence, f.north_m, f.east_m)]
         if len(good) != 1:
             return f"{len(good)} places explain the ranges"
-        return good[0].north_m, good[0].east_m
+        return place_corrected(self._sensors.uwb, good[0].north_m, good[0].east_m)
 
     def _judge(
         self, start: Start, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray

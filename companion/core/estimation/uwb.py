@@ -1,7 +1,7 @@
 """What a UWB tag measures, into a belief: ranges first, positions where no ranges are to be had.
 
-range     |p + R(psi) l - a_i| + b_i      l: lever arm of the tag in level axes, a_i: anchor
-position  p + R(psi) l                    north and east judged one by one
+range     |k (p + R(psi) l) - a_i| + b_i      l: lever arm of the tag in level axes, a_i: anchor, k = 1 + `scale`
+position  p + R(psi) l                        north and east judged one by one; corrected for k before
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.calibration import place_applied, place_corrected
 from companion.core.estimation.algebra import Algebra
 from companion.core.estimation.belief import B_RANGE, LAYOUT, Belief, Result, report
 from companion.core.estimation.gates import judge
@@ -77,7 +78,9 @@ class UwbFusion:
     def range_model(self, anchor: int, arm: tuple[float, float, float], x: np.ndarray) -> RangeModel:
         """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""
         dx, dy = rotate(x[2], arm[0], arm[1])
-        distance, e = line_of_sight(np.array([x[0] + dx, x[1] + dy, arm[2]]), self.anchors_m[anchor])
+        north, east = place_applied(self._uwb, x[0] + dx, x[1] + dy)
+        distance, e = line_of_sight(np.array([north, east, arm[2]]), self.anchors_m[anchor])
+        e = (1 + self._uwb.scale) * e
         row = np.zeros(len(x))
         row[0], row[1], row[2], row[B_RANGE + anchor] = e[0], e[1], -e[0] * dy + e[1] * dx, 1.0
         return RangeModel(distance + x[B_RANGE + anchor], row)
@@ -89,9 +92,12 @@ class UwbFusion:
         dx, dy = rotate(x[2], arm[0], arm[1])
         place = nearest_place(
             self.anchors_m, latest, x[B_RANGE:], t_ns, window_s=self._tuning.fix_window_s, down_m=arm[2],
-            spread_m=self._tuning.fix_spread_m, near_m=(x[0] + dx, x[1] + dy),
+            spread_m=self._tuning.fix_spread_m, near_m=place_applied(self._uwb, x[0] + dx, x[1] + dy),
         )  # fmt: skip
-        return place and (place[0] - dx, place[1] - dy)
+        if place is None:
+            return None
+        north, east = place_corrected(self._uwb, *place)
+        return north - dx, east - dy
 
     def fuse_position(self, belief: Belief, m: UwbPosition) -> Result:
         """The tag's own position, site ENU; left out while ranges come, which say the same and more."""

@@ -56,14 +56,14 @@ class Problem:
         return np.vstack([z[:, : self.nx], w[-self.nx :]]), z[:, self.nx :]
 
 
-def _stage_functions(model: Model, s: NmpcSettings) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """(x, c, row, d) -> linearised stage; the same without derivatives; the last row's."""
+def _stage_functions(model: Model, able: np.ndarray, s: NmpcSettings) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """(x, c, row, d) -> linearised stage; the same without derivatives; the last row's. `able` (n,): 1 or 0."""
     n = model.B.shape[1]
     x, c = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n)
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
     z = ca.vertcat(x, c)
     x_next = ca.cse(advance(model, x, c, d, s.step_s))
-    residual = ca.vertcat(state_residual(s, x, row), control_residual(s, model, x, c, row, d))
+    residual = ca.vertcat(state_residual(s, x, row), control_residual(s, model, model.B * able, x, c, row, d))
     J = ca.jacobian(residual, z)
     linear = ca.Function(
         "stage",
@@ -85,7 +85,8 @@ def build(model: Model, actuation: Actuation, settings: NmpcSettings) -> Problem
     """Compile the problem for one model, its limits and settings."""
     N, nu = settings.stages, model.B.shape[1]
     nx = 6 + nu
-    linear, plain, terminal = _stage_functions(model, settings)
+    able = actuation.force_min_n < actuation.force_max_n
+    linear, plain, terminal = _stage_functions(model, able, settings)
     w = ca.MX.sym("w", N * (nx + nu) + nx)
     rows, d = ca.MX.sym("rows", len(COLUMNS), N + 1), ca.MX.sym("d", 3)
     Z, x_N = ca.reshape(w[: N * (nx + nu)], nx + nu, N), w[N * (nx + nu) :]

@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 
 from companion.core.config import Table
+from companion.core.thrusters import force_limits
 from companion.core.vessel_file import NonNegative, Positive, VesselFile
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=200)]
@@ -73,7 +74,7 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Actuation:
-    """What the thrusters allow: force limits, shape (n,) [N], and rate limit [N/s]."""
+    """What the thrusters allow: force limits, shape (n,) [N], and rate limit [N/s]. Equal limits: a dead thruster."""
 
     force_min_n: np.ndarray
     force_max_n: np.ndarray
@@ -81,9 +82,6 @@ class Actuation:
 
     @classmethod
     def of(cls, vessel: VesselFile) -> Actuation:
-        """Limits from a vessel file."""
-        return cls(
-            np.array([t.force_min_N for t in vessel.thrusters]),
-            np.array([t.force_max_N for t in vessel.thrusters]),
-            vessel.propulsion.rate_limit_N_s,
-        )
+        """Limits from a vessel file. What the thrusters cannot do, the plan does not ask: then the lag is exact."""
+        p = vessel.propulsion
+        return cls(*force_limits(vessel), min(p.rate_limit_N_s, p.slew_N_s or p.rate_limit_N_s))

@@ -2,7 +2,7 @@
 
     x = [x y psi | u v r | f_1..f_n],  c = [c_1..c_n] thruster force commands [N], constant over the step
     f(t) = c + (f - c) exp(-t / T_lag)                       exact
-    [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d
+    [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d       B f: `Model.thrust`
 
 The lag is solved exactly because it is five times quicker than the step; the hull needs one step of 0.2 s.
 d [N, N, N m] is a constant body force, the disturbance that the filter estimates.
@@ -29,7 +29,7 @@ def advance(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
         return c + (x[FORCES] - c) * float(np.exp(-t / model.lag_s))
 
     def rate(y: Any, t: float) -> Any:
-        tau = ca.mtimes(ca.DM(model.B), force(t)) + d
+        tau = model.thrust(y[ETA], y[NU], force(t)) + d
         return ca.vertcat(eta_dot(y[ETA], y[NU]), model.nu_dot(y[ETA], y[NU], tau))
 
     y = x[:6]
@@ -63,10 +63,11 @@ def state_residual(s: NmpcSettings, x: Any, row: Any) -> Any:
     return ca.vertcat(*(np.sqrt(w) * residual for w, residual in weighted))
 
 
-def steady_force(model: Model, row: Any, d: Any) -> Any:
+def steady_force(model: Model, B: np.ndarray, row: Any, d: Any) -> Any:
     """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
 
-    Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau.
+    Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau. `B`: of the thrusters that
+    work, columns of the others nil. Where moving water weakens thrust, the part lost of a first guess is added.
     """
     eta, nu, tau = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("tau", 3)
     slope_of = ca.Function("slope", [eta, nu, tau], [ca.jacobian(model.nu_dot(eta, nu, tau), tau)])
@@ -74,15 +75,17 @@ def steady_force(model: Model, row: Any, d: Any) -> Any:
     held = ca.vertcat(row[ref.NORTH], row[ref.EAST], row[ref.PSI])
     wanted = ca.vertcat(row[ref.U], row[ref.V], row[ref.R])
     tau_ss = -ca.mtimes(ca.DM(np.linalg.pinv(slope)), model.nu_dot(held, wanted, d))
-    return ca.mtimes(ca.DM(np.linalg.pinv(model.B)), tau_ss)
+    B_plus = ca.DM(np.linalg.pinv(B))
+    c_ss = ca.mtimes(B_plus, tau_ss)
+    return c_ss if model.is_linear_in_f else c_ss + ca.mtimes(B_plus, tau_ss - model.thrust(held, wanted, c_ss))
 
 
-def control_residual(s: NmpcSettings, model: Model, x: Any, c: Any, row: Any, d: Any) -> Any:
-    """Weighted residuals of the command: effort beyond c_ss, null space of B, rate."""
-    n = model.B.shape[1]
-    projector = ca.DM(np.eye(n) - np.linalg.pinv(model.B) @ model.B)
+def control_residual(s: NmpcSettings, model: Model, B: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
+    """Weighted residuals of the command: effort beyond c_ss, null space of B, rate. `B` as in `steady_force`."""
+    n = B.shape[1]
+    projector = ca.DM(np.eye(n) - np.linalg.pinv(B) @ B)
     return ca.vertcat(
-        np.sqrt(s.effort) * (c - steady_force(model, row, d)),
+        np.sqrt(s.effort) * (c - steady_force(model, B, row, d)),
         np.sqrt(s.null_space) * ca.mtimes(projector, c),
         np.sqrt(s.rate) * (c - x[FORCES]),
     )

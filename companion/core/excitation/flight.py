@@ -1,0 +1,212 @@
+"""Flying an excitation: which forces now, given where the boat is believed to be. Pure; never outside the pen.
+
+    home --within return_m of the middle--> fly --segment over--> home --> ... --> done
+    fly --could not be stopped within the margin any more--> home, then the rest of the same segment
+    any --called again after a break--> home;    home --for longer than HOME_LIMIT_S--> failed
+
+On the way home tau = M (nu_d - nu) / T + D(nu) nu in body axes, towards the middle at a speed that falls with the
+distance; the nearer of bow and stern turns towards it, so that a boat that cannot push sideways comes home too.
+Nothing in it needs a good model: the vessel file's numbers may be a third off (`CAUTION`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from companion.core.allocation import allocate, force_limits
+from companion.core.excitation.file import Excitation
+from companion.core.excitation.pen import Pen, stopping_distance_m
+from companion.core.excitation.signal import axis_reach, signals
+from companion.core.frames import rotate, ssa, unrotate
+from companion.core.messages import ExcitationStatus
+from companion.core.site import Site
+from companion.core.thrusters import configuration_matrix
+from companion.core.vessel import mass_matrix
+from companion.core.vessel_file import VesselFile
+
+CAUTION = 1.5
+"""The boat may be so much heavier, its drag and thrust so much weaker, than the file says; assumed."""
+BRAKE_SHARE = 0.5
+"""Of an axis' force counted on for stopping: the rest is for turning and wind; assumed."""
+REACTION_S = 0.5
+"""Until a braking force is there: a tick, dead time, lag, and growing thrust of the segment; assumed."""
+LEAST_DAMPING = 0.01
+"""Linear damping over mass [1/s] of a file that states none; assumed."""
+FIRST_S = 0.1
+"""Time that the first change of force may take; a tick."""
+GAP_S = 0.5
+"""Calls further apart are a break; assumed: five ticks."""
+HOME_LIMIT_S = 90.0
+"""Whoever is not home by then never will be: wind, current or a fault hold the boat; assumed."""
+APPROACH_S = 2.5
+"""Speed towards the middle is the distance over this; assumed."""
+SURGE_TIME_S = 1.5
+"""T above; assumed."""
+YAW_RAD_S = 0.8
+YAW_SHARE = 0.3
+"""Double pole of the turn on the way home, and the share of the yaw moment that it may use; assumed."""
+REST_M_S = 0.1
+"""Slower than this at the end is at rest; assumed."""
+
+Phase = Literal["home", "fly", "done", "failed"]
+
+
+@dataclass(frozen=True)
+class FlightState:
+    """How far an excitation is. `elapsed_s`: flown of the segment; `side`, `psi_start`: of a zig-zag."""
+
+    phase: Phase = "home"
+    segment: int = 0
+    elapsed_s: float = 0.0
+    side: float = 1.0
+    psi_start: float = 0.0
+    home_s: float = 0.0
+    t_ns: int | None = None
+    f_n: tuple[float, ...] = ()
+
+
+BEGINNING = FlightState()
+
+
+class Flight:
+    """One excitation for one vessel at one site. Raises ConfigError where they do not fit together."""
+
+    def __init__(self, excitation: Excitation, vessel: VesselFile, site: Site, *, name: str):
+        self.excitation, self.pen = excitation, Pen(site)
+        self.pen.check(excitation.margin_m, excitation.return_m, name=name)
+        self.signals = signals(excitation, vessel, name=name)
+        self._vessel, self._M, self._limits = vessel, np.diag(mass_matrix(vessel)), force_limits(vessel)
+        self._axes, self._B = axis_reach(vessel), configuration_matrix(vessel)
+        d = vessel.damping
+        self._linear = -np.array([d.X_u_N_s_m, d.Y_v_N_s_m, d.N_r_N_m_s])
+        self._quadratic = -np.array([d.X_uu_N_s2_m2, d.Y_vv_N_s2_m2, d.N_rr_N_m_s2])
+
+    def step(
+        self, state: FlightState, eta: np.ndarray, nu: np.ndarray, t_ns: int, *, spread_m: float = 0.0
+    ) -> tuple[FlightState, np.ndarray, str]:
+        """State, thruster forces (n,) [N] and a note (empty: nothing new) at `t_ns`.
+
+        `eta`, `nu`: pose and velocity over ground; `spread_m`: how far the boat may be from there.
+        """
+        dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) * 1e-9
+        if not 0.0 <= dt <= GAP_S:
+            state, dt = replace(state, phase="home" if state.phase == "fly" else state.phase, f_n=(), home_s=0.0), 0.0
+        state, note = self._advance(replace(state, t_ns=t_ns), eta, nu, dt, spread_m)
+        if state.phase == "fly":
+            wanted = self.signals[state.segment].force(state.elapsed_s, state.side)
+        elif state.phase == "home":
+            wanted = allocate(self._homeward(eta, nu), self._vessel)
+        else:
+            return replace(state, f_n=()), np.zeros(len(self._vessel.thrusters)), note
+        f = self._within_limits(wanted, state.f_n, dt)
+        return replace(state, f_n=tuple(map(float, f))), f, note
+
+    def status(self, state: FlightState, t_ns: int) -> ExcitationStatus:
+        """What to log of `state`."""
+        at = min(state.segment, len(self.signals) - 1)
+        return ExcitationStatus(
+            t_ns=t_ns,
+            phase=state.phase,
+            segment=state.segment,
+            segments=len(self.signals),
+            name=self.excitation.segments[at].name,
+            elapsed_s=state.elapsed_s,
+        )
+
+    def is_over(self, state: FlightState) -> bool:
+        """Whether there is nothing left to fly."""
+        return state.phase in ("done", "failed")
+
+    def _advance(
+        self, state: FlightState, eta: np.ndarray, nu: np.ndarray, dt: float, spread_m: float
+    ) -> tuple[FlightState, str]:
+        """The state after `dt` seconds, and what changed in words."""
+        if state.phase == "fly":
+            return self._fly(replace(state, elapsed_s=state.elapsed_s + dt), eta, nu, spread_m)
+        if state.phase == "home":
+            return self._go_home(replace(state, home_s=state.home_s + dt), eta, nu)
+        return state, ""
+
+    def _fly(self, state: FlightState, eta: np.ndarray, nu: np.ndarray, spread_m: float) -> tuple[FlightState, str]:
+        signal = self.signals[state.segment]
+        if state.elapsed_s >= signal.duration_s - 1e-6:
+            after = FlightState(segment=state.segment + 1, t_ns=state.t_ns, f_n=state.f_n)
+            if after.segment < len(self.signals) and self._is_near(eta):
+                return self._begin(after, eta)
+            return after, ""
+        room = self.room_m(eta, nu, np.array(state.f_n)) - spread_m
+        if room < self.excitation.margin_m:
+            title = self.title(state.segment)
+            note = f"{title}: {state.elapsed_s:.1f} s into it turned back, to stop {room:.1f} m inside the fence"
+            return replace(state, phase="home", home_s=0.0), note
+        if signal.switch_rad is not None:
+            turned = ssa(float(eta[2]) - state.psi_start)
+            if turned * state.side > signal.switch_rad:
+                state = replace(state, side=-state.side)
+        return state, ""
+
+    def _go_home(self, state: FlightState, eta: np.ndarray, nu: np.ndarray) -> tuple[FlightState, str]:
+        if state.home_s > HOME_LIMIT_S:
+            text = f"excitation ended: not back at the middle after {HOME_LIMIT_S:g} s"
+            return replace(state, phase="failed"), text
+        if not self._is_near(eta):
+            return state, ""
+        if state.segment < len(self.signals):
+            return self._begin(state, eta)
+        if np.hypot(nu[0], nu[1]) > REST_M_S:
+            return state, ""
+        return replace(state, phase="done"), "excitation done"
+
+    def _begin(self, state: FlightState, eta: np.ndarray) -> tuple[FlightState, str]:
+        verb = f"goes on at {state.elapsed_s:.1f} s" if state.elapsed_s else "begins"
+        state = replace(state, phase="fly", psi_start=float(eta[2]), home_s=0.0)
+        return state, f"{self.title(state.segment)} {verb}"
+
+    def title(self, segment: int) -> str:
+        """A segment in words."""
+        return f"segment {segment + 1} of {len(self.signals)}, {self.excitation.segments[segment].name},"
+
+    def room_m(self, eta: np.ndarray, nu: np.ndarray, f_n: np.ndarray) -> float:
+        """Clearance [m] that is left when the boat, now under forces `f_n`, is stopped; also on its way."""
+        push = (self._B @ f_n)[:2] if len(f_n) else np.zeros(2)
+        soon = nu[:2] + REACTION_S * push / self._M[:2]
+        speed = np.where(np.abs(soon) > np.abs(nu[:2]), soon, nu[:2])
+        ahead, side = (self._stop_m(i, float(w)) for i, w in enumerate(speed))
+        place = np.asarray(eta[:2], dtype=float)
+        return self.pen.least_clearance(place, place + rotate(float(eta[2]), ahead, side))
+
+    def _stop_m(self, axis: int, speed: float) -> float:
+        """How far the boat goes along x (axis 0) or y (1) until it rests [m], with the sign of its speed."""
+        mass = CAUTION * self._M[axis]
+        damping = max(float(self._linear[axis]), LEAST_DAMPING * self._M[axis]) / CAUTION
+        force = BRAKE_SHARE * self._axes[axis].min() / CAUTION
+        return math.copysign(stopping_distance_m(speed, mass, damping, force, REACTION_S), speed)
+
+    def _is_near(self, eta: np.ndarray) -> bool:
+        return float(np.linalg.norm(eta[:2] - self.pen.middle)) <= self.excitation.return_m
+
+    def _homeward(self, eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
+        """tau [N, N, N m] towards the middle."""
+        psi, away = float(eta[2]), self.pen.middle - eta[:2]
+        far = float(np.linalg.norm(away))
+        speed = min(self.excitation.return_speed_m_s, far / APPROACH_S)
+        wanted = np.array(unrotate(psi, *(away * speed / max(far, 1e-6))))
+        push = self._M[:2] * (wanted - nu[:2]) / SURGE_TIME_S
+        push += (self._linear[:2] + self._quadratic[:2] * np.abs(nu[:2])) * nu[:2]
+        off = ssa(psi - math.atan2(away[1], away[0]))
+        off -= math.copysign(math.pi, off) if abs(off) > math.pi / 2 else 0.0
+        if far < self.excitation.return_m:
+            off = 0.0  # so near, the bearing swings round
+        turn = -self._M[2] * (YAW_RAD_S**2 * off + 2 * YAW_RAD_S * nu[2])
+        most = YAW_SHARE * self._axes[2].min()
+        return np.array([push[0], push[1], np.clip(turn, -most, most)])
+
+    def _within_limits(self, wanted: np.ndarray, before: tuple[float, ...], dt: float) -> np.ndarray:
+        """Forces within the thrusters' limits, changing no faster than the vessel file allows."""
+        last = np.array(before) if before else np.zeros(len(wanted))
+        step = self._vessel.propulsion.rate_limit_N_s * (dt or FIRST_S)
+        return np.clip(np.clip(wanted, last - step, last + step), *self._limits)

@@ -1,0 +1,84 @@
+"""The water that a boat may use: fence less a margin, its middle, and where a moving boat can be stopped.
+
+Stopping along a body axis of mass m, linear damping d and braking force F, after a reaction time t_r at speed w:
+
+    s = w t_r + (m / d) (w - (F / d) ln(1 + w d / F))         F > 0
+    s = w t_r + m w / d                                       F = 0
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from companion.core.config import ConfigError
+from companion.core.site import Site
+
+_CELLS = 60  # of the grid on which the middle is looked for
+_TIE = 1e-3  # a metre nearer to the centroid counts as much as a millimetre of clearance
+_STATIONS = 9  # places looked at on the way to where the boat can be stopped
+
+
+@dataclass(frozen=True)
+class Pen:
+    """The fence of a site."""
+
+    site: Site
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """Corners of the fence, shape (k, 2) [m]."""
+        return np.array(self.site.fence, dtype=float)
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """The place farthest from the fence, shape (2,) [m]."""
+        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
+        north, east = np.meshgrid(*np.linspace(low, high, _CELLS + 1).T)
+        places = np.column_stack([north.ravel(), east.ravel()])
+        off = np.linalg.norm(places - self.corners.mean(axis=0), axis=1)
+        return places[np.argmax(self.clearance(places) - _TIE * off)]
+
+    def clearance(self, places: np.ndarray) -> np.ndarray:
+        """Distance of places (m, 2) to the fence, shape (m,) [m], negative outside (even-odd rule)."""
+        start, end = self.corners, np.roll(self.corners, -1, axis=0)
+        edge, away = end - start, places[:, None] - start
+        along = np.clip((away * edge).sum(axis=2) / (edge**2).sum(axis=1), 0.0, 1.0)
+        nearest = np.sqrt(((along[..., None] * edge - away) ** 2).sum(axis=2)).min(axis=1)
+        north, east = places[:, 0, None], places[:, 1, None]
+        spans = (start[:, 0] > north) != (end[:, 0] > north)
+        rise = np.where(edge[:, 0] == 0, 1.0, edge[:, 0])
+        crossing = start[:, 1] + away[..., 0] / rise * edge[:, 1]
+        inside = (spans & (east < crossing)).sum(axis=1) % 2 == 1
+        return np.where(inside, nearest, -nearest)
+
+    def least_clearance(self, start: np.ndarray, end: np.ndarray) -> float:
+        """Smallest clearance on the straight line between two places [m]."""
+        return float(self.clearance(start + np.linspace(0.0, 1.0, _STATIONS)[:, None] * (end - start)).min())
+
+    def check(self, margin_m: float, return_m: float, *, name: str) -> None:
+        """Raise ConfigError where an excitation cannot be flown in here. `name`: of the excitation file."""
+        room = float(self.clearance(self.middle[None])[0])
+        if room <= margin_m + return_m:
+            raise ConfigError(
+                f"{name}: margin_m + return_m: {margin_m + return_m:g} m, but in the fence of {self.site.name} "
+                f"no place is more than {room:.1f} m from it"
+            )
+        away = self.corners - self.middle
+        turn = away[:, 0] * np.roll(away, -1, axis=0)[:, 1] - away[:, 1] * np.roll(away, -1, axis=0)[:, 0]
+        if turn.min() < 0 < turn.max():
+            raise ConfigError(
+                f"{name}: the fence of {self.site.name} hides some of its corners from its middle "
+                f"({self.middle[0]:.1f}, {self.middle[1]:.1f}): the way back would cross it"
+            )
+
+
+def stopping_distance_m(speed: float, mass: float, damping: float, force: float, reaction_s: float) -> float:
+    """Distance [m] until a body of `mass` [kg] at `speed` [m/s] rests; >= 0. `damping` > 0 [N s/m]."""
+    w = abs(speed)
+    if force <= 0:
+        return w * reaction_s + mass * w / damping
+    return w * reaction_s + mass / damping * (w - force / damping * math.log1p(w * damping / force))

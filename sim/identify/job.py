@@ -142,7 +142,9 @@ def identify(
     models: list[Simulator] = [VesselSimulator(NAMES["base"], vessel)]
     models += [TaylorSimulator(one.name, one.fit.C, vessel) for one in series]
     models += [TaylorSimulator(NAMES["peer"], peer, vessel)] if peer is not None else []
-    models.append(VesselSimulator(NAMES["structured"], identified))
+    same_day = all(used.fitted_s for used in parted.used if used.held_out_s)
+    of_the_day = identified_vessel(vessel, structured, date=now()[:10], session=True) if same_day else identified
+    models.append(VesselSimulator(NAMES["structured"], of_the_day))
     box = Box.of(np.concatenate([s.nu for s in motion.smoothed]))
     validation, departures = _judge(models, parted, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))

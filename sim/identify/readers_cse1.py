@@ -1,8 +1,9 @@
 """C/S Enterprise I (NTNU basin, motion capture, 20 Hz): its CSV -> run.
 
 Commands u1..u5 in -1..1 become 1500 + 400 u [us], as deploy/boats/cse1.toml reads them back. Rows with
-tracking_lost keep their commands; their pose, which is zeros, is left blank. Settings (vsp_speed, bt_power),
-height and set-points are kept as extra_ columns; nu1..nu6 are not: they are raw differences of the pose.
+tracking_lost keep their commands; their pose, which is zeros, is left blank, and so is one with the ship on its side:
+there the tracker took markers for one another. The propellers' speed is setting_vsp_speed; bt_power, height and
+set-points are kept as extra_ columns; nu1..nu6 are not: they are raw differences of the pose.
 Source: github.com/NTNU-MCS/CS_EnterpriseI_archive.
 """
 
@@ -15,13 +16,14 @@ import polars as pl
 
 from sim.identify.readers_join import Stream, join
 from sim.identify.readers_table import csv_lines, numbers, text_columns
-from sim.identify.run import Run, RunError, RunMeta
+from sim.identify.run import Problem, Run, RunError, RunMeta
 
 THRUSTERS = ("port_surge", "port_sway", "starboard_surge", "starboard_sway", "bow")
 NEUTRAL_US, SPAN_US = 1500.0, 400.0
 BEYOND = 1.01  # the joystick's counts end at 1.0028 (observed)
 _NEEDED = ("t", "x", "y", "phi", "theta", "psi", "u1", "u2", "u3", "u4", "u5", "tracking_lost")
-_EXTRA = ("z", "vsp_speed", "bt_power", "eta_d1", "eta_d2", "eta_d3")
+CAPSIZED_RAD = 0.5  # the ship rolls by 0.06 rad at most (observed); beyond this she would not float
+_EXTRA = ("z", "bt_power", "eta_d1", "eta_d2", "eta_d3")
 
 
 def is_cse1(header: str) -> bool:
@@ -45,7 +47,9 @@ def read_cse1(path: Path) -> Run:
             f"{path}: line {int(beyond.argmax()) + 2}: u1..u5: expected -1 to 1, or up to {BEYOND} beyond by rounding"
         )
     t_ns = np.rint(data["t"] * 1e9).astype(np.int64)
-    seen = data["tracking_lost"] == 0
+    tracked = data["tracking_lost"] == 0
+    upright = np.maximum(np.abs(data["phi"]), np.abs(data["theta"])) < CAPSIZED_RAD
+    seen = tracked & upright
     pose = {
         "psi_rad": (data["psi"][seen] + np.pi) % (2 * np.pi) - np.pi,
         "north_m": data["x"][seen], "east_m": data["y"][seen],
@@ -69,6 +73,15 @@ def read_cse1(path: Path) -> Run:
     streams = [
         Stream("motion capture", t_ns[seen], pose),
         Stream("commands", t_ns, pwm, held=True),
-        Stream("settings", t_ns, extra),
+        Stream("others", t_ns, extra),
     ]
-    return join(streams, meta)
+    if "vsp_speed" in data:
+        streams.append(Stream("settings", t_ns, {"setting_vsp_speed": data["vsp_speed"]}, held=True))
+    return join(streams, meta).with_notes(_capsized(data["t"], tracked & ~upright))
+
+
+def _capsized(t_s: np.ndarray, wrong: np.ndarray) -> list[Problem]:
+    if not wrong.any():
+        return []
+    text = f"{wrong.sum()} poses with the ship on her side or back: markers taken for one another; left blank"
+    return [Problem(kind="not a number", text=text, t_s=float(t_s[wrong.argmax()] - t_s[0]), length_s=0.0)]

@@ -14,9 +14,9 @@ OPTIONAL = (
     "phi_rad", "theta_rad", "u_m_s", "v_m_s", "V_w_m_s", "beta_w_deg",
     "true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s",
 )  # fmt: skip
-HELD = ("pwm_", "battery_v")
+HELD = ("pwm_", "battery_v", "setting_")
 """Beginnings of the names of held columns."""
-_FAMILIES = re.compile(r"pwm_\w+|range_\w+_m|true_f_\w+_n|extra_\w+")
+_FAMILIES = re.compile(r"pwm_\w+|setting_\w+|range_\w+_m|true_f_\w+_n|extra_\w+")
 
 _ANGLE = math.pi + 1e-6
 LIMITS: tuple[tuple[re.Pattern[str], tuple[float, float, str]], ...] = tuple(
@@ -24,6 +24,7 @@ LIMITS: tuple[tuple[re.Pattern[str], tuple[float, float, str]], ...] = tuple(
     for pattern, limits in (
         (r"pwm_\w+", (800.0, 2200.0, "pulse width [us], 1500 neutral")),
         (r"battery_v", (0.0, 100.0, "[V]")),
+        (r"setting_\w+", (0.0, 1e6, "a setting of the boat, 0 is off")),
         (r"(true_)?psi_rad|phi_rad|theta_rad", (-_ANGLE, _ANGLE, "radians, wrapped to -pi..pi")),
         (r"(true_)?r_rad_s", (-35.0, 35.0, "[rad/s]; a gyroscope of 2000 deg/s ends there")),
         (r"a[xy]_m_s2", (-160.0, 160.0, "[m/s^2]; an accelerometer of 16 g ends there")),

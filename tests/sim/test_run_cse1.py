@@ -12,7 +12,7 @@ from sim.identify.readers import read_run
 from sim.identify.readers_cse1 import THRUSTERS
 from sim.identify.run import RunError
 
-RUNS = {"random_run1": (14101, 136), "random_run3": (7304, 84), "dptest": (13214, 98)}
+RUNS = {"random_run1": (14101, 136 + 10), "random_run3": (7304, 84), "dptest": (13214, 98)}  # 10: on her back
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -26,13 +26,14 @@ def test_every_row_is_there_and_lost_tracking_is_blank(shared_data, name):
     assert run.thrusters == THRUSTERS
     for i, thruster in enumerate(THRUSTERS, 1):
         np.testing.assert_allclose((run.table[f"pwm_{thruster}"] - 1500) / 400, plain[f"u{i}"], atol=1e-12)
-    seen = plain["tracking_lost"] == 0
+    seen = (plain["tracking_lost"] == 0) & (plain["phi"].abs() < 0.5) & (plain["theta"].abs() < 0.5)
     for column, source in (("north_m", "x"), ("east_m", "y"), ("phi_rad", "phi")):
         assert run.table[column].null_count() == lost
         assert run.table.filter(seen)[column].equals(plain.filter(seen)[source].alias(column))
     turned = run.table.filter(seen)["psi_rad"] - plain.filter(seen)["psi"]
     np.testing.assert_allclose(np.sin(turned / 2), 0.0, atol=1e-9)
-    assert run.table["extra_vsp_speed"].equals(plain["vsp_speed"].alias("extra_vsp_speed"))
+    assert run.table["setting_vsp_speed"].equals(plain["vsp_speed"].alias("setting_vsp_speed"))
+    assert len([n for n in run.meta.notes if "side or back" in n.text]) == (name == "random_run1")
     assert not {"r_rad_s", "ax_m_s2", "battery_v"} & {c for c in run.table.columns if run.known(c)}
 
 

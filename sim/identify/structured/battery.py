@@ -12,10 +12,12 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.vessel_file import RotorMap, VesselFile
-from sim.identify.forces import thruster_forces
+from companion.core.thrusters import NEUTRAL_US, setting_share
+from companion.core.vessel_file import PitchMap, RotorMap, VesselFile
+from sim.identify.forces import setting_rows, settings_at, thruster_forces
 from sim.identify.run import Run
-from sim.identify.structured.thrust import Commands, ThrustHistory
+from sim.identify.structured.parameters import adjustable
+from sim.identify.structured.thrust import Commands, Pitch, ThrustHistory
 
 PASSES = 3  # a force depends on the voltage by less than its own share: it settles at once
 AFTER_S = (0.0, 0.05, 0.12, 0.25)  # voltage is followed in such steps after a change of command: lag about 0.1 s
@@ -28,15 +30,35 @@ def commands_of(run: Run, vessel: VesselFile) -> Commands:
     if not run.known("battery_v"):
         t_s, pwm = run.samples(*names)
         pwm = pwm.reshape(len(t_s), -1)
-        kept = _changes(pwm)
+        rows = setting_rows(unit, settings_at(run, t_s), len(t_s))
+        kept = _changes(np.column_stack([pwm, rows.T]))
         volts = np.full(int(kept.sum()), vessel.propulsion.nominal_voltage_V)
-        return Commands(t_s[kept], thruster_forces(unit, pwm[kept], volts))
+        return _steady(t_s[kept], pwm[kept], volts, rows[:, kept], unit)
     t_s, values = run.samples(*names, "battery_v")
-    kept = _changes(values)
+    rows = setting_rows(unit, settings_at(run, t_s), len(t_s))
+    kept = _changes(np.column_stack([values, rows.T]))
     t_s, pwm, volts = t_s[kept], values[kept, :-1], values[kept, -1]
     if not any(isinstance(m, RotorMap) for m in vessel.force_maps.values()):
-        return Commands(t_s, thruster_forces(unit, pwm, volts))
+        return _steady(t_s, pwm, volts, rows[:, kept], unit)
     return _with_sag(t_s, pwm, volts, unit)
+
+
+def _steady(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, rows: np.ndarray, unit: VesselFile) -> Commands:
+    """Commands without sag; `rows`: settings in the order of `unit.settings`."""
+    settings = dict(zip(unit.settings, rows, strict=True))
+    force = thruster_forces(unit, pwm, volts, settings)
+    able = adjustable(unit)
+    if not able:
+        return Commands(t_s, force)
+    ahead, astern = [], []
+    for i in able:
+        fmap = unit.force_maps[unit.thrusters[i].force_map]
+        assert isinstance(fmap, PitchMap)
+        share = setting_share(fmap, settings[fmap.setting])
+        ahead.append(fmap.ahead_N * share)
+        astern.append(fmap.astern_N * share)
+    pulse = pwm[:, list(able)] - NEUTRAL_US
+    return Commands(t_s, force, Pitch(able, pulse, np.stack(ahead, 1), np.stack(astern, 1)))
 
 
 def _with_sag(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, unit: VesselFile) -> Commands:

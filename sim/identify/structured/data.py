@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from companion.core.vessel_file import VesselFile
+from sim.identify.calibrated import calibrated
 from sim.identify.run import Run
 from sim.identify.structured.battery import commands_of
 from sim.identify.structured.thrust import Commands
@@ -20,7 +22,7 @@ CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 PSI, RATE, SURGE, SWAY = range(4)
 MAX_STEP_S = 0.05  # yaw, the fastest motion, has a time constant of about 2 s, thrusters 0.1 s
 G = 9.80665  # m/s^2, standard gravity
-LEVEL_RAD = 0.006  # rms of roll or pitch beyond which specific force is levelled: thrice the attitude's noise; assumed
+LEVEL_S = 0.3  # roll and pitch are averaged over so long before they level specific force: their noise would add to it
 SETTLE_S = 1.0  # after the first command: what the thrusters did before is not in the log, and forgotten by then
 EDGE_S = 0.5  # fixes so near an end of a run are left out, whatever the latency turns out to be
 
@@ -67,11 +69,24 @@ class Windows:
         return int(np.isfinite(self.y).any(axis=2).sum())
 
 
-def cut(runs: Sequence[Run], vessel: VesselFile, window_s: float) -> Windows:
-    """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position."""
+def cut(
+    runs: Sequence[Run],
+    vessel: VesselFile,
+    window_s: float,
+    *,
+    tied: bool = True,
+    offsets_s: Sequence[float] = (0.0,),
+) -> Windows:
+    """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position.
+
+    Not `tied`: every window opens a run of its own. `offsets_s`: each run is cut once for each, begun so much later.
+    """
     if not runs:
         raise StructuredFitError("no run to fit")
-    pieces = [_grid(run, window_s) for run in runs]
+    runs = [calibrated(run, vessel) for run in runs]
+    laid = [(run, offset) for run in runs for offset in offsets_s]
+    pieces = [_grid(run, window_s, offset) for run, offset in laid]
+    runs = [run for run, _ in laid]
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
     t_all, y_all, owner, first, spans = [], [], [], [], []
     for i, (t, y, starts) in enumerate(pieces):
@@ -83,7 +98,7 @@ def cut(runs: Sequence[Run], vessel: VesselFile, window_s: float) -> Windows:
         t_all.append(t[index])
         y_all.append(values)
         owner += [i] * len(starts)
-        first += [True] + [False] * (len(starts) - 1)
+        first += [True] + [not tied] * (len(starts) - 1)
     t_s = np.concatenate(t_all)
     return Windows(
         t_s=t_s,
@@ -91,14 +106,14 @@ def cut(runs: Sequence[Run], vessel: VesselFile, window_s: float) -> Windows:
         y=np.concatenate(y_all),
         run=np.array(owner),
         first=np.array(first),
-        fixes=_fixes(runs),
+        fixes=_fixes(laid),
         commands=tuple(commands_of(run, vessel) for run in runs),
         spans=tuple(spans),
         grids=tuple((t, starts) for t, _, starts in pieces),
     )
 
 
-def _grid(run: Run, window_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _grid(run: Run, window_s: float, offset_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stamps, measurements (n, 4) and the starts of windows of one run."""
     name = run.meta.source
     if not run.known("psi_rad") or not run.known("north_m"):
@@ -106,7 +121,7 @@ def _grid(run: Run, window_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
     channels = [(t, np.unwrap(v)) if i == PSI else (t, v) for i, (t, v) in enumerate(channels)]
     channels = _levelled(run, channels)
-    begin = run.commands()[0][0] + SETTLE_S
+    begin = max(run.commands()[0][0] + SETTLE_S, channels[PSI][0][0]) + offset_s
     channels = [(t[t >= begin], v[t >= begin]) for t, v in channels]
     stamps = np.unique(np.concatenate([t for t, _ in channels]))
     if stamps[-1] - stamps[0] < 2 * window_s:
@@ -127,12 +142,12 @@ def _gaps(t: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Specific force with gravity taken out by roll and pitch, where the boat rolls or pitches visibly."""
+    """Specific force with gravity taken out by roll and pitch; a boat heels by a share of what accelerates it."""
     if not (run.known("phi_rad") and run.known("theta_rad")):
         return channels
     t_tilt, tilt = run.samples("phi_rad", "theta_rad")
-    if np.sqrt((tilt**2).mean(axis=0)).max() < LEVEL_RAD:
-        return channels
+    across = max(1, round(LEVEL_S / float(np.median(np.diff(t_tilt)))))
+    tilt = uniform_filter1d(tilt, across, axis=0, mode="nearest")
     out = list(channels)
     for i, sign, column in ((SURGE, -1.0, 1), (SWAY, 1.0, 0)):
         t, a = channels[i]
@@ -140,13 +155,13 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
     return out
 
 
-def _fixes(runs: Sequence[Run]) -> Fixes:
+def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:
     """Position samples of all runs, but for those at the very ends."""
     stamps, places, owners = [], [], []
-    for i, run in enumerate(runs):
+    for i, (run, offset_s) in enumerate(laid):
         t, place = run.samples("north_m", "east_m")
         known, _ = run.samples("psi_rad")
-        first = max(known[0], run.commands()[0][0] + SETTLE_S)
+        first = max(known[0], run.commands()[0][0] + SETTLE_S) + offset_s
         inside = (t > first + EDGE_S) & (t < known[-1] - EDGE_S)
         if inside.sum() < 4:
             raise StructuredFitError(f"{run.meta.source}: {inside.sum()} positions; the fit needs at least 4")

@@ -20,7 +20,7 @@ from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.structured.chain import Chain
 from sim.identify.structured.data import Windows, cut
-from sim.identify.structured.linearise import Linearised, Problem
+from sim.identify.structured.linearise import HUBER, Linearised, Problem
 from sim.identify.structured.model import compile_model
 from sim.identify.structured.noise import STATE, Noise, noise_of
 from sim.identify.structured.parameters import Parameters, PriorSigmas
@@ -34,18 +34,25 @@ READY = 0.5  # nats per sample: a step that promises less leaves a linearisation
 FARTHEST = 4.0  # sigmas of the prior that one step may go: further is beyond what the linearisation knows
 DECADE = np.log(10.0)
 Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
+COLOURED = 0.2  # correlation of neighbouring residuals beyond which they count for fewer than they are
+LATENT_CEILING = 10.0  # times the rms of commanded force over inertia, at the file's gains: more is no boat's model
 FACTORS = (0.3, 10.0)  # of a stated noise: the residuals may say so much less, so much more; assumed
 Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters."""
+    """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters.
 
+    `horizon_s`: multi-step output error instead (`horizon`), over so long; None: where no inertial sensor was logged;
+    0: never.
+    """
+
+    horizon_s: float | None = None
     window_s: float | None = None
     latent: bool = True
     latent_time_s: float = 5.0
-    iterations: int = 30
+    iterations: int = 40
     tolerance_nats: float = 0.02
     sigmas: PriorSigmas = field(default_factory=PriorSigmas)
     overrides: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
@@ -159,7 +166,7 @@ class Fit:
             }
             best = minimize(lambda v: -gain(v), np.zeros(3), method="Nelder-Mead", options=options).x
         share = np.exp(np.clip(best, -DECADE, DECADE))
-        return with_latent(noise, np.clip(now * share, floor, self.command_rms))
+        return with_latent(noise, np.clip(now * share, floor, LATENT_CEILING * self.command_rms))
 
 
 def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
@@ -178,9 +185,11 @@ def rescaled(noise: Noise, at: Linearised, stated: Noise) -> tuple[Noise, float]
     """White noise as the residuals show it, and the largest change as a factor - 1.
 
     From their 90 % quantile, which a few outliers do not move; within `FACTORS` of what the sensors are stated to have.
+    Residuals that hang together by rho from one to the next say as much as a share (1 - rho) / (1 + rho) of them would
+    (first-order autoregression): their sigma grows to match.
     """
     white = tuple(
-        _bounded(now, at.residuals[..., c], said)
+        _bounded(now, at.residuals[..., c].ravel(), said)
         for c, (now, said) in enumerate(zip(noise.white, stated.white, strict=True))
     )
     fix = _bounded(noise.fix_m, at.fix_residuals, stated.fix_m)
@@ -190,10 +199,20 @@ def rescaled(noise: Noise, at: Linearised, stated: Noise) -> tuple[Noise, float]
 
 
 def _bounded(sigma: float, whitened: np.ndarray, stated: float) -> float:
-    known = np.abs(whitened[np.isfinite(whitened)])
+    """From residuals in order of time, (m,) or (m, 2)."""
+    known = whitened[np.isfinite(whitened).reshape(len(whitened), -1).all(axis=1)]
     if not len(known):
         return sigma
-    return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, FACTORS[0] * stated, FACTORS[1] * stated))
+    rho = correlation(known)
+    share = np.sqrt((1 + rho) / (1 - rho)) if rho > COLOURED + 2 / np.sqrt(len(known)) else 1.0
+    found = sigma * share * np.quantile(np.abs(known), 0.9) / Q90
+    return float(np.clip(found, FACTORS[0] * stated, FACTORS[1] * stated))
+
+
+def correlation(residuals: np.ndarray) -> float:
+    """Of neighbours in time, (m,) or (m, 2), about zero; beyond HUBER sigmas they count as HUBER."""
+    r = np.clip(residuals, -HUBER, HUBER)
+    return float(np.clip((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-12), -0.99, 0.99))
 
 
 def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:

@@ -44,7 +44,7 @@ class Problem:
         imu = parameters.vessel.sensors.imu
         self.windows, self.parameters = windows, parameters
         self.move = Mover(windows, parameters, compiled)
-        self.imu, self.tag = Imu(windows, (imu.x_m, imu.y_m)), Tag(windows, parameters)
+        self.imu, self.tag = Imu(windows, (imu.x_m, imu.y_m), parameters.extras), Tag(windows, parameters)
 
     def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise) -> Linearised:
         """Normal equations at parameters q (P,) and nodes z (W, L), without priors."""
@@ -80,7 +80,9 @@ class Problem:
         diagonal = np.arange(L)
         F[:, diagonal, diagonal] = decay
         F[:, STATE, :X0_D] = ends[at, :, :X0_D]
-        G[:, STATE, : ends.shape[2] - X0_D] = ends[at, :, X0_D:]
+        base = ends.shape[2] - self.parameters.extras
+        G[:, STATE, : base - X0_D] = ends[at, :, X0_D:base]
+        G[:, STATE, G.shape[2] - self.parameters.extras :] = ends[at, :, base:]
         reached = decay * z[at]
         reached[:, STATE] = motion.x[at, -1]
         return Ties(z[at + 1] - reached, F, G, at, span)

@@ -15,13 +15,13 @@ import numpy as np
 from companion.core.dynamics import eta_dot
 from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
-from sim.identify.structured.parameters import HULL
+from sim.identify.structured.parameters import HULL, fitted_terms
 
 N_HULL = len(HULL)
 
 
 def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
-    """Model of the vessel file with inertia and damping q[:12] (order of HULL) as symbols.
+    """Model of the vessel file with inertia and damping q[:12] (order of HULL) as symbols; fitted terms may follow.
 
     Added mass takes up what M says; mass and I_z stay as the file has them, which changes nothing of the motion.
     """
@@ -33,7 +33,11 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
     c["N_rdot_kg_m2"] = i.I_z_kg_m2 + i.mass_kg * (i.x_g_m**2 + i.y_g_m**2) - q[2]
     c["Y_rdot_kg_m"] = i.mass_kg * i.x_g_m - q[3]
     c |= {name: q[k] for k, name in enumerate(HULL) if k >= 4}
-    return StructuredModel(vessel, c, base.term_values)
+    terms = {name: dict(given) for name, given in base.term_values.items()}
+    free = fitted_terms(vessel) if q.numel() > N_HULL else ()
+    for k, (name, p) in enumerate(free, N_HULL):
+        terms[name][p.name] = q[k]
+    return StructuredModel(vessel, c, terms)
 
 
 class Batch:
@@ -69,7 +73,7 @@ class Compiled:
 
     d: latent acceleration (3,) of a window, added to nu_dot.
     rollout  (x0, p, tau at start, middle and end of each step, d, h) -> x after each step
-    rates    (x, p, tau, d) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x 15), nu_dot
+    rates    (x, p, tau, d) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x (12 + terms + 3)), nu_dot
     """
 
     rollout: Batch
@@ -80,7 +84,8 @@ class Compiled:
 
 def compile_model(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     """Build both functions for a problem of the given size."""
-    x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
+    size = N_HULL + len(fitted_terms(vessel))
+    x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
     model = symbolic_model(vessel, p)
     nu_dot = model.nu_dot(x[:3], x[3:], tau) + d
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
@@ -88,13 +93,13 @@ def compile_model(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, tau))))
     rates = ca.Function("rates", [x, p, tau, d], ca.cse([A, G, nu_dot]))
     rate = ca.Function("rate", [x, p, tau, d], [x_dot])
-    rollout = _step(rate).mapaccum("rollout", steps)
+    rollout = _step(rate, size).mapaccum("rollout", steps)
     return Compiled(Batch(rollout, windows), Batch(rates, windows * (steps + 1)), steps, windows)
 
 
-def _step(rate: ca.Function) -> ca.Function:
+def _step(rate: ca.Function, size: int) -> ca.Function:
     """(x, p, [tau start, middle, end], d, h) -> x after h: Runge-Kutta with the force as it is within the step."""
-    x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", N_HULL), ("taus", 9), ("d", 3), ("h", 1)))
+    x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("taus", 9), ("d", 3), ("h", 1)))
     start, middle, end = taus[:3], taus[3:6], taus[6:]
     k1 = rate(x, p, start, d)
     k2 = rate(x + h / 2 * k1, p, middle, d)

@@ -12,11 +12,15 @@ import numpy as np
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.structured.fit import WINDOWS_S, Fit, Point, Say, Settings, solve
-from sim.identify.structured.parameters import unit_of
+from sim.identify.structured.horizon import CHANNELS as ERROR_NAMES
+from sim.identify.structured.horizon import HORIZON_S, HorizonFit, held_fixed
+from sim.identify.structured.horizon import solve as solve_horizon
+from sim.identify.structured.parameters import Parameters, unit_of
 
 Z95 = 1.959964
 COLOURED = 0.2  # lag-1 correlation of whitened residuals beyond which something within a window is not described
 UNDETERMINED = 0.7  # posterior over prior sigma: at more, half of what is known was known before
+INERTIAL = ("r_rad_s", "ax_m_s2", "ay_m_s2")
 CHANNEL_NAMES = ("psi", "r", "ax", "ay")
 
 
@@ -54,7 +58,8 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
 
     `covariance` (P, P) of the parameters in their order. `latent`: sigma of what the model leaves unexplained of u_dot,
     v_dot [m/s^2], r_dot [rad/s^2]; `latent_share`: of the commands' rms, 1e-3 where there is nothing. `white`: no
-    channel's residuals hang together; where they do, intervals are too narrow. `fixes`: position samples.
+    channel's residuals hang together, or the intervals allow for it; else they are too narrow. `fixes`: positions.
+    `horizon_s`: of multi-step output error (no latent acceleration then); 0 for the likelihood of windows.
     """
 
     parameters: tuple[Estimate, ...]
@@ -64,6 +69,7 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
     latent: tuple[float, float, float]
     latent_share: tuple[float, float, float]
     window_s: float
+    horizon_s: float = 0.0
     white: bool
     samples: int
     fixes: int
@@ -94,6 +100,12 @@ def fit_structured(
     `say(text, share)` hears of progress.
     """
     began, settings = time.perf_counter(), settings or Settings()
+    horizon_s = settings.horizon_s
+    if horizon_s is None:
+        horizon_s = 0.0 if any(run.known(c) for run in runs for c in INERTIAL) else HORIZON_S
+    if horizon_s:
+        found = _fit_horizon(runs, vessel, settings, horizon_s, say)
+        return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
     first, *finer = (settings.window_s,) if settings.window_s else WINDOWS_S
     found = _fit_once(runs, vessel, replace(settings, window_s=first), say)
     for window_s in finer:
@@ -108,17 +120,69 @@ def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: Settings, say: 
     return summary(fit, point, iterations, runs)
 
 
+def _fit_horizon(runs: Sequence[Run], vessel: VesselFile, settings: Settings, horizon_s: float, say: Say) -> FitResult:
+    parameters = held_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
+    fit = HorizonFit(runs, vessel, parameters, horizon_s)
+    point, iterations = solve_horizon(fit, settings.iterations, say)
+    C_w = fit.covariance(point)
+    C_q, share = _spread_of(parameters, point.w, C_w)
+    return FitResult(
+        parameters=_estimates(parameters, parameters.file_units(point.w), C_q, share),
+        covariance=tuple(tuple(map(float, row)) for row in C_q),
+        directions=_directions(C_w, parameters.prior[1], parameters.names),
+        channels=tuple(
+            _channel(name, (point.error[..., i] / fit.sigma[i]).ravel(), float(fit.sigma[i]))
+            for i, name in enumerate(ERROR_NAMES)
+        ),
+        latent=(0.0, 0.0, 0.0),
+        latent_share=(0.0, 0.0, 0.0),
+        window_s=horizon_s,
+        horizon_s=horizon_s,
+        white=True,
+        samples=sum(len(run.samples("psi_rad")[0]) for run in runs),
+        fixes=sum(len(run.samples("north_m", "east_m")[0]) for run in runs),
+        iterations=iterations,
+        seconds=0.0,
+        converged=iterations < settings.iterations,
+        data_hashes=tuple(run.data_hash for run in runs),
+        vessel=parameters.vessel.name,
+    )
+
+
 def summary(fit: Fit, point: Point, iterations: int, runs: Sequence[Run]) -> FitResult:
     """Values and intervals at a converged point."""
     parameters = fit.parameters
     D = fit.assemble(point, fit.noise)[0].solve()[2]
     C_w = np.linalg.inv(D)
-    q, T = parameters.file_units(point.w), parameters.jacobian(point.w)
-    C_q = T @ C_w @ T.T
-    _, spread = parameters.prior
-    share = np.sqrt(np.diag(C_w)) / spread
-    positive = parameters.is_positive()
+    C_q, share = _spread_of(parameters, point.w, C_w)
     channels = _channels(fit, point)
+    return FitResult(
+        parameters=_estimates(parameters, parameters.file_units(point.w), C_q, share),
+        covariance=tuple(tuple(map(float, row)) for row in C_q),
+        directions=_directions(C_w, parameters.prior[1], parameters.names),
+        channels=channels,
+        latent=fit.noise.latent,
+        latent_share=_triple(np.array(fit.noise.latent) / fit.command_rms),
+        window_s=fit.settings.window_s or 0.0,
+        white=all(abs(c.lag1) < COLOURED + 2 / np.sqrt(c.count) for c in channels),
+        samples=fit.windows.samples(),
+        fixes=len(fit.windows.fixes.t_s),
+        iterations=iterations,
+        seconds=0.0,
+        converged=iterations < fit.settings.iterations,
+        data_hashes=tuple(run.data_hash for run in runs),
+        vessel=parameters.vessel.name,
+    )
+
+
+def _spread_of(parameters: Parameters, w: np.ndarray, C_w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance in file units, and posterior over prior sigma of each w."""
+    T = parameters.jacobian(w)
+    return T @ C_w @ T.T, np.sqrt(np.diag(C_w)) / parameters.prior[1]
+
+
+def _estimates(parameters: Parameters, q: np.ndarray, C_q: np.ndarray, share: np.ndarray) -> tuple[Estimate, ...]:
+    positive = parameters.is_positive()
     estimates = []
     for i, name in enumerate(parameters.names):
         se = float(np.sqrt(C_q[i, i]))
@@ -133,23 +197,7 @@ def summary(fit: Fit, point: Point, iterations: int, runs: Sequence[Run]) -> Fit
                 determined=bool(share[i] <= UNDETERMINED),
             )
         )
-    return FitResult(
-        parameters=tuple(estimates),
-        covariance=tuple(tuple(map(float, row)) for row in C_q),
-        directions=_directions(C_w, spread, parameters.names),
-        channels=channels,
-        latent=fit.noise.latent,
-        latent_share=_triple(np.array(fit.noise.latent) / fit.command_rms),
-        window_s=fit.settings.window_s or 0.0,
-        white=all(abs(c.lag1) < COLOURED + 2 / np.sqrt(c.count) for c in channels),
-        samples=fit.windows.samples(),
-        fixes=len(fit.windows.fixes.t_s),
-        iterations=iterations,
-        seconds=0.0,
-        converged=iterations < fit.settings.iterations,
-        data_hashes=tuple(run.data_hash for run in runs),
-        vessel=parameters.vessel.name,
-    )
+    return tuple(estimates)
 
 
 def _triple(values: np.ndarray) -> tuple[float, float, float]:
@@ -193,6 +241,7 @@ def _channels(fit: Fit, point: Point) -> tuple[Channel, ...]:
 
 
 def _channel(name: str, series: np.ndarray, sigma: float) -> Channel:
+    series = series[np.isfinite(series)]
     square = float(series @ series)
     lag1 = float(series[1:] @ series[:-1]) / square
     return Channel(name=name, count=len(series), sigma=sigma, rms=float(np.sqrt(square / len(series))), lag1=lag1)

@@ -20,10 +20,11 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # omega x: of a unit yaw rate
 
 @dataclass(frozen=True)
 class Imu:
-    """Heading, yaw rate and specific force of all windows."""
+    """Heading, yaw rate and specific force of all windows. `extras`: as `Parameters.extras`."""
 
     windows: Windows
     arm_m: tuple[float, float]
+    extras: int = 0
 
     def residual(self, motion: Motion, z: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured, whitened, shape (W, K, 4); NaN where nothing was measured."""
@@ -61,14 +62,14 @@ class Imu:
         force[:, :, 0, 6:] += G[..., 0, :] - ly * G[..., 2, :]
         force[:, :, 1, 6:] += G[..., 1, :] + lx * G[..., 2, :]
         rows = np.zeros((len(x), K, 4, columns))
-        spread(rows[:, :, RATE], S[..., 5, :] * scale[:, :, RATE, None])
-        spread(rows[:, :, SURGE:], force * scale[:, :, SURGE:, None])
+        spread(rows[:, :, RATE], S[..., 5, :] * scale[:, :, RATE, None], self.extras)
+        spread(rows[:, :, SURGE:], force * scale[:, :, SURGE:, None], self.extras)
         for channel, column in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
             rows[..., channel, column] = scale[..., channel]
         slow = np.stack([self._fade(noise)[part], np.ones(x.shape[:2])], axis=2)
         h_s = self.windows.h_s[part]
         psi = whiten(np.concatenate([S[..., 2, :], slow], axis=2), known[..., PSI], h_s, noise)
-        spread(rows[:, :, PSI], psi[..., :-2])
+        spread(rows[:, :, PSI], psi[..., :-2], self.extras)
         rows[:, :, PSI, WANDER], rows[:, :, PSI, OFFSET] = psi[..., -2], psi[..., -1]
         return rows
 
@@ -89,7 +90,7 @@ class Tag:
         """Predicted minus measured place, whitened, shape (m, 2)."""
         path = self.path(motion, q)
         place = path.x[:, :2] + path.turned(path.shift)
-        warped = (place - self._middle) @ q[-4:].reshape(2, 2).T
+        warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
 
     def rows(self, path: Path, S: np.ndarray, noise: Noise, columns: int) -> np.ndarray:
@@ -105,10 +106,11 @@ class Tag:
         C[:, :, 3:5] = delta[..., None] * path.R
         C[:, :, 5] = delta * (path.R @ lever)
         rows = np.zeros((len(delta), 2, columns))
-        spread(rows, C @ S)
+        spread(rows, C @ S, self.parameters.extras)
         rows[:, :, at] = -path.turned(path.velocity + delta * path.gain)
         away = path.x[:, :2] + path.turned(path.shift) - self._middle
-        rows[:, 0, -4:-2] = rows[:, 1, -2:] = away
+        warp = L + self.parameters.warp.start
+        rows[:, 0, warp : warp + 2] = rows[:, 1, warp + 2 : warp + 4] = away
         rows[:, :, at + 1 : at + 3] = path.R + (delta * path.x[:, 5:6])[..., None] * (path.R @ TURN)
         return rows / noise.fix_m
 

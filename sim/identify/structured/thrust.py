@@ -1,4 +1,4 @@
-"""Thruster forces over time, exactly, with their derivatives to dead time and lag.
+"""Thruster forces over time, exactly, with their derivatives to dead time and lag; and to trims, lagged like them.
 
     f_dot = (F(pwm(t - t_d), V) - f) / T_lag        one unit of gain per thruster
 
@@ -14,13 +14,53 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_banded
 
+from companion.core.thrusters import SPAN_US
+
 
 @dataclass(frozen=True)
 class Commands:
-    """Steady forces [N] at a gain of one, shape (c, n), in force from `t_s`, shape (c,), until the next."""
+    """Steady forces [N] at a gain of one, shape (c, n), in force from `t_s`, shape (c,), until the next.
+
+    `pitch`: what the forces of adjustable thrusters follow from, at any trim.
+    """
 
     t_s: np.ndarray
     force_n: np.ndarray
+    pitch: Pitch | None = None
+
+    def at_pitch(self, trim_us: np.ndarray, curve: np.ndarray) -> Commands:
+        """Forces at these trims [us] and curves, each (a,); and, as 2 a columns more, what a microsecond of trim and a
+
+        unit of curve add to each.
+        """
+        if self.pitch is None:
+            return self
+        force, by_trim, by_curve = self.pitch.at(trim_us, curve)
+        everything = self.force_n.copy()
+        everything[:, list(self.pitch.which)] = force
+        return Commands(self.t_s, np.hstack([everything, by_trim, by_curve]))
+
+
+@dataclass(frozen=True)
+class Pitch:
+    """Adjustable thrusters `which` (a,): pulse widths from 1500 us, and forces at full pitch [N] ahead and astern as
+
+    things were set at the time, (c, a) each.
+    """
+
+    which: tuple[int, ...]
+    pulse_us: np.ndarray
+    ahead: np.ndarray
+    astern: np.ndarray
+
+    def at(self, trim_us: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Force [N], its derivatives to the trim [N/us] and to the curve [N], each (c, a): `thrusters`, pitch."""
+        beyond = (self.pulse_us - trim_us) / SPAN_US
+        c = np.clip(beyond, -1.0, 1.0)
+        full = np.where(c >= 0, self.ahead, self.astern)
+        size, inside = np.abs(c), np.abs(beyond) < 1.0
+        slope = full * (1 - curve + 2 * curve * size) / SPAN_US
+        return full * c * (1 - curve + curve * size), -slope * inside, full * c * (size - 1)
 
 
 class ThrustHistory:

@@ -10,17 +10,21 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.vessel_file import Damping, Inertia, VesselFile
+from companion.core.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
 from companion.core.vessel_load import load_vessel
-from sim.identify.structured.parameters import DAMPING, Parameters
+from sim.identify.structured.parameters import DAMPING, Parameters, fitted_terms
 from sim.identify.structured.result import FitResult
 
 DIGITS = 6
+TRIM_US = 200  # as the vessel file's bounds
 ROOM = 0.98  # of M that the rigid body may take, where the file's mass would leave no added mass
 
 
-def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str) -> VesselFile:
-    """`vessel` with the fitted inertia, damping, gains, dead time, lag, UWB latency and tag place.
+def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, session: bool = False) -> VesselFile:
+    """`vessel` with the fitted inertia, damping, gains, azimuths, dead time, lag, terms, UWB latency and tag place.
+
+    Trims only for the `session` of the fitted logs itself: where blades stand at neutral is another day's another thing
+    (docs/cse1.md). Without it the file's stay, and the fitted ones have kept the rest from bending.
 
     Only M is known, not how it divides: mass and I_z stay as they are and added mass takes the difference, unless that
     would be positive; then mass or I_z gives way. Either way the motion is the same.
@@ -29,9 +33,7 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str) -> Ve
     q = dict(zip(names, (result[name].value for name in names), strict=True))
     runs = ", ".join(h[:12] for h in result.data_hashes)
     source = f"identified {date} from {result.samples} samples (run {runs}), prior: vessel file {vessel.name}"
-    thrusters = tuple(
-        replace(t, gain=_round(q[f"gain_{t.name}"]), source=f"{t.source}; gain {source}") for t in vessel.thrusters
-    )
+    thrusters = tuple(_thruster(t, q, source, session) for t in vessel.thrusters)
     uwb = replace(
         vessel.sensors.uwb,
         latency_s=max(0.0, _round(q["uwb_latency_s"])),
@@ -49,9 +51,39 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str) -> Ve
             lag_s=_round(q["lag_s"]),
             source=f"{vessel.propulsion.source}; dead time and lag {source}",
         ),
+        force_maps={name: _map(name, given, q, source) for name, given in vessel.force_maps.items()},
         thrusters=thrusters,
         sensors=replace(vessel.sensors, uwb=uwb),
+        terms=_terms(vessel, q, source),
     )
+
+
+def _map(name: str, given: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
+    """A force map with what was fitted of it, within what a file may say."""
+    if not isinstance(given, PitchMap) or f"curve_{name}" not in q:
+        return given
+    curve = float(np.clip(_round(q[f"curve_{name}"]), -1.0, 1.0))
+    return replace(given, curve=curve, source=f"{given.source}; curve {source}")
+
+
+def _thruster(given: Thruster, q: Mapping[str, float], source: str, session: bool) -> Thruster:
+    """A thruster with what was fitted of it; trims are whole microseconds, within what a file may say."""
+    gain = replace(given, gain=_round(q[f"gain_{given.name}"]), source=f"{given.source}; gain {source}")
+    if (trim := q.get(f"trim_{given.name}_us")) is None:
+        return gain
+    turned = replace(gain, azimuth_deg=_round(q[f"azimuth_{given.name}_deg"]))
+    if not session:
+        return replace(turned, source=f"{given.source}; gain and azimuth {source}")
+    trim_us = int(np.clip(round(trim), -TRIM_US, TRIM_US))
+    return replace(turned, trim_us=trim_us, source=f"{given.source}; gain, azimuth and trim {source}")
+
+
+def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str, dict[str, float | str]]:
+    """The terms with what was fitted of them."""
+    terms = {name: dict(given) for name, given in vessel.terms.items()}
+    for name, p in fitted_terms(vessel):
+        terms[name] |= {p.name: _round(q[p.name]), "source": source}
+    return terms
 
 
 def _inertia(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:

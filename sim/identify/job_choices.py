@@ -73,7 +73,18 @@ def _structured(found: Found) -> Iterator[tuple[str, str, str]]:
     s, settings = found.structured, found.choices.settings
     windows = ", then ".join(f"{w:g}" for w in WINDOWS_S)
     given = "default" if settings.horizon_s is None else f"{settings.horizon_s:g} s"
-    yield "window of the structured fit", f"{s.window_s:g} s (tried: {windows} s, if residuals are not white)", FITTED
+    if s.horizon_s:
+        yield (
+            "structured fit",
+            f"multi-step output error over {s.horizon_s:g} s: no inertial sensor in the logs",
+            FITTED,
+        )
+    else:
+        yield (
+            "window of the structured fit",
+            f"{s.window_s:g} s (tried: {windows} s, if residuals are not white)",
+            FITTED,
+        )
     yield "multi-step output error", f"only where no inertial sensor was logged; horizon: {given}", BEFORE
     sigmas = ", ".join(f"{f.name} {getattr(settings.sigmas, f.name):g}" for f in fields(settings.sigmas))
     yield "prior", f"centred on the vessel file; sigma (shares where positive): {sigmas}", BEFORE

@@ -1,7 +1,8 @@
 """Our own log (MCAP) -> run: what was commanded, what was measured, and the truth where there is one.
 
-Commands are the override leases: a lease that ran out before the next began is followed by neutral, as the
-boat does. Where the autopilot's outputs say that it did not obey (disarmed, HOLD, failsafe), a note says when.
+Commands are the override leases, later by the run file's `control.latency_s`: what reaches the autopilot's outputs. A
+lease that ran out before the next began is followed by neutral, as the boat does. Where the autopilot's outputs say
+that it did not obey (disarmed, HOLD, failsafe), a note says when.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.run_file import load_run
 from companion.core.site import Site, load_site
 from companion.core.vessel_file import VesselFile
 from companion.core.vessel_load import load_vessel
@@ -65,12 +67,17 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude])]
     streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
     last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag) if len(s.t_ns)), default=0)
-    streams += [_commands(found[OverrideLease], names, last_ns), *tag, _truth(found[GroundTruth], names)]
+    link_ns = _link_ns(log)
+    streams += [_commands(found[OverrideLease], names, last_ns, link_ns), *tag, _truth(found[GroundTruth], names)]
     meta = RunMeta(
         vessel=vessel.name if vessel else log.metadata.get("vessel", "not stated"),
         source=str(path.name),
         clock="companion, monotonic",
-        columns={"pwm": "commanded: override leases, neutral where one ran out", "r_rad_s": "gyroscope", **places},
+        columns={
+            "pwm": f"commanded: override leases {link_ns / 1e9:g} s later (control.latency_s)",
+            "r_rad_s": "gyroscope",
+            **places,
+        },
         notes=tuple(notes),
         **described(vessel, site),
     )
@@ -141,16 +148,20 @@ _ROWS: dict[type[Message], Callable[[Any], tuple[Any, ...]]] = {
 """What is kept of the most frequent messages: tuples of numbers, which the garbage collector forgets."""
 
 
-def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int) -> Stream:
-    """Leases, and neutral from where one ran out; `last_ns`: when the last sample came."""
+def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int, link_ns: int) -> Stream:
+    """Leases as they reach the output, `link_ns` later, and neutral from where one ran out.
+
+    `last_ns`: when the last sample came.
+    """
     rows: list[tuple[float, ...]] = []
     end_ns: int | None = None
     for lease in leases:
-        if end_ns is not None and lease.t_ns > end_ns:
+        t_ns = lease.t_ns + link_ns
+        if end_ns is not None and t_ns > end_ns:
             rows.append((end_ns, *(NEUTRAL_US for _ in names)))
         given = lease.pwm_us[: len(names)]
-        rows.append((lease.t_ns, *given, *(np.nan for _ in range(len(names) - len(given)))))
-        end_ns = lease.t_ns + round(lease.valid_for_s * 1e9)
+        rows.append((t_ns, *given, *(np.nan for _ in range(len(names) - len(given)))))
+        end_ns = t_ns + round(lease.valid_for_s * 1e9)
     if end_ns is not None and end_ns <= last_ns:
         rows.append((end_ns, *(NEUTRAL_US for _ in names)))
     return Stream.of("commands", [f"pwm_{name}" for name in names], rows, held=True)
@@ -184,6 +195,15 @@ def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, 
         odd = not near
     text = "the autopilot's outputs are not what was commanded (disarmed, other mode, failsafe?)"
     return [Problem(kind="not obeyed", text=text, t_s=a, length_s=b - a) for a, b in stretches if b - a >= OBEY_S]
+
+
+def _link_ns(log: LogFile) -> int:
+    """From an override to the autopilot's output, as the run file in the log has it; nil without one."""
+    try:
+        run = load_run(log.metadata["config/run.toml"], name=f"{log.path}: run.toml")
+    except (KeyError, ConfigError):
+        return 0
+    return round(run.control.latency_s * 1e9)
 
 
 def _vessel(log: LogFile) -> VesselFile | None:

@@ -94,7 +94,7 @@ def perturbed(vessel: VesselFile, rng: np.random.Generator, share: float) -> Ves
     """A boat like `vessel` with inertia, damping and thruster gains off by up to `share` (uniform)."""
 
     def shake(table, keys):
-        return {k: getattr(table, k) * (1 + rng.uniform(-share, share)) for k in keys}
+        return {k: getattr(table, k) * (1 + float(rng.uniform(-share, share))) for k in keys}
 
     inertia = shake(vessel.inertia, ("mass_kg", "I_z_kg_m2", "X_udot_kg", "Y_vdot_kg", "N_rdot_kg_m2"))
     damping = shake(vessel.damping, [k for k in vessel.damping.__struct_fields__ if k != "source"])

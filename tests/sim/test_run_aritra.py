@@ -23,6 +23,9 @@ def log(tmp_path_factory) -> Path:
     return record(tmp_path_factory.mktemp("run") / "drive.mcap", simulated())
 
 
+LINK_S = 0.03  # control.latency_s of the example run file
+
+
 @pytest.fixture(scope="module")
 def run(log: Path) -> Run:
     return read_run(log)
@@ -61,11 +64,11 @@ def test_measurements_are_those_of_the_messages(run: Run):
 def test_commands_are_the_leases_held(run: Run):
     assert run.thrusters == THRUSTERS
     leases = of(m.OverrideLease)
-    when = np.array([seconds(run, lease) for lease in leases])
+    when = np.array([seconds(run, lease) + LINK_S for lease in leases])
     t_s, pwm = run.samples(*(f"pwm_{name}" for name in THRUSTERS))
-    held = np.array([leases[i].pwm_us[:4] for i in np.searchsorted(when, t_s, side="right") - 1])
+    held = np.array([leases[i].pwm_us[:4] for i in np.searchsorted(when - 1e-6, t_s, side="right") - 1])
     np.testing.assert_array_equal(pwm, held)
-    assert t_s[0] == when[0]
+    assert t_s[0] == pytest.approx(when[0], abs=1e-9)
 
 
 def test_metadata_comes_from_the_files_in_the_log(run: Run):
@@ -108,11 +111,12 @@ def test_a_lease_that_ran_out_is_followed_by_neutral(tmp_path):
     run = read_run(record(tmp_path / "a.mcap", kept))
     last, following = (next(x for x in of(m.OverrideLease) if x.index == i) for i in (99, 110))
     t_s, pwm = run.samples("pwm_front_port")
-    end_s, again_s = seconds(run, last) + last.valid_for_s - 1e-6, seconds(run, following) - 1e-6
+    end_s = seconds(run, last) + LINK_S + last.valid_for_s - 1e-6
+    again_s = seconds(run, following) + LINK_S - 1e-6
     silent = (t_s >= end_s) & (t_s < again_s)
     assert set(pwm[silent]) == {1500.0}
     assert 30 < silent.sum() < 60
-    before = (t_s >= seconds(run, last) - 1e-6) & (t_s < end_s)
+    before = (t_s >= seconds(run, last) + LINK_S - 1e-6) & (t_s < end_s)
     assert set(pwm[before]) == {float(last.pwm_us[0])}
 
 

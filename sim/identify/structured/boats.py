@@ -35,15 +35,15 @@ def draw_boat(
     """
     boat = perturbed(vessel, rng, share)
     if gain_sigma:
-        gains = [t.gain * (1 + gain_sigma * rng.normal()) for t in vessel.thrusters]
+        gains = [t.gain * (1 + gain_sigma * float(rng.normal())) for t in vessel.thrusters]
         boat = replace(boat, thrusters=tuple(replace(t, gain=g) for t, g in zip(boat.thrusters, gains, strict=True)))
-    off = 1 + rng.uniform(-share, share, 3)
+    off = [1 + float(v) for v in rng.uniform(-share, share, 3)]
     propulsion = replace(
         boat.propulsion,
         dead_time_s=round(boat.propulsion.dead_time_s * off[0] / TICK_S) * TICK_S,
         lag_s=boat.propulsion.lag_s * off[1],
     )
     uwb = boat.sensors.uwb
-    arm = rng.normal(0, ARM_SIGMA_M, 2)
+    arm = [float(v) for v in rng.normal(0, ARM_SIGMA_M, 2)]
     uwb = replace(uwb, latency_s=uwb.latency_s * off[2], x_m=uwb.x_m + arm[0], y_m=uwb.y_m + arm[1])
     return replace(boat, propulsion=propulsion, sensors=replace(boat.sensors, uwb=uwb))

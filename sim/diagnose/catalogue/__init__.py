@@ -1,0 +1,42 @@
+"""The catalogue: one small entry an effect, in four rooms. `catalogue` gathers them for one boat and its logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from companion.core.vessel_file import VesselFile
+from sim.diagnose.catalogue import environment, hull, propulsion, sensors
+from sim.diagnose.clock import clock_start
+from sim.diagnose.effect import Effect
+from sim.identify.run import Run
+
+ONSET_STEP_S = 60.0  # how far apart the starts of the search for an onset are; assumed
+ACROSS = 3  # places a side at which the search for a zone starts; assumed
+
+
+def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+    """All entries for one boat and its logs; `more`: a user's own. ValueError where two have one id."""
+    places = np.concatenate([run.samples("north_m", "east_m")[1] for run in runs])
+    low, high = np.quantile(places, (0.05, 0.95), axis=0)
+    share = (np.arange(ACROSS) + 0.5) / ACROSS
+    centres = tuple(
+        (float(n), float(e)) for n in low[0] + share * (high - low)[0] for e in low[1] + share * (high - low)[1]
+    )
+    start = min(clock_start(run, runs) for run in runs)
+    end = max(clock_start(run, runs) + run.duration_s for run in runs)
+    onsets = tuple(np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
+    entries = (
+        *hull.base(),
+        *sensors.base(),
+        *hull.effects(vessel),
+        *propulsion.effects(vessel, onsets),
+        *environment.effects(vessel, centres, end - start),
+        *sensors.effects(),
+        *more,
+    )
+    ids = [e.id for e in entries]
+    if twice := {i for i in ids if ids.count(i) > 1}:
+        raise ValueError(f"effect {sorted(twice)[0]!r} is in the catalogue twice")
+    return entries

@@ -1,0 +1,291 @@
+"""Everything that the logs say at one point about nodes, and about every effect's parameters, as normal equations.
+
+Residuals are predicted minus measured, whitened. Columns: node (L), then one for each parameter. An effect's column of
+accelerations delta_a(t) moves the state by
+
+    S_{k+1} = Phi_k S_k + h/2 (delta_a_k + delta_a_{k+1}) + h^2/2 A delta_a_k,   Phi = I + h/2 (A_k + A_{k+1}) + ...
+
+from nothing at each node: what it has done before is the node's business (the ties pass it on).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.diagnose.effect import Effect
+from sim.diagnose.physics import Physics, State, Theta, secants, sight, values_of
+from sim.identify.structured.chain import Chain, Ties
+from sim.identify.structured.data import PSI, RATE, SURGE, SWAY
+from sim.identify.structured.linearise import BLOCK, HUBER
+from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, STATE, WANDER, L, Noise, whiten
+
+X0_D = 9  # columns of S before the effects': state (6) and latent acceleration (3) of the node
+
+
+@dataclass(frozen=True)
+class Point:
+    """Normal equations of the data at theta, z. `cost`: half the weighted squares of the data [nats].
+
+    `residuals` (W, K, 4), `fix_residuals` (m, 2): whitened, NaN where nothing was measured.
+    """
+
+    theta: Theta
+    z: np.ndarray
+    state: State
+    chain: Chain
+    ties: Ties
+    cost: float
+    residuals: np.ndarray
+    fix_residuals: np.ndarray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What one unit of each parameter changes: accelerations (W, K+1, 3, P), IMU (W, K, 4, P), places (m, 2, P)."""
+
+    a: np.ndarray
+    imu: np.ndarray
+    tag: np.ndarray
+
+
+class Lineariser:
+    """Residuals and normal equations on the windows of `physics`."""
+
+    def __init__(self, physics: Physics):
+        self.physics, self.windows = physics, physics.windows
+        vessel = physics.vessel
+        self._imu_arm = (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m)
+        self._arm = np.array([vessel.sensors.uwb.x_m, vessel.sensors.uwb.y_m])
+        self._window, self._index, self._when = self._places(vessel.sensors.uwb.latency_s)
+        self._delta = self._when - self.windows.t_s[self._window, self._index]
+
+    def _places(self, latency_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Window and step before each position sample, and when it was taken [s]."""
+        windows, fixes = self.windows, self.windows.fixes
+        when = fixes.t_s - latency_s
+        w, k = np.empty(len(when), dtype=int), np.empty(len(when), dtype=int)
+        for i, (span, (t, starts)) in enumerate(zip(windows.spans, windows.grids, strict=True)):
+            mine = fixes.run == i
+            step = np.clip(np.searchsorted(t, when[mine], side="right") - 1, 0, len(t) - 2)
+            own = np.searchsorted(starts, step, side="right") - 1
+            w[mine], k[mine] = own + span.start, step - starts[own]
+        return w, k, when
+
+    def _sight(self, state: State):
+        w, k = self._window, self._index
+        return sight(self.physics, state.x[w, k], state.nu_dot[w, k], self._delta, self._arm, self._when)
+
+    def imu(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+        """psi, r, a_x, a_y as the sensors should say, without node biases, (W, K, 4)."""
+        K = self.windows.size[1]
+        x, nd = state.x[:, :K], state.nu_dot[:, :K]
+        u, v, r = x[..., 3], x[..., 4], x[..., 5]
+        lx, ly = self._imu_arm
+        ax = nd[..., 0] - v * r - lx * r**2 - ly * nd[..., 2]
+        ay = nd[..., 1] + u * r - ly * r**2 + lx * nd[..., 2]
+        y = np.stack([x[..., 2], r, ax, ay], axis=2)
+        scene = self.physics.scene(state).part(K)
+        for effect, p in values_of(effects, theta, "imu"):
+            y = effect.hooks["imu"](p, scene, y)
+        return y
+
+    def tag(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+        """Places as the tag should report them, (m, 2)."""
+        seen, _ = self._sight(state)
+        place = seen.place_m
+        for effect, p in values_of(effects, theta, "tag"):
+            place = effect.hooks["tag"](p, seen, place)
+        return place
+
+    def residuals(
+        self, effects: Sequence[Effect], theta: Theta, state: State, z: np.ndarray, noise: Noise
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Whitened, (W, K, 4) and (m, 2)."""
+        error = self.imu(effects, theta, state) - self.windows.y
+        error[..., PSI] += z[:, None, OFFSET] + self._fade(noise) * z[:, None, WANDER]
+        for channel, bias in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
+            error[..., channel] += z[:, None, bias]
+        out = error / np.array(noise.white)
+        known = np.isfinite(error[..., PSI])
+        psi = whiten(np.where(known, error[..., PSI], 0.0)[..., None], known, self.windows.h_s, noise)
+        out[..., PSI] = np.where(known, psi[..., 0], np.nan)
+        return out, (self.tag(effects, theta, state) - self.windows.fixes.place_m) / noise.fix_m
+
+    def _fade(self, noise: Noise) -> np.ndarray:
+        t = self.windows.t_s[:, :-1]
+        return np.exp(-(t - t[:, :1]) / noise.wander_time_s)
+
+    def columns(self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]) -> Columns:
+        """Secants of all parameters of `chosen`; `effects`: those that may be in theta."""
+        W, K = self.windows.size
+        a = self.physics.accelerations(effects, theta, state, chosen)
+        imu, tag = np.zeros((W, K, 4, a.shape[3])), np.zeros((len(self._when), 2, a.shape[3]))
+        for at, (effect, now, step) in enumerate(secants(chosen, theta)):
+            there, without = {**theta, effect.id: now + step}, {**theta, effect.id: now}
+            every = [*(e for e in effects if e.id != effect.id), effect]
+            if "imu" in effect.hooks:
+                imu[..., at] = (self.imu(every, there, state) - self.imu(every, without, state)) / step.sum()
+            if "tag" in effect.hooks:
+                tag[..., at] = (self.tag(every, there, state) - self.tag(every, without, state)) / step.sum()
+        return Columns(a, imu, tag)
+
+    def point(
+        self,
+        effects: Sequence[Effect],
+        theta: Theta,
+        z: np.ndarray,
+        noise: Noise,
+        chosen: Sequence[Effect],
+        before: State | None = None,
+    ) -> Point:
+        """Normal equations at theta, z with a column for each parameter of `chosen`."""
+        state = self.physics.move(effects, theta, z, before)
+        residual, fix = self.residuals(effects, theta, state, z, noise)
+        columns = self.columns(effects, theta, state, chosen)
+        _, frame = self._sight(state)
+        size = np.sqrt((fix**2).sum(axis=1))
+        root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))[:, None]
+        W = self.windows.size[0]
+        H, grad, ends = [], [], []
+        for start in range(0, W, BLOCK):
+            part = slice(start, min(start + BLOCK, W))
+            S = sensitivities(state.A[part], columns.a[part], self.windows.h_s[part])
+            rows = self._imu_rows(state, columns, S, noise, part)
+            Hp, gp = _products(rows, residual[part])
+            mine = np.flatnonzero((self._window >= part.start) & (self._window < part.stop))
+            tag_rows = self._tag_rows(frame, state, columns, S, noise, part, mine) * root[mine, None]
+            _add_fixes(Hp, gp, tag_rows, fix[mine] * root[mine], self._window[mine] - part.start)
+            H.append(Hp)
+            grad.append(gp)
+            ends.append(S[:, -1].copy())
+        ties = self._ties(state, np.concatenate(ends), z, noise, columns.a.shape[3])
+        chain = Chain.of_data(np.concatenate(H), np.concatenate(grad), L)
+        return Point(theta, z, state, chain, ties, _cost(residual, fix), residual, fix)
+
+    def cost(
+        self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, before: State | None = None
+    ) -> tuple[float, State, np.ndarray]:
+        """Cost of the data alone [nats], the motion there, and what the ties leave (T, L)."""
+        state = self.physics.move(effects, theta, z, before)
+        residual, fix = self.residuals(effects, theta, state, z, noise)
+        at, decay, _ = self._tied(noise)
+        return _cost(residual, fix), state, _rho(state, z, at, decay)
+
+    def _tied(self, noise: Noise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at = np.flatnonzero(~np.append(self.windows.first[1:], True))
+        span = self.windows.t_s[at, -1] - self.windows.t_s[at, 0]
+        return at, noise.tie(span)[0], span
+
+    def _ties(self, state: State, ends: np.ndarray, z: np.ndarray, noise: Noise, P: int) -> Ties:
+        at, decay, span = self._tied(noise)
+        F, G = np.zeros((len(at), L, L)), np.zeros((len(at), L, P))
+        diagonal = np.arange(L)
+        F[:, diagonal, diagonal] = decay
+        F[:, STATE, :X0_D] = ends[at, :, :X0_D]
+        G[:, STATE] = ends[at, :, X0_D:]
+        return Ties(_rho(state, z, at, decay), F, G, at, span)
+
+    def _imu_rows(self, state: State, columns: Columns, S: np.ndarray, noise: Noise, part: slice) -> np.ndarray:
+        K, P = self.windows.size[1], columns.a.shape[3]
+        x, A, S = state.x[part, :K], state.A[part, :K], S[:, :K]
+        u, v, r = x[..., 3], x[..., 4], x[..., 5]
+        lx, ly = self._imu_arm
+        C_ax, C_ay = A[..., 3, :] - ly * A[..., 5, :], A[..., 4, :] + lx * A[..., 5, :]
+        C_ax[..., 4] -= r
+        C_ax[..., 5] -= v + 2 * lx * r
+        C_ay[..., 3] += r
+        C_ay[..., 5] += u - 2 * ly * r
+        known = np.isfinite(self.windows.y[part])
+        scale = known / np.array(noise.white)
+        direct = np.concatenate(  # latent acceleration and effects act at once
+            [np.broadcast_to(np.eye(3), (*x.shape[:2], 3, 3)), columns.a[part, :K]], axis=3
+        )
+        force = np.stack([C_ax, C_ay], axis=2) @ S
+        force[:, :, 0, 6:] += direct[..., 0, :] - ly * direct[..., 2, :]
+        force[:, :, 1, 6:] += direct[..., 1, :] + lx * direct[..., 2, :]
+        rows = np.zeros((len(x), K, 4, L + P))
+        effect = columns.imu[part]
+        _spread(rows[:, :, RATE], S[..., 5, :])
+        _spread(rows[:, :, SURGE:], force)
+        rows[:, :, RATE:, L:] += effect[:, :, RATE:]
+        rows[:, :, RATE:] *= scale[:, :, RATE:, None]
+        for channel, column in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
+            rows[..., channel, column] = scale[..., channel]
+        heading = S[..., 2, :].copy()
+        heading[..., X0_D:] += effect[:, :, PSI]
+        slow = np.stack([self._fade(noise)[part], np.ones(x.shape[:2])], axis=2)
+        psi = whiten(np.concatenate([heading, slow], axis=2), known[..., PSI], self.windows.h_s[part], noise)
+        _spread(rows[:, :, PSI], psi[..., :-2])
+        rows[:, :, PSI, WANDER], rows[:, :, PSI, OFFSET] = psi[..., -2], psi[..., -1]
+        return rows
+
+    def _tag_rows(
+        self, frame, state: State, columns: Columns, S: np.ndarray, noise: Noise, part: slice, mine: np.ndarray
+    ) -> np.ndarray:
+        R, delta, _, _, shift = (item[mine] for item in frame)
+        w, k = self._window[mine] - part.start, self._index[mine]
+        lever = np.array([-self._arm[1], self._arm[0]])
+        C = np.zeros((len(mine), 2, 6))
+        C[:, 0, 0] = C[:, 1, 1] = 1.0
+        turned = np.stack([-shift[:, 1], shift[:, 0]], axis=1)
+        C[:, :, 2] = (R @ turned[..., None])[..., 0]
+        C[:, :, 3:5] = delta[..., None] * R
+        C[:, :, 5] = delta * (R @ lever)
+        rows = np.zeros((len(mine), 2, L + columns.a.shape[3]))
+        _spread(rows, C @ S[w, k])
+        rows[:, :, L:] += columns.tag[mine]
+        return rows / noise.fix_m
+
+
+def sensitivities(A: np.ndarray, a: np.ndarray, h_s: np.ndarray) -> np.ndarray:
+    """dx/d[x0; d; parameters] at all nodes of some windows, (W, K+1, 6, 9 + P); a (W, K+1, 3, P)."""
+    W, K = h_s.shape
+    P = a.shape[3]
+    S = np.zeros((W, K + 1, 6, X0_D + P))
+    S[:, 0, :, :6] = np.eye(6)
+    half = (h_s / 2)[..., None, None]
+    A0, A1 = A[:, :-1], A[:, 1:]
+    Phi = np.eye(6) + half * (A0 + A1 + 2 * half * (A1 @ A0))
+    G = np.zeros((W, K, 6, 3 + P))
+    G[..., 3:, :3] = (2 * half) * np.eye(3)
+    G[..., :3] += 2 * half**2 * A1[..., 3:]
+    G[..., 3:, 3:] = half * (a[:, :-1] + a[:, 1:])
+    G[..., 3:] += 2 * half**2 * (A1[..., 3:] @ a[:, :-1])
+    for k in range(K):
+        S[:, k + 1] = Phi[:, k] @ S[:, k]
+        S[:, k + 1, :, 6:] += G[:, k]
+    return S
+
+
+def _spread(target: np.ndarray, S: np.ndarray) -> None:
+    target[..., :X0_D] = S[..., :X0_D]
+    target[..., L : L + S.shape[-1] - X0_D] = S[..., X0_D:]
+
+
+def _rho(state: State, z: np.ndarray, at: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    reached = decay * z[at]
+    reached[:, STATE] = state.x[at, -1]
+    return z[at + 1] - reached
+
+
+def _cost(residual: np.ndarray, fix: np.ndarray) -> float:
+    size = np.sqrt((fix**2).sum(axis=1))
+    huber = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum()
+    return 0.5 * (float(np.nansum(residual**2)) + float(huber))
+
+
+def _products(rows: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    W, K, channels, C = rows.shape
+    J = rows.reshape(W, K * channels, C)
+    Jt = J.transpose(0, 2, 1)
+    return Jt @ J, (Jt @ np.nan_to_num(residual).reshape(W, -1, 1))[..., 0]
+
+
+def _add_fixes(H: np.ndarray, grad: np.ndarray, rows: np.ndarray, residual: np.ndarray, window: np.ndarray) -> None:
+    for w in np.unique(window):
+        J = rows[window == w].reshape(-1, rows.shape[2])
+        H[w] += J.T @ J
+        grad[w] += J.T @ residual[window == w].ravel()

@@ -1,0 +1,222 @@
+"""Which effects the logs ask for: forward by evidence with refits to convergence, then backward.
+
+Accepted is an effect whose evidence against "it is not there" is at least `NATS` and whose size exceeds the smallest
+worth a name by its lower 95 % limit, all other entries of the catalogue being free within their tolerance bands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim.diagnose.effect import Effect
+from sim.diagnose.fit import Fit, Reduced, slices
+from sim.diagnose.linear import Point
+from sim.diagnose.noise import FLOOR, tuned_latent, whitened
+from sim.identify.structured.fit import with_latent
+from sim.identify.structured.noise import Noise, noise_of
+
+NATS = 12.0
+RIVAL_NATS = 6.0
+REFIT = 3  # how many candidates a round refits
+NEAR = 12.0  # nats behind the first within which a candidate is refitted
+MOST = 4
+Z95 = 1.644854  # one-sided
+LATENTS = (1.0, 0.3, 0.1)
+Say = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect beside those believed in: nats over its absence, nats over its tolerance band, values, covariance."""
+
+    id: str
+    nats: float
+    gain: float
+    values: np.ndarray
+    covariance: np.ndarray
+    size: float
+    lower: float
+
+    @property
+    def accepted(self) -> bool:
+        """Large and sure enough to be named."""
+        return self.nats >= NATS and self.lower > 1.0
+
+
+@dataclass
+class Model:
+    """A set of believed effects, refitted: where it stands and its evidence with all tolerance bands."""
+
+    believed: frozenset[str]
+    point: Point
+    noise: Noise
+    full: Point | None = None
+    evidence: float = -np.inf
+    reduced: Reduced | None = None
+
+
+@dataclass
+class Selection:
+    """The path and its end. `ranking`: every candidate at the last step, best first."""
+
+    base: Model
+    final: Model
+    causes: list[Candidate]
+    ranking: list[Candidate]
+    rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)
+
+
+class Selector:
+    """Greedy search over one catalogue."""
+
+    def __init__(self, fit: Fit, say: Say = lambda _text, _share: None):
+        self.fit, self.say = fit, say
+        self.named = [e for e in fit.effects if e.family != "base"]
+        self.by_id = {e.id: e for e in fit.effects}
+        self._at = slices(fit.effects)
+        self.everyday = [e for e in fit.effects if e.everyday]
+
+    def base(self) -> Model:
+        """The vessel file's model refitted within the tolerance of its coefficients, and the noise found on the way."""
+        fit = self.fit
+        stated = fit.noise
+        few, chosen, none = [e for e in self.everyday if e.family == "base"], self.everyday, frozenset()
+        fit.noise = replace(stated, slack=100.0)
+        point = fit.solve({}, fit.z0, few, none, steps=1)
+        fit.noise = replace(stated, slack=10.0)
+        point = fit.solve(point.theta, point.z, few, none, steps=1, before=point)
+        fit.noise = stated
+        for steps in (2, 1, 2):
+            point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
+            fit.noise = whitened(fit.noise, point, stated)
+            fit.noise = tuned_latent(fit, point, chosen, none)
+        return self._finished(frozenset(), point)
+
+    def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
+        """`believed` to convergence from `start`, with the latent acceleration found anew."""
+        fit = self.fit
+        fit.noise = start.noise
+        chosen = [*self.everyday, *(self.by_id[i] for i in sorted(believed) if not self.by_id[i].everyday)]
+        ids = {e.id for e in chosen}
+        theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
+        point = fit.solve(theta, start.point.z, chosen, believed, steps=4, tolerance=1.0)
+        fit.noise = tuned_latent(fit, point, chosen, believed)
+        point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
+        fit.noise = tuned_latent(fit, point, chosen, believed)
+        return self._finished(believed, point)
+
+    def _finished(self, believed: frozenset[str], point: Point) -> Model:
+        fit = self.fit
+        full = fit.point(point.theta, point.z, fit.effects, point)
+        reduced = fit.reduced(full, fit.effects)
+        evidence = reduced.evidence(fit.sigma(fit.effects, believed))
+        return Model(believed, point, fit.noise, full, evidence, reduced)
+
+    def screen(self, model: Model) -> list[Candidate]:
+        """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
+        assert model.full is not None
+        found: dict[str, Candidate] = {}
+        scores: dict[str, float] = {}
+        for share in LATENTS:
+            latent = np.maximum(share * np.array(model.noise.latent), FLOOR)
+            reduced = self.fit.reduced(model.full, self.fit.effects, with_latent(model.noise, latent))
+            for effect in self.named:
+                if effect.name in {self.by_id[i].name for i in model.believed}:
+                    continue
+                candidate, value = self._judged(reduced, model.believed, effect)
+                if value > scores.get(effect.id, -np.inf):
+                    found[effect.id], scores[effect.id] = candidate, value
+        return sorted(found.values(), key=lambda c: -scores[c.id])
+
+    def _judged(self, reduced: Reduced, others: frozenset[str], effect: Effect) -> tuple[Candidate, float]:
+        fit = self.fit
+        at = self._at[effect.id]
+        within = fit.sigma(fit.effects, others - {effect.id})
+        believed = within.copy()
+        believed[at] = [p.prior for p in effect.parameters]
+        value = reduced.evidence(believed)
+        estimate, covariance = reduced.estimate(believed)
+        values, C = estimate[at], covariance[at, at]
+        size = effect.size(values)
+        return (
+            Candidate(
+                effect.id,
+                value - reduced.without(at).evidence(np.delete(within, at)),
+                value - reduced.evidence(within),
+                values,
+                C,
+                size,
+                size - Z95 * _size_se(effect, values, C),
+            ),
+            value,
+        )
+
+    def run(self) -> Selection:
+        """From the base to the end."""
+        self.say("base", 0.0)
+        base = model = self.base()
+        ranking: list[Candidate] = []
+        rivals: dict[str, list[tuple[str, float]]] = {}
+        for round_ in range(MOST):
+            ranking = self.screen(model)
+            self.say(
+                f"round {round_ + 1}: " + ", ".join(f"{c.id} {c.nats:.0f}" for c in ranking[:3]), 0.2 + 0.18 * round_
+            )
+            best, behind = self._best(model, ranking)
+            if best is None:
+                break
+            added = next(iter(best.believed - model.believed))
+            rivals[self.by_id[added].name] = behind
+            model = best
+        causes = self._pruned(model)
+        return Selection(base, model, causes, ranking, rivals)
+
+    def _best(self, model: Model, ranking: list[Candidate]) -> tuple[Model | None, list[tuple[str, float]]]:
+        """The refitted candidate of greatest evidence that is acceptable, and how far others are behind it [nats]."""
+        hopeful = [c for c in ranking if c.nats >= NATS / 2 and c.size > 0.7]
+        if not hopeful:
+            return None, []
+        tried: list[tuple[Model, str]] = []
+        names: set[str] = set()
+        for c in hopeful:
+            name = self.by_id[c.id].name
+            if name in names or len(tried) >= REFIT or (tried and hopeful[0].gain - c.gain > NEAR):
+                continue
+            names.add(name)
+            tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._inside(c)}), c.id))
+        tried.sort(key=lambda t: -t[0].evidence)
+        for one, id_ in tried:
+            assert one.reduced is not None
+            if self._judged(one.reduced, one.believed, self.by_id[id_])[0].accepted:
+                behind = [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried if i != id_]
+                return one, behind
+        return None, []
+
+    def _inside(self, c: Candidate) -> np.ndarray:
+        effect = self.by_id[c.id]
+        lower, upper = (np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper"))
+        return np.clip(c.values, lower, upper)
+
+    def _pruned(self, model: Model) -> list[Candidate]:
+        """What stands at the end, each judged with the others in place."""
+        assert model.reduced is not None
+        judged = [self._judged(model.reduced, model.believed, self.by_id[i])[0] for i in sorted(model.believed)]
+        return [c for c in judged if c.accepted]
+
+
+def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:
+    scale = np.array([p.smallest for p in effect.parameters])
+    v, cov = values / scale, C / np.outer(scale, scale)
+    if effect.vector and np.linalg.norm(v) > 0:
+        direction = v / np.linalg.norm(v)
+        return float(np.sqrt(direction @ cov @ direction))
+    i = int(np.abs(v).argmax())
+    return float(np.sqrt(cov[i, i]))
+
+
+def stated_noise(vessel) -> Noise:
+    """Noise as the vessel file has it, with a latent acceleration to begin with."""
+    return with_latent(noise_of(vessel), np.array((0.02, 0.02, 0.03)))

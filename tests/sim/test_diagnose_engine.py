@@ -1,0 +1,167 @@
+"""The engine of diagnosis: columns against finite differences, evidence against closed forms, causes found in logs.
+
+Logs are simulated (`teleop_run`, seeds stated); boats differ from the believed file by one effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import msgspec
+import numpy as np
+import pytest
+from boats import boat
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from sim.diagnose.catalogue import catalogue
+from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter
+from sim.diagnose.fit import Fit, Reduced, slices
+from sim.diagnose.linear import sensitivities
+from sim.diagnose.physics import Physics
+from sim.diagnose.select import Selector, stated_noise
+from sim.identify.structured.boats import in_still_air
+from sim.identify.teleop import teleop_run
+from sim.world.environment import Weather
+
+VESSEL = in_still_air(boat("aritra"))
+
+
+@cache
+def short(seed: int = 21, seconds: float = 40.0):
+    return teleop_run(boat("aritra"), seed, seconds, uwb_hz=5.0, sigma_m=0.07)
+
+
+@cache
+def bench() -> tuple[Fit, dict[str, Effect]]:
+    fit = Fit(Physics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
+    return fit, {e.id: e for e in fit.effects}
+
+
+SMOOTH = ["base:M11_kg", "base:N_v_N_s", "hull_fouling", "payload", "cg_shift", "yaw_inertia", "cross_flow", "current",
+          "thruster_gain:front_port", "advance_loss", "wash", "munk_moment", "tether@-0.6", "wind"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_columns_are_the_derivatives_of_the_motion(name):
+    """Oracle: central differences of the integrated windows themselves."""
+    fit, by_id = bench()
+    effect, physics = by_id[name], fit.physics
+    there = {"current": np.array([0.02, -0.03])}
+    if name == "wind":
+        there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
+    state = physics.move(fit.effects, there, fit.z0, None)
+    columns = physics.accelerations(fit.effects, there, state, [effect])
+    S = sensitivities(state.A, columns, physics.windows.h_s)
+    now = there.get(name, np.zeros(len(effect.parameters)))
+    for j, parameter in enumerate(effect.parameters):
+        step = np.zeros(len(effect.parameters))
+        step[j] = parameter.step
+        ahead = physics.move(fit.effects, {**there, name: now + step}, fit.z0, None)
+        behind = physics.move(fit.effects, {**there, name: now - step}, fit.z0, None)
+        expected = (ahead.x[:, -1] - behind.x[:, -1]) / (2 * parameter.step)
+        off = np.abs(S[:, -1, :, 9 + j] - expected).max(axis=0)
+        assert (off[3:] <= 0.12 * np.abs(expected).max(axis=0)[3:] + 1e-9).all()
+
+
+def test_every_entry_changes_something():
+    """An entry whose hook does nothing on a log that excites everything would never be found."""
+    fit, _ = bench()
+    state = fit.physics.move(fit.effects, {}, fit.z0, None)
+    columns = fit.lineariser.columns(fit.effects, {}, state, fit.effects)
+    silent = set()
+    for effect, at in zip(fit.effects, slices(fit.effects).values(), strict=True):
+        first = at.start
+        moved = max(np.abs(part[..., first]).max() for part in (columns.a, columns.imu, columns.tag))
+        if moved == 0:
+            silent.add(effect.name)
+    assert silent <= {"rate_limit"}  # a log of gentle commands does not meet the limit
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 5))
+def test_evidence_is_that_of_a_linear_gaussian_model(seed, count):
+    """Oracle: scipy's density of y = J theta + e with theta and e normal."""
+    rng = np.random.default_rng(seed)
+    J, y = rng.normal(size=(8, count)), rng.normal(size=8)
+    sigma, theta0 = rng.uniform(0.2, 3.0, count), rng.normal(size=count)
+    residual = J @ theta0 - y
+    constant = -0.5 * float(residual @ residual) - 4 * np.log(2 * np.pi)
+    reduced = Reduced(J.T @ J, -J.T @ residual, theta0, constant)
+    expected = multivariate_normal(np.zeros(8), J @ np.diag(sigma**2) @ J.T + np.eye(8)).logpdf(y)
+    assert reduced.evidence(sigma) == pytest.approx(expected, abs=1e-6)
+    gone = slice(0, 1)
+    rest = multivariate_normal(np.zeros(8), J[:, 1:] @ np.diag(sigma[1:] ** 2) @ J[:, 1:].T + np.eye(8)).logpdf(y)
+    if count > 1:
+        assert reduced.without(gone).evidence(sigma[1:]) == pytest.approx(rest, abs=1e-6)
+
+
+def test_tolerance_is_half_a_size_and_nothing_for_places():
+    by_id = bench()[1]
+    assert by_id["lag"].tolerance() == pytest.approx([TOLERANCE * by_id["lag"].parameters[0].smallest])
+    onset = next(e for e in by_id.values() if e.id.startswith("thruster_fouling"))
+    assert onset.tolerance()[0] == pytest.approx(ABSENT * onset.parameters[0].smallest)
+
+
+def test_an_unknown_hook_is_refused():
+    with pytest.raises(ValueError, match="unknown hook 'drag'"):
+        Effect("x", "hull", "", "", (Parameter("p", "1", 1, 1, 1),), {"drag": lambda p: p})
+
+
+def test_two_entries_of_one_name_are_refused():
+    mine = Effect("lag", "hull", "", "", (Parameter("p", "1", 1, 1, 1),), {"force": lambda p, scene: 0.0})
+    with pytest.raises(ValueError, match="'lag' is in the catalogue twice"):
+        catalogue(VESSEL, [short()], [mine])
+
+
+def found_in(true, seconds: float = 120.0, weather: Weather | None = None) -> dict[str, np.ndarray]:
+    runs = [teleop_run(true, seed, seconds, uwb_hz=5.0, sigma_m=0.07, weather=weather) for seed in (31, 32)]
+    fit = Fit(Physics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL))
+    return {c.id: c.values for c in Selector(fit).run().causes}
+
+
+@pytest.mark.long
+def test_nothing_is_named_where_nothing_is_hidden():
+    assert found_in(boat("aritra")) == {}
+
+
+@pytest.mark.long
+def test_a_weak_thruster_and_a_current_are_named_together_with_their_sizes():
+    v = boat("aritra")
+    weak = [msgspec.structs.replace(t, gain=0.75) if t.name == "rear_port" else t for t in v.thrusters]
+    found = found_in(msgspec.structs.replace(v, thrusters=tuple(weak)), weather=Weather(V_c_m_s=0.08, beta_c_deg=60.0))
+    assert set(found) == {"thruster_gain:rear_port", "current"}
+    assert found["thruster_gain:rear_port"] == pytest.approx([-0.25], abs=0.03)
+    assert found["current"] == pytest.approx([0.04, 0.0693], abs=0.004)
+
+
+@pytest.mark.long
+def test_late_positions_are_not_taken_for_lag():
+    v = boat("aritra")
+    uwb = msgspec.structs.replace(v.sensors.uwb, latency_s=v.sensors.uwb.latency_s + 0.15)
+    found = found_in(msgspec.structs.replace(v, sensors=msgspec.structs.replace(v.sensors, uwb=uwb)))
+    assert set(found) == {"uwb_latency"}
+    assert found["uwb_latency"] == pytest.approx([0.15], abs=0.015)
+
+
+def test_a_users_own_entry_acts_as_it_says():
+    """From outside the package: a keel that pushes sideways in proportion to surge."""
+
+    def keel(p, scene):
+        out = np.zeros((*scene.t_s.shape, 3))
+        out[..., 1] = p["k_N_s_m"] * scene.u_m_s
+        return out
+
+    mine = Effect(
+        "keel", "hull", "Y += k u", "crabs", (Parameter("k_N_s_m", "N s/m", 20.0, 2.0, 0.6),), {"force": keel}
+    )
+    runs = [short()]
+    own = Fit(Physics(runs, VESSEL, 1.0), catalogue(VESSEL, runs, [mine]), stated_noise(VESSEL))
+    theta = {"keel": np.array([8.0])}
+    state = own.physics.move(own.effects, theta, own.z0, None)
+    plain = own.physics.move(own.effects, {}, own.z0, None)
+    pushed = (state.tau - plain.tau)[..., 1]
+    assert pushed == pytest.approx(8.0 * state.x[..., 3], abs=0.3)
+    assert replace(mine, origin={"k_N_s_m": 1.0}).everyday is False

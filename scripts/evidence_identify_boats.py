@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context  # fork beside polars' threads hangs
 
 import numpy as np
 from evidence_identify_paper import _vessel
@@ -29,7 +30,7 @@ def _campaign(full: bool, uwb_hz: float, sigma_m: float, seed: int) -> list[Camp
     n, began = BOATS if full else FEW, time.monotonic()
     print(f"  {n} of {BOATS} boats, seeds {seed} to {seed + n - 1}" + ("" if full else "; all with --full"))
     done: list[tuple[BoatScore, ...]] = []
-    with ProcessPoolExecutor(PROCESSES) as pool:
+    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
         for future in as_completed([pool.submit(_one, (seed + i, uwb_hz, sigma_m)) for i in range(n)]):
             done.append(future.result())
             for score in done[-1]:

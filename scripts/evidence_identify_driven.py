@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context  # fork beside polars' threads hangs
 
 import numpy as np
 from evidence_line import Line, at_least, at_most, exactly, information
@@ -60,7 +61,7 @@ def driven(full: bool) -> Iterator[Line]:
     seeds, began = tuple(range(FIRST_MISSION, FIRST_MISSION + m)), time.monotonic()
     print(f"  {n} of {BOATS} boats from seed {SEED}, {m} of {MISSIONS} missions each from seed {FIRST_MISSION}")
     runs: dict[tuple[int, str], list[Driven]] = {}
-    with ProcessPoolExecutor(PROCESSES) as pool:
+    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
         boats = range(SEED, SEED + n)
         cases: list[Case] = []
         for seed, (boat, held) in zip(boats, pool.map(beliefs, boats), strict=True):

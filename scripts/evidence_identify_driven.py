@@ -25,7 +25,7 @@ from sim.identify.teleop import teleop_run
 
 SEED = 4201
 BOATS, FEW = 10, 2
-MISSIONS, FEW_MISSIONS = 4, 2
+MISSIONS = 2
 FIRST_MISSION = 4301
 PROCESSES = 2
 NAMES = ("true", "identified", "file", "Taylor")
@@ -57,9 +57,9 @@ def _drive(case: Case) -> tuple[int, list[Driven]]:
 
 def driven(full: bool) -> Iterator[Line]:
     """Identified from one log of 1384 s (boat weighed), then the main job's mission in calm water, NMPC"""
-    n, m = (BOATS, MISSIONS) if full else (FEW, FEW_MISSIONS)
+    n, m = BOATS if full else FEW, MISSIONS
     seeds, began = tuple(range(FIRST_MISSION, FIRST_MISSION + m)), time.monotonic()
-    print(f"  {n} of {BOATS} boats from seed {SEED}, {m} of {MISSIONS} missions each from seed {FIRST_MISSION}")
+    print(f"  {n} of {BOATS} boats from seed {SEED}, {m} missions each from seed {FIRST_MISSION}")
     runs: dict[tuple[int, str], list[Driven]] = {}
     with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
         boats = range(SEED, SEED + n)

@@ -9,20 +9,17 @@ import argparse
 import hashlib
 import sys
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from companion.commands.analysis import bars, free_folder, now_utc, progress_of, seconds, text_of, versions
 from companion.core.config import ConfigError
 from companion.core.site import load_site
 from companion.core.vessel_load import load_vessel
-from companion.log_metadata import log_metadata
 from companion.logfile import LogError
 
 if TYPE_CHECKING:
@@ -32,7 +29,6 @@ if TYPE_CHECKING:
 
 DONE, LOOK, BAD_INPUT = 0, 1, 2
 UNITS = ("", "[m]", "[rad]", "[m/s]", "[m/s]", "[rad/s]", "[%]")
-LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels")
 
 
 def add_parser(commands) -> None:
@@ -51,7 +47,7 @@ def add_parser(commands) -> None:
     held = p.add_mutually_exclusive_group()
     by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
     held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
-    held.add_argument("--block", type=_seconds, metavar="S", help="hold out every other block of S seconds instead")
+    held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
     p.add_argument("--no-taylor", action="store_true", help="leave the Taylor series out")
     p.add_argument("--peer", action="store_true", help="pysindy on the same samples as an outside peer")
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
@@ -70,23 +66,23 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         return _refuse(f'{error}; pip install "aritra[analysis]" brings what identification needs')
     console = console or Console()
     try:
-        vessel_text = _text(args.vessel)
+        vessel_text = text_of(args.vessel)
         vessel = load_vessel(vessel_text, name=str(args.vessel))
-        site = load_site(_text(args.site), name=str(args.site)) if args.site else None
+        site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
         for path in (*args.logs, *args.held_out, *([args.uwb] if args.uwb else [])):
             path.stat()
-        _free(args.out, job_record.OUTPUTS)
+        free_folder(args.out, job_record.OUTPUTS)
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
         beside = Beside(vessel, site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
         choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
-        with _progress(console) as progress:
-            say = _bars(progress, ("reading", *job.STEPS, "report"))
+        with progress_of(console) as progress:
+            say = bars(progress, ("reading", *job.STEPS, "report"))
             logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)
             say("reading", "", 1.0)
-            found = job.identify(logs, held_out, vessel, choices, _now, say)
+            found = job.identify(logs, held_out, vessel, choices, now_utc, say)
             say("report", "tables and pictures", 0.0)
-            files = job_record.outputs(found, vessel_text, _versions(), sys.argv[1:])
+            files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:])
             for name, data in files.items():
                 (args.out / name).write_bytes(data)
             say("report", "", 1.0)
@@ -103,21 +99,6 @@ def _refuse(why: str) -> int:
     return BAD_INPUT
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text()
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not UTF-8 text") from None
-
-
-def _free(out: Path, names: Sequence[str]) -> None:
-    """Make the folder; ConfigError where it holds results already: they are never overwritten."""
-    taken = [name for name in names if (out / name).exists()]
-    if taken:
-        raise ConfigError(f"{out}: holds {', '.join(taken)} already; choose another folder, or move them away")
-    out.mkdir(parents=True, exist_ok=True)
-
-
 def _read(paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float], None], begin: float) -> list[Log]:
     from sim.identify.job_split import Log  # noqa: PLC0415
     from sim.identify.readers import read_run  # noqa: PLC0415
@@ -127,48 +108,6 @@ def _read(paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float]
         say("reading", path.name, begin + 0.5 * i / len(paths))
         logs.append(Log(str(path), read_run(path, beside)))
     return logs
-
-
-def _progress(console: Console) -> Progress:
-    columns = (
-        TextColumn("{task.description:17}"),
-        BarColumn(24),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[what]}"),
-    )
-    return Progress(*columns, console=console)
-
-
-def _bars(progress: Progress, steps: Sequence[str]) -> Callable[[str, str, float], None]:
-    """A bar for each step; what it is at stands beside it."""
-    tasks = {step: progress.add_task(step, total=1.0, start=False, what="") for step in steps}
-
-    def say(step: str, text: str, share: float) -> None:
-        task = tasks[step]
-        progress.start_task(task)
-        progress.update(task, completed=share, what=text)
-
-    return say
-
-
-def _versions() -> dict[str, str]:
-    about = log_metadata("", {})
-    ours = {"aritra": about["version"]} | {k: about[k] for k in ("git_revision", "python", "machine")}
-    return ours | {name: version(name) for name in LIBRARIES}
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0 < seconds < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
-    return seconds
 
 
 def _tell(found: Found, out: Path, files: dict[str, bytes], console: Console) -> None:

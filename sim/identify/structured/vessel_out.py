@@ -43,7 +43,7 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
     )
     return replace(
         vessel,
-        inertia=_inertia(vessel.inertia, q, source),
+        inertia=inertia_of(vessel.inertia, q, source),
         damping=Damping(**{name: _round(q[name]) for name in DAMPING}, source=source),
         propulsion=replace(
             vessel.propulsion,
@@ -86,7 +86,8 @@ def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str,
     return terms
 
 
-def _inertia(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
+def inertia_of(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
+    """`given` with the mass matrix M11_kg, M22_kg, M33_kg_m2, M23_kg_m of q: added mass takes the difference."""
     M11, M22, M33, M23 = (q[k] for k in ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m"))
     mass = min(given.mass_kg, ROOM * min(M11, M22))
     y_g = given.y_g_m * given.mass_kg / mass  # M13 = -m y_g is not fitted

@@ -1,0 +1,148 @@
+"""`aritra diagnose LOG...`: what the simulation gets wrong, why, and what is gained by mending it.
+
+polars and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from companion.commands.analysis import bars, free_folder, now_utc, progress_of, seconds, text_of, versions
+from companion.core.site import load_site
+from companion.core.vessel_load import load_vessel
+from companion.logfile import LogError
+
+if TYPE_CHECKING:
+    from sim.diagnose.job import Diagnosis
+    from sim.identify.run import Run
+
+DONE, LOOK, BAD_INPUT = 0, 1, 2
+SETTLED = ("none", "named")
+
+
+def add_parser(commands) -> None:
+    """Add `diagnose` to the command line."""
+    p = commands.add_parser(
+        "diagnose",
+        help="say what the simulation gets wrong, why, and what mending it is worth",
+        description="Compares a vessel file with logs of the boat, names what is wrong with it (a thruster, a current, "
+        "a compass ..) with sizes and intervals, and writes extended.toml (the vessel file with the causes), "
+        "refitted.toml, extended_numbers.toml, report.html and findings.json. Existing files are never overwritten. "
+        "Exit code 0: nothing is wrong, or what is wrong is named; 1: done, but something is left unexplained or "
+        "cannot be told apart; 2: bad input.",
+    )
+    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat")
+    p.add_argument("--vessel", type=Path, required=True, metavar="FILE", help="vessel file: what is believed")
+    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    p.add_argument("--reference", type=Path, metavar="LOG", help="log of the same boat while all was well, in calm")
+    held = p.add_mutually_exclusive_group()
+    by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
+    held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
+    held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
+    p.add_argument("--catalogue", type=Path, metavar="FILE.py", help="effects of your own; the file is run")
+    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--seed", type=int, default=0, help="of the intervals by resampling")
+    p.set_defaults(function=diagnose)
+
+
+def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Find, judge, write, tell; the exit code."""
+    try:
+        from sim.diagnose import findings, job, job_record, user  # noqa: PLC0415 - slow, and polars is an extra
+        from sim.identify.readers import Beside, read_run  # noqa: PLC0415
+    except ImportError as error:
+        return _refuse(f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
+    console = console or Console()
+    try:
+        vessel_text = text_of(args.vessel)
+        vessel = load_vessel(vessel_text, name=str(args.vessel))
+        site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
+        reference = [args.reference] if args.reference else []
+        more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
+        for path in (*args.logs, *args.held_out, *reference):
+            path.stat()
+        free_folder(args.out, findings.OUTPUTS)
+        beside = Beside(vessel, site)
+        with progress_of(console) as progress:
+            say = bars(progress, ("reading", *job.STEPS, "report"))
+
+            def read(path: Path) -> Run:
+                say("reading", path.name, 0.0)
+                run = read_run(path, beside)
+                return type(run)(run.table, replace(run.meta, source=str(path)))
+
+            logs, held_out, calm = ([read(p) for p in paths] for paths in (args.logs, args.held_out, reference))
+            say("reading", "", 1.0)
+            found = job.diagnose(
+                logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
+                say=say, seed=args.seed, clock=time.monotonic,
+            )  # fmt: skip
+            say("report", "tables and pictures", 0.0)
+            files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:], now_utc())
+            for name, data in files.items():
+                (args.out / name).write_bytes(data)
+            say("report", "", 1.0)
+    except (LogError, ValueError) as error:  # ConfigError, RunError, JobError, StructuredFitError are ValueErrors
+        return _refuse(str(error))
+    except OSError as error:
+        return _refuse(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    _tell(found, args.out, files, console)
+    return DONE if found.verdict in SETTLED else LOOK
+
+
+def _refuse(why: str) -> int:
+    print(f"aritra diagnose: {why}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _tell(found: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:
+    """The sentences, the causes, the gain, what was written."""
+    from sim.diagnose.sentences import sentences  # noqa: PLC0415
+
+    console.print()
+    first, *others = sentences(found)
+    console.print(Text(first, style="bold" if found.verdict in SETTLED else "bold yellow"))
+    for line in others:
+        console.print(Text(line))
+    if found.causes:
+        console.print(_causes(found))
+    console.print(_gain(found))
+    for name, data in files.items():
+        console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB)"), soft_wrap=True)
+
+
+def _causes(found: Diagnosis) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for head in ("cause", "parameter", "value", "95 % interval", "unit", "nats"):
+        table.add_column(head, justify="left" if head in ("cause", "parameter") else "right", no_wrap=True)
+    for n in found.causes:
+        for i, (key, number) in enumerate(n.numbers.items()):
+            low, high = number.ci95
+            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
+            table.add_row(n.effect.name if i == 0 else "", key, *told, f"{n.candidate.nats:.0f}" if i == 0 else "")
+        if not n.numbers:
+            table.add_row(n.effect.name, "", "", "", "", f"{n.candidate.nats:.0f}")
+    return table
+
+
+def _gain(found: Diagnosis) -> Table:
+    """Errors on held-out logs after 10 s."""
+    from sim.diagnose.sentences import SHOWN_S  # noqa: PLC0415
+
+    title = f"Held-out logs, open loop with the same commands: rms errors of readings after {SHOWN_S} s"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for head in ("channel", "as given", "refitted", "with causes", "gain"):
+        table.add_column(head, justify="left" if head == "channel" else "right", no_wrap=True)
+    for e in (e for e in found.held_out.errors if e.horizon_s == SHOWN_S):
+        told = (f"{e.rms[m]:.3g}" for m in ("base", "refit", "extended"))
+        table.add_row(f"{e.channel} [{e.unit}]".replace("[", r"\["), *told, f"{100 * e.gain:.0f} %")
+    return table

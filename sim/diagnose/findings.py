@@ -1,0 +1,199 @@
+"""findings.json: what a diagnosis found, for programs. Names, units and signs of parameters: docs/diagnose.md.
+
+none        nothing is named, and nothing is left over
+named       causes, and nothing is left over
+partial     causes, but something is left over: they may be stand-ins, see `depends_on`
+ambiguous   these logs cannot tell a cause from another that is not of its equivalence class
+unknown     something is left over, and no effect of the catalogue explains it
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import msgspec
+
+Verdict = Literal["none", "named", "partial", "ambiguous", "unknown"]
+RIVAL_NATS = 6.0
+FINDINGS, REPORT = "findings.json", "report.html"
+REFITTED, NUMBERS, EXTENDED = "refitted.toml", "extended_numbers.toml", "extended.toml"
+OUTPUTS = (REFITTED, NUMBERS, EXTENDED, REPORT, FINDINGS)
+Number = float | None
+"""None where it is not finite."""
+
+
+class _Struct(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base: an unknown key is an error."""
+
+
+class ParameterRecord(_Struct, frozen=True, kw_only=True):
+    """One number of a cause."""
+
+    value: float
+    se: float
+    ci95: tuple[float, float]
+    unit: str
+
+
+class CauseRecord(_Struct, frozen=True, kw_only=True):
+    """One cause. `size`: over the smallest worth a name, `smallest_size` in `smallest_unit`; `size_low`: its lower 95 %
+
+    limit. `form_doubtful`: the family is right, but what is left over depends on what the cause depends on.
+    """
+
+    name: str
+    sentence: str
+    parameters: dict[str, ParameterRecord]
+    evidence_nats: float
+    size: float
+    size_low: float
+    smallest_size: float
+    smallest_unit: str
+    form_doubtful: bool = False
+
+
+class RankRecord(_Struct, frozen=True, kw_only=True):
+    """One candidate at the last step: nats for it, over its absence; size over the smallest worth a name."""
+
+    name: str
+    evidence_nats: float
+    size: float
+
+
+class Check(_Struct, frozen=True, kw_only=True):
+    """One test of adequacy: passed while `value` is at most `limit`."""
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+
+
+class Adequacy(_Struct, frozen=True, kw_only=True):
+    """Whether the model with its causes leaves nothing over. `depends_on`: words, the most likely first."""
+
+    passed: bool
+    checks: tuple[Check, ...] = ()
+    depends_on: tuple[str, ...] = ()
+
+
+class Pair(_Struct, frozen=True, kw_only=True):
+    """Nats by which these logs would tell cause `a`, of medium size, from `b`. Below 12: they cannot."""
+
+    a: str
+    b: str
+    nats: float
+
+
+class Identifiability(_Struct, frozen=True, kw_only=True):
+    """What these logs can tell apart, and the manoeuvre that would tell the rest."""
+
+    pairs: tuple[Pair, ...] = ()
+    manoeuvre: str = ""
+
+
+class HeldOutRecord(_Struct, frozen=True, kw_only=True):
+    """Rms error of a channel's readings a horizon after the start, with 95 % intervals; gain of extended over refit."""
+
+    horizon_s: int
+    channel: str
+    unit: str
+    base: Number
+    refit: Number
+    extended: Number
+    ci: dict[str, tuple[Number, Number]]
+    gain: Number
+    windows: int
+
+
+class NoiseCard(_Struct, frozen=True, kw_only=True):
+    """What noise was found, one sigma. `latent`, `latent_base`: force that the model leaves out, as accelerations of
+
+    surge, sway, yaw, with and without causes; `ambient`: the same in the reference log (None: no such log).
+    """
+
+    source: str
+    heading_rad: float
+    yaw_rate_rad_s: float
+    accel_x_m_s2: float
+    accel_y_m_s2: float
+    position_m: float
+    latent: tuple[float, float, float]
+    latent_base: tuple[float, float, float]
+    ambient: tuple[float, float, float] | None
+
+
+class Visible(_Struct, frozen=True, kw_only=True):
+    """The size from which on these logs would have shown an effect."""
+
+    size: float
+    unit: str
+
+
+class LogRecord(_Struct, frozen=True, kw_only=True):
+    """One log and what it was used for; intervals [s] on its own clock."""
+
+    name: str
+    data_hash: str
+    duration_s: float
+    fitted_s: tuple[tuple[float, float], ...]
+    held_out_s: tuple[tuple[float, float], ...]
+    problems: tuple[str, ...]
+
+
+class Findings(_Struct, frozen=True, kw_only=True):
+    """The file. `extended_vessel`: base numbers beside the causes, without them; `vessel`: with them, to be used."""
+
+    format: Literal[1] = 1
+    kind: Literal["aritra-diagnose"] = "aritra-diagnose"
+    verdict: Verdict
+    summary: tuple[str, ...]
+    causes: tuple[CauseRecord, ...]
+    ambiguous_with: tuple[str, ...]
+    depends_on: tuple[str, ...]
+    equivalence_class: dict[str, tuple[str, ...]]
+    ranking: tuple[RankRecord, ...]
+    adequacy: Adequacy | None
+    identifiability: Identifiability | None
+    visible_from: dict[str, Visible]
+    held_out: tuple[HeldOutRecord, ...]
+    one_step_nats: dict[str, Number]
+    noise_card: NoiseCard
+    vessel: str = EXTENDED
+    refitted_vessel: str = REFITTED
+    extended_vessel: str = NUMBERS
+    not_in_file: dict[str, str]
+    logs: tuple[LogRecord, ...]
+    data_hash: str
+    base: str
+    base_sha256: str
+    seed: int
+    runtime_s: float
+    versions: dict[str, str]
+    command: tuple[str, ...]
+
+
+def verdict_of(
+    names: Sequence[str],
+    rivals: Mapping[str, Sequence[tuple[str, float]]],
+    same: Mapping[str, Sequence[str]],
+    adequacy: Adequacy | None,
+) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
+    """Verdict, causes that may be named, and those that cannot be told from them.
+
+    `rivals`: by cause, (other, nats by which it explains less); `same`: by cause, others of its equivalence class.
+    Without `adequacy` nothing counts as left over.
+    """
+    close = {
+        name: [other for other, behind in rivals.get(name, ()) if behind < RIVAL_NATS
+               and other not in names and other not in same.get(name, ())]
+        for name in names
+    }  # fmt: skip
+    others = tuple(dict.fromkeys(other for name in names for other in close[name]))
+    if adequacy is not None and not adequacy.passed:
+        sure = tuple(name for name in names if not close[name])
+        return ("partial" if sure else "unknown"), sure, others
+    if others:
+        return "ambiguous", tuple(names), others
+    return ("named" if names else "none"), tuple(names), ()

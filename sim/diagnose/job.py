@@ -1,0 +1,270 @@
+"""One diagnosis from logs to findings: what the simulation gets wrong, why, and what is gained by mending it.
+
+    split -> noise of the reference log -> base refitted, causes by evidence -> files -> held-out logs -> verdict
+
+No file or random source here: logs are Runs, the seed is an argument, `clock` tells how long it took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.core.vessel_file import VesselFile
+from sim.diagnose import findings as record
+from sim.diagnose.catalogue import catalogue
+from sim.diagnose.effect import Effect
+from sim.diagnose.extend import FOLDED, numbers_beside, refitted, with_causes
+from sim.diagnose.fit import Fit
+from sim.diagnose.held_out import Believed, HeldOutScore, score
+from sim.diagnose.linear import Point
+from sim.diagnose.noise import tuned_latent
+from sim.diagnose.physics import Physics, Theta
+from sim.diagnose.places import Cause
+from sim.diagnose.public import Place, Told, family, point, public, smallest
+from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
+from sim.diagnose.visible import visible_from
+from sim.identify.blocks import parts
+from sim.identify.job_split import Log, Split, split, usable
+from sim.identify.problems import problems
+from sim.identify.run import Problem, Run
+from sim.identify.structured.noise import Noise
+
+STEPS = ("reference", "base and causes", "files", "held-out logs")
+"""What `diagnose` says it is at, in this order; shares run from 0 to 1 within each."""
+WINDOW_S = 1.0
+REFIT_SIGMAS = 2.0  # of a tolerance band: a gain may then reach the smallest size worth a name, and no more
+Say = Callable[[str, str, float], None]
+"""Step, what of it, share of it that is done."""
+Effects = Callable[[VesselFile], Sequence[Effect]]
+"""A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause in public: what is said of it, its size over the smallest worth a name, its values for the files."""
+
+    candidate: Candidate
+    effect: Effect
+    numbers: dict[str, Told]
+    smallest: tuple[float, str]
+    cause: Cause
+    form_doubtful: bool = False
+
+
+@dataclass(frozen=True)
+class Files:
+    """Vessel files: refitted without causes, numbers beside the causes, with the causes; what has no place in one."""
+
+    refitted: VesselFile
+    numbers: VesselFile
+    extended: VesselFile
+    left: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything. `refit`: the base with coefficients and gains only, against which gain is counted.
+
+    `refit_point`: where it stands on the fitted logs; `ambient`: noise of the reference log.
+    """
+
+    base: VesselFile
+    split: Split
+    fit: Fit
+    selection: Selection
+    refit: Believed
+    refit_point: Point
+    ambient: Noise | None
+    reference: str
+    causes: tuple[Named, ...]
+    verdict: record.Verdict
+    ambiguous_with: tuple[str, ...]
+    adequacy: record.Adequacy | None
+    identifiability: record.Identifiability | None
+    files: Files
+    held_out: HeldOutScore
+    visible: dict[str, tuple[float, str]]
+    problems: dict[str, list[Problem]]
+    seed: int
+    runtime_s: float
+
+
+def diagnose(
+    runs: Sequence[Run],
+    vessel: VesselFile,
+    *,
+    reference: Run | None = None,
+    held_out: Sequence[Run] = (),
+    block_s: float | None = None,
+    more: Effects = lambda _vessel: (),
+    adequacy: Callable[[Fit, Selection, Noise | None], record.Adequacy] | None = None,
+    identifiability: Callable[[Fit, Selection], record.Identifiability] | None = None,
+    say: Say = lambda _step, _text, _share: None,
+    seed: int = 0,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> Diagnosis:
+    """What `vessel` gets wrong of the logs `runs`. `reference`: a calm log of the boat before anything was wrong.
+
+    `held_out`: logs that no fit shall see; without any the last quarter of each log, or every other block of `block_s`.
+    `clock`: seconds, for the running time. Raises JobError, RunError or StructuredFitError (all ValueError) naming the
+    log that cannot be used.
+    """
+    begun = clock()
+    parted = split(_logs(runs), _logs(held_out), vessel, block_s)
+    own = tuple(more(vessel))
+    ambient = _ambient(reference, vessel, say) if reference is not None else None
+    fit = Fit(Physics(parted.fitted, vessel, WINDOW_S), catalogue(vessel, parted.fitted, own), _stated(vessel, ambient))
+    selection = Selector(fit, lambda text, share: say(STEPS[1], text, min(share, 0.99))).run()
+    say(STEPS[1], "", 1.0)
+    say(STEPS[2], "refitted base", 0.0)
+    refit, standing = _refit(fit, selection.base)
+    found = _named(fit, selection, seed)
+    sufficient = adequacy(fit, selection, ambient) if adequacy else None
+    apart = identifiability(fit, selection) if identifiability else None
+    same = {n.effect.name: n.effect.same_as for n in found}
+    verdict, names, others = record.verdict_of(list(same), selection.rivals, same, sufficient)
+    causes = tuple(n for n in found if n.effect.name in names)
+    theta = _beside(fit, selection, causes) if causes else refit.theta
+    files = _files(fit, refit, theta, causes)
+    say(STEPS[2], "", 1.0)
+    say(STEPS[3], "", 0.0)
+    models = {
+        "base": Believed({}, selection.base.noise),
+        "refit": refit,
+        "extended": _sayable(fit, selection, theta, causes) if causes else refit,
+    }
+    outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
+    judged = score(outside, vessel, fit.effects, models, fit.physics, seed)
+    say(STEPS[3], "", 1.0)
+    return Diagnosis(
+        base=vessel,
+        split=parted,
+        fit=fit,
+        selection=selection,
+        refit=refit,
+        refit_point=standing,
+        ambient=ambient,
+        reference=reference.meta.source if reference is not None else "",
+        causes=causes,
+        verdict=verdict,
+        ambiguous_with=others,
+        adequacy=sufficient,
+        identifiability=apart,
+        files=files,
+        held_out=judged,
+        visible=visible_from(fit, selection.final),
+        problems={used.log.name: problems(used.log.run) for used in parted.used},
+        seed=seed,
+        runtime_s=clock() - begun,
+    )
+
+
+def _logs(runs: Sequence[Run]) -> list[Log]:
+    return [Log(run.meta.source, run) for run in runs]
+
+
+def _ambient(reference: Run, vessel: VesselFile, say: Say) -> Noise:
+    """Noise of sensors and of what nobody can foretell, from a log in which nothing is wrong."""
+    say(STEPS[0], reference.meta.source, 0.0)
+    run = usable(Log(reference.meta.source, reference), vessel).run
+    everyday = [e for e in catalogue(vessel, [run]) if e.everyday]
+    model = Selector(Fit(Physics([run], vessel, WINDOW_S), everyday, stated_noise(vessel))).base()
+    say(STEPS[0], "", 1.0)
+    return model.noise
+
+
+def _stated(vessel: VesselFile, ambient: Noise | None) -> Noise:
+    """Noise to begin with: the file's, or the reference log's."""
+    noise = stated_noise(vessel)
+    return noise if ambient is None else replace(noise, white=ambient.white, fix_m=ambient.fix_m)
+
+
+def _refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
+    """Coefficients and gains alone, each within what nobody would name: a cause must not hide in the base."""
+    few = [_within(e) for e in fit.effects if e.family == "base" or e.name.startswith("thruster_gain:")]
+    theta = {
+        e.id: np.clip(base.point.theta[e.id], [p.lower for p in e.parameters], [p.upper for p in e.parameters])
+        for e in few
+    }
+    fit.noise = base.noise
+    found = fit.solve(theta, base.point.z, few, frozenset(), steps=2)
+    fit.noise = tuned_latent(fit, found, few, frozenset())
+    found = fit.solve(found.theta, found.z, few, frozenset(), steps=2, before=found)
+    return Believed(found.theta, fit.noise), found
+
+
+def _within(effect: Effect) -> Effect:
+    """The effect with its parameters held within `REFIT_SIGMAS` of nil."""
+    sigmas = [p.prior for p in effect.parameters] if effect.family == "base" else effect.tolerance()
+    held = [replace(p, lower=max(p.lower, -REFIT_SIGMAS * s), upper=min(p.upper, REFIT_SIGMAS * s))
+            for p, s in zip(effect.parameters, sigmas, strict=True)]  # fmt: skip
+    return replace(effect, parameters=tuple(held))
+
+
+def _beside(fit: Fit, selection: Selection, causes: Sequence[Named]) -> Theta:
+    """Base numbers beside the causes, as a file can have them: with nothing free but these and the sensors' errors."""
+    final, ids = selection.final, frozenset(n.effect.id for n in causes)
+    chosen = [e for e in fit.effects if e.id in ids or _is_number(e) or (e.everyday and e.family == "sensors")]
+    theta = {k: v for k, v in final.point.theta.items() if k in {e.id for e in chosen}}
+    fit.noise = final.noise
+    return fit.solve(theta, final.point.z, chosen, ids, steps=2).theta
+
+
+def _is_number(effect: Effect) -> bool:
+    """Whether its tolerance band moves numbers that every vessel file has."""
+    return effect.everyday and (effect.family == "base" or family(effect.name) in FOLDED)
+
+
+def _place(fit: Fit) -> Place:
+    return Place(fit.physics.centre_m, fit.physics.middle_s)
+
+
+def _cause(fit: Fit, effect: Effect, values: np.ndarray, note: str) -> Cause:
+    own = {p.name: float(v) + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
+    return Cause(effect, own, point(effect, values, _place(fit)), note)
+
+
+def _named(fit: Fit, selection: Selection, seed: int) -> tuple[Named, ...]:
+    """Accepted causes, the surest first."""
+    by_id = {e.id: e for e in fit.effects}
+    out = []
+    for candidate in sorted(selection.causes, key=lambda c: -c.nats):
+        effect = by_id[candidate.id]
+        numbers = public(effect, candidate.values, candidate.covariance, _place(fit), seed)
+        told = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
+        note = f"{effect.name}{f' ({told})' if told else ''} found by aritra diagnose"
+        cause = replace(_cause(fit, effect, candidate.values, note), forces_n=_forces(selection.final))
+        out.append(Named(candidate, effect, numbers, smallest(effect), cause))
+    return tuple(out)
+
+
+def _forces(model: Model) -> np.ndarray:
+    f = model.point.state.forces.f
+    return f.reshape(-1, f.shape[2])
+
+
+def _files(fit: Fit, refit: Believed, theta: Theta, causes: Sequence[Named]) -> Files:
+    """Refitted; and from `theta`, beside the causes: numbers, extended."""
+    vessel = fit.physics.vessel
+    note = "refitted by aritra diagnose"
+    plain = refitted(vessel, _nuisances(fit, refit.theta, (), note), note)
+    if not causes:
+        return Files(plain, plain, plain, {})
+    names = {n.effect.name for n in causes}
+    beside = refitted(vessel, _nuisances(fit, theta, names, note), note)
+    mine = [n.cause for n in causes]
+    extended, left = with_causes(beside, mine)
+    return Files(plain, numbers_beside(beside, extended, mine), extended, left)
+
+
+def _nuisances(fit: Fit, theta: Theta, names: set[str] | tuple[str, ...], note: str) -> list[Cause]:
+    return [_cause(fit, e, theta[e.id], note) for e in fit.effects if e.id in theta and e.name not in names]
+
+
+def _sayable(fit: Fit, selection: Selection, theta: Theta, causes: Sequence[Named]) -> Believed:
+    """Causes and base numbers, not the tolerance bands that no file gets."""
+    kept = {n.effect.id for n in causes} | {e.id for e in fit.effects if _is_number(e)}
+    return Believed({k: v for k, v in theta.items() if k in kept}, selection.final.noise)

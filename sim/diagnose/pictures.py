@@ -1,0 +1,260 @@
+"""Pictures of a diagnosis; matplotlib without a display. Blue: refitted base; orange: with the causes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sim.diagnose.findings import Pair
+from sim.diagnose.held_out import CHANNELS, HORIZONS_S, MODELS, Error, Replay
+from sim.diagnose.residue import Residue
+from sim.identify.validation.figures import COLOURS, GREYS, INK
+
+BASE, WITH = COLOURS[0], COLOURS[1]
+LOOK = {"base": GREYS[1], "refit": BASE, "extended": WITH}
+LABELS = {"base": "as given", "refit": "refitted", "extended": "with the causes"}
+FORCES = ("X [N]", "Y [N]", "N [N m]")
+BINS = 12
+LEAST_IN_BIN = 4
+CELL_M = 2.0
+MOST_BARS = 14
+TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 3, 5, 10, 20, 50, 100)
+
+
+def over_time(before: Residue, after: Residue) -> Figure:
+    """Latent force over the shared clock with 2 sigma: refitted base against the model with the causes."""
+    figure = Figure(figsize=(11, 6.2), layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    for i, ax in enumerate(axes):
+        for residue, colour, label in ((before, BASE, LABELS["refit"]), (after, WITH, LABELS["extended"])):
+            for n, log in enumerate(np.unique(residue.log)):
+                mine = residue.log == log
+                t, f, s = residue.clock_s[mine] / 60, residue.force[mine, i], residue.sigma[mine, i]
+                ax.fill_between(t, f - 2 * s, f + 2 * s, color=colour, alpha=0.2, lw=0)
+                ax.plot(t, f, color=colour, lw=0.9, label=label if n == 0 else None)
+        ax.axhline(0, color=INK, lw=0.6)
+        ax.set_ylabel(FORCES[i])
+        ax.set_ylim(*_limits(np.concatenate([before.force[:, i], after.force[:, i]])))
+    axes[-1].set_xlabel("t [min], all logs on one clock")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def over_everything(residue: Residue, pwm_us: np.ndarray, volts: np.ndarray, thrusters: Sequence[str]) -> Figure:
+    """Residual force of the refitted base over speeds, pulse widths and voltage; the causes' force drawn through it."""
+    against = {"u [m/s]": residue.x[:, 3], "v [m/s]": residue.x[:, 4], "r [rad/s]": residue.x[:, 5]}
+    against |= {f"{name} [us]": pwm_us[:, i] for i, name in enumerate(thrusters)}
+    if np.isfinite(volts).any():
+        against["battery [V]"] = volts
+    figure = Figure(figsize=(2.0 * len(against) + 1, 6.4), layout="constrained")
+    axes = figure.subplots(3, len(against), sharey="row", squeeze=False)
+    for i in range(3):
+        for ax, (label, x) in zip(axes[i], against.items(), strict=True):
+            _binned(ax, x, residue.force[:, i], residue.cause[:, i])
+            if i == 2:
+                ax.set_xlabel(label, fontsize=8)
+            ax.tick_params(labelsize=7)
+        axes[i, 0].set_ylabel(FORCES[i])
+        axes[i, 0].set_ylim(*_limits(residue.force[:, i], 0.99))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8)
+    return figure
+
+
+def over_heading(residue: Residue) -> Figure:
+    """Residual force over heading, polar: the black ring is nil, outside it the force is positive."""
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    psi = np.mod(residue.x[:, 2], 2 * np.pi)
+    edges = np.linspace(0, 2 * np.pi, 25)
+    middle = (edges[:-1] + edges[1:]) / 2
+    for i in range(3):
+        ax = figure.add_subplot(1, 3, i + 1, projection="polar")
+        ax.set_theta_zero_location("N")  # type: ignore[attr-defined]  # of polar axes
+        ax.set_theta_direction(-1)  # type: ignore[attr-defined]  # of polar axes
+        mean, se = _means(psi, residue.force[:, i], edges)
+        cause, _ = _means(psi, residue.cause[:, i], edges)
+        reach = 1.2 * float(np.nanmax(np.abs(np.concatenate([mean, cause])), initial=1e-3))
+        ring = np.linspace(0, 2 * np.pi, 200)
+        ax.plot(ring, np.full(200, reach), color=INK, lw=1)
+        ax.errorbar(middle, mean + reach, yerr=2 * se, fmt="o", ms=3, color=BASE, lw=1, label="residual force")
+        if residue.cause[:, i].any():
+            closed = np.append(cause, cause[:1]) + reach
+            ax.plot(np.append(middle, middle[:1]), closed, color=WITH, label="of the causes")
+        ax.set_ylim(0, 2 * reach)
+        ax.set_yticks([0, reach, 2 * reach], [f"{-reach:.2g}", "0", f"{reach:.2g}"], fontsize=7)
+        ax.set_xticks(np.radians([0, 90, 180, 270]), ["N", "E", "S", "W"])
+        ax.set_title(FORCES[i], fontsize=9)
+    ax.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def over_basin(before: Residue, after: Residue) -> Figure:
+    """Mean residual force in cells of the basin as arrows: refitted base, and with the causes, to one scale."""
+    figure = Figure(figsize=(11, 5.4), layout="constrained")
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    cells = [_cells(residue) for residue in (before, after)]
+    longest = max(float(np.hypot(*c[:, 2:].T).max(initial=0.0)) for c in cells) or 1.0
+    for ax, c, colour, label in zip(axes, cells, (BASE, WITH), (LABELS["refit"], LABELS["extended"]), strict=True):
+        arrows = ax.quiver(
+            c[:, 1], c[:, 0], c[:, 3], c[:, 2], color=colour, angles="xy", scale_units="xy",
+            scale=longest / (1.5 * CELL_M), width=0.004,
+        )  # fmt: skip
+        ax.quiverkey(arrows, 0.85, 1.04, longest / 1.5, f"{longest / 1.5:.2g} N", labelpos="E")
+        ax.set(title=label, xlabel="east [m]", ylabel="north [m]", aspect="equal")
+        ax.margins(0.1)
+    return figure
+
+
+def tracks(replays: Sequence[Replay]) -> Figure:
+    """Measured positions, and where the models are under the same commands, open loop."""
+    figure = Figure(figsize=(5.4 * max(len(replays), 1), 5.2), layout="constrained")
+    axes = figure.subplots(1, max(len(replays), 1), squeeze=False)[0]
+    for ax, replay in zip(axes, replays, strict=False):
+        ax.plot(replay.fixes_m[:, 1], replay.fixes_m[:, 0], ".", color=INK, ms=4, label="measured, at the tag")
+        for name in MODELS:
+            track = replay.tracks[name]
+            ax.plot(track[:, 1], track[:, 0], color=LOOK[name], lw=1.6, label=LABELS[name])
+        ax.plot(*replay.tracks["extended"][0, ::-1], "o", color=INK, ms=6)
+        low, high = replay.fixes_m.min(axis=0), replay.fixes_m.max(axis=0)
+        middle, half = (low + high) / 2, 0.75 * max(float((high - low).max()), 1.0)
+        ax.set(xlim=(middle[1] - half, middle[1] + half), ylim=(middle[0] - half, middle[0] + half), aspect="equal")
+        ax.set(title=f"20 s from t = {replay.start_s:.0f} s", xlabel="east [m]", ylabel="north [m]")
+    axes[0].legend(fontsize=8)
+    return figure
+
+
+def held_out(errors: Sequence[Error]) -> Figure:
+    """Rms error on held-out logs by channel and horizon, with 95 % intervals."""
+    figure = Figure(figsize=(11, 3.2), layout="constrained")
+    for i, (channel, unit) in enumerate(CHANNELS.items()):
+        ax = figure.add_subplot(1, len(CHANNELS), i + 1)
+        mine = [e for e in errors if e.channel == channel]
+        for j, name in enumerate(MODELS):
+            at = np.array([HORIZONS_S.index(e.horizon_s) for e in mine]) + 0.27 * (j - 1)
+            rms = np.array([e.rms[name] for e in mine])
+            ends = np.array([e.ci95[name] for e in mine]).reshape(-1, 2).T
+            spread = np.abs(np.nan_to_num(ends - rms))
+            ax.bar(at, rms, 0.25, yerr=spread, color=LOOK[name], label=LABELS[name], error_kw={"lw": 0.8})
+        ax.set_xticks(range(len(HORIZONS_S)), [f"{h} s" for h in HORIZONS_S])
+        ax.set_title(f"{channel} [{unit}]", fontsize=9)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+    return figure
+
+
+def evidence(named: Mapping[str, float], others: Mapping[str, float], least: float) -> Figure:
+    """Nats for every cause, and for the best that was not named at the last step, with the line of acceptance."""
+    rest = dict(sorted(others.items(), key=lambda kv: -kv[1])[: max(MOST_BARS - len(named), 4)])
+    bars = [(k, v, WITH) for k, v in named.items()] + [(k, v, GREYS[0]) for k, v in rest.items() if k not in named]
+    figure = Figure(figsize=(9, 0.3 * len(bars) + 1.3), layout="constrained")
+    ax = figure.add_subplot()
+    at = np.arange(len(bars))[::-1]
+    ax.barh(at, [v for _, v, _ in bars], color=[c for _, _, c in bars])
+    ax.axvline(least, color=INK, lw=1.2, ls="--", label=f"{least:g} nats: named above")
+    ax.set_yticks(at, [k for k, _, _ in bars], fontsize=8)
+    ax.set_xscale("symlog", linthresh=10)
+    ax.set_xlabel("evidence over its absence [nats]; orange: named")
+    ax.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def whiteness(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray], samples: Mapping[str, int]) -> Figure:
+    """Correlation of one-step errors with those before them, by channel; grey: where white noise would lie."""
+    figure = Figure(figsize=(11, 2.8), layout="constrained")
+    axes = figure.subplots(1, len(before), sharey=True)
+    for ax, name in zip(axes, before, strict=True):
+        lags = np.arange(1, len(before[name]) + 1)
+        band = 2 / np.sqrt(max(samples[name], 1))
+        ax.axhspan(-band, band, color=GREYS[1], alpha=0.4, lw=0)
+        ax.plot(lags, before[name], color=BASE, lw=1.2, label=LABELS["refit"])
+        ax.plot(lags, after[name], color=WITH, lw=1.2, label=LABELS["extended"])
+        ax.set_title(name, fontsize=9)
+        ax.set_xlabel("samples apart", fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    return figure
+
+
+def sizes(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
+    """Size of each cause over the smallest worth a name, with its 95 % interval: name, low, value, high."""
+    figure = Figure(figsize=(9, 0.4 * len(rows) + 1.2), layout="constrained")
+    ax = figure.add_subplot()
+    at = np.arange(len(rows))[::-1]
+    low, value, high = np.array([row[1:] for row in rows]).T
+    low = np.maximum(low, 0.05)
+    ax.errorbar(value, at, xerr=[value - low, high - value], fmt="o", color=WITH, capsize=4)
+    ax.axvline(1.0, color=INK, ls="--", lw=1.2, label="smallest size worth a name")
+    ax.set_yticks(at, [row[0] for row in rows], fontsize=9)
+    ax.set(xlabel="size over the smallest worth a name, 95 % interval", ylim=(-0.7, len(rows) - 0.3), xscale="log")
+    ends = min(0.5, float(low.min())), 2 * float(high.max())
+    ax.set_xlim(*ends)
+    ticks = [t for t in TICKS if ends[0] <= t <= ends[1]]
+    ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    ax.minorticks_off()
+    ax.legend(fontsize=8)
+    return figure
+
+
+def confusability(pairs: Sequence[Pair], least: float) -> Figure:
+    """Nats by which these logs tell one cause from another; red: they cannot."""
+    names = sorted({n for p in pairs for n in (p.a, p.b)})
+    at = {n: i for i, n in enumerate(names)}
+    grid = np.full((len(names), len(names)), np.nan)
+    for p in pairs:
+        grid[at[p.a], at[p.b]] = p.nats
+    size = 0.22 * len(names) + 2.5
+    figure = Figure(figsize=(size + 1, size), layout="constrained")
+    ax = figure.add_subplot()
+    shown = ax.imshow(np.log10(np.maximum(grid, 0.1) / least), cmap="RdYlBu", vmin=-1.5, vmax=1.5)
+    ax.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+    ax.set_yticks(range(len(names)), names, fontsize=7)
+    ax.set(ylabel="true cause", xlabel="taken for")
+    bar = figure.colorbar(shown, ax=ax, shrink=0.6, ticks=[-1, 0, 1])
+    bar.ax.set_yticklabels([f"{least / 10:.2g}", f"{least:g} nats", f"{least * 10:g}"])
+    return figure
+
+
+def _binned(ax: Axes, x: np.ndarray, force: np.ndarray, cause: np.ndarray) -> None:
+    known = np.isfinite(x)
+    x, force, cause = x[known], force[known], cause[known]
+    ax.plot(x, force, ".", ms=1.5, color="#bbbbbb", zorder=1)
+    ax.axhline(0, color=INK, lw=0.6)
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+    if len(edges) < 3:
+        return
+    middle = (edges[:-1] + edges[1:]) / 2
+    mean, se = _means(x, force, edges)
+    ax.errorbar(middle, mean, yerr=2 * se, fmt="o", ms=3, lw=1, color=BASE, zorder=3, label="residual force, mean")
+    if cause.any():
+        ax.plot(middle, _means(x, cause, edges)[0], color=WITH, lw=1.6, zorder=2, label="force of the causes, mean")
+
+
+def _means(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of y in each bin and its standard error (of neighbours that hang together over 5 s); NaN for a few."""
+    of = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    mean, se = np.full(len(edges) - 1, np.nan), np.full(len(edges) - 1, np.nan)
+    for i in range(len(mean)):
+        mine = y[of == i]
+        if len(mine) >= LEAST_IN_BIN:
+            mean[i], se[i] = mine.mean(), mine.std() / np.sqrt(max(len(mine) / 5, 1))
+    return mean, se
+
+
+def _cells(residue: Residue) -> np.ndarray:
+    """Rows north, east, force north, force east of each cell with enough windows."""
+    psi, (X, Y) = residue.x[:, 2], residue.force[:, :2].T
+    c, s = np.cos(psi), np.sin(psi)
+    force = np.column_stack([c * X - s * Y, s * X + c * Y])
+    place = residue.x[:, :2]
+    cell, of = np.unique(np.floor(place / CELL_M).astype(int), axis=0, return_inverse=True)
+    of = of.ravel()
+    many = np.bincount(of) >= LEAST_IN_BIN
+    mean = np.array([force[of == i].mean(axis=0) for i in np.flatnonzero(many)]).reshape(-1, 2)
+    return np.hstack([(cell[many] + 0.5) * CELL_M, mean])
+
+
+def _limits(values: np.ndarray, share: float = 0.998) -> tuple[float, float]:
+    """Of an axis: nearly all of the values, and nil."""
+    low, high = np.quantile(values, (1 - share, share))
+    room = 0.15 * max(high - low, 1e-3)
+    return min(low, 0.0) - room, max(high, 0.0) + room

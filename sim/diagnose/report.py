@@ -1,0 +1,201 @@
+"""The report on a diagnosis: one self-contained page, plain sentences first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.diagnose import pictures
+from sim.diagnose.held_out import CHANNELS, MODELS
+from sim.diagnose.job import Diagnosis
+from sim.diagnose.public import smallest
+from sim.diagnose.residue import Residue, correlation, pulses, residue
+from sim.diagnose.select import NATS
+from sim.diagnose.sentences import sentences, visible
+from sim.identify.report_tables import intervals
+from sim.identify.validation.report import Section, page
+from sim.identify.validation.table import Table
+
+LOOK = ("ambiguous", "partial", "unknown")
+Z975 = 1.959964
+
+
+def report(found: Diagnosis) -> str:
+    """The page, as text."""
+    before, after = residues(found)
+    sections = [
+        Section("What the simulation gets wrong", tuple(sentences(found)), look=found.verdict in LOOK),
+        *_causes(found),
+        _held_out(found),
+        _left_over(found, before, after),
+        _evidence(found),
+        *_adequacy(found),
+        *_apart(found),
+        _visible(found),
+        _noise(found),
+        _logs(found),
+    ]
+    return page(f"Diagnosis of {found.base.name}", sections)
+
+
+def residues(found: Diagnosis) -> tuple[Residue, Residue]:
+    """What the refitted base leaves over, and what is left with the causes in."""
+    effects, final = [n.effect for n in found.causes], found.selection.final
+    theta = final.point.theta
+    before = residue(found.fit, found.refit_point, found.refit.noise, theta, effects)
+    return before, residue(found.fit, final.point, final.noise, theta, effects)
+
+
+def _causes(found: Diagnosis) -> list[Section]:
+    if not found.causes:
+        return []
+    rows, spans = [], []
+    for n in found.causes:
+        c, (least, unit) = n.candidate, n.smallest
+        for key, number in n.numbers.items():
+            low, high = number.ci95
+            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
+            rows.append((n.effect.name, key, *told, f"{c.nats:.0f}", f"{least:.3g} {unit}"))
+        half = (c.size - c.lower) / 1.644854 * Z975
+        spans.append((n.effect.name, c.size - half, c.size, c.size + half))
+    head = ("cause", "parameter", "value", "95 % interval", "unit", "evidence [nats]", "smallest size worth a name")
+    equations = tuple(f"{n.effect.name}: {n.effect.equation}; looks like: {n.effect.signature}." for n in found.causes)
+    return [
+        Section(
+            "The causes",
+            equations,
+            tables=(Table(head, tuple(rows)),) if rows else (),
+            figures=((pictures.sizes(spans), "Left of the dashed line nothing is named, however sure."),),
+        )
+    ]
+
+
+def _held_out(found: Diagnosis) -> Section:
+    errors = found.held_out.errors
+    rows = []
+    for e in errors:
+        told = [f"{e.rms[m]:.3g} ({e.ci95[m][0]:.3g} to {e.ci95[m][1]:.3g})" for m in MODELS]
+        gain = f"{100 * e.gain:.0f} % ({100 * e.gain_ci95[0]:.0f} to {100 * e.gain_ci95[1]:.0f})"
+        rows.append((f"{e.channel} [{CHANNELS[e.channel]}], {e.horizon_s} s", *told, gain))
+    table = Table(
+        ("rms error of readings", "as given", "refitted", "with the causes", "gain over refitted"), tuple(rows)
+    )
+    nats = found.held_out.nats
+    likely = (
+        f"One-step log likelihood of {found.held_out.samples} held-out readings: as given {nats['base']:.0f}, refitted "
+        f"{nats['refit']:.0f}, with the causes {nats['extended']:.0f} nats."
+    )
+    return Section(
+        "What it is worth, on data that no fit has seen",
+        (likely,),
+        tables=(table,),
+        figures=(
+            (pictures.held_out(errors), "Open loop under the logged commands; bars: 95 % by bootstrap."),
+            (pictures.tracks(found.held_out.replays), "The window whose error is the median, and one of the worst."),
+        ),
+        note="What sensors should say so long after the start of a window, against what they said; noise is in all.",
+    )
+
+
+def _left_over(found: Diagnosis, before: Residue, after: Residue) -> Section:
+    pwm, volts = pulses(found.fit.physics)
+    names = [t.name for t in found.base.thrusters]
+    return Section(
+        "What the model leaves over",
+        figures=(
+            (pictures.over_time(before, after), "Latent force with 2 sigma: what the equations lack, over time."),
+            (
+                pictures.over_everything(before, pwm, volts, names),
+                "Residual force of the refitted base over speeds, pulse widths, voltage. Sensor causes add none.",
+            ),
+            (pictures.over_heading(before), "The same over heading; the black ring is nil."),
+            (pictures.over_basin(before, after), f"Mean force in cells of {pictures.CELL_M:g} m, as arrows."),
+            (_whiteness(found), "Correlation of one-step errors: in the grey band they tell nothing of each other."),
+        ),
+    )
+
+
+def _whiteness(found: Diagnosis):
+    final = found.selection.final.point
+    seen = {
+        n: int(np.isfinite(final.residuals[..., i]).sum()) for i, n in enumerate(("heading", "yaw rate", "a_x", "a_y"))
+    }
+    seen |= {"north": len(final.fix_residuals), "east": len(final.fix_residuals)}
+    return pictures.whiteness(correlation(found.refit_point), correlation(final), seen)
+
+
+def _evidence(found: Diagnosis) -> Section:
+    names = {e.id: e.name for e in found.fit.effects}
+    others: dict[str, float] = {}
+    for c in found.selection.ranking:
+        others[names[c.id]] = max(c.nats, others.get(names[c.id], -np.inf))
+    named = {n.effect.name: n.candidate.nats for n in found.causes}
+    return Section(
+        "Evidence",
+        figures=(
+            (
+                pictures.evidence(named, others, NATS),
+                "Logarithmic beyond 10. Grey beyond the line: there, but smaller than worth a name.",
+            ),
+        ),
+        note="Each against its own absence, all others free within their bands. 12 nats: odds of 160 000 to one.",
+    )
+
+
+def _adequacy(found: Diagnosis) -> list[Section]:
+    a = found.adequacy
+    if a is None:
+        return []
+    rows = tuple((c.name, f"{c.value:.3g}", f"{c.limit:.3g}", "yes" if c.passed else "**no**") for c in a.checks)
+    return [Section("Is anything left?", tables=(Table(("test", "value", "limit", "passed"), rows),))]
+
+
+def _apart(found: Diagnosis) -> list[Section]:
+    i = found.identifiability
+    if i is None:
+        return []
+    close = [p for p in i.pairs if p.nats < NATS]
+    lines = [f"These logs cannot tell {p.a} from {p.b} ({p.nats:.1f} nats at medium size)." for p in close[:20]]
+    figures = (
+        ((pictures.confusability(i.pairs, NATS), "Red: these logs cannot tell the two apart."),) if i.pairs else ()
+    )
+    return [Section("What these logs can tell apart", tuple(lines) or ("Every pair.",), figures=figures)]
+
+
+def _visible(found: Diagnosis) -> Section:
+    by_name = {e.name: e for e in found.fit.effects}
+    rows = []
+    for name, (size, unit) in found.visible.items():
+        least, least_unit = smallest(by_name[name])
+        rows.append((name, visible(size, unit), visible(least, least_unit)))
+    return Section(
+        "What these logs would have shown",
+        tables=(Table(("effect", "from this size on", "smallest size worth a name"), tuple(rows)),),
+        note="A true size that these logs would have named on average. Larger ones than these are not there.",
+    )
+
+
+def _noise(found: Diagnosis) -> Section:
+    final, stated = found.selection.final.noise, found.fit.physics.vessel.sensors
+    rows = [
+        ("heading [rad]", f"{final.white[0]:.3g}", f"{stated.imu.heading_sigma_rad:.3g}"),
+        ("yaw rate [rad/s]", f"{final.white[1]:.3g}", f"{stated.imu.gyro_sigma_rad_s:.3g}"),
+        ("a_x, a_y [m/s^2]", f"{final.white[2]:.3g}, {final.white[3]:.3g}", f"{stated.imu.accel_sigma_m_s2:.3g}"),
+        ("position [m]", f"{final.fix_m:.3g}", f"{stated.uwb.range_sigma_m:.3g}"),
+    ]
+    latent = [("with the causes", final.latent), ("refitted base", found.refit.noise.latent)]
+    latent += [("reference log", found.ambient.latent)] if found.ambient else []
+    more = tuple((f"latent acceleration, {n}", ", ".join(f"{v:.2g}" for v in values), "") for n, values in latent)
+    said = () if found.ambient else ("No reference log: ambient noise is what the model with its causes leaves over.",)
+    return Section("Noise card", said, tables=(Table(("one sigma", "found", "vessel file"), (*rows, *more)),))
+
+
+def _logs(found: Diagnosis) -> Section:
+    rows = []
+    for used in found.split.used:
+        told = "; ".join(p.text for p in found.problems[used.log.name][:4]) or "-"
+        run = used.log.run
+        spans = (intervals(used.fitted_s), intervals(used.held_out_s))
+        rows.append((used.log.name, f"{run.duration_s:.0f} s", *spans, told, run.data_hash[:12]))
+    head = ("log", "length", "fitted [s]", "held out [s]", "problems", "data")
+    held = f"Held out: {found.split.rule}."
+    return Section("The logs", (held,), tables=(Table(head, tuple(rows)),), text=True)

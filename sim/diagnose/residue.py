@@ -1,0 +1,133 @@
+"""What the model leaves over, as forces over time and over whatever they might depend on, with the causes beside it.
+
+Latent force of a window = M times its latent acceleration, [X Y N]; its standard error comes from the chain of nodes
+
+    S_w = A_w - N_{w-1}^T S_{w-1}^-1 N_{w-1},   P_w = S_w^-1 + S_w^-1 N_w P_{w+1} N_w^T S_w^-1
+
+(A, N: diagonal and upper blocks of the Hessian; P_w: covariance of node w with the parameters as they are).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from companion.core.vessel import mass_matrix
+from sim.diagnose.effect import Effect, Hook, Parameter, Values
+from sim.diagnose.fit import Fit
+from sim.diagnose.linear import Point
+from sim.diagnose.physics import Physics, Theta
+from sim.identify.structured.chain import Chain
+from sim.identify.structured.noise import LATENT, Noise
+
+LAGS = 20
+
+
+@dataclass(frozen=True)
+class Residue:
+    """Of W windows of all logs: middle times [s] of the log and of the shared clock, log, state (W, 6), latent force
+
+    and its sigma (W, 3) [N, N, N m]; what the causes add to the force there, (W, 3).
+    """
+
+    t_s: np.ndarray
+    clock_s: np.ndarray
+    log: np.ndarray
+    x: np.ndarray
+    force: np.ndarray
+    sigma: np.ndarray
+    cause: np.ndarray
+
+
+def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence[Effect]) -> Residue:
+    """At `point`, linearised with `noise`; `causes`: effects whose force along this motion, with `theta`, is wanted."""
+    physics = fit.physics
+    M = mass_matrix(physics.vessel)
+    chain, _, _ = fit.assembled(point, noise)
+    variance = node_covariance(chain)[:, LATENT, LATENT]
+    windows = physics.windows
+    return Residue(
+        windows.t_s.mean(axis=1),
+        physics.clock_s.mean(axis=1),
+        windows.run,
+        point.state.x.mean(axis=1),
+        point.z[:, LATENT] @ M.T,
+        np.sqrt(np.einsum("ij,wjk,ik->wi", M, variance, M)),
+        caused(physics, fit.effects, point, theta, causes) @ M.T,
+    )
+
+
+def caused(
+    physics: Physics, effects: Sequence[Effect], point: Point, theta: Theta, causes: Sequence[Effect]
+) -> np.ndarray:
+    """Mean acceleration in each window that `causes` with the values of `theta` add, (W, 3); nil for sensor effects."""
+    out = np.zeros((physics.windows.size[0], 3))
+    for effect in causes:
+        whole = _whole(effect, theta[effect.id])
+        out += physics.accelerations([*effects, whole], {}, point.state, [whole])[..., 0].mean(axis=1)
+    return out
+
+
+def _whole(effect: Effect, values: np.ndarray) -> Effect:
+    """The effect at once: its one parameter goes from nil to all of `values`."""
+
+    def scaled(hook: Hook) -> Hook:
+        def call(p: Values, *rest: Any) -> Any:
+            return hook({q.name: p["share"] * v for q, v in zip(effect.parameters, values, strict=True)}, *rest)
+
+        return call
+
+    share = Parameter("share", "1", 1.0, 1.0, 1.0)
+    hooks = {stage: scaled(hook) for stage, hook in effect.hooks.items()}
+    return Effect(f"all of {effect.id}", effect.family, effect.equation, "", (share,), hooks)
+
+
+def node_covariance(chain: Chain) -> np.ndarray:
+    """Covariance of each node, (W, L, L)."""
+    W, L = chain.g.shape
+    factors, S = [], chain.A[0]
+    for w in range(W):
+        factors.append(cho_factor(S, lower=True, check_finite=False))
+        if w + 1 < W:
+            S = chain.A[w + 1] - chain.next[w].T @ cho_solve(factors[-1], chain.next[w], check_finite=False)
+    out = np.empty((W, L, L))
+    for w in range(W - 1, -1, -1):
+        out[w] = cho_solve(factors[w], np.eye(L), check_finite=False)
+        if w + 1 < W:
+            gain = cho_solve(factors[w], chain.next[w], check_finite=False)
+            out[w] += gain @ out[w + 1] @ gain.T
+    return out
+
+
+def correlation(point: Point) -> dict[str, np.ndarray]:
+    """Correlation of whitened residuals with those some samples before, by channel, (LAGS,)."""
+    series = {name: point.residuals[..., i].ravel() for i, name in enumerate(("heading", "yaw rate", "a_x", "a_y"))}
+    series |= {"north": point.fix_residuals[:, 0], "east": point.fix_residuals[:, 1]}
+    out = {}
+    for name, values in series.items():
+        known = values[np.isfinite(values)]
+        known = np.clip(known, -5, 5)  # an outlier says nothing of its neighbours
+        known = known - known.mean() if len(known) else known
+        power = float(known @ known)
+        ok = len(known) > 2 * LAGS and power > 0
+        out[name] = np.array([known[k:] @ known[:-k] / power if ok else np.nan for k in range(1, LAGS + 1)])
+    return out
+
+
+def pulses(physics: Physics) -> tuple[np.ndarray, np.ndarray]:
+    """Thruster pulse widths [us] (W, n) and battery voltage [V] (W,) in the middle of each window; NaN: unknown."""
+    names = [f"pwm_{t.name}" for t in physics.vessel.thrusters]
+    middle = physics.windows.t_s.mean(axis=1)
+    pwm, volts = np.full((len(middle), len(names)), np.nan), np.full(len(middle), np.nan)
+    for run, span in zip(physics.runs, physics.windows.spans, strict=True):
+        t, values = run.samples(*names)
+        at = np.maximum(np.searchsorted(t, middle[span], side="right") - 1, 0)
+        pwm[span] = values.reshape(len(t), -1)[at]
+        if run.known("battery_v"):
+            t, values = run.samples("battery_v")
+            volts[span] = values[np.maximum(np.searchsorted(t, middle[span], side="right") - 1, 0)]
+    return pwm, volts

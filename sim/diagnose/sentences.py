@@ -1,0 +1,136 @@
+"""A diagnosis in plain sentences, for the terminal and the head of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim.diagnose.held_out import Error, HeldOutScore
+from sim.diagnose.job import Diagnosis
+from sim.diagnose.public import sentence
+
+SHOWN_S = 10
+WORDS = {
+    "time": "time",
+    "position": "the place in the basin",
+    "heading": "the heading",
+    "speed": "the speed",
+    "thruster": "a thruster",
+    "voltage": "the battery's voltage",
+    "load": "the load of all thrusters",
+}
+"""Words of `depends_on`; `thruster:NAME` where one is meant."""
+CHANNEL_WORDS = {
+    "position": "position",
+    "heading": "heading",
+    "yaw_rate": "yaw rate",
+    "surge_accel": "surge acceleration",
+    "sway_accel": "sway acceleration",
+}
+
+
+def sentences(found: Diagnosis) -> list[str]:
+    """What is wrong, how sure that is, what it is worth, what to do."""
+    lines = [_verdict(found)]
+    lines += [sentence(n.effect.name, n.numbers) for n in found.causes]
+    if found.verdict in ("partial", "unknown"):
+        lines.append(_left_over(found))
+    if found.ambiguous_with:
+        lines.append(_ambiguous(found))
+    lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
+    if found.causes:
+        lines += [_gain(found.held_out, len(found.causes)), *_outside(found)]
+    if found.verdict == "none":
+        lines += _could_have_seen(found)
+    if found.identifiability is not None and found.identifiability.manoeuvre:
+        lines.append(f"To tell more apart, drive: {found.identifiability.manoeuvre}.")
+    return lines
+
+
+def _verdict(found: Diagnosis) -> str:
+    count, logs = len(found.causes), _logs(found)
+    are = "one cause is" if count == 1 else f"{count} causes are"
+    return {
+        "none": f"{logs}: nothing is wrong with {found.base.name} that these logs can show.",
+        "named": f"{logs}: {are} named, and they explain what the "
+        f"simulation of {found.base.name} gets wrong.",
+        "partial": f"{logs}: {are} named, but something is left over.",
+        "ambiguous": f"{logs}: something is wrong, but these logs cannot tell which of several causes it is.",
+        "unknown": f"{logs}: something is wrong that no effect of the catalogue explains.",
+    }[found.verdict]  # fmt: skip
+
+
+def _logs(found: Diagnosis) -> str:
+    used = [u for u in found.split.used if u.fitted_s]
+    seconds = sum(high - low for u in used for low, high in u.fitted_s)
+    return f"{len(used)} log{'s' if len(used) > 1 else ''}, {seconds / 60:.1f} minutes"
+
+
+def depends(word: str) -> str:
+    """A word of `depends_on` for people."""
+    head, _, tail = word.partition(":")
+    return f"thruster {tail}" if tail else WORDS.get(head, head)
+
+
+def _left_over(found: Diagnosis) -> str:
+    words = list(found.adequacy.depends_on) if found.adequacy is not None else []
+    if not words:
+        return "What is left over does not clearly depend on anything that was logged."
+    others = f", perhaps on {' or '.join(depends(w) for w in words[1:3])}" if len(words) > 1 else ""
+    return f"What is left over depends on {depends(words[0])}{others}."
+
+
+def _ambiguous(found: Diagnosis) -> str:
+    mine = ", ".join(n.effect.name for n in found.causes) or "the cause"
+    return f"These logs cannot tell {mine} from {', '.join(found.ambiguous_with)}."
+
+
+def _same(name: str, others: Sequence[str]) -> str:
+    return f"No log can tell {name} from {', '.join(others)}: they leave the same signature."
+
+
+def error_at(found: HeldOutScore, channel: str, horizon_s: int) -> Error | None:
+    """The figure of a channel at a horizon, if the held-out logs reach it."""
+    return next((e for e in found.errors if e.channel == channel and e.horizon_s == horizon_s), None)
+
+
+def _gain(held_out: HeldOutScore, count: int) -> str:
+    error = error_at(held_out, "position", SHOWN_S)
+    if error is None or not np.isfinite(error.gain):
+        return "What removing this is worth could not be measured on the held-out logs."
+    subject = "this error" if count == 1 else "these errors"
+    before, after = error.rms["refit"], error.rms["extended"]
+    low, high = (100 * g for g in error.gain_ci95)
+    if low <= 0 <= high or abs(error.gain) < 0.01:
+        return (
+            f"Removing {subject} changes the {SHOWN_S} s position error on held-out data by little: {before:.3g} m "
+            f"refitted, {after:.3g} m with the causes."
+        )
+    word = "cuts" if error.gain > 0 else "raises"
+    return (
+        f"Removing {subject} {word} the {SHOWN_S} s position error on held-out data by {100 * abs(error.gain):.0f} % "
+        f"(95 %: {low:.0f} to {high:.0f}): from {before:.3g} m, refitted within its tolerances, to {after:.3g} m; as "
+        f"given it was {error.rms['base']:.3g} m."
+    )
+
+
+def _outside(found: Diagnosis) -> list[str]:
+    return [f"{name} is not in extended.toml: {why}." for name, why in found.files.left.items()]
+
+
+def _could_have_seen(found: Diagnosis) -> list[str]:
+    """Some of what would have been seen, in words."""
+    wanted = ("thruster_gain", "current", "hull_fouling", "payload", "lag", "heading_offset", "uwb_latency")
+    told = []
+    for head in wanted:
+        sizes = [v for name, v in found.visible.items() if name.partition(":")[0] == head]
+        if sizes:
+            size, unit = max(sizes)
+            told.append(f"{head} from {visible(size, unit)} on")
+    return [f"These logs would have shown {', '.join(told)}."] if told else []
+
+
+def visible(size: float, unit: str) -> str:
+    """A size with its unit; shares in per cent."""
+    return f"{100 * size:.2g} %" if unit == "1" else f"{size:.2g} {unit}"

@@ -1,0 +1,56 @@
+"""From which size on these logs would have shown an effect that is not there.
+
+From the reduced Hessian, the effect's own block of the covariance with all others within their tolerance bands gives
+the information J of the data on its amplitudes. Along the direction that is seen worst, se = lambda_min(J)^-1/2 in
+units of the smallest size worth a name, a true size s is accepted on average when
+
+    s^2 / (2 se^2) - sum log(prior / se) >= 12 nats     and     s - 1.64 se >= 1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sim.diagnose.effect import Effect
+from sim.diagnose.fit import Fit, slices
+from sim.diagnose.public import family
+from sim.diagnose.public_table import PUBLIC
+from sim.diagnose.select import NATS, Z95, Model
+
+
+def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
+    """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen."""
+    assert model.reduced is not None
+    sigma = fit.sigma(fit.effects, model.believed)
+    C = np.linalg.inv(model.reduced.H + np.diag(1 / sigma**2))
+    at = slices(fit.effects)
+    found: dict[str, tuple[float, Effect]] = {}
+    for effect, share in _shares(fit, model, C, at):
+        if effect.name not in found or share < found[effect.name][0]:
+            found[effect.name] = (share, effect)
+    return {name: _public(effect, share) for name, (share, effect) in found.items()}
+
+
+def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iterator[tuple[Effect, float]]:
+    believed = {e.name for e in fit.effects if e.id in model.believed}
+    for effect in fit.effects:
+        if effect.family == "base" or effect.name in believed or effect.far:
+            continue
+        sure = np.flatnonzero([np.isfinite(p.smallest) for p in effect.parameters])
+        index = np.arange(at[effect.id].start, at[effect.id].stop)[sure]
+        smallest = np.array([effect.parameters[i].smallest for i in sure])
+        prior = np.array([effect.parameters[i].prior for i in sure])
+        J = np.linalg.inv(C[np.ix_(index, index)]) - np.diag(1 / effect.tolerance()[sure] ** 2)
+        J = np.outer(smallest, smallest) * J
+        se = 1 / np.sqrt(max(float(np.linalg.eigvalsh(J).min()), 1e-12))
+        price = NATS + float(np.maximum(np.log(prior / smallest / se), 0.0).sum())
+        yield effect, max(1 + Z95 * se, se * float(np.sqrt(2 * price)))
+
+
+def _public(effect: Effect, share: float) -> tuple[float, str]:
+    entry, parameter = PUBLIC.get(family(effect.name)), effect.parameters[0]
+    if entry is None:
+        return share * parameter.smallest, parameter.unit
+    return float(entry.smallest(share * parameter.smallest)), entry.smallest_unit or parameter.unit

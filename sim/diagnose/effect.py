@@ -17,7 +17,7 @@ Hooks work on whole logs at once (numpy arrays), so an entry is as quick as the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -159,3 +159,12 @@ class Sight:
     velocity_m_s: np.ndarray
     acceleration_m_s2: np.ndarray
     centre_m: np.ndarray
+
+
+def slices(chosen: Sequence[Effect]) -> dict[str, slice]:
+    """Where each effect's parameters are."""
+    found, at = {}, 0
+    for e in chosen:
+        found[e.id] = slice(at, at + len(e.parameters))
+        at += len(e.parameters)
+    return found

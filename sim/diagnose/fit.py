@@ -13,17 +13,18 @@ set m of effects is a matter of a small matrix,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.diagnose.effect import Effect
 from sim.diagnose.linear import Lineariser, Point
-from sim.diagnose.physics import Physics, Theta
+from sim.diagnose.physics import Physics, State, Theta
 from sim.identify.structured.chain import Chain
-from sim.identify.structured.noise import STATE, Noise
+from sim.identify.structured.noise import LATENT, STATE, Noise
 from sim.identify.structured.start import first_nodes
 
+NEAR = 300.0  # nats: a step that promises less is so short that secants of all but the believed effects stay
 PINNED = 1e6  # times its own curvature: a parameter that is held at a limit
 
 
@@ -48,19 +49,44 @@ class Reduced:
         value = self.constant - 0.5 * float(precision @ self.theta0**2) + 0.5 * float(half @ half)
         return value - float(np.log(np.diag(factor)).sum()) - float(np.log(sigma).sum())
 
-    def without(self, gone: slice) -> Reduced:
-        """The same with the parameters at `gone` held at nil."""
-        rest = np.delete(np.arange(len(self.b)), np.arange(len(self.b))[gone])
-        back = -self.theta0[gone]
-        moved = self.b[gone] @ back - 0.5 * back @ self.H[gone, gone] @ back
-        b = self.b[rest] - self.H[np.ix_(rest, np.arange(len(self.b))[gone])] @ back
-        return Reduced(self.H[np.ix_(rest, rest)], b, self.theta0[rest], self.constant + float(moved))
-
-    def estimate(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values (P,) and covariance (P, P) with prior sigmas (P,)."""
+    def posterior(self, sigma: np.ndarray) -> Posterior:
+        """Values and covariance with prior sigmas (P,)."""
         precision = 1 / sigma**2
         C = np.linalg.inv(self.H + np.diag(precision))
-        return self.theta0 + C @ (self.b - precision * self.theta0), C
+        return Posterior(self.theta0 + C @ (self.b - precision * self.theta0), C, sigma)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """All parameters: values (P,), covariance (P, P), and the prior sigmas (P,) that went into them."""
+
+    values: np.ndarray
+    covariance: np.ndarray
+    sigma: np.ndarray
+
+    def instead(self, at: slice, sigma: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Nats that the evidence gains with other prior sigmas on some parameters; their values and covariance then.
+
+        With S, m of these parameters now, L = S^-1 - Sigma_was^-1 is what the data say of them (all others free), and
+        h = S^-1 m; then C = (L + Sigma^-1)^-1, values C h, and the gain is half of
+        h^T (C - S) h + log det C - log det S + log det Sigma_was - log det Sigma.
+        """
+        was, S = self.sigma[at], self.covariance[at, at]
+        known = np.linalg.inv(S)
+        h = known @ self.values[at]
+        C = np.linalg.inv(known - np.diag(1 / was**2) + np.diag(1 / sigma**2))
+        gain = h @ (C - S) @ h + _log_det(C) - _log_det(S) + 2 * float(np.log(was / sigma).sum())
+        return float(gain) / 2, C @ h, C
+
+    def absent(self, at: slice) -> float:
+        """Nats that the evidence gains with these parameters held at nil."""
+        S, m = self.covariance[at, at], self.values[at]
+        gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(self.sigma[at]).sum())
+        return float(gain) / 2
+
+
+def _log_det(S: np.ndarray) -> float:
+    return float(np.linalg.slogdet(S)[1])
 
 
 class Fit:
@@ -82,8 +108,8 @@ class Fit:
         )
 
     def point(self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], before: Point | None = None) -> Point:
-        """Linearised at theta, z."""
-        state = before.state if before else None
+        """Linearised at theta, z; `before`: a point near it."""
+        state = self.physics.move(self.effects, theta, z, before.state if before else None)
         return self.lineariser.point(self.effects, theta, z, self.noise, chosen, state)
 
     def assembled(self, point: Point, noise: Noise) -> tuple[Chain, float, float]:
@@ -105,6 +131,15 @@ class Fit:
 
     def _prior_cost(self, rho: np.ndarray, sigma: np.ndarray, off: np.ndarray, start: np.ndarray) -> float:
         return 0.5 * float(((rho / sigma) ** 2).sum() + ((off / start) ** 2).sum())
+
+    def nodes_evidence(self, point: Point, noise: Noise) -> float:
+        """Log evidence [nats] of `noise` for the nodes alone, all parameters being as they are."""
+        chain = point.chain
+        bare = Chain(chain.A, chain.next, chain.B[:, :, :0], chain.D[:0, :0], chain.g, chain.d[:0])
+        ties = replace(point.ties, G=point.ties.G[:, :, :0])
+        chain, cost, log_sigma = self.assembled(replace(point, chain=bare, ties=ties), noise)
+        dz, _, _, log_det = chain.solve()
+        return -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
 
     def reduced(self, point: Point, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
         """Nodes eliminated."""
@@ -133,14 +168,19 @@ class Fit:
         lower, upper = (np.array([getattr(p, k) for e in chosen for p in e.parameters]) for k in ("lower", "upper"))
         point = self.point(theta, z, chosen, before)
         for _ in range(steps):
-            moved, promised = self._step(point, chosen, sigma, (lower, upper))
+            moved, promised = self._step(point, chosen, believed, sigma, (lower, upper))
             point = moved
             if promised < tolerance:
                 break
         return point
 
     def _step(
-        self, point: Point, chosen: Sequence[Effect], sigma: np.ndarray, limits: tuple[np.ndarray, np.ndarray]
+        self,
+        point: Point,
+        chosen: Sequence[Effect],
+        believed: frozenset[str],
+        sigma: np.ndarray,
+        limits: tuple[np.ndarray, np.ndarray],
     ) -> tuple[Point, float]:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
@@ -157,14 +197,33 @@ class Fit:
                 return point, promised
             theta = unflat(np.clip(now + dw, *limits), chosen)
             with np.errstate(all="ignore"):
-                after = self._total(theta, point.z + dz, chosen, sigma, point)
+                state = self._moved(theta, point.z + dz, chosen, believed, point)
+                after = self._total(theta, point.z + dz, chosen, sigma, point, state)
             if after < cost:
-                return self.point(theta, point.z + dz, chosen, point), promised
+                z, columns = point.z + dz, None
+                if promised < NEAR:
+                    anew = [e for e in chosen if e.id in believed]
+                    columns = self.lineariser.refreshed(point.columns, self.effects, theta, state, chosen, anew)
+                return self.lineariser.point(self.effects, theta, z, self.noise, chosen, state, columns), promised
             damping = max(10 * damping, 1.0)
         return point, 0.0
 
-    def _total(self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], sigma: np.ndarray, near: Point) -> float:
-        data, _, rho = self.lineariser.cost(self.effects, theta, z, self.noise, near.state)
+    def _moved(
+        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], believed: frozenset[str], near: Point
+    ) -> State:
+        """The motion at theta, z: effects that are not believed in, being small, by the secants of a point near it."""
+        lively = [e for e in chosen if e.id in believed or "hull" in e.hooks]
+        ids = {e.id for e in lively}
+        small = [{i: values for i, values in t.items() if i not in ids} for t in (theta, near.theta)]
+        d = near.z[:, LATENT]
+        before = self.physics.remainder(lively, near.theta, near.state, d)
+        given = before + near.columns.a @ (flat(small[0], chosen) - flat(small[1], chosen))
+        return self.physics.move(lively, theta, z, near.state, given)
+
+    def _total(
+        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], sigma: np.ndarray, near: Point, state: State
+    ) -> float:
+        data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
         now, ties = flat(theta, chosen), self.noise.tie(near.ties.span_s)[1]
         value = data + self._prior_cost(rho, ties, self._off(z), self.noise.node_start())
         return value + 0.5 * float((now / sigma) @ (now / sigma))
@@ -201,12 +260,3 @@ def unflat(values: np.ndarray, chosen: Sequence[Effect]) -> dict[str, np.ndarray
         theta[e.id] = values[at : at + len(e.parameters)]
         at += len(e.parameters)
     return theta
-
-
-def slices(chosen: Sequence[Effect]) -> dict[str, slice]:
-    """Where each effect's parameters are."""
-    found, at = {}, 0
-    for e in chosen:
-        found[e.id] = slice(at, at + len(e.parameters))
-        at += len(e.parameters)
-    return found

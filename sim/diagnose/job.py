@@ -14,9 +14,10 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose import findings as record
-from sim.diagnose.catalogue import catalogue
+from sim.diagnose.adequacy import adequacy
+from sim.diagnose.catalogue import catalogue, unaware
 from sim.diagnose.effect import Effect
-from sim.diagnose.extend import FOLDED, numbers_beside, refitted, with_causes
+from sim.diagnose.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import Believed, HeldOutScore, score
 from sim.diagnose.linear import Point
@@ -25,6 +26,7 @@ from sim.diagnose.physics import Physics, Theta
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, Told, family, point, public, smallest
 from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
+from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
 from sim.identify.blocks import parts
 from sim.identify.job_split import Log, Split, split, usable
@@ -41,6 +43,8 @@ Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
+Adequate = Callable[[Fit, Selection, Noise | None], tuple[record.Adequacy, frozenset[str]]]
+"""What is left over, and ids of causes whose form is in doubt, from the fit, its end, and the reference log's noise."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ class Diagnosis:
     verdict: record.Verdict
     ambiguous_with: tuple[str, ...]
     adequacy: record.Adequacy | None
-    identifiability: record.Identifiability | None
+    identifiability: ToldApart | None
     files: Files
     held_out: HeldOutScore
     visible: dict[str, tuple[float, str]]
@@ -101,8 +105,9 @@ def diagnose(
     held_out: Sequence[Run] = (),
     block_s: float | None = None,
     more: Effects = lambda _vessel: (),
-    adequacy: Callable[[Fit, Selection, Noise | None], record.Adequacy] | None = None,
-    identifiability: Callable[[Fit, Selection], record.Identifiability] | None = None,
+    without: Sequence[str] = (),
+    adequacy: Adequate | None = adequacy,
+    identifiability: Callable[[Fit, Selection], ToldApart] | None = told_apart,
     say: Say = lambda _step, _text, _share: None,
     seed: int = 0,
     clock: Callable[[], float] = lambda: 0.0,
@@ -110,26 +115,28 @@ def diagnose(
     """What `vessel` gets wrong of the logs `runs`. `reference`: a calm log of the boat before anything was wrong.
 
     `held_out`: logs that no fit shall see; without any the last quarter of each log, or every other block of `block_s`.
-    `clock`: seconds, for the running time. Raises JobError, RunError or StructuredFitError (all ValueError) naming the
-    log that cannot be used.
+    `without`: names of effects, or their heads, that the catalogue shall not know. `clock`: seconds, for the running
+    time. Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
     begun = clock()
     parted = split(_logs(runs), _logs(held_out), vessel, block_s)
     own = tuple(more(vessel))
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    fit = Fit(Physics(parted.fitted, vessel, WINDOW_S), catalogue(vessel, parted.fitted, own), _stated(vessel, ambient))
+    known = unaware(catalogue(vessel, parted.fitted, own), without)
+    fit = Fit(Physics(parted.fitted, vessel, WINDOW_S), known, _stated(vessel, ambient))
     selection = Selector(fit, lambda text, share: say(STEPS[1], text, min(share, 0.99))).run()
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
     refit, standing = _refit(fit, selection.base)
     found = _named(fit, selection, seed)
-    sufficient = adequacy(fit, selection, ambient) if adequacy else None
+    sufficient, doubtful = adequacy(fit, selection, ambient) if adequacy else (None, frozenset())
+    found = tuple(replace(n, form_doubtful=n.candidate.id in doubtful) for n in found)
     apart = identifiability(fit, selection) if identifiability else None
     same = {n.effect.name: n.effect.same_as for n in found}
     verdict, names, others = record.verdict_of(list(same), selection.rivals, same, sufficient)
     causes = tuple(n for n in found if n.effect.name in names)
     theta = _beside(fit, selection, causes) if causes else refit.theta
-    files = _files(fit, refit, theta, causes)
+    files = _files(fit, refit, theta, causes, selection.final.noise)
     say(STEPS[2], "", 1.0)
     say(STEPS[3], "", 0.0)
     models = {
@@ -192,7 +199,7 @@ def _refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
     }
     fit.noise = base.noise
     found = fit.solve(theta, base.point.z, few, frozenset(), steps=2)
-    fit.noise = tuned_latent(fit, found, few, frozenset())
+    fit.noise = tuned_latent(fit, found)
     found = fit.solve(found.theta, found.z, few, frozenset(), steps=2, before=found)
     return Believed(found.theta, fit.noise), found
 
@@ -251,18 +258,19 @@ def _forces(model: Model) -> np.ndarray:
     return f.reshape(-1, f.shape[2])
 
 
-def _files(fit: Fit, refit: Believed, theta: Theta, causes: Sequence[Named]) -> Files:
-    """Refitted; and from `theta`, beside the causes: numbers, extended."""
+def _files(fit: Fit, refit: Believed, theta: Theta, causes: Sequence[Named], final: Noise) -> Files:
+    """Refitted; and from `theta`, beside the causes: numbers, extended. Left out of them: noise of `refit`, `final`."""
     vessel = fit.physics.vessel
     note = "refitted by aritra diagnose"
-    plain = refitted(vessel, _nuisances(fit, refit.theta, (), note), note)
+    left_out = "latent force of the fitted logs, doubled, or a fifth of the filter's own tuning: aritra diagnose"
+    plain = trusted(refitted(vessel, _nuisances(fit, refit.theta, (), note), note), refit.noise, left_out)
     if not causes:
         return Files(plain, plain, plain, {})
     names = {n.effect.name for n in causes}
     beside = refitted(vessel, _nuisances(fit, theta, names, note), note)
     mine = [n.cause for n in causes]
     extended, left = with_causes(beside, mine)
-    return Files(plain, numbers_beside(beside, extended, mine), extended, left)
+    return Files(plain, numbers_beside(beside, extended, mine), trusted(extended, final, left_out), left)
 
 
 def _nuisances(fit: Fit, theta: Theta, names: set[str] | tuple[str, ...], note: str) -> list[Cause]:

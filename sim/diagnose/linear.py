@@ -3,9 +3,9 @@
 Residuals are predicted minus measured, whitened. Columns: node (L), then one for each parameter. An effect's column of
 accelerations delta_a(t) moves the state by
 
-    S_{k+1} = Phi_k S_k + h/2 (delta_a_k + delta_a_{k+1}) + h^2/2 A delta_a_k,   Phi = I + h/2 (A_k + A_{k+1}) + ...
+    S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A)
 
-from nothing at each node: what it has done before is the node's business (the ties pass it on).
+(series to third order, A the mean of both ends) from nothing at each node: what it has done before is the node's business (the ties pass it on).
 """
 
 from __future__ import annotations
@@ -15,14 +15,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.diagnose.effect import Effect
+from sim.diagnose.effect import Effect, slices
 from sim.diagnose.physics import Physics, State, Theta, secants, sight, values_of
 from sim.identify.structured.chain import Chain, Ties
 from sim.identify.structured.data import PSI, RATE, SURGE, SWAY
 from sim.identify.structured.linearise import BLOCK, HUBER
 from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, STATE, WANDER, L, Noise, whiten
 
+EARLY, LATE = (1 / 2, 1 / 3, 1 / 8), (1 / 2, 1 / 6, 1 / 24)
+"""Weights of I, hA, (hA)^2 on accelerations at both ends of a step, between which they go straight."""
 X0_D = 9  # columns of S before the effects': state (6) and latent acceleration (3) of the node
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What one unit of each parameter changes: accelerations (W, K+1, 3, P), IMU (W, K, 4, P), places (m, 2, P)."""
+
+    a: np.ndarray
+    imu: np.ndarray
+    tag: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -40,15 +51,7 @@ class Point:
     cost: float
     residuals: np.ndarray
     fix_residuals: np.ndarray
-
-
-@dataclass(frozen=True)
-class Columns:
-    """What one unit of each parameter changes: accelerations (W, K+1, 3, P), IMU (W, K, 4, P), places (m, 2, P)."""
-
-    a: np.ndarray
-    imu: np.ndarray
-    tag: np.ndarray
+    columns: Columns
 
 
 class Lineariser:
@@ -60,6 +63,7 @@ class Lineariser:
         self._imu_arm = (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m)
         self._arm = np.array([vessel.sensors.uwb.x_m, vessel.sensors.uwb.y_m])
         self._window, self._index, self._when = self._places(vessel.sensors.uwb.latency_s)
+        self._by_window = np.argsort(self._window, kind="stable")
         self._delta = self._when - self.windows.t_s[self._window, self._index]
 
     def _places(self, latency_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -132,6 +136,25 @@ class Lineariser:
                 tag[..., at] = (self.tag(every, there, state) - self.tag(every, without, state)) / step.sum()
         return Columns(a, imu, tag)
 
+    def refreshed(
+        self,
+        columns: Columns,
+        effects: Sequence[Effect],
+        theta: Theta,
+        state: State,
+        chosen: Sequence[Effect],
+        which: Sequence[Effect],
+    ) -> Columns:
+        """`columns` of `chosen` with those of `which` computed anew."""
+        if not which:
+            return columns
+        at = slices(chosen)
+        index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in which])
+        fresh = self.columns(effects, theta, state, which)
+        out = Columns(columns.a.copy(), columns.imu.copy(), columns.tag.copy())
+        out.a[..., index], out.imu[..., index], out.tag[..., index] = fresh.a, fresh.imu, fresh.tag
+        return out
+
     def point(
         self,
         effects: Sequence[Effect],
@@ -139,40 +162,40 @@ class Lineariser:
         z: np.ndarray,
         noise: Noise,
         chosen: Sequence[Effect],
-        before: State | None = None,
+        state: State,
+        columns: Columns | None = None,
     ) -> Point:
-        """Normal equations at theta, z with a column for each parameter of `chosen`."""
-        state = self.physics.move(effects, theta, z, before)
+        """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `chosen`.
+
+        `columns`: of a point so near that they will do.
+        """
         residual, fix = self.residuals(effects, theta, state, z, noise)
-        columns = self.columns(effects, theta, state, chosen)
+        columns = columns or self.columns(effects, theta, state, chosen)
         _, frame = self._sight(state)
         size = np.sqrt((fix**2).sum(axis=1))
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))[:, None]
-        W = self.windows.size[0]
-        H, grad, ends = [], [], []
+        W, P = self.windows.size[0], columns.a.shape[3]
+        chain = Chain(*(np.zeros(shape) for shape in ((W, L, L), (W, L, L), (W, L, P), (P, P), (W, L), (P,))))
+        ends = np.empty((W, 6, X0_D + P))
         for start in range(0, W, BLOCK):
             part = slice(start, min(start + BLOCK, W))
             S = sensitivities(state.A[part], columns.a[part], self.windows.h_s[part])
             rows = self._imu_rows(state, columns, S, noise, part)
-            Hp, gp = _products(rows, residual[part])
-            mine = np.flatnonzero((self._window >= part.start) & (self._window < part.stop))
+            _add(chain, part, rows.reshape(len(rows), -1, L + P), np.nan_to_num(residual[part]).reshape(len(rows), -1))
+            mine = self._by_window[slice(*np.searchsorted(self._window[self._by_window], (part.start, part.stop)))]
             tag_rows = self._tag_rows(frame, state, columns, S, noise, part, mine) * root[mine, None]
-            _add_fixes(Hp, gp, tag_rows, fix[mine] * root[mine], self._window[mine] - part.start)
-            H.append(Hp)
-            grad.append(gp)
-            ends.append(S[:, -1].copy())
-        ties = self._ties(state, np.concatenate(ends), z, noise, columns.a.shape[3])
-        chain = Chain.of_data(np.concatenate(H), np.concatenate(grad), L)
-        return Point(theta, z, state, chain, ties, _cost(residual, fix), residual, fix)
+            _add_fixes(chain, tag_rows, fix[mine] * root[mine], self._window[mine])
+            ends[part] = S[:, -1]
+        ties = self._ties(state, ends, z, noise, P)
+        return Point(theta, z, state, chain, ties, _cost(residual, fix), residual, fix, columns)
 
     def cost(
-        self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, before: State | None = None
-    ) -> tuple[float, State, np.ndarray]:
-        """Cost of the data alone [nats], the motion there, and what the ties leave (T, L)."""
-        state = self.physics.move(effects, theta, z, before)
+        self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, state: State
+    ) -> tuple[float, np.ndarray]:
+        """Cost of the data alone [nats] where the boat moves as in `state`, and what the ties leave (T, L)."""
         residual, fix = self.residuals(effects, theta, state, z, noise)
         at, decay, _ = self._tied(noise)
-        return _cost(residual, fix), state, _rho(state, z, at, decay)
+        return _cost(residual, fix), _rho(state, z, at, decay)
 
     def _tied(self, noise: Noise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at = np.flatnonzero(~np.append(self.windows.first[1:], True))
@@ -246,14 +269,14 @@ def sensitivities(A: np.ndarray, a: np.ndarray, h_s: np.ndarray) -> np.ndarray:
     P = a.shape[3]
     S = np.zeros((W, K + 1, 6, X0_D + P))
     S[:, 0, :, :6] = np.eye(6)
-    half = (h_s / 2)[..., None, None]
-    A0, A1 = A[:, :-1], A[:, 1:]
-    Phi = np.eye(6) + half * (A0 + A1 + 2 * half * (A1 @ A0))
-    G = np.zeros((W, K, 6, 3 + P))
-    G[..., 3:, :3] = (2 * half) * np.eye(3)
-    G[..., :3] += 2 * half**2 * A1[..., 3:]
-    G[..., 3:, 3:] = half * (a[:, :-1] + a[:, 1:])
-    G[..., 3:] += 2 * half**2 * (A1[..., 3:] @ a[:, :-1])
+    h = h_s[..., None, None]
+    hA = h * (A[:, :-1] + A[:, 1:]) / 2
+    hA2 = hA @ hA
+    Phi = np.eye(6) + hA + hA2 / 2 + hA2 @ hA / 6
+    early, late = (h * (c0 * np.eye(6) + c1 * hA + c2 * hA2)[..., 3:] for c0, c1, c2 in (EARLY, LATE))
+    G = np.empty((W, K, 6, 3 + P))
+    G[..., :3] = early + late
+    G[..., 3:] = early @ a[:, :-1] + late @ a[:, 1:]
     for k in range(K):
         S[:, k + 1] = Phi[:, k] @ S[:, k]
         S[:, k + 1, :, 6:] += G[:, k]
@@ -277,15 +300,28 @@ def _cost(residual: np.ndarray, fix: np.ndarray) -> float:
     return 0.5 * (float(np.nansum(residual**2)) + float(huber))
 
 
-def _products(rows: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    W, K, channels, C = rows.shape
-    J = rows.reshape(W, K * channels, C)
-    Jt = J.transpose(0, 2, 1)
-    return Jt @ J, (Jt @ np.nan_to_num(residual).reshape(W, -1, 1))[..., 0]
+def _add(chain: Chain, part: slice, J: np.ndarray, residual: np.ndarray) -> None:
+    """J^T J and J^T r of windows `part`; J (w, k, L + P), residual (w, k)."""
+    nodes = J[:, :, :L].transpose(0, 2, 1)
+    both = nodes @ J
+    chain.A[part] += both[:, :, :L]
+    chain.B[part] += both[:, :, L:]
+    chain.g[part] += (nodes @ residual[:, :, None])[:, :, 0]
+    own = J[:, :, L:].reshape(-1, J.shape[2] - L)
+    chain.D += own.T @ own
+    chain.d += own.T @ residual.ravel()
 
 
-def _add_fixes(H: np.ndarray, grad: np.ndarray, rows: np.ndarray, residual: np.ndarray, window: np.ndarray) -> None:
-    for w in np.unique(window):
-        J = rows[window == w].reshape(-1, rows.shape[2])
-        H[w] += J.T @ J
-        grad[w] += J.T @ residual[window == w].ravel()
+def _add_fixes(chain: Chain, rows: np.ndarray, residual: np.ndarray, window: np.ndarray) -> None:
+    """The same for position samples, rows (m, 2, L + P), each of one window; those of one window in a row."""
+    if not len(window):
+        return
+    starts = np.append(True, np.diff(window) != 0).nonzero()[0]
+    nodes = rows[:, :, :L].transpose(0, 2, 1)
+    both = np.add.reduceat(nodes @ rows, starts, axis=0)
+    chain.A[window[starts]] += both[:, :, :L]
+    chain.B[window[starts]] += both[:, :, L:]
+    chain.g[window[starts]] += np.add.reduceat((nodes @ residual[:, :, None])[:, :, 0], starts, axis=0)
+    own = rows[:, :, L:].reshape(-1, rows.shape[2] - L)
+    chain.D += own.T @ own
+    chain.d += own.T @ residual.ravel()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
 from sim.identify.structured.fit import with_latent
@@ -17,7 +16,8 @@ Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
 WITHIN = (0.2, 10.0)  # of the stated noise: the residuals may say so much less or more; assumed
 START = (0.02, 0.02, 0.03)  # latent acceleration to begin with [m/s^2, m/s^2, rad/s^2]; assumed
 FLOOR = (5e-4, 5e-4, 5e-4)  # ambient: below this nothing is to be told [same units]; assumed
-FACTORS = (10.0, 10**0.5, 10**0.25)
+REACH = 1.0  # how far the first parabola reaches, of the logarithm
+SWEEPS, SETTLED = 5, 0.15
 
 
 def whitened(noise: Noise, point: Point, stated: Noise) -> Noise:
@@ -37,22 +37,32 @@ def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
     return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, WITHIN[0] * stated, WITHIN[1] * stated))
 
 
-def tuned_latent(fit: Fit, point: Point, chosen: Sequence[Effect], believed: frozenset[str]) -> Noise:
-    """The latent acceleration of greatest evidence at a point: all axes together, then one by one, ever finer."""
-    sigma = fit.sigma(chosen, believed)
-    best = np.maximum(np.array(fit.noise.latent), FLOOR)
+def tuned_latent(fit: Fit, point: Point) -> Noise:
+    """The latent acceleration of greatest evidence at a point, by parabolas along each axis of its logarithm."""
+    at = np.log(np.maximum(np.array(fit.noise.latent), FLOOR))
 
-    def evidence(latent: np.ndarray) -> float:
-        return fit.reduced(point, chosen, with_latent(fit.noise, latent)).evidence(sigma)
+    def evidence(at: np.ndarray) -> float:
+        return fit.nodes_evidence(point, with_latent(fit.noise, np.exp(at)))
 
-    value = evidence(best)
-    for factor in FACTORS:
-        for axes in (np.ones(3), *np.eye(3)):
-            for power in (-1.0, 1.0):
-                moved = True
-                while moved:
-                    trial = np.maximum(best * factor ** (power * axes), FLOOR)
-                    moved = not np.allclose(trial, best) and (new := evidence(trial)) > value + 0.1
-                    if moved:
-                        best, value = trial, new
-    return with_latent(fit.noise, best)
+    value, reach = evidence(at), REACH
+    for _ in range(SWEEPS):
+        moves = np.array([_vertex(evidence, at, value, axis, reach) for axis in range(3)])
+        trial = np.maximum(at + moves, np.log(FLOOR))
+        new = evidence(trial)
+        if new > value:
+            at, value = trial, new
+        if np.abs(moves).max() < reach:
+            reach /= 2
+        if np.abs(moves).max() < SETTLED or reach < SETTLED:
+            break
+    return with_latent(fit.noise, np.exp(at))
+
+
+def _vertex(evidence: Callable[[np.ndarray], float], at: np.ndarray, value: float, axis: int, reach: float) -> float:
+    """Where a parabola through three values of evidence along one axis is highest, at most twice `reach` away."""
+    step = reach * np.eye(3)[axis]
+    ahead, behind = evidence(at + step) - value, evidence(at - step) - value
+    bend = ahead + behind
+    if bend >= 0:
+        return 2 * reach if ahead > behind else -2 * reach
+    return float(np.clip(reach * (behind - ahead) / (2 * bend), -2 * reach, 2 * reach))

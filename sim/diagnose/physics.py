@@ -23,6 +23,7 @@ from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.clock import clock_start
 from sim.diagnose.effect import Effect, Scene, Sight, Values
+from sim.diagnose.thin import thinned
 from sim.identify.run import Run
 from sim.identify.structured.battery import commands_of
 from sim.identify.structured.data import Windows, cut
@@ -33,6 +34,7 @@ from sim.identify.structured.thrust import Commands, ThrustHistory
 
 Theta = Mapping[str, np.ndarray]
 """Parameters by effect id; effects that are not in it do nothing."""
+MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
@@ -46,7 +48,10 @@ class Forces:
 
 @dataclass(frozen=True)
 class State:
-    """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them."""
+    """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them.
+
+    `given`: accelerations that came from outside the effects, see `Physics.move`.
+    """
 
     x: np.ndarray
     nu_dot: np.ndarray
@@ -56,14 +61,17 @@ class State:
     water: np.ndarray
     forces: Forces
     hull: np.ndarray
+    given: np.ndarray | None
 
 
 class Physics:
     """The model of `vessel` on the windows of `runs`."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float):
-        self.runs, self.vessel = tuple(runs), vessel
-        self.windows: Windows = cut(runs, vessel, window_s)
+        fewer = [thinned(run) for run in runs]
+        self.runs, self.vessel = tuple(run for run, _ in fewer), vessel
+        self._means_s = tuple(width for _, width in fewer)
+        self.windows: Windows = cut(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
         self.parameters = Parameters(vessel)
         self.q = file_values(vessel)
         self.B = configuration_matrix(vessel)
@@ -86,7 +94,20 @@ class Physics:
         return np.array([c[name] for name in HULL])
 
     def forces(self, effects: Sequence[Effect], theta: Theta) -> Forces:
-        """Thruster forces with effects on commands, force maps, dead time and lag."""
+        """Thruster forces with effects on commands, force maps, dead time and lag.
+
+        Effects too small for a name are taken as linear: one secant each from nil, which is kept.
+        """
+        small = {e.id for e, _ in values_of(effects, theta, "pwm", "maps") if e.size(theta[e.id]) < 1}
+        large = {id_: values for id_, values in theta.items() if id_ not in small}
+        forces = self._exact(effects, large)
+        for effect, _now, step in secants([e for e in effects if e.id in small], {}):
+            share = float(theta[effect.id] @ (step != 0)) / float(step.sum())
+            unit = self._from_nil(effect, step)
+            forces = Forces(forces.f + share * unit.f, forces.middle + share * unit.middle)
+        return forces
+
+    def _exact(self, effects: Sequence[Effect], theta: Theta) -> Forces:
         vessel = self.vessel
         for effect, p in values_of(effects, theta, "maps"):
             vessel = effect.hooks["maps"](p, vessel)
@@ -95,10 +116,10 @@ class Physics:
         commands = self._commands(key, vessel, pulses)
         gains, propulsion = np.array([t.gain for t in vessel.thrusters]), vessel.propulsion
         f, middle = [], []
-        for span, own in zip(self.windows.spans, commands, strict=True):
+        for span, own, width in zip(self.windows.spans, commands, self._means_s, strict=True):
             history = ThrustHistory(own, propulsion.dead_time_s, propulsion.lag_s)
-            f.append(history.at(self.windows.t_s[span])[0])
-            middle.append(history.at(self._middle[span])[0])
+            f.append(_mean(history, self.windows.t_s[span], width))
+            middle.append(_mean(history, self._middle[span], width))
         return Forces(np.concatenate(f) * gains, np.concatenate(middle) * gains)
 
     def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[Commands]:
@@ -107,24 +128,36 @@ class Physics:
             runs = tuple(_repulsed(run, vessel, effect, p) for run in runs)
         return [commands_of(run, replace(vessel, propulsion=self.vessel.propulsion)) for run in runs]
 
-    def move(self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, before: State | None) -> State:
-        """Trajectories from nodes z (W, L); `before`: a motion near this one, for effects that depend on it."""
-        settle = any(values_of(effects, theta, "thrust")) or any(values_of(effects, theta, "force", "water"))
-        passes = (1 if before is not None else 2) if settle else 1
-        for _ in range(passes + (settle and before is not None)):
-            before = self._pass(effects, theta, z, before)
+    def move(
+        self,
+        effects: Sequence[Effect],
+        theta: Theta,
+        z: np.ndarray,
+        before: State | None,
+        given: np.ndarray | None = None,
+    ) -> State:
+        """Trajectories from nodes z (W, L); `before`: a motion near this one, for effects that depend on it.
+
+        `given`: accelerations (W, K+1, 3) of what is not among `effects`.
+        """
+        settle = any(values_of(effects, theta, "thrust", "force", "water"))
+        for _ in range(2 if settle else 1):
+            before = self._pass(effects, theta, z, before, given)
         assert before is not None
         return before
 
-    def _pass(self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, before: State | None) -> State:
+    def _pass(
+        self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, before: State | None, given: np.ndarray | None
+    ) -> State:
         W, K = self.windows.size
         forces, hull = self.forces(effects, theta), self.hull(effects, theta)
         tau, water = forces.f @ self.B.T, np.zeros((W, K + 1, 2))
         tau_mid = forces.middle @ self.B.T
         if before is not None:
             extra = self.extra(effects, theta, self.scene(before), forces.f)
-            tau, water = tau + extra[0], extra[1]
-            tau_mid = tau_mid + (extra[0][:, :-1] + extra[0][:, 1:]) / 2
+            more = extra[0] if given is None else extra[0] + given @ np.linalg.inv(before.M_inv).T
+            tau, water = forces.f @ self.B.T + more, extra[1]
+            tau_mid = tau_mid + (more[:, :-1] + more[:, 1:]) / 2
         drive = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2).reshape(W, -1)
         flow = np.concatenate([water[:, :-1], water[:, 1:]], axis=2).reshape(W, -1)
         d = z[:, LATENT]
@@ -142,7 +175,19 @@ class Physics:
             water,
             forces,
             hull,
+            given,
         )
+
+    def remainder(self, effects: Sequence[Effect], theta: Theta, state: State, d: np.ndarray) -> np.ndarray:
+        """What of the accelerations (W, K+1, 3) in `state` does not come from `effects` nor from d (W, 3)."""
+        if state.given is not None:
+            return state.given
+        W, K = self.windows.size
+        forces = self.forces(effects, theta)
+        more, water = self.extra(effects, theta, self.scene(state), forces.f)
+        drive = self._flat(state.x, self.hull(effects, theta), forces.f @ self.B.T + more, water)
+        _, _, nu_dot = self._rates(*drive, np.repeat(d, K + 1, axis=0))
+        return state.nu_dot - nu_dot.reshape(W, K + 1, 3)
 
     def _flat(self, x: np.ndarray, hull: np.ndarray, tau: np.ndarray, water: np.ndarray, *more: np.ndarray):
         n = x.shape[0] * x.shape[1]
@@ -162,10 +207,13 @@ class Physics:
             water += effect.hooks["water"](p, scene)
         return tau, water
 
-    def _difference(self, effect: Effect, now: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What `step` changes of the forces (W, K+1, n) with no other effect about."""
-        there, without = {effect.id: now + step}, {effect.id: now}
-        return self.forces([effect], there).f - self.forces([effect], without).f
+    def _from_nil(self, effect: Effect, step: np.ndarray) -> Forces:
+        """What `step` changes of the forces with no other effect about."""
+        return self._unit((effect.id, *step), effect, np.zeros(len(step)), step)
+
+    def _difference(self, effect: Effect, now: np.ndarray, step: np.ndarray) -> Forces:
+        there, without = self._exact([effect], {effect.id: now + step}), self._exact([effect], {effect.id: now})
+        return Forces(there.f - without.f, there.middle - without.middle)
 
     def scene(self, state: State) -> Scene:
         """What hooks see of the motion."""
@@ -187,8 +235,9 @@ class Physics:
             every = [*(e for e in effects if e.id != effect.id), effect]
             tau = np.zeros((W, K + 1, 3))
             if hooks & {"pwm", "maps"}:
-                small = np.where(np.abs(now) < np.abs(step), 0.0, now)  # near nil the secant from nil will do
-                tau += self._unit((effect.id, *small, *step), effect, small, step) @ self.B.T
+                small = effect.size(now) < 1
+                unit = self._from_nil(effect, step) if small else self._difference(effect, now, step)
+                tau += unit.f @ self.B.T
             if hooks & {"thrust", "force", "water"}:
                 new = self.extra([effect], there, scene, state.forces.f)
                 old = self.extra([effect], without, scene, state.forces.f)
@@ -200,6 +249,16 @@ class Physics:
                 out[..., at] += np.tensordot(G_hull, self.hull(every, there) - state.hull, axes=([2], [0]))
             out[..., at] /= step.sum()
         return out
+
+
+def _mean(history: ThrustHistory, t_s: np.ndarray, width_s: float) -> np.ndarray:
+    """Forces averaged over `width_s` round `t_s`, as the samples that they are compared with are."""
+    if not width_s:
+        return history.at(t_s)[0]
+    total = history.at(t_s - 0.4 * width_s)[0]
+    for share in (-0.2, 0.0, 0.2, 0.4):
+        total += history.at(t_s + share * width_s)[0]
+    return total / 5
 
 
 def secants(chosen: Sequence[Effect], theta: Theta) -> Iterator[tuple[Effect, np.ndarray, np.ndarray]]:

@@ -6,15 +6,15 @@ worth a name by its lower 95 % limit, all other entries of the catalogue being f
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.diagnose.effect import Effect
-from sim.diagnose.fit import Fit, Reduced, slices
+from sim.diagnose.effect import Effect, slices
+from sim.diagnose.fit import Fit, Posterior, Reduced
 from sim.diagnose.linear import Point
-from sim.diagnose.noise import FLOOR, tuned_latent, whitened
+from sim.diagnose.noise import FLOOR, START, tuned_latent, whitened
 from sim.identify.structured.fit import with_latent
 from sim.identify.structured.noise import Noise, noise_of
 
@@ -25,6 +25,7 @@ NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
 Z95 = 1.644854  # one-sided
 LATENTS = (1.0, 0.3, 0.1)
+SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 Say = Callable[[str, float], None]
 
 
@@ -48,13 +49,18 @@ class Candidate:
 
 @dataclass
 class Model:
-    """A set of believed effects, refitted: where it stands and its evidence with all tolerance bands."""
+    """A set of believed effects, refitted: where it stands, and its evidence with all tolerance bands.
+
+    `own`: over the parameters of `chosen`. Once screened, `full` and `reduced` have those of the whole catalogue.
+    """
 
     believed: frozenset[str]
     point: Point
     noise: Noise
+    chosen: tuple[Effect, ...]
+    own: Reduced
+    evidence: float
     full: Point | None = None
-    evidence: float = -np.inf
     reduced: Reduced | None = None
 
 
@@ -92,8 +98,8 @@ class Selector:
         for steps in (2, 1, 2):
             point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
             fit.noise = whitened(fit.noise, point, stated)
-            fit.noise = tuned_latent(fit, point, chosen, none)
-        return self._finished(frozenset(), point)
+            fit.noise = tuned_latent(fit, point)
+        return self._finished(frozenset(), point, chosen)
 
     def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
         """`believed` to convergence from `start`, with the latent acceleration found anew."""
@@ -103,56 +109,48 @@ class Selector:
         ids = {e.id for e in chosen}
         theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
         point = fit.solve(theta, start.point.z, chosen, believed, steps=4, tolerance=1.0)
-        fit.noise = tuned_latent(fit, point, chosen, believed)
+        fit.noise = tuned_latent(fit, point)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
-        fit.noise = tuned_latent(fit, point, chosen, believed)
-        return self._finished(believed, point)
+        fit.noise = tuned_latent(fit, point)
+        return self._finished(believed, point, chosen)
 
-    def _finished(self, believed: frozenset[str], point: Point) -> Model:
+    def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
+        reduced = self.fit.reduced(point, chosen)
+        evidence = reduced.evidence(self.fit.sigma(chosen, believed))
+        return Model(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)
+
+    def complete(self, model: Model) -> None:
+        """`model` linearised with the columns of every entry of the catalogue."""
         fit = self.fit
-        full = fit.point(point.theta, point.z, fit.effects, point)
-        reduced = fit.reduced(full, fit.effects)
-        evidence = reduced.evidence(fit.sigma(fit.effects, believed))
-        return Model(believed, point, fit.noise, full, evidence, reduced)
+        fit.noise = model.noise
+        model.full = fit.point(model.point.theta, model.point.z, fit.effects, model.point)
+        model.reduced = fit.reduced(model.full, fit.effects)
 
     def screen(self, model: Model) -> list[Candidate]:
         """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
+        self.complete(model)
         assert model.full is not None
         found: dict[str, Candidate] = {}
         scores: dict[str, float] = {}
         for share in LATENTS:
             latent = np.maximum(share * np.array(model.noise.latent), FLOOR)
-            reduced = self.fit.reduced(model.full, self.fit.effects, with_latent(model.noise, latent))
+            noise = with_latent(model.noise, latent)
+            reduced = model.reduced if share == 1 else self.fit.reduced(model.full, self.fit.effects, noise)
+            assert reduced is not None
+            within = self.fit.sigma(self.fit.effects, model.believed)
+            posterior, evidence = reduced.posterior(within), reduced.evidence(within)
             for effect in self.named:
                 if effect.name in {self.by_id[i].name for i in model.believed}:
                     continue
-                candidate, value = self._judged(reduced, model.believed, effect)
-                if value > scores.get(effect.id, -np.inf):
-                    found[effect.id], scores[effect.id] = candidate, value
+                candidate = _beside(posterior, self._at[effect.id], effect)
+                if evidence + candidate.gain > scores.get(effect.id, -np.inf):
+                    found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
 
-    def _judged(self, reduced: Reduced, others: frozenset[str], effect: Effect) -> tuple[Candidate, float]:
-        fit = self.fit
-        at = self._at[effect.id]
-        within = fit.sigma(fit.effects, others - {effect.id})
-        believed = within.copy()
-        believed[at] = [p.prior for p in effect.parameters]
-        value = reduced.evidence(believed)
-        estimate, covariance = reduced.estimate(believed)
-        values, C = estimate[at], covariance[at, at]
-        size = effect.size(values)
-        return (
-            Candidate(
-                effect.id,
-                value - reduced.without(at).evidence(np.delete(within, at)),
-                value - reduced.evidence(within),
-                values,
-                C,
-                size,
-                size - Z95 * _size_se(effect, values, C),
-            ),
-            value,
-        )
+    def _judged(self, model: Model, id_: str) -> Candidate:
+        """One of those believed in, with the others in place."""
+        within = self.fit.sigma(model.chosen, model.believed - {id_})
+        return _beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
 
     def run(self) -> Selection:
         """From the base to the end."""
@@ -171,6 +169,8 @@ class Selector:
             added = next(iter(best.believed - model.believed))
             rivals[self.by_id[added].name] = behind
             model = best
+        if model.full is None:
+            self.complete(model)
         causes = self._pruned(model)
         return Selection(base, model, causes, ranking, rivals)
 
@@ -189,8 +189,7 @@ class Selector:
             tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._inside(c)}), c.id))
         tried.sort(key=lambda t: -t[0].evidence)
         for one, id_ in tried:
-            assert one.reduced is not None
-            if self._judged(one.reduced, one.believed, self.by_id[id_])[0].accepted:
+            if self._judged(one, id_).accepted:
                 behind = [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried if i != id_]
                 return one, behind
         return None, []
@@ -202,9 +201,16 @@ class Selector:
 
     def _pruned(self, model: Model) -> list[Candidate]:
         """What stands at the end, each judged with the others in place."""
-        assert model.reduced is not None
-        judged = [self._judged(model.reduced, model.believed, self.by_id[i])[0] for i in sorted(model.believed)]
+        judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
         return [c for c in judged if c.accepted]
+
+
+def _beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
+    """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
+    gain, values, C = posterior.instead(at, np.array([p.prior for p in effect.parameters]))
+    size = effect.size(values)
+    lower = size - Z95 * _size_se(effect, values, C)
+    return Candidate(effect.id, gain - posterior.absent(at), gain, values, C, size, lower)
 
 
 def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:
@@ -218,5 +224,9 @@ def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:
 
 
 def stated_noise(vessel) -> Noise:
-    """Noise as the vessel file has it, with a latent acceleration to begin with."""
-    return with_latent(noise_of(vessel), np.array((0.02, 0.02, 0.03)))
+    """Noise as the vessel file has it, with a latent acceleration to begin with.
+
+    What nobody can foretell also varies within a window, for which the latent acceleration stands as a mean: states may
+    jump by so much more from one window to the next.
+    """
+    return replace(with_latent(noise_of(vessel), np.array(START)), slack=SLACK)

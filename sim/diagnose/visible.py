@@ -13,8 +13,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim.diagnose.effect import Effect
-from sim.diagnose.fit import Fit, slices
+from sim.diagnose.effect import Effect, slices
+from sim.diagnose.fit import Fit
 from sim.diagnose.public import family
 from sim.diagnose.public_table import PUBLIC
 from sim.diagnose.select import NATS, Z95, Model

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from sim.diagnose.catalogue import catalogue
-from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter
-from sim.diagnose.fit import Fit, Reduced, slices
+from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, slices
+from sim.diagnose.fit import Fit, Reduced
 from sim.diagnose.linear import sensitivities
 from sim.diagnose.physics import Physics
 from sim.diagnose.select import Selector, stated_noise
@@ -95,7 +95,13 @@ def test_evidence_is_that_of_a_linear_gaussian_model(seed, count):
     gone = slice(0, 1)
     rest = multivariate_normal(np.zeros(8), J[:, 1:] @ np.diag(sigma[1:] ** 2) @ J[:, 1:].T + np.eye(8)).logpdf(y)
     if count > 1:
-        assert reduced.without(gone).evidence(sigma[1:]) == pytest.approx(rest, abs=1e-6)
+        posterior = reduced.posterior(sigma)
+        assert expected + posterior.absent(gone) == pytest.approx(rest, abs=1e-6)
+        wider = np.append(3 * sigma[0], sigma[1:])
+        gain, values, covariance = posterior.instead(gone, wider[:1])
+        assert expected + gain == pytest.approx(reduced.evidence(wider), abs=1e-6)
+        again = reduced.posterior(wider)
+        assert values == pytest.approx(again.values[gone]) and covariance == pytest.approx(again.covariance[gone, gone])
 
 
 def test_tolerance_is_half_a_size_and_nothing_for_places():

@@ -11,7 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import get_lapack_funcs
+
+_potrf, _trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -60,41 +62,46 @@ class Chain:
         """Add what ties neighbouring nodes; sigma (T, L) of each entry of rho."""
         w, q = ties.at, 1 / sigma[:, :, None] ** 2
         QF, QG, Qr = q * ties.F, q * ties.G, ties.rho / sigma**2
-        Ft, Gt = ties.F.transpose(0, 2, 1), ties.G.transpose(0, 2, 1)
+        Ft = ties.F.transpose(0, 2, 1)
+        border = ties.G.reshape(ties.rho.size, -1) if ties.G.size else np.zeros((ties.rho.size, self.B.shape[2]))
         self.A[w] += Ft @ QF
         self.A[w + 1] += np.eye(ties.F.shape[1]) * q
         self.next[w] -= QF.transpose(0, 2, 1)
         self.B[w] += Ft @ QG
         self.B[w + 1] -= QG
-        self.D += (Gt @ QG).sum(axis=0)
+        self.D += border.T @ QG.reshape(border.shape)
         self.g[w] -= (Ft @ Qr[:, :, None])[:, :, 0]
         self.g[w + 1] += Qr
-        self.d -= (Gt @ Qr[:, :, None])[:, :, 0].sum(axis=0)
+        self.d -= border.T @ Qr.ravel()
 
     def solve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Steps dz (W, L), dw (P,), the parameters' Hessian (P, P), and log det of the nodes' block."""
+        """Steps dz (W, L), dw (P,), the parameters' Hessian (P, P), and log det of the nodes' block.
+
+        Raises LinAlgError where the nodes' block is not positive definite.
+        """
         W, size, P = self.B.shape
-        D, d = self.D.copy(), self.d.copy()
-        factors = []
-        A, B, g, log_det = self.A[0], self.B[0], self.g[0], 0.0
+        known = np.concatenate([self.next, self.B, self.g[:, :, None]], axis=2)
+        factors, solved = [], np.empty_like(known)
+        A, right = self.A[0], known[0]
         for w in range(W):
-            factor = cho_factor(A, lower=True, check_finite=False)
-            known = np.column_stack([self.next[w], B, g])
-            solved = cho_solve(factor, known, check_finite=False)
-            factors.append(solved)
-            log_det += 2 * float(np.log(np.diag(factor[0])).sum())
-            D -= B.T @ solved[:, size : size + P]
-            d -= B.T @ solved[:, -1]
+            factor, failed = _potrf(A, lower=1)
+            if failed:
+                raise np.linalg.LinAlgError(f"node {w}: the Hessian is not positive definite")
+            Y, _ = _trtrs(factor, right, lower=1)
+            factors.append(factor)
+            solved[w] = Y
             if w + 1 < W:
-                carry = self.next[w].T @ solved
-                A = self.A[w + 1] - carry[:, :size]
-                B = self.B[w + 1] - carry[:, size : size + P]
-                g = self.g[w + 1] - carry[:, -1]
+                carry = Y[:, :size].T @ Y
+                A, right = self.A[w + 1] - carry[:, :size], known[w + 1].copy()
+                right[:, size:] -= carry[:, size:]
+        log_det = 2 * float(np.log([np.diag(f) for f in factors]).sum())
+        flat = solved.reshape(W * size, -1)
+        border, last = flat[:, size : size + P], flat[:, -1]
+        D, d = self.D - border.T @ border, self.d - border.T @ last
         step = -np.linalg.solve(D, d)
-        dz = np.zeros((W, size))
-        after = np.zeros(size)
+        given = (last + border @ step).reshape(W, size)
+        dz, after = np.zeros((W, size)), np.zeros(size)
         for w in range(W - 1, -1, -1):
-            solved = factors[w]
-            after = -solved[:, -1] - solved[:, size : size + P] @ step - solved[:, :size] @ after
+            after, _ = _trtrs(factors[w], -given[w] - solved[w][:, :size] @ after, lower=1, trans=1)
             dz[w] = after
         return dz, step, D, log_det

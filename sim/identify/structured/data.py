@@ -76,16 +76,18 @@ def cut(
     *,
     tied: bool = True,
     offsets_s: Sequence[float] = (0.0,),
+    max_step_s: float = MAX_STEP_S,
 ) -> Windows:
     """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position.
 
     Not `tied`: every window opens a run of its own. `offsets_s`: each run is cut once for each, begun so much later.
+    Steps are at most `max_step_s` long.
     """
     if not runs:
         raise StructuredFitError("no run to fit")
     runs = [calibrated(run, vessel) for run in runs]
     laid = [(run, offset) for run in runs for offset in offsets_s]
-    pieces = [_grid(run, window_s, offset) for run, offset in laid]
+    pieces = [_grid(run, window_s, offset, max_step_s) for run, offset in laid]
     runs = [run for run, _ in laid]
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
     t_all, y_all, owner, first, spans = [], [], [], [], []
@@ -113,7 +115,7 @@ def cut(
     )
 
 
-def _grid(run: Run, window_s: float, offset_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stamps, measurements (n, 4) and the starts of windows of one run."""
     name = run.meta.source
     if not run.known("psi_rad") or not run.known("north_m"):
@@ -126,7 +128,7 @@ def _grid(run: Run, window_s: float, offset_s: float) -> tuple[np.ndarray, np.nd
     stamps = np.unique(np.concatenate([t for t, _ in channels]))
     if stamps[-1] - stamps[0] < 2 * window_s:
         raise StructuredFitError(f"{name}: {stamps[-1] - stamps[0]:.1f} s is too short: two windows of {window_s} s")
-    extra = [np.linspace(a, b, int(np.ceil((b - a) / MAX_STEP_S)) + 1)[1:-1] for a, b in _gaps(stamps)]
+    extra = [np.linspace(a, b, int(np.ceil((b - a) / max_step_s)) + 1)[1:-1] for a, b in _gaps(stamps, max_step_s)]
     t = np.unique(np.concatenate([stamps, *extra]))
     y = np.full((len(t), len(CHANNELS)), np.nan)
     for i, (at, values) in enumerate(channels):
@@ -136,8 +138,8 @@ def _grid(run: Run, window_s: float, offset_s: float) -> tuple[np.ndarray, np.nd
     return t, y, np.unique(starts)
 
 
-def _gaps(t: np.ndarray) -> list[tuple[float, float]]:
-    wide = np.flatnonzero(np.diff(t) > MAX_STEP_S * 1.001)
+def _gaps(t: np.ndarray, most_s: float) -> list[tuple[float, float]]:
+    wide = np.flatnonzero(np.diff(t) > most_s * 1.001)
     return [(float(t[i]), float(t[i + 1])) for i in wide]
 
 

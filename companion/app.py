@@ -181,12 +181,13 @@ class App:
     # --- outputs -----------------------------------------------------------------------------------
 
     def _lease(self, lease: OverrideLease) -> None:
-        self._send(self._codec.encoder.override(lease))
+        sent = self._send(self._codec.encoder.override(lease))
         now = self._clock.now_ns()
         self._lease_end_ns = now + round(lease.valid_for_s * 1e9)
         age_ms = None if self._tick_imu_ns is None else (now - self._tick_imu_ns) * 1e-6
         lateness_ms = self._tick.lateness_ns * 1e-6
-        self._note(LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms))
+        timing = LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms, sent=sent)
+        self._note(timing)
 
     def _solve(self, request: SolveRequest) -> None:
         stuck, self._solver_stuck = self._solver_stuck, not self._solver.submit(request)
@@ -205,9 +206,11 @@ class App:
         self._recorder.record(message)
         self._watch(message)
 
-    def _send(self, data: bytes) -> None:
-        if self._mavlink.send(data):
+    def _send(self, data: bytes) -> bool:
+        """Whether the port was open for it."""
+        if sent := self._mavlink.send(data):
             self._recorder.record_raw("mavlink", "tx", data)
+        return sent
 
     # --- devices -----------------------------------------------------------------------------------
 

@@ -83,6 +83,8 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
         if thruster.channel in still:
             both = f"channel {thruster.channel} drives thruster {thruster.name} of {of_vessel}"
             yield f"{of_run}: control.neutral_channels: {both}"
+    if run.log.quota_MB and run.log.folder is None:
+        yield f"{of_run}: log.quota_MB: needs log.folder: nothing is deleted from the current folder"
     if len(set(still)) < len(still):
         yield f"{of_run}: control.neutral_channels: a channel is there twice"
     if control.plan_deadline_s >= control.period_s:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,11 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.commands.analysis import bars, free_folder, now_utc, progress_of, seconds, text_of, versions
+from companion.core.excitation.file import load_excitation
 from companion.core.site import load_site
 from companion.core.vessel_load import load_vessel
 from companion.logfile import LogError
+from companion.setup import EXAMPLES
 
 if TYPE_CHECKING:
     from sim.diagnose.job import Diagnosis
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
 
 DONE, LOOK, BAD_INPUT = 0, 1, 2
 SETTLED = ("none", "named")
+LIBRARY = EXAMPLES / "excitations" / "library.toml"
 
 
 def add_parser(commands) -> None:
@@ -49,7 +53,11 @@ def add_parser(commands) -> None:
     held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
     held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
     p.add_argument("--catalogue", type=Path, metavar="FILE.py", help="effects of your own; the file is run")
+    p.add_argument(
+        "--without", action="append", default=[], metavar="ID", help="an effect that shall not be known (repeatable)"
+    )
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--plan", action="store_true", help="write manoeuvre.toml also where no named cause is in doubt")
     p.add_argument("--seed", type=int, default=0, help="of the intervals by resampling")
     p.set_defaults(function=diagnose)
 
@@ -57,7 +65,7 @@ def add_parser(commands) -> None:
 def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
     """Find, judge, write, tell; the exit code."""
     try:
-        from sim.diagnose import findings, job, job_record, user  # noqa: PLC0415 - slow, and polars is an extra
+        from sim.diagnose import findings, job, job_record, told_apart, user  # noqa: PLC0415 - slow, and polars is an extra
         from sim.identify.readers import Beside, read_run  # noqa: PLC0415
     except ImportError as error:
         return _refuse(f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
@@ -70,7 +78,9 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
         for path in (*args.logs, *args.held_out, *reference):
             path.stat()
-        free_folder(args.out, findings.OUTPUTS)
+        free_folder(args.out, (*findings.OUTPUTS, findings.MANOEUVRE))
+        library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
+        telling = partial(told_apart.told_apart, library=library, site=site, always=args.plan)
         beside = Beside(vessel, site)
         with progress_of(console) as progress:
             say = bars(progress, ("reading", *job.STEPS, "report"))
@@ -84,7 +94,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
             say("reading", "", 1.0)
             found = job.diagnose(
                 logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
-                say=say, seed=args.seed, clock=time.monotonic,
+                without=args.without, identifiability=telling, say=say, seed=args.seed, clock=time.monotonic,
             )  # fmt: skip
             say("report", "tables and pictures", 0.0)
             files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:], now_utc())

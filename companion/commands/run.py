@@ -11,18 +11,22 @@ import random
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from companion.app import App
 from companion.clock import BoatClock
 from companion.core.config import ConfigError
-from companion.core.messages import ExcitationStatus, GuidanceReference, Message, OperatorCommand
+from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
 from companion.core.nmpc import Actuation, Nmpc
 from companion.core.pilot import Pilot
 from companion.core.vessel import StructuredModel
 from companion.log_metadata import log_metadata
+from companion.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
 from companion.progress import Progress
 from companion.recorder import Recorder
+from companion.sd_notify import SdNotify
+from companion.service import Service
 from companion.setup import EXAMPLES, Setup, load_setup, warnings
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.port import Port
@@ -49,7 +53,7 @@ def add_parser(commands) -> None:
     p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
-    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap here)")
+    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
     p.add_argument(
         "--excite",
         nargs="?",
@@ -71,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"{args.config}: excitation: missing key: --excite needs one, or a FILE")
     mavlink = _port(args, "mavlink", setup.run.mavlink.url)
     uwb = _port(args, "uwb", setup.run.uwb.url)
-    log = args.log or Path(time.strftime("aritra-%Y%m%d-%H%M%S.mcap"))
+    log, look = _log(args, setup)
     vessel = setup.pilot.vessel.name
     print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
     for text in warnings(setup):
@@ -87,8 +91,31 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
         return 2
-    with recorder:
-        return asyncio.run(_drive(setup, mavlink, uwb, recorder, args))
+    with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
+        service.starting(f"building the controller of {vessel}")
+        return asyncio.run(_drive(setup, mavlink, uwb, recorder, service, look, args))
+
+
+def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swept] | None]:
+    """Path of the log, its folder made and within its quota; and how to look after the quota again."""
+    told = setup.run.log
+    folder = args.config.parent / told.folder if told.folder else Path()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{args.config}: log.folder: {folder}: {error.strerror}") from None
+    log = args.log or new_log(folder, time.localtime())
+    if told.quota_MB is None:
+        return log, None
+    running = log.name if log.parent.resolve() == folder.resolve() else ""
+    quota_bytes = told.quota_MB * MB
+
+    def look() -> Swept:
+        return sweep(folder, quota_bytes=quota_bytes, running=running, now_s=time.time())
+
+    for alert in alerts(look(), None, 0):
+        print(f"{alert.level}: {alert.text}", flush=True)
+    return log, look
 
 
 def _port(args: argparse.Namespace, link: str, url: str) -> Port:
@@ -100,7 +127,15 @@ def _port(args: argparse.Namespace, link: str, url: str) -> Port:
         raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
 
 
-async def _drive(setup: Setup, mavlink: Port, uwb: Port, recorder: Recorder, args: argparse.Namespace) -> int:
+async def _drive(
+    setup: Setup,
+    mavlink: Port,
+    uwb: Port,
+    recorder: Recorder,
+    service: Service,
+    look: Callable[[], Swept] | None,
+    args: argparse.Namespace,
+) -> int:
     clock, vessel = BoatClock(), setup.pilot.vessel
     progress = Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
     finish = _Finish(args.end_after)
@@ -108,8 +143,17 @@ async def _drive(setup: Setup, mavlink: Port, uwb: Port, recorder: Recorder, arg
 
     def watch(message: Message) -> None:
         progress.see(message)
+        service.see(message)
         if finish.see(message):
-            app.stop()
+            end()
+
+    def end() -> None:
+        service.stopping()
+        app.stop()
+
+    def tell(alert: Alert) -> None:
+        recorder.record(alert)
+        progress.see(alert)
 
     app = App(
         Pilot(setup.pilot),
@@ -127,15 +171,18 @@ async def _drive(setup: Setup, mavlink: Port, uwb: Port, recorder: Recorder, arg
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         with contextlib.suppress(NotImplementedError):
-            loop.add_signal_handler(number, app.stop)
+            loop.add_signal_handler(number, end)
     if args.start:
         app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"))
     _hurry()
     gc.collect()
     gc.freeze()  # what has been built so far stays: later collections need not look at it
+    tidy = asyncio.create_task(keep_within(look, clock, tell)) if look else None
     try:
         await app.run()
     finally:
+        if tidy:
+            tidy.cancel()
         progress.close()
     return 0
 

@@ -8,8 +8,10 @@ import contextlib
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+from companion.commands.sim_autopilot import add_autopilot_arguments, autopilot
 from companion.core.config import ConfigError
 from companion.log_metadata import log_metadata
 from companion.recorder import Recorder
@@ -29,6 +31,7 @@ def add_parser(commands) -> None:
     p.add_argument("--uwb", default="/tmp/aritra-uwb", metavar="PATH", help="where the UWB tag appears")
     p.add_argument("--truth", type=Path, help="MCAP log of what really happened")
     add_world_arguments(p)
+    add_autopilot_arguments(p)
     p.set_defaults(function=sim)
 
 
@@ -87,7 +90,7 @@ def sim(args: argparse.Namespace) -> int:
     from sim.world.loopback import Wires, serve  # noqa: PLC0415  (imports the simulator only when it is asked for)
 
     setup = load_setup(args.config)
-    world = world_setup(args, setup)
+    world = replace(world_setup(args, setup), **autopilot(args, setup.pilot.vessel))
     wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
     with contextlib.ExitStack() as stack:
         record = lambda message: None  # noqa: E731

@@ -28,10 +28,11 @@ from companion.core.estimation.algebra import Algebra
 from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_RANGE, LATENT, Belief, Entry, Fusible, Result
 from companion.core.estimation.health import assess
 from companion.core.estimation.inertial import Inertial
-from companion.core.estimation.prediction import Predictor, noise_model
+from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
 from companion.core.estimation.screening import screened
 from companion.core.estimation.start import Start, Starter
+from companion.core.estimation.trust import weighed
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.estimation.uwb import UwbFusion
 from companion.core.frames import ssa
@@ -73,15 +74,14 @@ class Estimator:
     """Constant parts of the filter for one vessel at one site. Methods are pure in the state they get."""
 
     def __init__(self, vessel: VesselFile, site: Site, tuning: EstimatorTuning | None = None):
-        self.tuning = tuning or EstimatorTuning()
+        self.tuning = tuning or EstimatorTuning(model_error=vessel.model_error)
         self.vessel, self.anchors = vessel, tuple(a.id for a in site.anchors)
         model = StructuredModel.of(vessel)
         sensors = vessel.sensors
         self._exact = is_exact(sensors)
         process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
         algebra = Algebra(B_RANGE + len(self.anchors))
-        noise = noise_model(sensors.imu, self.tuning, len(self.anchors))
-        self._predictor = Predictor(process, model, noise, algebra, self.tuning.max_step_s)
+        self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, len(self.anchors))
         self._inertial = Inertial(process, sensors.imu, self.tuning, algebra)
         self._uwb = UwbFusion(site, sensors.uwb, self.tuning, algebra)
         self._starter = Starter(site, sensors, self.tuning)
@@ -202,9 +202,10 @@ class Estimator:
             case Attitude():
                 return self._inertial.fuse_heading(belief, m)
             case UwbRanges():
-                return self._uwb.fuse_ranges(belief, m)
+                belief, innovations = self._uwb.fuse_ranges(belief, m)
             case UwbPosition():
-                return self._uwb.fuse_position(belief, m)
+                belief, innovations = self._uwb.fuse_position(belief, m)
+        return weighed(belief, innovations, self.tuning), innovations
 
     def _young(self, history: tuple[Entry, ...]) -> tuple[Entry, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""

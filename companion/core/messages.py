@@ -325,11 +325,15 @@ class StepMark(Message, frozen=True, kw_only=True):
 
 
 class LoopTiming(Message, frozen=True, kw_only=True):
-    """How tick `index` went: lateness of its timer, and from the IMU bytes it planned from to its lease."""
+    """How tick `index` went: lateness of its timer, and from the IMU bytes it planned from to its lease.
+
+    `sent`: the lease went to an open port (whether anybody listens is in LinkStatus).
+    """
 
     index: int
     lateness_ms: float
     imu_to_override_ms: float | None
+    sent: bool = True
 
 
 class ProcessStats(Message, frozen=True, kw_only=True):

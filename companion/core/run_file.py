@@ -47,6 +47,13 @@ class Control(Table, frozen=True, kw_only=True):
     neutral_channels: tuple[Annotated[int, msgspec.Meta(ge=1, le=16)], ...] = (1, 2, 3, 4)
 
 
+class LogFolder(Table, frozen=True, kw_only=True):
+    """Where logs go, and how many megabytes (1e6 bytes) of them are kept; None: the current folder, all of them."""
+
+    folder: str | None = None
+    quota_MB: Positive | None = None
+
+
 class RunFile(Table, frozen=True, kw_only=True):
     """One run. `excitation`: what `aritra run --excite` flies instead of the mission."""
 
@@ -57,6 +64,7 @@ class RunFile(Table, frozen=True, kw_only=True):
     mavlink: MavlinkLink
     uwb: UwbLink
     control: Control = Control()
+    log: LogFolder = LogFolder()
 
 
 def load_run(text: str, *, name: str) -> RunFile:

@@ -202,8 +202,19 @@ class Sensors(Table, frozen=True, kw_only=True):
     uwb: Uwb
 
 
+class ModelError(SourcedTable, frozen=True, kw_only=True):
+    """What model and thrusters leave out, as one sigma of a slowly changing body force [N, N, N m]."""
+
+    X_sigma_N: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+    Y_sigma_N: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+    N_sigma_N_m: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+
+
 class VesselFile(Table, frozen=True, kw_only=True):
-    """One boat. `terms`: optional model terms by name with their parameters (`terms.REGISTRY`)."""
+    """One boat. `terms`: optional model terms by name with their parameters (`terms.REGISTRY`).
+
+    `model_error`: how far the filter may trust the model; None: as its own tuning has it.
+    """
 
     format: Literal[1]
     name: str
@@ -215,6 +226,7 @@ class VesselFile(Table, frozen=True, kw_only=True):
     thrusters: Annotated[tuple[Thruster, ...], msgspec.Meta(min_length=1)]
     sensors: Sensors
     terms: dict[str, dict[str, float | str]] = msgspec.field(default_factory=dict)
+    model_error: ModelError | None = None
 
     @property
     def settings(self) -> dict[str, float]:

@@ -27,6 +27,7 @@ Values = Mapping[str, float]
 Hook = Callable[..., Any]
 TOLERANCE = 0.5  # of the smallest size worth a name; diagnosis method
 ABSENT = 1e-3  # of the smallest size, or of the prior of where and when: as good as not there
+READINGS = ("psi", "r", "ax", "ay", "place")
 STAGES = ("hull", "pwm", "maps", "thrust", "water", "force", "imu", "tag")
 
 
@@ -54,8 +55,8 @@ class Effect:
     `same_as`: effects that no log can tell from it. `vector`: the first two parameters are components and their size
     is the norm. A parameter whose smallest size is infinite says where or when, not how much. `of`: the entry that this
     one is a variant of (another onset, another place): they answer to one name. `origin`: what to add to a parameter
-    to say it in full. `far`: so unlike the base that its
-    tolerance band says nothing: tried only as a whole.
+    to say it in full. `far`: so unlike the base that its tolerance band says nothing: tried only as a whole. `scales`:
+    the readings (one of `READINGS`) that its one parameter p multiplies by 1 + p.
     """
 
     id: str
@@ -69,10 +70,13 @@ class Effect:
     of: str = ""
     origin: Mapping[str, float] = field(default_factory=dict)
     far: bool = False
+    scales: str = ""
 
     def __post_init__(self) -> None:
         if unknown := set(self.hooks) - set(STAGES):
             raise ValueError(f"effect {self.id}: unknown hook {sorted(unknown)[0]!r}; there are {', '.join(STAGES)}")
+        if self.scales and self.scales not in READINGS:
+            raise ValueError(f"effect {self.id}: unknown reading {self.scales!r}; there are {', '.join(READINGS)}")
 
     @property
     def name(self) -> str:

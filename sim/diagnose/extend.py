@@ -15,11 +15,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+import numpy as np
 from msgspec.structs import replace
 
 from companion.core.config import ConfigError
-from companion.core.vessel_file import Damping, VesselFile
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.vessel import mass_matrix
+from companion.core.vessel_file import Damping, ModelError, VesselFile
 from sim.diagnose.places import PLACES, Cause, NoPlaceError, noted
+from sim.identify.structured.noise import Noise
 from sim.identify.structured.parameters import DAMPING, HULL, file_values
 from sim.identify.structured.vessel_out import inertia_of, vessel_toml
 
@@ -29,6 +33,12 @@ FOLDED = (
     "uwb_latency", "uwb_lever_arm",
 )  # fmt: skip
 """Effects whose tolerance band is part of a refitted base: they move numbers that every vessel file has."""
+IN_SAMPLE = 2.0
+"""Times the latent force of the fitted logs: what bands took up in them, and what another day brings; assumed."""
+LEAST_SHARE = 0.2
+"""Of the filter's own tuning: what would never have been named (half the smallest size of a few effects) is there
+on another day, some 0.8 N and 0.3 N m; assumed.
+"""
 COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
 
 
@@ -93,6 +103,14 @@ def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[Cause]
             own = {k: getattr(full.inertia, k) / gain for k in ("X_udot_kg", "Y_vdot_kg")}
             return replace(folded, inertia=replace(folded.inertia, **own))
     return folded
+
+
+def trusted(vessel: VesselFile, noise: Noise, source: str) -> VesselFile:
+    """`vessel` with what it leaves out of the logs, for the filter: M times the latent acceleration of a fit."""
+    force = IN_SAMPLE * np.diag(mass_matrix(vessel)) * np.array(noise.latent)
+    X, Y, N = np.maximum(force, LEAST_SHARE * np.array(EstimatorTuning().latent_sigma)).tolist()
+    error = ModelError(X_sigma_N=round(X, 3), Y_sigma_N=round(Y, 3), N_sigma_N_m=round(N, 3), source=source)
+    return replace(vessel, model_error=error)
 
 
 def _loads(vessel: VesselFile) -> bool:

@@ -19,6 +19,8 @@ RIVAL_NATS = 6.0
 FINDINGS, REPORT = "findings.json", "report.html"
 REFITTED, NUMBERS, EXTENDED = "refitted.toml", "extended_numbers.toml", "extended.toml"
 OUTPUTS = (REFITTED, NUMBERS, EXTENDED, REPORT, FINDINGS)
+MANOEUVRE = "manoeuvre.toml"
+"""Beside them, where a manoeuvre was planned."""
 Number = float | None
 """None where it is not finite."""
 
@@ -62,12 +64,13 @@ class RankRecord(_Struct, frozen=True, kw_only=True):
 
 
 class Check(_Struct, frozen=True, kw_only=True):
-    """One test of adequacy: passed while `value` is at most `limit`."""
+    """One test of adequacy: passed while `value` is at most `limit`. Not `decides`: said only, the verdict stands."""
 
     name: str
     value: float
     limit: float
     passed: bool
+    decides: bool = True
 
 
 class Adequacy(_Struct, frozen=True, kw_only=True):
@@ -79,7 +82,7 @@ class Adequacy(_Struct, frozen=True, kw_only=True):
 
 
 class Pair(_Struct, frozen=True, kw_only=True):
-    """Nats by which these logs would tell cause `a`, of medium size, from `b`. Below 12: they cannot."""
+    """Nats by which these logs would tell cause `a`, of medium size, from `b` (empty: from nothing). Below 12: not."""
 
     a: str
     b: str
@@ -87,10 +90,17 @@ class Pair(_Struct, frozen=True, kw_only=True):
 
 
 class Identifiability(_Struct, frozen=True, kw_only=True):
-    """What these logs can tell apart, and the manoeuvre that would tell the rest."""
+    """What these logs can tell apart: pairs below 12 nats, each once, and the weakest above; `nothing`: nats by which
+
+    each cause of medium size would have shown at all. `manoeuvre`: in words what would tell more, `manoeuvre_file` to
+    fly, `manoeuvre_pairs` with the nats that it and these logs would give together, estimated.
+    """
 
     pairs: tuple[Pair, ...] = ()
+    nothing: dict[str, float] = {}
     manoeuvre: str = ""
+    manoeuvre_file: str = ""
+    manoeuvre_pairs: tuple[Pair, ...] = ()
 
 
 class HeldOutRecord(_Struct, frozen=True, kw_only=True):

@@ -8,6 +8,10 @@ set m of effects is a matter of a small matrix,
     log p(data | m) = const + 1/2 b^T (H + L_m)^-1 b - 1/2 log det(H + L_m) + 1/2 log det L_m
 
 (L_m: prior precisions), which is exact as far as the logs are linear in the parameters (Laplace).
+
+An effect that multiplies readings by 1 + p makes the world look smaller the larger p is, and in a small world all
+that nodes do costs less. The determinant of the nodes' block makes up for it: it has n log(1 + p) more, n being how
+many of the nodes' degrees of freedom these readings settle. Without that term p comes out too large.
 """
 
 from __future__ import annotations
@@ -97,6 +101,7 @@ class Fit:
         self.lineariser = Lineariser(physics)
         self.z0 = first_nodes(physics.windows, physics.parameters)
         self._first = np.flatnonzero(physics.windows.first)
+        self.settled: dict[str, float] = {}
 
     def sigma(self, chosen: Sequence[Effect], believed: frozenset[str]) -> np.ndarray:
         """Prior sigmas of the parameters of `chosen`, (P,)."""
@@ -132,6 +137,25 @@ class Fit:
     def _prior_cost(self, rho: np.ndarray, sigma: np.ndarray, off: np.ndarray, start: np.ndarray) -> float:
         return 0.5 * float(((rho / sigma) ** 2).sum() + ((off / start) ** 2).sum())
 
+    def settle(self, point: Point) -> None:
+        """How many degrees of freedom of the nodes each kind of reading settles: trace of P_w F_w over all nodes."""
+        P = self.assembled(point, self.noise)[0].covariance()
+        self.settled = {name: float((P * share).sum()) for name, share in point.shares.items()}
+
+    def _scales(self, theta: Theta, chosen: Sequence[Effect]) -> tuple[float, np.ndarray]:
+        """n log(1 + p) of all effects that scale readings [nats], and its slope (P,)."""
+        values = [theta.get(e.id, np.zeros(len(e.parameters))) for e in chosen]
+        cost = sum(
+            self.settled.get(e.scales, 0.0) * float(np.log1p(v[0]))
+            for e, v in zip(chosen, values, strict=True)
+            if e.scales
+        )
+        slopes = [
+            self.settled.get(e.scales, 0.0) / (1 + v) if e.scales else 0.0 * v
+            for e, v in zip(chosen, values, strict=True)
+        ]
+        return cost, np.concatenate(slopes) if slopes else np.empty(0)
+
     def nodes_evidence(self, point: Point, noise: Noise) -> float:
         """Log evidence [nats] of `noise` for the nodes alone, all parameters being as they are."""
         chain = point.chain
@@ -150,7 +174,9 @@ class Fit:
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
         b = D @ dw
         nodes = promised - 0.5 * float(b @ dw)
-        return Reduced(D - np.diag(guard), b, flat(point.theta, chosen), nodes - cost - 0.5 * log_det - log_sigma)
+        scaled, slope = self._scales(point.theta, chosen)
+        constant = nodes - cost - 0.5 * log_det - log_sigma - scaled
+        return Reduced(D - np.diag(guard), b - slope, flat(point.theta, chosen), constant)
 
     def solve(
         self,
@@ -185,8 +211,9 @@ class Fit:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
         plain.D += np.diag(1 / sigma**2)
-        plain.d += now / sigma**2
-        cost += 0.5 * float((now / sigma) @ (now / sigma))
+        scaled, slope = self._scales(point.theta, chosen)
+        plain.d += now / sigma**2 + slope
+        cost += 0.5 * float((now / sigma) @ (now / sigma)) + scaled
         damping = 0.0
         for _ in range(6):
             chain = plain.copy()
@@ -226,7 +253,7 @@ class Fit:
         data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
         now, ties = flat(theta, chosen), self.noise.tie(near.ties.span_s)[1]
         value = data + self._prior_cost(rho, ties, self._off(z), self.noise.node_start())
-        return value + 0.5 * float((now / sigma) @ (now / sigma))
+        return value + 0.5 * float((now / sigma) @ (now / sigma)) + self._scales(theta, chosen)[0]
 
 
 def _bounded(

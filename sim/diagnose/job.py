@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose import findings as record
-from sim.diagnose.adequacy import adequacy
+from sim.diagnose.adequacy import Judgement, adequacy
 from sim.diagnose.catalogue import catalogue, unaware
 from sim.diagnose.effect import Effect
 from sim.diagnose.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
@@ -43,8 +43,8 @@ Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
-Adequate = Callable[[Fit, Selection, Noise | None], tuple[record.Adequacy, frozenset[str]]]
-"""What is left over, and ids of causes whose form is in doubt, from the fit, its end, and the reference log's noise."""
+Adequate = Callable[[Fit, Selection, Noise | None], Judgement]
+"""What is left over and which causes can stand, from the fit, its end, and the reference log's noise."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,11 @@ def diagnose(
     say(STEPS[2], "refitted base", 0.0)
     refit, standing = _refit(fit, selection.base)
     found = _named(fit, selection, seed)
-    sufficient, doubtful = adequacy(fit, selection, ambient) if adequacy else (None, frozenset())
-    found = tuple(replace(n, form_doubtful=n.candidate.id in doubtful) for n in found)
+    sound = adequacy(fit, selection, ambient) if adequacy else None
+    if sound is not None:
+        found = tuple(replace(n, form_doubtful=n.candidate.id in sound.doubtful) for n in found
+                      if n.candidate.id not in sound.withdrawn)  # fmt: skip
+    sufficient = sound.adequacy if sound is not None else None
     apart = identifiability(fit, selection) if identifiability else None
     same = {n.effect.name: n.effect.same_as for n in found}
     verdict, names, others = record.verdict_of(list(same), selection.rivals, same, sufficient)

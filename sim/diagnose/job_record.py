@@ -31,6 +31,8 @@ def outputs(
     }
     vessels = dict(zip(told, (found.files.refitted, found.files.numbers, found.files.extended), strict=True))
     files = {name: vessel_toml(vessel, head + told[name]).encode() for name, vessel in vessels.items()}
+    if found.identifiability is not None and (manoeuvre := found.identifiability.file):
+        files[form.MANOEUVRE] = manoeuvre.encode()
     files[form.REPORT] = report(found).encode()
     made = findings(found, vessel_text, versions, command)
     files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n"
@@ -49,7 +51,7 @@ def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], co
         equivalence_class={n.effect.name: n.effect.same_as for n in found.causes if n.effect.same_as},
         ranking=tuple(_ranking(found)),
         adequacy=found.adequacy,
-        identifiability=found.identifiability,
+        identifiability=found.identifiability.record if found.identifiability is not None else None,
         visible_from={k: form.Visible(size=size, unit=unit) for k, (size, unit) in found.visible.items()},
         held_out=tuple(_held_out(found)),
         one_step_nats={name: _number(nats) for name, nats in found.held_out.nats.items()},

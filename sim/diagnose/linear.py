@@ -5,7 +5,8 @@ accelerations delta_a(t) moves the state by
 
     S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A)
 
-(series to third order, A the mean of both ends) from nothing at each node: what it has done before is the node's business (the ties pass it on).
+(series to third order, A the mean of both ends) from nothing at each node: what it has done before is the node's
+business (the ties pass it on).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, STAT
 
 EARLY, LATE = (1 / 2, 1 / 3, 1 / 8), (1 / 2, 1 / 6, 1 / 24)
 """Weights of I, hA, (hA)^2 on accelerations at both ends of a step, between which they go straight."""
+SCALED = {"r": RATE, "ax": SURGE, "ay": SWAY}  # channels that an effect may scale
 X0_D = 9  # columns of S before the effects': state (6) and latent acceleration (3) of the node
 
 
@@ -40,6 +42,7 @@ class Columns:
 class Point:
     """Normal equations of the data at theta, z. `cost`: half the weighted squares of the data [nats].
 
+    `shares`: what the readings that an effect may scale have in the blocks of the nodes, (W, L, L) by name.
     `residuals` (W, K, 4), `fix_residuals` (m, 2): whitened, NaN where nothing was measured.
     """
 
@@ -52,6 +55,7 @@ class Point:
     residuals: np.ndarray
     fix_residuals: np.ndarray
     columns: Columns
+    shares: dict[str, np.ndarray]
 
 
 class Lineariser:
@@ -177,17 +181,23 @@ class Lineariser:
         W, P = self.windows.size[0], columns.a.shape[3]
         chain = Chain(*(np.zeros(shape) for shape in ((W, L, L), (W, L, L), (W, L, P), (P, P), (W, L), (P,))))
         ends = np.empty((W, 6, X0_D + P))
+        shares = {name: np.zeros((W, L, L)) for name in (*SCALED, "place")}
         for start in range(0, W, BLOCK):
             part = slice(start, min(start + BLOCK, W))
             S = sensitivities(state.A[part], columns.a[part], self.windows.h_s[part])
             rows = self._imu_rows(state, columns, S, noise, part)
             _add(chain, part, rows.reshape(len(rows), -1, L + P), np.nan_to_num(residual[part]).reshape(len(rows), -1))
+            for name, channel in SCALED.items():
+                own = rows[:, :, channel, :L]
+                shares[name][part] = own.transpose(0, 2, 1) @ own
             mine = self._by_window[slice(*np.searchsorted(self._window[self._by_window], (part.start, part.stop)))]
             tag_rows = self._tag_rows(frame, state, columns, S, noise, part, mine) * root[mine, None]
+            before = chain.A[part].copy()
             _add_fixes(chain, tag_rows, fix[mine] * root[mine], self._window[mine])
+            shares["place"][part] = chain.A[part] - before
             ends[part] = S[:, -1]
         ties = self._ties(state, ends, z, noise, P)
-        return Point(theta, z, state, chain, ties, _cost(residual, fix), residual, fix, columns)
+        return Point(theta, z, state, chain, ties, _cost(residual, fix), residual, fix, columns, shares)
 
     def cost(
         self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, state: State
@@ -307,7 +317,7 @@ def _add(chain: Chain, part: slice, J: np.ndarray, residual: np.ndarray) -> None
     chain.A[part] += both[:, :, :L]
     chain.B[part] += both[:, :, L:]
     chain.g[part] += (nodes @ residual[:, :, None])[:, :, 0]
-    own = J[:, :, L:].reshape(-1, J.shape[2] - L)
+    own = J[:, :, L:].reshape(residual.size, J.shape[2] - L)
     chain.D += own.T @ own
     chain.d += own.T @ residual.ravel()
 
@@ -322,6 +332,6 @@ def _add_fixes(chain: Chain, rows: np.ndarray, residual: np.ndarray, window: np.
     chain.A[window[starts]] += both[:, :, :L]
     chain.B[window[starts]] += both[:, :, L:]
     chain.g[window[starts]] += np.add.reduceat((nodes @ residual[:, :, None])[:, :, 0], starts, axis=0)
-    own = rows[:, :, L:].reshape(-1, rows.shape[2] - L)
+    own = rows[:, :, L:].reshape(residual.size, rows.shape[2] - L)
     chain.D += own.T @ own
     chain.d += own.T @ residual.ravel()

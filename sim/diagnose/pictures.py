@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.diagnose.findings import Pair
 from sim.diagnose.held_out import CHANNELS, HORIZONS_S, MODELS, Error, Replay
 from sim.diagnose.residue import Residue
 from sim.identify.validation.figures import COLOURS, GREYS, INK
@@ -192,25 +191,6 @@ def sizes(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
     ax.legend(fontsize=8)
-    return figure
-
-
-def confusability(pairs: Sequence[Pair], least: float) -> Figure:
-    """Nats by which these logs tell one cause from another; red: they cannot."""
-    names = sorted({n for p in pairs for n in (p.a, p.b)})
-    at = {n: i for i, n in enumerate(names)}
-    grid = np.full((len(names), len(names)), np.nan)
-    for p in pairs:
-        grid[at[p.a], at[p.b]] = p.nats
-    size = 0.22 * len(names) + 2.5
-    figure = Figure(figsize=(size + 1, size), layout="constrained")
-    ax = figure.add_subplot()
-    shown = ax.imshow(np.log10(np.maximum(grid, 0.1) / least), cmap="RdYlBu", vmin=-1.5, vmax=1.5)
-    ax.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
-    ax.set_yticks(range(len(names)), names, fontsize=7)
-    ax.set(ylabel="true cause", xlabel="taken for")
-    bar = figure.colorbar(shown, ax=ax, shrink=0.6, ticks=[-1, 0, 1])
-    bar.ax.set_yticklabels([f"{least / 10:.2g}", f"{least:g} nats", f"{least * 10:g}"])
     return figure
 
 

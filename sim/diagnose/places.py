@@ -195,6 +195,14 @@ def _wind(vessel: VesselFile, cause: Cause) -> VesselFile:
     return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=np.degrees(np.arctan2(-east, -north)), **own)
 
 
+def _gusty(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """A steady wind of the same mean force; what comes and goes has no place."""
+    p = cause.told
+    pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
+    own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
+    return _wind(vessel, Cause(cause.effect, own, p, cause.note))
+
+
 def _tether(vessel: VesselFile, cause: Cause) -> VesselFile:
     """The term pulls at the body origin: the moment of a line made fast elsewhere is not in the file."""
     p = cause.told
@@ -217,6 +225,7 @@ RAD = float(np.pi / 180)
 PLACES: dict[str, Callable[[VesselFile, Cause], VesselFile]] = {
     "current": _current,
     "wind": _wind,
+    "gusty_wind": _gusty,
     "tether": _tether,
     "shallow_zone": _zone,
     "thruster_gain": lambda vessel, cause: _gain(vessel, cause, cause.tail),

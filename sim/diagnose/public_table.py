@@ -219,5 +219,18 @@ PUBLIC: dict[str, Entry] = {
         "The UWB tag sits {x_m:further forward/further aft} and {y_m:further to starboard/further to port}.",
     ),
     "uwb_scale": Entry({"scale": "1"}, "UWB distances are {scale:%too long/too short}."),
+    "waves": Entry(
+        {"F_w_N": "N", "T_p_s": "s", "beta_wave_deg": "deg"},
+        "Waves rock the boat: {F_w_N} rms with a period of {T_p_s}, from {beta_wave_deg}, clockwise from north.",
+    ),
+    "gusty_wind": Entry(
+        {"V_w_m_s": "m/s", "beta_w_deg": "deg", "gustiness": "1", "gust_time_s": "s"},
+        "A wind of {V_w_m_s} blows from {beta_w_deg}, clockwise from north, in gusts of {gustiness:%} that last "
+        "{gust_time_s}.",
+    ),
+    "nlos": Entry(
+        {"share": "1", "extra_m": "m", "anchor": "1"},
+        "{share:%} of positions lie too far from one anchor, by {extra_m} in the mean, as if it were out of sight.",
+    ),
 }
 """By family. Names, units and signs: docs/diagnose.md."""

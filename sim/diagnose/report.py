@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from sim.diagnose import pictures
 from sim.diagnose.held_out import CHANNELS, MODELS
+from sim.diagnose.identifiability import MEDIUM
 from sim.diagnose.job import Diagnosis
+from sim.diagnose.pictures_confusion import confusion
 from sim.diagnose.public import smallest
 from sim.diagnose.residue import Residue, correlation, pulses, residue
 from sim.diagnose.select import NATS
@@ -15,6 +18,9 @@ from sim.identify.report_tables import intervals
 from sim.identify.validation.report import Section, page
 from sim.identify.validation.table import Table
 
+CONFUSED = 20  # pairs that the report lists
+Pictures = tuple[tuple[Figure, str], ...]
+"""Figures with what is said below them."""
 LOOK = ("ambiguous", "partial", "unknown")
 Z975 = 1.959964
 
@@ -22,13 +28,17 @@ Z975 = 1.959964
 def report(found: Diagnosis) -> str:
     """The page, as text."""
     before, after = residues(found)
+    over = f"Mean force in cells of {pictures.CELL_M:g} m, as arrows."
+    maps = ((pictures.over_basin(before, after), over),)
+    doubt = found.adequacy is not None and not found.adequacy.passed
     sections = [
         Section("What the simulation gets wrong", tuple(sentences(found)), look=found.verdict in LOOK),
+        *(_adequacy(found, maps) if doubt else []),
         *_causes(found),
         _held_out(found),
-        _left_over(found, before, after),
+        _left_over(found, before, after, () if doubt else maps),
         _evidence(found),
-        *_adequacy(found),
+        *([] if doubt else _adequacy(found)),
         *_apart(found),
         _visible(found),
         _noise(found),
@@ -96,7 +106,7 @@ def _held_out(found: Diagnosis) -> Section:
     )
 
 
-def _left_over(found: Diagnosis, before: Residue, after: Residue) -> Section:
+def _left_over(found: Diagnosis, before: Residue, after: Residue, maps: Pictures) -> Section:
     pwm, volts = pulses(found.fit.physics)
     names = [t.name for t in found.base.thrusters]
     return Section(
@@ -108,7 +118,7 @@ def _left_over(found: Diagnosis, before: Residue, after: Residue) -> Section:
                 "Residual force of the refitted base over speeds, pulse widths, voltage. Sensor causes add none.",
             ),
             (pictures.over_heading(before), "The same over heading; the black ring is nil."),
-            (pictures.over_basin(before, after), f"Mean force in cells of {pictures.CELL_M:g} m, as arrows."),
+            *maps,
             (_whiteness(found), "Correlation of one-step errors: in the grey band they tell nothing of each other."),
         ),
     )
@@ -141,24 +151,51 @@ def _evidence(found: Diagnosis) -> Section:
     )
 
 
-def _adequacy(found: Diagnosis) -> list[Section]:
+def _adequacy(found: Diagnosis, maps: Pictures = ()) -> list[Section]:
     a = found.adequacy
     if a is None:
         return []
-    rows = tuple((c.name, f"{c.value:.3g}", f"{c.limit:.3g}", "yes" if c.passed else "**no**") for c in a.checks)
-    return [Section("Is anything left?", tables=(Table(("test", "value", "limit", "passed"), rows),))]
+    rows = tuple(
+        (
+            c.name,
+            f"{c.value:.3g}",
+            f"{c.limit:.3g}",
+            "yes" if c.passed else "**no**",
+            "" if c.decides else "for information",
+        )
+        for c in sorted(a.checks, key=lambda c: (not c.decides, c.passed))
+    )
+    return [
+        Section(
+            "Is anything left?",
+            tables=(Table(("test", "value", "limit", "passed", ""), rows),),
+            figures=maps,
+            note="Nats: how much better the logs are explained if smooth functions of that kind are let in, whatever "
+            "their cause, beside small ones of every kind.",
+        )
+    ]
 
 
 def _apart(found: Diagnosis) -> list[Section]:
-    i = found.identifiability
-    if i is None:
+    told = found.identifiability
+    if told is None:
         return []
-    close = [p for p in i.pairs if p.nats < NATS]
-    lines = [f"These logs cannot tell {p.a} from {p.b} ({p.nats:.1f} nats at medium size)." for p in close[:20]]
-    figures = (
-        ((pictures.confusability(i.pairs, NATS), "Red: these logs cannot tell the two apart."),) if i.pairs else ()
-    )
-    return [Section("What these logs can tell apart", tuple(lines) or ("Every pair.",), figures=figures)]
+    close = told.apart.confused
+    lines = [f"These logs cannot tell {a} from {b} ({max(nats, 0):.1f} nats)." for a, b, nats in close[:CONFUSED]]
+    if len(close) > CONFUSED:
+        lines.append(f"So it is with {len(close) - CONFUSED} pairs more.")
+    if told.apart.hidden:
+        lines.append(f"These logs would not have shown at all: {', '.join(told.apart.hidden)}.")
+    figure = confusion(told.apart)
+    return [
+        Section(
+            "What these logs can tell apart",
+            (*lines, told.record.manoeuvre) if told.record.manoeuvre else tuple(lines) or ("Every pair.",),
+            figures=((figure, "Red: these logs cannot tell the two apart."),) if figure is not None else (),
+            note=f"Each cause as if it were there with {MEDIUM:g} times the smallest size worth a name, in the "
+            "direction that shows least; every other within its tolerance band.",
+        )
+    ]
 
 
 def _visible(found: Diagnosis) -> Section:

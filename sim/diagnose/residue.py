@@ -1,10 +1,6 @@
 """What the model leaves over, as forces over time and over whatever they might depend on, with the causes beside it.
 
-Latent force of a window = M times its latent acceleration, [X Y N]; its standard error comes from the chain of nodes
-
-    S_w = A_w - N_{w-1}^T S_{w-1}^-1 N_{w-1},   P_w = S_w^-1 + S_w^-1 N_w P_{w+1} N_w^T S_w^-1
-
-(A, N: diagonal and upper blocks of the Hessian; P_w: covariance of node w with the parameters as they are).
+Latent force of a window = M times its latent acceleration, [X Y N]; its standard error comes from the chain of nodes.
 """
 
 from __future__ import annotations
@@ -14,14 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from companion.core.vessel import mass_matrix
 from sim.diagnose.effect import Effect, Hook, Parameter, Values
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
 from sim.diagnose.physics import Physics, Theta
-from sim.identify.structured.chain import Chain
 from sim.identify.structured.noise import LATENT, Noise
 
 LAGS = 20
@@ -48,7 +42,7 @@ def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence
     physics = fit.physics
     M = mass_matrix(physics.vessel)
     chain, _, _ = fit.assembled(point, noise)
-    variance = node_covariance(chain)[:, LATENT, LATENT]
+    variance = chain.covariance()[:, LATENT, LATENT]
     windows = physics.windows
     return Residue(
         windows.t_s.mean(axis=1),
@@ -84,23 +78,6 @@ def _whole(effect: Effect, values: np.ndarray) -> Effect:
     share = Parameter("share", "1", 1.0, 1.0, 1.0)
     hooks = {stage: scaled(hook) for stage, hook in effect.hooks.items()}
     return Effect(f"all of {effect.id}", effect.family, effect.equation, "", (share,), hooks)
-
-
-def node_covariance(chain: Chain) -> np.ndarray:
-    """Covariance of each node, (W, L, L)."""
-    W, L = chain.g.shape
-    factors, S = [], chain.A[0]
-    for w in range(W):
-        factors.append(cho_factor(S, lower=True, check_finite=False))
-        if w + 1 < W:
-            S = chain.A[w + 1] - chain.next[w].T @ cho_solve(factors[-1], chain.next[w], check_finite=False)
-    out = np.empty((W, L, L))
-    for w in range(W - 1, -1, -1):
-        out[w] = cho_solve(factors[w], np.eye(L), check_finite=False)
-        if w + 1 < W:
-            gain = cho_solve(factors[w], chain.next[w], check_finite=False)
-            out[w] += gain @ out[w + 1] @ gain.T
-    return out
 
 
 def correlation(point: Point) -> dict[str, np.ndarray]:

@@ -25,6 +25,7 @@ NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
 Z95 = 1.644854  # one-sided
 LATENTS = (1.0, 0.3, 0.1)
+OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
 SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 Say = Callable[[str, float], None]
 
@@ -99,6 +100,7 @@ class Selector:
             point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
             fit.noise = whitened(fit.noise, point, stated)
             fit.noise = tuned_latent(fit, point)
+            fit.settle(point)
         return self._finished(frozenset(), point, chosen)
 
     def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
@@ -188,11 +190,10 @@ class Selector:
             names.add(name)
             tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._inside(c)}), c.id))
         tried.sort(key=lambda t: -t[0].evidence)
-        for one, id_ in tried:
-            if self._judged(one, id_).accepted:
-                behind = [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried if i != id_]
-                return one, behind
-        return None, []
+        one, id_ = tried[0]
+        if not self._judged(one, id_).accepted:
+            return None, []
+        return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[1:]]
 
     def _inside(self, c: Candidate) -> np.ndarray:
         effect = self.by_id[c.id]
@@ -227,6 +228,6 @@ def stated_noise(vessel) -> Noise:
     """Noise as the vessel file has it, with a latent acceleration to begin with.
 
     What nobody can foretell also varies within a window, for which the latent acceleration stands as a mean: states may
-    jump by so much more from one window to the next.
+    jump by so much more from one window to the next. An offset of the heading is an effect, not noise.
     """
-    return replace(with_latent(noise_of(vessel), np.array(START)), slack=SLACK)
+    return replace(with_latent(noise_of(vessel), np.array(START)), slack=SLACK, offset_rad=OFFSET_RAD)

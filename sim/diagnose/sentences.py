@@ -35,7 +35,7 @@ def sentences(found: Diagnosis) -> list[str]:
     lines = [_verdict(found)]
     lines += [sentence(n.effect.name, n.numbers) for n in found.causes]
     if found.verdict in ("partial", "unknown"):
-        lines.append(_left_over(found))
+        lines += [_left_over(found), *_doubtful(found)]
     if found.ambiguous_with:
         lines.append(_ambiguous(found))
     lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
@@ -43,8 +43,8 @@ def sentences(found: Diagnosis) -> list[str]:
         lines += [_gain(found.held_out, len(found.causes)), *_outside(found)]
     if found.verdict == "none":
         lines += _could_have_seen(found)
-    if found.identifiability is not None and found.identifiability.manoeuvre:
-        lines.append(f"To tell more apart, drive: {found.identifiability.manoeuvre}.")
+    if found.identifiability is not None and found.identifiability.record.manoeuvre:
+        lines.append(found.identifiability.record.manoeuvre)
     return lines
 
 
@@ -57,7 +57,7 @@ def _verdict(found: Diagnosis) -> str:
         f"simulation of {found.base.name} gets wrong.",
         "partial": f"{logs}: {are} named, but something is left over.",
         "ambiguous": f"{logs}: something is wrong, but these logs cannot tell which of several causes it is.",
-        "unknown": f"{logs}: something is wrong that no effect of the catalogue explains.",
+        "unknown": f"{logs}: something is wrong that the catalogue cannot explain.",
     }[found.verdict]  # fmt: skip
 
 
@@ -78,7 +78,13 @@ def _left_over(found: Diagnosis) -> str:
     if not words:
         return "What is left over does not clearly depend on anything that was logged."
     others = f", perhaps on {' or '.join(depends(w) for w in words[1:3])}" if len(words) > 1 else ""
-    return f"What is left over depends on {depends(words[0])}{others}."
+    see = " (see the map)" if words[0] == "position" else ""
+    return f"What is left over depends on {depends(words[0])}{see}{others}."
+
+
+def _doubtful(found: Diagnosis) -> list[str]:
+    names = [n.effect.name for n in found.causes if n.form_doubtful]
+    return [f"What is left over is of the kind of {name}: it may be there in another form." for name in names]
 
 
 def _ambiguous(found: Diagnosis) -> str:

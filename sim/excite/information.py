@@ -86,7 +86,7 @@ def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
     """Information (P, P) of a run of the vessel file's own boat, known to the last digit; before noise."""
     fit = Fit([run], vessel, PLANNED)
     z = np.zeros((fit.windows.size[0], L))
-    z[:, STATE] = _true_nodes(fit.windows, run)
+    z[:, STATE] = true_nodes(fit.windows, run)
     return _information(fit, fit.parameters.prior[0], z)
 
 
@@ -104,7 +104,7 @@ def _information(fit: Fit, w: np.ndarray, z: np.ndarray) -> np.ndarray:
     return chain.solve()[2] - np.diag(1 / sigma**2)
 
 
-def _true_nodes(windows: Windows, run: Run) -> np.ndarray:
+def true_nodes(windows: Windows, run: Run) -> np.ndarray:
     """State at the start of each window, (W, 6)."""
     t, truth = run.samples(*TRUTH)
     truth[:, 2] = np.unwrap(truth[:, 2])

@@ -50,12 +50,17 @@ class Nominal:
         return self.run.duration_s
 
 
-def fly_nominal(excitation: Excitation, vessel: VesselFile, site: Site, *, limit_s: float = LIMIT_S) -> Nominal:
-    """Fly `excitation` from rest in the middle of `site`, until it is over. Raises ConfigError where it cannot be."""
+def fly_nominal(
+    excitation: Excitation, vessel: VesselFile, site: Site, *, limit_s: float = LIMIT_S, step_ns: int = STEP_NS
+) -> Nominal:
+    """Fly `excitation` from rest in the middle of `site`, until it is over. Raises ConfigError where it cannot be.
+
+    `step_ns`: of the plant; a tick is a whole number of them.
+    """
     flight = Flight(excitation, vessel, site, name=excitation.name)
-    plant = Plant(vessel, np.array([*flight.pen.middle, 0.0, 0, 0, 0]), step_ns=STEP_NS, voltage_v=VOLTAGE_V)
+    plant = Plant(vessel, np.array([*flight.pen.middle, 0.0, 0, 0, 0]), step_ns=step_ns, voltage_v=VOLTAGE_V)
     calm = Environment(Weather(), np.random.default_rng(0)).step(0.0, 0.0)
-    rows, state, clearance = _Rows(vessel), BEGINNING, np.inf
+    rows, state, clearance = _Rows(vessel, step_ns), BEGINNING, np.inf
     notes, statuses, truths = [], [], []
     while not flight.is_over(state) and plant.motion.t_ns < limit_s * 1e9:
         t_ns, x = plant.motion.t_ns, plant.motion.x
@@ -84,7 +89,8 @@ def truth_of(t_ns: int, x: np.ndarray) -> GroundTruth:
 class _Rows:
     """Columns of a run as they come."""
 
-    def __init__(self, vessel: VesselFile):
+    def __init__(self, vessel: VesselFile, step_ns: int):
+        self._step_ns = step_ns
         self._names = [f"pwm_{t.name}" for t in vessel.thrusters]
         self._imu, self._uwb = vessel.sensors.imu, vessel.sensors.uwb
         self._imu_ns, self._uwb_ns = round(1e9 / self._imu.rate_Hz), round(1e9 / self._uwb.rate_Hz)
@@ -99,9 +105,9 @@ class _Rows:
         """What is measured at this step of the plant."""
         motion = plant.motion
         self._last_ns = t_ns = motion.t_ns
-        if t_ns % self._imu_ns < STEP_NS:
+        if t_ns % self._imu_ns < self._step_ns:
             self._at(t_ns, battery_v=plant.voltage_v, **self._inertial(motion))
-        if t_ns % self._uwb_ns < STEP_NS:
+        if t_ns % self._uwb_ns < self._step_ns:
             x, u = motion.x, self._uwb
             c, s = np.cos(x[2]), np.sin(x[2])
             north, east = x[0] + c * u.x_m - s * u.y_m, x[1] + s * u.x_m + c * u.y_m

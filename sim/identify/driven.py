@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,17 +84,29 @@ def missions(
     weather: Weather | None = None,
     limit_s: float = LIMIT_S,
 ) -> list[Driven]:
+    """One mission a seed, scored; arguments as of `driven_runs`."""
+    found = driven_runs(true, belief, settings, seeds, weather=weather, limit_s=limit_s)
+    return [_scored(run, belief.name, seed) for seed, run in found]
+
+
+def driven_runs(
+    true: VesselFile,
+    belief: Belief,
+    settings: PilotSettings,
+    seeds: Sequence[int],
+    *,
+    weather: Weather | None = None,
+    limit_s: float = LIMIT_S,
+) -> Iterator[tuple[int, SteppedRun]]:
     """One mission a seed; filter and NMPC are built once. `settings`: mission, site, control; its vessel is unused."""
     mine = replace(settings, vessel=belief.vessel)
     pilot = Pilot(mine)
     nmpc = Nmpc(belief.model, Actuation.of(belief.vessel), mine.nmpc, time.perf_counter)
-    out = []
     for seed in seeds:
         setup = WorldSetup(true, settings.site, start=start_of(seed), weather=weather or Weather())
         run = SteppedRun(World(setup, seed), pilot, nmpc.solve)
         run.run(lambda run: run.state.guidance.phase in ("station", "done"), limit_s)
-        out.append(_scored(run, belief.name, seed))
-    return out
+        yield seed, run
 
 
 def _scored(run: SteppedRun, name: str, seed: int) -> Driven:

@@ -105,12 +105,15 @@ def teleop_run(
     sigma_m: float = 0.10,
     weather: Weather | None = None,
     habits: Habits | None = None,
+    believed: VesselFile | None = None,
 ) -> Run:
     """One log of `vessel` (the true boat) with truth in its true_* columns; the same seed gives the same log.
 
     The position is the tag's own fix from four ranges with `sigma_m` each, stamped when its bytes arrive: it is
     older by meta.latency_s, and the tag sits at meta.tag_arm_m. battery_v comes at 2 Hz like SYS_STATUS, to 10 mV.
+    `believed`: what the pilot's allocation and the log's meta go by, where that is not the true boat.
     """
+    believed = believed or vessel
     draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     imu_file = replace(vessel.sensors.imu, rate_Hz=imu_hz)
     uwb_file = replace(vessel.sensors.uwb, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
@@ -118,7 +121,7 @@ def teleop_run(
     imu = ImuSensor(imu_file, draws[1])
     uwb = UwbSensor(uwb_file, corner_anchors(), UwbFaults(), draws[2])
     environment = Environment(weather or Weather(), draws[3])
-    plain = replace(vessel, thrusters=tuple(replace(t, gain=1.0, trim_us=0) for t in vessel.thrusters))
+    plain = replace(believed, thrusters=tuple(replace(t, gain=1.0, trim_us=0) for t in believed.thrusters))
     middle = BASIN_M / 2
     plant = Plant(vessel, np.array([middle, middle, 0.0, 0, 0, 0]), step_ns=STEP_NS, voltage_v=VOLTAGE_V)
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
@@ -129,7 +132,7 @@ def teleop_run(
         if t_ns % PILOT_NS == 0:
             tau = pilot.tau(t_ns * NANO, plant.motion.x)
             if not np.array_equal(tau, wanted):
-                wanted, pwm = tau, pulse_widths(allocate(tau, plain), plain, vessel.propulsion.nominal_voltage_V)
+                wanted, pwm = tau, pulse_widths(allocate(tau, plain), plain, plain.propulsion.nominal_voltage_V)
                 plant.command(t_ns, tuple(map(float, pwm)))
             log.at(t_ns, **dict(zip(names, map(float, pwm), strict=True)))
         moment = environment.step(t_ns * NANO, STEP_NS * NANO)
@@ -141,8 +144,8 @@ def teleop_run(
         clock="simulated",
         site="basin",
         anchors_m={a.id: (a.north_m, a.east_m, a.down_m) for a in corner_anchors()},
-        latency_s=vessel.sensors.uwb.latency_s,
-        tag_arm_m=(vessel.sensors.uwb.x_m, vessel.sensors.uwb.y_m),
+        latency_s=believed.sensors.uwb.latency_s,
+        tag_arm_m=(believed.sensors.uwb.x_m, believed.sensors.uwb.y_m),
         pwm_limits_us={t.name: (float(t.pwm_min_us), float(t.pwm_max_us)) for t in vessel.thrusters},
     )
     return Run(log.table([*names, "battery_v"], round(duration_s * 1e9)), meta)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 
 from companion.core.messages import GroundTruth
@@ -32,7 +33,11 @@ STEP_NS = 10_000_000
 
 @dataclass(frozen=True)
 class WorldSetup:
-    """What world to make. `mismatch`: how far plant parameters lie off the vessel file (share, uniform)."""
+    """What world to make. `mismatch`: how far plant parameters lie off the vessel file (share, uniform).
+
+    Of the autopilot: `parameters`, `firmware` ("4.6", "4.7"), `receiver_us` (pulse widths of an RC receiver, empty
+    without one), `serial` (the autopilot's port that the MAVLink peers are on; 0 is USB, which signing trusts).
+    """
 
     vessel: VesselFile
     site: Site
@@ -43,6 +48,9 @@ class WorldSetup:
     voltage_v: float = 15.6
     drift_ppm: float = 20.0
     parameters: Mapping[str, float] = field(default_factory=lambda: BOAT_PARAMETERS)
+    firmware: str = "4.6"
+    receiver_us: tuple[int, ...] = ()
+    serial: int = 0
     boot_ns: int = 0
 
 
@@ -55,7 +63,7 @@ class Outgoing:
 
 
 class World:
-    """One simulated boat in its basin."""
+    """One simulated boat in its basin. `receiver_us` may be set: the pilot moves the sticks, the receiver dies."""
 
     def __init__(self, setup: WorldSetup, seed: int):
         draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
@@ -64,7 +72,10 @@ class World:
         self.vessel = vessel
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
-        self.rover = Rover(setup.boot_ns, _wired(vessel, setup.parameters), setup.drift_ppm, _channels(vessel))
+        wired = _wired(vessel, setup.parameters)
+        channels, serial = _channels(vessel), setup.serial
+        self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
+        self.receiver_us = setup.receiver_us
         self._environment = Environment(_weather(setup), draws[1])
         self._imu = ImuSensor(vessel.sensors.imu, draws[2])
         self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws[3])
@@ -127,7 +138,7 @@ class World:
                 voltage_v=self.plant.voltage_v,
                 current_a=self.plant.current_a,
             )
-        return self._frame
+        return msgspec.structs.replace(self._frame, receiver_us=self.receiver_us)
 
     def _tag_bytes(self) -> bytes:
         """Measure when due; hand out what has been under way for the tag's latency."""

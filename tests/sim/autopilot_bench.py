@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 
+import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot import AT_REST, BOAT_PARAMETERS, Rover
@@ -27,14 +28,17 @@ def command(number, *params):
 
 
 class Bench:
-    """`got[peer]`: messages received in order. The clock starts at an odd instant on purpose."""
+    """`got[peer]`: messages received in order. The clock starts at an odd instant on purpose.
 
-    def __init__(self, changes=None, base=BOAT_PARAMETERS, drift_ppm=0.0, dt_s=0.01, sensors=AT_REST):
+    `rover`: further arguments of the Rover (`firmware`, `serial_of`, ...).
+    """
+
+    def __init__(self, changes=None, base=BOAT_PARAMETERS, drift_ppm=0.0, dt_s=0.01, sensors=AT_REST, **rover):
         self.boot_ns = 123_456_789
         self.t_ns = self.boot_ns
         self.dt_ns = round(dt_s * S)
         self.sensors = sensors
-        self.rover = Rover(self.boot_ns, {**base, **(changes or {})}, drift_ppm)
+        self.rover = Rover(self.boot_ns, {**base, **(changes or {})}, drift_ppm, **rover)
         self.got = defaultdict(list)
         self.sent = defaultdict(bytearray)
         self._senders = {}
@@ -53,6 +57,10 @@ class Bench:
         data = message.pack(sender)
         sender.seq = (sender.seq + 1) % 256
         return self._take(peer, self.rover.receive(data, peer, self.t_ns))
+
+    def receiver(self, *sticks_us):
+        """An RC receiver with these channels from now on; none without arguments."""
+        self.sensors = msgspec.structs.replace(self.sensors, receiver_us=sticks_us)
 
     def run(self, seconds, every=None, period_s=0.1):
         """Step for a while; `every`: messages to send each period. Returns what peer "boat" got."""

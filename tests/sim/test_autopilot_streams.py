@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.autopilot import AT_REST, Rover
+from sim.world.autopilot import AT_REST, rover
 
 ACCEPTED, DENIED, FAILED = 0, 2, 4
 UNASKED = {
@@ -235,7 +235,7 @@ def test_garbage_is_counted_and_what_follows_is_understood(pieces):
 
 def test_no_message_of_the_dialect_with_any_content_raises(monkeypatch):
     """Seed 7: every message type that exists, twenty times, all bytes of the payload random."""
-    monkeypatch.setattr(Rover, "_is_for_me", lambda self, message: True)
+    monkeypatch.setattr(rover, "is_for", lambda vehicle, message: True)
     draw = random.Random(7)
     bench = Bench()
     bench.run(1.2, every=override())

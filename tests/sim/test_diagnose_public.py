@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from run_logs import clean_run
 
 from companion.core.terms import RHO_AIR
-from sim.diagnose.catalogue import catalogue
+from sim.diagnose.catalogue import catalogue, chance
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.public import Place, Told, family, point, public, sentence, smallest
 from sim.diagnose.public_table import PUBLIC
@@ -19,7 +19,7 @@ from tests.hidden.names import FAMILIES
 VESSEL = boat("aritra")
 PLACE = Place(np.array([14.0, 16.0]), 200.0)
 EFFECTS = {e.id: e for e in catalogue(VESSEL, [clean_run(60.0)])}
-NAMED = [e for e in EFFECTS.values() if e.family != "base"]
+NAMED = [*(e for e in EFFECTS.values() if e.family != "base"), *chance.effects()]
 SPEED = st.floats(0.01, 1.0)
 ANGLE = st.floats(0.0, 359.9)
 

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.diagnose.findings import Pair
-from sim.diagnose.pictures import _means, confusability
-from sim.diagnose.residue import LAGS, correlation, node_covariance
+from sim.diagnose.pictures import _means
+from sim.diagnose.residue import LAGS, correlation
 from sim.identify.structured.chain import Chain
 
 
@@ -30,7 +29,7 @@ def test_covariance_of_nodes_is_that_of_the_dense_inverse(W, L, seed):
     found, dense = chain(W, L, seed)
     inverse = np.linalg.inv(dense)
     wanted = [inverse[w * L : (w + 1) * L, w * L : (w + 1) * L] for w in range(W)]
-    assert node_covariance(found) == pytest.approx(np.array(wanted), rel=1e-6, abs=1e-9)
+    assert found.covariance() == pytest.approx(np.array(wanted), rel=1e-6, abs=1e-9)
 
 
 class Residuals:
@@ -61,8 +60,3 @@ def test_a_bin_with_few_windows_has_no_mean():
         np.array([0.1, 0.2, 0.3, 0.4, 1.5]), np.array([1.0, 2.0, 3.0, 2.0, 9.0]), np.array([0.0, 1.0, 2.0])
     )
     assert mean[0] == 2.0 and np.isnan(mean[1]) and np.isnan(se[1])
-
-
-def test_pairs_of_any_number_make_a_picture():
-    figure = confusability([Pair(a="lag", b="dead_time", nats=3.0)], 12.0)
-    assert [t.get_text() for t in figure.axes[0].get_xticklabels()] == ["dead_time", "lag"]

@@ -33,7 +33,8 @@ class Tilt(NamedTuple):
 class Belief(msgspec.Struct, frozen=True, kw_only=True):
     """State x (13 + m,) with covariance P at t_ns; arrays are never changed in place.
 
-    `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health.
+    `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health. `doubt`: of what
+    the vessel file says of its model's error (`trust`).
     """
 
     t_ns: int
@@ -48,6 +49,7 @@ class Belief(msgspec.Struct, frozen=True, kw_only=True):
     imu_ns: int | None
     uwb_ns: int
     ranges_ns: int | None
+    doubt: float = 0.0
 
 
 class Entry(NamedTuple):

@@ -17,19 +17,23 @@ from companion.core.estimation.actuation import Command, active, lagged
 from companion.core.estimation.algebra import Algebra
 from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, Belief
 from companion.core.estimation.process import Process
+from companion.core.estimation.trust import is_in_doubt
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.vessel_file import Imu
 
 Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
-def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int) -> Noise:
-    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (13 + m,)."""
+def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool = False) -> Noise:
+    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (13 + m,).
+
+    `wary`: where the vessel file's word on its model's error is not borne out.
+    """
     n = B_RANGE + anchors
     time_s = np.full(n, np.inf)
     time_s[LATENT], time_s[B_PSI] = tuning.latent_time_s, imu.heading_wander_time_s
     stationary, walk = np.zeros(n), np.zeros(n)
-    stationary[LATENT] = [tuning.latent_force_sigma_n] * 2 + [tuning.latent_moment_sigma_nm]
+    stationary[LATENT] = tuning.wary_latent_sigma if wary else tuning.latent_sigma
     stationary[B_PSI] = imu.heading_wander_sigma_rad
     walk[NU] = [tuning.accel_walk_m_s2_sqrt_s] * 2 + [tuning.yaw_walk_rad_s2_sqrt_s]
     walk[B_ACCEL], walk[B_GYRO] = imu.accel_bias_walk_m_s2_sqrt_s, imu.gyro_bias_walk_rad_s_sqrt_s
@@ -45,16 +49,19 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int) -> Noise:
 class Predictor:
     """Constant parts of the prediction; `to` is pure."""
 
-    def __init__(self, process: Process, model: Model, noise: Noise, algebra: Algebra, max_step_s: float):
+    def __init__(
+        self, process: Process, model: Model, imu: Imu, tuning: EstimatorTuning, algebra: Algebra, anchors: int
+    ):
         self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
-        self._noise, self._algebra, self._max_step_s = noise, algebra, max_step_s
+        self._tuning, self._algebra = tuning, algebra
+        self._noise, self._wary = (noise_model(imu, tuning, anchors, wary=w) for w in (False, True))
 
     def to(self, belief: Belief, t_ns: int, commands: tuple[Command, ...]) -> Belief:
         """Belief at t_ns; an earlier t_ns leaves it as it is. Steps end where a command takes over."""
         while belief.t_ns < t_ns:
             command_n, until_ns = active(commands, belief.t_ns)
             end_ns = min(t_ns, until_ns or t_ns)
-            steps = math.ceil((end_ns - belief.t_ns) * 1e-9 / self._max_step_s)
+            steps = math.ceil((end_ns - belief.t_ns) * 1e-9 / self._tuning.max_step_s)
             belief = self._step(belief, belief.t_ns + (end_ns - belief.t_ns) // steps, command_n)
         return belief
 
@@ -62,7 +69,7 @@ class Predictor:
         """One step of constant command and mean force."""
         dt_s = (t_ns - belief.t_ns) * 1e-9
         f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)
-        decay, q = self._noise(dt_s)
+        decay, q = (self._wary if is_in_doubt(belief, self._tuning) else self._noise)(dt_s)
         drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)

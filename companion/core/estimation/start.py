@@ -109,7 +109,7 @@ class Starter:
         x[:2], x[2], x[5] = origin_m, heading.psi_rad, heading.r_rad_s
         sigma[:2], sigma[2] = PLACE_SIGMA_M, np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
         sigma[3:5], sigma[5] = tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
-        sigma[LATENT] = [tuning.latent_force_sigma_n] * 2 + [tuning.latent_moment_sigma_nm]
+        sigma[LATENT] = tuning.latent_sigma
         sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m
         P = np.diag(sigma**2)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from companion.core.config import Table
 from companion.core.estimation.gates import GateRule
+from companion.core.vessel_file import ModelError
 
 RANGE_GATE = GateRule(limit=3.29, floor=0.10, ceiling=0.50, reopen_count=3, reopen_span_s=1.5, agreement=1.0)
 """Ranges [m]. 3.29 sigma: 99.9 % of a Gaussian. Ceiling and agreement: assumed (outliers of 0.5-46 m)."""
@@ -58,6 +59,11 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """How late a measurement may come and still be placed at its own stamp; assumed."""
     restart_gap_s: float = 10.0
     """After such a silence of all sensors the filter starts afresh; assumed."""
+    model_error: ModelError | None = None
+    """The latent force's sigma by axis, where the vessel file states it; None: the two numbers above."""
+    doubt_limit: float = 40.0
+    """Cumulative sum of the ranges' surprise at which the file's word is no longer taken (`trust`). Assumed: by chance
+    once in ten hours at four ranges a second, within 7 s where d2 has a mean of 3."""
     uwb_timeout_s: float = 3.0
     """No UWB accepted for so long: degraded. Three cycles at 1 Hz."""
     imu_timeout_s: float = 0.5
@@ -66,3 +72,20 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Position sigma along its worst axis above which the estimate is degraded; assumed."""
     lost_position_sigma_m: float = 3.0
     """The same for lost; assumed: a tenth of the basin."""
+
+    @property
+    def latent_sigma(self) -> tuple[float, float, float]:
+        """Stationary sigma of the latent force X, Y [N] and moment N [N m]."""
+        if e := self.model_error:
+            return e.X_sigma_N, e.Y_sigma_N, e.N_sigma_N_m
+        return self._own_sigma
+
+    @property
+    def wary_latent_sigma(self) -> tuple[float, float, float]:
+        """The same where the file's word is not borne out: the larger of the two."""
+        X, Y, N = (max(own, told) for own, told in zip(self._own_sigma, self.latent_sigma, strict=True))
+        return X, Y, N
+
+    @property
+    def _own_sigma(self) -> tuple[float, float, float]:
+        return self.latent_force_sigma_n, self.latent_force_sigma_n, self.latent_moment_sigma_nm

@@ -40,3 +40,15 @@ def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = 
     if twice := {i for i in ids if ids.count(i) > 1}:
         raise ValueError(f"effect {sorted(twice)[0]!r} is in the catalogue twice")
     return entries
+
+
+def unaware(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
+    """`entries` without those of some names, or heads of names (`thruster_gain` of `thruster_gain:rear_port`).
+
+    For the question what a diagnosis would say of something that it did not know. ValueError where there is none such.
+    """
+    there = {e.name for e in entries if e.family != "base"}
+    heads = {name.partition(":")[0] for name in there}
+    if strange := [name for name in names if name not in there | heads]:
+        raise ValueError(f"without {strange[0]!r}: no such effect; there are {', '.join(sorted(heads))}")
+    return tuple(e for e in entries if e.family == "base" or not {e.name, e.name.partition(":")[0]} & set(names))

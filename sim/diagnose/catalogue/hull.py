@@ -13,6 +13,7 @@ from sim.diagnose.effect import Effect, Hook, Parameter, Scene, Values
 from sim.identify.structured.parameters import HULL
 
 BASE_SIGMA = 0.04  # of each coefficient, always: nobody knows them better; diagnosis method
+COUPLED_SIGMA = 0.01  # of a coupling, as a share of the root of its diagonals; `cg_shift` has a band beside it
 COUPLED = {
     "M23_kg_m": ("M22_kg", "M33_kg_m2"),
     "Y_r_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
@@ -34,7 +35,8 @@ def base() -> Iterator[Effect]:
     """Each coefficient on its own: never named, always allowed for."""
     for name in HULL:
         hook = _coupling(name, *COUPLED[name]) if name in COUPLED else scaled(name)
-        parameter = Parameter("share", "1", BASE_SIGMA, BASE_SIGMA, BASE_SIGMA, -0.9, 10.0)
+        sigma = COUPLED_SIGMA if name in COUPLED else BASE_SIGMA
+        parameter = Parameter("share", "1", sigma, sigma, sigma, -0.9, 10.0)
         yield Effect(f"base:{name}", "base", f"{name} (1 + share)", "", (parameter,), {"hull": hook})
 
 

@@ -13,7 +13,7 @@ PSI, RATE, SURGE, SWAY = range(4)
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
 
 
-ACCEL_SCALE = 0.02  # sigma of the accelerometer's scale, always: diagnosis method
+ACCEL_SCALE = 0.01  # sigma of the accelerometer's scale, always; assumed: a calibrated unit
 
 
 def base() -> Iterator[Effect]:
@@ -21,7 +21,8 @@ def base() -> Iterator[Effect]:
     for name, channel in (("x", SURGE), ("y", SWAY)):
         parameter = Parameter("share", "1", ACCEL_SCALE, ACCEL_SCALE, ACCEL_SCALE)
         hook = _scaled(channel)
-        yield Effect(f"base:accel_{name}", "base", f"a_{name} (1 + share)", "", (parameter,), {"imu": hook})
+        text = f"a_{name} (1 + share)"
+        yield Effect(f"base:accel_{name}", "base", text, "", (parameter,), {"imu": hook}, scales=f"a{name}")
 
 
 def _scaled(channel: int) -> ImuHook:
@@ -54,8 +55,11 @@ def added(**terms: Callable[[Values, Scene, np.ndarray], np.ndarray | float]) ->
 
 
 def _inertial() -> Iterator[Effect]:
-    def entry(id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: ImuHook) -> Effect:
-        return Effect(id, "sensors", equation, signature, parameters, {"imu": hook}, vector=len(parameters) > 1)
+    def entry(
+        id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: ImuHook, scales: str = ""
+    ) -> Effect:
+        several = len(parameters) > 1
+        return Effect(id, "sensors", equation, signature, parameters, {"imu": hook}, vector=several, scales=scales)
 
     yield Effect(
         "accel_bias",
@@ -80,6 +84,7 @@ def _inertial() -> Iterator[Effect]:
         "yaw rate larger than the change of heading, in proportion",
         number("scale", "1", 0.1, 0.02),
         added(r=lambda p, s, y: p["scale"] * y[..., RATE]),
+        scales="r",
     )
     yield entry(
         "imu_misalignment",
@@ -134,8 +139,11 @@ def _iron(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
 
 
 def _tag() -> Iterator[Effect]:
-    def entry(id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: Callable) -> Effect:
-        return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=len(parameters) > 1)
+    def entry(
+        id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: Callable, scales: str = ""
+    ) -> Effect:
+        several = len(parameters) > 1
+        return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scales=scales)
 
     def late(sight: Sight, delay_s: np.ndarray) -> np.ndarray:
         return -delay_s[:, None] * sight.velocity_m_s + (delay_s**2 / 2)[:, None] * sight.acceleration_m_s2
@@ -167,4 +175,5 @@ def _tag() -> Iterator[Effect]:
         "distances over ground too long or too short against speed and inertial sensors",
         number("scale", "1", 0.05, 0.01),
         lambda p, sight, place: place + p["scale"] * (place - sight.centre_m),
+        scales="place",
     )

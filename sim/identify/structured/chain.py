@@ -105,3 +105,22 @@ class Chain:
             after, _ = _trtrs(factors[w], -given[w] - solved[w][:, :size] @ after, lower=1, trans=1)
             dz[w] = after
         return dz, step, D, log_det
+
+    def covariance(self) -> np.ndarray:
+        """Covariance of each node with the parameters as they are, (W, L, L).
+
+            S_w = A_w - N_{w-1}^T S_{w-1}^-1 N_{w-1},   P_w = S_w^-1 + S_w^-1 N_w P_{w+1} N_w^T S_w^-1
+
+        A, N: diagonal and upper blocks of the Hessian.
+        """
+        W, size = self.g.shape
+        inverse, S = np.empty((W, size, size)), self.A[0]
+        for w in range(W):
+            inverse[w] = np.linalg.inv(S)
+            if w + 1 < W:
+                S = self.A[w + 1] - self.next[w].T @ inverse[w] @ self.next[w]
+        out = inverse
+        for w in range(W - 2, -1, -1):
+            gain = inverse[w] @ self.next[w]
+            out[w] = inverse[w] + gain @ out[w + 1] @ gain.T
+        return out

@@ -72,8 +72,7 @@ def _get_interval(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
 def _set_interval(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
     message_id = int(p[0])
     if message_id in STREAMED:
-        link.set_interval_us(message_id, p[1])
-        return ACCEPTED, ()
+        return (ACCEPTED if link.set_interval_us(message_id, p[1]) else DENIED), ()
     if message_id in ACCEPTED_NEVER_SENT:
         return ACCEPTED, ()
     vehicle.say(_INFO, f"No ap_message for mavlink id ({message_id})")
@@ -99,6 +98,15 @@ def _safety_switch(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
     return ACCEPTED, ()
 
 
+def _reboot(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+    if p[0] != 1:
+        return UNSUPPORTED, ()  # shutting down and the boot loader are not simulated
+    if vehicle.modes.armed:
+        return FAILED, ()
+    vehicle.reboot_asked = True
+    return ACCEPTED, ()
+
+
 HANDLERS: dict[int, Handler] = {
     wire.MAV_CMD_DO_SET_MODE: _do_set_mode,
     wire.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
@@ -109,5 +117,6 @@ HANDLERS: dict[int, Handler] = {
     wire.MAV_CMD_REQUEST_MESSAGE: _request_message,
     wire.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_capabilities,
     wire.MAV_CMD_DO_SET_SAFETY_SWITCH_STATE: _safety_switch,
+    wire.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
 }
 """Handlers by MAV_CMD number."""

@@ -1,6 +1,7 @@
 """One MAVLink peer: its own sequence numbers, message rates, parameter download and outgoing bytes.
 
-Rates: an interval is cut to whole milliseconds and silently capped at 80 % of SCHED_LOOP_RATE. While a
+Rates: an interval is cut to whole milliseconds and at most 80 % of SCHED_LOOP_RATE; what is asked for faster is
+capped without a word (4.6) or denied (4.7). While a
 parameter download runs every stream slows to 34/50 of its rate, as was seen on the real firmware.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot.parameter_table import TABLE
-from sim.world.autopilot.parameters import INDEX
+from sim.world.autopilot.signing import SigningKey
 from sim.world.autopilot.telemetry import ALWAYS_NS, STREAMED
 from sim.world.autopilot.vehicle import Vehicle
 
@@ -22,12 +23,15 @@ NO_INDEX = 65535
 
 
 class Link:
-    """`bad_data`: pieces of bytes that were no message. `outbox` is taken by `take`."""
+    """`bad_data`: pieces of bytes that were no message; `serial`: the number of the port it comes in on."""
 
-    def __init__(self, vehicle: Vehicle):
+    def __init__(self, vehicle: Vehicle, key: SigningKey, serial: int):
         self.mav = wire.MAVLink(None, srcSystem=vehicle.system_id, srcComponent=1)
         self.mav.robust_parsing = True
         self.bad_data = 0
+        self.serial = serial
+        self._key = key
+        self.install_key()
         self._vehicle = vehicle
         self._outbox = bytearray()
         self._intervals_ns: dict[int, int] = {}
@@ -46,6 +50,7 @@ class Link:
     def send(self, message: wire.MAVLink_message) -> None:
         """Append one packed message."""
         self._outbox += message.pack(self.mav)
+        self._key.learn(self.mav)
         self.mav.seq = (self.mav.seq + 1) % 256
 
     def take(self) -> bytes:
@@ -65,11 +70,15 @@ class Link:
             piece = data[chunk * _CHUNK : (chunk + 1) * _CHUNK]
             self.send(wire.MAVLink_statustext_message(severity, piece, self._text_id, chunk))
 
-    def send_parameter(self, name: str, index: int = NO_INDEX) -> None:
-        """PARAM_VALUE of a known parameter; index 65535 where it was not asked by index."""
-        parameters = self._vehicle.parameters
-        kind = TABLE[INDEX[name]].kind
-        self.send(wire.MAVLink_param_value_message(name.encode(), parameters[name], kind, len(TABLE), index))
+    def send_parameter(self, index: int, by_index: bool) -> None:
+        """PARAM_VALUE of the parameter at `index` of the table; it says 65535 where it was not asked by index."""
+        parameters, row = self._vehicle.parameters, TABLE[index]
+        name, told = parameters.wire_name(index).encode(), index if by_index else NO_INDEX
+        self.send(wire.MAVLink_param_value_message(name, parameters[row.name], row.kind, len(TABLE), told))
+
+    def install_key(self) -> None:
+        """Sign and check with the autopilot's signing key from now on."""
+        self._key.install(self.mav, link_id=self.serial, secure=self.serial == 0)
 
     # --- rates -------------------------------------------------------------------------------------
 
@@ -78,8 +87,11 @@ class Link:
         interval_ns = self._intervals_ns.get(message_id, 0)
         return interval_ns // 1000 if interval_ns else -1
 
-    def set_interval_us(self, message_id: int, interval_us: float) -> None:
-        """SET_MESSAGE_INTERVAL of a message in STREAMED: 0 default rate, negative off."""
+    def set_interval_us(self, message_id: int, interval_us: float) -> bool:
+        """SET_MESSAGE_INTERVAL of a message in STREAMED: 0 default rate, negative off; whether it is granted."""
+        denies = self._vehicle.parameters.firmware.denies_fast_streams
+        if denies and 0 < interval_us * 1000 < self._shortest_ns:
+            return False
         if interval_us == 0:
             always_ns = ALWAYS_NS.get(message_id)
             self._schedule(message_id, always_ns or self._default_ns(STREAMED[message_id].group))
@@ -87,6 +99,7 @@ class Link:
             self._schedule(message_id, 0)
         else:
             self._schedule(message_id, max(1, int(min(interval_us, 60e6)) // 1000) * _MS)
+        return True
 
     def set_group_rate(self, groups: tuple[str, ...], rate_hz: int) -> None:
         """REQUEST_DATA_STREAM: every message of these groups at one rate, 0 off."""
@@ -98,13 +111,16 @@ class Link:
         rate_hz = self._vehicle.parameters[f"SR0_{group}"] if group else 0.0
         return int(1000 / rate_hz) * _MS if rate_hz > 0 else 0
 
+    @property
+    def _shortest_ns(self) -> int:
+        return round(1.25e9 / self._vehicle.loop_rate_hz)
+
     def _schedule(self, message_id: int, interval_ns: int) -> None:
         if interval_ns <= 0:
             self._intervals_ns.pop(message_id, None)
             self._due_ns.pop(message_id, None)
         else:
-            shortest_ns = round(1.25e9 / self._vehicle.loop_rate_hz)
-            self._intervals_ns[message_id] = max(interval_ns, shortest_ns)
+            self._intervals_ns[message_id] = max(interval_ns, self._shortest_ns)
             self._due_ns[message_id] = self._vehicle.t_ns + self._intervals_ns[message_id]
         self._next_ns = 0
 
@@ -135,7 +151,7 @@ class Link:
 
     def _advance_download(self, t_ns: int) -> bool:
         while self._download < len(TABLE) and self._download_ns <= t_ns:
-            self.send_parameter(TABLE[self._download].name, self._download)
+            self.send_parameter(self._download, by_index=True)
             self._download += 1
             self._download_ns += _PARAMETER_NS
         return self._download < len(TABLE)

@@ -1,8 +1,9 @@
 """From RC channels to the 16 outputs: one function per SERVOn_FUNCTION wiring, and the time it takes.
 
+    33-36    motors 1-4 of the Omni-X mixer (`mixer`), where FRAME_TYPE is 2.
     51-66    plain RCINn: the channel's last value, whatever the mode, arming or age. It stays for ever.
-    94-97    Script1-4, written by a Lua gate: the gate's channel only while armed, RC input valid and mode
-             MANUAL, clamped to 1100-1900 us; else 1500 us.
+    94-97    Script1-4, written by a Lua gate where SCR_ENABLE was set at boot: the gate's channel only while
+             armed, RC input valid and mode MANUAL, clamped to 1100-1900 us; else 1500 us.
     140-155  RCINnScaled: through RCn_MIN/TRIM/MAX/DZ to SERVOn_MIN/TRIM/MAX; SERVOn_TRIM in a radio
              fail-safe where SERVO_RC_FS_MSK names the channel, the last value where it does not.
     other    no pulses (0).
@@ -19,10 +20,12 @@ from collections.abc import Callable
 from functools import partial
 
 from sim.world.autopilot.failsafe import RADIO, Failsafe
+from sim.world.autopilot.mixer import FACTORS, FIRST_FUNCTION, OMNI_X, OmniMixer
 from sim.world.autopilot.modes import Mode, ModeControl
 from sim.world.autopilot.parameter_table import CHANNELS
 from sim.world.autopilot.parameters import Parameters
 from sim.world.autopilot.rc import RcInput
+from sim.world.autopilot.stick import pulse_us, share
 
 NEUTRAL_US = 1500
 GATE_MIN_US, GATE_MAX_US = 1100, 1900
@@ -50,7 +53,8 @@ class Outputs:
         gate_channels: tuple[int, ...],
     ):
         self._parameters, self._rc, self._modes, self._failsafe = parameters, rc, modes, failsafe
-        self._gate_channels = gate_channels
+        self._gate_channels = gate_channels if parameters["SCR_ENABLE"] else ()
+        self._mixer = OmniMixer(parameters, rc, modes, failsafe)
         self._latency_ns = latency_ns(parameters["SCHED_LOOP_RATE"])
         self._wired: list[tuple[int, Wiring, int]] = []
         self._version = -1
@@ -64,6 +68,7 @@ class Outputs:
         if self._version != self._parameters.version:
             self._version = self._parameters.version
             self._wired = [(i, *self._wiring(i)) for i in range(CHANNELS)]
+        self._mixer.advance(t_ns)
         changed = False
         for i, wiring, delay_ns in self._wired:
             wanted = 0 if self._modes.safety_on else wiring(self._wanted_us[i])
@@ -79,6 +84,8 @@ class Outputs:
 
     def _wiring(self, output: int) -> tuple[Wiring, int]:
         function = int(self._parameters[f"SERVO{output + 1}_FUNCTION"])
+        if FIRST_FUNCTION <= function < FIRST_FUNCTION + len(FACTORS) and self._parameters["FRAME_TYPE"] == OMNI_X:
+            return partial(self._motor, output + 1, function - FIRST_FUNCTION), self._latency_ns
         if 51 <= function <= 66:
             return partial(self._plain, function - 51), self._latency_ns
         if 94 <= function < 94 + len(self._gate_channels):
@@ -86,6 +93,9 @@ class Outputs:
         if 140 <= function <= 155:
             return partial(self._scaled, output + 1, function - 140), self._latency_ns
         return self._unused, self._latency_ns
+
+    def _motor(self, output: int, motor: int, last_us: int) -> int:
+        return pulse_us(self._parameters, output, self._mixer.motors[motor])
 
     def _plain(self, channel: int, last_us: int) -> int:
         return self._rc.radio_in_us[channel]
@@ -99,24 +109,10 @@ class Outputs:
 
     def _scaled(self, output: int, channel: int, last_us: int) -> int:
         p = self._parameters
-        low, trim, high = (p[f"SERVO{output}_{key}"] for key in ("MIN", "TRIM", "MAX"))
         if not self._failsafe.rc_valid:
             masked = int(p["SERVO_RC_FS_MSK"]) >> channel & 1
-            return int(trim) if masked and self._failsafe.bits & RADIO else last_us
-        share = self._stick(channel + 1, self._rc.radio_in_us[channel])
-        share = -share if p[f"SERVO{output}_REVERSED"] else share
-        return round(trim + share * (high - trim if share > 0 else trim - low))
-
-    def _stick(self, number: int, value_us: int) -> float:
-        """Channel `number` as a share of its travel, -1 to 1, zero within the dead zone around trim."""
-        p = self._parameters
-        low, trim, high, zone = (p[f"RC{number}_{key}"] for key in ("MIN", "TRIM", "MAX", "DZ"))
-        share = 0.0
-        if value_us < trim - zone and trim - zone > low:
-            share = max(-1.0, (value_us - (trim - zone)) / (trim - zone - low))
-        elif value_us > trim + zone and high > trim + zone:
-            share = min(1.0, (value_us - (trim + zone)) / (high - trim - zone))
-        return -share if p[f"RC{number}_REVERSED"] else share
+            return int(p[f"SERVO{output}_TRIM"]) if masked and self._failsafe.bits & RADIO else last_us
+        return pulse_us(p, output, share(p, channel + 1, self._rc.radio_in_us[channel]))
 
     @staticmethod
     def _unused(last_us: int) -> int:

@@ -78,20 +78,25 @@ TABLE: tuple[Parameter, ...] = tuple(
 )
 """All parameters in the order of their index on the wire."""
 
+BOARD_PARAMETERS: dict[str, float] = {
+    "BRD_SAFETY_DEFLT": 0.0,  # no safety switch fitted
+    "GPS1_TYPE": 0.0,
+    "BATT_MONITOR": 4.0,
+    "BATT_CAPACITY": 18000.0,  # mAh; assumed: one 4S 18 Ah pack
+    "BATT_LOW_VOLT": 14.0,  # assumed: 3.5 V a cell
+}
+"""The simulated boat's hardware, whatever its wiring."""
+
 BOAT_PARAMETERS: dict[str, float] = {
+    **BOARD_PARAMETERS,
     "FRAME_CLASS": 2.0,  # a boat: HEARTBEAT type 11
     "SYSID_MYGCS": 1.0,  # the companion 1/191 may override, a ground station 255 may not
     "SCHED_LOOP_RATE": 200.0,  # 50 Hz streams exact, 7 ms from override to output
     "ARMING_RUDDER": 0.0,  # a thruster command on channel 1 must not arm the boat
     "FS_GCS_ENABLE": 1.0,
-    "BRD_SAFETY_DEFLT": 0.0,  # no safety switch fitted
-    "MOT_SLEWRATE": 0.0,
+    "RC_OVERRIDE_TIME": 0.5,  # s; with a receiver its channels are back this soon
     "SCR_ENABLE": 1.0,  # the Lua gate
-    "GPS1_TYPE": 0.0,
-    "BATT_MONITOR": 4.0,
-    "BATT_CAPACITY": 18000.0,  # mAh; assumed: one 4S 18 Ah pack
-    "BATT_LOW_VOLT": 14.0,  # assumed: 3.5 V a cell
     **{f"RC{n}_DZ": 0.0 for n in range(1, 5)},
     **{f"SERVO{n}_FUNCTION": float(93 + n) for n in range(1, 5)},  # Script1-4
 }
-"""What our boat's autopilot has been given on top of the firmware's defaults."""
+"""What our boat's autopilot has been given on top of the firmware's defaults: deploy/ardupilot/gate.param."""

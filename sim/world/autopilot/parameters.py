@@ -1,7 +1,11 @@
 """The parameter store: typed values, clamped as ArduPilot clamps them.
 
-set(name, value)   rounds half away from zero and clamps to the type; False for a name that does not
-                   exist and for a value that is not finite (the firmware stays silent on both)
+    set(name, value)   rounds half away from zero and clamps to the type; False for a name that does not
+                       exist and for a value that is not finite (the firmware stays silent on both)
+    find(wire_name)    the index of a name as this firmware version spells it; None for an unknown one
+
+READ_ONLY ones keep their value; the firmware echoes it with the text "Param write denied (NAME)" (from its
+source, `GCS_MAVLINK::handle_param_set`).
 """
 
 from __future__ import annotations
@@ -10,9 +14,12 @@ import math
 import struct
 from collections.abc import Mapping
 
+from sim.world.autopilot.firmware import FIRMWARE, Firmware, old_name
 from sim.world.autopilot.parameter_table import TABLE, Kind
 
 _BITS = {Kind.INT8: 8, Kind.INT16: 16, Kind.INT32: 32}
+READ_ONLY = frozenset({"STAT_BOOTCNT"})
+"""Parameters for the firmware's own use."""
 
 
 def stored(kind: Kind, value: float) -> float:
@@ -26,13 +33,17 @@ def stored(kind: Kind, value: float) -> float:
 
 
 class Parameters:
-    """All parameters by name. `version` counts changes, so that readers may cache what they derive."""
+    """All parameters by their 4.6 name. `version` counts changes, so that readers may cache what they derive.
 
-    def __init__(self, changes: Mapping[str, float]):
+    `changes` to the defaults may use the names of either version; ValueError for an unknown one.
+    """
+
+    def __init__(self, changes: Mapping[str, float], firmware: Firmware = FIRMWARE["4.6"]):
         self._values = {row.name: row.default for row in TABLE}
+        self.firmware = firmware
         self.version = 0
         for name, value in changes.items():
-            if not self.set(name, value):
+            if not self.set(old_name(name), value):
                 raise ValueError(f"simulated autopilot: no parameter {name} with a value {value}")
 
     def __getitem__(self, name: str) -> float:
@@ -46,6 +57,19 @@ class Parameters:
         self._values[name] = stored(TABLE[index].kind, value)
         self.version += 1
         return True
+
+    def find(self, wire_name: str) -> int | None:
+        """Index of a parameter by its name on the wire."""
+        name = self.firmware.known_name(wire_name)
+        return INDEX.get(name) if name else None
+
+    def wire_name(self, index: int) -> str:
+        """Name on the wire of the parameter with this index."""
+        return self.firmware.wire_name(TABLE[index].name)
+
+    def saved(self) -> dict[str, float]:
+        """Everything, as it survives a reboot."""
+        return dict(self._values)
 
 
 INDEX: dict[str, int] = {row.name: index for index, row in enumerate(TABLE)}

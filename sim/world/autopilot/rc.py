@@ -8,8 +8,9 @@ What RC_CHANNELS_OVERRIDE means differs by channel:
     17-18      ignored
 
 A channel keeps its last pulse width until an override or a receiver gives it another: without a receiver
-neither a release nor the end of the overrides changes anything. RC_OVERRIDE_TIME [s]: 0 refuses overrides,
--1 never lets one expire.
+neither a release nor the end of the overrides changes anything. With one, channels it does not have read 0 once
+no override holds them (the firmware's source, `RC_Channel::update` and `RCInput::read`). RC_OVERRIDE_TIME [s]: 0
+refuses overrides, -1 never lets one expire.
 """
 
 from __future__ import annotations
@@ -68,5 +69,5 @@ class RcInput:
             expired = timeout_s >= 0 and t_ns - self._override_ns[channel] >= timeout_s * _S
             if value != RELEASE and not expired:
                 self.radio_in_us[channel] = value
-            elif channel < len(receiver_us):
-                self.radio_in_us[channel] = receiver_us[channel]
+            elif receiver_us:
+                self.radio_in_us[channel] = receiver_us[channel] if channel < len(receiver_us) else 0

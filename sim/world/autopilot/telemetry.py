@@ -117,7 +117,7 @@ def timesync(v: Vehicle) -> wire.MAVLink_message:
 
 
 def autopilot_version(v: Vehicle) -> wire.MAVLink_message:
-    """4.6.0 development build on a Cube Orange (board 140); no file transfer."""
+    """Development build of the firmware on a Cube Orange (board 140); no file transfer."""
     capabilities = (
         wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         | wire.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -125,7 +125,7 @@ def autopilot_version(v: Vehicle) -> wire.MAVLink_message:
     )
     return wire.MAVLink_autopilot_version_message(
         capabilities,
-        4 << 24 | 6 << 16,
+        v.parameters.firmware.flight_sw_version,
         0,
         0,
         140 << 16,

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import msgspec
 
 from sim.world.autopilot.failsafe import Failsafe
+from sim.world.autopilot.firmware import Firmware
 from sim.world.autopilot.modes import Mode, ModeControl
 from sim.world.autopilot.outputs import Outputs
 from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.pilot_inputs import PilotInputs
 from sim.world.autopilot.rc import RcInput
 
 Vec3 = tuple[float, float, float]
@@ -54,10 +56,21 @@ AT_REST = SensorFrame(
 
 
 class Vehicle:
-    """State at `t_ns` (simulation time). `drift_ppm`: how fast the autopilot's own clock runs ahead."""
+    """State at `t_ns` (simulation time). `drift_ppm`: how fast the autopilot's own clock runs ahead.
 
-    def __init__(self, boot_ns: int, parameters: Mapping[str, float], drift_ppm: float, gate_channels: tuple[int, ...]):
-        self.parameters = Parameters(parameters)
+    `reboot_asked`: a command has asked for it; whoever holds the vehicle makes a new one.
+    """
+
+    def __init__(
+        self,
+        boot_ns: int,
+        parameters: Mapping[str, float],
+        drift_ppm: float,
+        gate_channels: tuple[int, ...],
+        firmware: Firmware,
+    ):
+        self.parameters = Parameters(parameters, firmware)
+        self.reboot_asked = False
         self.system_id = int(self.parameters["SYSID_THISMAV"])
         self.loop_rate_hz = self.parameters["SCHED_LOOP_RATE"]
         self.sensors = AT_REST
@@ -67,6 +80,7 @@ class Vehicle:
         self.rc = RcInput(self.parameters)
         self.modes = ModeControl(self.parameters, self.say)
         self.failsafe = Failsafe(self.parameters, self.rc, self.modes, self.say)
+        self.pilot_inputs = PilotInputs(self.parameters, self.rc, self.modes)
         self.outputs = Outputs(self.parameters, self.rc, self.modes, self.failsafe, gate_channels)
         self._boot_ns = boot_ns
         self._rate = 1.0 + drift_ppm * 1e-6
@@ -99,4 +113,5 @@ class Vehicle:
         if self.modes.mode is Mode.INITIALISING and self.t_ns - self._boot_ns >= _INITIALISING_NS:
             self.modes.initialised()
         self.failsafe.advance(self.t_ns)
+        self.pilot_inputs.advance(self.t_ns)
         self.outputs.advance(self.t_ns)

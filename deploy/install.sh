@@ -1,0 +1,171 @@
+#!/usr/bin/env bash
+# Installs Aritra as a systemd service from this checkout; may be run again at any time. See docs/service.md.
+set -euo pipefail
+umask 022
+
+usage() {
+    cat <<'END'
+usage: deploy/install.sh [--dry-run] [--uninstall] [--python PYTHON] [--root DIR]
+
+  --dry-run        print what would be done, change nothing
+  --uninstall      stop and remove service, udev rules and program; keep configuration, logs and user
+  --python PYTHON  Python 3.11 or newer (default: the first of python3, python3.13, python3.12, python3.11 that is)
+  --root DIR       install below DIR, without user, systemctl and udevadm; needs no root
+
+Program /opt/aritra, configuration /etc/aritra, logs /var/lib/aritra. Configuration that is there stays as it is.
+Nothing is started. Exit codes: 0 done, 1 failed, 2 cannot be done here (the message says why).
+END
+}
+
+die() {
+    echo "install.sh: $*" >&2
+    exit 2
+}
+
+# --- what is asked for ------------------------------------------------------------------------------
+
+dry_run='' uninstall='' python='' root=''
+while [ $# -gt 0 ]; do
+    case $1 in
+        --dry-run) dry_run=yes ;;
+        --uninstall) uninstall=yes ;;
+        --python) [ $# -gt 1 ] || die "--python needs a program"; python=$2; shift ;;
+        --root) [ $# -gt 1 ] || die "--root needs a folder"; root=$2; shift ;;
+        -h | --help) usage; exit 0 ;;
+        *) usage >&2; die "unknown option $1" ;;
+    esac
+    shift
+done
+
+source=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+case $root in '' | /*) ;; *) root=$PWD/$root ;; esac
+program=$root/opt/aritra
+config=$root/etc/aritra
+state=$root/var/lib/aritra
+unit=$root/etc/systemd/system/aritra.service
+rules=$root/etc/udev/rules.d/70-aritra.rules
+
+# --- small steps: each does nothing where it is done already ----------------------------------------
+
+run() {
+    echo "+ $*"
+    [ -n "$dry_run" ] || "$@"
+}
+
+on_system() { # only where this is the running system, not a folder
+    [ -n "$root" ] || run "$@"
+}
+
+folder() { # folder MODE GROUP PATH
+    [ -d "$3" ] || run mkdir -p "$3"
+    on_system chown "root:$2" "$3"
+    [ "$(stat -c %a "$3" 2>/dev/null)" = "$1" ] || run chmod "$1" "$3"
+}
+
+put() { # put SOURCE TARGET: the newest version, always
+    cmp -s "$1" "$2" || run install -D -m 0644 "$1" "$2"
+}
+
+offer() { # offer SOURCE TARGET: only where there is none; what a person edited stays
+    if [ -e "$2" ]; then
+        cmp -s "$1" "$2" || echo "kept: $2"
+    else
+        run install -D -m 0640 "$1" "$2"
+    fi
+}
+
+find_python() {
+    local candidate
+    for candidate in ${python:-python3 python3.13 python3.12 python3.11}; do
+        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+            "$candidate" -c 'import ensurepip, venv' 2>/dev/null ||
+                die "$candidate has no venv: install its venv package (Debian, Ubuntu: $candidate-venv)"
+            python=$candidate
+            return
+        fi
+    done
+    die "no Python 3.11 or newer found${python:+: $python is none}; install one and say --python"
+}
+
+# --- the three jobs ---------------------------------------------------------------------------------
+
+install_program() {
+    local lock=$source/requirements.lock stamp=$program/requirements.sha256 sum
+    sum=$(sha256sum <"$lock")
+    if ! "$program/bin/python" -c '' 2>/dev/null; then
+        run "$python" -m venv --clear "$program"
+    fi
+    if [ "$(cat "$stamp" 2>/dev/null)" != "$sum" ]; then
+        run "$program/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r "$lock"
+        [ -n "$dry_run" ] || echo "$sum" >"$stamp"
+    fi
+    run "$program/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+        --force-reinstall "$source"
+    put "$source/docs/service.md" "$program/share/doc/aritra/service.md"
+}
+
+install_service() {
+    local file
+    if [ -z "$root" ]; then
+        getent group aritra >/dev/null || run groupadd --system aritra
+        getent passwd aritra >/dev/null ||
+            run useradd --system --gid aritra --home-dir /var/lib/aritra --shell /usr/sbin/nologin aritra
+    fi
+    folder 750 aritra "$config"
+    offer "$source/deploy/on-board.toml" "$config/aritra.toml"
+    while IFS= read -r file; do
+        offer "$source/deploy/$file" "$config/$file"
+    done < <(cd "$source/deploy" && find boats sites missions excitations -type f | sort)
+    on_system chgrp -R aritra "$config"
+    run chmod -R u=rwX,g=rX,o= "$config"
+    put "$source/deploy/aritra.service" "$unit"
+    put "$source/deploy/udev/70-aritra.rules" "$rules"
+    reload
+}
+
+remove() {
+    [ ! -e "$unit" ] || on_system systemctl disable --now aritra.service
+    [ ! -e "$unit" ] || run rm -f "$unit"
+    [ ! -e "$rules" ] || run rm -f "$rules"
+    [ ! -f "$program/pyvenv.cfg" ] || run rm -rf "$program"
+    reload
+    echo "kept: $config, $state, user and group aritra. To remove them, too:"
+    echo "  rm -r $config $state; userdel aritra"
+}
+
+reload() {
+    on_system systemctl daemon-reload
+    on_system udevadm control --reload
+    on_system udevadm trigger --subsystem-match=tty --subsystem-match=usb
+}
+
+# --- begin ------------------------------------------------------------------------------------------
+
+if [ -z "$root" ]; then
+    [ -n "$dry_run" ] || [ "$(id -u)" = 0 ] || die "needs root: sudo $0"
+    command -v systemctl >/dev/null || die "no systemd here: systemctl is missing"
+fi
+if [ -n "$uninstall" ]; then
+    [ -e "$unit" ] || [ -e "$rules" ] || [ -e "$program" ] || die "nothing to remove: there is no $unit, no $program"
+    remove
+    exit 0
+fi
+if [ -z "$root" ]; then
+    case $(systemctl is-active aritra.service || true) in
+        active | activating | deactivating | reloading)
+            die "aritra.service is running; bring the boat to rest, then: sudo systemctl stop aritra" ;;
+    esac
+fi
+find_python
+install_program
+install_service
+if [ -n "$dry_run" ]; then
+    echo "dry run: nothing was changed"
+    exit 0
+fi
+cat <<END
+installed. Next:
+  1. edit $config/aritra.toml and the files beside it: your boat, your anchors, your mission
+  2. see /dev/aritra-autopilot and /dev/aritra-uwb after plugging in
+  3. sudo systemctl enable --now aritra     (starts idle: neutral, until a person starts the mission)
+END

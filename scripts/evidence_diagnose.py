@@ -1,0 +1,7 @@
+"""Evidence for diagnosis: what the simulation gets wrong, what is gained by mending it. Parts: evidence_diagnose_*."""
+
+from __future__ import annotations
+
+import evidence_diagnose_driving as driving
+
+PARTS = (*driving.PARTS,)

@@ -1,0 +1,171 @@
+"""Whether the model with its causes leaves something over that no cause explains, and what that depends on.
+
+Every group of smooth functions (`generic`) is free within a tolerance band beside the causes and the catalogue's own
+bands, so that many small imperfections do not add up to a large one. One group in its turn is believed in:
+
+    nats = log p(data | this group wide) - log p(data | all within their bands)
+
+each at the latent acceleration that suits it best, the look at several prior scales being paid for. A group whose
+nats reach the limit says that something is left over. Nothing else fails the verdict: correlation and size of the
+residuals and latent accelerations are reported, but change with the weather of the day.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.diagnose.effect import slices
+from sim.diagnose.findings import Adequacy, Check
+from sim.diagnose.fit import Fit, Reduced
+from sim.diagnose.generic import Generic, Group, widened
+from sim.diagnose.noise import FLOOR
+from sim.diagnose.residue import correlation
+from sim.diagnose.select import LATENTS, NATS, Model, Selection
+from sim.identify.structured.fit import with_latent
+from sim.identify.structured.noise import Noise
+
+BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
+SCALES = (0.3, 1.0, 3.0)  # of that size: its prior when it is believed in
+ECHO = 0.2  # of the best group's nats: with less, a group is taken for its echo; assumed
+AKIN = 0.5  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
+WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent over ambient: said, not decisive; assumed
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """Nats of every group, best first, beside some causes. `evidence`: with all groups within their bands [nats].
+
+    By id of the causes, `akin`: the groups whose functions can stand in for it; `support`: nats for it over its absence
+    while all groups are free within their bands.
+    """
+
+    nats: tuple[tuple[Group, float], ...]
+    evidence: float
+    akin: Mapping[str, frozenset[str]]
+    support: Mapping[str, float]
+
+    @property
+    def counted(self) -> tuple[Group, ...]:
+        """Groups that reach the limit, best first, without the echoes of the best."""
+        least = max(NATS, ECHO * self.nats[0][1])
+        return tuple(group for group, nats in self.nats if nats >= least)
+
+    def is_akin(self, cause: str, groups: Sequence[Group]) -> bool:
+        """Whether one of `groups` is of the kind of a cause."""
+        return any(group.effect.id in self.akin.get(cause, frozenset()) for group in groups)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What to report; ids of causes of the right kind whose form is in doubt, and of those that are not to be named."""
+
+    adequacy: Adequacy
+    doubtful: frozenset[str] = frozenset()
+    withdrawn: frozenset[str] = frozenset()
+
+
+def left_over(fit: Fit, model: Model, causes: Sequence[str]) -> LeftOver:
+    """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
+    groups = Generic(fit.physics, model.point).groups()
+    point = widened(model.point, groups)
+    chosen = [*model.chosen, *(g.effect for g in groups)]
+    size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
+    own = fit.sigma(model.chosen, frozenset(causes))
+    sigma = np.concatenate([own, BAND * size])
+    best, before = np.full(len(groups), -np.inf), -np.inf
+    akin: dict[str, frozenset[str]] = {}
+    support: dict[str, float] = {}
+    where = slices(model.chosen)
+    for share in LATENTS:
+        latent = np.maximum(share * np.array(model.noise.latent), FLOOR)
+        reduced = fit.reduced(point, chosen, with_latent(model.noise, latent))
+        evidence, posterior = reduced.evidence(sigma), reduced.posterior(sigma)
+        for i, at in enumerate(_at(groups, len(own))):
+            wide = size[at.start - len(own) : at.stop - len(own)]
+            gain = max(posterior.instead(at, scale * wide)[0] for scale in SCALES) - np.log(len(SCALES))
+            best[i] = max(best[i], evidence + gain)
+        if evidence > before:
+            before = evidence
+            support = {id_: -posterior.absent(where[id_]) for id_ in causes}
+        akin = akin or {id_: _akin(reduced, where[id_], groups, len(own)) for id_ in causes}
+    order = np.argsort(-best)
+    return LeftOver(tuple((groups[i], float(best[i] - before)) for i in order), before, akin, support)
+
+
+def _at(groups: Sequence[Group], start: int) -> list[slice]:
+    """Where the parameters of each group are."""
+    ends = start + np.cumsum([len(g.effect.parameters) for g in groups])
+    return [slice(int(end) - len(g.effect.parameters), int(end)) for g, end in zip(groups, ends, strict=True)]
+
+
+def _akin(reduced: Reduced, cause: slice, groups: Sequence[Group], start: int) -> frozenset[str]:
+    """Groups that explain most of what the cause at `cause` does to these logs, in the metric of the data."""
+    values = reduced.theta0[cause]
+    whole = float(values @ reduced.H[cause, cause] @ values)
+    mimics = []
+    for group, at in zip(groups, _at(groups, start), strict=True):
+        wide = np.array([SCALES[-1] * p.prior for p in group.effect.parameters])
+        cross = reduced.H[at, cause] @ values
+        if cross @ np.linalg.solve(reduced.H[at, at] + np.diag(1 / wide**2), cross) >= AKIN * whole:
+            mimics.append(group.effect.id)
+    return frozenset(mimics)
+
+
+def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check, ...]:
+    """The best group of every word, which decide, and what is only said."""
+    best: dict[str, tuple[Group, float]] = {}
+    for group, nats in found.nats:
+        best.setdefault(group.words[0].partition(":")[0], (group, nats))
+    out = [
+        Check(name=f"{group.effect.equation} [nats]", value=nats, limit=NATS, passed=nats < NATS)
+        for group, nats in best.values()
+    ]
+    alike = {k: v for k, v in correlation(model.point).items() if np.isfinite(v).all()}
+    said = [(f"correlation of residuals, {k}", float(np.abs(v[:3]).max()), WHITE) for k, v in alike.items()]
+    point = model.point
+    for name, values in (("inertial", point.residuals), ("position", point.fix_residuals)):
+        known = np.clip(values[np.isfinite(values)], -5, 5)
+        if len(known):
+            said.append((f"rms of {name} residuals, over one sigma", float(np.sqrt(np.mean(known**2))), UNIT))
+    if ambient is not None:
+        ratio = np.max(np.array(model.noise.latent) / np.maximum(np.array(ambient.latent), FLOOR))
+        said.append(("latent acceleration over that of the reference log", float(ratio), AMBIENT))
+    out += [Check(name=n, value=v, limit=limit, passed=v <= limit, decides=False) for n, v, limit in said]
+    return tuple(out)
+
+
+def adequacy(fit: Fit, selection: Selection, ambient: Noise | None) -> Judgement:
+    """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
+
+    Not to be named is a cause that the groups' bands make unnecessary; and none is if one group alone, which is akin to
+    none of them, explains more than all of them together: then they stood in for it.
+    """
+    model, causes = selection.final, [c.id for c in selection.causes]
+    found = left_over(fit, model, causes)
+    withdrawn = {id_ for id_, nats in found.support.items() if nats < NATS}
+    causes = [id_ for id_ in causes if id_ not in withdrawn]
+    if withdrawn:
+        model = model if causes else selection.base
+        found = left_over(fit, model, causes)
+    first = found
+    if found.counted and causes:
+        first = left_over(fit, selection.base, [])
+        group, nats = first.nats[0]
+        alone = first.evidence + nats - found.evidence
+        if alone >= NATS and not any(found.is_akin(id_, [group]) for id_ in causes):
+            withdrawn, causes, found, model = withdrawn | set(causes), [], first, selection.base
+    report = Adequacy(
+        passed=not found.counted, checks=checks(found, model, ambient), depends_on=depends_on(found, first)
+    )
+    doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.counted))
+    return Judgement(report, doubtful, frozenset(withdrawn))
+
+
+def depends_on(found: LeftOver, first: LeftOver) -> tuple[str, ...]:
+    """Words of what is left over, the most likely first: what explains more of the base, before any cause came."""
+    nats = {group.effect.id: value for group, value in first.nats}
+    groups = sorted(found.counted, key=lambda group: -nats.get(group.effect.id, -np.inf))
+    return tuple(dict.fromkeys(word for group in groups for word in group.words))

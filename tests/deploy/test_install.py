@@ -1,0 +1,211 @@
+"""deploy/install.sh into a folder, with a Python that only notes what it was asked for, and without root."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion.setup import load_setup
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = ROOT / "deploy" / "install.sh"
+PYTHON = """#!/bin/sh
+echo "$@" >> "{notes}"
+case "$1 $2" in
+  "-c import sys"*) exec {python} "$@" ;;
+  "-m venv") mkdir -p "$4/bin"; cp "$0" "$4/bin/python"; touch "$4/pyvenv.cfg" ;;
+  "-m pip") [ ! -e "{notes}.fail" ] || exit 1 ;;
+esac
+"""
+FORBIDDEN = ["chown", "chgrp", "groupadd", "useradd", "udevadm"]
+
+
+@pytest.fixture
+def bench(tmp_path):
+    return Bench(tmp_path)
+
+
+class Bench:
+    """`root`: where it installs. `notes`: what Python was asked. Programs that need root fail when called."""
+
+    def __init__(self, folder):
+        self.root, self.stubs, self.notes = folder / "root", folder / "stubs", folder / "notes"
+        self.stubs.mkdir()
+        for name in FORBIDDEN:
+            self.stub(name, 'echo "$0 $@ was called" >&2; exit 99')
+        self.systemctl()
+        self.python = self.stub("python-that-notes", PYTHON.format(notes=self.notes, python=sys.executable))
+
+    def stub(self, name, text):
+        path = self.stubs / name
+        path.write_text(text if text.startswith("#!") else f"#!/bin/sh\n{text}\n")
+        path.chmod(0o755)
+        return path
+
+    def systemctl(self, state=""):
+        """One that answers is-active with `state`; without, any call fails."""
+        answer = f'[ "$1" = is-active ] && echo {state}' if state else 'echo "$0 $@ was called" >&2; exit 99'
+        self.stub("systemctl", answer)
+
+    def run(self, *words, root=True, python=True):
+        command = [str(SCRIPT), *words]
+        command += ["--root", str(self.root)] if root else []
+        command += ["--python", str(self.python)] if python else []
+        env = {**os.environ, "PATH": f"{self.stubs}:{os.environ['PATH']}"}
+        return subprocess.run(command, capture_output=True, text=True, env=env, timeout=60, check=False)
+
+    def installed(self, *words):
+        done = self.run(*words)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert done.stderr == ""
+        return done.stdout
+
+    def asked(self):
+        """What the environment's Python was asked to install."""
+        lines = self.notes.read_text().splitlines() if self.notes.exists() else []
+        return [line for line in lines if line.startswith("-m")]
+
+    def tree(self):
+        """Path -> (mode, content) of everything."""
+        return {
+            str(p.relative_to(self.root)): (p.stat().st_mode & 0o7777, p.read_bytes() if p.is_file() else None)
+            for p in self.root.rglob("*")
+        }
+
+
+def test_a_dry_run_changes_nothing(bench):
+    told = bench.installed("--dry-run")
+    assert not bench.root.exists() and bench.asked() == []
+    assert "-m venv" in told and "aritra.service" in told and "nothing was changed" in told
+
+
+def test_it_installs_everything_in_its_place(bench):
+    bench.installed()
+    for target, source in [
+        ("etc/systemd/system/aritra.service", "deploy/aritra.service"),
+        ("etc/udev/rules.d/70-aritra.rules", "deploy/udev/70-aritra.rules"),
+        ("etc/aritra/aritra.toml", "deploy/on-board.toml"),
+        ("opt/aritra/share/doc/aritra/service.md", "docs/service.md"),
+    ]:
+        assert (bench.root / target).read_bytes() == (ROOT / source).read_bytes()
+    venv, lock, program = bench.asked()
+    assert venv == f"-m venv --clear {bench.root}/opt/aritra"
+    assert "--require-hashes" in lock and lock.endswith(f"-r {ROOT}/requirements.lock")
+    assert "--no-deps" in program and program.endswith(f" {ROOT}")
+    tree = bench.tree()
+    assert all(mode & 0o007 == 0 for path, (mode, _) in tree.items() if path.startswith("etc/aritra"))
+    assert all(mode & 0o005 for path, (mode, _) in tree.items() if path.startswith(("opt", "etc/systemd", "etc/udev")))
+
+
+def test_what_it_installs_is_a_configuration_that_runs(bench):
+    bench.installed()
+    setup = load_setup(bench.root / "etc/aritra/aritra.toml")
+    assert setup.pilot.vessel.name == "aritra" and setup.run.log.folder == "/var/lib/aritra/logs"
+
+
+def test_a_second_run_changes_nothing_but_the_program(bench):
+    bench.installed()
+    before, asked = bench.tree(), len(bench.asked())
+    told = bench.installed()
+    assert bench.tree() == before
+    assert "install -D" not in told and "venv" not in told
+    (program,) = bench.asked()[asked:]
+    assert program.endswith(f" {ROOT}")
+
+
+def test_what_a_person_edited_stays(bench):
+    bench.installed()
+    mine, site = bench.root / "etc/aritra/aritra.toml", bench.root / "etc/aritra/sites/basin.toml"
+    mine.write_text("# mine\n")
+    site.unlink()
+    (bench.root / "etc/systemd/system/aritra.service").write_text("old\n")
+    told = bench.installed()
+    assert mine.read_text() == "# mine\n" and f"kept: {mine}" in told
+    assert site.exists(), "what is missing comes back"
+    assert (bench.root / "etc/systemd/system/aritra.service").read_text() == (
+        SCRIPT.parent / "aritra.service"
+    ).read_text()
+
+
+def test_an_interrupted_installation_is_taken_up_again(bench):
+    failing = Path(f"{bench.notes}.fail")
+    failing.touch()
+    assert bench.run().returncode == 1, "pip failed"
+    assert not (bench.root / "etc/systemd/system/aritra.service").exists(), "the unit comes last"
+    failing.unlink()
+    bench.installed()
+    assert [line.count("--require-hashes") for line in bench.asked()] == [0, 1, 1, 0]
+
+
+def test_uninstall_keeps_configuration_and_logs(bench):
+    bench.installed()
+    log = bench.root / "var/lib/aritra/logs/aritra-20260101-000000.mcap"
+    log.parent.mkdir(parents=True)
+    log.touch()
+    before = bench.tree()
+    bench.installed("--uninstall", "--dry-run")
+    assert bench.tree() == before
+    told = bench.installed("--uninstall")
+    files = {path for path, (_, content) in before.items() if content is not None}
+    left = {path for path, (_, content) in bench.tree().items() if content is not None}
+    assert left == {path for path in files if path.startswith(("etc/aritra/", "var/"))}
+    assert "kept:" in told and log.exists() and not (bench.root / "opt/aritra").exists()
+    done = bench.run("--uninstall")
+    assert done.returncode == 2 and "nothing to remove" in done.stderr
+
+
+def test_uninstall_removes_no_folder_that_is_not_an_environment(bench):
+    precious = bench.root / "opt/aritra/precious"
+    precious.parent.mkdir(parents=True)
+    precious.touch()
+    bench.installed("--uninstall")
+    assert precious.exists()
+
+
+def test_on_a_system_it_makes_user_and_reloads_but_starts_nothing(bench):
+    bench.systemctl("inactive")
+    bench.stub("getent", "exit 2")
+    done = bench.run("--dry-run", root=False)
+    assert done.returncode == 0, done.stderr
+    plan = [line.removeprefix("+ ") for line in done.stdout.splitlines() if line.startswith("+ ")]
+    assert any(line.startswith("useradd --system --gid aritra") for line in plan)
+    assert "systemctl daemon-reload" in plan and "udevadm control --reload" in plan
+    assert not any(line.startswith(("systemctl start", "systemctl enable", "systemctl restart")) for line in plan)
+
+
+@pytest.mark.parametrize("state", ["active", "activating", "deactivating"])
+def test_a_boat_that_runs_is_left_alone(bench, state):
+    bench.systemctl(state)
+    done = bench.run("--dry-run", root=False)
+    assert done.returncode == 2 and "aritra.service is running" in done.stderr and bench.asked() == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--fast"], "unknown option --fast"),
+        (["--root"], "--root needs a folder"),
+        (["--root", "/nowhere", "--python", "no-such-python"], "no Python 3.11 or newer found: no-such-python is none"),
+    ],
+)
+def test_bad_input_is_named(bench, words, told):
+    done = bench.run(*words, root=False, python=False)
+    assert done.returncode == 2 and told in done.stderr
+
+
+def test_an_old_python_is_refused(bench):
+    bench.python = bench.stub("python-old", "exit 1")
+    done = bench.run()
+    assert done.returncode == 2 and "is none" in done.stderr and not bench.root.exists()
+
+
+def test_the_script_is_sound_shell():
+    assert subprocess.run(["bash", "-n", str(SCRIPT)], check=False).returncode == 0
+    shellcheck = shutil.which("shellcheck")
+    if shellcheck is None:
+        pytest.skip("shellcheck is not on this machine; bash accepts the script")
+    done = subprocess.run([shellcheck, str(SCRIPT)], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout

@@ -1,0 +1,247 @@
+"""What is left over: window columns against the engine's own, faults put into logs found by what they depend on.
+
+Logs are simulated (`teleop_run`, seeds stated).
+"""
+
+from __future__ import annotations
+
+import shlex
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+from boats import BOATS, boat
+
+from companion.__main__ import main
+from companion.core.vessel import mass_matrix
+from sim.diagnose.adequacy import LeftOver, adequacy, depends_on, left_over
+from sim.diagnose.catalogue import catalogue, unaware
+from sim.diagnose.effect import Effect, Parameter
+from sim.diagnose.fit import Fit
+from sim.diagnose.generic import Generic, Group, widened
+from sim.diagnose.physics import Physics
+from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
+from sim.diagnose.sentences import WORDS
+from sim.identify.readers_table import write_run
+from sim.identify.run import Run
+from sim.identify.structured.boats import in_still_air
+from sim.identify.structured.noise import BIAS_AX, LATENT, OFFSET, L
+from sim.identify.teleop import teleop_run
+
+VESSEL = in_still_air(boat("aritra"))
+UNIT = (Parameter("a", "", 1.0, 1.0, 0.01),)
+
+
+@cache
+def drive(seed: int = 21, seconds: float = 100.0) -> Run:
+    return teleop_run(boat("aritra"), seed, seconds, uwb_hz=5.0, sigma_m=0.07)
+
+
+def bench(run: Run) -> tuple[Fit, Model]:
+    fit = Fit(Physics([run], VESSEL, 1.0), catalogue(VESSEL, [run]), stated_noise(VESSEL))
+    return fit, Selector(fit).base()
+
+
+@cache
+def clean() -> tuple[Fit, Model]:
+    return bench(drive())
+
+
+def shifted(effect_nodes: np.ndarray) -> Group:
+    return Group(("time",), Effect("one", "generic", "one", "", UNIT, {}), effect_nodes[:, :, None])
+
+
+def _heading(p, scene, y):
+    out = y.copy()
+    out[..., 0] += p["a"]
+    return out
+
+
+def _surge(p, scene, y):
+    out = y.copy()
+    out[..., 2] += p["a"]
+    return out
+
+
+def _push(p, scene):
+    return p["a"] * np.ones((*scene.t_s.shape, 1)) * (mass_matrix(VESSEL) @ np.array([0.3, -0.2, 0.5]))
+
+
+def _east(p, sight, place):
+    return place + p["a"] * np.array([0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("hooks", "entry", "value"),
+    [
+        ({"imu": _heading}, OFFSET, 1.0),
+        ({"imu": _surge}, BIAS_AX, 1.0),
+        ({"force": _push}, LATENT, np.array([0.3, -0.2, 0.5])),
+        ({"tag": _east}, 1, 1.0),
+    ],
+)
+def test_what_moves_a_node_is_what_the_engine_would_have_made_of_it(hooks, entry, value):
+    """Oracle: the engine's own column of an effect that does the same."""
+    fit, model = clean()
+    effect = Effect("same", "test", "", "", UNIT, hooks)
+    wanted = fit.lineariser.point(
+        fit.effects, model.point.theta, model.point.z, model.noise, [effect], model.point.state
+    )
+    nodes = np.zeros((len(model.point.z), L))
+    nodes[:, entry] = value
+    found = widened(model.point, (shifted(nodes),))
+    whole = np.zeros_like(found.chain.B[:, :, -1]) + wanted.chain.B[:, :, 0]
+    scale = np.abs(whole).max(axis=0) + 1e-9
+    assert (np.abs(found.chain.B[:, :, -1] - whole) <= 0.03 * scale).all()
+    assert found.chain.D[-1, -1] == pytest.approx(wanted.chain.D[0, 0], rel=0.03)
+    assert found.chain.d[-1] == pytest.approx(wanted.chain.d[0], rel=0.05, abs=0.05 * np.sqrt(wanted.chain.D[0, 0]))
+    off = np.abs(found.ties.G[:, :, -1] - wanted.ties.G[:, :, 0]).max(axis=0)
+    assert (off <= 0.03 * np.abs(wanted.ties.G[:, :, 0]).max() + 1e-9).all()
+
+
+def test_groups_have_known_words_and_do_something():
+    fit, model = clean()
+    groups = Generic(fit.physics, model.point).groups()
+    assert len({g.effect.id for g in groups}) == len(groups)
+    for group in groups:
+        assert {w.partition(":")[0] for w in group.words} <= set(WORDS)
+        assert group.nodes.shape == (*model.point.z.shape, len(group.effect.parameters))
+        assert (np.abs(group.nodes).max(axis=(0, 1)) > 0).all() and np.isfinite(group.nodes).all()
+
+
+def test_nothing_is_left_over_of_a_boat_that_is_as_believed():
+    fit, model = clean()
+    found = adequacy(fit, Selection(model, model, [], []), None)
+    report = found.adequacy
+    assert report.passed and not report.depends_on and not found.doubtful and not found.withdrawn
+    assert any(c.decides for c in report.checks) and any(not c.decides for c in report.checks)
+
+
+def _magnet(run: Run) -> Run:
+    """The compass is 6 degrees off in one half of the basin."""
+    table = run.table.with_columns(pl.col("north_m", "east_m").interpolate().forward_fill().backward_fill())
+    off = np.radians(6.0) * np.tanh(table["north_m"].to_numpy() - float(table["north_m"].mean()))  # type: ignore[arg-type]  # a float column
+    wrong = run.table["psi_rad"].to_numpy() + off
+    wrapped = pl.Series(np.arctan2(np.sin(wrong), np.cos(wrong))).fill_nan(None)
+    return Run(run.table.with_columns(psi_rad=wrapped), run.meta)
+
+
+def _ageing(run: Run) -> Run:
+    """The accelerometer warms up: a_x gains 0.3 m/s^2 in the middle of the log."""
+    t = run.table["t_s"].to_numpy()
+    bump = 0.3 * np.exp(-(((t - t.mean()) / 15.0) ** 2))
+    return Run(run.table.with_columns(ax_m_s2=pl.col("ax_m_s2") + pl.Series(bump)), run.meta)
+
+
+def _leaning(run: Run) -> Run:
+    """The tag's place is wrong by 0.3 m to the side that the boat turns to."""
+    table = run.table.with_columns(pl.col("psi_rad", "r_rad_s").interpolate().forward_fill().backward_fill())
+    side = 0.6 * table["r_rad_s"].to_numpy()
+    psi = table["psi_rad"].to_numpy()
+    return Run(run.table.with_columns(
+        north_m=pl.col("north_m") - pl.Series(side * np.sin(psi)),
+        east_m=pl.col("east_m") + pl.Series(side * np.cos(psi))), run.meta)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("fault", "word", "kind"),
+    [
+        (_magnet, "position", "heading error over position"),
+        (_ageing, "time", "a_x error over time"),
+        (_leaning, "speed", "place error over speed"),
+    ],
+)
+def test_what_no_entry_explains_is_found_by_what_it_depends_on(fault, word, kind):
+    fit, model = bench(fault(drive()))
+    report = adequacy(fit, Selection(model, model, [], []), None).adequacy
+    assert not report.passed and report.depends_on[0] == word
+    worst = max((c for c in report.checks if c.decides), key=lambda c: c.value)
+    assert worst.name == f"{kind} [nats]"
+
+
+def named(group_name: str, word: str) -> Group:
+    return Group((word,), Effect(group_name, "generic", "", "", UNIT, {}), np.zeros((2, L, 1)))
+
+
+def test_what_is_left_over_without_the_echoes_of_the_best():
+    a, b, c, d = (named(n, w) for n, w in (("a", "heading"), ("b", "time"), ("c", "speed"), ("d", "load")))
+    found = LeftOver(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
+    assert found.counted == (a, b)
+    assert found.is_akin("tether", found.counted) and not found.is_akin("lag", found.counted)
+    assert not LeftOver(((a, 11.0), (b, 3.0)), 0.0, {}, {}).counted
+
+
+def test_what_explains_more_of_the_base_comes_first():
+    a, b, c = (named(n, w) for n, w in (("a", "heading"), ("b", "thruster:x"), ("c", "time")))
+    after = LeftOver(((a, 50.0), (b, 40.0), (c, 3.0)), 0.0, {}, {})
+    before = LeftOver(((c, 900.0), (b, 800.0), (a, 100.0)), 0.0, {}, {})
+    assert depends_on(after, before) == ("thruster:x", "heading")
+    assert depends_on(after, after) == ("heading", "thruster:x")
+
+
+def selected(model: Model, after: Model, *ids: str) -> Selection:
+    causes = [Candidate(i, 100.0, 100.0, np.ones(1), np.eye(1), 3.0, 2.0) for i in ids]
+    return Selection(model, after, causes, [])
+
+
+def test_a_cause_that_the_logs_do_not_ask_for_is_withdrawn():
+    fit, model = clean()
+    found = adequacy(fit, selected(model, model, "gyro_scale"), None)
+    assert found.withdrawn == {"gyro_scale"} and found.adequacy.passed
+
+
+def test_a_cause_that_is_there_stands():
+    table = drive().table
+    run = Run(table.with_columns(r_rad_s=pl.col("r_rad_s") * 1.08), drive().meta)
+    fit, base = bench(run)
+    selector = Selector(fit)
+    final = selector.refit(base, frozenset({"gyro_scale"}), {"gyro_scale": np.array([0.08])})
+    found = adequacy(fit, selected(base, final, "gyro_scale"), None)
+    assert not found.withdrawn and not found.doubtful and found.adequacy.passed
+
+
+def test_causes_that_one_group_outdoes_stand_in_for_it():
+    """What the compass does in one half of the basin, said to be an offset of the heading everywhere."""
+    fit, base = bench(_magnet(drive()))
+    final = Selector(fit).refit(base, frozenset({"heading_offset"}), {"heading_offset": np.array([3.0])})
+    found = adequacy(fit, selected(base, final, "heading_offset"), None)
+    assert found.withdrawn == {"heading_offset"} and not found.adequacy.passed
+    assert found.adequacy.depends_on[0] == "position"
+
+
+def test_a_cause_is_akin_to_the_group_that_can_stand_in_for_it():
+    fit, model = clean()
+    name = "thruster_gain:front_port"
+    at = next(i for i, e in enumerate(model.chosen) if e.id == name)
+    start = sum(len(e.parameters) for e in model.chosen[:at])
+    theta = {**model.point.theta, name: np.array([0.05])}
+    assert model.own.theta0[start] == model.point.theta[name][0]
+    moved = Model(model.believed, _at_theta(fit, model, theta), model.noise, model.chosen, model.own, model.evidence)
+    akin = left_over(fit, moved, [name]).akin[name]
+    assert "generic:thrust, front_port" in akin
+    assert not {i for i in akin if "error" in i or "rear" in i.partition(",")[2]}
+
+
+def _at_theta(fit: Fit, model: Model, theta):
+    return fit.point(theta, model.point.z, model.chosen)
+
+
+def test_an_entry_can_be_left_out_by_name_or_head():
+    entries = catalogue(VESSEL, [drive()])
+    gone = unaware(entries, ["thruster_gain:front_port", "tether"])
+    assert {e.name for e in entries} - {e.name for e in gone} == {"thruster_gain:front_port", "tether"}
+    heads = {e.name for e in unaware(entries, ["thruster_gain"])}
+    assert not any(n.startswith("thruster_gain") for n in heads) and "thruster_fouling:front_port" in heads
+    with pytest.raises(ValueError, match=r"without 'teather': no such effect; there are .*tether"):
+        unaware(entries, ["teather"])
+    with pytest.raises(ValueError, match="base:M11_kg"):
+        unaware(entries, ["base:M11_kg"])
+
+
+def test_the_command_says_which_name_it_does_not_know(tmp_path, capsys):
+    table = drive().table.select(c for c in drive().table.columns if not c.startswith("true_"))
+    write_run(Run(table, drive().meta), tmp_path / "drive.csv")
+    words = f"diagnose {tmp_path}/drive.csv --vessel {BOATS}/aritra.toml --without teather --out {tmp_path}/out"
+    assert main(shlex.split(words)) == 2
+    assert "without 'teather': no such effect; there are " in capsys.readouterr().err

@@ -25,7 +25,7 @@ import numpy as np
 
 Values = Mapping[str, float]
 Hook = Callable[..., Any]
-TOLERANCE = 0.5  # of the smallest size worth a name; diagnosis method
+TOLERANCE = 0.35  # of the smallest size worth a name; assumed: of three such imperfections one is larger
 ABSENT = 1e-3  # of the smallest size, or of the prior of where and when: as good as not there
 READINGS = ("psi", "r", "ax", "ay", "place")
 STAGES = ("hull", "pwm", "maps", "thrust", "water", "force", "imu", "tag")

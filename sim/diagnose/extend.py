@@ -56,10 +56,17 @@ def refitted(vessel: VesselFile, nuisances: Sequence[Cause], source: str) -> Ves
     if not _loads(moved):
         moved = _with_hull(vessel, c | {k: before[k] for k in COUPLINGS}, source)
     for cause in mine:
-        if "hull" not in cause.effect.hooks and cause.kind != "base":
+        if cause.kind == "base" and "maps" in cause.effect.hooks:
+            moved = _rounded(cause.effect.hooks["maps"](dict(cause.own), moved))
+        elif "hull" not in cause.effect.hooks and cause.kind != "base":
             with suppress(NoPlaceError):
                 moved = extended(moved, cause)
     return moved
+
+
+def _rounded(vessel: VesselFile) -> VesselFile:
+    """Trims to whole microseconds, as autopilots have them."""
+    return replace(vessel, thrusters=tuple(replace(t, trim_us=round(t.trim_us)) for t in vessel.thrusters))
 
 
 def extended(vessel: VesselFile, cause: Cause) -> VesselFile:

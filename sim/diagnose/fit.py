@@ -129,6 +129,12 @@ class Fit:
         cost = point.cost + self._prior_cost(point.ties.rho, sigma, off, start)
         return chain, cost, float(np.log(sigma).sum() + len(self._first) * np.log(start).sum())
 
+    def cost(self, point: Point, chosen: Sequence[Effect], sigma: np.ndarray) -> float:
+        """What a fit makes least [nats]: data, ties, priors of nodes and parameters."""
+        now = flat(point.theta, chosen)
+        _, cost, _ = self.assembled(point, self.noise)
+        return cost + 0.5 * float((now / sigma) @ (now / sigma)) + self._scales(point.theta, chosen)[0]
+
     def _off(self, z: np.ndarray) -> np.ndarray:
         off = z[self._first].copy()
         off[:, STATE] -= self.z0[self._first, STATE]
@@ -238,8 +244,9 @@ class Fit:
     def _moved(
         self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], believed: frozenset[str], near: Point
     ) -> State:
-        """The motion at theta, z: effects that are not believed in, being small, by the secants of a point near it."""
-        lively = [e for e in chosen if e.id in believed or "hull" in e.hooks]
+        """The motion at theta, z: small effects that are not believed in by the secants of a point near it."""
+        size = {e.id: max(e.size(t[e.id]) for t in (theta, near.theta) if e.id in t) for e in chosen if e.id in theta}
+        lively = [e for e in chosen if e.id in believed or "hull" in e.hooks or size.get(e.id, 0.0) >= 1]
         ids = {e.id for e in lively}
         small = [{i: values for i, values in t.items() if i not in ids} for t in (theta, near.theta)]
         d = near.z[:, LATENT]

@@ -25,6 +25,7 @@ from sim.diagnose.noise import tuned_latent
 from sim.diagnose.physics import Physics, Theta
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, Told, family, point, public, smallest
+from sim.diagnose.search import Found, search
 from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
@@ -49,13 +50,17 @@ Adequate = Callable[[Fit, Selection, Noise | None], Judgement]
 
 @dataclass(frozen=True)
 class Named:
-    """A cause in public: what is said of it, its size over the smallest worth a name, its values for the files."""
+    """A cause in public: what is said of it, its size over the smallest worth a name, its values for the files.
+
+    `fitted`: id of the entry by which the fit has it (empty: none). `form_doubtful`: see `Cause` of `search`.
+    """
 
     candidate: Candidate
     effect: Effect
     numbers: dict[str, Told]
     smallest: tuple[float, str]
     cause: Cause
+    fitted: str
     form_doubtful: bool = False
 
 
@@ -122,17 +127,18 @@ def diagnose(
     parted = split(_logs(runs), _logs(held_out), vessel, block_s)
     own = tuple(more(vessel))
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    known = unaware(catalogue(vessel, parted.fitted, own), without)
-    fit = Fit(Physics(parted.fitted, vessel, WINDOW_S), known, _stated(vessel, ambient))
-    selection = Selector(fit, lambda text, share: say(STEPS[1], text, min(share, 0.99))).run()
+    entries = unaware(catalogue(vessel, parted.fitted, own), without)
+    fit = Fit(Physics(parted.fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
+    everything = search(fit, without, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
+    selection = everything.selection
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
     refit, standing = _refit(fit, selection.base)
-    found = _named(fit, selection, seed)
+    found = _named(fit, everything, seed)
     sound = adequacy(fit, selection, ambient) if adequacy else None
     if sound is not None:
-        found = tuple(replace(n, form_doubtful=n.candidate.id in sound.doubtful) for n in found
-                      if n.candidate.id not in sound.withdrawn)  # fmt: skip
+        found = tuple(replace(n, form_doubtful=n.form_doubtful or n.fitted in sound.doubtful) for n in found
+                      if n.fitted not in sound.withdrawn)  # fmt: skip
     sufficient = sound.adequacy if sound is not None else None
     apart = identifiability(fit, selection) if identifiability else None
     same = {n.effect.name: n.effect.same_as for n in found}
@@ -201,9 +207,9 @@ def _refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
         for e in few
     }
     fit.noise = base.noise
-    found = fit.solve(theta, base.point.z, few, frozenset(), steps=2)
+    found = fit.solve(theta, base.point.z, few, frozenset(), steps=2, before=base.point)
     fit.noise = tuned_latent(fit, found)
-    found = fit.solve(found.theta, found.z, few, frozenset(), steps=2, before=found)
+    found = fit.solve(found.theta, found.z, few, frozenset(), steps=1, before=found)
     return Believed(found.theta, fit.noise), found
 
 
@@ -221,11 +227,11 @@ def _beside(fit: Fit, selection: Selection, causes: Sequence[Named]) -> Theta:
     Free beside them are the bands of sensors and environment, which no file gets: what they did that day is not the
     boat's. Chosen on seven hidden cases (nonce "report") against keeping the whole catalogue free.
     """
-    final, ids = selection.final, frozenset(n.effect.id for n in causes)
+    final, ids = selection.final, frozenset(n.fitted for n in causes)
     chosen = [e for e in fit.effects if e.id in ids or _is_number(e) or (e.everyday and e.family in OF_THE_DAY)]
     theta = {k: v for k, v in final.point.theta.items() if k in {e.id for e in chosen}}
     fit.noise = final.noise
-    return fit.solve(theta, final.point.z, chosen, ids, steps=2).theta
+    return fit.solve(theta, final.point.z, chosen, ids, steps=2, before=final.point).theta
 
 
 def _is_number(effect: Effect) -> bool:
@@ -242,17 +248,16 @@ def _cause(fit: Fit, effect: Effect, values: np.ndarray, note: str) -> Cause:
     return Cause(effect, own, point(effect, values, _place(fit)), note)
 
 
-def _named(fit: Fit, selection: Selection, seed: int) -> tuple[Named, ...]:
+def _named(fit: Fit, found: Found, seed: int) -> tuple[Named, ...]:
     """Accepted causes, the surest first."""
-    by_id = {e.id: e for e in fit.effects}
     out = []
-    for candidate in sorted(selection.causes, key=lambda c: -c.nats):
-        effect = by_id[candidate.id]
+    for one in found.causes:
+        effect, candidate = one.effect, one.candidate
         numbers = public(effect, candidate.values, candidate.covariance, _place(fit), seed)
         told = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
         note = f"{effect.name}{f' ({told})' if told else ''} found by aritra diagnose"
-        cause = replace(_cause(fit, effect, candidate.values, note), forces_n=_forces(selection.final))
-        out.append(Named(candidate, effect, numbers, smallest(effect), cause))
+        cause = replace(_cause(fit, effect, candidate.values, note), forces_n=_forces(found.selection.final))
+        out.append(Named(candidate, effect, numbers, smallest(effect), cause, one.fitted, one.form_doubtful))
     return tuple(out)
 
 
@@ -269,7 +274,7 @@ def _files(fit: Fit, refit: Believed, theta: Theta, causes: Sequence[Named], fin
     plain = trusted(refitted(vessel, _nuisances(fit, refit.theta, (), note), note), refit.noise, left_out)
     if not causes:
         return Files(plain, plain, plain, {})
-    names = {n.effect.name for n in causes}
+    names = {n.effect.name for n in causes} | {n.fitted for n in causes}
     beside = refitted(vessel, _nuisances(fit, theta, names, note), note)
     mine = [n.cause for n in causes]
     extended, left = with_causes(beside, mine)
@@ -282,5 +287,5 @@ def _nuisances(fit: Fit, theta: Theta, names: set[str] | tuple[str, ...], note: 
 
 def _sayable(fit: Fit, selection: Selection, theta: Theta, causes: Sequence[Named]) -> Believed:
     """Causes and base numbers, not the tolerance bands that no file gets."""
-    kept = {n.effect.id for n in causes} | {e.id for e in fit.effects if _is_number(e)}
+    kept = {n.fitted for n in causes} | {e.id for e in fit.effects if _is_number(e)}
     return Believed({k: v for k, v in theta.items() if k in kept}, selection.final.noise)

@@ -59,7 +59,7 @@ class Point:
 
 
 class Lineariser:
-    """Residuals and normal equations on the windows of `physics`."""
+    """Residuals and normal equations on the windows of `physics`. `weight` (m,): what each position sample counts."""
 
     def __init__(self, physics: Physics):
         self.physics, self.windows = physics, physics.windows
@@ -67,6 +67,7 @@ class Lineariser:
         self._imu_arm = (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m)
         self._arm = np.array([vessel.sensors.uwb.x_m, vessel.sensors.uwb.y_m])
         self._window, self._index, self._when = self._places(vessel.sensors.uwb.latency_s)
+        self.weight = np.ones(len(self._when))
         self._by_window = np.argsort(self._window, kind="stable")
         self._delta = self._when - self.windows.t_s[self._window, self._index]
 
@@ -177,7 +178,7 @@ class Lineariser:
         columns = columns or self.columns(effects, theta, state, chosen)
         _, frame = self._sight(state)
         size = np.sqrt((fix**2).sum(axis=1))
-        root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))[:, None]
+        root = np.sqrt(self.weight * np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))[:, None]
         W, P = self.windows.size[0], columns.a.shape[3]
         chain = Chain(*(np.zeros(shape) for shape in ((W, L, L), (W, L, L), (W, L, P), (P, P), (W, L), (P,))))
         ends = np.empty((W, 6, X0_D + P))
@@ -197,7 +198,7 @@ class Lineariser:
             shares["place"][part] = chain.A[part] - before
             ends[part] = S[:, -1]
         ties = self._ties(state, ends, z, noise, P)
-        return Point(theta, z, state, chain, ties, _cost(residual, fix), residual, fix, columns, shares)
+        return Point(theta, z, state, chain, ties, _cost(residual, fix, self.weight), residual, fix, columns, shares)
 
     def cost(
         self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, state: State
@@ -205,7 +206,7 @@ class Lineariser:
         """Cost of the data alone [nats] where the boat moves as in `state`, and what the ties leave (T, L)."""
         residual, fix = self.residuals(effects, theta, state, z, noise)
         at, decay, _ = self._tied(noise)
-        return _cost(residual, fix), _rho(state, z, at, decay)
+        return _cost(residual, fix, self.weight), _rho(state, z, at, decay)
 
     def _tied(self, noise: Noise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at = np.flatnonzero(~np.append(self.windows.first[1:], True))
@@ -304,9 +305,9 @@ def _rho(state: State, z: np.ndarray, at: np.ndarray, decay: np.ndarray) -> np.n
     return z[at + 1] - reached
 
 
-def _cost(residual: np.ndarray, fix: np.ndarray) -> float:
+def _cost(residual: np.ndarray, fix: np.ndarray, weight: np.ndarray) -> float:
     size = np.sqrt((fix**2).sum(axis=1))
-    huber = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum()
+    huber = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) @ weight
     return 0.5 * (float(np.nansum(residual**2)) + float(huber))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import replace as dataclass_replace
 from typing import Any
 
 import casadi as ca
@@ -20,7 +21,7 @@ from msgspec.structs import replace
 from companion.core.dynamics import eta_dot
 from companion.core.thrusters import configuration_matrix
 from companion.core.vessel import StructuredModel
-from companion.core.vessel_file import VesselFile
+from companion.core.vessel_file import Propulsion, VesselFile
 from sim.diagnose.clock import clock_start
 from sim.diagnose.effect import Effect, Scene, Sight, Values
 from sim.diagnose.thin import thinned
@@ -30,11 +31,13 @@ from sim.identify.structured.data import Windows, cut
 from sim.identify.structured.model import N_HULL, Batch, symbolic_model
 from sim.identify.structured.noise import LATENT, STATE
 from sim.identify.structured.parameters import HULL, Parameters, file_values
-from sim.identify.structured.thrust import Commands, ThrustHistory
+from sim.identify.structured.thrust import Commands, SlewedHistory, ThrustHistory
 
 Theta = Mapping[str, np.ndarray]
 """Parameters by effect id; effects that are not in it do nothing."""
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
+NUDGES = (0.05, 0.05, 0.01, 0.01, 0.01, 0.01)  # of x y psi u v r, for the slopes of forces
+NEARBY = 0.1  # of the value of a far effect that is believed in: how far its secant reaches
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
@@ -50,7 +53,7 @@ class Forces:
 class State:
     """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them.
 
-    `given`: accelerations that came from outside the effects, see `Physics.move`.
+    `given`: accelerations that came from outside the effects, see `Physics.move`; `by`: ids of these.
     """
 
     x: np.ndarray
@@ -62,6 +65,7 @@ class State:
     forces: Forces
     hull: np.ndarray
     given: np.ndarray | None
+    by: frozenset[str]
 
 
 class Physics:
@@ -112,12 +116,13 @@ class Physics:
         for effect, p in values_of(effects, theta, "maps"):
             vessel = effect.hooks["maps"](p, vessel)
         pulses = values_of(effects, theta, "pwm")
-        key = (tuple(vessel.force_maps.items()), tuple((e.id, *p.values()) for e, p in pulses))
+        trims = tuple(t.trim_us for t in vessel.thrusters)
+        key = (tuple(vessel.force_maps.items()), trims, tuple((e.id, *p.values()) for e, p in pulses))
         commands = self._commands(key, vessel, pulses)
         gains, propulsion = np.array([t.gain for t in vessel.thrusters]), vessel.propulsion
         f, middle = [], []
         for span, own, width in zip(self.windows.spans, commands, self._means_s, strict=True):
-            history = ThrustHistory(own, propulsion.dead_time_s, propulsion.lag_s)
+            history = _history(own, propulsion)
             f.append(_mean(history, self.windows.t_s[span], width))
             middle.append(_mean(history, self._middle[span], width))
         return Forces(np.concatenate(f) * gains, np.concatenate(middle) * gains)
@@ -141,10 +146,22 @@ class Physics:
         `given`: accelerations (W, K+1, 3) of what is not among `effects`.
         """
         settle = any(values_of(effects, theta, "thrust", "force", "water"))
-        for _ in range(2 if settle else 1):
+        felt = [e for e in effects if e.id in theta and {"thrust", "force"} & set(e.hooks) and e.size(theta[e.id]) >= 1]
+        for _ in range(3 if felt else 2 if settle else 1):
             before = self._pass(effects, theta, z, before, given)
         assert before is not None
-        return before
+        return dataclass_replace(before, A=before.A + self._feedback(felt, theta, before)) if felt else before
+
+    def _feedback(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+        """What the forces of `effects` add to A, (W, K+1, 6, 6): they depend on the motion that they change."""
+        scene, out = self.scene(state), np.zeros_like(state.A)
+        now = self.extra(effects, theta, scene, state.forces.f)[0]
+        for j, nudge in enumerate(NUDGES):
+            x = state.x.copy()
+            x[..., j] += nudge
+            there = self.extra(effects, theta, dataclass_replace(scene, x=x), state.forces.f)[0]
+            out[..., 3:, j] = (there - now) / nudge @ state.M_inv.T
+        return out
 
     def _pass(
         self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, before: State | None, given: np.ndarray | None
@@ -176,11 +193,12 @@ class Physics:
             forces,
             hull,
             given,
+            frozenset(e.id for e in effects),
         )
 
     def remainder(self, effects: Sequence[Effect], theta: Theta, state: State, d: np.ndarray) -> np.ndarray:
         """What of the accelerations (W, K+1, 3) in `state` does not come from `effects` nor from d (W, 3)."""
-        if state.given is not None:
+        if state.given is not None and state.by == frozenset(e.id for e in effects):
             return state.given
         W, K = self.windows.size
         forces = self.forces(effects, theta)
@@ -251,7 +269,13 @@ class Physics:
         return out
 
 
-def _mean(history: ThrustHistory, t_s: np.ndarray, width_s: float) -> np.ndarray:
+def _history(commands: Commands, propulsion: Propulsion) -> ThrustHistory | SlewedHistory:
+    if propulsion.slew_N_s is None:
+        return ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s)
+    return SlewedHistory(commands, propulsion.dead_time_s, propulsion.lag_s, propulsion.slew_N_s)
+
+
+def _mean(history: ThrustHistory | SlewedHistory, t_s: np.ndarray, width_s: float) -> np.ndarray:
     """Forces averaged over `width_s` round `t_s`, as the samples that they are compared with are."""
     if not width_s:
         return history.at(t_s)[0]
@@ -267,7 +291,7 @@ def secants(chosen: Sequence[Effect], theta: Theta) -> Iterator[tuple[Effect, np
         now = theta.get(effect.id, np.zeros(len(effect.parameters)))
         for j, parameter in enumerate(effect.parameters):
             step = np.zeros(len(effect.parameters))
-            reach = parameter.step
+            reach = NEARBY * abs(now[j]) if effect.far and now[j] else parameter.step
             step[j] = reach if now[j] + reach <= parameter.upper else -reach
             yield effect, now, step
 

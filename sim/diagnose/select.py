@@ -1,7 +1,8 @@
 """Which effects the logs ask for: forward by evidence with refits to convergence, then backward.
 
-Accepted is an effect whose evidence against "it is not there" is at least `NATS` and whose size exceeds the smallest
-worth a name by its lower 95 % limit, all other entries of the catalogue being free within their tolerance bands.
+Accepted is an effect whose evidence against "it is not there" is at least `NATS`, against "it is within its tolerance
+band" at least `GAIN`, and whose size exceeds the smallest worth a name by its lower 95 % limit, all other entries of
+the catalogue being free within their tolerance bands.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from sim.identify.structured.fit import with_latent
 from sim.identify.structured.noise import Noise, noise_of
 
 NATS = 12.0
-RIVAL_NATS = 6.0
+GAIN = 3.0  # nats over the tolerance band: twenty to one
 REFIT = 3  # how many candidates a round refits
 NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
+ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
+SHARES = (1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
 Z95 = 1.644854  # one-sided
 LATENTS = (1.0, 0.3, 0.1)
 OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
@@ -44,8 +47,8 @@ class Candidate:
 
     @property
     def accepted(self) -> bool:
-        """Large and sure enough to be named."""
-        return self.nats >= NATS and self.lower > 1.0
+        """Large and sure enough to be named, and not as well explained within its tolerance band."""
+        return self.nats >= NATS and self.gain >= GAIN and self.lower > 1.0
 
 
 @dataclass
@@ -86,10 +89,13 @@ class Selector:
         self._at = slices(fit.effects)
         self.everyday = [e for e in fit.effects if e.everyday]
 
-    def base(self) -> Model:
-        """The vessel file's model refitted within the tolerance of its coefficients, and the noise found on the way."""
+    def base(self, stated: Noise | None = None) -> Model:
+        """The vessel file's model refitted within the tolerance of its coefficients, and the noise found on the way.
+
+        `stated`: noise to begin with, if not the fit's.
+        """
         fit = self.fit
-        stated = fit.noise
+        stated = stated or fit.noise
         few, chosen, none = [e for e in self.everyday if e.family == "base"], self.everyday, frozenset()
         fit.noise = replace(stated, slack=100.0)
         point = fit.solve({}, fit.z0, few, none, steps=1)
@@ -110,11 +116,29 @@ class Selector:
         chosen = [*self.everyday, *(self.by_id[i] for i in sorted(believed) if not self.by_id[i].everyday)]
         ids = {e.id for e in chosen}
         theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
-        point = fit.solve(theta, start.point.z, chosen, believed, steps=4, tolerance=1.0)
+        point = self._first(theta, values, start, chosen, believed)
+        point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=1.0, before=point)
         fit.noise = tuned_latent(fit, point)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
         fit.noise = tuned_latent(fit, point)
         return self._finished(believed, point, chosen)
+
+    def _first(
+        self,
+        theta: dict[str, np.ndarray],
+        values: dict[str, np.ndarray],
+        start: Model,
+        chosen: Sequence[Effect],
+        believed: frozenset[str],
+    ) -> Point:
+        """One step from `values`; of a far effect, which secants tell little of, from the best of several shares."""
+        shares = SHARES if any(self.by_id[i].far for i in values) else (1.0,)
+        points = []
+        for share in shares:
+            guess = theta | {i: share * v for i, v in values.items()}
+            points.append(self.fit.solve(guess, start.point.z, chosen, believed, steps=1, before=start.point))
+        sigma = self.fit.sigma(chosen, believed)
+        return min(points, key=lambda p: self.fit.cost(p, chosen, sigma))
 
     def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
         reduced = self.fit.reduced(point, chosen)
@@ -154,10 +178,9 @@ class Selector:
         within = self.fit.sigma(model.chosen, model.believed - {id_})
         return _beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
 
-    def run(self) -> Selection:
+    def run(self, base: Model | None = None) -> Selection:
         """From the base to the end."""
-        self.say("base", 0.0)
-        base = model = self.base()
+        base = model = base or self.base()
         ranking: list[Candidate] = []
         rivals: dict[str, list[tuple[str, float]]] = {}
         for round_ in range(MOST):
@@ -185,13 +208,14 @@ class Selector:
         names: set[str] = set()
         for c in hopeful:
             name = self.by_id[c.id].name
-            if name in names or len(tried) >= REFIT or (tried and hopeful[0].gain - c.gain > NEAR):
+            sure = any(self._judged(m, id_).accepted for m, id_ in tried)
+            if name in names or len(tried) >= REFIT or (sure and hopeful[0].gain - c.gain > NEAR):
                 continue
             names.add(name)
             tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._inside(c)}), c.id))
         tried.sort(key=lambda t: -t[0].evidence)
         one, id_ = tried[0]
-        if not self._judged(one, id_).accepted:
+        if one.point.cost > ASTRAY * model.point.cost or not self._judged(one, id_).accepted:
             return None, []
         return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[1:]]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
-from sim.diagnose.catalogue import environment, hull, propulsion, sensors
+from sim.diagnose.catalogue import chance, environment, hull, propulsion, sensors
 from sim.diagnose.clock import clock_start
 from sim.diagnose.effect import Effect
 from sim.identify.run import Run
@@ -30,6 +30,7 @@ def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = 
     entries = (
         *hull.base(),
         *sensors.base(),
+        *propulsion.base(vessel),
         *hull.effects(vessel),
         *propulsion.effects(vessel, onsets),
         *environment.effects(vessel, centres, end - start),
@@ -47,7 +48,7 @@ def unaware(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ..
 
     For the question what a diagnosis would say of something that it did not know. ValueError where there is none such.
     """
-    there = {e.name for e in entries if e.family != "base"}
+    there = {e.name for e in (*entries, *chance.effects()) if e.family != "base"}
     heads = {name.partition(":")[0] for name in there}
     if strange := [name for name in names if name not in there | heads]:
         raise ValueError(f"without {strange[0]!r}: no such effect; there are {', '.join(sorted(heads))}")

@@ -12,7 +12,7 @@ from sim.diagnose.catalogue.parts import number, share, vector
 from sim.diagnose.effect import Effect, Hook, Parameter, Scene, Values
 from sim.identify.structured.parameters import HULL
 
-BASE_SIGMA = 0.04  # of each coefficient, always: nobody knows them better; diagnosis method
+BASE_SIGMA = 0.03  # of each coefficient, always: nobody knows them better; assumed
 COUPLED_SIGMA = 0.01  # of a coupling, as a share of the root of its diagonals; `cg_shift` has a band beside it
 COUPLED = {
     "M23_kg_m": ("M22_kg", "M33_kg_m2"),

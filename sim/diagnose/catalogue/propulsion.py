@@ -12,6 +12,7 @@ from companion.core.vessel_file import RotorMap, VesselFile
 from sim.diagnose.catalogue.parts import number, share
 from sim.diagnose.effect import Effect, Parameter, Scene, Values
 
+TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
 WASH_N = 30.0  # thrust of the one ahead at which the loss is stated
 
 
@@ -42,6 +43,23 @@ def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]
     yield from _common(vessel)
     yield from _timing()
     yield from _flow(vessel)
+
+
+def base(vessel: VesselFile) -> Iterator[Effect]:
+    """Always allowed for, never named: a neutral that is not quite where the file has it."""
+    for i, thruster in enumerate(vessel.thrusters):
+        parameter = Parameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
+        hook = _trimmed(i)
+        yield Effect(f"base:trim:{thruster.name}", "base", "trim + delta", "", (parameter,), {"maps": hook})
+
+
+def _trimmed(i: int) -> Callable[[Values, VesselFile], VesselFile]:
+    def hook(p: Values, vessel: VesselFile) -> VesselFile:
+        thrusters = list(vessel.thrusters)
+        thrusters[i] = replace(thrusters[i], trim_us=thrusters[i].trim_us + p["trim_us"])
+        return replace(vessel, thrusters=tuple(thrusters))
+
+    return hook
 
 
 def _gain(i: int) -> Callable[[Values, Scene, np.ndarray], np.ndarray]:
@@ -162,8 +180,8 @@ def _timing() -> Iterator[Effect]:
         "propulsion",
         "|df/dt| <= 1 / slowness",
         "large changes of thrust take time in proportion to their size",
-        (Parameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.012, 0.0, 1.0),),
-        {"thrust": _limited},
+        (Parameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.02, 0.0, 1.0),),
+        {"maps": _limited},
         far=True,
     )
 
@@ -176,25 +194,11 @@ def _propulsion(key: str, least: float) -> Callable[[Values, VesselFile], Vessel
     return hook
 
 
-def _limited(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
-    """Forces that follow `f` no faster than 1 / slowness [N/s], log by log."""
-    if p["slowness_s_N"] <= 0:
-        return f
-    out = f.copy()
-    for log in np.unique(scene.log):
-        mine = np.flatnonzero(scene.log == log)
-        t, wanted = scene.t_s[mine][:, :-1].ravel(), f[mine][:, :-1].reshape(-1, f.shape[2])
-        most = np.diff(t, append=t[-1])[:, None] / p["slowness_s_N"]
-        now, got = wanted[0].copy(), np.empty_like(wanted)
-        for k in range(len(t)):
-            got[k] = now
-            if k + 1 < len(t):
-                now = now + np.clip(wanted[k + 1] - now, -most[k], most[k])
-        got = got.reshape(len(mine), -1, f.shape[2])
-        out[mine, :-1] = got
-        out[mine[:-1], -1] = got[1:, 0]
-        out[mine[-1], -1] = got[-1, -1]
-    return out
+def _limited(p: Values, vessel: VesselFile) -> VesselFile:
+    """A slowness of nil is no limit."""
+    now = vessel.propulsion
+    slowness = p["slowness_s_N"] + (1 / now.slew_N_s if now.slew_N_s else 0.0)
+    return replace(vessel, propulsion=replace(now, slew_N_s=1 / slowness if slowness > 0 else None))
 
 
 def _flow(vessel: VesselFile) -> Iterator[Effect]:

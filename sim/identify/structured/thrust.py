@@ -87,6 +87,32 @@ class ThrustHistory:
         )
 
 
+class SlewedHistory:
+    """Forces of one run that change no faster than `slew_n_s` [N/s]: f_dot = clip((F - f) / T_lag, -slew, slew)."""
+
+    def __init__(self, commands: Commands, dead_time_s: float, lag_s: float, slew_n_s: float):
+        self._t, self._F = commands.t_s + dead_time_s, commands.force_n
+        self._lag, self._slew = lag_s, slew_n_s
+        self._f = np.empty_like(self._F)
+        f = self._F[0]
+        for j, since in enumerate(np.append(np.diff(self._t), 0.0)):
+            self._f[j] = f
+            f = self._after(f, self._F[j], since)
+
+    def _after(self, f: np.ndarray, F: np.ndarray, since: np.ndarray | float) -> np.ndarray:
+        """Steadily until the lag alone is slower, then as the lag has it."""
+        gap, tail = F - f, self._lag * self._slew
+        steady = np.maximum(np.abs(gap) - tail, 0.0) / self._slew
+        left = np.clip(gap, -tail, tail) * np.exp(-np.maximum(since - steady, 0.0) / self._lag)
+        return np.where(since < steady, f + np.sign(gap) * self._slew * since, F - left)
+
+    def at(self, t_s: np.ndarray) -> tuple[np.ndarray]:
+        """f at `t_s` of any shape, (*shape, n)."""
+        j = np.maximum(np.searchsorted(self._t, t_s, side="right") - 1, 0)
+        since = np.maximum(t_s - self._t[j], 0.0)[..., None]
+        return (self._after(self._f[j], self._F[j], since),)
+
+
 def _recursion(keep: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.ndarray:
     """y_{j+1} = keep_j y_j + added_j from y_0 = first; shapes (c - 1, 1), (c - 1, n), (n,) -> (c, n)."""
     bands = np.ones((2, len(keep) + 1))

@@ -1,0 +1,58 @@
+"""All causes of one set of logs: those of chance beside those that the linearisation can express.
+
+base -> fixes without line of sight, which from then on count for less -> selection -> waves, gusts
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sim.diagnose.effect import Effect
+from sim.diagnose.fit import Fit
+from sim.diagnose.select import Candidate, Say, Selection, Selector
+from sim.diagnose.stochastic import Chance, about_nlos, stochastic
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One accepted cause: its entry, and by what entry of the fit it stands there (empty: by none).
+
+    `form_doubtful`: the family is right, its form is not quite.
+    """
+
+    effect: Effect
+    candidate: Candidate
+    fitted: str
+    form_doubtful: bool = False
+
+
+@dataclass(frozen=True)
+class Found:
+    """The selection and all causes, the surest first."""
+
+    selection: Selection
+    causes: tuple[Cause, ...]
+
+
+def search(fit: Fit, without: Sequence[str] = (), say: Say = lambda _text, _share: None) -> Found:
+    """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for."""
+    selector = Selector(fit, say)
+    say("base", 0.0)
+    base = selector.base()
+    blocked = about_nlos(fit, base)
+    if blocked is not None and blocked.candidate.accepted and blocked.fix_weight is not None:
+        fit.lineariser.weight = blocked.fix_weight
+        base = selector.base(base.noise)
+    selection = selector.run(base)
+    say("waves, gusts, fixes without line of sight", 0.9)
+    by_chance = [c for c in stochastic(fit, selection.final, selection.causes) if c.effect.name not in without]
+    return Found(selection, _together(fit, selection, by_chance))
+
+
+def _together(fit: Fit, selection: Selection, by_chance: Sequence[Chance]) -> tuple[Cause, ...]:
+    by_id = {e.id: e for e in fit.effects}
+    replaced = {c.replaces for c in by_chance if c.replaces}
+    causes = [Cause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]
+    causes += [Cause(c.effect, c.candidate, c.replaces, c.form_doubtful) for c in by_chance]
+    return tuple(sorted(causes, key=lambda c: -c.candidate.nats))

@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 import evidence_diagnose_driving as driving
+import evidence_diagnose_hidden as hidden
 
-PARTS = (*driving.PARTS,)
+PARTS = (*hidden.PARTS, *driving.PARTS)

@@ -58,6 +58,7 @@ def add_parser(commands) -> None:
     )
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
     p.add_argument("--plan", action="store_true", help="write manoeuvre.toml also where no named cause is in doubt")
+    p.add_argument("--no-report", action="store_true", help="findings and vessel files only, which is quicker")
     p.add_argument("--seed", type=int, default=0, help="of the intervals by resampling")
     p.set_defaults(function=diagnose)
 
@@ -96,8 +97,8 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
                 logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
                 without=args.without, identifiability=telling, say=say, seed=args.seed, clock=time.monotonic,
             )  # fmt: skip
-            say("report", "tables and pictures", 0.0)
-            files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:], now_utc())
+            say("report", "" if args.no_report else "tables and pictures", 0.0)
+            files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report)
             for name, data in files.items():
                 (args.out / name).write_bytes(data)
             say("report", "", 1.0)

@@ -19,9 +19,17 @@ RANKED = 12
 
 
 def outputs(
-    found: Diagnosis, vessel_text: str, versions: Mapping[str, str], command: Sequence[str], stamp: str
+    found: Diagnosis,
+    vessel_text: str,
+    versions: Mapping[str, str],
+    command: Sequence[str],
+    stamp: str,
+    pictured: bool = True,
 ) -> dict[str, bytes]:
-    """Every file. `vessel_text`: the vessel file as given; `command`: words of the command line; `stamp`: UTC."""
+    """Every file. `vessel_text`: the vessel file as given; `command`: words of the command line; `stamp`: UTC.
+
+    Without `pictured`: all but the report.
+    """
     logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
     head = f"By `aritra diagnose` {stamp} from {logs}; {form.REPORT} and {form.FINDINGS} beside this file.\n"
     told = {
@@ -33,10 +41,18 @@ def outputs(
     files = {name: vessel_toml(vessel, head + told[name]).encode() for name, vessel in vessels.items()}
     if found.identifiability is not None and (manoeuvre := found.identifiability.file):
         files[form.MANOEUVRE] = manoeuvre.encode()
-    files[form.REPORT] = report(found).encode()
+    if pictured:
+        files[form.REPORT] = report(found).encode()
     made = findings(found, vessel_text, versions, command)
-    files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n"
+    files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(made, enc_hook=_plain), indent=1) + b"\n"
     return files
+
+
+def _plain(value: object) -> object:
+    """Numbers of numpy as Python's own."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no place in findings.json")
 
 
 def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]) -> form.Findings:

@@ -322,7 +322,8 @@ def values_of(effects: Sequence[Effect], theta: Theta, *stages: str) -> list[tup
 def _repulsed(run: Run, vessel: VesselFile, effect: Effect, p: Values) -> Run:
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
     pwm = effect.hooks["pwm"](p, run.table.select(names).to_numpy())
-    return Run(run.table.with_columns(**{n: pl.Series(c) for n, c in zip(names, pwm.T, strict=True)}), run.meta)
+    pulses = {n: pl.Series(c).fill_nan(None) for n, c in zip(names, pwm.T, strict=True)}  # blank: before the first
+    return Run(run.table.with_columns(**pulses), run.meta)
 
 
 def sight(physics: Physics, x: np.ndarray, nu_dot: np.ndarray, delta_s: np.ndarray, arm: np.ndarray, when: np.ndarray):

@@ -23,6 +23,7 @@ from sim.diagnose.select import Z95, Candidate, Model
 from sim.diagnose.stochastic import gusts as gusty
 from sim.diagnose.stochastic import nlos, waves
 from sim.diagnose.stochastic.left_over import LeftOver, left_over
+from sim.identify.structured.data import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
 
@@ -47,8 +48,9 @@ class Chance:
 
 def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = ()) -> list[Chance]:
     """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there."""
-    found = [about_nlos(fit, model), about_waves(fit, model)]
-    found += [about_gusts(fit, model, c) for c in causes if c.id == "wind"]
+    found = [about_nlos(fit, model)]
+    if np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any():  # without accelerometers nothing shows them
+        found += [about_waves(fit, model), *(about_gusts(fit, model, c) for c in causes if c.id == "wind")]
     accepted = [c for c in found if c is not None and c.candidate.accepted]
     return sorted(accepted, key=lambda c: -c.candidate.nats)
 

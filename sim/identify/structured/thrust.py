@@ -9,6 +9,7 @@ F holds between changes, so that f is a chain of exponentials; it knows nothing 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,11 +94,8 @@ class SlewedHistory:
     def __init__(self, commands: Commands, dead_time_s: float, lag_s: float, slew_n_s: float):
         self._t, self._F = commands.t_s + dead_time_s, commands.force_n
         self._lag, self._slew = lag_s, slew_n_s
-        self._f = np.empty_like(self._F)
-        f = self._F[0]
-        for j, since in enumerate(np.append(np.diff(self._t), 0.0)):
-            self._f[j] = f
-            f = self._after(f, self._F[j], since)
+        dt = np.diff(self._t).tolist()
+        self._f = np.column_stack([_slewed(column.tolist(), dt, lag_s, slew_n_s) for column in self._F.T])
 
     def _after(self, f: np.ndarray, F: np.ndarray, since: np.ndarray | float) -> np.ndarray:
         """Steadily until the lag alone is slower, then as the lag has it."""
@@ -111,6 +109,20 @@ class SlewedHistory:
         j = np.maximum(np.searchsorted(self._t, t_s, side="right") - 1, 0)
         since = np.maximum(t_s - self._t[j], 0.0)[..., None]
         return (self._after(self._f[j], self._F[j], since),)
+
+
+def _slewed(F: list[float], dt: list[float], lag_s: float, slew: float) -> list[float]:
+    """Force of one thruster at each change, before it acts. Plain floats: each depends on the one before."""
+    f, tail, out = F[0], lag_s * slew, [F[0]]
+    for wanted, since in zip(F, dt, strict=False):
+        gap = wanted - f
+        steady = max(abs(gap) - tail, 0.0) / slew
+        if since < steady:
+            f += math.copysign(slew * since, gap)
+        else:
+            f = wanted - max(-tail, min(gap, tail)) * math.exp(-(since - steady) / lag_s)
+        out.append(f)
+    return out
 
 
 def _recursion(keep: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.ndarray:

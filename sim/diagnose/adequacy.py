@@ -67,9 +67,13 @@ class Judgement:
     withdrawn: frozenset[str] = frozenset()
 
 
-def left_over(fit: Fit, model: Model, causes: Sequence[str]) -> LeftOver:
-    """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
-    groups = Generic(fit.physics, model.point).groups()
+def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Sequence[str] = ()) -> LeftOver:
+    """Nats of all groups beside `causes` (ids of entries) at a fitted model.
+
+    `echoes`: how the names of groups begin that only say what a cause of chance has said.
+    """
+    every = Generic(fit.physics, model.point).groups()
+    groups = tuple(g for g in every if not g.effect.equation.startswith(tuple(echoes)))
     point = widened(model.point, groups)
     chosen = [*model.chosen, *(g.effect for g in groups)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
@@ -137,22 +141,24 @@ def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check,
     return tuple(out)
 
 
-def adequacy(fit: Fit, selection: Selection, ambient: Noise | None) -> Judgement:
+def adequacy(fit: Fit, selection: Selection, ambient: Noise | None, echoes: Sequence[str] = ()) -> Judgement:
     """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
+
+    `echoes`: see `left_over`.
 
     Not to be named is a cause that the groups' bands make unnecessary; and none is if one group alone, which is akin to
     none of them, explains more than all of them together: then they stood in for it.
     """
     model, causes = selection.final, [c.id for c in selection.causes]
-    found = left_over(fit, model, causes)
+    found = left_over(fit, model, causes, echoes)
     withdrawn = {id_ for id_, nats in found.support.items() if nats < NATS}
     causes = [id_ for id_ in causes if id_ not in withdrawn]
     if withdrawn:
         model = model if causes else selection.base
-        found = left_over(fit, model, causes)
+        found = left_over(fit, model, causes, echoes)
     first = found
     if found.counted and causes:
-        first = left_over(fit, selection.base, [])
+        first = left_over(fit, selection.base, [], echoes)
         group, nats = first.nats[0]
         alone = first.evidence + nats - found.evidence
         if alone >= NATS and not any(found.is_akin(id_, [group]) for id_ in causes):

@@ -226,8 +226,8 @@ class Fit:
             chain.D += damping * np.diag(1 / sigma**2)
             chain.A += damping * np.diag(1 / self.noise.node_start() ** 2)
             dz, dw, promised = _bounded(chain, now, limits)
-            if promised < 1e-3:
-                return point, promised
+            if not promised >= 1e-3:  # or NaN: the motion was thrown out of bounds
+                return point, 0.0
             theta = unflat(np.clip(now + dw, *limits), chosen)
             with np.errstate(all="ignore"):
                 state = self._moved(theta, point.z + dz, chosen, believed, point)

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
+from sim.diagnose.clock import by_stamps
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Lineariser, Point
@@ -36,6 +37,7 @@ CHANNELS = {"position": "m", "heading": "deg", "yaw_rate": "deg/s", "surge_accel
 SLACKS = (100.0, 10.0, 1.0, 1.0, 1.0)
 """Steps of smoothing from the first guess on, and how much nodes may jump in each."""
 BOOTSTRAPS = 1000
+LATE_S = 0.5  # fixes of the first moments of a window show where the window before it ends; assumed
 SHOWN = (0.5, 0.9)  # quantiles of the error of the windows that are drawn
 MODELS = ("base", "refit", "extended")
 
@@ -64,7 +66,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Replay:
-    """One window as it was measured and as the models have it: fixes (m, 2) and tracks of the body origin (k, 2)."""
+    """One window as it was measured and as the models have it: fixes and what the tag should say then, (m, 2)."""
 
     log: str
     start_s: float
@@ -109,10 +111,9 @@ def score(
 
 def _aligned(physics: Physics, training: Physics) -> Physics:
     """Time and middle as in the logs that were fitted."""
-    zero = min(run.meta.zero_ns for run in training.runs)
-    end = float(training.clock_s.max())
-    same = all(run.meta.zero_ns == zero for run in training.runs) and len(training.runs) > 1
-    offsets = np.array([end if same else (run.meta.zero_ns - zero) * 1e-9 for run in physics.runs])
+    zero, end = training.runs[0].meta.zero_ns, float(training.clock_s.max())
+    begin, stamped = float(training.clock_s[0, 0] - training.windows.t_s[0, 0]), by_stamps(training.runs)
+    offsets = np.array([begin + (run.meta.zero_ns - zero) * 1e-9 if stamped else end for run in physics.runs])
     physics.clock_s = physics.windows.t_s + offsets[physics.windows.run][:, None]
     physics.fix_clock_s = physics.windows.fixes.t_s + offsets[physics.windows.fixes.run]
     physics.middle_s, physics.centre_m = training.middle_s, training.centre_m
@@ -177,12 +178,13 @@ def _starts(near: Physics, far: Physics, of: Sequence[int], smoothed: Point) -> 
 def _open_loop(
     lines: Lineariser, effects: Sequence[Effect], model: Believed, z: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """By channel rows of window, age [s] and error squared; tracks of the body origin (W, K+1, 2)."""
+    """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
     physics, windows = lines.physics, lines.windows
     with np.errstate(all="ignore"):
         state = physics.move(effects, model.theta, z, None)
         error = lines.imu(effects, model.theta, state) - windows.y
-        off = lines.tag(effects, model.theta, state) - windows.fixes.place_m
+        said = lines.tag(effects, model.theta, state)
+    off = said - windows.fixes.place_m
     age = windows.t_s - windows.t_s[:, :1]
     error[..., PSI] += z[:, None, OFFSET] + z[:, None, WANDER] * np.exp(-age[:, :-1] / model.noise.wander_time_s)
     for channel, bias in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
@@ -195,7 +197,7 @@ def _open_loop(
     for channel, name in enumerate(others):
         w, k = np.nonzero(np.isfinite(windows.y[..., channel]))
         rows[name] = np.column_stack([w, age[w, k], error[w, k, channel] ** 2])
-    return rows, state.x[..., :2]
+    return rows, said
 
 
 def _fix_windows(windows: Windows) -> np.ndarray:
@@ -257,20 +259,31 @@ def _error(
 def _replays(
     squares: Mapping[str, Mapping[str, np.ndarray]], tracks: Mapping[str, np.ndarray], far: Physics
 ) -> tuple[Replay, ...]:
-    """The windows whose position error under the refitted base is the median, and the 90 % quantile."""
+    """The windows whose position error under the refitted base is the median, and the 90 % quantile, or near it:
+
+    they do not overlap, where there are such.
+    """
     rows = squares["refit"]["position"]
     W = far.windows.size[0]
     n = np.bincount(rows[:, 0].astype(int), minlength=W)
     mean = np.bincount(rows[:, 0].astype(int), weights=rows[:, 2], minlength=W) / np.maximum(n, 1)
     full = np.flatnonzero(n >= max(n.max() / 2, 1))
     order = full[np.argsort(mean[full])]
-    of = _fix_windows(far.windows)
+    of, source = _fix_windows(far.windows), [far.runs[i].meta.source for i in far.windows.run]
+    begin, end = far.windows.t_s[:, 0], far.windows.t_s[:, -1]
+    of = np.where(far.windows.fixes.t_s - begin[of] > LATE_S, of, -1)
+    chosen: list[int] = []
+    for share in SHOWN:
+        near = order[np.argsort(np.abs(np.arange(len(order)) - int(share * (len(order) - 1))), kind="stable")]
+        apart = [w for w in near if all(source[w] != source[c] or begin[w] >= end[c] or end[w] <= begin[c]
+                                        for c in chosen)]  # fmt: skip
+        chosen += [int(w) for w in apart[:1]]
     return tuple(
         Replay(
-            far.runs[far.windows.run[w]].meta.source,
-            float(far.windows.t_s[w, 0]),
+            source[w],
+            float(begin[w]),
             far.windows.fixes.place_m[of == w],
-            {name: track[w] for name, track in tracks.items()},
+            {name: said[of == w] for name, said in tracks.items()},
         )
-        for w in dict.fromkeys(int(order[int(share * (len(order) - 1))]) for share in SHOWN)
+        for w in chosen
     )

@@ -21,12 +21,15 @@ from sim.diagnose.extend import FOLDED, numbers_beside, refitted, trusted, with_
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import Believed, HeldOutScore, score
 from sim.diagnose.linear import Point
+from sim.diagnose.mistaken import refuse_mistaken
 from sim.diagnose.noise import tuned_latent
+from sim.diagnose.pauses import unbroken
 from sim.diagnose.physics import Physics, Theta
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, Told, family, point, public, smallest
 from sim.diagnose.search import Found, search
 from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
+from sim.diagnose.stochastic import ECHOES
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
 from sim.identify.blocks import parts
@@ -38,14 +41,15 @@ from sim.identify.structured.noise import Noise
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """What `diagnose` says it is at, in this order; shares run from 0 to 1 within each."""
 WINDOW_S = 1.0
+TOLD_S = 10  # horizon by which causes are judged on held-out logs
 OF_THE_DAY = ("sensors", "environment")
 REFIT_SIGMAS = 2.0  # of a tolerance band: a gain may then reach the smallest size worth a name, and no more
 Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
-Adequate = Callable[[Fit, Selection, Noise | None], Judgement]
-"""What is left over and which causes can stand, from the fit, its end, and the reference log's noise."""
+Adequate = Callable[[Fit, Selection, Noise | None, Sequence[str]], Judgement]
+"""What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 
 
 @dataclass(frozen=True)
@@ -125,17 +129,23 @@ def diagnose(
     """
     begun = clock()
     parted = split(_logs(runs), _logs(held_out), vessel, block_s)
+    for used in parted.used:
+        refuse_mistaken(used.log.run)
+    fitted = [piece for run in parted.fitted for piece in unbroken(run)]
+    outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
+    outside = [piece for run in outside for piece in unbroken(run)]
     own = tuple(more(vessel))
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    entries = unaware(catalogue(vessel, parted.fitted, own), without)
-    fit = Fit(Physics(parted.fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
+    entries = unaware(catalogue(vessel, fitted, own), without)
+    fit = Fit(Physics(fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
     everything = search(fit, without, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     selection = everything.selection
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
     refit, standing = _refit(fit, selection.base)
     found = _named(fit, everything, seed)
-    sound = adequacy(fit, selection, ambient) if adequacy else None
+    echoes = [echo for one in everything.causes for echo in ECHOES.get(one.effect.name, ())]
+    sound = adequacy(fit, selection, ambient, echoes) if adequacy else None
     if sound is not None:
         found = tuple(replace(n, form_doubtful=n.form_doubtful or n.fitted in sound.doubtful) for n in found
                       if n.fitted not in sound.withdrawn)  # fmt: skip
@@ -153,8 +163,9 @@ def diagnose(
         "refit": refit,
         "extended": _sayable(fit, selection, theta, causes) if causes else refit,
     }
-    outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
     judged = score(outside, vessel, fit.effects, models, fit.physics, seed)
+    if causes and _harmful(judged):
+        verdict, causes, files = "unknown", (), _files(fit, refit, refit.theta, (), selection.final.noise)
     say(STEPS[3], "", 1.0)
     return Diagnosis(
         base=vessel,
@@ -179,6 +190,13 @@ def diagnose(
     )
 
 
+def _harmful(judged: HeldOutScore) -> bool:
+    """Whether the causes make held-out readings worse, surely, and none of them surely better: then they are wrong."""
+    told = [e for e in judged.errors if e.horizon_s == TOLD_S]
+    worse = any(e.channel == "position" and e.gain_ci95[1] < 0 for e in told)
+    return worse and not any(e.gain_ci95[0] > 0 for e in told)
+
+
 def _logs(runs: Sequence[Run]) -> list[Log]:
     return [Log(run.meta.source, run) for run in runs]
 
@@ -187,8 +205,10 @@ def _ambient(reference: Run, vessel: VesselFile, say: Say) -> Noise:
     """Noise of sensors and of what nobody can foretell, from a log in which nothing is wrong."""
     say(STEPS[0], reference.meta.source, 0.0)
     run = usable(Log(reference.meta.source, reference), vessel).run
-    everyday = [e for e in catalogue(vessel, [run]) if e.everyday]
-    model = Selector(Fit(Physics([run], vessel, WINDOW_S), everyday, stated_noise(vessel))).base()
+    refuse_mistaken(run)
+    calm = unbroken(run)
+    everyday = [e for e in catalogue(vessel, calm) if e.everyday]
+    model = Selector(Fit(Physics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel))).base()
     say(STEPS[0], "", 1.0)
     return model.noise
 

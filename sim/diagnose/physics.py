@@ -183,18 +183,9 @@ class Physics:
         x[:, 0] = z[:, STATE]
         x[:, 1:] = after.reshape(W, K, 6)
         A, M_inv, nu_dot = self._rates(*self._flat(x, hull, tau, water, np.repeat(d, K + 1, axis=0)))
-        return State(
-            x,
-            nu_dot.reshape(W, K + 1, 3).copy(),
-            A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy(),
-            M_inv[0].reshape(3, 3).T.copy(),
-            tau,
-            water,
-            forces,
-            hull,
-            given,
-            frozenset(e.id for e in effects),
-        )
+        A, M_inv = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy(), M_inv[0].reshape(3, 3).T.copy()
+        ids = frozenset(e.id for e in effects)
+        return State(x, nu_dot.reshape(W, K + 1, 3).copy(), A, M_inv, tau, water, forces, hull, given, ids)
 
     def remainder(self, effects: Sequence[Effect], theta: Theta, state: State, d: np.ndarray) -> np.ndarray:
         """What of the accelerations (W, K+1, 3) in `state` does not come from `effects` nor from d (W, 3)."""

@@ -22,14 +22,16 @@ CONFUSED = 20  # pairs that the report lists
 Pictures = tuple[tuple[Figure, str], ...]
 """Figures with what is said below them."""
 LOOK = ("ambiguous", "partial", "unknown")
+PLAIN = ("cross_flow", "voltage_exponent")
+"""Whose numbers without a unit are no shares."""
+LINE = "Line: how the force of the model changes with the causes, along the same motion. Sensor causes change none."
 Z975 = 1.959964
 
 
 def report(found: Diagnosis) -> str:
     """The page, as text."""
     before, after = residues(found)
-    over = f"Mean force in cells of {pictures.CELL_M:g} m, as arrows."
-    maps = ((pictures.over_basin(before, after), over),)
+    maps = ((pictures.over_basin(before, after), "Mean residual force in cells of the basin, as arrows."),)
     doubt = found.adequacy is not None and not found.adequacy.passed
     sections = [
         Section("What the simulation gets wrong", tuple(sentences(found)), look=found.verdict in LOOK),
@@ -48,11 +50,15 @@ def report(found: Diagnosis) -> str:
 
 
 def residues(found: Diagnosis) -> tuple[Residue, Residue]:
-    """What the refitted base leaves over, and what is left with the causes in."""
-    effects, final = [n.effect for n in found.causes], found.selection.final
-    theta = final.point.theta
-    before = residue(found.fit, found.refit_point, found.refit.noise, theta, effects)
-    return before, residue(found.fit, final.point, final.noise, theta, effects)
+    """What the refitted base leaves over, with what the causes and numbers beside them change; what is left then."""
+    final, given = found.selection.final, found.refit.theta
+    ids = {n.fitted for n in found.causes} | set(given)
+    acts = {"hull", "thrust", "water", "force"}
+    changed = [e for e in found.fit.effects if e.id in final.point.theta and (e.id in ids or acts & set(e.hooks))]
+    changed = changed if found.causes else []
+    more = {e.id: final.point.theta[e.id] - given.get(e.id, 0.0) for e in changed}
+    before = residue(found.fit, found.refit_point, found.refit.noise, more, changed)
+    return before, residue(found.fit, final.point, final.noise, {}, [])
 
 
 def _causes(found: Diagnosis) -> list[Section]:
@@ -63,8 +69,12 @@ def _causes(found: Diagnosis) -> list[Section]:
         c, (least, unit) = n.candidate, n.smallest
         for key, number in n.numbers.items():
             low, high = number.ci95
-            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
-            rows.append((n.effect.name, key, *told, f"{c.nats:.0f}", f"{least:.3g} {unit}"))
+            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", "" if number.unit == "1" else number.unit)
+            rows.append(
+                (n.effect.name, key, *told, f"{c.nats:.0f}", visible(least, "" if n.effect.name in PLAIN else unit))
+            )
+        if not n.numbers:
+            rows.append((n.effect.name, "", "", "", "", f"{c.nats:.0f}", ""))
         half = (c.size - c.lower) / 1.644854 * Z975
         spans.append((n.effect.name, c.size - half, c.size, c.size + half))
     head = ("cause", "parameter", "value", "95 % interval", "unit", "evidence [nats]", "smallest size worth a name")
@@ -74,7 +84,7 @@ def _causes(found: Diagnosis) -> list[Section]:
             "The causes",
             equations,
             tables=(Table(head, tuple(rows)),) if rows else (),
-            figures=((pictures.sizes(spans), "Left of the dashed line nothing is named, however sure."),),
+            figures=((pictures.sizes(spans), "Only what lies right of the dashed line is named, however sure."),),
         )
     ]
 
@@ -108,16 +118,17 @@ def _held_out(found: Diagnosis) -> Section:
 
 def _left_over(found: Diagnosis, before: Residue, after: Residue, maps: Pictures) -> Section:
     pwm, volts = pulses(found.fit.physics)
-    names = [t.name for t in found.base.thrusters]
+    speeds = {name: before.x[:, i] for i, name in enumerate(("u [m/s]", "v [m/s]", "r [rad/s]"), 3)}
+    if np.isfinite(volts).any():
+        speeds["battery [V]"] = volts
+    thrusters = {f"{t.name} [us]": pwm[:, i] for i, t in enumerate(found.base.thrusters)}
     return Section(
         "What the model leaves over",
         figures=(
             (pictures.over_time(before, after), "Latent force with 2 sigma: what the equations lack, over time."),
-            (
-                pictures.over_everything(before, pwm, volts, names),
-                "Residual force of the refitted base over speeds, pulse widths, voltage. Sensor causes add none.",
-            ),
-            (pictures.over_heading(before), "The same over heading; the black ring is nil."),
+            (pictures.against(before, speeds), f"The same of the refitted base over speeds and voltage. {LINE}"),
+            (pictures.against(before, thrusters), "And over the pulse width of each thruster."),
+            (pictures.over_heading(before), "And over heading: on the dark ring it is nil, outside it positive."),
             *maps,
             (_whiteness(found), "Correlation of one-step errors: in the grey band they tell nothing of each other."),
         ),
@@ -135,16 +146,18 @@ def _whiteness(found: Diagnosis):
 
 def _evidence(found: Diagnosis) -> Section:
     names = {e.id: e.name for e in found.fit.effects}
-    others: dict[str, float] = {}
+    others: dict[str, tuple[float, float]] = {}
     for c in found.selection.ranking:
-        others[names[c.id]] = max(c.nats, others.get(names[c.id], -np.inf))
+        others[names[c.id]] = max((c.nats, c.size), others.get(names[c.id], (-np.inf, 0.0)))
     named = {n.effect.name: n.candidate.nats for n in found.causes}
     return Section(
         "Evidence",
         figures=(
             (
                 pictures.evidence(named, others, NATS),
-                "Logarithmic beyond 10. Grey beyond the line: there, but smaller than worth a name.",
+                "Logarithmic beyond 10. Grey beyond the line: not surely larger than the smallest size worth a name, "
+                "or no better as one cause than as one of many small imperfections. Beside the bars: the size, in "
+                "units of that.",
             ),
         ),
         note="Each against its own absence, all others free within their bands. 12 nats: odds of 160 000 to one.",
@@ -190,7 +203,9 @@ def _apart(found: Diagnosis) -> list[Section]:
     return [
         Section(
             "What these logs can tell apart",
-            (*lines, told.record.manoeuvre) if told.record.manoeuvre else tuple(lines) or ("Every pair.",),
+            (*lines, told.record.manoeuvre)
+            if told.record.manoeuvre
+            else tuple(lines) or ("These logs tell every pair apart.",),
             figures=((figure, "Red: these logs cannot tell the two apart."),) if figure is not None else (),
             note=f"Each cause as if it were there with {MEDIUM:g} times the smallest size worth a name, in the "
             "direction that shows least; every other within its tolerance band.",
@@ -203,11 +218,13 @@ def _visible(found: Diagnosis) -> Section:
     rows = []
     for name, (size, unit) in found.visible.items():
         least, least_unit = smallest(by_name[name])
-        rows.append((name, visible(size, unit), visible(least, least_unit)))
+        plain = name in PLAIN
+        rows.append((name, visible(size, "" if plain else unit), visible(least, "" if plain else least_unit)))
     return Section(
         "What these logs would have shown",
         tables=(Table(("effect", "from this size on", "smallest size worth a name"), tuple(rows)),),
-        note="A true size that these logs would have named on average. Larger ones than these are not there.",
+        note="A true size that these logs would have named on average; much larger ones are not there. What is not in "
+        "the table no size of it would have shown in these logs, or it was named.",
     )
 
 

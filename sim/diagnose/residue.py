@@ -25,7 +25,7 @@ LAGS = 20
 class Residue:
     """Of W windows of all logs: middle times [s] of the log and of the shared clock, log, state (W, 6), latent force
 
-    and its sigma (W, 3) [N, N, N m]; what the causes add to the force there, (W, 3).
+    and its sigma (W, 3) [N, N, N m]; what the model with the causes adds to the force there, (W, 3).
     """
 
     t_s: np.ndarray
@@ -38,7 +38,10 @@ class Residue:
 
 
 def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence[Effect]) -> Residue:
-    """At `point`, linearised with `noise`; `causes`: effects whose force along this motion, with `theta`, is wanted."""
+    """At `point`, linearised with `noise`; `causes`: effects whose force along this motion is wanted, when `theta` is
+
+    added to what the point has of them.
+    """
     physics = fit.physics
     M = mass_matrix(physics.vessel)
     chain, _, _ = fit.assembled(point, noise)
@@ -58,12 +61,11 @@ def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence
 def caused(
     physics: Physics, effects: Sequence[Effect], point: Point, theta: Theta, causes: Sequence[Effect]
 ) -> np.ndarray:
-    """Mean acceleration in each window that `causes` with the values of `theta` add, (W, 3); nil for sensor effects."""
-    out = np.zeros((physics.windows.size[0], 3))
-    for effect in causes:
-        whole = _whole(effect, theta[effect.id])
-        out += physics.accelerations([*effects, whole], {}, point.state, [whole])[..., 0].mean(axis=1)
-    return out
+    """Mean acceleration in each window that `theta` of `causes` adds at `point`, (W, 3); nil for sensor effects."""
+    if not causes:
+        return np.zeros((physics.windows.size[0], 3))
+    whole = [_whole(effect, theta[effect.id]) for effect in causes]
+    return physics.accelerations([*effects, *whole], point.theta, point.state, whole).sum(axis=3).mean(axis=1)
 
 
 def _whole(effect: Effect, values: np.ndarray) -> Effect:

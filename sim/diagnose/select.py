@@ -138,7 +138,9 @@ class Selector:
             guess = theta | {i: share * v for i, v in values.items()}
             points.append(self.fit.solve(guess, start.point.z, chosen, believed, steps=1, before=start.point))
         sigma = self.fit.sigma(chosen, believed)
-        return min(points, key=lambda p: self.fit.cost(p, chosen, sigma))
+        costs = np.nan_to_num([self.fit.cost(p, chosen, sigma) for p in points], nan=np.inf)
+        best = int(np.argmin(costs))  # of none that can be reckoned with: from nil
+        return points[best] if np.isfinite(costs[best]) else start.point
 
     def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
         reduced = self.fit.reduced(point, chosen)

@@ -51,9 +51,10 @@ def sentences(found: Diagnosis) -> list[str]:
 def _verdict(found: Diagnosis) -> str:
     count, logs = len(found.causes), _logs(found)
     are = "one cause is" if count == 1 else f"{count} causes are"
+    they = "it explains" if count == 1 else "they explain"
     return {
         "none": f"{logs}: nothing is wrong with {found.base.name} that these logs can show.",
-        "named": f"{logs}: {are} named, and they explain what the "
+        "named": f"{logs}: {are} named, and {they} what the "
         f"simulation of {found.base.name} gets wrong.",
         "partial": f"{logs}: {are} named, but something is left over.",
         "ambiguous": f"{logs}: something is wrong, but these logs cannot tell which of several causes it is.",
@@ -75,6 +76,8 @@ def depends(word: str) -> str:
 
 def _left_over(found: Diagnosis) -> str:
     words = list(found.adequacy.depends_on) if found.adequacy is not None else []
+    which = next((w for w in words if w.startswith("thruster:")), "thruster")
+    words = list(dict.fromkeys(which if w == "thruster" else w for w in words))
     if not words:
         return "What is left over does not clearly depend on anything that was logged."
     others = f", perhaps on {' or '.join(depends(w) for w in words[1:3])}" if len(words) > 1 else ""
@@ -113,11 +116,12 @@ def _gain(held_out: HeldOutScore, count: int) -> str:
             f"Removing {subject} changes the {SHOWN_S} s position error on held-out data by little: {before:.3g} m "
             f"refitted, {after:.3g} m with the causes."
         )
-    word = "cuts" if error.gain > 0 else "raises"
+    word, low, high = ("cuts", low, high) if error.gain > 0 else ("raises", -high, -low)
+    doubt = "" if error.gain > 0 else " What explains the fitted logs does not carry over: do not rely on it."
     return (
         f"Removing {subject} {word} the {SHOWN_S} s position error on held-out data by {100 * abs(error.gain):.0f} % "
         f"(95 %: {low:.0f} to {high:.0f}): from {before:.3g} m, refitted within its tolerances, to {after:.3g} m; as "
-        f"given it was {error.rms['base']:.3g} m."
+        f"given it was {error.rms['base']:.3g} m.{doubt}"
     )
 
 
@@ -139,4 +143,4 @@ def _could_have_seen(found: Diagnosis) -> list[str]:
 
 def visible(size: float, unit: str) -> str:
     """A size with its unit; shares in per cent."""
-    return f"{100 * size:.2g} %" if unit == "1" else f"{size:.2g} {unit}"
+    return f"{100 * size:.2g} %" if unit == "1" else f"{size:.2g} {unit}".rstrip()

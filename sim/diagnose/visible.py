@@ -19,9 +19,14 @@ from sim.diagnose.public import family
 from sim.diagnose.public_table import PUBLIC
 from sim.diagnose.select import NATS, Z95, Model
 
+BLIND = 1000.0  # times the smallest size worth a name
+
 
 def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
-    """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen."""
+    """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen.
+
+    Left out are those that these logs would not show at any size: of a sensor that is not in them.
+    """
     assert model.reduced is not None
     sigma = fit.sigma(fit.effects, model.believed)
     C = np.linalg.inv(model.reduced.H + np.diag(1 / sigma**2))
@@ -30,7 +35,7 @@ def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
     for effect, share in _shares(fit, model, C, at):
         if effect.name not in found or share < found[effect.name][0]:
             found[effect.name] = (share, effect)
-    return {name: _public(effect, share) for name, (share, effect) in found.items()}
+    return {name: _public(effect, share) for name, (share, effect) in found.items() if share < BLIND}
 
 
 def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iterator[tuple[Effect, float]]:

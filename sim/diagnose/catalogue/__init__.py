@@ -13,6 +13,8 @@ from sim.diagnose.effect import Effect
 from sim.identify.run import Run
 
 ONSET_STEP_S = 60.0  # how far apart the starts of the search for an onset are; assumed
+LONG_S = 1200.0
+"""Logs that span more, such as an hour's or those of two days, get no more entries than these: memory; assumed."""
 ACROSS = 3  # places a side at which the search for a zone starts; assumed
 
 
@@ -26,14 +28,14 @@ def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = 
     )
     start = min(clock_start(run, runs) for run in runs)
     end = max(clock_start(run, runs) + run.duration_s for run in runs)
-    onsets = tuple(np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
+    onsets = _onsets(runs, start, end)
     entries = (
         *hull.base(),
         *sensors.base(),
         *propulsion.base(vessel),
         *hull.effects(vessel),
         *propulsion.effects(vessel, onsets),
-        *environment.effects(vessel, centres, end - start),
+        *environment.effects(vessel, centres, min(end - start, LONG_S)),
         *sensors.effects(),
         *more,
     )
@@ -41,6 +43,18 @@ def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = 
     if twice := {i for i in ids if ids.count(i) > 1}:
         raise ValueError(f"effect {sorted(twice)[0]!r} is in the catalogue twice")
     return entries
+
+
+def _onsets(runs: Sequence[Run], start: float, end: float) -> tuple[float, ...]:
+    """Times at which to look for an onset; where logs span more than `LONG_S`, spread over what was logged alone."""
+    if end - start <= LONG_S:
+        return tuple(np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
+    begins, lengths = (np.array(v) for v in zip(*((clock_start(r, runs), r.duration_s) for r in runs), strict=True))
+    ends = np.cumsum(lengths)
+    count = int(min(LONG_S, ends[-1]) // ONSET_STEP_S) or 1
+    at = (np.arange(count) + 0.5) / count * ends[-1]
+    log = np.searchsorted(ends, at)
+    return tuple(sorted((begins[log] + at - (ends - lengths)[log]).tolist()))
 
 
 def unaware(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:

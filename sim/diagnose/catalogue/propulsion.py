@@ -36,7 +36,7 @@ def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]
             "propulsion",
             "pwm_i <-> pwm_j",
             "answers with the wrong force, opposite in some axis",
-            (Parameter("share", "1", 0.7, 0.5, 0.2, 0.0, 1.2),),
+            (Parameter("share", "1", 0.7, 0.5, 1.0, 0.0, 1.2),),  # a secant of the whole: 0.2 stop opposed thrusters
             {"pwm": _swap(i, j)},
             far=True,
         )

@@ -27,6 +27,12 @@ from sim.identify.structured.data import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
 
+ECHOES = {
+    "waves": ("force, periodic",),
+    "gusty_wind": ("force, periodic", "force over time"),
+    "nlos": ("place error",),
+}
+"""How the names of the groups of `generic` begin that say again what such a cause has said."""
 COMPASS_DEG = 0.7  # sigma of a compass error that nobody would name, and every direction with it; assumed
 DIRECTION_DOUBT_DEG = 1.5  # of a gusty wind, beside what the fit says, which takes gusts for ambient noise; assumed
 

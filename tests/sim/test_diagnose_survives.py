@@ -1,0 +1,158 @@
+"""Logs that are not as they should be: a clear refusal or the right cause, never another name nor a traceback.
+
+The cases are those of scripts/evidence_diagnose_survive.py (teleoperation of 100 s, seeds stated there); what must be
+refused is refused in a moment, what is diagnosed takes seconds each.
+"""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from boats import boat
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from sim.diagnose.catalogue import catalogue
+from sim.diagnose.clock import clock_start
+from sim.diagnose.fit import Fit
+from sim.diagnose.mistaken import SLIPS, refuse_mistaken
+from sim.diagnose.pauses import unbroken
+from sim.diagnose.physics import Physics
+from sim.diagnose.select import stated_noise
+from sim.identify.blocks import part
+from sim.identify.job_split import JobError
+from sim.identify.run import Run
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
+survive = importlib.import_module("evidence_diagnose_survive")
+QUICK = ("one log, nothing else wrong", "recording pauses for 30 s", "first rows before the first command")
+REFUSED = [case for case in survive.CASES if case.words]
+DIAGNOSED = [case for case in survive.CASES if not case.words]
+
+
+def good(uwb_hz: float = 5.0, spins: bool = False, name: str = "aritra") -> Run:
+    return survive.log(name, "", survive.SEED, survive.SECONDS, uwb_hz, spins)
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=lambda case: case.what)
+def test_what_cannot_be_used_is_refused_by_file_and_column(case):
+    found = survive.outcome(case)
+    assert survive.holds(case, found), found.text
+
+
+@pytest.mark.parametrize("case", [c for c in DIAGNOSED if c.what in QUICK], ids=lambda case: case.what)
+def test_the_cause_is_found_all_the_same(case):
+    found = survive.outcome(case)
+    assert survive.holds(case, found), found.text
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", [c for c in DIAGNOSED if c.what not in QUICK], ids=lambda case: case.what)
+def test_the_cause_is_found_in_every_other_case(case):
+    found = survive.outcome(case)
+    assert survive.holds(case, found), found.text
+
+
+@pytest.mark.long
+def test_an_hours_log_takes_ten_minutes_at_most():
+    found = survive.outcome(survive.HOUR)
+    assert survive.holds(survive.HOUR, found), found.text
+    assert found.cpu_s <= 60 * survive.MINUTES
+
+
+@pytest.mark.parametrize("uwb_hz", [1.0, 5.0])
+@pytest.mark.parametrize("spins", [False, True])
+@pytest.mark.parametrize("name", ["aritra", "twin"])
+def test_good_columns_are_not_taken_for_others(uwb_hz, spins, name):
+    refuse_mistaken(good(uwb_hz, spins, name))
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_every_slip_is_told_by_its_columns(slip):
+    places, forces = (np.linalg.inv(m) for m in SLIPS[slip])
+    run = good()
+    columns = [("north_m", "east_m"), ("ax_m_s2", "ay_m_s2")]
+    new = {}
+    for (one, other), m in zip(columns, (places, forces), strict=True):
+        new[one] = m[0, 0] * pl.col(one) + m[0, 1] * pl.col(other)
+        new[other] = m[1, 0] * pl.col(one) + m[1, 1] * pl.col(other)
+    with pytest.raises(JobError) as refused:
+        refuse_mistaken(Run(run.table.with_columns(**new), run.meta))
+    assert slip.partition(":")[0] in str(refused.value) and run.meta.source in str(refused.value)
+
+
+def test_large_faults_of_sensors_are_not_taken_for_slips():
+    """Heading 20 deg off, accelerometers biased by 0.2 m/s^2, positions 0.3 s late: not refused."""
+    run = good()
+    psi = pl.col("psi_rad") + np.radians(20.0)
+    late = run.table.select(pl.col("t_s") + 0.3, "north_m", "east_m").drop_nulls()
+    table = run.table.drop("north_m", "east_m").with_columns(
+        psi_rad=pl.arctan2(psi.sin(), psi.cos()), ax_m_s2=pl.col("ax_m_s2") + 0.2, ay_m_s2=pl.col("ay_m_s2") - 0.2
+    )
+    table = table.join(late, on="t_s", how="full", coalesce=True).sort("t_s")
+    held = [c for c in table.columns if c.startswith(("pwm_", "battery_v"))]
+    refuse_mistaken(Run(table.with_columns(pl.col(held).forward_fill()), run.meta))
+
+
+@settings(max_examples=20, deadline=None)
+@given(begin=st.floats(15.0, 60.0), length=st.floats(2.5, 20.0))
+def test_a_pause_parts_a_log_and_no_measurement_is_lost(begin, length):
+    run = good()
+    paused = Run(survive.without_rows(begin, begin + length)(run.table), run.meta)
+    pieces = unbroken(paused)
+    assert len(pieces) == 2
+    for column in ("psi_rad", "north_m"):
+        together = np.concatenate([piece.samples(column)[1] for piece in pieces])
+        assert together == pytest.approx(paused.samples(column)[1])
+    assert pieces[1].commands()[0][0] > begin, "what was commanded before the pause is not known to last"
+
+
+def test_a_log_without_pause_stays_as_it_is():
+    run = good()
+    assert unbroken(run) == [run]
+    inside = part(run, 40.0, 80.0)  # with the commands of two seconds before, of which only changes are rows
+    assert unbroken(inside) == [inside]
+
+
+def test_nothing_but_pauses_is_refused():
+    run = good()
+    rows = [run.table.filter(pl.col("t_s").is_between(a, a + 6.0)) for a in (0.0, 10.0, 20.0)]
+    with pytest.raises(JobError, match="pauses 2 times, first at 6"):
+        unbroken(Run(pl.concat(rows), run.meta))
+
+
+def test_parts_of_one_log_keep_its_clock_and_logs_without_stamps_follow_one_another():
+    run = good()
+    pieces = [part(run, 0.0, 30.0), part(run, 70.0, 90.0, 0.0)]
+    assert clock_start(pieces[1], pieces) == pytest.approx(70.0, abs=0.1)
+    since_1970 = Run(run.table.with_columns(pl.col("t_s") + 1.79e9), run.meta)
+    assert clock_start(since_1970, [since_1970]) == 0.0
+    later = Run(run.table, replace(run.meta, zero_ns=500_000_000_000))
+    halves = [run, part(later, 50.0, 99.0, 0.0)]
+    assert clock_start(halves[1], halves) == pytest.approx(550.0, abs=0.1)
+    again = [run, Run(run.table, run.meta)]
+    assert clock_start(again[1], again) == pytest.approx(run.duration_s)
+
+
+def test_unknown_pulses_stay_unknown_when_an_effect_changes_pulses():
+    run, believed = good(), boat("aritra")
+    late = Run(survive.blank_between(0.0, 6.0, *survive.PULSES)(run.table), run.meta)
+    fit = Fit(Physics([late], believed, 1.0), catalogue(believed, [late]), stated_noise(believed))
+    swap = next(e for e in fit.effects if e.name == "swapped_pair:front_port+front_starboard")
+    both = fit.physics.forces([swap], {swap.id: np.array([1.0])}).f, fit.physics.forces([], {}).f
+    assert np.isfinite(both[0]).all() and both[0][..., [1, 0, 2, 3]] == pytest.approx(both[1])
+
+
+def test_logs_of_two_days_get_no_more_entries_than_logs_of_one():
+    run, vessel = good(), boat("aritra")
+    one, two = (
+        catalogue(vessel, [run]),
+        catalogue(vessel, [run, Run(run.table, replace(run.meta, zero_ns=86400 * 10**9))]),
+    )
+    assert len(two) < len(one) + 120
+    onsets = [e.origin["onset_s"] for e in two if e.name == "thruster_fouling:rear_port"]
+    assert onsets and all(t < run.duration_s or 86400 < t < 86400 + run.duration_s for t in onsets)

@@ -154,7 +154,7 @@ def test_straight_lines_confuse_and_hide_what_all_axes_tell():
     both = {frozenset(p[:2]) for p in straight.confused}
     assert frozenset((PORT, STARBOARD)) in both
     assert len(rich.confused) <= 1, "five minutes tell latency from drift, three do not"
-    hidden = {"heading_offset", "cg_shift", "cross_flow", "yaw_inertia", "gyro_scale", "uwb_lever_arm"}
+    hidden = {"cg_shift", "cross_flow", "yaw_inertia", "gyro_scale", "uwb_lever_arm"}
     assert hidden <= set(straight.hidden) and len(straight.hidden) > 2 * len(rich.hidden)
     below = [sum(p[2] < NATS for p in found.pairs()) for found in (straight, rich)]
     assert below[0] > 2 * below[1]
@@ -191,7 +191,7 @@ def test_the_excite_command_takes_the_manoeuvre(tmp_path, capsys):
     told = told_apart(planner.fit, selection)
     assert told.plan is None and told.file == "" and told.record.manoeuvre == ""
     assert {(p.a, p.b) for p in told.record.pairs} >= {(a, b) for a, b, _ in found.confused}
-    assert told.record.nothing["heading_offset"] < NATS < told.record.nothing["current"]
+    assert told.record.nothing["yaw_inertia"] < NATS < told.record.nothing["current"]
     whole = ToldApart(told.apart, told.record, plan)
     (tmp_path / "manoeuvre.toml").write_text(whole.file)
     words = f"excite info {tmp_path}/manoeuvre.toml --config {EXAMPLES}/aritra.toml"

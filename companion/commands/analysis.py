@@ -1,9 +1,12 @@
-"""What commands that turn logs into results share: folder, progress, versions, arguments."""
+"""What commands that turn logs into results share: what they open, refusals, progress, versions, arguments."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -12,9 +15,53 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from companion.core.config import ConfigError
+from companion.core.site import Site, load_site
+from companion.core.vessel_file import VesselFile
+from companion.core.vessel_load import load_vessel
 from companion.log_metadata import log_metadata
+from companion.logfile import LogError
 
 LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels")
+
+
+REFUSED = (LogError, ValueError, OSError)
+"""What bad input raises: ConfigError, RunError, JobError and StructuredFitError are ValueErrors."""
+BAD_INPUT = 2
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The vessel file as text and as it loads, and the site if one was named."""
+
+    vessel_text: str
+    vessel: VesselFile
+    site: Site | None
+
+
+def opened(args: argparse.Namespace, logs: Sequence[Path], outputs: Sequence[str]) -> Opened:
+    """`--vessel` and `--site`, once it is sure that the logs are there and that `--out` is free for `outputs`."""
+    text = text_of(args.vessel)
+    vessel = load_vessel(text, name=str(args.vessel))
+    site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
+    for path in logs:
+        path.stat()
+    free_folder(args.out, outputs)
+    return Opened(text, vessel, site)
+
+
+def refuse(command: str, why: str | Exception) -> int:
+    """Say on stderr what of the input is bad; the exit code."""
+    if isinstance(why, OSError) and why.filename:
+        why = f"{why.filename}: {why.strerror}"
+    print(f"aritra {command}: {why}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Linear algebra on one thread: the matrices are small, and threads that wait for each other cost more."""
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415 - of the extra `analysis`
+
+    return threadpool_limits(limits=1)
 
 
 def text_of(path: Path) -> str:

@@ -17,18 +17,26 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from companion.commands.analysis import bars, free_folder, now_utc, progress_of, seconds, text_of, versions
+from companion.commands.analysis import (
+    REFUSED,
+    bars,
+    now_utc,
+    one_thread,
+    opened,
+    progress_of,
+    refuse,
+    seconds,
+    text_of,
+    versions,
+)
 from companion.core.excitation.file import load_excitation
-from companion.core.site import load_site
-from companion.core.vessel_load import load_vessel
-from companion.logfile import LogError
 from companion.setup import EXAMPLES
 
 if TYPE_CHECKING:
     from sim.diagnose.job import Diagnosis
     from sim.identify.run import Run
 
-DONE, LOOK, BAD_INPUT = 0, 1, 2
+DONE, LOOK = 0, 1
 SETTLED = ("none", "named")
 LIBRARY = EXAMPLES / "excitations" / "library.toml"
 
@@ -69,21 +77,17 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.diagnose import findings, job, job_record, told_apart, user  # noqa: PLC0415 - slow, and polars is an extra
         from sim.identify.readers import Beside, read_run  # noqa: PLC0415
     except ImportError as error:
-        return _refuse(f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
+        return refuse("diagnose", f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
     console = console or Console()
     try:
-        vessel_text = text_of(args.vessel)
-        vessel = load_vessel(vessel_text, name=str(args.vessel))
-        site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
         reference = [args.reference] if args.reference else []
+        given = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE))
+        vessel, site = given.vessel, given.site
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
-        for path in (*args.logs, *args.held_out, *reference):
-            path.stat()
-        free_folder(args.out, (*findings.OUTPUTS, findings.MANOEUVRE))
         library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
         telling = partial(told_apart.told_apart, library=library, site=site, always=args.plan)
         beside = Beside(vessel, site)
-        with progress_of(console) as progress:
+        with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", *job.STEPS, "report"))
 
             def read(path: Path) -> Run:
@@ -98,21 +102,16 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
                 without=args.without, identifiability=telling, say=say, seed=args.seed, clock=time.monotonic,
             )  # fmt: skip
             say("report", "" if args.no_report else "tables and pictures", 0.0)
-            files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report)
+            files = job_record.outputs(
+                found, given.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report
+            )
             for name, data in files.items():
                 (args.out / name).write_bytes(data)
             say("report", "", 1.0)
-    except (LogError, ValueError) as error:  # ConfigError, RunError, JobError, StructuredFitError are ValueErrors
-        return _refuse(str(error))
-    except OSError as error:
-        return _refuse(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except REFUSED as error:
+        return refuse("diagnose", error)
     _tell(found, args.out, files, console)
     return DONE if found.verdict in SETTLED else LOOK
-
-
-def _refuse(why: str) -> int:
-    print(f"aritra diagnose: {why}", file=sys.stderr)
-    return BAD_INPUT
 
 
 def _tell(found: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:

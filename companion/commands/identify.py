@@ -16,18 +16,25 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from companion.commands.analysis import bars, free_folder, now_utc, progress_of, seconds, text_of, versions
+from companion.commands.analysis import (
+    REFUSED,
+    bars,
+    now_utc,
+    one_thread,
+    opened,
+    progress_of,
+    refuse,
+    seconds,
+    versions,
+)
 from companion.core.config import ConfigError
-from companion.core.site import load_site
-from companion.core.vessel_load import load_vessel
-from companion.logfile import LogError
 
 if TYPE_CHECKING:
     from sim.identify.job import Found
     from sim.identify.job_split import Log
     from sim.identify.readers import Beside
 
-DONE, LOOK, BAD_INPUT = 0, 1, 2
+DONE, LOOK = 0, 1
 UNITS = ("", "[m]", "[rad]", "[m/s]", "[m/s]", "[rad/s]", "[%]")
 
 
@@ -63,40 +70,30 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.identify import job, job_record  # noqa: PLC0415 - slow, and polars is an extra
         from sim.identify.readers import Beside  # noqa: PLC0415
     except ImportError as error:
-        return _refuse(f'{error}; pip install "aritra[analysis]" brings what identification needs')
+        return refuse("identify", f'{error}; pip install "aritra[analysis]" brings what identification needs')
     console = console or Console()
     try:
-        vessel_text = text_of(args.vessel)
-        vessel = load_vessel(vessel_text, name=str(args.vessel))
-        site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
-        for path in (*args.logs, *args.held_out, *([args.uwb] if args.uwb else [])):
-            path.stat()
-        free_folder(args.out, job_record.OUTPUTS)
+        beside_them = [args.uwb] if args.uwb else []
+        given = opened(args, (*args.logs, *args.held_out, *beside_them), job_record.OUTPUTS)
+        vessel = given.vessel
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
-        beside = Beside(vessel, site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
+        beside = Beside(vessel, given.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
         choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
-        with progress_of(console) as progress:
+        with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", *job.STEPS, "report"))
             logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)
             say("reading", "", 1.0)
             found = job.identify(logs, held_out, vessel, choices, now_utc, say)
             say("report", "tables and pictures", 0.0)
-            files = job_record.outputs(found, vessel_text, versions(), sys.argv[1:])
+            files = job_record.outputs(found, given.vessel_text, versions(), sys.argv[1:])
             for name, data in files.items():
                 (args.out / name).write_bytes(data)
             say("report", "", 1.0)
-    except (LogError, ValueError) as error:  # ConfigError, RunError, JobError, StructuredFitError are ValueErrors
-        return _refuse(str(error))
-    except OSError as error:
-        return _refuse(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except REFUSED as error:
+        return refuse("identify", error)
     _tell(found, args.out, files, console)
     return LOOK if found.verdict.attention else DONE
-
-
-def _refuse(why: str) -> int:
-    print(f"aritra identify: {why}", file=sys.stderr)
-    return BAD_INPUT
 
 
 def _read(paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float], None], begin: float) -> list[Log]:

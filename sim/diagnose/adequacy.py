@@ -21,10 +21,9 @@ from sim.diagnose.effect import slices
 from sim.diagnose.findings import Adequacy, Check
 from sim.diagnose.fit import Fit, Reduced
 from sim.diagnose.generic import Generic, Group, widened
-from sim.diagnose.noise import FLOOR
+from sim.diagnose.noise import FLOOR, shares_of
 from sim.diagnose.residue import correlation
-from sim.diagnose.select import LATENTS, NATS, Model, Selection
-from sim.identify.structured.fit import with_latent
+from sim.diagnose.select import NATS, Model, Selection
 from sim.identify.structured.noise import Noise
 
 BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
@@ -83,9 +82,8 @@ def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Sequence[st
     akin: dict[str, frozenset[str]] = {}
     support: dict[str, float] = {}
     where = slices(model.chosen)
-    for share in LATENTS:
-        latent = np.maximum(share * np.array(model.noise.latent), FLOOR)
-        reduced = fit.reduced(point, chosen, with_latent(model.noise, latent))
+    for noise in shares_of(model.noise):
+        reduced = fit.reduced(point, chosen, noise)
         evidence, posterior = reduced.evidence(sigma), reduced.posterior(sigma)
         for i, at in enumerate(_at(groups, len(own))):
             wide = size[at.start - len(own) : at.stop - len(own)]

@@ -56,7 +56,8 @@ class Effect:
     is the norm. A parameter whose smallest size is infinite says where or when, not how much. `of`: the entry that this
     one is a variant of (another onset, another place): they answer to one name. `origin`: what to add to a parameter
     to say it in full. `far`: so unlike the base that its tolerance band says nothing: tried only as a whole. `scales`:
-    the readings (one of `READINGS`) that its one parameter p multiplies by 1 + p.
+    the readings (one of `READINGS`) that its one parameter p multiplies by 1 + p. `starts`: entries of the same
+    parameters between it and its neighbours, which differ in `origin` alone: a fit begins at the best of them.
     """
 
     id: str
@@ -71,6 +72,7 @@ class Effect:
     origin: Mapping[str, float] = field(default_factory=dict)
     far: bool = False
     scales: str = ""
+    starts: Callable[[], Sequence[Effect]] | None = None
 
     def __post_init__(self) -> None:
         if unknown := set(self.hooks) - set(STAGES):
@@ -95,6 +97,8 @@ class Effect:
 
     def tolerance(self) -> np.ndarray:
         """Sigma of each parameter while the effect is not believed in, (k,). Of many places only one is true."""
+        if self.family == "base":
+            return np.array([p.prior for p in self.parameters])
         share = TOLERANCE if self.everyday else ABSENT
         return np.array([share * p.smallest if np.isfinite(p.smallest) else ABSENT * p.prior for p in self.parameters])
 

@@ -153,7 +153,10 @@ class LogRecord(_Struct, frozen=True, kw_only=True):
 
 
 class Findings(_Struct, frozen=True, kw_only=True):
-    """The file. `extended_vessel`: base numbers beside the causes, without them; `vessel`: with them, to be used."""
+    """The file. `extended_vessel`: base numbers beside the causes, without them; `vessel`: with them, to be used.
+
+    `withdrawn`: causes that were found in the fitted logs and are not named all the same, and why.
+    """
 
     format: Literal[1] = 1
     kind: Literal["aritra-diagnose"] = "aritra-diagnose"
@@ -161,6 +164,7 @@ class Findings(_Struct, frozen=True, kw_only=True):
     summary: tuple[str, ...]
     causes: tuple[CauseRecord, ...]
     ambiguous_with: tuple[str, ...]
+    withdrawn: dict[str, str] = {}
     depends_on: tuple[str, ...]
     equivalence_class: dict[str, tuple[str, ...]]
     ranking: tuple[RankRecord, ...]

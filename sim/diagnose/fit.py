@@ -23,7 +23,8 @@ import numpy as np
 
 from sim.diagnose.effect import Effect
 from sim.diagnose.linear import Lineariser, Point
-from sim.diagnose.physics import Physics, State, Theta
+from sim.diagnose.physics import Physics, State
+from sim.diagnose.theta import Theta
 from sim.identify.structured.chain import Chain
 from sim.identify.structured.noise import LATENT, STATE, Noise
 from sim.identify.structured.start import first_nodes
@@ -105,12 +106,7 @@ class Fit:
 
     def sigma(self, chosen: Sequence[Effect], believed: frozenset[str]) -> np.ndarray:
         """Prior sigmas of the parameters of `chosen`, (P,)."""
-        return np.concatenate(
-            [
-                [p.prior for p in e.parameters] if e.id in believed or e.family == "base" else e.tolerance()
-                for e in chosen
-            ]
-        )
+        return np.concatenate([[p.prior for p in e.parameters] if e.id in believed else e.tolerance() for e in chosen])
 
     def point(self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], before: Point | None = None) -> Point:
         """Linearised at theta, z; `before`: a point near it."""
@@ -131,9 +127,8 @@ class Fit:
 
     def cost(self, point: Point, chosen: Sequence[Effect], sigma: np.ndarray) -> float:
         """What a fit makes least [nats]: data, ties, priors of nodes and parameters."""
-        now = flat(point.theta, chosen)
         _, cost, _ = self.assembled(point, self.noise)
-        return cost + 0.5 * float((now / sigma) @ (now / sigma)) + self._scales(point.theta, chosen)[0]
+        return cost + self._priors(point.theta, chosen, sigma)[0]
 
     def _off(self, z: np.ndarray) -> np.ndarray:
         off = z[self._first].copy()
@@ -148,28 +143,29 @@ class Fit:
         P = self.assembled(point, self.noise)[0].covariance()
         self.settled = {name: float((P * share).sum()) for name, share in point.shares.items()}
 
-    def _scales(self, theta: Theta, chosen: Sequence[Effect]) -> tuple[float, np.ndarray]:
-        """n log(1 + p) of all effects that scale readings [nats], and its slope (P,)."""
-        values = [theta.get(e.id, np.zeros(len(e.parameters))) for e in chosen]
-        cost = sum(
-            self.settled.get(e.scales, 0.0) * float(np.log1p(v[0]))
-            for e, v in zip(chosen, values, strict=True)
-            if e.scales
-        )
-        slopes = [
-            self.settled.get(e.scales, 0.0) / (1 + v) if e.scales else 0.0 * v
-            for e, v in zip(chosen, values, strict=True)
-        ]
-        return cost, np.concatenate(slopes) if slopes else np.empty(0)
+    def _priors(self, theta: Theta, chosen: Sequence[Effect], sigma: np.ndarray) -> tuple[float, np.ndarray]:
+        """What the parameters cost by their priors and by n log(1 + p) of those that scale [nats]; its slope (P,)."""
+        now = flat(theta, chosen)
+        scaled, slope = self._scales(now, chosen)
+        return 0.5 * float((now / sigma) @ (now / sigma)) + scaled, now / sigma**2 + slope
+
+    def _scales(self, now: np.ndarray, chosen: Sequence[Effect]) -> tuple[float, np.ndarray]:
+        """n log(1 + p) of all effects that scale readings [nats], and its slope (P,). They have one parameter each."""
+        n = np.concatenate([np.full(len(e.parameters), self.settled.get(e.scales, 0.0)) for e in chosen])
+        return float(n @ np.log1p(np.where(n > 0, now, 0.0))), n / (1 + np.where(n > 0, now, 0.0))
 
     def nodes_evidence(self, point: Point, noise: Noise) -> float:
         """Log evidence [nats] of `noise` for the nodes alone, all parameters being as they are."""
+        return self.nodes(point, noise)[1]
+
+    def nodes(self, point: Point, noise: Noise) -> tuple[np.ndarray, float]:
+        """Step of the nodes (W, L) with all parameters as they are, and the log evidence of `noise` for them [nats]."""
         chain = point.chain
         bare = Chain(chain.A, chain.next, chain.B[:, :, :0], chain.D[:0, :0], chain.g, chain.d[:0])
         ties = replace(point.ties, G=point.ties.G[:, :, :0])
         chain, cost, log_sigma = self.assembled(replace(point, chain=bare, ties=ties), noise)
-        dz, _, _, log_det = chain.solve()
-        return -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
+        dz, log_det = chain.solve_nodes()
+        return dz, -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
 
     def reduced(self, point: Point, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
         """Nodes eliminated."""
@@ -180,9 +176,10 @@ class Fit:
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
         b = D @ dw
         nodes = promised - 0.5 * float(b @ dw)
-        scaled, slope = self._scales(point.theta, chosen)
+        now = flat(point.theta, chosen)
+        scaled, slope = self._scales(now, chosen)
         constant = nodes - cost - 0.5 * log_det - log_sigma - scaled
-        return Reduced(D - np.diag(guard), b - slope, flat(point.theta, chosen), constant)
+        return Reduced(D - np.diag(guard), b - slope, now, constant)
 
     def solve(
         self,
@@ -216,10 +213,10 @@ class Fit:
     ) -> tuple[Point, float]:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
+        priors, slope = self._priors(point.theta, chosen, sigma)
         plain.D += np.diag(1 / sigma**2)
-        scaled, slope = self._scales(point.theta, chosen)
-        plain.d += now / sigma**2 + slope
-        cost += 0.5 * float((now / sigma) @ (now / sigma)) + scaled
+        plain.d += slope
+        cost += priors
         damping = 0.0
         for _ in range(6):
             chain = plain.copy()
@@ -251,16 +248,16 @@ class Fit:
         small = [{i: values for i, values in t.items() if i not in ids} for t in (theta, near.theta)]
         d = near.z[:, LATENT]
         before = self.physics.remainder(lively, near.theta, near.state, d)
-        given = before + near.columns.a @ (flat(small[0], chosen) - flat(small[1], chosen))
-        return self.physics.move(lively, theta, z, near.state, given)
+        given = before.with_(near.columns.a.along(flat(small[0], chosen) - flat(small[1], chosen)))
+        return self.physics.move(lively, theta, z, near.state, given, near.state.feedback)
 
     def _total(
         self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], sigma: np.ndarray, near: Point, state: State
     ) -> float:
         data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
-        now, ties = flat(theta, chosen), self.noise.tie(near.ties.span_s)[1]
-        value = data + self._prior_cost(rho, ties, self._off(z), self.noise.node_start())
-        return value + 0.5 * float((now / sigma) @ (now / sigma)) + self._scales(theta, chosen)[0]
+        ties = self.noise.tie(near.ties.span_s)[1]
+        nodes = self._prior_cost(rho, ties, self._off(z), self.noise.node_start())
+        return data + nodes + self._priors(theta, chosen, sigma)[0]
 
 
 def _bounded(

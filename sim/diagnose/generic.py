@@ -142,7 +142,7 @@ class Generic:
 
         parameters = tuple(Parameter(n, "m/s", 1.0, np.inf, SIZES["water"]) for n in ("north", "east"))
         flow = Effect("generic:flow", "generic", "", "", parameters, {"water": water})
-        out = self.physics.accelerations([flow], {}, self.point.state, [flow])
+        out = self.physics.accelerations([flow], {}, self.point.state, [flow]).nodes
         return [self._mean(out[..., i]) for i in range(2)]
 
     def _position(self) -> Iterator[Group]:

@@ -23,7 +23,8 @@ from sim.diagnose.clock import by_stamps
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Lineariser, Point
-from sim.diagnose.physics import Physics, Theta
+from sim.diagnose.physics import Physics
+from sim.diagnose.theta import Theta
 from sim.identify.blocks import part
 from sim.identify.run import Run
 from sim.identify.structured.data import PSI, RATE, SURGE, SWAY, Windows
@@ -146,9 +147,7 @@ def _smoothed(fit: Fit, model: Believed) -> tuple[Point, float]:
     for slack in SLACKS:
         noise = fit.noise = replace(model.noise, slack=slack * model.noise.slack)
         point = fit.point(model.theta, z, (), point)
-        chain, cost, log_sigma = fit.assembled(point, noise)
-        dz, _, _, log_det = chain.solve()
-        nats = -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
+        dz, nats = fit.nodes(point, noise)
         z = point.z + dz
     assert point is not None
     return fit.point(model.theta, z, (), point), nats - _log_noise(fit, model.noise)

@@ -1,6 +1,7 @@
 """One diagnosis from logs to findings: what the simulation gets wrong, why, and what is gained by mending it.
 
-    split -> noise of the reference log -> base refitted, causes by evidence -> files -> held-out logs -> verdict
+    split -> noise of the reference log -> base refitted, causes by evidence -> what is left over -> files
+          -> held-out logs, by which causes that do harm are taken back -> verdict
 
 No file or random source here: logs are Runs, the seed is an argument, `clock` tells how long it took.
 """
@@ -17,18 +18,16 @@ from sim.diagnose import findings as record
 from sim.diagnose.adequacy import Judgement, adequacy
 from sim.diagnose.catalogue import catalogue, unaware
 from sim.diagnose.effect import Effect
-from sim.diagnose.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import Believed, HeldOutScore, score
 from sim.diagnose.linear import Point
+from sim.diagnose.mended import Files, Named, cause_of, mend, place, refit
 from sim.diagnose.mistaken import refuse_mistaken
-from sim.diagnose.noise import tuned_latent
 from sim.diagnose.pauses import unbroken
-from sim.diagnose.physics import Physics, Theta
-from sim.diagnose.places import Cause
-from sim.diagnose.public import Place, Told, family, point, public, smallest
+from sim.diagnose.physics import Physics
+from sim.diagnose.public import public, smallest
 from sim.diagnose.search import Found, search
-from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
+from sim.diagnose.select import Model, Selection, Selector, stated_noise
 from sim.diagnose.stochastic import ECHOES
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
@@ -42,8 +41,10 @@ STEPS = ("reference", "base and causes", "files", "held-out logs")
 """What `diagnose` says it is at, in this order; shares run from 0 to 1 within each."""
 WINDOW_S = 1.0
 TOLD_S = 10  # horizon by which causes are judged on held-out logs
-OF_THE_DAY = ("sensors", "environment")
-REFIT_SIGMAS = 2.0  # of a tolerance band: a gain may then reach the smallest size worth a name, and no more
+FORM_DOUBT = 0.1
+"""Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
+UNNEEDED = "small faults of other kinds, together, explain the same"
+HARMFUL = "it makes the readings of the held-out logs worse"
 Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
@@ -53,29 +54,24 @@ Adequate = Callable[[Fit, Selection, Noise | None, Sequence[str]], Judgement]
 
 
 @dataclass(frozen=True)
-class Named:
-    """A cause in public: what is said of it, its size over the smallest worth a name, its values for the files.
+class Data:
+    """What of the logs is fitted and what is held out, in unbroken pieces."""
 
-    `fitted`: id of the entry by which the fit has it (empty: none). `form_doubtful`: see `Cause` of `search`.
-    """
-
-    candidate: Candidate
-    effect: Effect
-    numbers: dict[str, Told]
-    smallest: tuple[float, str]
-    cause: Cause
-    fitted: str
-    form_doubtful: bool = False
+    split: Split
+    fitted: list[Run]
+    held_out: list[Run]
 
 
 @dataclass(frozen=True)
-class Files:
-    """Vessel files: refitted without causes, numbers beside the causes, with the causes; what has no place in one."""
+class Verdict:
+    """What is said of the causes. `withdrawn`: by name of those that were found and then taken back, why."""
 
-    refitted: VesselFile
-    numbers: VesselFile
-    extended: VesselFile
-    left: dict[str, str]
+    selection: Selection
+    causes: tuple[Named, ...]
+    verdict: record.Verdict
+    ambiguous_with: tuple[str, ...]
+    adequacy: record.Adequacy | None
+    withdrawn: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -96,6 +92,7 @@ class Diagnosis:
     causes: tuple[Named, ...]
     verdict: record.Verdict
     ambiguous_with: tuple[str, ...]
+    withdrawn: dict[str, str]
     adequacy: record.Adequacy | None
     identifiability: ToldApart | None
     files: Files
@@ -128,73 +125,56 @@ def diagnose(
     time. Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
     begun = clock()
-    parted = split(_logs(runs), _logs(held_out), vessel, block_s)
-    for used in parted.used:
-        refuse_mistaken(used.log.run)
-    fitted = [piece for run in parted.fitted for piece in unbroken(run)]
-    outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
-    outside = [piece for run in outside for piece in unbroken(run)]
-    own = tuple(more(vessel))
+    data = _data(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    entries = unaware(catalogue(vessel, fitted, own), without)
-    fit = Fit(Physics(fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
-    everything = search(fit, without, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
-    selection = everything.selection
+    entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel))), without)
+    fit = Fit(Physics(data.fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
+    found = search(fit, without, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
-    refit, standing = _refit(fit, selection.base)
-    found = _named(fit, everything, seed)
-    echoes = [echo for one in everything.causes for echo in ECHOES.get(one.effect.name, ())]
-    sound = adequacy(fit, selection, ambient, echoes) if adequacy else None
-    if sound is not None:
-        found = tuple(replace(n, form_doubtful=n.form_doubtful or n.fitted in sound.doubtful) for n in found
-                      if n.fitted not in sound.withdrawn)  # fmt: skip
-    sufficient = sound.adequacy if sound is not None else None
-    apart = identifiability(fit, selection) if identifiability else None
-    same = {n.effect.name: n.effect.same_as for n in found}
-    verdict, names, others = record.verdict_of(list(same), selection.rivals, same, sufficient)
-    causes = tuple(n for n in found if n.effect.name in names)
-    theta = _beside(fit, selection, causes) if causes else refit.theta
-    files = _files(fit, refit, theta, causes, selection.final.noise)
+    plain, standing = refit(fit, found.selection.base)
+    verdict = _verdict(fit, found, ambient, adequacy, seed)
+    mended = mend(fit, plain, verdict.selection.final, verdict.causes)
     say(STEPS[2], "", 1.0)
     say(STEPS[3], "", 0.0)
-    models = {
-        "base": Believed({}, selection.base.noise),
-        "refit": refit,
-        "extended": _sayable(fit, selection, theta, causes) if causes else refit,
-    }
-    judged = score(outside, vessel, fit.effects, models, fit.physics, seed)
-    if causes and _harmful(judged):
-        verdict, causes, files = "unknown", (), _files(fit, refit, refit.theta, (), selection.final.noise)
+    believed = {"base": Believed({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
+    judged = score(data.held_out, vessel, fit.effects, believed, fit.physics, seed)
+    if verdict.causes and _harmful(judged):
+        verdict = _taken_back(fit, verdict, ambient, adequacy)
+        mended = mend(fit, plain, verdict.selection.final, ())
+    apart = identifiability(fit, verdict.selection) if identifiability else None
     say(STEPS[3], "", 1.0)
     return Diagnosis(
         base=vessel,
-        split=parted,
+        split=data.split,
         fit=fit,
-        selection=selection,
-        refit=refit,
+        selection=verdict.selection,
+        refit=plain,
         refit_point=standing,
         ambient=ambient,
         reference=reference.meta.source if reference is not None else "",
-        causes=causes,
-        verdict=verdict,
-        ambiguous_with=others,
-        adequacy=sufficient,
+        causes=verdict.causes,
+        verdict=verdict.verdict,
+        ambiguous_with=verdict.ambiguous_with,
+        withdrawn=verdict.withdrawn,
+        adequacy=verdict.adequacy,
         identifiability=apart,
-        files=files,
+        files=mended.files,
         held_out=judged,
-        visible=visible_from(fit, selection.final),
-        problems={used.log.name: problems(used.log.run) for used in parted.used},
+        visible=visible_from(fit, verdict.selection.final),
+        problems={used.log.name: problems(used.log.run) for used in data.split.used},
         seed=seed,
         runtime_s=clock() - begun,
     )
 
 
-def _harmful(judged: HeldOutScore) -> bool:
-    """Whether the causes make held-out readings worse, surely, and none of them surely better: then they are wrong."""
-    told = [e for e in judged.errors if e.horizon_s == TOLD_S]
-    worse = any(e.channel == "position" and e.gain_ci95[1] < 0 for e in told)
-    return worse and not any(e.gain_ci95[0] > 0 for e in told)
+def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
+    parted = split(_logs(runs), _logs(held_out), vessel, block_s)
+    for used in parted.used:
+        refuse_mistaken(used.log.run)
+    outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
+    pieces = ([piece for run in some for piece in unbroken(run)] for some in (parted.fitted, outside))
+    return Data(parted, *pieces)
 
 
 def _logs(runs: Sequence[Run]) -> list[Log]:
@@ -219,53 +199,37 @@ def _stated(vessel: VesselFile, ambient: Noise | None) -> Noise:
     return noise if ambient is None else replace(noise, white=ambient.white, fix_m=ambient.fix_m)
 
 
-def _refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
-    """Coefficients and gains alone, each within what nobody would name: a cause must not hide in the base."""
-    few = [_within(e) for e in fit.effects if e.family == "base" or e.name.startswith("thruster_gain:")]
-    theta = {
-        e.id: np.clip(base.point.theta[e.id], [p.lower for p in e.parameters], [p.upper for p in e.parameters])
-        for e in few
-    }
-    fit.noise = base.noise
-    found = fit.solve(theta, base.point.z, few, frozenset(), steps=2, before=base.point)
-    fit.noise = tuned_latent(fit, found)
-    found = fit.solve(found.theta, found.z, few, frozenset(), steps=1, before=found)
-    return Believed(found.theta, fit.noise), found
+def _verdict(fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate | None, seed: int) -> Verdict:
+    """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over."""
+    withdrawn: dict[str, str] = {}
+    doubtful: frozenset[str] = frozenset()
+    left: record.Adequacy | None = None
+    if adequate:
+        echoes = [echo for one in found.causes for echo in ECHOES.get(one.effect.name, ())]
+        sound = adequate(fit, found.selection, ambient, echoes)
+        doubtful, left = sound.doubtful, sound.adequacy
+        withdrawn = {c.effect.name: UNNEEDED for c in found.causes if c.fitted in sound.withdrawn}
+        found = found.without(fit, sound.withdrawn) if sound.withdrawn else found
+    named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
+    same = {n.effect.name: n.effect.same_as for n in named}
+    verdict, names, others = record.verdict_of(list(same), found.selection.rivals, same, left)
+    causes = tuple(n for n in named if n.effect.name in names)
+    return Verdict(found.selection, causes, verdict, others, left, withdrawn)
 
 
-def _within(effect: Effect) -> Effect:
-    """The effect with its parameters held within `REFIT_SIGMAS` of nil."""
-    sigmas = [p.prior for p in effect.parameters] if effect.family == "base" else effect.tolerance()
-    held = [replace(p, lower=max(p.lower, -REFIT_SIGMAS * s), upper=min(p.upper, REFIT_SIGMAS * s))
-            for p, s in zip(effect.parameters, sigmas, strict=True)]  # fmt: skip
-    return replace(effect, parameters=tuple(held))
+def _taken_back(fit: Fit, verdict: Verdict, ambient: Noise | None, adequate: Adequate | None) -> Verdict:
+    """Without any of the causes, for they do harm: unknown, and what the base leaves over."""
+    withdrawn = verdict.withdrawn | {n.effect.name: HARMFUL for n in verdict.causes}
+    selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
+    left = adequate(fit, selection, ambient, ()).adequacy if adequate else None
+    return Verdict(selection, (), "unknown", (), left, withdrawn)
 
 
-def _beside(fit: Fit, selection: Selection, causes: Sequence[Named]) -> Theta:
-    """Base numbers beside the causes, to stand in a file alone: what the hull might have beyond them is held at nil.
-
-    Free beside them are the bands of sensors and environment, which no file gets: what they did that day is not the
-    boat's. Chosen on seven hidden cases (nonce "report") against keeping the whole catalogue free.
-    """
-    final, ids = selection.final, frozenset(n.fitted for n in causes)
-    chosen = [e for e in fit.effects if e.id in ids or _is_number(e) or (e.everyday and e.family in OF_THE_DAY)]
-    theta = {k: v for k, v in final.point.theta.items() if k in {e.id for e in chosen}}
-    fit.noise = final.noise
-    return fit.solve(theta, final.point.z, chosen, ids, steps=2, before=final.point).theta
-
-
-def _is_number(effect: Effect) -> bool:
-    """Whether its tolerance band moves numbers that every vessel file has."""
-    return effect.everyday and (effect.family == "base" or family(effect.name) in FOLDED)
-
-
-def _place(fit: Fit) -> Place:
-    return Place(fit.physics.centre_m, fit.physics.middle_s)
-
-
-def _cause(fit: Fit, effect: Effect, values: np.ndarray, note: str) -> Cause:
-    own = {p.name: float(v) + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
-    return Cause(effect, own, point(effect, values, _place(fit)), note)
+def _harmful(judged: HeldOutScore) -> bool:
+    """Whether the causes make held-out readings worse, surely, and none of them surely better: then they are wrong."""
+    told = [e for e in judged.errors if e.horizon_s == TOLD_S]
+    worse = any(e.channel == "position" and e.gain_ci95[1] < 0 for e in told)
+    return worse and not any(e.gain_ci95[0] > 0 for e in told)
 
 
 def _named(fit: Fit, found: Found, seed: int) -> tuple[Named, ...]:
@@ -273,39 +237,20 @@ def _named(fit: Fit, found: Found, seed: int) -> tuple[Named, ...]:
     out = []
     for one in found.causes:
         effect, candidate = one.effect, one.candidate
-        numbers = public(effect, candidate.values, candidate.covariance, _place(fit), seed)
+        numbers = public(effect, candidate.values, _doubted(effect, candidate.covariance), place(fit), seed)
         told = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
         note = f"{effect.name}{f' ({told})' if told else ''} found by aritra diagnose"
-        cause = replace(_cause(fit, effect, candidate.values, note), forces_n=_forces(found.selection.final))
+        cause = replace(cause_of(fit, effect, candidate.values, note), forces_n=_forces(found.selection.final))
         out.append(Named(candidate, effect, numbers, smallest(effect), cause, one.fitted, one.form_doubtful))
     return tuple(out)
+
+
+def _doubted(effect: Effect, covariance: np.ndarray) -> np.ndarray:
+    """`covariance` with the doubt that the entry's form is quite that of the world, which no log shows."""
+    smallest_sizes = [p.smallest if np.isfinite(p.smallest) else 0.0 for p in effect.parameters]
+    return covariance + np.diag((FORM_DOUBT * np.array(smallest_sizes)) ** 2)
 
 
 def _forces(model: Model) -> np.ndarray:
     f = model.point.state.forces.f
     return f.reshape(-1, f.shape[2])
-
-
-def _files(fit: Fit, refit: Believed, theta: Theta, causes: Sequence[Named], final: Noise) -> Files:
-    """Refitted; and from `theta`, beside the causes: numbers, extended. Left out of them: noise of `refit`, `final`."""
-    vessel = fit.physics.vessel
-    note = "refitted by aritra diagnose"
-    left_out = "latent force of the fitted logs, doubled, or a fifth of the filter's own tuning: aritra diagnose"
-    plain = trusted(refitted(vessel, _nuisances(fit, refit.theta, (), note), note), refit.noise, left_out)
-    if not causes:
-        return Files(plain, plain, plain, {})
-    names = {n.effect.name for n in causes} | {n.fitted for n in causes}
-    beside = refitted(vessel, _nuisances(fit, theta, names, note), note)
-    mine = [n.cause for n in causes]
-    extended, left = with_causes(beside, mine)
-    return Files(plain, numbers_beside(beside, extended, mine), trusted(extended, final, left_out), left)
-
-
-def _nuisances(fit: Fit, theta: Theta, names: set[str] | tuple[str, ...], note: str) -> list[Cause]:
-    return [_cause(fit, e, theta[e.id], note) for e in fit.effects if e.id in theta and e.name not in names]
-
-
-def _sayable(fit: Fit, selection: Selection, theta: Theta, causes: Sequence[Named]) -> Believed:
-    """Causes and base numbers, not the tolerance bands that no file gets."""
-    kept = {n.fitted for n in causes} | {e.id for e in fit.effects if _is_number(e)}
-    return Believed({k: v for k, v in theta.items() if k in kept}, selection.final.noise)

@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 
 from sim.diagnose import findings as form
-from sim.diagnose.job import Diagnosis, Named
+from sim.diagnose.job import Diagnosis
+from sim.diagnose.mended import Named
 from sim.diagnose.public import sentence
 from sim.diagnose.report import report
 from sim.diagnose.sentences import sentences
@@ -63,6 +64,7 @@ def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], co
         summary=tuple(sentences(found)),
         causes=tuple(_cause(named) for named in found.causes),
         ambiguous_with=found.ambiguous_with,
+        withdrawn=found.withdrawn,
         depends_on=found.adequacy.depends_on if found.adequacy is not None else (),
         equivalence_class={n.effect.name: n.effect.same_as for n in found.causes if n.effect.same_as},
         ranking=tuple(_ranking(found)),

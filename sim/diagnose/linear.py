@@ -5,19 +5,21 @@ accelerations delta_a(t) moves the state by
 
     S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A)
 
-(series to third order, A the mean of both ends) from nothing at each node: what it has done before is the node's
-business (the ties pass it on).
+(series to third order, A the mean of both ends; delta_a a parabola through both ends and the middle) from nothing at
+each node: what it has done before is the node's business (the ties pass it on).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.diagnose.effect import Effect, slices
-from sim.diagnose.physics import Physics, State, Theta, secants, sight, values_of
+from sim.diagnose.physics import Accelerations, Physics, State
+from sim.diagnose.sight import sight
+from sim.diagnose.theta import Theta, among, secants, values_of
 from sim.identify.structured.chain import Chain, Ties
 from sim.identify.structured.data import PSI, RATE, SURGE, SWAY
 from sim.identify.structured.linearise import BLOCK, HUBER
@@ -26,14 +28,15 @@ from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, STAT
 EARLY, LATE = (1 / 2, 1 / 3, 1 / 8), (1 / 2, 1 / 6, 1 / 24)
 """Weights of I, hA, (hA)^2 on accelerations at both ends of a step, between which they go straight."""
 SCALED = {"r": RATE, "ax": SURGE, "ay": SWAY}  # channels that an effect may scale
+NUDGE = 1e-6  # of states and accelerations, for the slopes of readings
 X0_D = 9  # columns of S before the effects': state (6) and latent acceleration (3) of the node
 
 
 @dataclass(frozen=True)
 class Columns:
-    """What one unit of each parameter changes: accelerations (W, K+1, 3, P), IMU (W, K, 4, P), places (m, 2, P)."""
+    """What one unit of each parameter changes: accelerations, IMU (W, K, 4, P), places (m, 2, P)."""
 
-    a: np.ndarray
+    a: Accelerations
     imu: np.ndarray
     tag: np.ndarray
 
@@ -83,10 +86,6 @@ class Lineariser:
             w[mine], k[mine] = own + span.start, step - starts[own]
         return w, k, when
 
-    def _sight(self, state: State):
-        w, k = self._window, self._index
-        return sight(self.physics, state.x[w, k], state.nu_dot[w, k], self._delta, self._arm, self._when)
-
     def imu(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
         """psi, r, a_x, a_y as the sensors should say, without node biases, (W, K, 4)."""
         K = self.windows.size[1]
@@ -103,7 +102,12 @@ class Lineariser:
 
     def tag(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
         """Places as the tag should report them, (m, 2)."""
-        seen, _ = self._sight(state)
+        w, k = self._window, self._index
+        return self._seen(effects, theta, state.x[w, k], state.nu_dot[w, k])
+
+    def _seen(self, effects: Sequence[Effect], theta: Theta, x: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
+        """The same from states (m, 6) and accelerations (m, 3) at the nodes before."""
+        seen = sight(self.physics, x, nu_dot, self._delta, self._arm, self._when)
         place = seen.place_m
         for effect, p in values_of(effects, theta, "tag"):
             place = effect.hooks["tag"](p, seen, place)
@@ -131,10 +135,10 @@ class Lineariser:
         """Secants of all parameters of `chosen`; `effects`: those that may be in theta."""
         W, K = self.windows.size
         a = self.physics.accelerations(effects, theta, state, chosen)
-        imu, tag = np.zeros((W, K, 4, a.shape[3])), np.zeros((len(self._when), 2, a.shape[3]))
+        imu, tag = (np.zeros((*shape, a.nodes.shape[3])) for shape in ((W, K, 4), (len(self._when), 2)))
         for at, (effect, now, step) in enumerate(secants(chosen, theta)):
             there, without = {**theta, effect.id: now + step}, {**theta, effect.id: now}
-            every = [*(e for e in effects if e.id != effect.id), effect]
+            every = among(effects, effect)
             if "imu" in effect.hooks:
                 imu[..., at] = (self.imu(every, there, state) - self.imu(every, without, state)) / step.sum()
             if "tag" in effect.hooks:
@@ -156,9 +160,14 @@ class Lineariser:
         at = slices(chosen)
         index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in which])
         fresh = self.columns(effects, theta, state, which)
-        out = Columns(columns.a.copy(), columns.imu.copy(), columns.tag.copy())
-        out.a[..., index], out.imu[..., index], out.tag[..., index] = fresh.a, fresh.imu, fresh.tag
-        return out
+
+        def mixed(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+            out = old.copy()
+            out[..., index] = new
+            return out
+
+        a = Accelerations(mixed(columns.a.nodes, fresh.a.nodes), mixed(columns.a.bump, fresh.a.bump))
+        return Columns(a, mixed(columns.imu, fresh.imu), mixed(columns.tag, fresh.tag))
 
     def point(
         self,
@@ -176,23 +185,23 @@ class Lineariser:
         """
         residual, fix = self.residuals(effects, theta, state, z, noise)
         columns = columns or self.columns(effects, theta, state, chosen)
-        _, frame = self._sight(state)
+        imu_slopes, tag_slopes = self._imu_slopes(effects, theta, state), self._tag_slopes(effects, theta, state)
         size = np.sqrt((fix**2).sum(axis=1))
         root = np.sqrt(self.weight * np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))[:, None]
-        W, P = self.windows.size[0], columns.a.shape[3]
+        W, P = self.windows.size[0], columns.a.nodes.shape[3]
         chain = Chain(*(np.zeros(shape) for shape in ((W, L, L), (W, L, L), (W, L, P), (P, P), (W, L), (P,))))
         ends = np.empty((W, 6, X0_D + P))
         shares = {name: np.zeros((W, L, L)) for name in (*SCALED, "place")}
         for start in range(0, W, BLOCK):
             part = slice(start, min(start + BLOCK, W))
-            S = sensitivities(state.A[part], columns.a[part], self.windows.h_s[part])
-            rows = self._imu_rows(state, columns, S, noise, part)
+            S = sensitivities(state.A[part], columns.a.nodes[part], columns.a.bump[part], self.windows.h_s[part])
+            rows = self._imu_rows(imu_slopes, state, columns, S, noise, part)
             _add(chain, part, rows.reshape(len(rows), -1, L + P), np.nan_to_num(residual[part]).reshape(len(rows), -1))
             for name, channel in SCALED.items():
                 own = rows[:, :, channel, :L]
                 shares[name][part] = own.transpose(0, 2, 1) @ own
             mine = self._by_window[slice(*np.searchsorted(self._window[self._by_window], (part.start, part.stop)))]
-            tag_rows = self._tag_rows(frame, state, columns, S, noise, part, mine) * root[mine, None]
+            tag_rows = self._tag_rows(tag_slopes, columns, S, noise, part.start, mine) * root[mine, None]
             before = chain.A[part].copy()
             _add_fixes(chain, tag_rows, fix[mine] * root[mine], self._window[mine])
             shares["place"][part] = chain.A[part] - before
@@ -222,60 +231,67 @@ class Lineariser:
         G[:, STATE] = ends[at, :, X0_D:]
         return Ties(_rho(state, z, at, decay), F, G, at, span)
 
-    def _imu_rows(self, state: State, columns: Columns, S: np.ndarray, noise: Noise, part: slice) -> np.ndarray:
-        K, P = self.windows.size[1], columns.a.shape[3]
-        x, A, S = state.x[part, :K], state.A[part, :K], S[:, :K]
-        u, v, r = x[..., 3], x[..., 4], x[..., 5]
-        lx, ly = self._imu_arm
-        C_ax, C_ay = A[..., 3, :] - ly * A[..., 5, :], A[..., 4, :] + lx * A[..., 5, :]
-        C_ax[..., 4] -= r
-        C_ax[..., 5] -= v + 2 * lx * r
-        C_ay[..., 3] += r
-        C_ay[..., 5] += u - 2 * ly * r
-        known = np.isfinite(self.windows.y[part])
-        scale = known / np.array(noise.white)
+    def _imu_rows(
+        self, slopes: np.ndarray, state: State, columns: Columns, S: np.ndarray, noise: Noise, part: slice
+    ) -> np.ndarray:
+        """Rows (w, K, 4, L + P) of windows `part`. `slopes` (W, K, 4, 9): see `_imu_slopes`."""
+        K, P = self.windows.size[1], columns.a.nodes.shape[3]
+        S = S[:, :K]
         direct = np.concatenate(  # latent acceleration and effects act at once
-            [np.broadcast_to(np.eye(3), (*x.shape[:2], 3, 3)), columns.a[part, :K]], axis=3
+            [np.broadcast_to(np.eye(3), (*S.shape[:2], 3, 3)), columns.a.nodes[part, :K]], axis=3
         )
-        force = np.stack([C_ax, C_ay], axis=2) @ S
-        force[:, :, 0, 6:] += direct[..., 0, :] - ly * direct[..., 2, :]
-        force[:, :, 1, 6:] += direct[..., 1, :] + lx * direct[..., 2, :]
-        rows = np.zeros((len(x), K, 4, L + P))
-        effect = columns.imu[part]
-        _spread(rows[:, :, RATE], S[..., 5, :])
-        _spread(rows[:, :, SURGE:], force)
-        rows[:, :, RATE:, L:] += effect[:, :, RATE:]
-        rows[:, :, RATE:] *= scale[:, :, RATE:, None]
+        rates = state.A[part, :K, 3:] @ S
+        rates[..., 6:] += direct
+        moved = slopes[part] @ np.concatenate([S, rates], axis=2)
+        moved[..., X0_D:] += columns.imu[part]
+        known = np.isfinite(self.windows.y[part])
+        rows = np.zeros((len(S), K, 4, L + P))
+        _spread(rows[:, :, RATE:], moved[:, :, RATE:])
         for channel, column in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
-            rows[..., channel, column] = scale[..., channel]
-        heading = S[..., 2, :].copy()
-        heading[..., X0_D:] += effect[:, :, PSI]
-        slow = np.stack([self._fade(noise)[part], np.ones(x.shape[:2])], axis=2)
-        psi = whiten(np.concatenate([heading, slow], axis=2), known[..., PSI], self.windows.h_s[part], noise)
+            rows[..., channel, column] = 1.0
+        rows[:, :, RATE:] *= (known / np.array(noise.white))[:, :, RATE:, None]
+        slow = np.stack([self._fade(noise)[part], np.ones(S.shape[:2])], axis=2)
+        heading = np.concatenate([moved[:, :, PSI], slow], axis=2)
+        psi = whiten(heading, known[..., PSI], self.windows.h_s[part], noise)
         _spread(rows[:, :, PSI], psi[..., :-2])
         rows[:, :, PSI, WANDER], rows[:, :, PSI, OFFSET] = psi[..., -2], psi[..., -1]
         return rows
 
+    def _imu_slopes(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+        """What psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, by differences, (W, K, 4, 9)."""
+        now, motion = self.imu(effects, theta, state), np.concatenate([state.x, state.nu_dot], axis=2)
+        slopes = np.empty((*now.shape, 9))
+        for j in range(9):
+            moved = motion.copy()
+            moved[..., j] += NUDGE
+            there = replace(state, x=moved[..., :6], nu_dot=moved[..., 6:])
+            slopes[..., j] = (self.imu(effects, theta, there) - now) / NUDGE
+        return slopes
+
+    def _tag_slopes(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+        """What the tag's places change with x y psi u v r at the node before, by differences, (m, 2, 6)."""
+        w, k = self._window, self._index
+        x, nu_dot, A = state.x[w, k], state.nu_dot[w, k], state.A[w, k, 3:]
+        now = self._seen(effects, theta, x, nu_dot)
+        slopes = np.empty((len(w), 2, 9))
+        for j in range(9):
+            moved = np.concatenate([x, nu_dot], axis=1)
+            moved[:, j] += NUDGE
+            slopes[..., j] = (self._seen(effects, theta, moved[:, :6], moved[:, 6:]) - now) / NUDGE
+        return slopes[..., :6] + slopes[..., 6:] @ A
+
     def _tag_rows(
-        self, frame, state: State, columns: Columns, S: np.ndarray, noise: Noise, part: slice, mine: np.ndarray
+        self, slopes: np.ndarray, columns: Columns, S: np.ndarray, noise: Noise, start: int, mine: np.ndarray
     ) -> np.ndarray:
-        R, delta, _, _, shift = (item[mine] for item in frame)
-        w, k = self._window[mine] - part.start, self._index[mine]
-        lever = np.array([-self._arm[1], self._arm[0]])
-        C = np.zeros((len(mine), 2, 6))
-        C[:, 0, 0] = C[:, 1, 1] = 1.0
-        turned = np.stack([-shift[:, 1], shift[:, 0]], axis=1)
-        C[:, :, 2] = (R @ turned[..., None])[..., 0]
-        C[:, :, 3:5] = delta[..., None] * R
-        C[:, :, 5] = delta * (R @ lever)
-        rows = np.zeros((len(mine), 2, L + columns.a.shape[3]))
-        _spread(rows, C @ S[w, k])
+        """Rows (m, 2, L + P) of the fixes `mine` in windows from `start` on."""
+        rows = np.zeros((len(mine), 2, L + columns.a.nodes.shape[3]))
+        _spread(rows, slopes[mine] @ S[self._window[mine] - start, self._index[mine]])
         rows[:, :, L:] += columns.tag[mine]
         return rows / noise.fix_m
 
 
-def sensitivities(A: np.ndarray, a: np.ndarray, h_s: np.ndarray) -> np.ndarray:
-    """dx/d[x0; d; parameters] at all nodes of some windows, (W, K+1, 6, 9 + P); a (W, K+1, 3, P)."""
+def sensitivities(A: np.ndarray, a: np.ndarray, bump: np.ndarray, h_s: np.ndarray) -> np.ndarray:
+    """dx/d[x0; d; parameters] at all nodes of some windows, (W, K+1, 6, 9 + P); a (W, K+1, 3, P), bump (W, K, 3, P)."""
     W, K = h_s.shape
     P = a.shape[3]
     S = np.zeros((W, K + 1, 6, X0_D + P))
@@ -288,6 +304,8 @@ def sensitivities(A: np.ndarray, a: np.ndarray, h_s: np.ndarray) -> np.ndarray:
     G = np.empty((W, K, 6, 3 + P))
     G[..., :3] = early + late
     G[..., 3:] = early @ a[:, :-1] + late @ a[:, 1:]
+    curved = np.flatnonzero(bump.any(axis=(0, 1, 2)))
+    G[..., 3 + curved] += (h * (2 / 3 * np.eye(6) + hA / 3))[..., 3:] @ bump[..., curved]
     for k in range(K):
         S[:, k + 1] = Phi[:, k] @ S[:, k]
         S[:, k + 1, :, 6:] += G[:, k]

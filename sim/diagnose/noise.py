@@ -16,8 +16,15 @@ Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
 WITHIN = (0.2, 10.0)  # of the stated noise: the residuals may say so much less or more; assumed
 START = (0.02, 0.02, 0.03)  # latent acceleration to begin with [m/s^2, m/s^2, rad/s^2]; assumed
 FLOOR = (5e-4, 5e-4, 5e-4)  # ambient: below this nothing is to be told [same units]; assumed
+LATENTS = (1.0, 0.3, 0.1)  # a cause that was found takes over what latent acceleration stood in for; assumed
 REACH = 1.0  # how far the first parabola reaches, of the logarithm
 SWEEPS, SETTLED = 5, 0.15
+
+
+def shares_of(noise: Noise) -> list[Noise]:
+    """`noise` with the latent acceleration whole, and with the smaller shares of it that `LATENTS` names."""
+    latent = np.array(noise.latent)
+    return [noise, *(with_latent(noise, np.maximum(share * latent, FLOOR)) for share in LATENTS[1:])]
 
 
 def whitened(noise: Noise, point: Point, stated: Noise) -> Noise:

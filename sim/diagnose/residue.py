@@ -15,7 +15,8 @@ from companion.core.vessel import mass_matrix
 from sim.diagnose.effect import Effect, Hook, Parameter, Values
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
-from sim.diagnose.physics import Physics, Theta
+from sim.diagnose.physics import Physics
+from sim.diagnose.theta import Theta
 from sim.identify.structured.noise import LATENT, Noise
 
 LAGS = 20
@@ -65,7 +66,8 @@ def caused(
     if not causes:
         return np.zeros((physics.windows.size[0], 3))
     whole = [_whole(effect, theta[effect.id]) for effect in causes]
-    return physics.accelerations([*effects, *whole], point.theta, point.state, whole).sum(axis=3).mean(axis=1)
+    a = physics.accelerations([*effects, *whole], point.theta, point.state, whole)
+    return a.nodes.sum(axis=3).mean(axis=1)
 
 
 def _whole(effect: Effect, values: np.ndarray) -> Effect:

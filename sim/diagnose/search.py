@@ -5,9 +5,10 @@ base -> fixes without line of sight, which from then on count for less -> select
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
+from sim.diagnose.catalogue.chance import NLOS
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.select import Candidate, Say, Selection, Selector
@@ -34,13 +35,21 @@ class Found:
     selection: Selection
     causes: tuple[Cause, ...]
 
+    def without(self, fit: Fit, gone: Collection[str]) -> Found:
+        """The causes `gone` (ids of entries of the fit) taken back, and the others as they fit then."""
+        selection = Selector(fit).without(self.selection, gone)
+        now = {c.id: c for c in selection.causes}
+        kept = [c for c in self.causes if not c.fitted or c.fitted in now]
+        return Found(selection, tuple(replace(c, candidate=now[c.fitted]) if c.effect.id == c.fitted else c
+                                      for c in kept))  # fmt: skip
+
 
 def search(fit: Fit, without: Sequence[str] = (), say: Say = lambda _text, _share: None) -> Found:
     """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for."""
     selector = Selector(fit, say)
     say("base", 0.0)
     base = selector.base()
-    blocked = about_nlos(fit, base)
+    blocked = about_nlos(fit, base) if NLOS.name not in without else None
     if blocked is not None and blocked.candidate.accepted and blocked.fix_weight is not None:
         fit.lineariser.weight = blocked.fix_weight
         base = selector.base(base.noise)

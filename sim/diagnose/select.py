@@ -7,7 +7,7 @@ the catalogue being free within their tolerance bands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,19 +15,20 @@ import numpy as np
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit, Posterior, Reduced
 from sim.diagnose.linear import Point
-from sim.diagnose.noise import FLOOR, START, tuned_latent, whitened
+from sim.diagnose.noise import START, shares_of, tuned_latent, whitened
 from sim.identify.structured.fit import with_latent
 from sim.identify.structured.noise import Noise, noise_of
 
 NATS = 12.0
-GAIN = 3.0  # nats over the tolerance band: twenty to one
+GAIN = 1.5  # nats over the tolerance band: four to one
 REFIT = 3  # how many candidates a round refits
+HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
 NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
 ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
 SHARES = (1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
+BEYOND = 2.0  # standard errors by which a value may seem to be beyond its limits
 Z95 = 1.644854  # one-sided
-LATENTS = (1.0, 0.3, 0.1)
 OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
 SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 Say = Callable[[str, float], None]
@@ -55,7 +56,7 @@ class Candidate:
 class Model:
     """A set of believed effects, refitted: where it stands, and its evidence with all tolerance bands.
 
-    `own`: over the parameters of `chosen`. Once screened, `full` and `reduced` have those of the whole catalogue.
+    `own`: over the parameters of `chosen`; `reduced`, once screened: over those of the whole catalogue.
     """
 
     believed: frozenset[str]
@@ -64,7 +65,6 @@ class Model:
     chosen: tuple[Effect, ...]
     own: Reduced
     evidence: float
-    full: Point | None = None
     reduced: Reduced | None = None
 
 
@@ -143,27 +143,27 @@ class Selector:
         return points[best] if np.isfinite(costs[best]) else start.point
 
     def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
+        """At `point` linearised anew: its steps took small effects as they were along the motion before."""
+        point = self.fit.point(point.theta, point.z, chosen, point)
         reduced = self.fit.reduced(point, chosen)
         evidence = reduced.evidence(self.fit.sigma(chosen, believed))
         return Model(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)
 
-    def complete(self, model: Model) -> None:
-        """`model` linearised with the columns of every entry of the catalogue."""
+    def complete(self, model: Model) -> Point:
+        """`model` linearised with the columns of every entry of the catalogue: too large to be kept."""
         fit = self.fit
         fit.noise = model.noise
-        model.full = fit.point(model.point.theta, model.point.z, fit.effects, model.point)
-        model.reduced = fit.reduced(model.full, fit.effects)
+        point = fit.point(model.point.theta, model.point.z, fit.effects, model.point)
+        model.reduced = fit.reduced(point, fit.effects)
+        return point
 
     def screen(self, model: Model) -> list[Candidate]:
         """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
-        self.complete(model)
-        assert model.full is not None
+        point = self.complete(model)
         found: dict[str, Candidate] = {}
         scores: dict[str, float] = {}
-        for share in LATENTS:
-            latent = np.maximum(share * np.array(model.noise.latent), FLOOR)
-            noise = with_latent(model.noise, latent)
-            reduced = model.reduced if share == 1 else self.fit.reduced(model.full, self.fit.effects, noise)
+        for noise in shares_of(model.noise):
+            reduced = model.reduced if noise is model.noise else self.fit.reduced(point, self.fit.effects, noise)
             assert reduced is not None
             within = self.fit.sigma(self.fit.effects, model.believed)
             posterior, evidence = reduced.posterior(within), reduced.evidence(within)
@@ -174,6 +174,18 @@ class Selector:
                 if evidence + candidate.gain > scores.get(effect.id, -np.inf):
                     found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
+
+    def without(self, selection: Selection, gone: Collection[str]) -> Selection:
+        """`selection` with the causes `gone` (ids) taken back, and the others refitted."""
+        kept = [c.id for c in selection.causes if c.id not in gone]
+        names = {self.by_id[i].name for i in kept}
+        rivals = {name: others for name, others in selection.rivals.items() if name in names}
+        if not kept:
+            return replace(selection, final=selection.base, causes=[], rivals=rivals)
+        nil = {i: np.zeros(len(self.by_id[i].parameters)) for i in gone if self.by_id[i].everyday}
+        model = self.refit(selection.final, frozenset(kept), nil)
+        self.complete(model)
+        return replace(selection, final=model, causes=self._pruned(model), rivals=rivals)
 
     def _judged(self, model: Model, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""
@@ -196,14 +208,14 @@ class Selector:
             added = next(iter(best.believed - model.believed))
             rivals[self.by_id[added].name] = behind
             model = best
-        if model.full is None:
+        if model.reduced is None:
             self.complete(model)
         causes = self._pruned(model)
         return Selection(base, model, causes, ranking, rivals)
 
     def _best(self, model: Model, ranking: list[Candidate]) -> tuple[Model | None, list[tuple[str, float]]]:
         """The refitted candidate of greatest evidence that is acceptable, and how far others are behind it [nats]."""
-        hopeful = [c for c in ranking if c.nats >= NATS / 2 and c.size > 0.7]
+        hopeful = [c for c in ranking if c.nats >= HOPEFUL and c.size > 0.7]
         if not hopeful:
             return None, []
         tried: list[tuple[Model, str]] = []
@@ -214,17 +226,30 @@ class Selector:
             if name in names or len(tried) >= REFIT or (sure and hopeful[0].gain - c.gain > NEAR):
                 continue
             names.add(name)
-            tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._inside(c)}), c.id))
+            tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._start(model, c)}), c.id))
         tried.sort(key=lambda t: -t[0].evidence)
         one, id_ = tried[0]
         if one.point.cost > ASTRAY * model.point.cost or not self._judged(one, id_).accepted:
             return None, []
         return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[1:]]
 
-    def _inside(self, c: Candidate) -> np.ndarray:
+    def _start(self, model: Model, c: Candidate) -> np.ndarray:
+        """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
         effect = self.by_id[c.id]
         lower, upper = (np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper"))
-        return np.clip(c.values, lower, upper)
+        values = self._nearer(model, effect) if effect.starts else c.values
+        return np.clip(values, lower, upper)
+
+    def _nearer(self, model: Model, effect: Effect) -> np.ndarray:
+        assert effect.starts
+        fit, starts = self.fit, effect.starts()
+        fit.noise = model.noise
+        chosen = [*model.chosen, *starts]
+        reduced = fit.reduced(fit.point(model.point.theta, model.point.z, chosen, model.point), chosen)
+        posterior, at = reduced.posterior(fit.sigma(chosen, model.believed)), slices(chosen)
+        best = max(starts, key=lambda e: _beside(posterior, at[e.id], e).gain)
+        moved = [best.origin.get(p.name, 0.0) - effect.origin.get(p.name, 0.0) for p in effect.parameters]
+        return _beside(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)
 
     def _pruned(self, model: Model) -> list[Candidate]:
         """What stands at the end, each judged with the others in place."""
@@ -236,8 +261,15 @@ def _beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
     """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
     gain, values, C = posterior.instead(at, np.array([p.prior for p in effect.parameters]))
     size = effect.size(values)
-    lower = size - Z95 * _size_se(effect, values, C)
+    lower = size - Z95 * _size_se(effect, values, C) if _possible(effect, values, C) else -np.inf
     return Candidate(effect.id, gain - posterior.absent(at), gain, values, C, size, lower)
+
+
+def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:
+    """Whether values are within their limits, or beyond them by no more than their error may be."""
+    slack = BEYOND * np.sqrt(np.diag(C))
+    lower, upper = (np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper"))
+    return bool(((values >= lower - slack) & (values <= upper + slack)).all())
 
 
 def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:

@@ -36,6 +36,8 @@ def sentences(found: Diagnosis) -> list[str]:
     lines += [sentence(n.effect.name, n.numbers) for n in found.causes]
     if found.verdict in ("partial", "unknown"):
         lines += [_left_over(found), *_doubtful(found)]
+    lines += [f"{name} was found in the fitted logs and is not named all the same: {why}."
+              for name, why in found.withdrawn.items()]  # fmt: skip
     if found.ambiguous_with:
         lines.append(_ambiguous(found))
     lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]

@@ -22,7 +22,8 @@ def thinned(run: Run, rate_hz: float = RATE_HZ) -> tuple[Run, float]:
     columns = [c for c in GROUPED if run.known(c)]
     if not columns:
         return run, 0.0
-    step = float(np.median(np.diff(run.samples(columns[0])[0]))) if len(run.samples(columns[0])[0]) > 1 else 0.0
+    stamps = run.samples(columns[0])[0]
+    step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     count = round(1 / (rate_hz * step)) if step > 0 else 1
     if count < 2:
         return run, 0.0

@@ -29,7 +29,7 @@ def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
     """
     assert model.reduced is not None
     sigma = fit.sigma(fit.effects, model.believed)
-    C = np.linalg.inv(model.reduced.H + np.diag(1 / sigma**2))
+    C = model.reduced.posterior(sigma).covariance
     at = slices(fit.effects)
     found: dict[str, tuple[float, Effect]] = {}
     for effect, share in _shares(fit, model, C, at):

@@ -54,7 +54,7 @@ def test_columns_are_the_derivatives_of_the_motion(name):
         there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
     state = physics.move(fit.effects, there, fit.z0, None)
     columns = physics.accelerations(fit.effects, there, state, [effect])
-    S = sensitivities(state.A, columns, physics.windows.h_s)
+    S = sensitivities(state.A, columns.nodes, columns.bump, physics.windows.h_s)
     now = there.get(name, np.zeros(len(effect.parameters)))
     for j, parameter in enumerate(effect.parameters):
         step = np.zeros(len(effect.parameters))
@@ -74,7 +74,7 @@ def test_every_entry_changes_something():
     silent = set()
     for effect, at in zip(fit.effects, slices(fit.effects).values(), strict=True):
         first = at.start
-        moved = max(np.abs(part[..., first]).max() for part in (columns.a, columns.imu, columns.tag))
+        moved = max(np.abs(part[..., first]).max() for part in (columns.a.nodes, columns.imu, columns.tag))
         if moved == 0:
             silent.add(effect.name)
     assert silent <= {"rate_limit"}  # a log of gentle commands does not meet the limit

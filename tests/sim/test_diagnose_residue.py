@@ -32,6 +32,19 @@ def test_covariance_of_nodes_is_that_of_the_dense_inverse(W, L, seed):
     assert found.covariance() == pytest.approx(np.array(wanted), rel=1e-6, abs=1e-9)
 
 
+@given(st.integers(2, 6), st.integers(1, 4), st.integers(0, 1000))
+def test_nodes_alone_are_solved_as_the_dense_matrix_has_it(W, L, seed):
+    """Oracle: numpy on the whole matrix."""
+    found, dense = chain(W, L, seed)
+    found.g[:] = np.random.default_rng(seed).normal(size=found.g.shape)
+    dz, log_det = found.solve_nodes()
+    assert dz.ravel() == pytest.approx(-np.linalg.solve(dense, found.g.ravel()), rel=1e-6, abs=1e-9)
+    assert log_det == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9, abs=1e-9)
+    found.A[1] *= -1
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        found.solve_nodes()
+
+
 class Residuals:
     def __init__(self, channels: np.ndarray, fixes: np.ndarray):
         self.residuals, self.fix_residuals = channels, fixes

@@ -143,7 +143,7 @@ def test_unknown_pulses_stay_unknown_when_an_effect_changes_pulses():
     late = Run(survive.blank_between(0.0, 6.0, *survive.PULSES)(run.table), run.meta)
     fit = Fit(Physics([late], believed, 1.0), catalogue(believed, [late]), stated_noise(believed))
     swap = next(e for e in fit.effects if e.name == "swapped_pair:front_port+front_starboard")
-    both = fit.physics.forces([swap], {swap.id: np.array([1.0])}).f, fit.physics.forces([], {}).f
+    both = fit.physics.thrusters.forces([swap], {swap.id: np.array([1.0])}).f, fit.physics.thrusters.forces([], {}).f
     assert np.isfinite(both[0]).all() and both[0][..., [1, 0, 2, 3]] == pytest.approx(both[1])
 
 

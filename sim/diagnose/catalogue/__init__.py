@@ -30,7 +30,7 @@ def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = 
     end = max(clock_start(run, runs) + run.duration_s for run in runs)
     onsets = _onsets(runs, start, end)
     entries = (
-        *hull.base(),
+        *hull.base(vessel),
         *sensors.base(),
         *propulsion.base(vessel),
         *hull.effects(vessel),

@@ -74,10 +74,22 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
 
 
 def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
-    """Dynamic pressure as a vector along the wind: the force is all but linear in it, from nil on."""
-    pressure = float(np.hypot(p["north_Pa"], p["east_Pa"]))
-    beta = float(np.degrees(np.arctan2(-p["east_Pa"], -p["north_Pa"])))
-    return wind_force(vessel, scene, float(np.sqrt(2 * pressure / RHO_AIR)), beta)
+    """Dynamic pressure as a vector along the wind: the force on a boat at rest is all but linear in it, from nil on.
+
+    The speed is not: its root is vertical at nil. So airs too light for a name are shares of one north and one east.
+    """
+    north, east = p["north_Pa"], p["east_Pa"]
+    pressure = float(np.hypot(north, east))
+    whole = float(np.clip(2 * pressure / PRESSURE - 1, 0.0, 1.0)) ** 2
+    force = np.zeros((*scene.t_s.shape, 3))
+    if whole > 0:
+        beta = float(np.degrees(np.arctan2(-east, -north)))
+        force += whole * wind_force(vessel, scene, float(np.sqrt(2 * pressure / RHO_AIR)), beta)
+    if whole < 1:
+        for along, beta in ((north, 180.0), (east, 270.0)):
+            if along:
+                force += (1 - whole) * along / PRESSURE * wind_force(vessel, scene, 1.0, beta)
+    return force
 
 
 def _tether(arm_m: float, around_m: float) -> Effect:

@@ -12,8 +12,9 @@ from sim.diagnose.catalogue.parts import number, share, vector
 from sim.diagnose.effect import Effect, Hook, Parameter, Scene, Values
 from sim.identify.structured.parameters import HULL
 
-BASE_SIGMA = 0.03  # of each coefficient, always: nobody knows them better; assumed
-COUPLED_SIGMA = 0.01  # of a coupling, as a share of the root of its diagonals; `cg_shift` has a band beside it
+BASE_SIGMA = 0.025  # of each number of the vessel file, always: nobody knows them better; assumed
+COUPLED_SIGMA = {"M23_kg_m": 0.005, "Y_r_N_s": 0.01, "N_v_N_s": 0.01}
+"""Of a coupling, as a share of the root of its diagonals: assumed. Most of M23 is `cg_shift`, which has a band too."""
 COUPLED = {
     "M23_kg_m": ("M22_kg", "M33_kg_m2"),
     "Y_r_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
@@ -31,11 +32,19 @@ def scaled(*names: str) -> HullHook:
     return lambda p, c: c | {n: c[n] * (1 + p["share"]) for n in names}
 
 
-def base() -> Iterator[Effect]:
+def base(vessel: VesselFile) -> Iterator[Effect]:
     """Each coefficient on its own: never named, always allowed for."""
+    i = vessel.inertia
+    sums = {  # of two numbers of the file, each of which is not quite right
+        "M11_kg": (i.mass_kg, -i.X_udot_kg),
+        "M22_kg": (i.mass_kg, -i.Y_vdot_kg),
+        "M33_kg_m2": (i.I_z_kg_m2 + i.mass_kg * (i.x_g_m**2 + i.y_g_m**2), -i.N_rdot_kg_m2),
+    }
     for name in HULL:
         hook = _coupling(name, *COUPLED[name]) if name in COUPLED else scaled(name)
-        sigma = COUPLED_SIGMA if name in COUPLED else BASE_SIGMA
+        sigma = COUPLED_SIGMA.get(name, BASE_SIGMA)
+        if name in sums:
+            sigma = float(BASE_SIGMA * np.hypot(*sums[name]) / abs(sum(sums[name])))
         parameter = Parameter("share", "1", sigma, sigma, sigma, -0.9, 10.0)
         yield Effect(f"base:{name}", "base", f"{name} (1 + share)", "", (parameter,), {"hull": hook})
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -13,12 +14,15 @@ from sim.diagnose.catalogue.parts import number, share
 from sim.diagnose.effect import Effect, Parameter, Scene, Values
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
+ALONE_S = 30.0  # how far round the only onset to look; assumed
+STARTS = 13  # onsets from which a fit may begin, between one entry's neighbours; assumed
 WASH_N = 30.0  # thrust of the one ahead at which the loss is stated
 
 
 def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]:
     """Entries; `onsets_s`: times on the common clock at which fouling may begin."""
     names = [t.name for t in vessel.thrusters]
+    reach_s = float(np.diff(onsets_s).max()) / 2 if len(onsets_s) > 1 else ALONE_S
     for i, name in enumerate(names):
         yield Effect(
             f"thruster_gain:{name}",
@@ -29,7 +33,7 @@ def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]
             {"thrust": _gain(i)},
         )
         for onset in onsets_s:
-            yield _fouling(i, name, onset)
+            yield _fouling(i, name, onset, partial(_between, i, name, onset, reach_s))
     for i, j in combinations(range(len(names)), 2):
         yield Effect(
             f"swapped_pair:{names[i]}+{names[j]}",
@@ -71,7 +75,7 @@ def _gain(i: int) -> Callable[[Values, Scene, np.ndarray], np.ndarray]:
     return hook
 
 
-def _fouling(i: int, name: str, onset_s: float) -> Effect:
+def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Effect]] | None = None) -> Effect:
     def hook(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         out = f.copy()
         since = scene.clock_s - onset_s - p["onset_s"]
@@ -83,11 +87,16 @@ def _fouling(i: int, name: str, onset_s: float) -> Effect:
         "propulsion",
         "f_i (1 + gain) from a time on",
         "as a loss of this thruster that begins during the log",
-        (*number("gain", "1", 0.5, 0.08, -1.0, 1.0), Parameter("onset_s", "s", 20.0, np.inf, 3.0)),
+        (*number("gain", "1", 0.5, 0.08, -1.0, 0.0), Parameter("onset_s", "s", 20.0, np.inf, 3.0)),
         {"thrust": hook},
         of=f"thruster_fouling:{name}",
         origin={"onset_s": onset_s},
+        starts=starts,
     )
+
+
+def _between(i: int, name: str, onset_s: float, reach_s: float) -> list[Effect]:
+    return [_fouling(i, name, onset_s + share * reach_s) for share in np.linspace(-1, 1, STARTS)]
 
 
 def _swap(i: int, j: int) -> Callable[[Values, np.ndarray], np.ndarray]:

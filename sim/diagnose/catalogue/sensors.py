@@ -13,7 +13,7 @@ PSI, RATE, SURGE, SWAY = range(4)
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
 
 
-ACCEL_SCALE = 0.01  # sigma of the accelerometer's scale, always; assumed: a calibrated unit
+ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale, always: ICM-42688-P data sheet, +-0.5 %, uncalibrated
 
 
 def base() -> Iterator[Effect]:

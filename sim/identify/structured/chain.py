@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
+from scipy.linalg import cho_solve_banded, cholesky_banded, get_lapack_funcs
 
 _potrf, _trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)
 
@@ -105,6 +105,20 @@ class Chain:
             after, _ = _trtrs(factors[w], -given[w] - solved[w][:, :size] @ after, lower=1, trans=1)
             dz[w] = after
         return dz, step, D, log_det
+
+    def solve_nodes(self) -> tuple[np.ndarray, float]:
+        """Steps dz (W, L) with the parameters as they are, and log det of the nodes' block; errors as of `solve`."""
+        W, size = self.g.shape
+        band = np.zeros((W, size, 2 * size))  # of each column the entries from the diagonal down
+        for k in range(size):
+            band[:, k, : size - k] = self.A[:, k:, k]
+            band[:-1, k, size - k : 2 * size - k] = self.next[:-1, k]
+        try:
+            factor = cholesky_banded(band.reshape(W * size, -1).T, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            raise np.linalg.LinAlgError("the nodes' Hessian is not positive definite") from None
+        dz = -cho_solve_banded((factor, True), self.g.ravel(), check_finite=False)
+        return dz.reshape(W, size), 2 * float(np.log(factor[0]).sum())
 
     def covariance(self) -> np.ndarray:
         """Covariance of each node with the parameters as they are, (W, L, L).

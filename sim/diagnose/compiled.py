@@ -1,0 +1,75 @@
+"""The one vessel model, compiled for all windows at once: trajectories, rates with Jacobians, slopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from companion.core.dynamics import eta_dot
+from companion.core.vessel import StructuredModel
+from companion.core.vessel_file import VesselFile
+from sim.identify.structured.model import N_HULL, Batch, symbolic_model
+
+
+@dataclass(frozen=True)
+class InWater(StructuredModel):
+    """The model in water that moves over ground with `flow` (north, east) [m/s], beside what the file says."""
+
+    flow: Any = None
+
+    def water_velocity(self, eta: Any) -> Any:
+        """As StructuredModel's, plus R^T flow."""
+        c, s = ca.cos(eta[2]), ca.sin(eta[2])
+        moved = ca.vertcat(c * self.flow[0] + s * self.flow[1], -s * self.flow[0] + c * self.flow[1], 0.0)
+        return super().water_velocity(eta) + moved
+
+
+class Compiled(NamedTuple):
+    """Rollout of all windows; at all nodes: rates with Jacobians, slopes to coefficients and water velocity; M^-1."""
+
+    rollout: Batch
+    rates: Batch
+    slopes: Batch
+    M_inv: ca.Function
+
+
+def compiled(vessel: VesselFile, steps: int, windows: int) -> Compiled:
+    """For `windows` windows of `steps` steps each."""
+    x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
+    water = ca.SX.sym("water", 2)
+    base = symbolic_model(vessel, p)
+    nu_dot = InWater(base.vessel, base.c, base.term_values, water).nu_dot(x[:3], x[3:], tau)
+    x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot + d)
+
+    def flat(expression: Any) -> ca.SX:
+        return ca.densify(ca.vec(expression))
+
+    A, M_inv = flat(ca.jacobian(x_dot, x)), flat(ca.jacobian(nu_dot, tau))
+    rates = ca.Function("rates", [x, p, tau, water, d], ca.cse([A, M_inv, nu_dot + d]))
+    slopes = [flat(ca.jacobian(nu_dot, p)), flat(ca.jacobian(nu_dot, water))]
+    slope = ca.Function("slope", [x, p, tau, water], ca.cse(slopes))
+    rate = ca.Function("rate", [x, p, tau, water, d], [x_dot])
+    nodes = windows * (steps + 1)
+    rollout = _step(rate).mapaccum("rollout", steps)
+    inverse = ca.Function("M_inv", [x, p, tau, water], [ca.jacobian(nu_dot, tau)])
+    rest = [ca.DM.zeros(s) for s in (3, 2)]
+    q = ca.SX.sym("q", N_HULL)
+    M_inv = ca.Function("M_inv_of", [q], [inverse(ca.DM.zeros(6), q, *rest)])
+    return Compiled(Batch(rollout, windows), Batch(rates, nodes), Batch(slope, nodes), M_inv)
+
+
+def _step(rate: ca.Function) -> ca.Function:
+    """(x, p, [tau start, middle, end], [water start, end], d, h) -> x after h, by Runge-Kutta."""
+    sizes = (("x", 6), ("p", N_HULL), ("taus", 9), ("flow", 4), ("d", 3), ("h", 1))
+    x, p, taus, flow, d, h = (ca.SX.sym(*s) for s in sizes)
+    start, middle, end = taus[:3], taus[3:6], taus[6:]
+    here, there = flow[:2], flow[2:]
+    half = (here + there) / 2
+    k1 = rate(x, p, start, here, d)
+    k2 = rate(x + h / 2 * k1, p, middle, half, d)
+    k3 = rate(x + h / 2 * k2, p, middle, half, d)
+    k4 = rate(x + h * k3, p, end, there, d)
+    x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function("step", [x, p, taus, flow, d, h], ca.cse([x_next]))

@@ -1,0 +1,126 @@
+"""Forces of the thrusters in all windows, with effects on commands, force maps, dead time and lag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+from msgspec.structs import replace
+
+from companion.core.vessel_file import Propulsion, VesselFile
+from sim.diagnose.effect import Effect, Values
+from sim.diagnose.theta import Theta, secants, values_of
+from sim.identify.run import Run
+from sim.identify.structured.battery import commands_of
+from sim.identify.structured.data import Windows
+from sim.identify.structured.thrust import Commands, SlewedHistory, ThrustHistory
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Thruster forces at nodes (W, K+1, n) and mid-steps (W, K, n) before any hook on them."""
+
+    f: np.ndarray
+    middle: np.ndarray
+
+    def bump(self) -> np.ndarray:
+        """What the middle of each step has beyond the mean of its ends, (W, K, n)."""
+        return self.middle - (self.f[:, :-1] + self.f[:, 1:]) / 2
+
+    def less(self, other: Forces) -> Forces:
+        """Without those of `other`."""
+        return Forces(self.f - other.f, self.middle - other.middle)
+
+
+class Propelled:
+    """The thrusters of `vessel` under the commands of `runs`. `means_s`: by run, over how long samples are averaged."""
+
+    def __init__(self, runs: Sequence[Run], vessel: VesselFile, windows: Windows, means_s: Sequence[float]):
+        self.runs, self.vessel, self.windows, self._means_s = runs, vessel, windows, means_s
+        self._middle = windows.t_s[:, :-1] + windows.h_s / 2
+        self._commands = _Cache(self._steady)
+        self._unit = _Cache(self.difference)
+
+    def forces(self, effects: Sequence[Effect], theta: Theta) -> Forces:
+        """Thruster forces with effects on commands, force maps, dead time and lag.
+
+        Effects too small for a name are taken as linear: one secant each from nil, which is kept.
+        """
+        small = {e.id for e, _ in values_of(effects, theta, "pwm", "maps") if e.size(theta[e.id]) < 1}
+        large = {id_: values for id_, values in theta.items() if id_ not in small}
+        forces = self._exact(effects, large)
+        for effect, _now, step in secants([e for e in effects if e.id in small], {}):
+            share = float(theta[effect.id] @ (step != 0)) / float(step.sum())
+            unit = self.from_nil(effect, step)
+            forces = Forces(forces.f + share * unit.f, forces.middle + share * unit.middle)
+        return forces
+
+    def _exact(self, effects: Sequence[Effect], theta: Theta) -> Forces:
+        vessel = self.vessel
+        for effect, p in values_of(effects, theta, "maps"):
+            vessel = effect.hooks["maps"](p, vessel)
+        pulses = values_of(effects, theta, "pwm")
+        trims = tuple(t.trim_us for t in vessel.thrusters)
+        key = (tuple(vessel.force_maps.items()), trims, tuple((e.id, *p.values()) for e, p in pulses))
+        commands = self._commands(key, vessel, pulses)
+        gains, propulsion = np.array([t.gain for t in vessel.thrusters]), vessel.propulsion
+        f, middle = [], []
+        for span, own, width in zip(self.windows.spans, commands, self._means_s, strict=True):
+            history = _history(own, propulsion)
+            f.append(_mean(history, self.windows.t_s[span], width))
+            middle.append(_mean(history, self._middle[span], width))
+        return Forces(np.concatenate(f) * gains, np.concatenate(middle) * gains)
+
+    def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[Commands]:
+        runs = self.runs
+        for effect, p in pulses:
+            runs = tuple(_repulsed(run, vessel, effect, p) for run in runs)
+        return [commands_of(run, replace(vessel, propulsion=self.vessel.propulsion)) for run in runs]
+
+    def from_nil(self, effect: Effect, step: np.ndarray) -> Forces:
+        """What `step` changes of the forces with no other effect about."""
+        return self._unit((effect.id, *step), effect, np.zeros(len(step)), step)
+
+    def difference(self, effect: Effect, now: np.ndarray, step: np.ndarray) -> Forces:
+        """What `step` changes where the effect is at `now` already."""
+        return self._exact([effect], {effect.id: now + step}).less(self._exact([effect], {effect.id: now}))
+
+
+def _history(commands: Commands, propulsion: Propulsion) -> ThrustHistory | SlewedHistory:
+    if propulsion.slew_N_s is None:
+        return ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s)
+    return SlewedHistory(commands, propulsion.dead_time_s, propulsion.lag_s, propulsion.slew_N_s)
+
+
+def _mean(history: ThrustHistory | SlewedHistory, t_s: np.ndarray, width_s: float) -> np.ndarray:
+    """Forces averaged over `width_s` round `t_s`, as the samples that they are compared with are."""
+    if not width_s:
+        return history.at(t_s)[0]
+    total = history.at(t_s - 0.4 * width_s)[0]
+    for share in (-0.2, 0.0, 0.2, 0.4):
+        total += history.at(t_s + share * width_s)[0]
+    return total / 5
+
+
+class _Cache:
+    """The last few results of a function by key."""
+
+    def __init__(self, function: Any):
+        self._function, self._kept = function, {}
+
+    def __call__(self, key: Any, *args: Any) -> Any:
+        if key not in self._kept:
+            if len(self._kept) > 48:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = self._function(*args)
+        return self._kept[key]
+
+
+def _repulsed(run: Run, vessel: VesselFile, effect: Effect, p: Values) -> Run:
+    names = [f"pwm_{t.name}" for t in vessel.thrusters]
+    pwm = effect.hooks["pwm"](p, run.table.select(names).to_numpy())
+    pulses = {n: pl.Series(c).fill_nan(None) for n, c in zip(names, pwm.T, strict=True)}  # blank: before the first
+    return Run(run.table.with_columns(**pulses), run.meta)

@@ -21,18 +21,25 @@ from companion.core.messages import (
     Alert,
     ImuSample,
     LoopTiming,
+    ManualInput,
     Message,
+    NewMission,
     OperatorCommand,
     OverrideLease,
     PlanDeadline,
     PlanResult,
     ProcessStats,
     SolveRequest,
+    StateEstimate,
     StepMark,
     Tick,
     VehicleRequest,
 )
 from companion.core.pilot import Pilot, PilotState
+from companion.core.vehicle import HEARTBEAT_LOST_NS
+from companion.forward import Forward
+from companion.guard import Guard
+from companion.position_feed import PositionFeed
 from companion.process_stats import ProcessMeter
 from companion.recorder import Recorder
 from companion.solver_thread import Solver, SolverThread
@@ -68,6 +75,9 @@ class App:
         recorder: Recorder,
         rng: random.Random,
         watch: Callable[[Message], None],
+        forward: Forward | None = None,
+        vision_hz: float | None = None,
+        guard: Guard | None = None,
     ):
         self.state: PilotState = pilot.initial(clock.now_ns())
         self._pilot, self._clock, self._recorder, self._watch = pilot, clock, recorder, watch
@@ -75,6 +85,11 @@ class App:
         self._codec, self._uwb_codec = mavlink[1], uwb[1]
         self._session = MavlinkSession(self._codec)
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
+        told = pilot.settings
+        self._position = PositionFeed(vision_hz, told.site, told.vessel, self._codec) if vision_hz else None
+        self._forward, self._guard = forward, guard
+        if forward:
+            self._codec.framer.on_frame = forward.show
         self._uwb = self._link("uwb", *uwb, rng, uwb_timing(pilot.settings.vessel.sensors.uwb.rate_Hz))
         self._solver = SolverThread(solver, self._planned)
         self._imu_rx_ns: int | None = None
@@ -91,6 +106,9 @@ class App:
         try:
             async with asyncio.TaskGroup() as group:
                 links = [group.create_task(self._guarded(link.run())) for link in (self._mavlink, self._uwb)]
+                if self._forward:
+                    station = self._forward.run(self._pass_on, self._note, self._is_disarmed)
+                    links.append(group.create_task(self._guarded(station)))
                 loops = [group.create_task(self._guarded(loop)) for loop in (self._ticks(), self._housekeeping())]
                 await self._stop.wait()
                 await self._let_go(loops)
@@ -105,9 +123,22 @@ class App:
         """End the run from a signal handler or a task."""
         self._stop.set()
 
-    def command(self, command: OperatorCommand) -> None:
-        """Hand an operator's command to the pilot."""
+    def command(self, command: OperatorCommand) -> bool:
+        """Hand an operator's command to the pilot, once the guard lets it pass; whether the pilot has it now."""
+        if self._failure or not (self._guard is None or self._guard.passes(command)):
+            return False
         self._step([command], self._clock.now_ns())
+        return True
+
+    def load(self, mission: NewMission) -> bool:
+        """Hand the pilot another mission; whether it took it."""
+        before = self.state.mission
+        self._step([mission], self._clock.now_ns())
+        return self.state.mission is not before
+
+    def manual(self, sticks: ManualInput) -> None:
+        """Hand sticks to the pilot; they count in manual mode, once they have been at rest (`core.sticks`)."""
+        self._step([sticks], self._clock.now_ns())
 
     # --- what goes wrong ---------------------------------------------------------------------------
 
@@ -202,6 +233,12 @@ class App:
         else:
             self._send(encoder.arm() if request.action == "arm" else encoder.disarm())
 
+    def _tell_position(self, estimate: StateEstimate) -> None:
+        if self._position:
+            restarts, begins = self.state.estimator.restarts, self._session.begins
+            for frame in self._position.frames(estimate, restarts=restarts, begins=begins):
+                self._send(frame)
+
     def _note(self, message: Message) -> None:
         self._recorder.record(message)
         self._watch(message)
@@ -210,7 +247,21 @@ class App:
         """Whether the port was open for it."""
         if sent := self._mavlink.send(data):
             self._recorder.record_raw("mavlink", "tx", data)
+            if self._forward:
+                self._forward.show_own(data)
         return sent
+
+    # --- the ground station ------------------------------------------------------------------------
+
+    def _pass_on(self, frame: bytes) -> None:
+        if self._mavlink.send(frame):
+            self._recorder.record_raw("mavlink", "tx", frame)
+
+    def _is_disarmed(self) -> bool:
+        heartbeat = self.state.vehicle.heartbeat
+        return (
+            heartbeat is not None and not heartbeat.armed and self._clock.now_ns() - heartbeat.t_ns <= HEARTBEAT_LOST_NS
+        )
 
     # --- devices -----------------------------------------------------------------------------------
 
@@ -240,6 +291,17 @@ class App:
             self._send(frame)
         for alert in self._session.take_alerts():
             self._note(alert)
+        if self._guard:
+            self._ask_guard(self._guard, messages, t_ns)
+
+    def _ask_guard(self, guard: Guard, messages: Sequence[Message], t_ns: int) -> None:
+        """Its questions to the autopilot, what it says, and the command that waited for it."""
+        for frame in guard.step(messages, t_ns):
+            self._send(frame)
+        for alert in guard.take_alerts():
+            self._note(alert)
+        if command := guard.take_command():
+            self._step([replace(command, t_ns=t_ns)], t_ns)
 
     async def _housekeeping(self) -> None:
         """What goes on in silence: neutral after a lease, the session, the tag's shell, figures, the log."""
@@ -290,5 +352,6 @@ def uwb_timing(rate_hz: float) -> LinkTiming:
 _DISPATCH: dict[type[Message], Callable[[App, Any], None]] = {
     OverrideLease: App._lease,
     SolveRequest: App._solve,
+    StateEstimate: App._tell_position,
     VehicleRequest: App._ask_vehicle,
 }

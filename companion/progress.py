@@ -11,6 +11,7 @@ from companion.core.messages import (
     GuidanceReference,
     LoopTiming,
     Message,
+    NewMission,
     OverrideLease,
     StateEstimate,
 )
@@ -43,6 +44,8 @@ class Progress:
             self._reference = message
         elif isinstance(message, ExcitationStatus):
             self._excitation = message
+        elif isinstance(message, NewMission):
+            self._waypoints = len(message.waypoints)
         elif isinstance(message, LoopTiming):
             self._lateness_ms = max(self._lateness_ms, message.lateness_ms)
         elif isinstance(message, OverrideLease):
@@ -64,6 +67,8 @@ class Progress:
         what = lease.reason if lease.source == "neutral" else ""
         if lease.source == "excitation" and (x := self._excitation):
             what = f"{x.phase}  segment {min(x.segment + 1, x.segments)}/{x.segments} {x.name} {x.elapsed_s:.1f} s"
+        elif lease.source == "manual":
+            what = f"by hand: {lease.reason}"
         elif not what and g:
             what = f"{g.phase}  waypoint {g.waypoints_passed}/{self._waypoints}  y_e {g.y_e_m:+.2f} m"
         text = f"{seconds:6.1f} s  {where}  {what}  [{lease.source}, late <= {self._lateness_ms:.1f} ms]"

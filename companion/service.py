@@ -96,6 +96,8 @@ def words(heard: Heard, *, sent: bool) -> str:
         return f"neutral: {lease.reason}" if lease and lease.reason else "neutral"
     if lease.source == "excitation":
         return "excitation" + (f": {x.phase}, segment {min(x.segment + 1, x.segments)} of {x.segments}" if x else "")
+    if lease.source == "manual":
+        return f"by hand: {lease.reason}"
     where = f": {g.phase}, {g.waypoints_passed} waypoints passed" if g else ""
     return f"driving{where}" + ("" if lease.source == "plan" else f"; fallback {lease.source}")
 

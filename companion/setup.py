@@ -15,7 +15,7 @@ from companion.core.excitation.flight import Flight
 from companion.core.frames import Origin
 from companion.core.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.pilot import PilotSettings
-from companion.core.run_file import RunFile, load_run
+from companion.core.run_file import BatteryLimits, RunFile, load_run
 from companion.core.site import Site, load_site
 from companion.core.vessel_file import VesselFile
 from companion.core.vessel_load import load_vessel
@@ -72,7 +72,19 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
     if role := next((role for role in texts if role == "excitation.toml"), None):
         excitation = load_excitation(texts[role], name=names[role])
         Flight(excitation, vessel, site, name=names[role])  # says what does not fit
-    return Setup(run, PilotSettings(vessel, site, mission, run.control, excitation=excitation), texts)
+    return Setup(
+        run,
+        PilotSettings(
+            vessel,
+            site,
+            mission,
+            run.control,
+            excitation=excitation,
+            battery=run.battery,
+            system_id=run.mavlink.system_id,
+        ),
+        texts,
+    )
 
 
 def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Iterator[str]:
@@ -104,14 +116,20 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
 
 def warnings(setup: Setup) -> list[str]:
     """What is allowed, but a person should know before the boat moves."""
-    site, mission = setup.pilot.site, setup.pilot.mission
-    told = [
-        f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m lies outside the fence, which nothing enforces yet"
-        for i, w in enumerate(mission.path.waypoints)
-        if not site.inside(w.north_m, w.east_m)
-    ]
-    if mission.fences:
-        told.append(f"the mission's {len(mission.fences)} fence(s) are read, but nothing enforces them yet")
+    fence, margin_m, told = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m, list[str]()
+    for i, w in enumerate(setup.pilot.mission.path.waypoints):
+        room_m = fence.clearance(w.north_m, w.east_m)
+        where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
+        if room_m < 0:
+            told.append(
+                f"{where} lies beyond the fence: the boat will keep off it, or stop in neutral once it is across"
+            )
+        elif room_m < margin_m:
+            told.append(
+                f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
+            )
+    if setup.run.battery == BatteryLimits():
+        told.append("no [battery] limits in the run file: an empty battery will not stop the boat")
     return told
 
 

@@ -48,7 +48,7 @@ def _boat():
     setup = load_setup(EXAMPLES / "aritra.toml").pilot
     vessel = setup.vessel
     model = StructuredModel.of(vessel)
-    return setup, Pilot(setup), Nmpc(model, Actuation.of(vessel), setup.nmpc, time.perf_counter)
+    return setup, Pilot(setup), Nmpc(model, Actuation.of(vessel), setup.nmpc, time.perf_counter, setup.fence)
 
 
 def world_of(seed: int, disturbed: bool) -> World:

@@ -42,11 +42,11 @@ def pilot(points=CORNER) -> Pilot:
 
 
 @cache
-def nmpc() -> Nmpc:
+def nmpc(points=CORNER) -> Nmpc:
     """The NMPC without wall time: it measures none, and its rescue ends by iterations alone."""
-    told = setup().pilot
+    told = setup(points).pilot
     patient = msgspec.structs.replace(told.nmpc, rescue_time_s=60.0)
-    return Nmpc(StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0)
+    return Nmpc(StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0, told.fence)
 
 
 def voyage(seed: int, points=CORNER, wrap=lambda pilot: pilot, **world) -> SteppedRun:
@@ -68,7 +68,7 @@ def settled(seconds: float):
 
 
 def driving(run: SteppedRun) -> bool:
-    return run.state.vehicle.phase == "driving" and run.state.guidance.phase == "leg"
+    return run.state.helm.mode == "auto" and run.state.guidance.phase == "leg"
 
 
 @cache

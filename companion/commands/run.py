@@ -13,14 +13,17 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 from companion.app import App
-from companion.clock import BoatClock
+from companion.clock import BoatClock, Clock
 from companion.core.config import ConfigError
 from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
 from companion.core.nmpc import Actuation, Nmpc
 from companion.core.pilot import Pilot
 from companion.core.vessel import StructuredModel
+from companion.forward import Forward
+from companion.guard import Guard, companion_of
 from companion.log_metadata import log_metadata
 from companion.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
 from companion.progress import Progress
@@ -28,13 +31,19 @@ from companion.recorder import Recorder
 from companion.sd_notify import SdNotify
 from companion.service import Service
 from companion.setup import EXAMPLES, Setup, load_setup, warnings
+from companion.signing_key import STAMP_FILE, keep_timestamp, load_key, load_timestamp
 from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.signing import Signing
+from drivers.mavlink.station import StationGate
 from drivers.port import Port
 from drivers.port_url import PortUrlError, open_port_from_url
 from drivers.uwb import uwb_codec
 
 RUN_FILES = Path()
 """`--excite` without a file."""
+REFUSED = 1
+"""Exit code of a run that was to start by itself on an autopilot that the check refuses."""
+UNCHECKED = "UNCHECKED: nobody knows whether the thrusters stop when this program dies (--unchecked)"
 PRIORITY = -10
 """Nice value asked for: the control loop goes before a ground station or a build on the same machine; assumed."""
 GIL_S = 0.0001
@@ -63,19 +72,40 @@ def add_parser(commands) -> None:
         help="fly an excitation instead of the mission: FILE, or without one the run file's",
     )
     p.add_argument("--start", action="store_true", help="begin by itself, without an operator")
+    p.add_argument("--unchecked", action="store_true", help="DANGER: do not check how the autopilot is wired")
     p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after mission or excitation is done")
     p.set_defaults(function=run)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run until interrupted or done; the exit code."""
+class Desk(Protocol):
+    """A person's place at a run: sees every message, and may command the App. `run` ends with the run."""
+
+    def see(self, message: Message) -> None:
+        """Note one message."""
+        ...
+
+    def close(self) -> None:
+        """The run is over."""
+        ...
+
+    async def run(
+        self, app: App, setup: Setup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
+    ) -> None:
+        """Work until cancelled; `tell` logs and shows an alert, `end` ends the run."""
+        ...
+
+
+def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
+    """Run until interrupted or done; the exit code. `desk`: a person who drives by hand."""
     excitation = None if args.excite == RUN_FILES else args.excite
     setup = load_setup(args.config, mission=args.mission, excitation=excitation)
     if args.excite and setup.pilot.excitation is None:
         raise ConfigError(f"{args.config}: excitation: missing key: --excite needs one, or a FILE")
     mavlink = _port(args, "mavlink", setup.run.mavlink.url)
     uwb = _port(args, "uwb", setup.run.uwb.url)
+    station = _station(args, setup)
     log, look = _log(args, setup)
+    signing = _signing(args, setup, log.parent / STAMP_FILE)
     vessel = setup.pilot.vessel.name
     print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
     for text in warnings(setup):
@@ -93,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
         return 2
     with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
         service.starting(f"building the controller of {vessel}")
-        return asyncio.run(_drive(setup, mavlink, uwb, recorder, service, look, args))
+        return asyncio.run(_drive(setup, mavlink, uwb, station, signing, recorder, service, look, args, desk))
 
 
 def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swept] | None]:
@@ -118,6 +148,25 @@ def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swe
     return log, look
 
 
+def _signing(args: argparse.Namespace, setup: Setup, stamps: Path) -> Signing | None:
+    """What signs the link to the autopilot, if the run file names a key. Raises ConfigError."""
+    if (name := setup.run.mavlink.signing_key) is None:
+        return None
+    path = args.config.parent / name
+    key = load_key(path, where=f"{args.config}: mavlink.signing_key")
+    return Signing(key, time.time_ns, key_name=str(path), floor=load_timestamp(stamps))
+
+
+def _station(args: argparse.Namespace, setup: Setup) -> Port | None:
+    """The port of the ground station, if the run file has one. Raises ConfigError."""
+    if setup.run.forward is None:
+        return None
+    try:
+        return open_port_from_url(setup.run.forward.url)
+    except PortUrlError as error:
+        raise ConfigError(f"{args.config}: forward.url: {error}") from None
+
+
 def _port(args: argparse.Namespace, link: str, url: str) -> Port:
     """The port of a link: the command line's, or the run file's. Raises ConfigError."""
     given = getattr(args, link)
@@ -131,20 +180,23 @@ async def _drive(
     setup: Setup,
     mavlink: Port,
     uwb: Port,
+    station: Port | None,
+    signing: Signing | None,
     recorder: Recorder,
     service: Service,
     look: Callable[[], Swept] | None,
     args: argparse.Namespace,
+    desk: Desk | None,
 ) -> int:
     clock, vessel = BoatClock(), setup.pilot.vessel
-    progress = Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
+    progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
     finish = _Finish(args.end_after)
     model, nmpc = StructuredModel.of(vessel), setup.pilot.nmpc
 
     def watch(message: Message) -> None:
         progress.see(message)
         service.see(message)
-        if finish.see(message):
+        if finish.see(message) or (args.start and guard and guard.refused):
             end()
 
     def end() -> None:
@@ -155,10 +207,16 @@ async def _drive(
         recorder.record(alert)
         progress.see(alert)
 
+    told, system = setup.run.forward, setup.run.mavlink.system_id
+    codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
+    guard = None if args.unchecked else Guard(codec, companion_of(setup))
+    if not guard:
+        tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
+    gate = StationGate(system) if told and told.writable else None
     app = App(
         Pilot(setup.pilot),
-        Nmpc(model, Actuation.of(vessel), nmpc, time.perf_counter),
-        mavlink=(mavlink, MavlinkCodec(setup.run.mavlink.system_id, setup.run.mavlink.component_id)),
+        Nmpc(model, Actuation.of(vessel), nmpc, time.perf_counter, setup.pilot.fence),
+        mavlink=(mavlink, codec),
         uwb=(
             uwb,
             uwb_codec(vessel.sensors.uwb.wire_format, setup.run.uwb.tag, vessel.sensors.uwb.rate_Hz),
@@ -167,6 +225,9 @@ async def _drive(
         recorder=recorder,
         rng=random.Random(),
         watch=watch,
+        forward=Forward(station, gate, clock) if station else None,
+        vision_hz=setup.run.vision.rate_Hz if setup.run.vision else None,
+        guard=guard,
     )
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -177,14 +238,23 @@ async def _drive(
     _hurry()
     gc.collect()
     gc.freeze()  # what has been built so far stays: later collections need not look at it
-    tidy = asyncio.create_task(keep_within(look, clock, tell)) if look else None
+    chores = [asyncio.create_task(keep_within(look, clock, tell))] if look else []
+    if signing:
+        stamps = recorder.path.parent / STAMP_FILE
+        chores.append(asyncio.create_task(keep_timestamp(stamps, signing, clock, tell)))
+    if desk:
+        chores.append(asyncio.create_task(desk.run(app, setup, clock, tell, end)))
     try:
         await app.run()
     finally:
-        if tidy:
-            tidy.cancel()
+        for chore in chores:
+            chore.cancel()
+        ended = await asyncio.gather(*chores, return_exceptions=True)
         progress.close()
-    return 0
+    for error in ended:
+        if isinstance(error, Exception):
+            raise error
+    return REFUSED if args.start and guard and guard.refused else 0
 
 
 def _hurry() -> None:

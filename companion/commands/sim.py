@@ -9,9 +9,11 @@ import signal
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from companion.commands.sim_autopilot import add_autopilot_arguments, autopilot
+from companion.commands.sim_firmware import add_firmware_arguments, check_options
 from companion.core.config import ConfigError
 from companion.log_metadata import log_metadata
 from companion.recorder import Recorder
@@ -32,6 +34,7 @@ def add_parser(commands) -> None:
     p.add_argument("--truth", type=Path, help="MCAP log of what really happened")
     add_world_arguments(p)
     add_autopilot_arguments(p)
+    add_firmware_arguments(p)
     p.set_defaults(function=sim)
 
 
@@ -87,11 +90,19 @@ def world_setup(args: argparse.Namespace, setup: Setup):
 
 def sim(args: argparse.Namespace) -> int:
     """Run until interrupted; the exit code."""
-    from sim.world.loopback import Wires, serve  # noqa: PLC0415  (imports the simulator only when it is asked for)
+    from sim.world.json_loopback import JsonWires, serve_firmware  # noqa: PLC0415  (only when it is asked for)
+    from sim.world.loopback import Wires, serve  # noqa: PLC0415
 
     setup = load_setup(args.config)
-    world = replace(world_setup(args, setup), **autopilot(args, setup.pilot.vessel))
-    wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
+    check_options(args)
+    world = world_setup(args, setup)
+    if args.ardupilot_json is None:
+        world = replace(world, **autopilot(args, setup.pilot.vessel))
+        wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
+        served = partial(serve, world, args.seed, wires)
+    else:
+        firmware = JsonWires(_address(args.ardupilot_json), args.uwb, args.speed)
+        served = partial(serve_firmware, world, args.seed, firmware)
     with contextlib.ExitStack() as stack:
         record = lambda message: None  # noqa: E731
         if args.truth:
@@ -103,7 +114,7 @@ def sim(args: argparse.Namespace) -> int:
                 print(f"aritra sim: {args.truth}: {error.strerror}", file=sys.stderr)
                 return 2
             record = stack.enter_context(log).record
-        return asyncio.run(_serve(serve(world, args.seed, wires, record, _say)))
+        return asyncio.run(_serve(served(record, _say)))
 
 
 async def _serve(world) -> int:

@@ -185,10 +185,39 @@ class PlanDeadline(Message, frozen=True, kw_only=True):
 
 class OperatorCommand(Message, frozen=True, kw_only=True):
     """What the operator wants. `start`: drive the mission; `excite`: fly the excitation; `hold`: keep station
-    here; `stop`: neutral.
+    here; `manual`: drive by ManualInput; `stop`: neutral.
     """
 
-    command: Literal["start", "excite", "hold", "stop"]
+    command: Literal["start", "excite", "hold", "manual", "stop"]
+
+
+class ManualInput(Message, frozen=True, kw_only=True):
+    """Sticks: shares of what the thrusters can give ahead, to starboard and clockwise, -1 to 1 each.
+
+    `t_ns`: when they stood so, on the companion's clock; `source`: whose they are, in words.
+    """
+
+    surge: float
+    sway: float
+    yaw: float
+    source: str
+
+
+class MissionPoint(msgspec.Struct, frozen=True, kw_only=True):
+    """A waypoint [m], site axes; speed of the leg that leads to it and its radius; None: the default."""
+
+    north_m: float
+    east_m: float
+    speed_m_s: float | None = None
+    acceptance_m: float | None = None
+
+
+class NewMission(Message, frozen=True, kw_only=True):
+    """A sound mission to drive instead of the one before. `end_heading_rad`: None: that of the last leg."""
+
+    name: str
+    waypoints: tuple[MissionPoint, ...]
+    end_heading_rad: float | None = None
 
 
 class PlanResult(Message, frozen=True, kw_only=True):
@@ -289,16 +318,32 @@ class OverrideLease(Message, frozen=True, kw_only=True):
 
     `pwm_us`: pulse widths of the thrusters in the vessel file's order, then of channels that are held at
     neutral; `channels`: the RC channel (1-based) of each.
-    `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral; or the excitation.
+    `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral; or the excitation,
+    or the sticks (manual).
     """
 
     index: int
     channels: tuple[int, ...]
     pwm_us: tuple[int, ...]
     valid_for_s: float
-    source: Literal["plan", "shifted_plan", "pd", "neutral", "excitation"]
+    source: Literal["plan", "shifted_plan", "pd", "neutral", "excitation", "manual"]
     reason: str
     f_command_n: Vec
+
+
+Mode = Literal["idle", "starting", "auto", "hold", "excitation", "paused", "locked", "manual", "safe"]
+"""See companion.core.modes."""
+
+
+class ModeStatus(Message, frozen=True, kw_only=True):
+    """Mode of the boat, why it is in it or what it waits for, and whether the thrusters may turn.
+
+    One at every change and one a second.
+    """
+
+    mode: Mode
+    why: str
+    driving: bool
 
 
 class Alert(Message, frozen=True, kw_only=True):
@@ -361,11 +406,11 @@ class GroundTruth(Message, frozen=True, kw_only=True):
 INPUTS: tuple[type[Message], ...] = (
     ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, RcChannels, CommandAck,
     ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
-    PlanResult,
+    ManualInput, NewMission, PlanResult,
 )  # fmt: skip
 OUTPUTS: tuple[type[Message], ...] = (
     StateEstimate, Innovation, GuidanceReference, ExcitationStatus, SolveRequest, OverrideLease, VehicleRequest,
-    Alert,
+    ModeStatus, Alert,
 )  # fmt: skip
 NOTES: tuple[type[Message], ...] = (StepMark, LoopTiming, ProcessStats, GroundTruth)
 

@@ -9,6 +9,7 @@ from typing import TypeGuard
 
 import msgspec
 
+from companion.core.fence import crossing
 from companion.core.frames import Origin, site_from_geodetic
 from companion.core.path import Path, Waypoint, path_problems
 
@@ -117,6 +118,8 @@ class Draft:
         polygon = tuple(c for c in corners if c is not None)
         if not all(math.isfinite(x) for corner in polygon for x in corner):
             self.error(place, "has a corner that is not finite")
+        elif len(polygon) > 2 and (edges := crossing(polygon)):
+            self.error(place, f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch")
         self.fences.append(Fence(inclusion, polygon))
 
     def finish(self, name: str) -> Mission:

@@ -1,34 +1,33 @@
 """The boat's mind, pure: `step(state, inputs, t) -> (state, outputs)`. It composes the other rooms.
 
     sensors            -> estimator
-    Tick               -> estimate, vehicle phase, guidance, SolveRequest; neutral where not driving;
-                          or, while an excitation is flown, its lease at once, without guidance and NMPC
+    Tick               -> estimate, conditions, mode table (`modes`); then what the mode's thrusters do:
+                          controller  guidance, SolveRequest; its lease follows
+                          sticks, excitation, neutral   the lease at once
     PlanResult         -> lease from the plan, if its tick is still open and the plan is sound
     PlanDeadline       -> lease from the fallback ladder, if its tick is still open
+    all else           -> events of the mode table, at once
 
-Every tick ends in exactly one OverrideLease. The state predicted to when a command acts (dead time ahead,
-under the commands already sent) is what the NMPC plans from.
+Every tick ends in exactly one OverrideLease, neutral in every mode that does not drive. The state predicted to
+when a command acts (dead time ahead, under the commands already sent) is what the NMPC plans from.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
 
-from companion.core import guidance, lookout, vehicle
-from companion.core.allocation import pulse_widths
-from companion.core.estimator import Estimator, EstimatorState
-from companion.core.excitation.file import Excitation
-from companion.core.excitation.flight import BEGINNING, Flight, FlightState
+from companion.core import echo, guidance, lookout, modes, pack, steering, sticks, vehicle, watch
+from companion.core.allocation import allocate, force_limits, pulse_widths
+from companion.core.estimator import Estimator
+from companion.core.excitation.flight import BEGINNING, Flight
 from companion.core.fallback import FallbackSettings, command
 from companion.core.frames import ssa
-from companion.core.guidance import GuidanceSettings, GuidanceState
-from companion.core.lookout import Lookout
 from companion.core.messages import (
     Alert,
     Attitude,
@@ -37,11 +36,15 @@ from companion.core.messages import (
     Heartbeat,
     ImuSample,
     LinkStatus,
+    ManualInput,
     Message,
+    NewMission,
     OperatorCommand,
     OverrideLease,
     PlanDeadline,
     PlanResult,
+    RcChannels,
+    ServoOutput,
     SolveRequest,
     StateEstimate,
     Tick,
@@ -49,63 +52,17 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.mission import Mission
-from companion.core.nmpc import NmpcSettings
-from companion.core.run_file import Control
-from companion.core.site import Site
+from companion.core.modes import THRUSTERS
+from companion.core.path import Path, Waypoint
+from companion.core.pilot_state import PilotSettings, PilotState
 from companion.core.thrusters import NEUTRAL_US
-from companion.core.vehicle import Vehicle
-from companion.core.vessel_file import VesselFile
 
-VOLTAGE_SHARE = 0.2
-"""Weight of a new voltage reading against the old mean: load spikes should not shake the thrust; assumed."""
-VOLTAGE_RANGE = (0.5, 1.5)
-"""Readings outside these shares of the nominal voltage are no pack's (0 V: no battery monitor); assumed."""
+__all__ = ["Pilot", "PilotSettings", "PilotState"]
+
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""
 REMEMBERED_TICKS = 20
 """Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
-
-NOTHING_SEEN = Lookout()
-
-Wanted = Literal["mission", "hold", "excitation"]
-_WANTED: dict[str, Wanted] = {"start": "mission", "hold": "hold", "excite": "excitation"}
-
-
-@dataclass(frozen=True)
-class PilotSettings:
-    """Everything that a run is configured with."""
-
-    vessel: VesselFile
-    site: Site
-    mission: Mission
-    control: Control = field(default_factory=Control)
-    guidance: GuidanceSettings = field(default_factory=GuidanceSettings)
-    nmpc: NmpcSettings = field(default_factory=NmpcSettings)
-    excitation: Excitation | None = None
-    """Flown on the operator's `excite`."""
-
-
-@dataclass(frozen=True)
-class PilotState:
-    """Everything the boat remembers between steps."""
-
-    estimator: EstimatorState
-    voltage_v: float
-    f_command_n: tuple[float, ...]
-    vehicle: Vehicle = vehicle.STOPPED
-    guidance: GuidanceState = guidance.IDLE
-    wanted: Wanted = "mission"
-    flight: FlightState = BEGINNING
-    passed: tuple[guidance.Passage, ...] = ()
-    lookout: Lookout = NOTHING_SEEN
-    open_tick: int | None = None
-    asked: tuple[tuple[int, int], ...] = ()
-    """Tick and instant [ns] of the latest SolveRequests."""
-    estimate: StateEstimate | None = None
-    row: tuple[float, ...] | None = None
-    plan: PlanResult | None = None
-    plan_ns: int = 0
-
 
 Outputs = list[Message]
 
@@ -124,6 +81,7 @@ class Pilot:
         self._flight: Flight | None = None
         if told := settings.excitation:
             self._flight = Flight(told, vessel, settings.site, name=told.name)
+        self._sticks, self._fence, self._limits = sticks.StickForce(vessel), settings.fence, force_limits(vessel)
         self._latency_ns = round(settings.control.latency_s * 1e9)
         self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
         self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
@@ -134,7 +92,7 @@ class Pilot:
         vessel = self.settings.vessel
         return PilotState(
             estimator=self._estimator.initial(),
-            voltage_v=vessel.propulsion.nominal_voltage_V,
+            pack=pack.Pack(vessel.propulsion.nominal_voltage_V),
             f_command_n=(0.0,) * len(vessel.thrusters),
         )
 
@@ -144,7 +102,8 @@ class Pilot:
         for message in inputs:
             if handle := _HANDLERS.get(type(message)):
                 state, more = handle(self, state, message, t_ns)
-                outputs += more
+                state, told = steering.told(state, t_ns, tick=isinstance(message, Tick))
+                outputs += [*more, *told]
         return state, outputs
 
     # --- what comes in -----------------------------------------------------------------------------
@@ -161,15 +120,20 @@ class Pilot:
         return replace(state, estimator=estimator), outputs
 
     def _battery(self, state: PilotState, message: Battery, t_ns: int) -> tuple[PilotState, Outputs]:
-        low, high = (share * self.settings.vessel.propulsion.nominal_voltage_V for share in VOLTAGE_RANGE)
-        if not low <= message.voltage_v <= high:
-            return state, []
-        mean = state.voltage_v + VOLTAGE_SHARE * (message.voltage_v - state.voltage_v)
-        return replace(state, voltage_v=mean), []
+        nominal_v = self.settings.vessel.propulsion.nominal_voltage_V
+        return replace(state, pack=pack.read(state.pack, message, nominal_v, self.settings.battery)), []
 
     def _heartbeat(self, state: PilotState, message: Heartbeat, t_ns: int) -> tuple[PilotState, Outputs]:
-        known, alerts = vehicle.hear(state.vehicle, message, t_ns)
-        return replace(state, vehicle=known), alerts
+        known, events = vehicle.hear(state.vehicle, message)
+        return steering.events(replace(state, vehicle=known), events, t_ns)
+
+    def _rc(self, state: PilotState, message: RcChannels, t_ns: int) -> tuple[PilotState, Outputs]:
+        heard, events = echo.at_rc(state.echo, message, self.channels, self.settings.system_id)
+        return steering.events(replace(state, echo=heard), events, t_ns)
+
+    def _servo(self, state: PilotState, message: ServoOutput, t_ns: int) -> tuple[PilotState, Outputs]:
+        heard, alerts = echo.at_servo(state.echo, message, self._n)
+        return replace(state, echo=heard), list(alerts)
 
     def _link(self, state: PilotState, message: LinkStatus, t_ns: int) -> tuple[PilotState, Outputs]:
         level = "warning" if message.state in ("stale", "lost") else "info"
@@ -177,52 +141,103 @@ class Pilot:
         return state, [Alert(t_ns=t_ns, level=level, text=text)]
 
     def _operator(self, state: PilotState, message: OperatorCommand, t_ns: int) -> tuple[PilotState, Outputs]:
-        if message.command == "stop":
-            stopped = replace(state.vehicle, phase="stopped", why="stopped by the operator")
-            return replace(state, vehicle=stopped, guidance=guidance.IDLE, plan=None, asked=()), []
         if message.command == "excite" and self._flight is None:
             return state, [Alert(t_ns=t_ns, level="warning", text="no excitation to fly: name one in the run file")]
-        wanted: Wanted = _WANTED[message.command]
-        if state.vehicle.phase == "driving":
-            if wanted == state.wanted:
-                return state, []
-            return replace(state, wanted=wanted, guidance=guidance.IDLE), []
-        waiting = replace(state.vehicle, phase="waiting")
-        return replace(state, vehicle=waiting, wanted=wanted, guidance=guidance.IDLE), []
+        why = f"{'stopped' if message.command == 'stop' else message.command} by the operator"
+        return steering.event(state, message.command, why, t_ns)
+
+    def _new_mission(self, state: PilotState, message: NewMission, t_ns: int) -> tuple[PilotState, Outputs]:
+        """From its first waypoint; not while another is driven."""
+        text = f"mission {message.name} with {len(message.waypoints)} waypoints"
+        if state.helm.mode == "auto" or (state.helm.mode == "starting" and state.helm.wanted == "auto"):
+            return state, [Alert(t_ns=t_ns, level="warning", text=f"{text} not loaded: hold or stop first")]
+        points = tuple(Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m) for w in message.waypoints)
+        mission = Mission(message.name, Path(points), message.end_heading_rad)
+        told = Alert(t_ns=t_ns, level="info", text=f"{text} loaded: start begins it")
+        return replace(state, mission=mission, passed=()), [told]
+
+    def _sticks_moved(self, state: PilotState, message: ManualInput, t_ns: int) -> tuple[PilotState, Outputs]:
+        timeout_s = self.settings.control.manual_timeout_s
+        return replace(state, sticks=sticks.hear(state.sticks, message, t_ns, timeout_s)), []
 
     # --- a tick and its one lease ------------------------------------------------------------------
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
         estimate = self._estimator.estimate(state.estimator, t_ns)
-        seen, alerts = lookout.at_estimate(state.lookout, estimate)
-        unfit = _unfit(estimate) or lookout.blind(seen, t_ns, self.settings.control.blind_s)
-        known, more = vehicle.advance(state.vehicle, t_ns, unfit=unfit)
-        state = replace(state, estimate=estimate, vehicle=known, lookout=seen)
-        outputs: Outputs = [estimate, *alerts, *more]
+        state, outputs = self._judge(replace(state, estimate=estimate), tick, estimate, t_ns)
         if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
             state, left = self._choose(state, t_ns, "no plan before the next tick")
             outputs += left
-        if known.phase != "driving":
-            state = replace(state, guidance=guidance.IDLE, plan=None, asked=(), open_tick=tick.index)
-            state, lease = self._choose(state, t_ns, "")
-            return state, [*outputs, *lease]
-        if state.wanted == "excitation" and self._flight:
-            state, flown = self._excite(replace(state, open_tick=tick.index), self._flight, estimate, t_ns)
-            return state, [*outputs, *flown]
+        state, more = self._drive(replace(state, open_tick=tick.index), estimate, t_ns)
+        return state, [estimate, *outputs, *more]
+
+    def _judge(self, state: PilotState, tick: Tick, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
+        """Conditions through the mode table, and what is still asked of autopilot and sticks."""
+        silence = vehicle.silence(state.vehicle, t_ns)
+        seen, alerts = lookout.at_estimate(state.lookout, estimate)
+        watched, conditions = watch.at_tick(
+            state.watch, tick, estimate, seen, self._fence, state.pack, self.settings.control, state.plan_ns
+        )
+        heard, more, told = echo.at_tick(state.echo, t_ns, heard=silence is None)
+        conditions |= more
+        if silence:
+            conditions["link_lost"] = silence
+        state = replace(state, lookout=seen, watch=watched, echo=heard)
+        helm, judged = modes.look(state.helm, conditions, t_ns)
+        state = steering.steered(state, helm, t_ns)
+        outputs: Outputs = [*alerts, *told, *judged]
+        if state.helm.mode == "manual" and (why := self._stick_trouble(state, t_ns)):
+            state, more = steering.event(state, "sticks_lost", why, t_ns)
+            return state, [*outputs, *more]
+        if state.helm.mode not in ("starting", "locked"):
+            return state, outputs
+        missing = modes.waits_for(state.helm, conditions)
+        if missing:
+            return steering.waiting(state, missing), outputs
+        known, requests, waiting = vehicle.prepare(state.vehicle, t_ns)
+        state, outputs = replace(state, vehicle=known), [*outputs, *requests]
+        if not waiting and state.helm.mode == "locked":
+            waiting = self._stick_trouble(state, t_ns) or ""
+        if waiting:
+            return steering.waiting(state, waiting), outputs
+        state, more = steering.event(state, "ready", "all is ready", t_ns)
+        return state, [*outputs, *more]
+
+    def _stick_trouble(self, state: PilotState, t_ns: int) -> str | None:
+        return sticks.trouble(state.sticks, t_ns, self.settings.control.manual_timeout_s)
+
+    def _drive(self, state: PilotState, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
+        """What the thrusters of this mode do at this tick."""
+        thrusters = THRUSTERS[state.helm.mode]
+        if thrusters == "excitation" and self._flight:
+            return self._excite(state, self._flight, estimate, t_ns)
+        if thrusters == "sticks":
+            return self._by_hand(state, t_ns)
+        if thrusters != "controller" or state.open_tick is None:
+            return self._choose(state, t_ns, "")
         eta, nu = _pose(estimate), _velocity(estimate)
         state = self._begin(state, eta, nu, t_ns)
         state, reference = self._guide(state, eta, nu, t_ns)
-        request = self._request(state, estimate, tick.index, t_ns)
-        asked = (*state.asked, (tick.index, t_ns))[-REMEMBERED_TICKS:]
-        state = replace(state, open_tick=tick.index, asked=asked, row=request.reference[0])
-        return state, [*outputs, reference, request]
+        assert state.open_tick is not None
+        request = self._request(state, estimate, state.open_tick, t_ns)
+        asked = (*state.asked, (state.open_tick, t_ns))[-REMEMBERED_TICKS:]
+        return replace(state, asked=asked, row=request.reference[0]), [reference, request]
+
+    def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
+        """The sticks' forces, no faster than the thrusters may change."""
+        last, propulsion = np.array(state.f_command_n), self.settings.vessel.propulsion
+        most = propulsion.rate_limit_N_s * self.settings.control.period_s
+        wanted = allocate(self._sticks.tau(state.sticks), self.settings.vessel)
+        f = np.clip(np.clip(wanted, last - most, last + most), *self._limits)
+        source = state.sticks.last.source if state.sticks.last else ""
+        return self._lease(state, f, "manual", source, t_ns)
 
     def _begin(self, state: PilotState, eta, nu, t_ns: int) -> PilotState:
         """Start what is wanted, once driving is allowed; a mission goes on where it was left."""
         if state.guidance.phase != "idle":
             return state
-        g, mission = self.settings.guidance, self.settings.mission
-        if state.wanted == "hold":
+        g, mission = self.settings.guidance, state.mission or self.settings.mission
+        if state.helm.mode == "hold":
             return replace(state, guidance=guidance.hold(g, eta, nu, t_ns))
         passed = state.passed if len(state.passed) < len(mission.path.waypoints) else ()
         end = mission.end_heading_rad
@@ -232,10 +247,7 @@ class Pilot:
     def _excite(
         self, state: PilotState, flight: Flight, estimate: StateEstimate, t_ns: int
     ) -> tuple[PilotState, Outputs]:
-        """One tick of the excitation, and its lease; neutral while the estimate is not healthy, and when it is over."""
-        state = replace(state, guidance=guidance.IDLE, plan=None, asked=())
-        if estimate.health != "healthy":  # it finds back to the middle afterwards, as after every break
-            return self._lease(state, np.zeros(self._n), "neutral", f"estimate {estimate.health}", t_ns)
+        """One tick of the excitation, and its lease; neutral when it is over."""
         eta, nu = np.array(_pose(estimate)), np.array(_velocity(estimate))
         spread_m = SPREAD_SIGMAS * math.sqrt(estimate.covariance[0] + estimate.covariance[7])
         at, f, note = flight.step(state.flight, eta, nu, t_ns, spread_m=spread_m)
@@ -246,15 +258,16 @@ class Pilot:
             outputs.append(Alert(t_ns=t_ns, level=level, text=note))
         state = replace(state, flight=at)
         if flight.is_over(at):
-            stopped = replace(state.vehicle, phase="stopped", why=note)
-            state, lease = self._choose(replace(state, vehicle=stopped, flight=BEGINNING), t_ns, "")
+            state, more = steering.event(replace(state, flight=BEGINNING), "finished", note, t_ns)
+            state, lease = self._choose(state, t_ns, "")
+            outputs += more
         else:
             state, lease = self._lease(state, f, "excitation", f"{status.phase} {status.name}", t_ns)
         return state, [*outputs, *lease]
 
     def _guide(self, state: PilotState, eta, nu, t_ns: int) -> tuple[PilotState, GuidanceReference]:
         moved, reference = guidance.step(state.guidance, self.settings.guidance, eta, nu, t_ns)
-        passed = moved.passed if state.wanted == "mission" else state.passed
+        passed = moved.passed if state.helm.mode == "auto" else state.passed
         return replace(state, guidance=moved, passed=passed), reference
 
     def _request(self, state: PilotState, estimate: StateEstimate, index: int, t_ns: int) -> SolveRequest:
@@ -290,9 +303,8 @@ class Pilot:
 
     def _choose(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
         """The lease of the open tick: the highest rung that holds; neutral where the boat may not drive."""
-        if state.vehicle.phase != "driving":
-            why = state.vehicle.why or state.vehicle.phase
-            return self._lease(state, np.zeros(self._n), "neutral", why, t_ns)
+        if THRUSTERS[state.helm.mode] != "controller":
+            return self._lease(state, np.zeros(self._n), "neutral", state.helm.why, t_ns)
         age_s = (t_ns - state.plan_ns) * 1e-9
         f, source, why = command(
             state.plan,
@@ -312,7 +324,7 @@ class Pilot:
             t_ns=t_ns,
             index=state.open_tick,
             channels=self.channels,
-            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.voltage_v) + self._still,
+            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.pack.voltage_v) + self._still,
             valid_for_s=self.settings.control.lease_s,
             source=source,
             reason=reason,
@@ -320,7 +332,8 @@ class Pilot:
         )
         told = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
         seen, alerts = lookout.at_lease(state.lookout, lease)
-        return replace(state, estimator=told, f_command_n=f, open_tick=None, lookout=seen), [lease, *alerts]
+        state = replace(state, estimator=told, f_command_n=f, open_tick=None, lookout=seen)
+        return replace(state, echo=echo.at_lease(state.echo, lease)), [lease, *alerts]
 
 
 _HANDLERS: dict[type[Message], Callable[..., tuple[PilotState, Outputs]]] = {
@@ -332,16 +345,14 @@ _HANDLERS: dict[type[Message], Callable[..., tuple[PilotState, Outputs]]] = {
     Heartbeat: Pilot._heartbeat,
     LinkStatus: Pilot._link,
     OperatorCommand: Pilot._operator,
+    ManualInput: Pilot._sticks_moved,
+    NewMission: Pilot._new_mission,
+    RcChannels: Pilot._rc,
+    ServoOutput: Pilot._servo,
     Tick: Pilot._tick,
     PlanResult: Pilot._planned,
     PlanDeadline: Pilot._deadline,
 }
-
-
-def _unfit(estimate: StateEstimate) -> str | None:
-    if estimate.health in ("healthy", "degraded"):
-        return None
-    return f"state estimate {estimate.health}: {estimate.reason}"
 
 
 def _unsound(plan: PlanResult, n: int) -> str | None:

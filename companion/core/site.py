@@ -12,6 +12,7 @@ from typing import Annotated
 import msgspec
 
 from companion.core.config import ConfigError, SourcedTable, parse_toml
+from companion.core.fence import crossing
 
 
 class Anchor(SourcedTable, frozen=True, kw_only=True):
@@ -49,4 +50,7 @@ def load_site(text: str, *, name: str) -> Site:
     for i, anchor in enumerate(ids):
         if anchor in ids[:i]:
             raise ConfigError(f"{name}: anchors[{i}].id: anchor {anchor!r} is there twice")
+    if edges := crossing(site.fence):
+        told = f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch"
+        raise ConfigError(f"{name}: fence: {told}: give each corner once, in order along the fence")
     return site

@@ -21,6 +21,7 @@ from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
+from drivers.mavlink.signing import Signing
 from drivers.mavlink.statustext import ChunkJoiner, Text
 from drivers.mavlink.timesync import ClockOffset
 
@@ -53,7 +54,8 @@ class MavlinkCodec:
     """Codec of the companion `system`/`component` towards one autopilot.
 
     `target_system`: None takes the first autopilot heard. `imu_preference`: see `ImuSelector`.
-    Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`.
+    `signing`: signs what the encoder makes, and what it does not accept is as if it had never come.
+    Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`, `signing`.
     """
 
     def __init__(
@@ -64,11 +66,13 @@ class MavlinkCodec:
         target_component: int = AUTOPILOT_COMPONENT,
         clock: ClockOffset | None = None,
         imu_preference: Sequence[str] = IMU_PREFERENCE,
+        signing: Signing | None = None,
     ) -> None:
         self.counters = Counters()
         self.framer = Framer()
         self.clock = clock or ClockOffset()
-        self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component)
+        self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component, signing)
+        self.signing = signing
         self.imu = ImuSelector(imu_preference)
         self.target = None if target_system is None else (target_system, target_component)
         self._own = (system, component)
@@ -80,6 +84,8 @@ class MavlinkCodec:
         """Messages that `data`, arrived at `t_ns` [ns], completes. b"" only lets waiting texts expire."""
         out: list[Message] = _texts(self._texts.expire(t_ns), t_ns)
         for m in self.framer.feed(data, t_ns):
+            if self.signing and not self.signing.accepts(m):
+                continue
             self._count(m)
             if not self._from_target(m):
                 self.counters.ignored[m.get_type()] += 1

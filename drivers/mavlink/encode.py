@@ -15,6 +15,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.core.messages import OverrideLease
+from drivers.mavlink.signing import Signing
+from drivers.mavlink.vision import Fix
 
 PWM_MIN_US, PWM_NEUTRAL_US, PWM_MAX_US = 1100, 1500, 1900
 """Pulse widths of the thrusters' speed controllers [us] (Blue Robotics Basic ESC)."""
@@ -31,13 +33,23 @@ class MavlinkEncoder:
     """Encodes as `system`/`component` for `target_system`/`target_component` (0: everyone).
 
     `system` must equal the autopilot's SYSID_MYGCS (4.7: MAV_GCS_SYSID), which drops other overrides
-    silently.
+    silently. `signing`: signs every frame.
     """
 
-    def __init__(self, system: int, component: int, target_system: int, target_component: int) -> None:
+    def __init__(
+        self,
+        system: int,
+        component: int,
+        target_system: int,
+        target_component: int,
+        signing: Signing | None = None,
+    ) -> None:
         self.target_system = target_system
         self.target_component = target_component
         self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._signing = signing
+        if signing:
+            signing.equip(self._mav)
 
     def heartbeat(self) -> bytes:
         """HEARTBEAT of an onboard controller."""
@@ -116,12 +128,26 @@ class MavlinkEncoder:
         """TIMESYNC: a question has tc1 = 0 and our time in ts1; an answer our time in tc1 and echoes ts1."""
         return self._pack(self._mav.timesync_encode(tc1_ns, ts1_ns))
 
+    def vision_position(self, fix: Fix) -> bytes:
+        """VISION_POSITION_ESTIMATE: our pose, for the autopilot's filter."""
+        pose = fix.north_m, fix.east_m, 0.0, 0.0, 0.0, fix.yaw_rad
+        return self._pack(
+            self._mav.vision_position_estimate_encode(fix.usec, *pose, list(fix.covariance), fix.reset_counter)
+        )
+
+    def global_origin(self, lat_deg: float, lon_deg: float) -> bytes:
+        """SET_GPS_GLOBAL_ORIGIN at sea level (the boat's height is not known), for the target's system."""
+        lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
+        return self._pack(self._mav.set_gps_global_origin_encode(self.target_system, lat, lon, 0))
+
     def _override(self, pwm_us: Mapping[int, int]) -> bytes:
         ignore = [_LOW_IGNORE] * _LOW_CHANNELS + [_HIGH_IGNORE] * (18 - _LOW_CHANNELS)
         raw = [pwm_us.get(i, untouched) for i, untouched in enumerate(ignore, start=1)]
         return self._pack(self._mav.rc_channels_override_encode(self.target_system, self.target_component, *raw))
 
     def _pack(self, message: Any) -> bytes:
+        if self._signing:
+            self._signing.stamp(self._mav)
         data = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return data

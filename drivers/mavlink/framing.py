@@ -13,6 +13,7 @@ begins. Source: https://mavlink.io/en/guide/serialization.html
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -30,13 +31,15 @@ class Framer:
     """Bytes in, decoded pymavlink messages out. Never raises on any bytes.
 
     `bad_data` counts faults (places where the stream stopped making sense), `bad_bytes` the bytes skipped,
-    `unknown` the frames per message id that the dialect does not know.
+    `unknown` the frames per message id that the dialect does not know. `on_frame` gets the bytes of every frame
+    that was found, those of unknown ids too.
     """
 
     def __init__(self) -> None:
         self.bad_data = 0
         self.bad_bytes = 0
         self.unknown: dict[int, int] = {}
+        self.on_frame: Callable[[bytes], None] | None = None
         self._mav = dialect.MAVLink(None)
         self._buf = bytearray()
         self._synced = True
@@ -97,6 +100,7 @@ class Framer:
         except dialect.MAVError:
             return self._reject(pos)
         self._synced, self._waiting_since_ns = True, None
+        self._show(pos, length)
         return pos + length
 
     def _pass_over(self, pos: int, length: int, ident: int) -> int:
@@ -105,7 +109,12 @@ class Framer:
             return self._reject(pos)
         self.unknown[ident] = self.unknown.get(ident, 0) + 1
         self._waiting_since_ns = None
+        self._show(pos, length)
         return pos + length
+
+    def _show(self, pos: int, length: int) -> None:
+        if self.on_frame is not None:
+            self.on_frame(bytes(self._buf[pos : pos + length]))
 
     def _reject(self, pos: int) -> int:
         self._lose_sync()

@@ -23,10 +23,14 @@ VERSION_RETRY_MAX_NS = 32_000_000_000
 
 
 class MavlinkSession:
-    """Session of one link. `codec`: the codec that made the messages; `wanted_hz`: message type -> rate."""
+    """Session of one link. `codec`: the codec that made the messages; `wanted_hz`: message type -> rate.
+
+    `begins`: how often the conversation began, as at the first heartbeat and after each reboot.
+    """
 
     def __init__(self, codec: MavlinkCodec, wanted_hz: Mapping[str, float] = WANTED_HZ) -> None:
         self.autopilot: AutopilotInfo | None = None
+        self.begins = 0
         self._codec = codec
         self._streams = Streams(wanted_hz)
         self._alerts: list[Alert] = []
@@ -40,6 +44,8 @@ class MavlinkSession:
     def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
         out: list[bytes] = []
+        if self._codec.signing:
+            self._alerts += self._codec.signing.alerts(t_ns)
         for message in messages:
             if isinstance(message, Heartbeat):
                 self._hear(t_ns)
@@ -70,6 +76,7 @@ class MavlinkSession:
 
     def _begin(self, t_ns: int) -> None:
         self.autopilot = None
+        self.begins += 1
         self._streams.restart()
         self._timesync_due_ns = self._version_due_ns = t_ns
         self._version_retry_ns = VERSION_RETRY_NS

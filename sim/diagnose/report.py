@@ -53,7 +53,7 @@ def residues(found: Diagnosis) -> tuple[Residue, Residue]:
     """What the refitted base leaves over, with what the causes and numbers beside them change; what is left then."""
     final, given = found.selection.final, found.refit.theta
     ids = {n.fitted for n in found.causes} | set(given)
-    acts = {"hull", "thrust", "water", "force"}
+    acts = {"hull", "thrust", "water", "force", "maps", "pwm"}
     changed = [e for e in found.fit.effects if e.id in final.point.theta and (e.id in ids or acts & set(e.hooks))]
     changed = changed if found.causes else []
     more = {e.id: final.point.theta[e.id] - given.get(e.id, 0.0) for e in changed}

@@ -53,15 +53,15 @@ def fly(
 
     def over(run: SteppedRun) -> bool:
         nonlocal next_ns, started
-        phase = run.state.vehicle.phase
-        started = started or phase == "driving"
+        helm = run.state.helm
+        started = started or helm.driving
         if run.world.t_ns >= next_ns:
             next_ns = run.world.t_ns + round(PER_SAY_S * 1e9)
             say(f"{run.world.t_ns * 1e-9:.0f} s")
-        return started and phase == "stopped"
+        return started and helm.mode in ("idle", "safe")
 
     run.run(over, limit_s)
-    ending = run.state.vehicle.why if started else f"never began: {run.state.vehicle.why}"
+    ending = run.state.helm.why if started else f"never began: {run.state.helm.why}"
     run.run(lambda _: False, AFTER_S)
     statuses, truths = tuple(run.of(ExcitationStatus)), tuple(run.of(GroundTruth))
     track = np.array([(m.north_m, m.east_m) for m in truths])

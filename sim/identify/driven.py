@@ -101,7 +101,7 @@ def driven_runs(
     """One mission a seed; filter and NMPC are built once. `settings`: mission, site, control; its vessel is unused."""
     mine = replace(settings, vessel=belief.vessel)
     pilot = Pilot(mine)
-    nmpc = Nmpc(belief.model, Actuation.of(belief.vessel), mine.nmpc, time.perf_counter)
+    nmpc = Nmpc(belief.model, Actuation.of(belief.vessel), mine.nmpc, time.perf_counter, mine.fence)
     for seed in seeds:
         setup = WorldSetup(true, settings.site, start=start_of(seed), weather=weather or Weather())
         run = SteppedRun(World(setup, seed), pilot, nmpc.solve)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from companion.core.messages import GroundTruth
 from drivers.pty_port import PtyPort
+from sim.world.autopilot.files import Files
 from sim.world.mavlink_server import Address, MavlinkServer
 from sim.world.world import STEP_NS, World, WorldSetup
 
@@ -40,6 +41,7 @@ async def serve(
 ) -> None:
     """Run until cancelled. `ready` is told once where the devices are. Raises OSError for a taken port."""
     world = World(replace(setup, boot_ns=time.monotonic_ns()), seed)
+    world.rover.files = Files()
     server = MavlinkServer(world.rover, lambda: world.t_ns)
     pty = PtyPort(wires.uwb_path)
     try:

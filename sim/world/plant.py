@@ -9,6 +9,7 @@ every step. Battery: V = V_open - R_i I with the current of the bollard table's 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -42,7 +43,7 @@ class Plant:
         n = len(vessel.thrusters)
         self._vessel, self.step_ns = vessel, step_ns
         self._open_v = self.voltage_v = voltage_v
-        self.function = _plant_function(vessel, step_ns * 1e-9)
+        self.function = _plant_function(vessel)
         self._step = BufferedStep(self.function)
         self._pwm = DelayLine(round(vessel.propulsion.dead_time_s * 1e9), (float(NEUTRAL_US),) * n)
         self.motion = Motion(t_ns, np.concatenate([np.asarray(x0, dtype=float)[:6], np.zeros(n)]), np.zeros(3))
@@ -57,24 +58,25 @@ class Plant:
         """Pulse widths [us] that reach the ESCs' inputs from `t_ns` on, in the vessel file's order."""
         self._pwm.push(t_ns, pwm_us)
 
-    def step(self, moment: Moment) -> Motion:
-        """Advance by one step in the given environment."""
-        t_ns = self.motion.t_ns
+    def step(self, moment: Moment, step_ns: int | None = None) -> Motion:
+        """Advance by one step (`step_ns` long where given) in the given environment."""
+        t_ns, step_ns = self.motion.t_ns, step_ns or self.step_ns
         vessel = self._vessel
         f_cmd = [
             force_from_pwm(t, vessel.force_maps[t.force_map], pwm, self.voltage_v)
             for t, pwm in zip(vessel.thrusters, self._pwm.at(t_ns), strict=True)
         ]
         air_and_water = (moment.V_c_m_s, moment.beta_c_deg, moment.V_w_m_s, moment.beta_w_deg)
-        out = self._step(self.motion.x, f_cmd, moment.wave_n, air_and_water)
-        self.motion = Motion(t_ns + self.step_ns, out[:-3], out[-3:])
+        out = self._step(self.motion.x, f_cmd, moment.wave_n, air_and_water, step_ns * 1e-9)
+        self.motion = Motion(t_ns + step_ns, out[:-3], out[-3:])
         self.voltage_v = self._open_v - R_BATTERY_OHM * self.current_a
         return self.motion
 
 
-def _plant_function(vessel: VesselFile, h: float) -> ca.Function:
-    """(x, f_cmd, wave, [V_c, beta_c, V_w, beta_w]) -> [x after h; nu_dot there]."""
+def _plant_function(vessel: VesselFile) -> ca.Function:
+    """(x, f_cmd, wave, [V_c, beta_c, V_w, beta_w], h) -> [x after h; nu_dot there]."""
     weather = ca.SX.sym("weather", 4)
+    h: Any = ca.SX.sym("h")
     base = StructuredModel.of(vessel)
     sky = dict(base.term_values)
     sky["current"] = {"V_c_m_s": weather[0], "beta_c_deg": weather[1]}
@@ -87,7 +89,7 @@ def _plant_function(vessel: VesselFile, h: float) -> ca.Function:
     x, f_cmd, wave = ca.SX.sym("x", 6 + n), ca.SX.sym("f_cmd", n), ca.SX.sym("wave", 3)
     x_next = rk4(lambda s: state_rate(model, s, f_cmd, wave), x, h)
     nu_dot = state_rate(model, x_next, f_cmd, wave)[3:6]
-    return ca.Function("plant", [x, f_cmd, wave, weather], [ca.vertcat(x_next, nu_dot)])
+    return ca.Function("plant", [x, f_cmd, wave, weather, h], [ca.vertcat(x_next, nu_dot)])
 
 
 def perturbed(vessel: VesselFile, rng: np.random.Generator, share: float) -> VesselFile:

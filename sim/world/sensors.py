@@ -45,6 +45,20 @@ class ImuReading:
     psi_rad: float
 
 
+def specific_force(imu: Imu, motion: Motion, moment: Moment) -> np.ndarray:
+    """What a perfect accelerometer at the IMU's place measures [m/s^2], body axes, shape (3,)."""
+    u, v, r = motion.x[3:6]
+    u_dot, v_dot, r_dot = motion.nu_dot
+    phi, theta = moment.phi_rad, moment.theta_rad
+    return np.array(
+        [
+            u_dot - v * r - imu.x_m * r**2 - imu.y_m * r_dot + G * np.sin(theta),
+            v_dot + u * r + imu.x_m * r_dot - imu.y_m * r**2 - G * np.cos(theta) * np.sin(phi),
+            -G * np.cos(theta) * np.cos(phi),
+        ]
+    )
+
+
 class ImuSensor:
     """IMU and attitude of the autopilot, sampled at the file's rate."""
 
@@ -62,16 +76,8 @@ class ImuSensor:
         self._gyro_bias += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt), 3)
         decay = np.exp(-dt / imu.heading_wander_time_s)
         self._wander = decay * self._wander + imu.heading_wander_sigma_rad * np.sqrt(1 - decay**2) * rng.normal()
-        u, v, r = motion.x[3:6]
-        u_dot, v_dot, r_dot = motion.nu_dot
-        phi, theta = moment.phi_rad, moment.theta_rad
-        force = np.array(
-            [
-                u_dot - v * r - imu.x_m * r**2 - imu.y_m * r_dot + G * np.sin(theta),
-                v_dot + u * r + imu.x_m * r_dot - imu.y_m * r**2 - G * np.cos(theta) * np.sin(phi),
-                -G * np.cos(theta) * np.cos(phi),
-            ]
-        )
+        phi, theta, r = moment.phi_rad, moment.theta_rad, motion.x[5]
+        force = specific_force(imu, motion, moment)
         force[0], force[1], rate = imu_applied(imu, force[0], force[1], r)
         accel = force + self._accel_bias + rng.normal(0, imu.accel_sigma_m_s2, 3)
         gyro = np.array([0.0, 0.0, rate]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s, 3)

@@ -4,13 +4,15 @@
     mavlink(data, peer)         bytes from a MAVLink peer; what is answered at once
     uwb(data)                   bytes from the companion to the tag; what is answered at once
 
+`Afloat` is the world without an autopilot, for a firmware that is not ours (`json_backend`).
+
 It has no clock: real time (`loopback`) and stepped tests call the same `step`. The same setup, seed and
 incoming bytes give the same outgoing bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import msgspec
@@ -62,46 +64,51 @@ class Outgoing:
     uwb: bytes
 
 
-class World:
-    """One simulated boat in its basin. `receiver_us` may be set: the pilot moves the sticks, the receiver dies."""
+class Afloat:
+    """One simulated boat in its basin, without an autopilot. `tag`: one that is switched on already."""
 
-    def __init__(self, setup: WorldSetup, seed: int):
-        draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
-        vessel = perturbed(setup.vessel, draws[0], setup.mismatch) if setup.mismatch else setup.vessel
+    def __init__(self, setup: WorldSetup, seed: int, tag: UwbTag | None = None):
+        draws = _draws(seed)
+        vessel = perturbed(setup.vessel, draws["vessel"], setup.mismatch) if setup.mismatch else setup.vessel
         self.t_ns = setup.boot_ns
         self.vessel = vessel
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
-        wired = _wired(vessel, setup.parameters)
-        channels, serial = _channels(vessel), setup.serial
-        self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
-        self.receiver_us = setup.receiver_us
-        self._environment = Environment(_weather(setup), draws[1])
-        self._imu = ImuSensor(vessel.sensors.imu, draws[2])
-        self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws[3])
+        self._environment = Environment(_weather(setup), draws["weather"])
+        self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws["uwb"])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
-        self._tag = UwbTag(vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz)
-        self._frame: SensorFrame | None = None
-        self._imu_due_ns = self._uwb_due_ns = setup.boot_ns
+        self.tag = tag or UwbTag(vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz)
+        self._uwb_due_ns = setup.boot_ns
         self._in_flight: list[tuple[int, bytes]] = []
         self.silent_uwb = False
 
-    def step(self) -> Outgoing:
-        """Advance the world by `STEP_NS`."""
-        self._drive_thrusters()
-        moment = self._environment.step(self.t_ns * 1e-9, STEP_NS * 1e-9)
-        self.plant.step(moment)
-        self.t_ns += STEP_NS
-        frame = self._sense(moment)
-        return Outgoing(self.rover.step(self.t_ns, frame), self._tag_bytes())
+    def advance(self, outputs_us: Sequence[int], step_ns: int = STEP_NS) -> Moment:
+        """One step on with these outputs of the autopilot; what the environment was.
 
-    def mavlink(self, data: bytes, peer: Hashable) -> bytes:
-        """Bytes from a MAVLink peer now; the autopilot's answer."""
-        return self.rover.receive(data, peer, self.t_ns)
+        Outputs 1..n go to the thrusters in the vessel file's order; 0 is no pulse.
+        """
+        pulses = outputs_us[: len(self.vessel.thrusters)]
+        self.plant.command(self.t_ns, tuple(float(p) if p else 1500.0 for p in pulses))
+        moment = self._environment.step(self.t_ns * 1e-9, step_ns * 1e-9)
+        self.plant.step(moment, step_ns)
+        self.t_ns += step_ns
+        return moment
+
+    def tag_bytes(self) -> bytes:
+        """Measure when due; hand out what has been under way for the tag's latency."""
+        if self.t_ns >= self._uwb_due_ns:
+            self._uwb_due_ns += round(1e9 / self.tag.rate_hz)
+            ranges = self._uwb.measure(self.plant.motion)
+            if not self.silent_uwb:
+                data = self.tag.cycle(ranges, self._uwb.fix(ranges), self.t_ns)
+                self._in_flight.append((self._uwb.arrival_ns(self.t_ns), data))
+        due = b"".join(data for ready_ns, data in self._in_flight if ready_ns <= self.t_ns)
+        self._in_flight = [(ready_ns, data) for ready_ns, data in self._in_flight if ready_ns > self.t_ns]
+        return due
 
     def uwb(self, data: bytes) -> bytes:
         """Bytes from the companion to the UWB tag now; its answer."""
-        return self._tag.receive(data, self.t_ns)
+        return self.tag.receive(data, self.t_ns)
 
     def truth(self) -> GroundTruth:
         """What really is."""
@@ -117,10 +124,28 @@ class World:
             f_n=tuple(x[6:]),
         )
 
-    def _drive_thrusters(self) -> None:
-        """Outputs 1..n of the autopilot go to the thrusters in the vessel file's order; 0 is no pulse."""
-        pulses = self.rover.outputs_us[: len(self.vessel.thrusters)]
-        self.plant.command(self.t_ns, tuple(float(p) if p else 1500.0 for p in pulses))
+
+class World(Afloat):
+    """A boat with its autopilot. `receiver_us` may be set: the pilot moves the sticks, the receiver dies."""
+
+    def __init__(self, setup: WorldSetup, seed: int):
+        super().__init__(setup, seed)
+        wired = _wired(self.vessel, setup.parameters)
+        channels, serial = _channels(self.vessel), setup.serial
+        self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
+        self.receiver_us = setup.receiver_us
+        self._imu = ImuSensor(self.vessel.sensors.imu, _draws(seed)["imu"])
+        self._frame: SensorFrame | None = None
+        self._imu_due_ns = setup.boot_ns
+
+    def step(self) -> Outgoing:
+        """Advance the world by `STEP_NS`."""
+        frame = self._sense(self.advance(self.rover.outputs_us))
+        return Outgoing(self.rover.step(self.t_ns, frame), self.tag_bytes())
+
+    def mavlink(self, data: bytes, peer: Hashable) -> bytes:
+        """Bytes from a MAVLink peer now; the autopilot's answer."""
+        return self.rover.receive(data, peer, self.t_ns)
 
     def _sense(self, moment: Moment) -> SensorFrame:
         if self._frame is None or self.t_ns >= self._imu_due_ns:
@@ -140,17 +165,11 @@ class World:
             )
         return msgspec.structs.replace(self._frame, receiver_us=self.receiver_us)
 
-    def _tag_bytes(self) -> bytes:
-        """Measure when due; hand out what has been under way for the tag's latency."""
-        if self.t_ns >= self._uwb_due_ns:
-            self._uwb_due_ns += round(1e9 / self._tag.rate_hz)
-            ranges = self._uwb.measure(self.plant.motion)
-            if not self.silent_uwb:
-                data = self._tag.cycle(ranges, self._uwb.fix(ranges), self.t_ns)
-                self._in_flight.append((self._uwb.arrival_ns(self.t_ns), data))
-        due = b"".join(data for ready_ns, data in self._in_flight if ready_ns <= self.t_ns)
-        self._in_flight = [(ready_ns, data) for ready_ns, data in self._in_flight if ready_ns > self.t_ns]
-        return due
+
+def _draws(seed: int) -> dict[str, np.random.Generator]:
+    """A generator for each source of chance, from the seed alone."""
+    made = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5))
+    return dict(zip(("vessel", "weather", "imu", "uwb", "spare"), made, strict=True))
 
 
 def _channels(vessel: VesselFile) -> tuple[int, ...]:

@@ -56,7 +56,7 @@ def driven(true, believed, limit_s=90.0):
 )
 def test_the_mission_is_done_within_the_limits(vessel):
     run, done = driven(vessel, vessel)
-    assert done, f"not done: {run.state.guidance.phase}, {run.state.vehicle}"
+    assert done, f"not done: {run.state.guidance.phase}, {run.state.helm}"
     got = figures(run)
     print(got)
     assert got["cross_track_rms_m"] <= 0.15 and got["position_rmse_m"] <= 0.2 and got["heading_rmse_deg"] <= 2.0

@@ -17,7 +17,7 @@ NOISY = {"faults": UwbFaults(dropout=0.2, nlos=0.05)}
 
 def driven(seed, points=CORNER, limit_s=90.0, **world):
     run = voyage(seed, points, **world)
-    assert run.run(settled(4.0), limit_s), f"not done: {run.state.guidance.phase}, {run.state.vehicle}"
+    assert run.run(settled(4.0), limit_s), f"not done: {run.state.guidance.phase}, {run.state.helm}"
     return run
 
 
@@ -74,7 +74,7 @@ def test_eight_seconds_without_the_tag_do_not_lead_astray():
     run.world.silent_uwb = True
     run.run(lambda r: False, 8.0)
     run.world.silent_uwb = False
-    assert run.run(settled(2.0), 80.0), f"never arrived: {run.state.vehicle}"
+    assert run.run(settled(2.0), 80.0), f"never arrived: {run.state.helm}"
     told = {e.health for e in run.of(StateEstimate) if e.t_ns > silent_ns}
     assert "degraded" in told and "lost" not in told
     driven = track(run)
@@ -88,7 +88,7 @@ def test_a_tag_that_dies_ends_in_neutral():
     run = voyage(4)
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 2.0, 40.0)
     run.world.silent_uwb = True
-    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 150.0)
+    assert run.run(lambda r: r.state.helm.mode == "safe", 150.0)
     run.run(lambda r: False, 1.0)
     assert run.of(OverrideLease)[-1].source == "neutral"
     assert np.abs(run.world.plant.motion.x[6:]).max() < 0.01
@@ -100,7 +100,7 @@ def test_an_autopilot_that_falls_silent_ends_in_neutral_leases():
     run.world.rover.remove_link(PEER)
     silent_ns = run.world.t_ns
     run.world.rover.receive = lambda data, peer, t_ns: b""
-    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 10.0)
+    assert run.run(lambda r: r.state.helm.mode == "safe", 10.0)
     assert 2.0 < (run.world.t_ns - silent_ns) * 1e-9 < 4.2
     assert run.of(OverrideLease)[-1].source == "neutral"
     assert [lease.index for lease in run.of(OverrideLease)] == [tick.index for tick in run.of(Tick)]
@@ -137,7 +137,7 @@ def test_without_uwb_for_good_the_boat_stops_and_says_why():
     assert run.run(driving, 20.0)
     run.run(lambda r: False, 3.0)
     run.world.silent_uwb = True
-    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 30.0)
+    assert run.run(lambda r: r.state.helm.mode == "safe", 30.0)
     stopped_s = run.world.t_ns * 1e-9
     run.run(lambda r: False, 3.0)
     assert {m.source for m in run.of(OverrideLease) if m.t_ns * 1e-9 > stopped_s} == {"neutral"}

@@ -27,11 +27,11 @@ THRUSTERS = (9, 10, 11, 12)
 class Bench:
     """`sent`: (t_ns, MAVLink message) that left the boat; `seen`: what the App's watcher saw."""
 
-    def __init__(self, path, solver=None, seed=21, mind=None):
+    def __init__(self, path, solver=None, seed=21, mind=None, codec=None, station=None, vision_hz=None, **world):
         self.clock = SimClock(S)
         told = setup().pilot
         self.mind = mind or pilot()
-        self.world = World(WorldSetup(told.vessel, told.site, start=START, boot_ns=S), seed)
+        self.world = World(WorldSetup(told.vessel, told.site, start=START, boot_ns=S, **world), seed)
         self.recorder = Recorder(
             path, log_metadata("aritra", setup().files), self.clock.now_ns, wall_offset_ns=0, background=False
         )
@@ -41,11 +41,12 @@ class Bench:
         near, self.far = memory_pair("autopilot")
         tag, self.far_tag = memory_pair("tag")
         uwb = told.vessel.sensors.uwb
-        self.codec = MavlinkCodec()
+        self.codec = codec or MavlinkCodec()
         self.tag_codec = uwb_codec(uwb.wire_format, "tag", uwb.rate_Hz)
         self.app = App(
             self.mind, solver or nmpc(), mavlink=(near, self.codec), uwb=(tag, self.tag_codec), clock=self.clock,
             recorder=self.recorder, rng=random.Random(3), watch=self._watch,
+            forward=station and station(self.clock), vision_hz=vision_hz,
         )  # fmt: skip
         self._parser = wire.MAVLink(None)
         self._parser.robust_parsing = True
@@ -89,12 +90,12 @@ class Bench:
     async def drive(self, limit_s=20.0):
         """Start and go on until under way."""
         self.app.command(OperatorCommand(t_ns=self.clock.now_ns(), command="start"))
-        assert await self.run(limit_s, until=lambda: self.phase == "driving"), self.app.state.vehicle
+        assert await self.run(limit_s, until=lambda: self.mode == "auto"), self.app.state.helm
         await self.run(1.0)
 
     @property
-    def phase(self):
-        return self.app.state.vehicle.phase
+    def mode(self):
+        return self.app.state.helm.mode
 
     @property
     def overrides(self):

@@ -11,7 +11,15 @@ import pytest
 from app_bench import Bench, S, neutral, released
 
 from companion.app import uwb_timing
-from companion.core.messages import LoopTiming, OperatorCommand, OverrideLease, PlanResult, Tick
+from companion.core.messages import (
+    LoopTiming,
+    ManualInput,
+    ModeStatus,
+    OperatorCommand,
+    OverrideLease,
+    PlanResult,
+    Tick,
+)
 from companion.core.pilot import Pilot
 from companion.logfile import LogFile
 
@@ -199,11 +207,11 @@ def test_a_lost_autopilot_stops_the_boat_and_it_goes_on_when_told(path):
         await bench.drive()
         bench.deaf, bench.answering = True, False
         await bench.run(4.2)
-        assert bench.phase == "stopped" and neutral(bench.overrides[-1][1])
+        assert bench.mode == "safe" and neutral(bench.overrides[-1][1])
         await bench.run(2.0)
         bench.deaf, bench.answering = False, True
         await bench.run(3.0)
-        assert bench.phase == "stopped", "not by itself"
+        assert bench.mode == "safe", "not by itself"
         await bench.drive()
 
     assert bench.scene(story) is None
@@ -238,7 +246,7 @@ def test_garbage_from_the_autopilot_does_no_harm(path):
         for _ in range(20):
             bench.far.send(os.urandom(60))
             await bench.run(0.05)
-        assert bench.phase == "driving"
+        assert bench.mode == "auto"
 
     assert bench.scene(story) is None
     ends_in_order(bench)
@@ -258,6 +266,37 @@ def test_a_loop_that_stands_still_sends_neutral_when_the_lease_is_over(path):
         assert 0.3 * S <= after[0][0] - last.t_ns <= 0.4 * S
 
     bench.scene(story)
+
+
+def test_by_hand_over_the_wire_and_neutral_when_the_hands_are_gone(path):
+    """No tag, so no estimate: sticks need none. A client that dies leaves neutral within its timeout and a tick."""
+    bench = Bench(path)
+
+    async def hold(bench, surge, seconds):
+        for _ in range(round(seconds / 0.05)):
+            now = bench.clock.now_ns()
+            bench.app.manual(ManualInput(t_ns=now, surge=surge, sway=0.0, yaw=0.0, source="test"))
+            await bench.run(0.05)
+
+    async def story(bench):
+        bench.world.silent_uwb = True
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="manual"))
+        await hold(bench, 0.0, 5.0)
+        assert bench.mode == "manual" and bench.world.rover.vehicle.modes.armed
+        await hold(bench, 0.5, 2.0)
+        assert min(bench.world.rover.outputs_us[:4]) > 1600 and bench.world.plant.motion.x[3] > 0.2
+        gone_ns = bench.clock.now_ns()
+        await bench.run(1.0)
+        neutrals = [t_ns for t_ns, pwm in bench.overrides if t_ns > gone_ns and neutral(pwm)]
+        assert 0.4 * S < neutrals[0] - gone_ns < 0.65 * S and bench.mode == "locked"
+        assert bench.world.rover.outputs_us[:4] == (1500,) * 4
+        await hold(bench, 0.5, 1.0)
+        assert bench.mode == "locked" and neutral(bench.overrides[-1][1])
+
+    assert bench.scene(story) is None
+    assert next(m.mode for m in bench.of(ModeStatus) if m.driving) == "manual"
+    assert set(bench.leases_per_tick()[:-12]) == {1}
+    ends_in_order(bench)
 
 
 @pytest.mark.parametrize(("rate_hz", "stale_s", "lost_s"), [(1.0, 2.5, 20.0), (10.0, 1.5, 20.0), (0.1, 25.0, 50.0)])

@@ -6,7 +6,7 @@ import pytest
 from voyage import mission_text
 
 from companion.core.config import ConfigError
-from companion.setup import EXAMPLES, load_setup, setup_of
+from companion.setup import EXAMPLES, load_setup, setup_of, warnings
 
 RUN, VESSEL, SITE, MISSION = "aritra.toml", "boats/aritra.toml", "sites/basin.toml", "missions/square.toml"
 
@@ -105,3 +105,22 @@ def test_the_texts_alone_make_the_same_setup(folder):
     broken = {**setup.files, "mission.toml": mission_text(((1.0, float("nan")),))}
     with pytest.raises(ConfigError, match=r"log: mission\.toml"):
         setup_of(broken, {name: f"log: {name}" for name in broken})
+
+
+def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(folder):
+    assert warnings(load_setup(folder / RUN)) == []
+    (folder / MISSION).write_text(mission_text(((15.0, 15.0), (29.2, 15.0), (31.0, 15.0))))
+    change(folder, RUN, r"\[battery\]\nlow_V = 14.0\ncritical_V = 13.2\n", "")
+    beyond, near, battery = sorted(warnings(load_setup(folder / RUN)), key=lambda text: "lies beyond" not in text)
+    assert "waypoint 2 at north 31, east 15 m lies beyond the fence" in beyond
+    assert "waypoint 1 at north 29.2, east 15 m lies 0.3 m from the fence" in near
+    assert "no [battery] limits" in battery
+
+
+def test_a_fence_of_the_mission_counts_like_the_sites_own(folder):
+    keep_out = "[[fences]]\ninclusion = false\npolygon = [[14.0, 14.0], [16.0, 14.0], [16.0, 16.0], [14.0, 16.0]]\n"
+    (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 15.0))) + keep_out)
+    setup = load_setup(folder / RUN)
+    assert setup.pilot.fence.clearance(15.0, 15.0) == -1.0 and setup.pilot.fence.clearance(12.0, 15.0) == 2.0
+    (text,) = warnings(setup)
+    assert "waypoint 1" in text and "beyond the fence" in text

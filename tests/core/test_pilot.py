@@ -63,7 +63,7 @@ class Shell:
         assert np.isfinite(lease.f_command_n).all() and lease.valid_for_s == 0.3
         if lease.source == "neutral":
             assert lease.reason and lease.pwm_us == (1500,) * 8
-        if len(inputs) == 1 and self.state.vehicle.phase != "driving":
+        if len(inputs) == 1 and not self.state.helm.driving:
             assert lease.source == "neutral", "thrust without leave to drive"
 
     def tick(self):
@@ -101,7 +101,7 @@ EVENTS = st.one_of(
     st.tuples(st.just("plan"), st.sampled_from([-1, 0, 0, 0, 1, 500]), st.sampled_from(["ok", "ok", "failed"]), rows),
     st.tuples(st.just("deadline"), st.sampled_from([-1, 0, 0, 1])),
     st.tuples(st.just("heartbeat"), st.booleans(), st.sampled_from([0, 0, 0, 4])),
-    st.tuples(st.just("operator"), st.sampled_from(["start", "stop", "hold"])),
+    st.tuples(st.just("operator"), st.sampled_from(["start", "stop", "hold", "manual"])),
     st.tuples(st.just("battery"), numbers),
     st.tuples(st.just("attitude"), numbers),
     st.tuples(st.just("imu"), numbers),
@@ -388,17 +388,17 @@ def test_without_an_estimate_nothing_is_asked_for():
 @pytest.mark.parametrize("voltage_v", [0.0, -1.0, 1.5, 7.4, 22.6, 65.535, NAN, INF])
 def test_a_voltage_that_no_pack_has_changes_nothing(voltage_v):
     shell = on_the_leg()
-    before = shell.state.voltage_v
+    before = shell.state.pack.voltage_v
     for _ in range(50):
         shell.feed(m.Battery(t_ns=shell.t_ns, voltage_v=voltage_v))
-    assert shell.state.voltage_v == before
+    assert shell.state.pack.voltage_v == before
 
 
 def test_a_sagging_pack_is_followed_and_gets_longer_pulses():
     shell, low = on_the_leg(), on_the_leg()
     for _ in range(50):
         low.feed(m.Battery(t_ns=low.t_ns, voltage_v=13.0))
-    assert low.state.voltage_v == pytest.approx(13.0, abs=0.01)
+    assert low.state.pack.voltage_v == pytest.approx(13.0, abs=0.01)
     for each in (shell, low):
         going(each)
     assert low.lease.pwm_us[0] > shell.lease.pwm_us[0]

@@ -58,7 +58,9 @@ def in_neutral(run, since_ns) -> bool:
 @pytest.fixture(scope="module")
 def flight() -> SteppedRun:
     run = begun()
-    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 60.0)
+    assert run.run(
+        lambda r: r.state.helm.mode == "idle" and r.state.flight.t_ns is None and r.of(ExcitationStatus), 60.0
+    )
     run.run(lambda r: False, 1.0)
     return run
 
@@ -71,7 +73,7 @@ def test_every_tick_has_one_lease_and_no_plan_is_asked_for(flight):
 
 
 def test_it_ends_stopped_and_neutral_and_says_what_it_flew(flight):
-    assert flight.state.vehicle.why == "excitation done"
+    assert flight.state.helm.why == "excitation done"
     last = flight.of(ExcitationStatus)[-1]
     assert last.phase == "done" and in_neutral(flight, last.t_ns - 1)
     names = [s.name for s in flight.of(ExcitationStatus) if s.phase == "fly"]
@@ -110,7 +112,7 @@ def test_a_lost_autopilot_ends_it_in_neutral():
     run = under_way()
     run.world.rover.remove_link(PEER)
     run.world.rover.receive = lambda data, peer, t_ns: b""
-    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 10.0)
+    assert run.run(lambda r: r.state.helm.mode == "safe", 10.0)
     since = run.world.t_ns
     run.run(lambda r: False, 0.5)
     assert in_neutral(run, since)
@@ -122,12 +124,12 @@ def test_without_the_tag_it_waits_in_neutral_then_stops():
     assert run.run(lambda r: r.state.estimate.health == "degraded", 15.0)
     since = run.world.t_ns + 100_000_000
     run.run(lambda r: False, 2.0)
-    assert in_neutral(run, since) and run.state.vehicle.phase == "driving"
+    assert in_neutral(run, since) and run.state.helm.mode == "paused"
     run.world.silent_uwb = False
     assert run.run(lambda r: r.of(OverrideLease)[-1].source == "excitation", 20.0), "it goes on with the tag back"
     run.world.silent_uwb = True
-    assert run.run(lambda r: r.state.vehicle.phase == "stopped", 60.0)
-    assert "degraded for more than" in run.state.vehicle.why
+    assert run.run(lambda r: r.state.helm.mode == "safe", 60.0)
+    assert "degraded for more than" in run.state.helm.why
 
 
 def test_excite_without_an_excitation_is_told_and_changes_nothing():

@@ -1,11 +1,11 @@
-"""Getting to drive and noticing the end of it: every phase against every situation of the autopilot."""
+"""The autopilot by its heartbeats: what is asked for and when, what somebody else took, and when it counts as lost."""
 
 from dataclasses import replace
 
 import pytest
 
-from companion.core.messages import Alert, Heartbeat, VehicleRequest
-from companion.core.vehicle import HEARTBEAT_LOST_NS, MANUAL, RETRY_NS, Vehicle, advance, hear
+from companion.core.messages import Heartbeat
+from companion.core.vehicle import HEARTBEAT_LOST_NS, MANUAL, RETRY_NS, UNKNOWN, Vehicle, hear, prepare, silence
 
 S = 1_000_000_000
 NOW = 100 * S
@@ -18,71 +18,59 @@ def heartbeat(armed=True, mode=MANUAL, t_ns=NOW):
 
 
 READY, HELD, DISARMED = heartbeat(), heartbeat(mode=HOLD), heartbeat(armed=False)
-OLD = heartbeat(t_ns=NOW - HEARTBEAT_LOST_NS - 1)
+NEITHER = heartbeat(armed=False, mode=HOLD)
 
 
 @pytest.mark.parametrize(
-    ("phase", "beat", "unfit", "after"),
+    ("before", "now", "events"),
     [
-        ("stopped", READY, None, "stopped"),
-        ("stopped", DISARMED, "lost", "stopped"),
-        ("waiting", None, None, "waiting"),
-        ("waiting", OLD, None, "waiting"),
-        ("waiting", READY, "estimate lost", "waiting"),
-        ("waiting", READY, None, "driving"),
-        ("waiting", HELD, None, "arming"),
-        ("waiting", DISARMED, None, "arming"),
-        ("arming", None, None, "waiting"),
-        ("arming", OLD, None, "waiting"),
-        ("arming", READY, "estimate lost", "waiting"),
-        ("arming", READY, None, "driving"),
-        ("arming", HELD, None, "arming"),
-        ("arming", DISARMED, None, "arming"),
-        ("driving", READY, None, "driving"),
-        ("driving", None, None, "stopped"),
-        ("driving", OLD, None, "stopped"),
-        ("driving", READY, "estimate lost", "stopped"),
+        (None, READY, []),
+        (None, NEITHER, []),
+        (READY, READY, []),
+        (READY, DISARMED, ["disarmed"]),
+        (READY, HELD, ["mode_changed"]),
+        (READY, NEITHER, ["disarmed", "mode_changed"]),
+        (DISARMED, READY, []),
+        (DISARMED, DISARMED, []),
+        (DISARMED, NEITHER, ["mode_changed"]),
+        (HELD, READY, []),
+        (HELD, heartbeat(mode=15), []),
+        (HELD, NEITHER, ["disarmed"]),
+        (NEITHER, READY, []),
     ],
 )
-def test_every_phase_in_every_situation(phase, beat, unfit, after):
-    vehicle, out = advance(Vehicle(phase, "", beat), NOW, unfit=unfit)
-    assert vehicle.phase == after
-    if after != "driving":
-        assert vehicle.why or phase == "stopped"
-    errors = [m for m in out if isinstance(m, Alert) and m.level == "error"]
-    assert len(errors) == (phase == "driving" and after == "stopped")
-    requests = [m for m in out if isinstance(m, VehicleRequest)]
-    assert bool(requests) == (after == "arming")
+def test_only_what_was_there_can_be_taken_away(before, now, events):
+    vehicle, found = hear(Vehicle(before, asked_ns=7), now)
+    assert vehicle == Vehicle(now, asked_ns=7)
+    assert [event for event, _ in found] == events and all(words for _, words in found)
+
+
+def test_the_words_name_the_mode():
+    assert hear(Vehicle(READY), HELD)[1] == [("mode_changed", "the autopilot's mode was changed to 4")]
 
 
 def test_manual_is_asked_for_before_arming_and_both_again_each_second():
-    vehicle, asked = Vehicle("waiting"), []
+    vehicle, asked, waits = UNKNOWN, [], []
     for k in range(60):
         t_ns = NOW + k * S // 10
         beat = heartbeat(mode=HOLD if k < 25 else MANUAL, armed=k >= 50, t_ns=t_ns)
-        vehicle, out = advance(replace(vehicle, heartbeat=beat), t_ns, unfit=None)
-        asked += [(k, m.action) for m in out if isinstance(m, VehicleRequest)]
-    assert vehicle.phase == "driving"
-    assert asked == [(0, "set_mode"), (10, "set_mode"), (20, "set_mode"), (30, "arm"), (40, "arm")]
-    assert RETRY_NS == S
+        vehicle, requests, why = prepare(replace(vehicle, heartbeat=beat), t_ns)
+        asked += [(k, m.action, m.custom_mode) for m in requests]
+        waits.append(why.rpartition(" ")[2])
+    assert asked == [(0, "set_mode", 0), (10, "set_mode", 0), (20, "set_mode", 0), (30, "arm", None), (40, "arm", None)]
+    assert waits == ["MANUAL"] * 25 + ["armed"] * 25 + [""] * 10
+    assert vehicle.asked_ns is None and RETRY_NS == S
 
 
-@pytest.mark.parametrize(("beat", "why"), [(DISARMED, "disarmed"), (HELD, "mode was changed to 4")])
-def test_a_disarm_or_a_mode_change_stops_at_once_and_is_not_undone(beat, why):
-    vehicle, out = hear(Vehicle("driving", "", READY), beat, NOW)
-    assert vehicle.phase == "stopped" and why in vehicle.why and [a.level for a in out] == ["error"]
-    vehicle, out = hear(vehicle, READY, NOW)
-    assert vehicle.phase == "stopped" and not out
+def test_without_a_heartbeat_nothing_is_asked_for():
+    assert prepare(UNKNOWN, NOW) == (UNKNOWN, [], "waiting for the autopilot")
 
 
-@pytest.mark.parametrize("phase", ["waiting", "arming", "stopped"])
-@pytest.mark.parametrize("beat", [READY, DISARMED, HELD])
-def test_before_driving_a_heartbeat_is_only_noted(phase, beat):
-    assert hear(Vehicle(phase, "why"), beat, NOW) == (Vehicle(phase, "why", beat), [])
+def test_at_the_very_beginning_of_time_it_asks_too():
+    assert [m.action for m in prepare(Vehicle(HELD), 0)[1]] == ["set_mode"]
 
 
-def test_a_heartbeat_that_comes_back_does_not_drive_by_itself():
-    vehicle, _ = advance(Vehicle("driving", "", OLD), NOW, unfit=None)
-    assert "no heartbeat" in vehicle.why
-    vehicle, out = advance(replace(vehicle, heartbeat=READY), NOW, unfit=None)
-    assert vehicle.phase == "stopped" and not out
+def test_lost_is_three_seconds_of_silence():
+    assert "yet" in (silence(UNKNOWN, NOW) or "")
+    assert silence(Vehicle(READY), NOW + HEARTBEAT_LOST_NS) is None
+    assert "for 3.1 s" in (silence(Vehicle(READY), NOW + HEARTBEAT_LOST_NS + S // 10) or "")

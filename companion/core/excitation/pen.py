@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.core.config import ConfigError
+from companion.core.fence import clearance
 from companion.core.site import Site
 
 _CELLS = 60  # of the grid on which the middle is looked for
@@ -44,16 +45,7 @@ class Pen:
 
     def clearance(self, places: np.ndarray) -> np.ndarray:
         """Distance of places (m, 2) to the fence, shape (m,) [m], negative outside (even-odd rule)."""
-        start, end = self.corners, np.roll(self.corners, -1, axis=0)
-        edge, away = end - start, places[:, None] - start
-        along = np.clip((away * edge).sum(axis=2) / (edge**2).sum(axis=1), 0.0, 1.0)
-        nearest = np.sqrt(((along[..., None] * edge - away) ** 2).sum(axis=2)).min(axis=1)
-        north, east = places[:, 0, None], places[:, 1, None]
-        spans = (start[:, 0] > north) != (end[:, 0] > north)
-        rise = np.where(edge[:, 0] == 0, 1.0, edge[:, 0])
-        crossing = start[:, 1] + away[..., 0] / rise * edge[:, 1]
-        inside = (spans & (east < crossing)).sum(axis=1) % 2 == 1
-        return np.where(inside, nearest, -nearest)
+        return clearance(self.corners, places)
 
     def least_clearance(self, start: np.ndarray, end: np.ndarray) -> float:
         """Smallest clearance on the straight line between two places [m]."""

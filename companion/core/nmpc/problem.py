@@ -13,6 +13,7 @@ and, for the rescue and the tests, `nlp`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ import numpy as np
 
 from companion.core.columns import COLUMNS
 from companion.core.dynamics import Model
+from companion.core.fence import Fence, Level
 from companion.core.nmpc.settings import Actuation, NmpcSettings
 from companion.core.nmpc.stage import advance, control_residual, state_residual
 
@@ -56,14 +58,16 @@ class Problem:
         return np.vstack([z[:, : self.nx], w[-self.nx :]]), z[:, self.nx :]
 
 
-def _stage_functions(model: Model, able: np.ndarray, s: NmpcSettings) -> tuple[ca.Function, ca.Function, ca.Function]:
+def _stage_functions(
+    model: Model, able: np.ndarray, s: NmpcSettings, levels: Sequence[Level]
+) -> tuple[ca.Function, ca.Function, ca.Function]:
     """(x, c, row, d) -> linearised stage; the same without derivatives; the last row's. `able` (n,): 1 or 0."""
     n = model.B.shape[1]
     x, c = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n)
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
     z = ca.vertcat(x, c)
     x_next = ca.cse(advance(model, x, c, d, s.step_s))
-    residual = ca.vertcat(state_residual(s, x, row), control_residual(s, model, model.B * able, x, c, row, d))
+    residual = ca.vertcat(state_residual(s, x, row, levels), control_residual(s, model, model.B * able, x, c, row, d))
     J = ca.jacobian(residual, z)
     linear = ca.Function(
         "stage",
@@ -71,7 +75,7 @@ def _stage_functions(model: Model, able: np.ndarray, s: NmpcSettings) -> tuple[c
         [x_next, *(ca.densify(e) for e in (ca.jacobian(x_next, z), 2 * J.T @ J, 2 * J.T @ residual))],
     )
     plain = ca.Function("plain", [x, c, row, d], [x_next, ca.sumsqr(residual)])
-    last = np.sqrt(s.terminal) * state_residual(s, x, row)
+    last = np.sqrt(s.terminal) * state_residual(s, x, row, levels)
     J_N = ca.jacobian(last, x)
     terminal = ca.Function(
         "terminal",
@@ -81,12 +85,12 @@ def _stage_functions(model: Model, able: np.ndarray, s: NmpcSettings) -> tuple[c
     return linear, plain, terminal
 
 
-def build(model: Model, actuation: Actuation, settings: NmpcSettings) -> Problem:
-    """Compile the problem for one model, its limits and settings."""
+def build(model: Model, actuation: Actuation, settings: NmpcSettings, fence: Fence | None = None) -> Problem:
+    """Compile the problem for one model, its limits, settings and fence."""
     N, nu = settings.stages, model.B.shape[1]
     nx = 6 + nu
     able = actuation.force_min_n < actuation.force_max_n
-    linear, plain, terminal = _stage_functions(model, able, settings)
+    linear, plain, terminal = _stage_functions(model, able, settings, fence.levels(ca.fmin) if fence else ())
     w = ca.MX.sym("w", N * (nx + nu) + nx)
     rows, d = ca.MX.sym("rows", len(COLUMNS), N + 1), ca.MX.sym("d", 3)
     Z, x_N = ca.reshape(w[: N * (nx + nu)], nx + nu, N), w[N * (nx + nu) :]

@@ -4,7 +4,7 @@ Cost of one stage, each bracket squared and weighted (path frame of the stage's 
 
     cross_track [y_e] + along_track station [x_e] + heading [psi - psi_ref]
     + surge [u - u_ref] + sway [v - v_ref] + yaw_rate [r - r_ref]
-    + effort [c - c_ss] + null_space [(I - B^+ B) c] + rate [c - f] + soft limits
+    + effort [c - c_ss] + null_space [(I - B^+ B) c] + rate [c - f] + soft limits + fence [margin - l]
 
 c_ss = B^+ tau_ss is the steady thrust that the reference needs against drag, terms and disturbance: taking
 the effort from there and not from zero is what makes the controller offset-free. `preset "production"`.
@@ -57,6 +57,11 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     """Soft limit on |u| and |v|."""
     yaw_rate_limit_rad_s: Positive | None = 1.0
     """Soft limit on |r|."""
+    fence: NonNegative = 100.0
+    """1/m^2 on what is nearer to the fence than the margin, of each of its levels (`fence.levels`): a half-plane with
+    a slack s >= 0 of cost w s^2, the slack solved for. Soft, so that the problem stays feasible beyond the fence."""
+    fence_margin_m: NonNegative = 0.5
+    """About the error of the position plus half the beam; assumed."""
     soft: NonNegative = 100.0
     """Weight on what exceeds a soft limit, s^2/m^2 and s^2/rad^2."""
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from companion.core.columns import COLUMNS, Column, near
 from companion.core.dynamics import FORCES, Model
+from companion.core.fence import Fence
 from companion.core.messages import PlanResult, SolveRequest
 from companion.core.nmpc.problem import Problem, build
 from companion.core.nmpc.qp_step import QpStep, Step
@@ -38,10 +39,17 @@ class Asked(NamedTuple):
 
 
 class Nmpc:
-    """The production NMPC of one vessel. `clock` gives seconds and is only used to time the solves."""
+    """The production NMPC of one vessel, which keeps off `fence`. `clock` gives seconds; it only times the solves."""
 
-    def __init__(self, model: Model, actuation: Actuation, settings: NmpcSettings, clock: Callable[[], float]):
-        self.problem: Problem = build(model, actuation, settings)
+    def __init__(
+        self,
+        model: Model,
+        actuation: Actuation,
+        settings: NmpcSettings,
+        clock: Callable[[], float],
+        fence: Fence | None = None,
+    ):
+        self.problem: Problem = build(model, actuation, settings, fence)
         self._actuation, self._clock = actuation, clock
         self._step = QpStep(self.problem)
         self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))

@@ -10,6 +10,7 @@ d [N, N, N m] is a constant body force, the disturbance that the filter estimate
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -17,6 +18,7 @@ import numpy as np
 
 from companion.core.columns import Column as ref
 from companion.core.dynamics import ETA, FORCES, NU, Model, eta_dot
+from companion.core.fence import Level
 from companion.core.nmpc.settings import NmpcSettings
 
 STATE_RESIDUALS = 6
@@ -44,8 +46,8 @@ def _excess(value: Any, limit: float) -> Any:
     return ca.fmax(ca.fabs(value) - limit, 0.0)
 
 
-def state_residual(s: NmpcSettings, x: Any, row: Any) -> Any:
-    """Weighted residuals of a state against its reference row; their squares sum to the state cost."""
+def state_residual(s: NmpcSettings, x: Any, row: Any, levels: Sequence[Level] = ()) -> Any:
+    """Weighted residuals of a state against its reference row, and the fence; their squares sum to the state cost."""
     sin, cos = ca.sin(row[ref.PATH_ANGLE]), ca.cos(row[ref.PATH_ANGLE])
     north, east = x[0] - row[ref.NORTH], x[1] - row[ref.EAST]
     weighted = [
@@ -60,6 +62,7 @@ def state_residual(s: NmpcSettings, x: Any, row: Any) -> Any:
         weighted += [(s.soft, _excess(x[3], s.speed_limit_m_s)), (s.soft, _excess(x[4], s.speed_limit_m_s))]
     if s.yaw_rate_limit_rad_s is not None:
         weighted.append((s.soft, _excess(x[5], s.yaw_rate_limit_rad_s)))
+    weighted += [(s.fence, ca.fmax(s.fence_margin_m - level(x[0], x[1]), 0.0)) for level in levels]
     return ca.vertcat(*(np.sqrt(w) * residual for w, residual in weighted))
 
 

@@ -10,6 +10,7 @@
     parameters.py     PARAM_* semantics                  parameter_table.py   names, types, defaults
     telemetry.py      one builder per streamed message   link.py       per-link rates, download, chunks
     signing.py        MAVLink 2 signing                  ftp.py        refusal: clients fall back
+    files.py          an SD card behind MAVLink FTP      logs.py       dataflash logs over MAVLink
 
 It reproduces what the real firmware was seen to do, the unsafe things included. Time is always the
 simulation's, in ns; there is no clock, socket, thread or random number in here.

@@ -107,9 +107,22 @@ def _data_stream(rover: Rover, link: Link, message: Any) -> None:
 
 
 def _file_transfer(rover: Rover, link: Link, message: Any) -> None:
-    payload = ftp.answer(message.payload)
+    answer = ftp.answer if rover.files is None else rover.files.answer
+    payload = answer(message.payload)
     sender = message.get_srcSystem(), message.get_srcComponent()
     link.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, payload))
+
+
+def _log_list(rover: Rover, link: Link, message: Any) -> None:
+    rover.logs.list_to(link, message.start, message.end)
+
+
+def _log_data(rover: Rover, link: Link, message: Any) -> None:
+    rover.logs.data_to(link, message.id, message.ofs, message.count)
+
+
+def _log_end(rover: Rover, link: Link, message: Any) -> None:
+    rover.logs.end(link)
 
 
 HANDLERS: dict[str, Callable[[Rover, Link, Any], None]] = {
@@ -125,5 +138,8 @@ HANDLERS: dict[str, Callable[[Rover, Link, Any], None]] = {
     "SETUP_SIGNING": _setup_signing,
     "REQUEST_DATA_STREAM": _data_stream,
     "FILE_TRANSFER_PROTOCOL": _file_transfer,
+    "LOG_REQUEST_LIST": _log_list,
+    "LOG_REQUEST_DATA": _log_data,
+    "LOG_REQUEST_END": _log_end,
 }
 """Received message type -> what to do with it; all others are ignored."""

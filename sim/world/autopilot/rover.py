@@ -13,8 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 
+from sim.world.autopilot.files import Files
 from sim.world.autopilot.firmware import FIRMWARE
 from sim.world.autopilot.link import Link
+from sim.world.autopilot.logs import Logs
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS, CHANNELS
 from sim.world.autopilot.received import HANDLERS, is_for
 from sim.world.autopilot.signing import SigningKey
@@ -31,6 +33,7 @@ class Rover:
 
     `boot_ns`: when it was switched on; `drift_ppm`: how much faster than the simulation its clock runs;
     `firmware`: "4.6" or "4.7"; `serial_of(peer)`: the port a peer is on (0: USB, which signing trusts).
+    Set afterwards: `files` of the SD card (None: file transfer is refused), `logs`.
     """
 
     def __init__(
@@ -50,6 +53,8 @@ class Rover:
         self.key = SigningKey()
         self.vehicle = Vehicle(boot_ns, parameters, *self._made_of)
         self.links: dict[Hashable, Link] = {}
+        self.files: Files | None = None
+        self.logs = Logs()
 
     @property
     def outputs_us(self) -> tuple[int, ...]:
@@ -93,6 +98,7 @@ class Rover:
         self._send_texts()
         for link in self.links.values():
             link.poll()
+        self.logs.poll()
         taken = ((peer, link.take()) for peer, link in self.links.items())
         return [(peer, data) for peer, data in taken if data]
 

@@ -1,0 +1,130 @@
+"""`aritra check`: the pre-flight table. Listens and asks; never arms, never overrides, never sets anything."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from companion.checking import Listener, all_rows, look_at_disk
+from companion.clock import BoatClock
+from companion.commands.analysis import seconds
+from companion.core.checks import Level, Row, worst
+from companion.core.config import ConfigError
+from companion.setup import EXAMPLES, Setup, load_setup
+from companion.signing_key import STAMP_FILE, load_key, load_timestamp
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.signing import Signing
+from drivers.port import Port
+from drivers.port_url import PortUrlError, open_port_from_url
+from drivers.uwb import uwb_codec
+
+FINE, REFUSED = 0, 1
+LISTEN_S = 5.0
+STYLES: dict[Level, str] = {"ok": "green", "warning": "yellow", "refuse": "bold red"}
+
+
+def add_parser(commands) -> None:
+    """Add `check` to the command line."""
+    p = commands.add_parser(
+        "check",
+        help="before the boat moves: wires, sensors, and whether it stops when the companion dies",
+        description="A table of what is found, what is needed and what to do. Propellers off or boat moored: nothing "
+        "is armed, overridden or set. Exit code 0: start (with the warnings read); 1: do not start; 2: bad input.",
+    )
+    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
+    p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
+    p.add_argument("--listen-s", type=seconds, default=LISTEN_S, metavar="S", help="how long to listen (default: 5)")
+    p.add_argument("--all", action="store_true", help="explain also what is in order")
+    p.add_argument("--json", action="store_true", help="the rows as JSON instead of a table")
+    p.set_defaults(function=check)
+
+
+def check(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Listen, judge, tell; the exit code."""
+    setup = load_setup(args.config)
+    mavlink = _port(args, "mavlink", setup.run.mavlink.url)
+    uwb = _port(args, "uwb", setup.run.uwb.url)
+    console, errors = console or Console(), Console(stderr=True)
+    rows = asyncio.run(_look(args, setup, mavlink, uwb, errors))
+    level = worst(rows)
+    if args.json:
+        told = {"verdict": level, "rows": msgspec.to_builtins(rows)}
+        sys.stdout.write(json.dumps(told, indent=2) + "\n")
+    else:
+        show(rows, console, explain_all=args.all)
+    return REFUSED if level == "refuse" else FINE
+
+
+def _port(args: argparse.Namespace, link: str, url: str) -> Port:
+    given = getattr(args, link)
+    try:
+        return open_port_from_url(given or url)
+    except PortUrlError as error:
+        raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
+
+
+def _signing(args: argparse.Namespace, setup: Setup, folder: Path) -> Signing | None:
+    """As `aritra run` signs. Raises ConfigError."""
+    if (name := setup.run.mavlink.signing_key) is None:
+        return None
+    path = args.config.parent / name
+    key = load_key(path, where=f"{args.config}: mavlink.signing_key")
+    return Signing(key, time.time_ns, key_name=str(path), floor=load_timestamp(folder / STAMP_FILE))
+
+
+async def _look(args: argparse.Namespace, setup: Setup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
+    folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
+    sensor, link = setup.pilot.vessel.sensors.uwb, setup.run.mavlink
+    with errors.status("opening the wires") as status:
+        listener = Listener(
+            setup,
+            mavlink=(mavlink, MavlinkCodec(link.system_id, link.component_id, signing=_signing(args, setup, folder))),
+            uwb=(uwb, uwb_codec(sensor.wire_format, setup.run.uwb.tag, sensor.rate_Hz)),
+            clock=BoatClock(),
+            say=status.update,
+        )
+        heard, told = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
+    return all_rows(setup, heard, told)
+
+
+def show(rows: list[Row], console: Console, *, explain_all: bool = False) -> None:
+    """The table; below it a sentence for every row that is not in order, and the verdict."""
+    table = Table(box=None, pad_edge=False)
+    for head in ("", "area", "what", "found", "needed"):
+        table.add_column(head, overflow="fold")
+    for row in rows:
+        table.add_row(
+            Text(row.level, style=STYLES[row.level]), row.area, Text(row.name), Text(row.found), Text(row.needed)
+        )
+    console.print(table)
+    told = [row for row in rows if explain_all or row.level != "ok"]
+    for row in sorted(told, key=lambda row: ("refuse", "warning", "ok").index(row.level)):
+        console.print()
+        console.print(Text(f"{row.level}: {row.name} = {row.found}", style=STYLES[row.level]))
+        console.print(Text(f"  {row.why}"))
+        if row.fix:
+            console.print(Text(f"  -> {row.fix}"))
+    console.print()
+    console.print(_verdict(rows))
+
+
+def _verdict(rows: list[Row]) -> Text:
+    level = worst(rows)
+    count = sum(row.level == level for row in rows)
+    s = "s" if count > 1 else ""
+    words = {
+        "ok": f"ready: {len(rows)} rows, all in order",
+        "warning": f"ready, with {count} warning{s} to read",
+        "refuse": f"DO NOT START: {count} row{s} refuse{'' if s else 's'}",
+    }
+    return Text(words[level], style=STYLES[level])

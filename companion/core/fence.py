@@ -1,0 +1,149 @@
+"""The fence: where the boat may be. One polygon of the site, and those of the mission to stay in or out of.
+
+`clearance` is the distance to the nearest edge, negative where the boat may not be: what the mode table judges.
+`levels` says the same by half-planes for the NMPC, whatever the polygon's shape:
+
+    l(p) = min( b_i - a_i . p   of the convex hull's edges,   -l_pocket(p)   of each part cut out of the hull )
+
+with |a_i| = 1: zero exactly on the fence, positive inside, slope 1 everywhere, never more than `clearance` there. A
+convex fence gives its half-planes, each a level of its own. Polygons must not cross themselves (`crossing`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+Corners = tuple[tuple[float, float], ...]
+Level = Callable[[Any, Any], Any]
+"""(north, east) -> metres inside, for numbers and CasADi expressions alike."""
+Minimum = Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class Fence:
+    """Polygons of (north, east) [m]: inside all of `within`, outside all of `without`."""
+
+    within: tuple[Corners, ...]
+    without: tuple[Corners, ...] = ()
+
+    @cached_property
+    def _signed(self) -> tuple[tuple[float, np.ndarray], ...]:
+        both = ((1.0, self.within), (-1.0, self.without))
+        return tuple((sign, np.array(corners)) for sign, polygons in both for corners in polygons)
+
+    def clearance(self, north_m: float, east_m: float) -> float:
+        """Distance [m] to the nearest fence, negative beyond it."""
+        place = np.array([[north_m, east_m]])
+        return float(min(sign * clearance(corners, place)[0] for sign, corners in self._signed))
+
+    def levels(self, minimum: Minimum) -> tuple[Level, ...]:
+        """Levels of all polygons. `minimum(a, b)`: of two values, `min` or `casadi.fmin`."""
+        found: list[Level] = []
+        for corners in self.within:
+            found += _levels(np.array(corners), minimum)
+        for corners in self.without:
+            found.append(_negative(_least(_levels(np.array(corners), minimum), minimum)))
+        return tuple(found)
+
+
+def clearance(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Distance of places (m, 2) to a polygon (k, 2), shape (m,) [m], negative outside (even-odd rule)."""
+    start, end = corners, np.roll(corners, -1, axis=0)
+    edge, away = end - start, places[:, None] - start
+    along = np.clip((away * edge).sum(axis=2) / (edge**2).sum(axis=1), 0.0, 1.0)
+    nearest = np.sqrt(((along[..., None] * edge - away) ** 2).sum(axis=2)).min(axis=1)
+    north, east = places[:, 0, None], places[:, 1, None]
+    spans = (start[:, 0] > north) != (end[:, 0] > north)
+    rise = np.where(edge[:, 0] == 0, 1.0, edge[:, 0])
+    crossed = start[:, 1] + away[..., 0] / rise * edge[:, 1]
+    inside = (spans & (east < crossed)).sum(axis=1) % 2 == 1
+    return np.where(inside, nearest, -nearest)
+
+
+def crossing(corners: Corners) -> tuple[int, int] | None:
+    """Two edges (numbers of their first corners) of a polygon that touch without being neighbours, or None.
+
+    An edge without length counts as touching its neighbour.
+    """
+    points, k = [np.array(c, dtype=float) for c in corners], len(corners)
+    for i in range(k):
+        if np.array_equal(points[i], points[(i + 1) % k]):
+            return i, (i + 1) % k
+        for j in range(i + 2, k - (i == 0)):
+            if _touch(points[i], points[(i + 1) % k], points[j], points[(j + 1) % k]):
+                return i, j
+    return None
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """Twice the area of a triangle, positive where a, b, c turn from north to east (clockwise on a map)."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _area(corners: np.ndarray) -> float:
+    """Twice the area of a polygon, positive where it turns from north to east."""
+    return sum(_turn(corners[0], b, c) for b, c in pairwise(corners[1:]))
+
+
+def _touch(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> bool:
+    """Whether the segments ab and cd have a point in common."""
+    boxes = np.all(np.maximum(np.minimum(a, b), np.minimum(c, d)) <= np.minimum(np.maximum(a, b), np.maximum(c, d)))
+    return bool(boxes and _turn(a, b, c) * _turn(a, b, d) <= 0 and _turn(c, d, a) * _turn(c, d, b) <= 0)
+
+
+def _levels(corners: np.ndarray, minimum: Minimum) -> list[Level]:
+    """Half-planes of the hull and, negative, the pockets in it."""
+    if _area(corners) < 0:
+        corners = corners[::-1]
+    hull = _hull(corners)
+    found: list[Level] = []
+    for i, j in zip(hull, [*hull[1:], hull[0] + len(corners)], strict=True):
+        start, end = corners[i], corners[j % len(corners)]
+        found.append(_half_plane(start, end))
+        if j - i > 1:
+            pocket = corners[np.arange(i, j + 1) % len(corners)]
+            if _area(pocket) != 0:
+                found.append(_negative(_least(_levels(pocket, minimum), minimum)))
+    return found
+
+
+def _hull(corners: np.ndarray) -> list[int]:
+    """Numbers of the corners on the convex hull of a polygon, in its order (turning from north to east)."""
+    order = sorted(range(len(corners)), key=lambda i: (corners[i][0], corners[i][1]))
+    found: set[int] = set()
+    for way in (order, order[::-1]):
+        chain: list[int] = []
+        for i in way:
+            while len(chain) > 1 and _turn(corners[chain[-2]], corners[chain[-1]], corners[i]) <= 0:
+                chain.pop()
+            chain.append(i)
+        found.update(chain)
+    return sorted(found)
+
+
+def _half_plane(start: np.ndarray, end: np.ndarray) -> Level:
+    """Metres to the inner side of the line from `start` to `end`."""
+    along = (end - start) / np.linalg.norm(end - start)
+    a, b = float(-along[1]), float(along[0])
+    offset = a * float(start[0]) + b * float(start[1])
+    return lambda north, east: a * north + b * east - offset
+
+
+def _least(levels: Sequence[Level], minimum: Minimum) -> Level:
+    def least(north: Any, east: Any) -> Any:
+        value = levels[0](north, east)
+        for level in levels[1:]:
+            value = minimum(value, level(north, east))
+        return value
+
+    return least
+
+
+def _negative(level: Level) -> Level:
+    return lambda north, east: -level(north, east)

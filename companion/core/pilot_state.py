@@ -1,0 +1,79 @@
+"""What a run is configured with, and what the boat remembers between steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from companion.core import guidance, modes, sticks, vehicle
+from companion.core.echo import NOTHING_SENT, Echo
+from companion.core.estimator import EstimatorState
+from companion.core.excitation.file import Excitation
+from companion.core.excitation.flight import BEGINNING, FlightState
+from companion.core.fence import Fence
+from companion.core.guidance import GuidanceSettings, GuidanceState
+from companion.core.lookout import Lookout
+from companion.core.messages import Mode, PlanResult, StateEstimate
+from companion.core.mission import Mission
+from companion.core.modes import Helm
+from companion.core.nmpc import NmpcSettings
+from companion.core.pack import Pack
+from companion.core.run_file import BatteryLimits, Control
+from companion.core.site import Site
+from companion.core.sticks import Sticks
+from companion.core.vehicle import Vehicle
+from companion.core.vessel_file import VesselFile
+from companion.core.watch import Watch
+
+NOTHING_SEEN, NOTHING_WATCHED = Lookout(), Watch()
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """Everything that a run is configured with."""
+
+    vessel: VesselFile
+    site: Site
+    mission: Mission
+    control: Control = field(default_factory=Control)
+    guidance: GuidanceSettings = field(default_factory=GuidanceSettings)
+    nmpc: NmpcSettings = field(default_factory=NmpcSettings)
+    excitation: Excitation | None = None
+    """Flown on the operator's `excite`."""
+    battery: BatteryLimits = field(default_factory=BatteryLimits)
+    system_id: int = 1
+    """Ours on the MAVLink wire: alerts name it."""
+
+    @property
+    def fence(self) -> Fence:
+        """The site's fence and the mission's."""
+        within = (self.site.fence, *(f.polygon for f in self.mission.fences if f.inclusion))
+        return Fence(within, tuple(f.polygon for f in self.mission.fences if not f.inclusion))
+
+
+@dataclass(frozen=True)
+class PilotState:
+    """Everything the boat remembers between steps."""
+
+    estimator: EstimatorState
+    pack: Pack
+    f_command_n: tuple[float, ...]
+    helm: Helm = modes.AT_REST
+    vehicle: Vehicle = vehicle.UNKNOWN
+    guidance: GuidanceState = guidance.IDLE
+    flight: FlightState = BEGINNING
+    passed: tuple[guidance.Passage, ...] = ()
+    mission: Mission | None = None
+    """One that came under way (NewMission), instead of the configured one."""
+    sticks: Sticks = sticks.NOBODY
+    lookout: Lookout = NOTHING_SEEN
+    watch: Watch = NOTHING_WATCHED
+    echo: Echo = NOTHING_SENT
+    open_tick: int | None = None
+    asked: tuple[tuple[int, int], ...] = ()
+    """Tick and instant [ns] of the latest SolveRequests."""
+    estimate: StateEstimate | None = None
+    row: tuple[float, ...] | None = None
+    plan: PlanResult | None = None
+    plan_ns: int = 0
+    told: tuple[Mode, int | None] = ("idle", None)
+    """Mode and instant [ns] of the latest ModeStatus."""

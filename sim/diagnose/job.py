@@ -28,6 +28,7 @@ from sim.diagnose.physics import Physics
 from sim.diagnose.public import public, smallest
 from sim.diagnose.search import Found, search
 from sim.diagnose.select import Model, Selection, Selector, stated_noise
+from sim.diagnose.spread import spread
 from sim.diagnose.stochastic import ECHOES
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
@@ -169,7 +170,7 @@ def diagnose(
 
 
 def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
-    parted = split(_logs(runs), _logs(held_out), vessel, block_s)
+    parted = spread(split(_logs(runs), _logs(held_out), vessel, block_s))
     for used in parted.used:
         refuse_mistaken(used.log.run)
     outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]

@@ -39,7 +39,7 @@ def test_every_entry_of_the_catalogue_has_a_public_form():
 
 @pytest.mark.parametrize("effect", NAMED, ids=lambda e: e.id)
 def test_every_effect_can_be_told(effect):
-    values = np.array([2 * min(p.smallest, p.prior) for p in effect.parameters])
+    values = np.array([(2 if p.upper > 0 else -2) * min(p.smallest, p.prior) for p in effect.parameters])
     told = public(effect, values, np.diag((0.1 * values) ** 2), PLACE)
     assert {k: t.value for k, t in told.items()} == pytest.approx(point(effect, values, PLACE))
     for number in told.values():

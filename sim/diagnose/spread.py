@@ -1,0 +1,42 @@
+"""Long logs: what of them is fitted, when all of it would take more memory and time than it tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from math import floor
+
+import numpy as np
+
+from sim.identify.blocks import Interval, parts
+from sim.identify.job_split import Split
+
+LONGEST_S = 1000.0  # of all fitted logs together: a quarter of an hour tells nearly every cause; assumed
+PIECE_S = 50.0  # long against every time constant of a boat, short against drift and draining batteries; assumed
+
+
+def spread(found: Split) -> Split:
+    """`found`, or where more than `LONGEST_S` would be fitted, pieces that last so long, evenly spread over it."""
+    total_s = sum(high - low for used in found.used for low, high in used.fitted_s)
+    if total_s <= LONGEST_S:
+        return found
+    share, seen, kept = LONGEST_S / total_s, 0, []
+    for used in found.used:
+        pieces: list[Interval] = []
+        for interval in used.fitted_s:
+            for piece in _pieces(interval):
+                seen += 1
+                if floor(seen * share) > floor((seen - 1) * share):
+                    begun = pieces.pop()[0] if pieces and pieces[-1][1] == piece[0] else piece[0]
+                    pieces.append((begun, piece[1]))  # one with its neighbour
+        kept.append(replace(used, fitted_s=tuple(pieces)))
+    fitted = tuple(run for used in kept for run in parts(used.log.run, used.fitted_s))
+    rule = f"{found.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"
+    return replace(found, fitted=fitted, used=tuple(kept), rule=rule)
+
+
+def _pieces(interval: Interval) -> list[Interval]:
+    """Of about `PIECE_S`, one after the other."""
+    low, high = interval
+    edges = np.linspace(low, high, max(round((high - low) / PIECE_S), 1) + 1).tolist()
+    return list(pairwise(edges))

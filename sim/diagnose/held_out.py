@@ -22,8 +22,9 @@ from companion.core.vessel_file import VesselFile
 from sim.diagnose.clock import by_stamps
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
-from sim.diagnose.linear import Lineariser, Point
+from sim.diagnose.linear import Point
 from sim.diagnose.physics import Physics
+from sim.diagnose.readings import Readings
 from sim.diagnose.theta import Theta
 from sim.identify.blocks import part
 from sim.identify.run import Run
@@ -100,7 +101,7 @@ def score(
     near = _aligned(Physics(runs, vessel, 1.0), training)
     of, cuts, window_s = _staggered(runs)
     far = _aligned(Physics(cuts, vessel, window_s), training)
-    fit, lines = Fit(near, effects, models["base"].noise), Lineariser(far)
+    fit, lines = Fit(near, effects, models["base"].noise), Readings(far)
     squares, nats, tracks = {}, {}, {}
     for name, model in models.items():
         smoothed, nats[name] = _smoothed(fit, model)
@@ -175,7 +176,7 @@ def _starts(near: Physics, far: Physics, of: Sequence[int], smoothed: Point) -> 
 
 
 def _open_loop(
-    lines: Lineariser, effects: Sequence[Effect], model: Believed, z: np.ndarray
+    lines: Readings, effects: Sequence[Effect], model: Believed, z: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
     physics, windows = lines.physics, lines.windows

@@ -30,6 +30,8 @@ LEAP_S = 18
 """GPS time minus UTC since 2017 (IERS Bulletin C)."""
 _WEEK_S = 604_800
 _FIX_3D = 3
+LATEST_US = 10 * 365 * 86_400 * 1_000_000
+"""No autopilot has been on for ten years; assumed."""
 
 Joined = Callable[[int], UwbLog]
 """Offset [ns] to add to Unix stamps -> the UWB log on the run's clock."""
@@ -42,8 +44,13 @@ def read_dataflash_run(
     with path.open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise RunError(f"{path}: not a dataflash log: it does not begin with the bytes A3 95")
-    rows, unix_ns = _messages(path)
     notes: list[Problem] = []
+    try:
+        rows, unix_ns = _messages(path, notes)
+    except OSError:
+        raise
+    except Exception as error:  # pymavlink raises a plain Exception, struct's and index errors on damaged formats
+        raise RunError(f"{path}: cannot be read as a dataflash log, its format records are damaged: {error}") from None
     if not rows["RCOU"]:
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
     streams = [
@@ -105,19 +112,32 @@ def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[St
     return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), said
 
 
-def _messages(path: Path) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
-    """Rows (t_ns, values) by message type, SI units; Unix time minus the log's clock [ns], where GPS tells it."""
+def _messages(path: Path, notes: list[Problem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
+    """Rows (t_ns, values) by message type, SI units; Unix time minus the log's clock [ns], where GPS tells it.
+
+    A record without the columns of its type, or stamped after `LATEST_US`, is damaged: left out, and in `notes`.
+    """
     rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in _KINDS}
-    unix_ns = None
+    unix_ns, damaged = None, 0
     with DFReader.DFReader_binary(str(path)) as log:
         while (m := log.recv_match(type=list(_KINDS))) is not None:
             kind = m.get_type()
-            row = _DECODE[kind](m)
+            try:
+                row, t_us = _DECODE[kind](m), m.TimeUS
+                gps = (m.GWk, m.GMS) if kind == "GPS" else (0, 0)
+            except (AttributeError, TypeError):  # a damaged format record gives its type other columns
+                damaged += 1
+                continue
+            if not 0 <= t_us <= LATEST_US:
+                damaged += 1
+                continue
             if row is not None:
-                rows[kind].append((m.TimeUS * 1000, *row))
-            if kind == "GPS" and m.GWk and unix_ns is None:
-                week_ns = (_GPS_EPOCH_S - LEAP_S + m.GWk * _WEEK_S) * 1_000_000_000
-                unix_ns = week_ns + m.GMS * 1_000_000 - m.TimeUS * 1000
+                rows[kind].append((t_us * 1000, *row))
+            if gps[0] and unix_ns is None:
+                week_ns = (_GPS_EPOCH_S - LEAP_S + gps[0] * _WEEK_S) * 1_000_000_000
+                unix_ns = week_ns + gps[1] * 1_000_000 - t_us * 1000
+    if damaged:
+        notes.append(Problem(kind="damaged", text=f"{damaged} damaged records are left out"))
     return rows, unix_ns
 
 

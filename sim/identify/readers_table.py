@@ -94,6 +94,8 @@ def text_columns(lines: list[bytes], header: int, name: str) -> pl.DataFrame:
     for number, line in enumerate(lines[header + 1 :], header + 2):
         if line.count(b",") != commas:
             raise RunError(f"{name}: line {number}: {line.count(b',') + 1} fields; the header has {commas + 1}")
+        if not _is_text(line):
+            raise RunError(f"{name}: line {number}: is not UTF-8 text")
     duplicate = column_error(columns) or ""
     if duplicate.endswith("is there twice"):
         raise RunError(f"{name}: line {header + 1}: {duplicate}")
@@ -102,6 +104,14 @@ def text_columns(lines: list[bytes], header: int, name: str) -> pl.DataFrame:
     body = io.BytesIO(b"\n".join(lines[header + 1 :]) + b"\n")
     table = pl.read_csv(body, has_header=False, new_columns=columns, infer_schema=False, quote_char=None)
     return table
+
+
+def _is_text(line: bytes) -> bool:
+    try:
+        line.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def numbers(texts: pl.DataFrame, name: str, first_line: int) -> pl.DataFrame:

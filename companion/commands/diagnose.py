@@ -64,6 +64,10 @@ def add_parser(commands) -> None:
     p.add_argument(
         "--without", action="append", default=[], metavar="ID", help="an effect that shall not be known (repeatable)"
     )
+    p.add_argument(
+        "--believe", action="append", default=[], metavar="ID", help="a cause that is known to be there (repeatable): "
+        "how large it is is found, and no other is looked for"
+    )  # fmt: skip
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
     p.add_argument("--plan", action="store_true", help="write manoeuvre.toml also where no named cause is in doubt")
     p.add_argument("--no-report", action="store_true", help="findings and vessel files only, which is quicker")
@@ -99,7 +103,8 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
             say("reading", "", 1.0)
             found = job.diagnose(
                 logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
-                without=args.without, identifiability=telling, say=say, seed=args.seed, clock=time.monotonic,
+                without=args.without, known=args.believe, identifiability=telling, say=say, seed=args.seed,
+                clock=time.monotonic,
             )  # fmt: skip
             say("report", "" if args.no_report else "tables and pictures", 0.0)
             files = job_record.outputs(

@@ -113,6 +113,7 @@ def diagnose(
     block_s: float | None = None,
     more: Effects = lambda _vessel: (),
     without: Sequence[str] = (),
+    known: Sequence[str] = (),
     adequacy: Adequate | None = adequacy,
     identifiability: Callable[[Fit, Selection], ToldApart] | None = told_apart,
     say: Say = lambda _step, _text, _share: None,
@@ -122,25 +123,26 @@ def diagnose(
     """What `vessel` gets wrong of the logs `runs`. `reference`: a calm log of the boat before anything was wrong.
 
     `held_out`: logs that no fit shall see; without any the last quarter of each log, or every other block of `block_s`.
-    `without`: names of effects, or their heads, that the catalogue shall not know. `clock`: seconds, for the running
-    time. Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
+    `without`: names of effects, or their heads, that the catalogue shall not know. `known`: names of the causes that
+    are there for sure: how large they are is found, no others are looked for. `clock`: seconds. Raises JobError,
+    RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
     begun = clock()
     data = _data(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
     entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel))), without)
     fit = Fit(Physics(data.fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
-    found = search(fit, without, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
+    found = search(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
     plain, standing = refit(fit, found.selection.base)
-    verdict = _verdict(fit, found, ambient, adequacy, seed)
+    verdict = _verdict(fit, found, ambient, adequacy, seed, bool(known))
     mended = mend(fit, plain, verdict.selection.final, verdict.causes)
     say(STEPS[2], "", 1.0)
     say(STEPS[3], "", 0.0)
     believed = {"base": Believed({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
     judged = score(data.held_out, vessel, fit.effects, believed, fit.physics, seed)
-    if verdict.causes and _harmful(judged):
+    if verdict.causes and not known and _harmful(judged):
         verdict = _taken_back(fit, verdict, ambient, adequacy)
         mended = mend(fit, plain, verdict.selection.final, ())
     apart = identifiability(fit, verdict.selection) if identifiability else None
@@ -200,8 +202,13 @@ def _stated(vessel: VesselFile, ambient: Noise | None) -> Noise:
     return noise if ambient is None else replace(noise, white=ambient.white, fix_m=ambient.fix_m)
 
 
-def _verdict(fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate | None, seed: int) -> Verdict:
-    """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over."""
+def _verdict(
+    fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
+) -> Verdict:
+    """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over.
+
+    `known`: the causes are there, and none of them is taken back.
+    """
     withdrawn: dict[str, str] = {}
     doubtful: frozenset[str] = frozenset()
     left: record.Adequacy | None = None
@@ -209,8 +216,9 @@ def _verdict(fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate |
         echoes = [echo for one in found.causes for echo in ECHOES.get(one.effect.name, ())]
         sound = adequate(fit, found.selection, ambient, echoes)
         doubtful, left = sound.doubtful, sound.adequacy
-        withdrawn = {c.effect.name: UNNEEDED for c in found.causes if c.fitted in sound.withdrawn}
-        found = found.without(fit, sound.withdrawn) if sound.withdrawn else found
+        if sound.withdrawn and not known:
+            withdrawn = {c.effect.name: UNNEEDED for c in found.causes if c.fitted in sound.withdrawn}
+            found = found.without(fit, sound.withdrawn)
     named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
     same = {n.effect.name: n.effect.same_as for n in named}
     verdict, names, others = record.verdict_of(list(same), found.selection.rivals, same, left)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from sim.diagnose.catalogue.chance import NLOS
+from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, effects
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.select import Candidate, Say, Selection, Selector
@@ -44,19 +44,35 @@ class Found:
                                       for c in kept))  # fmt: skip
 
 
-def search(fit: Fit, without: Sequence[str] = (), say: Say = lambda _text, _share: None) -> Found:
-    """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for."""
+def search(
+    fit: Fit, without: Sequence[str] = (), believed: Sequence[str] = (), say: Say = lambda _text, _share: None
+) -> Found:
+    """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
+
+    `believed`: names of causes that are there for sure; no others are looked for. ValueError for one that is none.
+    """
     selector = Selector(fit, say)
+    known = _entries(fit, believed)
     say("base", 0.0)
     base = selector.base()
     blocked = about_nlos(fit, base) if NLOS.name not in without else None
     if blocked is not None and blocked.candidate.accepted and blocked.fix_weight is not None:
         fit.lineariser.weight = blocked.fix_weight
         base = selector.base(base.noise)
-    selection = selector.run(base)
+    selection = selector.of(base, known) if believed else selector.run(base)
     say("waves, gusts, fixes without line of sight", 0.9)
-    by_chance = [c for c in stochastic(fit, selection.final, selection.causes) if c.effect.name not in without]
+    by_chance = [c for c in stochastic(fit, selection.final, selection.causes)
+                 if c.effect.name not in without and (not believed or c.effect.name in believed)]  # fmt: skip
     return Found(selection, _together(fit, selection, by_chance))
+
+
+def _entries(fit: Fit, believed: Sequence[str]) -> list[str]:
+    """Names of the entries of the fit by which `believed` stand there: a gusty wind is a wind, waves have none."""
+    there, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
+    if strange := [name for name in believed if name not in there | chance]:
+        raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(there | chance))}")
+    names = ["wind" if name == GUSTY_WIND.name else name for name in believed]
+    return [name for name in dict.fromkeys(names) if name in there]
 
 
 def _together(fit: Fit, selection: Selection, by_chance: Sequence[Chance]) -> tuple[Cause, ...]:

@@ -175,6 +175,15 @@ class Selector:
                     found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
 
+    def of(self, base: Model, names: Sequence[str]) -> Selection:
+        """These causes and no others, however small: of variants of one name those that explain most."""
+        model, ranking = base, self.screen(base)
+        for name in names:
+            best = next(c for c in ranking if self.by_id[c.id].name == name)
+            model = self.refit(model, model.believed | {best.id}, {best.id: self._start(model, best)})
+            ranking = self.screen(model)
+        return Selection(base, model, [self._judged(model, id_) for id_ in sorted(model.believed)], ranking)
+
     def without(self, selection: Selection, gone: Collection[str]) -> Selection:
         """`selection` with the causes `gone` (ids) taken back, and the others refitted."""
         kept = [c.id for c in selection.causes if c.id not in gone]

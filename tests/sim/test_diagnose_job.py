@@ -197,3 +197,28 @@ def test_findings_are_plain_json(weak):
     data = json.loads((weak[0] / "out" / "findings.json").read_text())
     assert set(data) >= {"verdict", "causes", "ambiguous_with", "depends_on", "refitted_vessel", "extended_vessel"}
     assert data["causes"][0]["parameters"]["gain"]["ci95"][0] < 0.5
+
+
+def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak, tmp_path, capsys):
+    """A yaw inertia that was not changed comes out as next to nothing beside the thruster that was."""
+    words = f"diagnose {weak[0]}/drive.csv --vessel {BOATS}/aritra.toml --no-report --out {tmp_path}/out"
+    believed = " --believe thruster_gain:front_port --believe yaw_inertia"
+    assert main(shlex.split(words + believed)) == 0
+    found = {c.name: c for c in said(tmp_path / "out").causes}
+    assert set(found) == {"thruster_gain:front_port", "yaw_inertia"}
+    gain, inertia = found["thruster_gain:front_port"].parameters["gain"], found["yaw_inertia"].parameters["I_z_kg_m2"]
+    assert gain.ci95[0] < 0.5 < gain.ci95[1] and inertia.ci95[0] < 0 < inertia.ci95[1]
+    assert main(shlex.split(f"{words}2 --believe teather")) == 2
+    assert "believe 'teather': no such effect; there are " in capsys.readouterr().err
+
+
+def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monkeypatch):
+    """As if the held-out readings had become worse: no name is left, and the files are those of the refitted base."""
+    monkeypatch.setattr(job, "_harmful", lambda _judged: True)
+    run = weak[2].split.used[0].log.run
+    found = job.diagnose([run], VESSEL, identifiability=None)
+    assert found.verdict == "unknown" and not found.causes and not found.selection.causes
+    assert found.withdrawn == {"thruster_gain:front_port": job.HARMFUL}
+    assert found.files.extended == found.files.refitted and found.selection.final is found.selection.base
+    assert any("thruster_gain:front_port was found in the fitted logs" in line for line in sentences(found))
+    assert found.adequacy is not None and not found.adequacy.passed, "the base alone leaves the thruster over"

@@ -3,7 +3,7 @@
 import csv
 
 import pytest
-from hidden import report, scoring
+from hidden import gain, report, scoring
 
 GAIN = {"id": "thruster_gain:rear_port", "params": {"thruster": "rear_port", "gain": 0.8}}
 FLOW = {"id": "current", "params": {"V_c_m_s": 0.08, "beta_c_deg": -170.0}}
@@ -99,3 +99,10 @@ def test_the_report_counts_what_happened():
     assert "| 1 | medium | thruster_gain:rear_port | thruster_gain:front_port | wrong" in report.markdown(results, {})
     low, high = report.wilson(28, 30)
     assert (low, high) == (pytest.approx(0.787, abs=0.001), pytest.approx(0.982, abs=0.001))
+
+
+def test_gain_counts_against_what_the_true_causes_gain_when_they_are_refitted():
+    E = {"base": 9.0, "refit": 5.0, "extended": 2.0, "true": 0.5}
+    assert gain.to_structure(E, {"E": {"extended": 1.0}}) == {"to_structure": pytest.approx(0.75)}
+    assert "to_structure" not in gain.to_structure(E, {"E": {"extended": 4.9}}), "nothing to be gained"
+    assert "to_structure" not in gain.to_structure(E, {"why_not": "no file"})

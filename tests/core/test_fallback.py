@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from companion.core.allocation import force_limits
 from companion.core.dynamics import BufferedStep, step_function
-from companion.core.fallback import FallbackSettings, command
+from companion.core.fallback import FallbackSettings, command, pd_force
 from companion.core.messages import PlanResult, StateEstimate
-from companion.core.vessel import StructuredModel
+from companion.core.vessel import StructuredModel, mass_matrix
 
 VESSEL, STEP_S, S = boat("aritra"), 0.2, FallbackSettings()
 ROW = (0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
@@ -108,3 +108,35 @@ def test_pd_counters_the_disturbance_that_the_filter_reports():
     aware, unaware = (fly((0, 0, 0, 0, 0, 0), lambda x: STATION, 40, d, told) for told in (d, (0, 0, 0)))
     assert np.abs(aware[:2]).max() < 0.02
     assert np.abs(unaware[:2]).max() > 0.05
+
+
+METRES = st.floats(-50.0, 50.0)
+
+
+@given(METRES, METRES, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.sampled_from([0.0, 1.0]))
+def test_the_pd_law_knows_no_place_but_the_reference(north, east, off_north, off_east, station):
+    """Only the error counts: boat and reference moved alike give the same force."""
+    row = (0.0, 0.0, 0.4, 0.7, 0.5, 0.1, 0.2, station)
+    moved = (north, east, *row[2:])
+    here = pd_force(estimate((off_north, off_east, 0.6, 0.4, 0.0, 0.1)), row, VESSEL, S)
+    there = pd_force(estimate((north + off_north, east + off_east, 0.6, 0.4, 0.0, 0.1)), moved, VESSEL, S)
+    assert there == pytest.approx(here, abs=1e-9)
+
+
+def test_on_its_reference_the_pd_law_only_makes_up_for_drag_and_disturbance():
+    """u, v and r of the reference itself are no error."""
+    row, d = (3.0, -2.0, 0.3, 0.5, 0.6, -0.1, 0.2, 0.0), VESSEL.damping
+    tau = pd_force(estimate((3.0, -2.0, 0.5, 0.6, -0.1, 0.2), d=(0.4, -0.3, 0.1)), row, VESSEL, S)
+    drag = -(d.X_u_N_s_m + d.X_uu_N_s2_m2 * 0.6) * 0.6
+    assert tau == pytest.approx([drag - 0.4, 0.3, -0.1], abs=1e-9)
+
+
+def test_on_station_both_poles_of_every_axis_are_at_minus_omega():
+    """M_ii (e_ddot + 2 omega e_dot + omega^2 e) = 0 of each axis on its own; the speed of the path does not count."""
+    row, M = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), np.diag(mass_matrix(VESSEL))
+    omega = np.array([S.omega_position_rad_s, S.omega_position_rad_s, S.omega_yaw_rad_s])
+    for axis in range(3):
+        e, e_dot = np.eye(6)[axis] * 0.1, np.eye(6)[3 + axis] * 0.1
+        assert pd_force(estimate(e), row, VESSEL, S) == pytest.approx(-0.1 * (M * omega**2) * np.eye(3)[axis], abs=1e-9)
+        damped = -0.1 * (2 * M * omega) * np.eye(3)[axis]
+        assert pd_force(estimate(e_dot), row, VESSEL, S) == pytest.approx(damped, abs=1e-9)

@@ -55,6 +55,8 @@ NEUTRAL_PERIOD_S = 0.1
 UWB_STALE_PERIODS = 2.5
 UWB_LOST_S = 20.0
 """A tag's cycles jitter, and a DWM1001 takes 5-20 s from opening its port to its first range."""
+UWB_RETRY_S = 0.25
+"""A tag is plugged in while all else waits for it: its port is tried so often. Assumed."""
 IMU_AGE_NS, NUDGE_NS = 4_000_000, 1_000_000
 """Age of the newest IMU bytes that a tick aims at, and how far it moves for that at a time; assumed."""
 HOUSEKEEPING_NS = 100_000_000
@@ -130,11 +132,19 @@ class App:
         self._step([command], self._clock.now_ns())
         return True
 
+    @property
+    def refusal(self) -> str | None:
+        """Why no command but a stop comes to the pilot; None: it may, or waits for the guard's check."""
+        if self._failure:
+            return "the run ends after a fault"
+        return self._guard.refusal if self._guard else None
+
     def load(self, mission: NewMission) -> bool:
-        """Hand the pilot another mission; whether it took it."""
-        before = self.state.mission
+        """Hand the pilot another mission, unless one is driven; whether it has it now."""
+        if self._failure or self.state.helm.on_mission:
+            return False
         self._step([mission], self._clock.now_ns())
-        return self.state.mission is not before
+        return True
 
     def manual(self, sticks: ManualInput) -> None:
         """Hand sticks to the pilot; they count in manual mode, once they have been at rest (`core.sticks`)."""
@@ -346,7 +356,8 @@ class App:
 def uwb_timing(rate_hz: float) -> LinkTiming:
     """When a tag that measures at `rate_hz` counts as stale and as lost."""
     stale_s = max(LinkTiming().stale_after_s, UWB_STALE_PERIODS / rate_hz)
-    return LinkTiming(stale_after_s=stale_s, lost_after_s=max(UWB_LOST_S, 2 * stale_s))
+    lost_s = max(UWB_LOST_S, 2 * stale_s)
+    return LinkTiming(stale_after_s=stale_s, lost_after_s=lost_s, backoff_max_s=UWB_RETRY_S)
 
 
 _DISPATCH: dict[type[Message], Callable[[App, Any], None]] = {

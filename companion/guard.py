@@ -70,6 +70,11 @@ class Guard:
             frames += self._judge(self._reader, t_ns)
         return frames
 
+    @property
+    def refusal(self) -> str | None:
+        """Why nothing may start, in a sentence; None: nothing speaks against it so far."""
+        return self._why() if self.refused else None
+
     def take_command(self) -> OperatorCommand | None:
         """The command that waited, once it may go."""
         if not self.clear:

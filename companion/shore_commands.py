@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import queue
 import threading
 from collections import Counter
@@ -44,15 +45,13 @@ class ShoreCommands:
         app: App,
         settings: PilotSettings,
         gate: Gate,
-        boat: str,
-        run: str,
         clock: Clock,
         tell: Callable[[Alert], None],
     ) -> None:
         self.refused: Counter[str] = Counter()
         self.obeyed = 0
         self._app, self._settings, self._gate = app, settings, gate
-        self._key, self._run, self._clock, self._tell = shore.command_key(boat), run, clock, tell
+        self._key, self._clock, self._tell = shore.command_key(gate.boat), clock, tell
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._pending = 0
@@ -110,7 +109,7 @@ class ShoreCommands:
     def _mission(self, file: MissionFile) -> Mission:
         """The mission in a file. Raises Refused with everything that is wrong with it."""
         site, fence = self._settings.site, self._settings.fence
-        origin = Origin(site.lat_deg, site.lon_deg, msgspec_radians(site.rotation_deg))
+        origin = Origin(site.lat_deg, site.lon_deg, math.radians(site.rotation_deg))
         try:
             mission = parse(file.text, kind_of(file.name), origin=origin, name=file.name.rsplit(".", 1)[0])
         except MissionErrors as errors:
@@ -180,7 +179,7 @@ class ShoreCommands:
         return msgspec.structs.replace(self._outcome(status, code, text), mode=helm.mode, why=helm.why)
 
     def _outcome(self, status, code, text: str) -> Outcome:
-        return Outcome(run=self._run, t_ns=self._clock.now_ns(), status=status, code=code, text=text)
+        return Outcome(run=self._gate.run, t_ns=self._clock.now_ns(), status=status, code=code, text=text)
 
     def _finish(self, order: Order, outcome: Outcome) -> None:
         with self._lock:

@@ -40,9 +40,10 @@ CLOSE_S = 2.0
 RATED = {"state": 1.0, "thrusters": 1.0, "reference": 0.5, "horizon": 0.5}
 """Topic -> its share of the full rate; of the others `SPARSE` are kept at most."""
 SPARSE = 200
+CALLBACK_THREAD = "pyo3-closure"
+"""What zenoh's Python package (1.10) calls them."""
 HEARTBEAT_S = 1.0
-"""Topics tell so often which sample was their last, so that a reader notices what it missed."""
-ENCODING = zenoh.Encoding.APPLICATION_JSON
+"""Topics that are rarely published tell so often which sample was their last: a reader notices what it missed."""
 
 
 class Answerer(Protocol):
@@ -125,10 +126,12 @@ class Telemetry:
     # --- the thread --------------------------------------------------------------------------------
 
     def _work(self) -> None:
+        before = set(threading.enumerate())
         while not self._ended:
             try:
                 with zenoh.open(self._config) as session:
                     self._serve(session)
+                _join_callbacks(before)
             except Exception as error:  # whatever it is, the boat goes on
                 self._say("warning", f"telemetry: {error}; trying again every {RETRY_S:g} s")
                 self._wait_until(time.monotonic() + RETRY_S)
@@ -164,14 +167,15 @@ class Telemetry:
         rate_hz = self._link.rate_Hz * RATED.get(topic, 0.0)
         kept = round(rate_hz * self._link.history_s) if rate_hz else SPARSE
         once = topic in ("about", "path", "checks")
+        beat_s = HEARTBEAT_S if once or topic == "alert" else None
         return ext.declare_advanced_publisher(
             session,
             shore.telemetry_key(self._boat, topic),
-            encoding=ENCODING.with_schema(f"aritra.{topic}.{shore.VERSION}"),
+            encoding=_encoding(topic),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.DATA_HIGH if topic in ("mode", "alert") else zenoh.Priority.DATA,
             cache=ext.CacheConfig(max_samples=1 if once else max(kept, 1)),
-            sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=beat_s, sporadic_heartbeat=None),
             publisher_detection=True,
         )
 
@@ -180,7 +184,12 @@ class Telemetry:
         self._view.dropped, self._view.refused = self.dropped, self.refused()
         with contextlib.suppress(IndexError):
             while True:
-                self._publish(publishers, self._view.see(self._queue.popleft()))
+                message = self._queue.popleft()
+                try:
+                    self._publish(publishers, self._view.see(message))
+                except Exception as error:  # one message is not worth the others
+                    self.dropped += 1
+                    self._say("warning", f"telemetry: {type(message).__name__} not published: {error}")
 
     def _publish(self, publishers: dict[str, ext.AdvancedPublisher], told: Sequence[shore.Told]) -> None:
         for each in told:
@@ -219,8 +228,19 @@ class Telemetry:
 
     def _tell_last(self, query: zenoh.Query) -> None:
         """The last value of each topic that is asked for."""
-        with query:
+        with contextlib.suppress(zenoh.ZError), query:
             for topic, data in list(self._last.items()):
                 key = shore.telemetry_key(self._boat, topic)
                 if query.key_expr.intersects(key):
-                    query.reply(key, data, encoding=ENCODING.with_schema(f"aritra.{topic}.{shore.VERSION}"))
+                    query.reply(key, data, encoding=_encoding(topic))
+
+
+def _join_callbacks(before: set[threading.Thread]) -> None:
+    """Wait for the threads in which zenoh ran our callbacks: one alive at the interpreter's end aborts the process."""
+    for thread in set(threading.enumerate()) - before:
+        if CALLBACK_THREAD in thread.name:
+            thread.join(CLOSE_S / 4)
+
+
+def _encoding(topic: str) -> zenoh.Encoding:
+    return zenoh.Encoding.APPLICATION_JSON.with_schema(f"aritra.{topic}.{shore.VERSION}")

@@ -31,6 +31,7 @@ from companion.recorder import Recorder
 from companion.sd_notify import SdNotify
 from companion.service import Service
 from companion.setup import EXAMPLES, Setup, load_setup, warnings
+from companion.shore import Shore, shore_of
 from companion.signing_key import STAMP_FILE, keep_timestamp, load_key, load_timestamp
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.signing import Signing
@@ -104,6 +105,7 @@ def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
     mavlink = _port(args, "mavlink", setup.run.mavlink.url)
     uwb = _port(args, "uwb", setup.run.uwb.url)
     station = _station(args, setup)
+    shore = shore_of(setup, args.config)
     log, look = _log(args, setup)
     signing = _signing(args, setup, log.parent / STAMP_FILE)
     vessel = setup.pilot.vessel.name
@@ -123,7 +125,7 @@ def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
         return 2
     with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
         service.starting(f"building the controller of {vessel}")
-        return asyncio.run(_drive(setup, mavlink, uwb, station, signing, recorder, service, look, args, desk))
+        return asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
 
 
 def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swept] | None]:
@@ -181,6 +183,7 @@ async def _drive(
     mavlink: Port,
     uwb: Port,
     station: Port | None,
+    shore: Shore,
     signing: Signing | None,
     recorder: Recorder,
     service: Service,
@@ -196,16 +199,19 @@ async def _drive(
     def watch(message: Message) -> None:
         progress.see(message)
         service.see(message)
+        shore.see(message)
         if finish.see(message) or (args.start and guard and guard.refused):
             end()
 
     def end() -> None:
         service.stopping()
+        shore.end()
         app.stop()
 
     def tell(alert: Alert) -> None:
         recorder.record(alert)
         progress.see(alert)
+        shore.see(alert)
 
     told, system = setup.run.forward, setup.run.mavlink.system_id
     codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
@@ -242,6 +248,7 @@ async def _drive(
     if signing:
         stamps = recorder.path.parent / STAMP_FILE
         chores.append(asyncio.create_task(keep_timestamp(stamps, signing, clock, tell)))
+    shore.open(app, guard, clock, tell)
     if desk:
         chores.append(asyncio.create_task(desk.run(app, setup, clock, tell, end)))
     try:
@@ -250,6 +257,7 @@ async def _drive(
         for chore in chores:
             chore.cancel()
         ended = await asyncio.gather(*chores, return_exceptions=True)
+        shore.close()
         progress.close()
     for error in ended:
         if isinstance(error, Exception):

@@ -10,23 +10,32 @@ from dataclasses import dataclass, replace
 
 from companion.core.messages import Alert, Health, OverrideLease, StateEstimate, UwbRanges
 
+HEALED_NS = 2_000_000_000
+"""A filter that starts again calls itself healthy at once: only after so long is blindness over; assumed."""
+
 
 @dataclass(frozen=True)
 class Lookout:
-    """What was last told. `degraded_ns`: since when the estimate is not healthy."""
+    """What was last told. `degraded_ns`: since when the estimate has not been healthy for `HEALED_NS` in one go;
+
+    `healthy_ns`: since when it is healthy.
+    """
 
     health: Health = "initialising"
     source: str = "neutral"
     strangers: frozenset[str] = frozenset()
     degraded_ns: int | None = None
+    healthy_ns: int | None = None
 
 
 def at_estimate(seen: Lookout, estimate: StateEstimate) -> tuple[Lookout, list[Alert]]:
     """Tell a change of health, with its reason."""
-    degraded = estimate.health == "degraded"
-    since = (seen.degraded_ns or estimate.t_ns) if degraded else None
-    changed = estimate.health != seen.health
-    seen = replace(seen, health=estimate.health, degraded_ns=since)
+    t_ns, changed = estimate.t_ns, estimate.health != seen.health
+    healthy_ns = (seen.healthy_ns or t_ns) if estimate.health == "healthy" else None
+    since = (seen.degraded_ns or t_ns) if estimate.health == "degraded" else seen.degraded_ns
+    if healthy_ns is not None and t_ns - healthy_ns >= HEALED_NS:
+        since = None
+    seen = replace(seen, health=estimate.health, degraded_ns=since, healthy_ns=healthy_ns)
     if not changed:
         return seen, []
     level = "info" if estimate.health in ("healthy", "initialising") else "warning"
@@ -57,6 +66,6 @@ def at_ranges(seen: Lookout, ranges: UwbRanges, anchors: tuple[str, ...]) -> tup
 
 def blind(seen: Lookout, t_ns: int, limit_s: float) -> str | None:
     """Why the boat may not go on with a degraded estimate, or None."""
-    if seen.degraded_ns is None or t_ns - seen.degraded_ns <= limit_s * 1e9:
+    if seen.health != "degraded" or seen.degraded_ns is None or t_ns - seen.degraded_ns <= limit_s * 1e9:
         return None
     return f"state estimate degraded for more than {limit_s:g} s"

@@ -192,6 +192,11 @@ class Helm:
         return THRUSTERS[self.mode] != "neutral"
 
     @property
+    def on_mission(self) -> bool:
+        """Whether a mission is driven, or about to be."""
+        return self.mode == "auto" or (self.mode == "starting" and self.wanted == "auto")
+
+    @property
     def needs(self) -> frozenset[Event]:
         """Conditions that count for as long as they last."""
         return NEEDS[self.wanted if self.mode == "starting" else self.mode]

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace as struct_replace
 
-from companion.core import echo, guidance, lookout, modes, pack, steering, sticks, vehicle, watch
+from companion.core import echo, frozen, guidance, lookout, modes, pack, steering, sticks, vehicle, watch
 from companion.core.allocation import allocate, force_limits, pulse_widths
 from companion.core.estimator import Estimator
 from companion.core.excitation.flight import BEGINNING, Flight
@@ -108,6 +108,16 @@ class Pilot:
 
     # --- what comes in -----------------------------------------------------------------------------
 
+    def _inertial(self, state: PilotState, message: ImuSample | Attitude, t_ns: int) -> tuple[PilotState, Outputs]:
+        """A reading that is not one of a sensor that is stuck."""
+        kind = type(message).__name__
+        heard, alerts = frozen.hear(state.inertial.get(kind, frozen.NOTHING_HEARD), message, t_ns)
+        state = replace(state, inertial={**state.inertial, kind: heard})
+        if heard.stuck:
+            return state, list(alerts)
+        state, outputs = self._sense(state, message, t_ns)
+        return state, [*alerts, *outputs]
+
     def _sense(self, state: PilotState, message: Any, t_ns: int) -> tuple[PilotState, Outputs]:
         if isinstance(message, Attitude):
             psi = ssa(message.psi_rad - math.radians(self.settings.site.rotation_deg))
@@ -149,7 +159,7 @@ class Pilot:
     def _new_mission(self, state: PilotState, message: NewMission, t_ns: int) -> tuple[PilotState, Outputs]:
         """From its first waypoint; not while another is driven."""
         text = f"mission {message.name} with {len(message.waypoints)} waypoints"
-        if state.helm.mode == "auto" or (state.helm.mode == "starting" and state.helm.wanted == "auto"):
+        if state.helm.on_mission:
             return state, [Alert(t_ns=t_ns, level="warning", text=f"{text} not loaded: hold or stop first")]
         points = tuple(Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m) for w in message.waypoints)
         mission = Mission(message.name, Path(points), message.end_heading_rad)
@@ -337,8 +347,8 @@ class Pilot:
 
 
 _HANDLERS: dict[type[Message], Callable[..., tuple[PilotState, Outputs]]] = {
-    ImuSample: Pilot._sense,
-    Attitude: Pilot._sense,
+    ImuSample: Pilot._inertial,
+    Attitude: Pilot._inertial,
     UwbRanges: Pilot._sense,
     UwbPosition: Pilot._sense,
     Battery: Pilot._battery,

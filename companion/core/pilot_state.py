@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from companion.core import guidance, modes, sticks, vehicle
@@ -10,6 +11,7 @@ from companion.core.estimator import EstimatorState
 from companion.core.excitation.file import Excitation
 from companion.core.excitation.flight import BEGINNING, FlightState
 from companion.core.fence import Fence
+from companion.core.frozen import Repeats
 from companion.core.guidance import GuidanceSettings, GuidanceState
 from companion.core.lookout import Lookout
 from companion.core.messages import Mode, PlanResult, StateEstimate
@@ -65,6 +67,8 @@ class PilotState:
     mission: Mission | None = None
     """One that came under way (NewMission), instead of the configured one."""
     sticks: Sticks = sticks.NOBODY
+    inertial: Mapping[str, Repeats] = field(default_factory=dict)
+    """By message: what a sensor keeps saying."""
     lookout: Lookout = NOTHING_SEEN
     watch: Watch = NOTHING_WATCHED
     echo: Echo = NOTHING_SENT

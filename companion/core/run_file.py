@@ -51,7 +51,7 @@ class TelemetryLink(Table, frozen=True, kw_only=True):
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     mode: Literal["peer", "client"] = "peer"
-    boat: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,40}$")] | None = None
+    boat: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,40}\Z")] | None = None
     config: str | None = None
     rate_Hz: Annotated[float, msgspec.Meta(ge=1, le=20)] = 10.0
     history_s: Annotated[float, msgspec.Meta(ge=0, le=600)] = 60.0

@@ -27,6 +27,8 @@ from drivers.mavlink.timesync import ClockOffset
 
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
+SENSED = frozenset({"ATTITUDE", *IMU_PREFERENCE})
+"""Without this a frozen stream would count as live: stamps that are too old give way to the time of arrival."""
 _SERVO_PORTS = 2
 
 
@@ -37,12 +39,14 @@ class Counters:
     received  every frame with a good checksum, from anyone
     ignored   those of them that are not from the target, or are answers to someone else
     invalid   those with NaN or infinity in a field that is used, or an impossible number
+    repeated  those of a sensor that carry the stamp of the one before: told once, a frozen sensor is a silent one
     lost      gaps in the sequence numbers, per (system, component)
     """
 
     received: Counter[str] = field(default_factory=Counter)
     ignored: Counter[str] = field(default_factory=Counter)
     invalid: Counter[str] = field(default_factory=Counter)
+    repeated: Counter[str] = field(default_factory=Counter)
     lost: Counter[tuple[int, int]] = field(default_factory=Counter)
 
     def from_target(self, name: str) -> int:
@@ -79,6 +83,7 @@ class MavlinkCodec:
         self._seq: dict[tuple[int, int], int] = {}
         self._texts = ChunkJoiner()
         self._servo_ports: dict[int, tuple[int, ...]] = {}
+        self._stamps: dict[str, int] = {}
 
     def feed(self, data: bytes, t_ns: int) -> list[Message]:
         """Messages that `data`, arrived at `t_ns` [ns], completes. b"" only lets waiting texts expire."""
@@ -127,6 +132,8 @@ class MavlinkCodec:
         name, t_ns = m.get_type(), t_rx_ns
         if name in STAMPS:
             source, unit_ns, wrap_ns = STAMPS[name]
+            if name in SENSED and self._repeats(name, getattr(m, source)):
+                return []
             t_ns = self.clock.to_companion(name, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns)
         if name == "STATUSTEXT":
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)
@@ -140,6 +147,13 @@ class MavlinkCodec:
         if message is None or (isinstance(message, ImuSample) and not self.imu.passes(name, t_rx_ns)):
             return []
         return [message]
+
+    def _repeats(self, name: str, stamp: int) -> bool:
+        """Whether a sensor's stamp is that of its last message; 0 is no stamp."""
+        before, self._stamps[name] = self._stamps.get(name), stamp
+        again = stamp != 0 and stamp == before
+        self.counters.repeated[name] += again
+        return again
 
     def _servo_output(self, m: Any, t_ns: int) -> list[Message]:
         """Port 0 holds outputs 1-16, port 1 outputs 17-32; told together, at each port 0."""

@@ -39,6 +39,7 @@ _LES = re.compile(rf"({_LES_ITEM}(?: {_LES_ITEM})*)(?: le_us=\d+)?(?: est\[({_N}
 _LES_ANCHOR = re.compile(_LES_ITEM)
 _SHELL = re.compile(r"^(?:@\x01\x01|dwm> ?)+")  # prompts and answers of the other mode have no line end
 _DATA_LIKE = re.compile(r"DIST|POS|AN\d|\d\.\d\d[,\]]|[^\x20-\x7e\t\r]")
+_BANNER = b"Real Time Location System"
 _PROMPT_TAIL = re.compile(rb"dwm> ?\Z")
 
 Xyz = tuple[float, float, float]
@@ -87,12 +88,15 @@ class Dwm1001Codec(LineCodec):
         return self._dialog.step(t_ns)
 
     def feed(self, data: bytes, t_ns: int) -> list[Message]:
-        """Messages completed by `data`; notes the stream, prompts and `40 01 01` for the dialogue."""
+        """Messages completed by `data`; notes the stream, banner, prompts and `40 01 01` for the dialogue."""
         good = self.counters.good
+        tail_before = self._splitter.tail
         messages = super().feed(data, t_ns)
         tail = self._splitter.tail
         if self.counters.good > good:
             self._dialog.heard_stream(t_ns)
+        if _BANNER in tail_before + data:
+            self._dialog.heard_banner()
         if _PROMPT_TAIL.search(tail):
             self._dialog.heard_prompt()
         elif tail.endswith(b"@\x01\x01"):

@@ -4,6 +4,7 @@
     wake       CR CR enters the shell; wait for `dwm>`; repeated with one more CR (the first wakes a sleeper)
     configure  `acts ...` (stationary detection off, else 0.1 Hz at rest), `aurs n n`; a prompt after each
     look       is a stream running? silence -> send the stream command, and look again
+               (at once after the banner: a shell that was only just entered streams nothing)
     run        lines arrive; silence -> listen
 
 The stream command is a TOGGLE and a bare CR repeats the last command, so nothing is sent before listening,
@@ -18,7 +19,7 @@ from __future__ import annotations
 from typing import Literal
 
 S_NS = 1_000_000_000
-LISTEN_NS = 3 * S_NS // 2  # assumed: longer than one period at 1 Hz
+LISTEN_NS = 6 * S_NS // 5  # assumed: longer than one period at 1 Hz with its jitter
 PROMPT_NS = S_NS  # assumed: the answer to a command takes tens of ms, writing its flash some hundred
 SILENCE_NS = 5 * S_NS  # assumed: a running stream that is silent so long has stopped
 ACTS = b"acts 0 0 0 1 0 1 1 2 0\r"  # second argument: stationary detection off
@@ -44,6 +45,7 @@ class ShellDialog:
         """The port was opened: begin by listening."""
         self._enter("listen", None)
         self._attempts = 0
+        self._entered = False
 
     @property
     def state(self) -> State:
@@ -64,6 +66,10 @@ class ShellDialog:
     def heard_prompt(self) -> None:
         """`dwm>` arrived and nothing after it."""
         self._prompt = True
+
+    def heard_banner(self) -> None:
+        """The shell was entered just now: whatever streamed before has ended with the mode before."""
+        self._entered = True
 
     def heard_not_in_shell(self) -> None:
         """`40 01 01` arrived: what we typed was taken for a TLV request."""
@@ -96,13 +102,15 @@ class ShellDialog:
 
     def _wake(self, t_ns: int) -> list[bytes]:
         self._enter("wake", t_ns)
+        self._entered = False
         self._attempts += 1
         return [b"\r"] * (2 if self._attempts == 1 else 3)
 
     def _next_command(self, t_ns: int) -> list[bytes]:
         if self._sent == len(self._commands):
             self._enter("look", t_ns)
-            return []
+            entered, self._entered = self._entered, False
+            return [self._command] if entered else []
         command = self._commands[self._sent]
         self._sent, self._since, self._prompt = self._sent + 1, t_ns, False
         return [command]

@@ -54,7 +54,7 @@ def test_a_run_from_start_to_stop(path):
     assert bench.sent_then == bench.decided, "what was decided is what was sent"
     counts = bench.leases_per_tick()
     driven = counts[:-12]  # the last second has the neutrals of the end beside the leases
-    assert len(driven) > 80 and set(driven) == {1}
+    assert len(driven) > 60 and set(driven) == {1}
     ticks, leases = bench.of(Tick), bench.of(OverrideLease)
     assert [t.index for t in ticks] == [lease.index for lease in leases] == [t.index for t in bench.of(LoopTiming)]
     assert {p.status for p in bench.of(PlanResult)} == {"ok"}

@@ -57,5 +57,6 @@ def test_blind_counts_from_the_first_degraded_estimate_and_starts_again_when_it_
     seen, _ = told(lookout.at_estimate, Lookout(), sick[:10])
     assert lookout.blind(seen, 16 * S, 15.0) is None
     assert lookout.blind(seen, 17 * S, 15.0) == "state estimate degraded for more than 15 s"
-    healed, _ = told(lookout.at_estimate, seen, [ESTIMATE, sick[18]])
+    well = [replace(ESTIMATE, t_ns=k * S) for k in (15, 16, 17)]
+    healed, _ = told(lookout.at_estimate, seen, [*well, sick[18]])
     assert lookout.blind(healed, 25 * S, 15.0) is None

@@ -88,7 +88,7 @@ def test_a_tag_that_just_talks(wire_format):
 @pytest.mark.parametrize("wire_format", ["dwm1001-lec", "dwm1001-les", "dwm1001-lep"])
 def test_a_module_after_power_on_is_brought_to_stream(wire_format):
     wire = dwm_wire(wire_format)
-    assert wire.run(1.45) == []
+    assert wire.run(1.15) == []
     assert wire.sent == []
     wire.run(8.0)
     acts, aurs, command = b"acts 0 0 0 1 0 1 1 2 0\r", b"aurs 10 10\r", wire_format[-3:].encode() + b"\r"
@@ -99,6 +99,25 @@ def test_a_module_after_power_on_is_brought_to_stream(wire_format):
     assert wire.codec.counters.garbage == 0
     kinds = {type(m) for m in wire.messages}
     assert kinds == ({UwbPosition} if wire_format == "dwm1001-lep" else {UwbRanges, UwbPosition})
+
+
+def test_a_shell_that_was_only_just_entered_is_told_to_stream_at_once():
+    """The boat must be online 3 s after its tag was plugged in: a listen, the dialogue, a cycle of 1 s."""
+    wire = dwm_wire()
+    wire.run(2.8)
+    assert wire.messages and wire.told()[-1] == b"lec\r"
+    sent = len(wire.sent)
+    assert cycles_of_ranges(wire.run(20.0)) >= 19 and len(wire.sent) == sent, "once told, it is left alone"
+
+
+def test_a_shell_that_was_entered_by_somebody_else_is_looked_at_first():
+    wire = dwm_wire()
+    wire.tag.receive(b"\r", 0)
+    wire.tag.receive(b"\r", 1)
+    wire.run(3.5)
+    assert wire.codec._dialog.state == "look" and b"lec\r" not in wire.told(), "no banner: it may be streaming"
+    wire.run(6.0)
+    assert cycles_of_ranges(wire.run(10.0)) >= 9
 
 
 @pytest.mark.parametrize("wire_format", ["dwm1001-lec", "dwm1001-les", "dwm1001-lep"])
@@ -144,7 +163,7 @@ def test_a_module_that_restarts_is_entered_again():
 
 def test_a_module_that_restarts_in_mid_dialogue_is_entered_again():
     wire = dwm_wire()
-    wire.run(4.0)
+    wire.run(1.5)
     assert wire.codec._dialog.state == "look"
     wire.tag.module = Dwm1001Module(1.0)
     wire.run(15.0)

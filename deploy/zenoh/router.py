@@ -1,0 +1,35 @@
+#!/usr/bin/env python3
+"""A zenoh router where zenohd is not installed: router.py router.json5
+
+Reads the same configuration file as zenohd (no plugins) and relays until it is interrupted.
+"""
+
+import signal
+import sys
+import threading
+
+import zenoh
+
+
+def main() -> int:
+    """Exit code: 0 after an interrupt, 2 without a usable configuration."""
+    if len(sys.argv) != 2:
+        print("usage: router.py CONFIG.json5", file=sys.stderr)
+        return 2
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    try:
+        config = zenoh.Config.from_file(sys.argv[1])
+        config.insert_json5("mode", '"router"')
+        with zenoh.open(config) as session:
+            print(f"router {session.info.zid()} on {config.get_json('listen/endpoints')}", flush=True)
+            ended.wait()
+    except zenoh.ZError as error:
+        print(f"router.py: {sys.argv[1]}: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -110,7 +110,7 @@ def test_without_an_estimate_the_boat_is_where_it_was():
 def test_degraded_is_no_obstacle_until_it_has_lasted():
     sick = with_(ESTIMATE, health="degraded", reason="no UWB")
     assert set(at(estimate=sick)[1]) == {"degraded"}
-    since = Lookout(degraded_ns=sick.t_ns - 16 * S)
+    since = Lookout(health="degraded", degraded_ns=sick.t_ns - 16 * S)
     assert set(at(estimate=sick, seen=since)[1]) == {"degraded", "unfit"}
     assert set(at(estimate=with_(sick, health="initialising"))[1]) == {"degraded", "unfit"}
 

@@ -6,7 +6,6 @@ import argparse
 import asyncio
 import json
 import sys
-import time
 from pathlib import Path
 
 import msgspec
@@ -17,14 +16,12 @@ from rich.text import Text
 from companion.checking import Listener, all_rows, look_at_disk
 from companion.clock import BoatClock
 from companion.commands.analysis import seconds
+from companion.commands.wires import add_config, add_wires, port_of, signing_of
 from companion.core.checks import Level, Row, worst
-from companion.core.config import ConfigError
-from companion.setup import EXAMPLES, Setup, load_setup
-from companion.signing_key import STAMP_FILE, load_key, load_timestamp
+from companion.setup import Setup, load_setup
+from companion.signing_key import STAMP_FILE
 from drivers.mavlink.codec import MavlinkCodec
-from drivers.mavlink.signing import Signing
 from drivers.port import Port
-from drivers.port_url import PortUrlError, open_port_from_url
 from drivers.uwb import uwb_codec
 
 FINE, REFUSED = 0, 1
@@ -40,9 +37,8 @@ def add_parser(commands) -> None:
         description="A table of what is found, what is needed and what to do. Propellers off or boat moored: nothing "
         "is armed, overridden or set. Exit code 0: start (with the warnings read); 1: do not start; 2: bad input.",
     )
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
-    p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
-    p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
+    add_config(p)
+    add_wires(p)
     p.add_argument("--listen-s", type=seconds, default=LISTEN_S, metavar="S", help="how long to listen (default: 5)")
     p.add_argument("--all", action="store_true", help="explain also what is in order")
     p.add_argument("--json", action="store_true", help="the rows as JSON instead of a table")
@@ -52,8 +48,8 @@ def add_parser(commands) -> None:
 def check(args: argparse.Namespace, console: Console | None = None) -> int:
     """Listen, judge, tell; the exit code."""
     setup = load_setup(args.config)
-    mavlink = _port(args, "mavlink", setup.run.mavlink.url)
-    uwb = _port(args, "uwb", setup.run.uwb.url)
+    mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
+    uwb = port_of(args, "uwb", setup.run.uwb.url)
     console, errors = console or Console(), Console(stderr=True)
     rows = asyncio.run(_look(args, setup, mavlink, uwb, errors))
     level = worst(rows)
@@ -65,30 +61,14 @@ def check(args: argparse.Namespace, console: Console | None = None) -> int:
     return REFUSED if level == "refuse" else FINE
 
 
-def _port(args: argparse.Namespace, link: str, url: str) -> Port:
-    given = getattr(args, link)
-    try:
-        return open_port_from_url(given or url)
-    except PortUrlError as error:
-        raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
-
-
-def _signing(args: argparse.Namespace, setup: Setup, folder: Path) -> Signing | None:
-    """As `aritra run` signs. Raises ConfigError."""
-    if (name := setup.run.mavlink.signing_key) is None:
-        return None
-    path = args.config.parent / name
-    key = load_key(path, where=f"{args.config}: mavlink.signing_key")
-    return Signing(key, time.time_ns, key_name=str(path), floor=load_timestamp(folder / STAMP_FILE))
-
-
 async def _look(args: argparse.Namespace, setup: Setup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
     folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
     sensor, link = setup.pilot.vessel.sensors.uwb, setup.run.mavlink
+    signing = signing_of(args, setup, folder / STAMP_FILE)
     with errors.status("opening the wires") as status:
         listener = Listener(
             setup,
-            mavlink=(mavlink, MavlinkCodec(link.system_id, link.component_id, signing=_signing(args, setup, folder))),
+            mavlink=(mavlink, MavlinkCodec(link.system_id, link.component_id, signing=signing)),
             uwb=(uwb, uwb_codec(sensor.wire_format, setup.run.uwb.tag, sensor.rate_Hz)),
             clock=BoatClock(),
             say=status.update,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion.setup import EXAMPLES
+from companion.commands.wires import add_config
 
 WIRINGS = ("gate", "scaled", "omni")
 
@@ -21,7 +21,7 @@ def add_parser(commands) -> None:
     what = p.add_mutually_exclusive_group(required=True)
     what.add_argument("--wiring", choices=WIRINGS, help="parameter file of deploy/ardupilot (recommended: gate)")
     what.add_argument("--logs", type=Path, metavar="DIR", help="download all dataflash logs into a folder")
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    add_config(p)
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--dry-run", action="store_true", help="show the difference, change nothing")
     p.add_argument("--yes", action="store_true", help="do not ask")

@@ -17,6 +17,7 @@ from typing import Protocol
 
 from companion.app import App
 from companion.clock import BoatClock, Clock
+from companion.commands.wires import add_config, add_wires, port_of, signing_of
 from companion.core.config import ConfigError
 from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
 from companion.core.nmpc import Actuation, Nmpc
@@ -30,9 +31,9 @@ from companion.progress import Progress
 from companion.recorder import Recorder
 from companion.sd_notify import SdNotify
 from companion.service import Service
-from companion.setup import EXAMPLES, Setup, load_setup, warnings
+from companion.setup import Setup, load_setup, warnings
 from companion.shore import Shore, shore_of
-from companion.signing_key import STAMP_FILE, keep_timestamp, load_key, load_timestamp
+from companion.signing_key import STAMP_FILE, keep_timestamp
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.station import StationGate
@@ -59,10 +60,9 @@ def add_parser(commands) -> None:
         description="Estimate, guide and control at 10 Hz until interrupted; Ctrl-C ends in neutral and disarm. "
         "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
     )
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    add_config(p)
     p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
-    p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
-    p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
+    add_wires(p)
     p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
     p.add_argument(
         "--excite",
@@ -102,12 +102,12 @@ def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
     setup = load_setup(args.config, mission=args.mission, excitation=excitation)
     if args.excite and setup.pilot.excitation is None:
         raise ConfigError(f"{args.config}: excitation: missing key: --excite needs one, or a FILE")
-    mavlink = _port(args, "mavlink", setup.run.mavlink.url)
-    uwb = _port(args, "uwb", setup.run.uwb.url)
+    mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
+    uwb = port_of(args, "uwb", setup.run.uwb.url)
     station = _station(args, setup)
     shore = shore_of(setup, args.config)
     log, look = _log(args, setup)
-    signing = _signing(args, setup, log.parent / STAMP_FILE)
+    signing = signing_of(args, setup, log.parent / STAMP_FILE)
     vessel = setup.pilot.vessel.name
     print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
     for text in warnings(setup):
@@ -150,15 +150,6 @@ def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swe
     return log, look
 
 
-def _signing(args: argparse.Namespace, setup: Setup, stamps: Path) -> Signing | None:
-    """What signs the link to the autopilot, if the run file names a key. Raises ConfigError."""
-    if (name := setup.run.mavlink.signing_key) is None:
-        return None
-    path = args.config.parent / name
-    key = load_key(path, where=f"{args.config}: mavlink.signing_key")
-    return Signing(key, time.time_ns, key_name=str(path), floor=load_timestamp(stamps))
-
-
 def _station(args: argparse.Namespace, setup: Setup) -> Port | None:
     """The port of the ground station, if the run file has one. Raises ConfigError."""
     if setup.run.forward is None:
@@ -167,15 +158,6 @@ def _station(args: argparse.Namespace, setup: Setup) -> Port | None:
         return open_port_from_url(setup.run.forward.url)
     except PortUrlError as error:
         raise ConfigError(f"{args.config}: forward.url: {error}") from None
-
-
-def _port(args: argparse.Namespace, link: str, url: str) -> Port:
-    """The port of a link: the command line's, or the run file's. Raises ConfigError."""
-    given = getattr(args, link)
-    try:
-        return open_port_from_url(given or url)
-    except PortUrlError as error:
-        raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
 
 
 async def _drive(

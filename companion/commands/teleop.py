@@ -17,9 +17,10 @@ from typing import Literal
 from companion.app import App
 from companion.clock import Clock
 from companion.commands import run
+from companion.commands.wires import add_config, add_wires
 from companion.core.config import ConfigError
 from companion.core.messages import Alert, ManualInput, Message, OperatorCommand
-from companion.setup import EXAMPLES, Setup
+from companion.setup import Setup
 from companion.teleop_view import Seen, View
 from drivers.sticks.device import GamepadDevice
 from drivers.sticks.keyboard import Command, Keyboard
@@ -43,9 +44,8 @@ def add_parser(commands) -> None:
         description="Like `aritra run`, with a person at the sticks. Thrusters are neutral until R is pressed, which "
         "arms; a key let go of, a silent gamepad and SPACE end in neutral; Ctrl-C ends in neutral, disarmed.",
     )
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
-    p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
-    p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
+    add_config(p)
+    add_wires(p)
     p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
     p.add_argument(
         "--gamepad",

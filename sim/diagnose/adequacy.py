@@ -19,7 +19,7 @@ import numpy as np
 
 from sim.diagnose.effect import slices
 from sim.diagnose.findings import Adequacy, Check
-from sim.diagnose.fit import Fit, Reduced
+from sim.diagnose.fit import Fit, Prior, Reduced
 from sim.diagnose.generic import Generic, Group, widened
 from sim.diagnose.noise import FLOOR, shares_of
 from sim.diagnose.residue import correlation
@@ -76,23 +76,25 @@ def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Sequence[st
     point = widened(model.point, groups)
     chosen = [*model.chosen, *(g.effect for g in groups)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
-    own = fit.sigma(model.chosen, frozenset(causes))
-    sigma = np.concatenate([own, BAND * size])
+    own = fit.prior(model.chosen, frozenset(causes))
+    start, nil = len(own.sigma), np.zeros(len(size))
+    prior = Prior(np.concatenate([own.sigma, BAND * size]), np.concatenate([own.mean, nil]))
     best, before = np.full(len(groups), -np.inf), -np.inf
     akin: dict[str, frozenset[str]] = {}
     support: dict[str, float] = {}
     where = slices(model.chosen)
     for noise in shares_of(model.noise):
         reduced = fit.reduced(point, chosen, noise)
-        evidence, posterior = reduced.evidence(sigma), reduced.posterior(sigma)
-        for i, at in enumerate(_at(groups, len(own))):
-            wide = size[at.start - len(own) : at.stop - len(own)]
-            gain = max(posterior.instead(at, scale * wide)[0] for scale in SCALES) - np.log(len(SCALES))
+        evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
+        for i, at in enumerate(_at(groups, start)):
+            wide = size[at.start - start : at.stop - start]
+            tried = [posterior.instead(at, Prior(scale * wide, 0 * wide))[0] for scale in SCALES]
+            gain = max(tried) - np.log(len(SCALES))
             best[i] = max(best[i], evidence + gain)
         if evidence > before:
             before = evidence
             support = {id_: -posterior.absent(where[id_]) for id_ in causes}
-        akin = akin or {id_: _akin(reduced, where[id_], groups, len(own)) for id_ in causes}
+        akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
     order = np.argsort(-best)
     return LeftOver(tuple((groups[i], float(best[i] - before)) for i in order), before, akin, support)
 

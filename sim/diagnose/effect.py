@@ -36,7 +36,8 @@ class Parameter:
     """One number of an effect.
 
     `prior`: sigma when the effect is believed in; `smallest`: size below which it is not worth a name; `step`: how
-    far its secant reaches; `lower`, `upper`: what is physically possible.
+    far its secant reaches; `lower`, `upper`: what is physically possible. `mean`: round which it is believed; with a
+    narrow prior this is an effect that is there as a whole or not at all.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Parameter:
     step: float
     lower: float = -np.inf
     upper: float = np.inf
+    mean: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,19 @@ class Effect:
         """Free in every fit, within its tolerance band at least."""
         return not (self.far or self.origin)
 
+    @property
+    def whole(self) -> bool:
+        """There as a whole or not at all."""
+        return any(p.mean for p in self.parameters)
+
     def size(self, values: np.ndarray) -> float:
         """How large, in units of the smallest size worth a name."""
         shares = np.asarray(values) / np.array([p.smallest for p in self.parameters])
         return float(np.linalg.norm(shares)) if self.vector else float(np.abs(shares).max())
+
+    def believed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sigma and mean of each parameter while the effect is believed in, (k,)."""
+        return np.array([p.prior for p in self.parameters]), np.array([p.mean for p in self.parameters])
 
     def tolerance(self) -> np.ndarray:
         """Sigma of each parameter while the effect is not believed in, (k,). Of many places only one is true."""

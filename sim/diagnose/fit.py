@@ -34,6 +34,26 @@ PINNED = 1e6  # times its own curvature: a parameter that is held at a limit
 
 
 @dataclass(frozen=True)
+class Prior:
+    """Normal priors of parameters, each for itself: sigma (P,), mean (P,)."""
+
+    sigma: np.ndarray
+    mean: np.ndarray
+
+    def cost(self, values: np.ndarray) -> float:
+        """Of values (P,) [nats], but for what does not depend on them."""
+        return 0.5 * float((((values - self.mean) / self.sigma) ** 2).sum())
+
+    def slope(self, values: np.ndarray) -> np.ndarray:
+        """Of the cost, (P,)."""
+        return (values - self.mean) / self.sigma**2
+
+    def part(self, at: slice) -> Prior:
+        """Of some parameters."""
+        return Prior(self.sigma[at], self.mean[at])
+
+
+@dataclass(frozen=True)
 class Reduced:
     """All parameters with the nodes eliminated: Hessian H (P, P) and b = -gradient (P,) of the data at theta0 (P,).
 
@@ -45,49 +65,46 @@ class Reduced:
     theta0: np.ndarray
     constant: float
 
-    def evidence(self, sigma: np.ndarray) -> float:
-        """Log evidence [nats] with prior sigmas (P,)."""
-        precision = 1 / sigma**2
-        A, b = self.H + np.diag(precision), self.b - precision * self.theta0
-        factor = np.linalg.cholesky(A)
-        half = np.linalg.solve(factor, b)
-        value = self.constant - 0.5 * float(precision @ self.theta0**2) + 0.5 * float(half @ half)
-        return value - float(np.log(np.diag(factor)).sum()) - float(np.log(sigma).sum())
+    def evidence(self, prior: Prior) -> float:
+        """Log evidence [nats]."""
+        factor = np.linalg.cholesky(self.H + np.diag(1 / prior.sigma**2))
+        half = np.linalg.solve(factor, self.b - prior.slope(self.theta0))
+        value = self.constant - prior.cost(self.theta0) + 0.5 * float(half @ half)
+        return value - float(np.log(np.diag(factor)).sum()) - float(np.log(prior.sigma).sum())
 
-    def posterior(self, sigma: np.ndarray) -> Posterior:
-        """Values and covariance with prior sigmas (P,)."""
-        precision = 1 / sigma**2
-        C = np.linalg.inv(self.H + np.diag(precision))
-        return Posterior(self.theta0 + C @ (self.b - precision * self.theta0), C, sigma)
+    def posterior(self, prior: Prior) -> Posterior:
+        """Values and covariance."""
+        C = np.linalg.inv(self.H + np.diag(1 / prior.sigma**2))
+        return Posterior(self.theta0 + C @ (self.b - prior.slope(self.theta0)), C, prior)
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """All parameters: values (P,), covariance (P, P), and the prior sigmas (P,) that went into them."""
+    """All parameters: values (P,), covariance (P, P), and the prior that went into them."""
 
     values: np.ndarray
     covariance: np.ndarray
-    sigma: np.ndarray
+    prior: Prior
 
-    def instead(self, at: slice, sigma: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Nats that the evidence gains with other prior sigmas on some parameters; their values and covariance then.
+    def instead(self, at: slice, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
+        """Nats that the evidence gains with another prior on some parameters; their values and covariance then.
 
-        With S, m of these parameters now, L = S^-1 - Sigma_was^-1 is what the data say of them (all others free), and
-        h = S^-1 m; then C = (L + Sigma^-1)^-1, values C h, and the gain is half of
-        h^T (C - S) h + log det C - log det S + log det Sigma_was - log det Sigma.
+        With S, m of these parameters now, sigma, mu of a prior, L = S^-1 - Sigma_was^-1 is what the data say of them
+        (all others free), h = S^-1 m - Sigma_was^-1 mu_was + Sigma^-1 mu, then C = (L + Sigma^-1)^-1, values C h, and
+        the evidence is half of h^T C h + log det C - log det Sigma - mu^T Sigma^-1 mu, less the same as it was.
         """
-        was, S = self.sigma[at], self.covariance[at, at]
+        was, S, m = self.prior.part(at), self.covariance[at, at], self.values[at]
         known = np.linalg.inv(S)
-        h = known @ self.values[at]
-        C = np.linalg.inv(known - np.diag(1 / was**2) + np.diag(1 / sigma**2))
-        gain = h @ (C - S) @ h + _log_det(C) - _log_det(S) + 2 * float(np.log(was / sigma).sum())
-        return float(gain) / 2, C @ h, C
+        h = known @ m + was.slope(0 * m) - prior.slope(0 * m)
+        C = np.linalg.inv(known - np.diag(1 / was.sigma**2) + np.diag(1 / prior.sigma**2))
+        gain = h @ C @ h - m @ known @ m + _log_det(C) - _log_det(S) + 2 * float(np.log(was.sigma / prior.sigma).sum())
+        return float(gain) / 2 + was.cost(0 * m) - prior.cost(0 * m), C @ h, C
 
     def absent(self, at: slice) -> float:
         """Nats that the evidence gains with these parameters held at nil."""
-        S, m = self.covariance[at, at], self.values[at]
-        gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(self.sigma[at]).sum())
-        return float(gain) / 2
+        S, m, was = self.covariance[at, at], self.values[at], self.prior.part(at)
+        gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(was.sigma).sum())
+        return float(gain) / 2 + was.cost(0 * m)
 
 
 def _log_det(S: np.ndarray) -> float:
@@ -104,9 +121,10 @@ class Fit:
         self._first = np.flatnonzero(physics.windows.first)
         self.settled: dict[str, float] = {}
 
-    def sigma(self, chosen: Sequence[Effect], believed: frozenset[str]) -> np.ndarray:
-        """Prior sigmas of the parameters of `chosen`, (P,)."""
-        return np.concatenate([[p.prior for p in e.parameters] if e.id in believed else e.tolerance() for e in chosen])
+    def prior(self, chosen: Sequence[Effect], believed: frozenset[str]) -> Prior:
+        """Of the parameters of `chosen`: tolerance bands round nil of what is not believed in."""
+        each = [e.believed() if e.id in believed else (e.tolerance(), np.zeros(len(e.parameters))) for e in chosen]
+        return Prior(*(np.concatenate(one) for one in zip(*each, strict=True)))
 
     def point(self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], before: Point | None = None) -> Point:
         """Linearised at theta, z; `before`: a point near it."""
@@ -125,10 +143,10 @@ class Fit:
         cost = point.cost + self._prior_cost(point.ties.rho, sigma, off, start)
         return chain, cost, float(np.log(sigma).sum() + len(self._first) * np.log(start).sum())
 
-    def cost(self, point: Point, chosen: Sequence[Effect], sigma: np.ndarray) -> float:
+    def cost(self, point: Point, chosen: Sequence[Effect], prior: Prior) -> float:
         """What a fit makes least [nats]: data, ties, priors of nodes and parameters."""
         _, cost, _ = self.assembled(point, self.noise)
-        return cost + self._priors(point.theta, chosen, sigma)[0]
+        return cost + self._priors(point.theta, chosen, prior)[0]
 
     def _off(self, z: np.ndarray) -> np.ndarray:
         off = z[self._first].copy()
@@ -143,11 +161,11 @@ class Fit:
         P = self.assembled(point, self.noise)[0].covariance()
         self.settled = {name: float((P * share).sum()) for name, share in point.shares.items()}
 
-    def _priors(self, theta: Theta, chosen: Sequence[Effect], sigma: np.ndarray) -> tuple[float, np.ndarray]:
+    def _priors(self, theta: Theta, chosen: Sequence[Effect], prior: Prior) -> tuple[float, np.ndarray]:
         """What the parameters cost by their priors and by n log(1 + p) of those that scale [nats]; its slope (P,)."""
         now = flat(theta, chosen)
         scaled, slope = self._scales(now, chosen)
-        return 0.5 * float((now / sigma) @ (now / sigma)) + scaled, now / sigma**2 + slope
+        return prior.cost(now) + scaled, prior.slope(now) + slope
 
     def _scales(self, now: np.ndarray, chosen: Sequence[Effect]) -> tuple[float, np.ndarray]:
         """n log(1 + p) of all effects that scale readings [nats], and its slope (P,). They have one parameter each."""
@@ -170,7 +188,7 @@ class Fit:
     def reduced(self, point: Point, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
         """Nodes eliminated."""
         chain, cost, log_sigma = self.assembled(point, noise or self.noise)
-        guard = 1 / self.sigma(chosen, frozenset()) ** 2
+        guard = 1 / self.prior(chosen, frozenset()).sigma ** 2
         chain.D += np.diag(guard)
         dz, dw, D, log_det = chain.solve()
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
@@ -193,11 +211,11 @@ class Fit:
         before: Point | None = None,
     ) -> Point:
         """Gauss-Newton from theta, z with the parameters of `chosen` free. Stops at steps that promise little."""
-        sigma = self.sigma(chosen, believed)
+        prior = self.prior(chosen, believed)
         lower, upper = (np.array([getattr(p, k) for e in chosen for p in e.parameters]) for k in ("lower", "upper"))
         point = self.point(theta, z, chosen, before)
         for _ in range(steps):
-            moved, promised = self._step(point, chosen, believed, sigma, (lower, upper))
+            moved, promised = self._step(point, chosen, believed, prior, (lower, upper))
             point = moved
             if promised < tolerance:
                 break
@@ -208,19 +226,20 @@ class Fit:
         point: Point,
         chosen: Sequence[Effect],
         believed: frozenset[str],
-        sigma: np.ndarray,
+        prior: Prior,
         limits: tuple[np.ndarray, np.ndarray],
     ) -> tuple[Point, float]:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
-        priors, slope = self._priors(point.theta, chosen, sigma)
-        plain.D += np.diag(1 / sigma**2)
+        priors, slope = self._priors(point.theta, chosen, prior)
+        curved = np.diag(1 / prior.sigma**2)
+        plain.D += curved
         plain.d += slope
         cost += priors
         damping = 0.0
         for _ in range(6):
             chain = plain.copy()
-            chain.D += damping * np.diag(1 / sigma**2)
+            chain.D += damping * curved
             chain.A += damping * np.diag(1 / self.noise.node_start() ** 2)
             dz, dw, promised = _bounded(chain, now, limits)
             if not promised >= 1e-3:  # or NaN: the motion was thrown out of bounds
@@ -228,7 +247,7 @@ class Fit:
             theta = unflat(np.clip(now + dw, *limits), chosen)
             with np.errstate(all="ignore"):
                 state = self._moved(theta, point.z + dz, chosen, believed, point)
-                after = self._total(theta, point.z + dz, chosen, sigma, point, state)
+                after = self._total(theta, point.z + dz, chosen, prior, point, state)
             if after < cost:
                 z, columns = point.z + dz, None
                 if promised < NEAR:
@@ -252,12 +271,12 @@ class Fit:
         return self.physics.move(lively, theta, z, near.state, given, near.state.feedback)
 
     def _total(
-        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], sigma: np.ndarray, near: Point, state: State
+        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], prior: Prior, near: Point, state: State
     ) -> float:
         data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
         ties = self.noise.tie(near.ties.span_s)[1]
         nodes = self._prior_cost(rho, ties, self._off(z), self.noise.node_start())
-        return data + nodes + self._priors(theta, chosen, sigma)[0]
+        return data + nodes + self._priors(theta, chosen, prior)[0]
 
 
 def _bounded(

@@ -86,7 +86,7 @@ def apart(
     `believed`: effects taken to be there; `effects`: default those of `fit`; `only`: names to look at (default: all).
     """
     every = tuple(effects) or fit.effects
-    sigma = fit.sigma(every, believed)
+    sigma = fit.prior(every, believed).sigma
     always = np.concatenate([np.full(len(e.parameters), e.everyday or e.id in believed) for e in every])
     sigma = np.where(always, sigma, 0.0)
     mine = [e for e in every if e.family != "base" and (not only or e.name in only)]
@@ -119,7 +119,7 @@ def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) 
     for i, e in enumerate(effects):
         k = len(e.parameters)
         index[i, :k] = np.arange(at[e.id].start, at[e.id].stop)
-        prior[i, :k] = [p.prior**2 for p in e.parameters]
+        prior[i, :k] = [p.prior**2 + p.mean**2 for p in e.parameters]
         band[i, :k] = sigma[at[e.id]] ** 2
         medium[i, :k] = [_medium(p.smallest, p.lower, p.upper) for p in e.parameters]
     return Blocks(index, prior, band, medium, np.array([e.vector for e in effects]))

@@ -229,8 +229,7 @@ class Physics:
             every = among(effects, effect)
             tau = np.zeros((W, K + 1, 3))
             if hooks & {"pwm", "maps"}:
-                small = effect.size(now) < 1
-                unit = self.thrusters.from_nil(effect, step) if small else self.thrusters.difference(effect, now, step)
+                unit = self.thrusters.change(every, theta, effect, step)
                 tau += unit.f @ self.B.T
                 bump[..., at] += unit.bump() @ self.B.T @ state.M_inv.T
             if hooks & {"thrust", "force", "water"}:

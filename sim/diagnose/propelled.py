@@ -42,21 +42,42 @@ class Propelled:
         self.runs, self.vessel, self.windows, self._means_s = runs, vessel, windows, means_s
         self._middle = windows.t_s[:, :-1] + windows.h_s / 2
         self._commands = _Cache(self._steady)
-        self._unit = _Cache(self.difference)
+        self._unit = _Cache(self._first_step)
 
     def forces(self, effects: Sequence[Effect], theta: Theta) -> Forces:
         """Thruster forces with effects on commands, force maps, dead time and lag.
 
         Effects too small for a name are taken as linear: one secant each from nil, which is kept.
         """
-        small = {e.id for e, _ in values_of(effects, theta, "pwm", "maps") if e.size(theta[e.id]) < 1}
-        large = {id_: values for id_, values in theta.items() if id_ not in small}
+        large = self._large(effects, theta)
         forces = self._exact(effects, large)
-        for effect, _now, step in secants([e for e in effects if e.id in small], {}):
+        small = [e for e, _ in values_of(effects, theta, "pwm", "maps") if e.id not in large]
+        for effect, _now, step in secants(small, {}):
             share = float(theta[effect.id] @ (step != 0)) / float(step.sum())
-            unit = self.from_nil(effect, step)
+            unit = self._from_nil(effects, large, effect, step)
             forces = Forces(forces.f + share * unit.f, forces.middle + share * unit.middle)
         return forces
+
+    def change(self, effects: Sequence[Effect], theta: Theta, effect: Effect, step: np.ndarray) -> Forces:
+        """What `step` of `effect` changes of the forces at theta."""
+        large = self._large(effects, theta)
+        if effect.id not in large:
+            return self._from_nil(effects, large, effect, step)
+        there = {**large, effect.id: large[effect.id] + step}
+        return self._exact(effects, there).less(self._exact(effects, large))
+
+    def _large(self, effects: Sequence[Effect], theta: Theta) -> Theta:
+        """Those of `theta` that are not taken as linear."""
+        return {e.id: theta[e.id] for e, _ in values_of(effects, theta, "pwm", "maps") if e.size(theta[e.id]) >= 1}
+
+    def _from_nil(self, effects: Sequence[Effect], large: Theta, effect: Effect, step: np.ndarray) -> Forces:
+        """What `step` changes of the forces with no other effect about but those that are there as a whole."""
+        about = [e for e in effects if e.whole and e.id in large]
+        return self._unit((effect.id, *step, *(e.id for e in about)), about, effect, step)
+
+    def _first_step(self, about: Sequence[Effect], effect: Effect, step: np.ndarray) -> Forces:
+        wholly = {e.id: e.believed()[1] for e in about}
+        return self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
 
     def _exact(self, effects: Sequence[Effect], theta: Theta) -> Forces:
         vessel = self.vessel
@@ -79,14 +100,6 @@ class Propelled:
         for effect, p in pulses:
             runs = tuple(_repulsed(run, vessel, effect, p) for run in runs)
         return [commands_of(run, replace(vessel, propulsion=self.vessel.propulsion)) for run in runs]
-
-    def from_nil(self, effect: Effect, step: np.ndarray) -> Forces:
-        """What `step` changes of the forces with no other effect about."""
-        return self._unit((effect.id, *step), effect, np.zeros(len(step)), step)
-
-    def difference(self, effect: Effect, now: np.ndarray, step: np.ndarray) -> Forces:
-        """What `step` changes where the effect is at `now` already."""
-        return self._exact([effect], {effect.id: now + step}).less(self._exact([effect], {effect.id: now}))
 
 
 def _history(commands: Commands, propulsion: Propulsion) -> ThrustHistory | SlewedHistory:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim.diagnose.effect import Effect, slices
-from sim.diagnose.fit import Fit, Posterior, Reduced
+from sim.diagnose.fit import Fit, Posterior, Prior, Reduced
 from sim.diagnose.linear import Point
 from sim.diagnose.noise import START, shares_of, tuned_latent, whitened
 from sim.identify.structured.fit import with_latent
@@ -96,11 +96,8 @@ class Selector:
         """
         fit = self.fit
         stated = stated or fit.noise
-        few, chosen, none = [e for e in self.everyday if e.family == "base"], self.everyday, frozenset()
-        fit.noise = replace(stated, slack=100.0)
-        point = fit.solve({}, fit.z0, few, none, steps=1)
-        fit.noise = replace(stated, slack=10.0)
-        point = fit.solve(point.theta, point.z, few, none, steps=1, before=point)
+        chosen, none = self.everyday, frozenset()
+        point = self._roughly(stated, {})
         fit.noise = stated
         for steps in (2, 1, 2):
             point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
@@ -109,6 +106,15 @@ class Selector:
             fit.settle(point)
         return self._finished(frozenset(), point, chosen)
 
+    def _roughly(self, noise: Noise, theta: dict[str, np.ndarray]) -> Point:
+        """From the measured motion towards that of a boat with `theta`, the ties of windows being loose at first."""
+        fit, believed = self.fit, frozenset(theta)
+        few = [e for e in self.fit.effects if e.family == "base" or e.id in believed]
+        fit.noise = replace(noise, slack=100.0)
+        point = fit.solve(theta, fit.z0, few, believed, steps=1)
+        fit.noise = replace(noise, slack=10.0)
+        return fit.solve(point.theta, point.z, few, believed, steps=1, before=point)
+
     def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
         """`believed` to convergence from `start`, with the latent acceleration found anew."""
         fit = self.fit
@@ -116,7 +122,11 @@ class Selector:
         chosen = [*self.everyday, *(self.by_id[i] for i in sorted(believed) if not self.by_id[i].everyday)]
         ids = {e.id for e in chosen}
         theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
-        point = self._first(theta, values, start, chosen, believed)
+        if any(self.by_id[i].whole for i in values):  # another boat, to which this fit's numbers say little
+            point = self._roughly(with_latent(start.noise, np.array(START)), {i: theta[i] for i in believed})
+            fit.noise = with_latent(start.noise, np.array(START))
+        else:
+            point = self._first(theta, values, start, chosen, believed)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=1.0, before=point)
         fit.noise = tuned_latent(fit, point)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
@@ -132,13 +142,14 @@ class Selector:
         believed: frozenset[str],
     ) -> Point:
         """One step from `values`; of a far effect, which secants tell little of, from the best of several shares."""
-        shares = SHARES if any(self.by_id[i].far for i in values) else (1.0,)
+        tried = [self.by_id[i] for i in values]
+        shares = SHARES if any(e.far and not e.whole for e in tried) else (1.0,)
         points = []
         for share in shares:
             guess = theta | {i: share * v for i, v in values.items()}
             points.append(self.fit.solve(guess, start.point.z, chosen, believed, steps=1, before=start.point))
-        sigma = self.fit.sigma(chosen, believed)
-        costs = np.nan_to_num([self.fit.cost(p, chosen, sigma) for p in points], nan=np.inf)
+        prior = self.fit.prior(chosen, believed)
+        costs = np.nan_to_num([self.fit.cost(p, chosen, prior) for p in points], nan=np.inf)
         best = int(np.argmin(costs))  # of none that can be reckoned with: from nil
         return points[best] if np.isfinite(costs[best]) else start.point
 
@@ -146,7 +157,7 @@ class Selector:
         """At `point` linearised anew: its steps took small effects as they were along the motion before."""
         point = self.fit.point(point.theta, point.z, chosen, point)
         reduced = self.fit.reduced(point, chosen)
-        evidence = reduced.evidence(self.fit.sigma(chosen, believed))
+        evidence = reduced.evidence(self.fit.prior(chosen, believed))
         return Model(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)
 
     def complete(self, model: Model) -> Point:
@@ -165,7 +176,7 @@ class Selector:
         for noise in shares_of(model.noise):
             reduced = model.reduced if noise is model.noise else self.fit.reduced(point, self.fit.effects, noise)
             assert reduced is not None
-            within = self.fit.sigma(self.fit.effects, model.believed)
+            within = self.fit.prior(self.fit.effects, model.believed)
             posterior, evidence = reduced.posterior(within), reduced.evidence(within)
             for effect in self.named:
                 if effect.name in {self.by_id[i].name for i in model.believed}:
@@ -198,7 +209,7 @@ class Selector:
 
     def _judged(self, model: Model, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""
-        within = self.fit.sigma(model.chosen, model.believed - {id_})
+        within = self.fit.prior(model.chosen, model.believed - {id_})
         return _beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
 
     def run(self, base: Model | None = None) -> Selection:
@@ -255,7 +266,7 @@ class Selector:
         fit.noise = model.noise
         chosen = [*model.chosen, *starts]
         reduced = fit.reduced(fit.point(model.point.theta, model.point.z, chosen, model.point), chosen)
-        posterior, at = reduced.posterior(fit.sigma(chosen, model.believed)), slices(chosen)
+        posterior, at = reduced.posterior(fit.prior(chosen, model.believed)), slices(chosen)
         best = max(starts, key=lambda e: _beside(posterior, at[e.id], e).gain)
         moved = [best.origin.get(p.name, 0.0) - effect.origin.get(p.name, 0.0) for p in effect.parameters]
         return _beside(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)
@@ -268,7 +279,7 @@ class Selector:
 
 def _beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
     """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
-    gain, values, C = posterior.instead(at, np.array([p.prior for p in effect.parameters]))
+    gain, values, C = posterior.instead(at, Prior(*effect.believed()))
     size = effect.size(values)
     lower = size - Z95 * _size_se(effect, values, C) if _possible(effect, values, C) else -np.inf
     return Candidate(effect.id, gain - posterior.absent(at), gain, values, C, size, lower)

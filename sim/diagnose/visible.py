@@ -28,8 +28,7 @@ def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
     Left out are those that these logs would not show at any size: of a sensor that is not in them.
     """
     assert model.reduced is not None
-    sigma = fit.sigma(fit.effects, model.believed)
-    C = model.reduced.posterior(sigma).covariance
+    C = model.reduced.posterior(fit.prior(fit.effects, model.believed)).covariance
     at = slices(fit.effects)
     found: dict[str, tuple[float, Effect]] = {}
     for effect, share in _shares(fit, model, C, at):

@@ -18,7 +18,7 @@ from scipy.stats import multivariate_normal
 
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, slices
-from sim.diagnose.fit import Fit, Reduced
+from sim.diagnose.fit import Fit, Prior, Reduced
 from sim.diagnose.linear import sensitivities
 from sim.diagnose.physics import Physics
 from sim.diagnose.select import Selector, stated_noise
@@ -66,6 +66,19 @@ def test_columns_are_the_derivatives_of_the_motion(name):
         assert (off[3:] <= 0.12 * np.abs(expected).max(axis=0)[3:] + 1e-9).all()
 
 
+@pytest.mark.parametrize("trim_us", [0.0, 3.0])
+def test_pulses_that_changed_places_are_in_place_when_other_changes_of_thrust_are_taken(trim_us):
+    fit, by_id = bench()
+    swap, trim = by_id["swapped_pair:front_port+rear_port"], by_id["base:trim:rear_port"]
+    theta, step = {swap.id: np.array([1.0]), trim.id: np.array([trim_us])}, np.array([2.0])
+    thrusters = fit.physics.thrusters
+    found = thrusters.change(fit.effects, theta, trim, step)
+    there = {**theta, trim.id: theta[trim.id] + step}
+    expected = thrusters.forces(fit.effects, there).less(thrusters.forces(fit.effects, theta))
+    np.testing.assert_allclose(found.f, expected.f, atol=1e-9)
+    assert np.abs(found.f - thrusters.change(fit.effects, {trim.id: theta[trim.id]}, trim, step).f).max() > 1e-3
+
+
 def test_every_entry_changes_something():
     """An entry whose hook does nothing on a log that excites everything would never be found."""
     fit, _ = bench()
@@ -86,19 +99,21 @@ def test_evidence_is_that_of_a_linear_gaussian_model(seed, count):
     """Oracle: scipy's density of y = J theta + e with theta and e normal."""
     rng = np.random.default_rng(seed)
     J, y = rng.normal(size=(8, count)), rng.normal(size=8)
-    sigma, theta0 = rng.uniform(0.2, 3.0, count), rng.normal(size=count)
+    sigma, mean, theta0 = rng.uniform(0.2, 3.0, count), rng.normal(size=count), rng.normal(size=count)
+    prior = Prior(sigma, mean)
     residual = J @ theta0 - y
     constant = -0.5 * float(residual @ residual) - 4 * np.log(2 * np.pi)
     reduced = Reduced(J.T @ J, -J.T @ residual, theta0, constant)
-    expected = multivariate_normal(np.zeros(8), J @ np.diag(sigma**2) @ J.T + np.eye(8)).logpdf(y)
-    assert reduced.evidence(sigma) == pytest.approx(expected, abs=1e-6)
+    expected = multivariate_normal(J @ mean, J @ np.diag(sigma**2) @ J.T + np.eye(8)).logpdf(y)
+    assert reduced.evidence(prior) == pytest.approx(expected, abs=1e-6)
     gone = slice(0, 1)
-    rest = multivariate_normal(np.zeros(8), J[:, 1:] @ np.diag(sigma[1:] ** 2) @ J[:, 1:].T + np.eye(8)).logpdf(y)
+    other = J[:, 1:]
+    rest = multivariate_normal(other @ mean[1:], other @ np.diag(sigma[1:] ** 2) @ other.T + np.eye(8)).logpdf(y)
     if count > 1:
-        posterior = reduced.posterior(sigma)
+        posterior = reduced.posterior(prior)
         assert expected + posterior.absent(gone) == pytest.approx(rest, abs=1e-6)
-        wider = np.append(3 * sigma[0], sigma[1:])
-        gain, values, covariance = posterior.instead(gone, wider[:1])
+        wider = Prior(np.append(3 * sigma[0], sigma[1:]), np.append(mean[0] - 1, mean[1:]))
+        gain, values, covariance = posterior.instead(gone, wider.part(gone))
         assert expected + gain == pytest.approx(reduced.evidence(wider), abs=1e-6)
         again = reduced.posterior(wider)
         assert values == pytest.approx(again.values[gone]) and covariance == pytest.approx(again.covariance[gone, gone])

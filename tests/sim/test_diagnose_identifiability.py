@@ -25,7 +25,7 @@ from companion.core.vessel_file import VesselFile
 from companion.setup import EXAMPLES
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import TOLERANCE, Effect, Parameter, slices
-from sim.diagnose.fit import Fit, Reduced
+from sim.diagnose.fit import Fit, Prior, Reduced
 from sim.diagnose.identifiability import MEDIUM, NATS, Apart, apart
 from sim.diagnose.manoeuvre import NOTHING, Plan, Planner
 from sim.diagnose.physics import Physics
@@ -58,7 +58,7 @@ def effect(id: str, *smallest: float, vector: bool = False, far: bool = False, s
 def catalogued(*effects: Effect) -> Any:
     """As much of a Fit as is asked for."""
     fit: Any = SimpleNamespace(effects=effects)
-    fit.sigma = lambda chosen, believed: Fit.sigma(fit, chosen, believed)
+    fit.prior = lambda chosen, believed: Fit.prior(fit, chosen, believed)
     return fit
 
 
@@ -95,7 +95,7 @@ def written_out(fit, H: np.ndarray, a: Effect, b: Effect | None, w: np.ndarray) 
             at += width
         data = (H @ w)[kept]
         reduced = Reduced(H[np.ix_(kept, kept)], data, np.zeros(len(kept)), 0.0)
-        values.append(reduced.evidence(np.array(sigma)))
+        values.append(reduced.evidence(Prior(np.array(sigma), np.zeros(len(sigma)))))
     return values[0] - values[1]
 
 
@@ -225,8 +225,8 @@ def test_flown_by_a_boat_that_has_the_cause_the_manoeuvre_shows_it():
         effects = [e for e in catalogue(VESSEL, runs) if e.everyday]
         fit, at = Fit(Physics(runs, VESSEL, 1.0), effects, NOISE), slices(effects)[ARM]
         point = fit.solve({}, fit.z0, effects, frozenset(), steps=3)
-        posterior = fit.reduced(point, effects).posterior(fit.sigma(effects, frozenset()))
-        nats.append(posterior.instead(at, np.full(2, 0.15))[0] - posterior.absent(at))
+        posterior = fit.reduced(point, effects).posterior(fit.prior(effects, frozenset()))
+        nats.append(posterior.instead(at, Prior(np.full(2, 0.15), np.zeros(2)))[0] - posterior.absent(at))
     assert nats[0] < NATS < nats[1]
 
 

@@ -15,6 +15,7 @@ from sim.diagnose.effect import Effect, Parameter, Scene, Values
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
 ALONE_S = 30.0  # how far round the only onset to look; assumed
+WHOLE = 0.02  # sigma of the share of pulses that change places, where two do: all of them; assumed
 STARTS = 13  # onsets from which a fit may begin, between one entry's neighbours; assumed
 WASH_N = 30.0  # thrust of the one ahead at which the loss is stated
 
@@ -40,7 +41,7 @@ def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]
             "propulsion",
             "pwm_i <-> pwm_j",
             "answers with the wrong force, opposite in some axis",
-            (Parameter("share", "1", 0.7, 0.5, 1.0, 0.0, 1.2),),  # a secant of the whole: 0.2 stop opposed thrusters
+            (Parameter("share", "1", WHOLE, 0.5, 1.0, 0.0, 1.2, mean=1.0),),  # secant of the whole: 0.2 stop some pairs
             {"pwm": _swap(i, j)},
             far=True,
         )

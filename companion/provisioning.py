@@ -12,12 +12,15 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.commands.analysis import progress_of
+from companion.commands.wires import signing_of
 from companion.core.checks import number
 from companion.core.config import ConfigError
 from companion.core.parameter_diff import Change, changes, same, unknown
 from companion.core.parameter_file import parse_parameters
 from companion.setup import EXAMPLES, load_setup
+from companion.signing_key import STAMP_FILE
 from drivers.mavlink.provisioning import Provisioner, ProvisioningError, StoredLog, mavsdk_url
+from drivers.mavlink.signing import Signing
 
 DONE, FAILED = 0, 1
 FOLDER = EXAMPLES / "ardupilot"
@@ -28,15 +31,17 @@ SCRIPTS = "/APM/scripts"
 
 def provision(args: argparse.Namespace, console: Console | None = None) -> int:
     """Connect and do it; the exit code."""
-    url = args.mavlink or load_setup(args.config).run.mavlink.url
+    setup = load_setup(args.config)
+    url = args.mavlink or setup.run.mavlink.url
+    logs = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
+    signing = None if args.unsigned else signing_of(args, setup, logs / STAMP_FILE)
     console = console or Console()
     try:
         mavsdk_url(url)
     except ProvisioningError as error:
         raise ConfigError(f"{'--mavlink' if args.mavlink else f'{args.config}: mavlink.url'}: {error}") from None
-    work = _fetch_logs(args, url, console) if args.logs else _wire(args, url, console)
     try:
-        return asyncio.run(work)
+        return asyncio.run(_work(args, url, signing, console))
     except ProvisioningError as error:
         print(f"aritra provision: {error}", file=sys.stderr)
         return FAILED
@@ -45,34 +50,39 @@ def provision(args: argparse.Namespace, console: Console | None = None) -> int:
         return FAILED
 
 
+async def _work(args: argparse.Namespace, url: str, signing: Signing | None, console: Console) -> int:
+    console.print(f"waiting for the autopilot on {url}{', signed' if signing else ''}", highlight=False)
+    async with Provisioner.connect(url, signing=signing) as autopilot:
+        if args.logs:
+            return await _fetch_logs(args, autopilot, console)
+        return await _wire(args, autopilot, console)
+
+
 # --- a wiring --------------------------------------------------------------------------------------
 
 
-async def _wire(args: argparse.Namespace, url: str, console: Console) -> int:
+async def _wire(args: argparse.Namespace, autopilot: Provisioner, console: Console) -> int:
     name = f"{args.wiring}.param"
     wanted = parse_parameters((FOLDER / name).read_text(encoding="utf-8"), name=name)
-    async with Provisioner.connect(url) as autopilot:
-        console.print(f"reading the autopilot's parameters on {url}")
-        told = await autopilot.parameters()
-        found = changes(told, wanted)
-        if missing := unknown(found):
-            raise ProvisioningError(
-                f"the autopilot does not have {', '.join(missing)}: is it ArduPilot Rover 4.6 or 4.7?"
-            )
-        console.print(_difference(found) if found else Text(f"all {len(wanted)} parameters are as {name} has them"))
-        script = args.wiring == "gate"
-        if args.dry_run:
-            console.print(Text("dry run: nothing was changed"))
-            return DONE
-        if found or script:
-            await _refuse_armed(autopilot)
-            if not args.yes and not _agreed(console, found, script):
-                return FAILED
-        if failed := await _write(autopilot, found, console):
-            console.print(Text(f"NOT DONE: {', '.join(failed)}; run it again", style="bold red"))
+    console.print("reading the autopilot's parameters")
+    told = await autopilot.parameters()
+    found = changes(told, wanted)
+    if missing := unknown(found):
+        raise ProvisioningError(f"the autopilot does not have {', '.join(missing)}: is it ArduPilot Rover 4.6 or 4.7?")
+    console.print(_difference(found) if found else Text(f"all {len(wanted)} parameters are as {name} has them"))
+    script = args.wiring == "gate"
+    if args.dry_run:
+        console.print(Text("dry run: nothing was changed"))
+        return DONE
+    if found or script:
+        await _refuse_armed(autopilot)
+        if not args.yes and not _agreed(console, found, script):
             return FAILED
-        sent = await _upload(autopilot, console) if script else True
-        await _end(autopilot, found, script, args.reboot, console)
+    if failed := await _write(autopilot, found, console):
+        console.print(Text(f"NOT DONE: {', '.join(failed)}; run it again", style="bold red"))
+        return FAILED
+    sent = await _upload(autopilot, console) if script else True
+    await _end(autopilot, found, script, args.reboot, console)
     return DONE if sent else FAILED
 
 
@@ -153,19 +163,18 @@ async def _end(autopilot: Provisioner, found: list[Change], script: bool, reboot
 # --- logs ------------------------------------------------------------------------------------------
 
 
-async def _fetch_logs(args: argparse.Namespace, url: str, console: Console) -> int:
-    async with Provisioner.connect(url) as autopilot:
-        logs = await autopilot.logs()
-        console.print(f"{len(logs)} logs, {sum(log.size_bytes for log in logs) / 1e6:.1f} MB")
-        if args.dry_run:
-            for log in logs:
-                console.print(Text(f"{log.number:5d}  {log.date}  {log.size_bytes / 1e6:8.2f} MB"))
-            return DONE
-        await _refuse_armed(autopilot)
-        args.logs.mkdir(parents=True, exist_ok=True)
-        with progress_of(console) as progress:
-            for log in logs:
-                await _fetch(autopilot, log, args.logs, progress)
+async def _fetch_logs(args: argparse.Namespace, autopilot: Provisioner, console: Console) -> int:
+    logs = await autopilot.logs()
+    console.print(f"{len(logs)} logs, {sum(log.size_bytes for log in logs) / 1e6:.1f} MB")
+    if args.dry_run:
+        for log in logs:
+            console.print(Text(f"{log.number:5d}  {log.date}  {log.size_bytes / 1e6:8.2f} MB"))
+        return DONE
+    await _refuse_armed(autopilot)
+    args.logs.mkdir(parents=True, exist_ok=True)
+    with progress_of(console) as progress:
+        for log in logs:
+            await _fetch(autopilot, log, args.logs, progress)
     return DONE
 
 

@@ -27,8 +27,10 @@ from companion.log_schema import METADATA_NAME, RAW_PREFIX, RawBytes, flow, view
 
 PERIOD_S = 0.25  # between flushes; a quarter of the second that may be lost
 RETRY_S = 5.0  # between attempts on a disk that refused
+HANG_S = 3.0  # a write that has not come back for so long is told while it hangs; assumed
+CLOSE_S = 5.0  # how long the end of a run waits for a disk that hangs; assumed: what stops the service waits longer
 SLOW_S = 0.75  # a flush that takes longer than this breaks the promise of 1 s: said in `problem`
-ROTATE_BYTES = 512 * 1024 * 1024
+ROTATE_BYTES = 64 * 1024 * 1024  # some 20 minutes: a file's index waits in memory, 2.5 kB for each quarter of a second
 MAX_QUEUED = 50_000  # messages; about 100 s of a disk that hangs, some 25 MB
 INLINE_BATCH = 1_000  # messages between writes where there is no background thread
 
@@ -76,6 +78,7 @@ class Recorder:
         self._dropped, self._disk_problem = 0, ""  # written under the lock
         self._lock = threading.Lock()
         self._closed = False
+        self._writing_ns: int | None = None  # since when the disk's side has been at it; read by the caller's thread
         self._retry_ns = 0
         self._number = 0
         self._part: LogPart | None = self._open()
@@ -92,7 +95,11 @@ class Recorder:
     @property
     def problem(self) -> str | None:
         """Text for an alert while something is wrong, else None. It changes only with the reason."""
-        reason = self._disk_problem or self._refusal
+        since_ns = self._writing_ns
+        if since_ns is not None and self._now_ns() - since_ns > HANG_S * 1e9:
+            reason = f"the disk hangs: a write has not come back for {HANG_S:g} s; what follows waits in memory"
+        else:
+            reason = self._disk_problem or self._refusal
         return f"log {self.path}: {reason}" if reason else None
 
     # --- the control loop's side -------------------------------------------------------------------
@@ -141,10 +148,12 @@ class Recorder:
                 self._drain()
 
     def close(self) -> None:
-        """Write what is queued, then index and footer. May be called twice."""
+        """Write what is queued, then index and footer. May be called twice; a disk that hangs is not waited for."""
         self._stop.set()
         if self._thread:
-            self._thread.join()
+            self._thread.join(CLOSE_S)
+            if self._thread.is_alive():
+                return  # it has the file: what it wrote before is readable, though without index
         with self._lock:
             if self._closed:
                 return
@@ -170,7 +179,14 @@ class Recorder:
             self.sync()
 
     def _drain(self) -> None:
-        start_ns, at_risk = self._now_ns(), 0
+        self._writing_ns = self._now_ns()
+        try:
+            self._write(self._writing_ns)
+        finally:
+            self._writing_ns = None
+
+    def _write(self, start_ns: int) -> None:
+        at_risk = 0
         try:
             self._part = part = self._part or self._open()
             at_risk = len(self._queue)

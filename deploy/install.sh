@@ -66,6 +66,10 @@ put() { # put SOURCE TARGET: the newest version, always
     cmp -s "$1" "$2" || run install -D -m 0644 "$1" "$2"
 }
 
+tool() { # tool SOURCE TARGET: as put, and it may be run
+    cmp -s "$1" "$2" || run install -D -m 0755 "$1" "$2"
+}
+
 offer() { # offer SOURCE TARGET: only where there is none; what a person edited stays
     if [ -e "$2" ]; then
         cmp -s "$1" "$2" || echo "kept: $2"
@@ -102,6 +106,8 @@ install_program() {
     run "$program/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation \
         --force-reinstall "$source"
     put "$source/docs/service.md" "$program/share/doc/aritra/service.md"
+    tool "$source/deploy/zenoh/make-certificates" "$program/share/aritra/zenoh/make-certificates"
+    tool "$source/deploy/zenoh/router.py" "$program/share/aritra/zenoh/router.py"
 }
 
 install_service() {
@@ -115,9 +121,13 @@ install_service() {
     offer "$source/deploy/on-board.toml" "$config/aritra.toml"
     while IFS= read -r file; do
         offer "$source/deploy/$file" "$config/$file"
-    done < <(cd "$source/deploy" && find boats sites missions excitations -type f | sort)
+    done < <(cd "$source/deploy" && find boats sites missions excitations zenoh -type f ! -perm /111 ! -name '*.py' | sort)
     on_system chgrp -R aritra "$config"
-    run chmod -R u=rwX,g=rX,o= "$config"
+    run chmod -R g-w,o= "$config"
+    run find "$config" -user root ! -type l ! -name '*.key' -exec chmod g+rX {} +
+    # Secrets of links and orders (docs/ground-station.md, docs/telemetry.md): who may read them, may steer.
+    run find "$config" -type f -name '*.key' -exec chmod 600 {} +
+    on_system find "$config" -type f -name '*.key' -exec chown aritra {} +
     put "$source/deploy/aritra.service" "$unit"
     put "$source/deploy/udev/70-aritra.rules" "$rules"
     reload

@@ -14,7 +14,7 @@ def kill(full: bool) -> Iterator[Line]:
 
 
 def boot(full: bool) -> Iterator[Line]:
-    """Boot order: simulator, companion, UWB tag and ground station in ten orders"""
+    """Boot order: simulator, companion, UWB tag and shore in ten orders"""
     yield from _lines("boot", full)
 
 

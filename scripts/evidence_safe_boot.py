@@ -1,11 +1,11 @@
 """Evidence for safety: in whatever order the devices and programs come up, all are online soon after the last one.
 
-Four come up: the simulator (autopilot and tag), the tag's cable, the companion (idle), and a ground station that
-listens where the companion forwards to. Shore telemetry does not exist yet; the station stands in its place.
+Four come up: the simulator (autopilot and tag), the tag's cable, the companion (idle), and the shore: a zenoh router
+as a process (deploy/zenoh/router.py) and a console that listens through it.
 
-Online: the companion says so of both links, and the station has heard the autopilot and the companion. A program is up
-once it says so itself: the simulator's line, the companion's first word about its links, after it has built the
-controller; how long that takes from its start is told beside it.
+Online: the companion says so of both links, and the console hears the boat's telemetry. A program is up once it says so
+itself: the simulator's line, the companion's first word about its links, after it has built the controller, the
+console's session with the router; how long that takes from its start is told beside it.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+import zenoh
 from evidence_line import Line, at_most, exactly, information
 from evidence_safe_trial import ARITRA, ENV, SCRIPTS, Pen, free_port, run_file
 from evidence_safe_wire import TagWire
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.core.messages import LinkStatus
+from companion.core.shore_messages import telemetry_key
 from companion.logfile import LogFile
 
-WHO = ("simulator", "companion", "tag", "station")
+WHO = ("simulator", "companion", "tag", "shore")
 ORDERS, SEED = 10, 1
 PAUSE_S = 0.2, 3.0
 """Between two of them: drawn anew each time."""
@@ -41,35 +42,43 @@ ONLINE_S = 3.0
 WATCH_S = 8.0
 """How long after the last one the end is looked at."""
 UP_S, END_S = 60.0, 20.0
-COMPANION = 191
+ALL = 3
+"""Both links of the companion, and the console."""
+STALE_NS = 2_000_000_000
+"""A console that has heard nothing for so long at the end is not online: topics come at 10 Hz and 1 Hz; assumed."""
+ROUTER = SCRIPTS.parent / "deploy/zenoh/router.py"
+_QUIET = "scouting: {multicast: {enabled: false}, gossip: {enabled: false}}"
+_ROUTER = f'{{mode: "router", listen: {{endpoints: ["tcp/127.0.0.1:%d"]}}, {_QUIET}}}'
+_CLIENT = f'{{mode: "client", connect: {{endpoints: ["tcp/127.0.0.1:%d"]}}, {_QUIET}}}'
 
 
-class Listener:
-    """A ground station: a UDP port that only listens. `heard`: component -> when first [ns]."""
+class Shore:
+    """A console that listens through the router at `port`. `up_ns`: session open; `heard_ns`: first and last sample."""
 
     def __init__(self, port: int):
-        self.heard: dict[int, int] = {}
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", port))
-        self._socket.settimeout(0.1)
-        self._ended = False
+        self.up_ns: int | None = None
+        self.heard_ns: tuple[int, int] | None = None
+        self._config = zenoh.Config.from_json5(_CLIENT % port)
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Stop listening."""
-        self._ended = True
+        self._ended.set()
         self._thread.join(5)
-        self._socket.close()
 
     def _listen(self) -> None:
-        parser = dialect.MAVLink(None)
-        parser.robust_parsing = True
-        while not self._ended:
-            with contextlib.suppress(TimeoutError):
-                for message in parser.parse_buffer(self._socket.recv(65536)) or ():
-                    if message.get_type() == "HEARTBEAT":
-                        self.heard.setdefault(message.get_srcComponent(), time.monotonic_ns())
+        while not self._ended.is_set():
+            with contextlib.suppress(zenoh.ZError), zenoh.open(self._config) as session:
+                self.up_ns = time.monotonic_ns()
+                session.declare_subscriber(telemetry_key("*", "*"), self._hear)
+                self._ended.wait()
+            self._ended.wait(0.05)  # a router that is not up yet
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        now_ns = time.monotonic_ns()
+        self.heard_ns = (self.heard_ns or (now_ns, 0))[0], now_ns
 
 
 @dataclass(frozen=True)
@@ -95,17 +104,17 @@ class Boot:
         return self._since(max(self.asked.values()))
 
     def _since(self, t_ns: int) -> float:
-        return (max(self.online.values()) - t_ns) * 1e-9 if len(self.online) == 4 else float("inf")
+        return (max(self.online.values()) - t_ns) * 1e-9 if len(self.online) == ALL else float("inf")
 
 
 class Bench:
     """A folder in which each of `WHO` may be brought up."""
 
     def __init__(self, folder: Path):
-        self._folder, self._udp, self._forward = folder, free_port(), free_port()
+        self._folder, self._udp, self._router = folder, free_port(), free_port(socket.SOCK_STREAM)
         self._stack = contextlib.ExitStack()
-        self._config = run_file(folder, {}, f'\n[forward]\nurl = "udpout:127.0.0.1:{self._forward}"\n')
-        self._station: Listener | None = None
+        self._config = run_file(folder, {}, f'\n[telemetry]\nconnect = ["tcp/127.0.0.1:{self._router}"]\n')
+        self._shore: Shore | None = None
         self._companion: subprocess.Popen | None = None
         self._asked: dict[str, int] = {}
         self._up: dict[str, int] = {}
@@ -123,28 +132,32 @@ class Bench:
             "simulator": self._start_simulator,
             "companion": self._start_companion,
             "tag": self._plug_tag,
-            "station": self._open_station,
+            "shore": self._open_shore,
         }[who]()
 
     def result(self, order: Sequence[str]) -> Boot:
         """Wait, end the companion, and read what happened."""
         self._wait(lambda: self._read("simulator").startswith("simulator:"))
         self._wait(lambda: bool(self._links()))
+        assert self._companion and self._shore
+        self._wait(lambda: self._shore and self._shore.up_ns)
         time.sleep(WATCH_S)
-        assert self._companion and self._station
+        heard_ns, end_ns = self._shore.heard_ns, time.monotonic_ns()
         self._companion.send_signal(signal.SIGINT)
         code = self._companion.wait(END_S)
         links = self._links()
-        up = {**self._asked, "simulator": self._sim_up_ns(), "companion": min(m.t_ns for m in links)}
+        up = {**self._asked, "simulator": self._sim_up_ns(), "companion": min(m.t_ns for m in links),
+              "shore": self._shore.up_ns or 0}  # fmt: skip
         online: dict[str, int] = {}
         for name in ("mavlink", "uwb"):
             told = [m for m in links if m.link == name]
             if told[-1].state == "online":
                 online[name] = next(m.t_ns for m in reversed(told) if m.state == "online")
-        online |= {str(who): t_ns for who, t_ns in self._station.heard.items() if who in (1, COMPANION)}
+        if heard_ns and end_ns - heard_ns[1] < STALE_NS:
+            online["shore"] = heard_ns[0]
         pen = Pen(self._folder / "pen.txt").read()
         moved = any(step.off_neutral() for step in pen.steps)
-        return Boot(order, self._asked, up, online, len(online) == 4, moved, code)
+        return Boot(order, self._asked, up, online, len(online) == ALL, moved, code)
 
     def _start_simulator(self) -> None:
         words = ["sim", "--udp-to", f"127.0.0.1:{self._udp}", "--uwb", f"{self._folder}/tag", "--wiring", "gate"]
@@ -159,9 +172,12 @@ class Bench:
     def _plug_tag(self) -> None:
         self._stack.callback(TagWire(self._folder / "tag", self._folder / "uwb").close)
 
-    def _open_station(self) -> None:
-        self._station = Listener(self._forward)
-        self._stack.callback(self._station.close)
+    def _open_shore(self) -> None:
+        config = self._folder / "router.json5"
+        config.write_text(_ROUTER % self._router)
+        self._process("router", [sys.executable, str(ROUTER), str(config)])
+        self._shore = Shore(self._router)
+        self._stack.callback(self._shore.close)
 
     def _process(self, name: str, command: Sequence[str], **more: str) -> subprocess.Popen:
         with (self._folder / f"{name}.txt").open("w") as out:

@@ -41,6 +41,8 @@ LINK_S = 3.0 + COMPANION_S
 """No heartbeat for 3 s (docs/modes.md)."""
 IGNORED_S = 1.5 + 0.5 + 0.5 + COMPANION_S
 """Overrides not shown for 1.5 s (docs/modes.md); the news of it, and neutral itself, come 0.5 s late."""
+TURNS_S = 5.0 + COMPANION_S
+"""Three times wrong within 5 s (docs/modes.md): two senders take turns, and how they fall is chance."""
 BLIND_S = 5.0
 """`control.blind_s` in the rows of UWB and IMU: 5 s and not the default of 15 s, so that the matrix ends."""
 UNSEEN_S = BLIND_S + 3.0 + 1.0 + COMPANION_S
@@ -299,7 +301,7 @@ CASES: tuple[Case, ...] = (
     Case(PEOPLE, "station sets HOLD, gate", _command(SET_MODE, 1, HOLD)),
     Case(PEOPLE, "station disarms, scaled", _command(DISARM, 0), goal_s=HEARTBEAT_S, sim=SCALED),
     Case(PEOPLE, "station sets HOLD, scaled", _command(SET_MODE, 1, HOLD), goal_s=HEARTBEAT_S, sim=SCALED),
-    Case(PEOPLE, "two companions at once", _second, goal_s=1.5 + COMPANION_S, since=_second_spoke),
+    Case(PEOPLE, "two companions at once", _second, goal_s=TURNS_S, since=_second_spoke),
     Case(PEOPLE, "shore absent: nobody at forward.url", lambda trial: None, "on", observe_s=6.0, config=_shore),
     Case(REFUSAL, "aritra run --start", lambda trial: None, "never", sim=PLAIN, quick=True, ends_s=REFUSED_S),
     Case(

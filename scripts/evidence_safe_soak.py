@@ -1,6 +1,7 @@
 """Long runs: no tick without its lease, memory flat. The whole App with the real controller.
 
     stepped   App, simulated autopilot and tag in one process on the stepped clock: 20 simulated minutes, --full 8 hours
+              (a simulated hour takes six and a half minutes of one core, the real controller at each tick included)
     real      --full: `aritra sim` and `aritra run` as two processes for an hour of wall time
 
 The mission is driven again and again, with station keeping between. The slope of memory is a least-squares line
@@ -33,10 +34,11 @@ from fault_oracle import judge
 from faults import Sequence as Story
 
 SHORT_S, LONG_S, REAL_S = 1200.0, 8 * 3600.0, 3600.0
-LOOK_S, AGAIN_S = 60.0, 240.0
-"""How often memory is read; how often the mission begins anew."""
+LOOK_S, AGAIN_S, SAY_S = 60.0, 240.0, 1800.0
+"""How often memory is read; how often the mission begins anew; how often it is told how far the run is."""
 SLOPE_MB_H, SHORT_SLOPE_MB_H = 2.0, 20.0
-"""Assumed: 2 MB/h fill no memory in a season's longest day; a short run's line is steep by chance: its heap settles."""
+"""Assumed: 2 MB/h fill no memory in a season's longest day. A short run's line is steep: its heap settles, and it is
+hardly longer than one file of the log, whose index is in memory until the file ends (`recorder.ROTATE_BYTES`)."""
 START_S = 30.0
 """From the start of the process to its first tick: the controller is compiled; assumed, for a loaded machine."""
 MEGABYTE = 1e6
@@ -86,6 +88,9 @@ class Soak(FaultBench):
         gc.collect()
         self.at_s.append(told_s)
         self.rss_mb.append(psutil.Process().memory_info().rss / MEGABYTE)
+        if told_s % SAY_S < LOOK_S:
+            at = f"{told_s / 3600:.1f} of {self._for_s / 3600:.1f} h, {self.rss_mb[-1]:.0f} MB, {self.told}"
+            print(f"    {at}", file=sys.stderr, flush=True)
 
     def _watch(self, message):
         if isinstance(message, Tick):

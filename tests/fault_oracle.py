@@ -82,7 +82,8 @@ class Due:
         heard = bench.heard.boat
         self._stopped_ns = bench.stopped_ns
         self._react_ns = (REACT_IN_NOISE_S if bench.noisy else REACT_S) * S
-        self._edges = sorted([(t, 0, name) for t, name in bench.heard.commands] + list(_edges(heard)))
+        told = [(t, t, 0, name) for t, name in bench.heard.commands]
+        self._edges = sorted([*told, *((t + self._react_ns, t, 1, why) for t, why in _edges(heard))])
         self._beats = [(t, m) for t, m in heard if m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1]
         self._uwb = bench.heard.uwb_ns
         self._imu = list(_new(heard, "RAW_IMU", "time_usec", lambda m: True))
@@ -98,8 +99,8 @@ class Due:
 
     def look(self, t):
         """Take what has happened by t: what ended motion holds until the operator asks again."""
-        while self._edges and self._edges[0][0] + (self._react_ns if self._edges[0][1] else 0) < t:
-            self._take(*self._edges.pop(0))
+        while self._edges and self._edges[0][0] < t:
+            self._take(*self._edges.pop(0)[1:])
         self._now = self._lasting(t) if self._asked else []
         if self._now and self._asked != "manual" and self._moved_ns > max(self._asked_ns, t - self._latch_s * S):
             self._asked, self._why = "", f"{self._now[0]}; nobody asked again"
@@ -114,8 +115,10 @@ class Due:
         if kind == 0 and what == "stop":
             self._asked, self._why = "", "the operator said stop"
         elif kind == 0:
+            if what == self._asked == "manual" and self._moved_ns > t - MOVED_S * S:
+                return  # under way by hand: asking again changes nothing
             self._asked, self._asked_ns = what, t
-        elif self._asked:
+        elif self._asked and t >= self._asked_ns:  # before: the operator has asked again since
             self._asked, self._why = "", what
 
     def _lasting(self, t):
@@ -163,14 +166,14 @@ def _edges(heard):
         if kind == "HEARTBEAT" and m.get_srcComponent() == 1:
             now = bool(m.base_mode & 128)
             if armed and not now:
-                yield t, 1, "the autopilot was disarmed"
+                yield t, "the autopilot was disarmed"
             armed = now
         elif kind == "RC_CHANNELS":
             for c in HAND:
                 now = getattr(m, f"chan{c}_raw")
                 if 800 <= now <= 2200:
                     if abs(now - pulses.get(c, now)) >= 400:
-                        yield t, 1, f"a hand moved channel {c}"
+                        yield t, f"a hand moved channel {c}"
                     pulses[c] = now
 
 

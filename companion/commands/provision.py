@@ -23,6 +23,7 @@ def add_parser(commands) -> None:
     what.add_argument("--logs", type=Path, metavar="DIR", help="download all dataflash logs into a folder")
     add_config(p)
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
+    p.add_argument("--unsigned", action="store_true", help="do not sign, though the run file names a key (USB port)")
     p.add_argument("--dry-run", action="store_true", help="show the difference, change nothing")
     p.add_argument("--yes", action="store_true", help="do not ask")
     p.add_argument("--reboot", action="store_true", help="restart the autopilot afterwards, which the gate needs")

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from companion.core.checks import Level, Parameters, Row, numbers
 from companion.core.checks_heard import Heard
 from companion.core.checks_wiring import BAND_US, NEUTRAL_US, Companion, Output, wiring
+from companion.core.round_trip import LATE_NS
 
 BOAT = 11
 """MAV_TYPE_SURFACE_BOAT."""
@@ -91,13 +92,18 @@ def _clocks(heard: Heard) -> Iterator[Row]:
         spread_s, took_s = statistics.pstdev(offsets), statistics.median(t.took_s for t in trips)
         fine = spread_s <= JITTER_S and took_s <= ROUND_TRIP_S
         found = f"round trip {1e3 * took_s:.1f} ms, offset known to {1e3 * spread_s:.1f} ms"
+        level: Level = "refuse" if took_s > 1e-9 * LATE_NS else "ok" if fine else "warning"
+        why = "sensor messages are put at the instant of their measurement by it"
+        if level == "refuse":
+            why = "what is sent arrives so late that the boat would be stopped as soon as it drives (docs/modes.md)"
+        fix = "" if fine else "a faster link, or a less busy computer"
     else:
-        fine, found = False, "no answer to TIMESYNC"
+        found, level = "no answer to TIMESYNC", "warning"
+        why = "an old firmware: a link that is late CANNOT BE SEEN under way, and does not stop the boat"
+        fix = "newer firmware; until then a wire, not a radio, between companion and autopilot"
     yield Row(
-        area="clock", name="autopilot", level="ok" if fine else "warning", found=found,
-        needed=f"round trip {1e3 * ROUND_TRIP_S:.0f} ms, offset to {1e3 * JITTER_S:.0f} ms",
-        why="sensor messages are put at the instant of their measurement by it",
-        fix="" if fine else "a faster link, or a less busy computer",
+        area="clock", name="autopilot", level=level, found=found,
+        needed=f"round trip {1e3 * ROUND_TRIP_S:.0f} ms, offset to {1e3 * JITTER_S:.0f} ms", why=why, fix=fix,
     )  # fmt: skip
     newest_s = heard.disk.newest_s
     back = newest_s is not None and heard.wall_s < newest_s - 60.0

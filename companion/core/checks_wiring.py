@@ -11,7 +11,7 @@ parameter reference.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -96,15 +96,19 @@ def output_names(p: Parameters) -> range:
 
 
 def _outputs(p: Parameters, companion: Companion) -> Iterator[Output]:
-    owner = {channel: i for i, (_, channel) in enumerate(companion.thrusters)}
+    channels = [channel for _, channel in companion.thrusters]
     for n in output_names(p):
-        function = p.whole(f"SERVO{n}_FUNCTION")
-        kind, channel = _kind(function, n)
-        thruster = owner.get(channel) if channel is not None else None
-        if kind == "script" and function - 94 < len(companion.thrusters):
-            thruster = function - 94
-        if function:
-            yield Output(n, function, kind, channel, thruster)
+        if function := p.whole(f"SERVO{n}_FUNCTION"):
+            yield output(n, function, channels)
+
+
+def output(number: int, function: int, channels: Sequence[int]) -> Output:
+    """What output `number` is by its SERVOn_FUNCTION. `channels`: the thrusters', in the vessel file's order."""
+    kind, channel = _kind(function, number)
+    thruster = channels.index(channel) if channel in channels else None
+    if kind == "script" and function - 94 < len(channels):
+        thruster = function - 94
+    return Output(number, function, kind, channel, thruster)
 
 
 def _kind(function: int, number: int) -> tuple[Kind, int | None]:

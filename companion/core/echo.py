@@ -1,18 +1,22 @@
 """Does the autopilot do what it is told? RC_CHANNELS and SERVO_OUTPUT_RAW against the leases of the recent past.
 
 RC_CHANNELS shows which pulses the autopilot believes to receive: ours, or overrides are not taken. SERVO_OUTPUT_RAW
-shows what leaves it: the thrusters' pulses on outputs 1 to n, in the vessel file's order, as our parameter files
-wire them. An echo agrees if it is what was sent at any instant of the half second before it (neutral where a lease
-had run out). A disagreement counts after `PERSISTS_NS` and is told with the parameters to look at; overrides that
-are not taken are a condition of the mode table, and so are channels that only the pilot's transmitter moves.
+shows what leaves it: each thruster's pulse on the output that carries it by SERVOn_FUNCTION, and until the autopilot
+has told that, on outputs 1 to n in the vessel file's order, as our parameter files wire them. An echo agrees if it is
+what was sent at any instant of the half second before it (neutral where a lease had run out). A disagreement counts
+after `PERSISTS_NS` and is told with the parameters to look at; overrides that are not taken are a condition of the mode
+table, and so are channels that only the pilot's transmitter moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from companion.core.messages import Alert, OverrideLease, RcChannels, ServoOutput
+from companion.core.checks_wiring import output
+from companion.core.messages import Alert, OverrideLease, ParamValue, RcChannels, ServoOutput
 from companion.core.modes import Event
 from companion.core.thrusters import NEUTRAL_US
 
@@ -23,12 +27,17 @@ SLACK_NS = 50_000_000
 TOLERANCE_US = 1
 """Rounding of RCnScaled, 1:1 as in our parameter file."""
 PERSISTS_NS = 1_500_000_000
-"""Seven RC_CHANNELS at 5 Hz in a row; assumed: a few lost overrides are no fault of the wiring."""
+"""Ten RC_CHANNELS at 6.5 Hz in a row; assumed: a few lost overrides are no fault of the wiring."""
+EPISODES, EPISODES_NS = 3, 5_000_000_000
+"""So often within so long right channels became wrong ones: two senders take turns. Assumed: where every second frame
+is broken, overrides are missing for half a second once in twelve seconds. One whose pulses hold for less than some
+15 ms of each tenth of a second stays unseen."""
 SILENT_NS = 5_000_000_000
-"""Both echoes come at 5 and 10 Hz, slower while parameters are downloaded; assumed."""
+"""Both echoes come at 6.5 and 10 Hz, slower while parameters are downloaded; assumed."""
 MOVED_US = 200
 """A channel that is not ours and moved so far was moved by a hand; assumed: half of a stick's half travel."""
 _PULSE = range(800, 2201)
+_FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION\Z")
 _REMEMBERED = 50
 """Leases: at 50 Hz, the quickest period, the window and half a second of delay on the way."""
 
@@ -36,7 +45,8 @@ _REMEMBERED = 50
 @dataclass(frozen=True)
 class Echo:
     """`sent`: (from, until [ns], pulses [us]) of the latest leases; `base_us`: channels as the transmitter had them;
-    `rc_bad_ns`, `servo_bad_ns`: since when they disagree; `told`: what is known to be wrong, by echo.
+    `rc_bad_ns`, `servo_bad_ns`: since when they disagree; `episodes`: when channels began to, of late; `told`: what is
+    known to be wrong, by echo; `carries`: output (from 1) -> thruster (from 0), as the autopilot told.
     """
 
     sent: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
@@ -45,10 +55,12 @@ class Echo:
     servo_ns: int | None = None
     rc_bad_ns: int | None = None
     rc_why: str = ""
+    episodes: tuple[int, ...] = ()
     rc_ignored: bool = False
     servo_bad_ns: int | None = None
     servo_told: str = ""
     silent_told: frozenset[str] = frozenset()
+    carries: Mapping[int, int] = field(default_factory=dict)
 
 
 NOTHING_SENT = Echo()
@@ -84,23 +96,43 @@ def at_rc(
     wrong = _wrong(message.pwm_us, [c - 1 for c in channels], shown)
     if not shown:
         return echo, taken
+    begun = () if not wrong or echo.rc_bad_ns is not None else (t_ns,)
+    echo = replace(echo, episodes=(*(e for e in echo.episodes if t_ns - e < EPISODES_NS), *begun))
+    in_turns = len(echo.episodes) >= EPISODES
     if not wrong:
-        return replace(echo, rc_bad_ns=None, rc_ignored=False), taken
+        return replace(echo, rc_bad_ns=None, rc_ignored=in_turns), taken
     since_ns = t_ns if echo.rc_bad_ns is None else echo.rc_bad_ns
-    ignored = t_ns - since_ns >= PERSISTS_NS
+    ignored = in_turns or t_ns - since_ns >= PERSISTS_NS
     why = _rc_why([channels[i] for i in wrong], len(channels), message.pwm_us, system_id)
     return replace(echo, rc_bad_ns=since_ns, rc_ignored=ignored, rc_why=why), taken
 
 
+def at_parameter(echo: Echo, message: ParamValue, channels: Sequence[int]) -> Echo:
+    """A SERVOn_FUNCTION tells which thruster output n carries; other parameters nothing. `channels`: the thrusters'."""
+    if not (found := _FUNCTION.match(message.name)) or not math.isfinite(message.value):
+        return echo
+    number = int(found[1])
+    carries = {n: thruster for n, thruster in echo.carries.items() if n != number}
+    told = output(number, round(message.value), channels)
+    return replace(echo, carries=carries if told.thruster is None else {**carries, number: told.thruster})
+
+
+def outputs_of(echo: Echo, thrusters: int) -> list[int]:
+    """The output (from 1) of each thruster: the lowest that carries it; its own number where none is known to."""
+    carried = {thruster: number for number, thruster in sorted(echo.carries.items(), reverse=True)}
+    return [carried.get(thruster, thruster + 1) for thruster in range(thrusters)]
+
+
 def at_servo(echo: Echo, message: ServoOutput, thrusters: int) -> tuple[Echo, list[Alert]]:
-    """What a SERVO_OUTPUT_RAW says of outputs 1 to `thrusters`."""
+    """What a SERVO_OUTPUT_RAW says of the `thrusters`' outputs."""
     t_ns = message.t_ns
     echo = replace(echo, servo_ns=t_ns)
     shown = [pwm_us[:thrusters] for pwm_us in may_show(echo, t_ns)]
     at_rest = bool(shown) and all(set(pwm_us) == {NEUTRAL_US} for pwm_us in shown)
     if at_rest:
         shown = [*shown, (0,) * thrusters]  # no pulse is neutral, too
-    wrong = _wrong(message.pwm_us, range(thrusters), shown) if shown else []
+    numbers = outputs_of(echo, thrusters)
+    wrong = _wrong(message.pwm_us, [n - 1 for n in numbers], shown) if shown else []
     if not wrong:
         text = "the autopilot's outputs follow again" if echo.servo_told else ""
         alerts = [Alert(t_ns=t_ns, level="info", text=text)] if text else []
@@ -109,8 +141,8 @@ def at_servo(echo: Echo, message: ServoOutput, thrusters: int) -> tuple[Echo, li
     echo = replace(echo, servo_bad_ns=since_ns)
     if t_ns - since_ns < PERSISTS_NS or echo.rc_bad_ns is not None:  # overrides that are not taken: told already
         return echo, []
-    outputs = message.pwm_us[:thrusters]
-    kind, why = _servo_why(wrong, outputs, at_rest)
+    pulses = {n: message.pwm_us[n - 1] if n <= len(message.pwm_us) else 0 for n in numbers}
+    kind, why = _servo_why([numbers[k] for k in wrong], pulses, at_rest)
     if kind == echo.servo_told:
         return echo, []
     return replace(echo, servo_told=kind), [Alert(t_ns=t_ns, level="error", text=why)]
@@ -173,20 +205,20 @@ def _rc_why(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int) 
     )
 
 
-def _servo_why(wrong: list[int], outputs: Sequence[int], at_rest: bool) -> tuple[str, str]:
-    """Kind of fault, and what to say."""
-    told = ", ".join(f"output {i + 1} at {outputs[i] if i < len(outputs) else 0} us" for i in wrong)
+def _servo_why(wrong: list[int], pulses: Mapping[int, int], at_rest: bool) -> tuple[str, str]:
+    """Kind of fault, and what to say. `wrong`: numbers of outputs; `pulses`: of all thrusters' outputs."""
+    told = ", ".join(f"output {n} at {pulses[n]} us" for n in wrong)
     if at_rest:
         return "turning", (
             f"{told} though neutral is sent: the thruster may turn. Look at its SERVOn_FUNCTION, SERVOn_TRIM and "
             "SERVO_RC_FS_MSK, and at who else drives it (docs/autopilot.md)"
         )
-    if all(pulse == 0 for pulse in outputs):
+    if all(pulse == 0 for pulse in pulses.values()):
         return "no pulse", (
             f"{told}, so no pulse leaves the autopilot: look at the safety switch (BRD_SAFETY_DEFLT) "
             "and SERVOn_FUNCTION"
         )
-    if all(pulse == NEUTRAL_US for pulse in outputs):
+    if all(pulse == NEUTRAL_US for pulse in pulses.values()):
         return "shut", (
             f"{told} though the thrusters are to turn: the gate is shut. Look at SCR_ENABLE and gate.lua, at the "
             "autopilot's radio failsafe (FS_THR_ENABLE, channel 3), and at arming and mode"

@@ -27,8 +27,9 @@ Wanted = Literal["auto", "hold", "excitation"]
 Thrusters = Literal["neutral", "controller", "excitation", "sticks"]
 Event = Literal[
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "solver_failing", "loop_lag",
+    "solver_failing", "loop_lag", "link_late",
     "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "solver_back", "loop_ok",
+    "link_prompt",
     "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
     "ready", "finished", "stop", "start", "hold", "excite", "manual",
 ]  # fmt: skip
@@ -54,6 +55,7 @@ battery_critical .        safe     safe     safe     safe       safe       .    
 override_ignored .        .        safe     safe     safe       safe       .        safe     .
 solver_failing   .        .        hold     .        .          .          .        .        .
 loop_lag         .        .        safe     safe     safe       safe       .        safe     .
+link_late        .        .        safe     safe     safe       safe       .        safe     .
 
 link_back        .        .        .        .        .          .          .        .        .
 fit              .        .        .        .        .          .          .        .        .
@@ -63,6 +65,7 @@ battery_ok       .        .        .        .        .          .          .    
 override_obeyed  .        .        .        .        .          .          .        .        .
 solver_back      .        .        .        .        .          .          .        .        .
 loop_ok          .        .        .        .        .          .          .        .        .
+link_prompt      .        .        .        .        .          .          .        .        .
 
 rc_takeover      .        safe     safe     safe     safe       safe       safe     safe     .
 disarmed         .        safe     safe     safe     safe       safe       safe     safe     .
@@ -87,6 +90,7 @@ OVER: dict[Event, Event] = {
     "override_ignored": "override_obeyed",
     "solver_failing": "solver_back",
     "loop_lag": "loop_ok",
+    "link_late": "link_prompt",
 }
 """Condition -> the event of its end. battery_critical has none: battery_low goes on."""
 
@@ -95,7 +99,7 @@ def _events(*events: Event) -> frozenset[Event]:
     return frozenset(events)
 
 
-_ALL = _events("link_lost", "override_ignored", "loop_lag")
+_ALL = _events("link_lost", "override_ignored", "loop_lag", "link_late")
 _KNOWING = _ALL | _events("unfit", "fence_breached", "battery_critical")
 _NEEDS: dict[Mode, frozenset[Event]] = {
     "locked": _ALL,
@@ -125,6 +129,7 @@ _HINTS: dict[Event, str] = {
     "battery_critical": "bring the boat home, by hand if need be, and change the pack",
     "solver_failing": "the processor is too slow or busy, or the problem has no solution; the log has each reason",
     "loop_lag": "something keeps the processor: see `aritra log` for lateness",
+    "link_late": "look for a radio, a router or a full buffer on the way to the autopilot",
     "rc_takeover": "the pilot on the sticks has it",
 }
 

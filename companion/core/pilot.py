@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace as struct_replace
 
-from companion.core import echo, frozen, guidance, lookout, modes, pack, steering, sticks, vehicle, watch
+from companion.core import echo, frozen, guidance, lookout, modes, pack, round_trip, steering, sticks, vehicle, watch
 from companion.core.allocation import allocate, force_limits, pulse_widths
 from companion.core.estimator import Estimator
 from companion.core.excitation.flight import BEGINNING, Flight
@@ -41,6 +41,7 @@ from companion.core.messages import (
     NewMission,
     OperatorCommand,
     OverrideLease,
+    ParamValue,
     PlanDeadline,
     PlanResult,
     RcChannels,
@@ -48,6 +49,7 @@ from companion.core.messages import (
     SolveRequest,
     StateEstimate,
     Tick,
+    TimeSync,
     UwbPosition,
     UwbRanges,
 )
@@ -145,6 +147,12 @@ class Pilot:
         heard, alerts = echo.at_servo(state.echo, message, self._n)
         return replace(state, echo=heard), list(alerts)
 
+    def _parameter(self, state: PilotState, message: ParamValue, t_ns: int) -> tuple[PilotState, Outputs]:
+        return replace(state, echo=echo.at_parameter(state.echo, message, self.channels[: self._n])), []
+
+    def _timesync(self, state: PilotState, message: TimeSync, t_ns: int) -> tuple[PilotState, Outputs]:
+        return replace(state, round_trips=round_trip.hear(state.round_trips, message)), []
+
     def _link(self, state: PilotState, message: LinkStatus, t_ns: int) -> tuple[PilotState, Outputs]:
         level = "warning" if message.state in ("stale", "lost") else "info"
         text = f"{message.link}: {message.state}: {message.reason}"
@@ -189,10 +197,11 @@ class Pilot:
             state.watch, tick, estimate, seen, self._fence, state.pack, self.settings.control, state.plan_ns
         )
         heard, more, told = echo.at_tick(state.echo, t_ns, heard=silence is None)
-        conditions |= more
+        trips, late = round_trip.at_tick(state.round_trips, t_ns, heard=silence is None)
+        conditions |= more | late
         if silence:
             conditions["link_lost"] = silence
-        state = replace(state, lookout=seen, watch=watched, echo=heard)
+        state = replace(state, lookout=seen, watch=watched, echo=heard, round_trips=trips)
         helm, judged = modes.look(state.helm, conditions, t_ns)
         state = steering.steered(state, helm, t_ns)
         outputs: Outputs = [*alerts, *told, *judged]
@@ -358,7 +367,9 @@ _HANDLERS: dict[type[Message], Callable[..., tuple[PilotState, Outputs]]] = {
     ManualInput: Pilot._sticks_moved,
     NewMission: Pilot._new_mission,
     RcChannels: Pilot._rc,
+    ParamValue: Pilot._parameter,
     ServoOutput: Pilot._servo,
+    TimeSync: Pilot._timesync,
     Tick: Pilot._tick,
     PlanResult: Pilot._planned,
     PlanDeadline: Pilot._deadline,

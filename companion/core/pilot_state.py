@@ -19,6 +19,7 @@ from companion.core.mission import Mission
 from companion.core.modes import Helm
 from companion.core.nmpc import NmpcSettings
 from companion.core.pack import Pack
+from companion.core.round_trip import NO_ANSWER, RoundTrips
 from companion.core.run_file import BatteryLimits, Control
 from companion.core.site import Site
 from companion.core.sticks import Sticks
@@ -72,6 +73,7 @@ class PilotState:
     lookout: Lookout = NOTHING_SEEN
     watch: Watch = NOTHING_WATCHED
     echo: Echo = NOTHING_SENT
+    round_trips: RoundTrips = NO_ANSWER
     open_tick: int | None = None
     asked: tuple[tuple[int, int], ...] = ()
     """Tick and instant [ns] of the latest SolveRequests."""

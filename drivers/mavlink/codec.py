@@ -142,11 +142,20 @@ class MavlinkCodec:
         if name not in DECODERS:
             return []
         message = DECODERS[name](m, t_ns, t_rx_ns)
-        if isinstance(message, TimeSync) and message.tc1_ns:
-            self.clock.answer(message.tc1_ns, message.ts1_ns, t_rx_ns)
-        if message is None or (isinstance(message, ImuSample) and not self.imu.passes(name, t_rx_ns)):
+        if message is None or not self._wanted(name, message, t_rx_ns):
             return []
         return [message]
+
+    def _wanted(self, name: str, message: Message, t_rx_ns: int) -> bool:
+        """Not another IMU's than the chosen one, and not the answer to somebody else's TIMESYNC."""
+        if isinstance(message, ImuSample):
+            return self.imu.passes(name, t_rx_ns)
+        if not isinstance(message, TimeSync) or not message.tc1_ns:
+            return True
+        ours = self.clock.is_ours(message.ts1_ns)
+        self.clock.answer(message.tc1_ns, message.ts1_ns, t_rx_ns)
+        self.counters.ignored[name] += not ours
+        return ours
 
     def _repeats(self, name: str, stamp: int) -> bool:
         """Whether a sensor's stamp is that of its last message; 0 is no stamp."""

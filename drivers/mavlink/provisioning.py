@@ -5,7 +5,7 @@
         now = await autopilot.write("FS_ACTION", 2.0)
 
 We are ground station 255/190, so that our heartbeats do not count as the companion's. What MAVSDK or the autopilot
-refuses is a ProvisioningError in words. MAVSDK does not sign: use the autopilot's USB port, which needs no signature.
+refuses is a ProvisioningError in words. MAVSDK does not sign: with a key it talks through `signing_relay`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.plugins.ftp import FtpResult
 from mavsdk.plugins.log_files import LogFilesResult
+
+from drivers.mavlink.signing import GREETING_NS, Signing
+from drivers.mavlink.signing_relay import HOST, signing_relay
+from drivers.port_url import PortUrlError, open_port_from_url
 
 SYSTEM, COMPONENT = 255, 190
 HEARD_S, HEARTBEAT_S = 10.0, 4.0
@@ -70,18 +74,19 @@ class Provisioner:
 
     @staticmethod
     @contextlib.asynccontextmanager
-    async def connect(url: str, heard_s: float = HEARD_S) -> AsyncIterator[Provisioner]:
-        """Wait for the autopilot on one of our port URLs. Raises ProvisioningError."""
-        where = mavsdk_url(url)
+    async def connect(url: str, heard_s: float = HEARD_S, signing: Signing | None = None) -> AsyncIterator[Provisioner]:
+        """Wait for the autopilot on one of our port URLs. `signing`: signs what we send. Raises ProvisioningError."""
         log_subscribe(lambda level, message, file, line: True)  # it would write into the terminal
-        async with Mavsdk(Configuration.create_manual(SYSTEM, COMPONENT, True)) as mavsdk:
+        async with contextlib.AsyncExitStack() as stack:
+            where = await stack.enter_async_context(_signed(url, signing)) if signing else mavsdk_url(url)
+            mavsdk = await stack.enter_async_context(Mavsdk(Configuration.create_manual(SYSTEM, COMPONENT, True)))
             try:
                 await mavsdk.add_any_connection(where)
             except MavsdkError as error:
                 raise ProvisioningError(f"{url}: cannot be opened: {error}") from None
             system = await mavsdk.first_autopilot(heard_s)
             if system is None:
-                raise ProvisioningError(f"{url}: no autopilot heard within {heard_s:g} s: cable, baud rate, port?")
+                raise ProvisioningError(f"{url}: {_unheard(heard_s, signing)}")
             yield Provisioner(system)
 
     async def armed(self) -> bool:
@@ -172,6 +177,26 @@ class Provisioner:
         except (MavsdkError, TimeoutError) as error:
             reason = _reason(error) if isinstance(error, MavsdkError) else f"no answer for {TIMEOUT_S:g} s"
             raise ProvisioningError(f"cannot {what}: {reason}") from None
+
+
+@contextlib.asynccontextmanager
+async def _signed(url: str, signing: Signing) -> AsyncIterator[str]:
+    """MAVSDK's URL of a relay to `url` that signs."""
+    mavsdk_url(url)  # the same ports, with and without a key
+    try:
+        async with signing_relay(open_port_from_url(url), signing) as port:
+            yield f"udpout://{HOST}:{port}"
+    except PortUrlError as error:
+        raise ProvisioningError(str(error)) from None
+    except OSError as error:
+        raise ProvisioningError(f"{url}: cannot be opened: {error.strerror or error}") from None
+
+
+def _unheard(heard_s: float, signing: Signing | None) -> str:
+    """Why there is nobody: not one frame, or none that may be believed."""
+    refused = [alert.text for alert in signing.alerts(GREETING_NS)] if signing else []
+    text = f"no autopilot heard within {heard_s:g} s"
+    return f"{text} that may be believed: {'; '.join(refused)}" if refused else f"{text}: cable, baud rate, port?"
 
 
 def _reason(error: MavsdkError) -> str:

@@ -1,7 +1,7 @@
 """The companion's side of the MAVLink conversation, as a pure state machine: messages in, bytes to send out.
 
 always            companion HEARTBEAT at 1 Hz; TIMESYNC questions are answered
-autopilot heard   TIMESYNC questions at 2 Hz; AUTOPILOT_VERSION asked for until it comes;
+autopilot heard   TIMESYNC questions at 4 Hz; AUTOPILOT_VERSION asked for until it comes;
                   wanted message intervals requested and kept (see `streams`)
 rebooted (its clock went back) or back after silence: everything is asked for again
 """
@@ -15,7 +15,8 @@ from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.streams import WANTED_HZ, Streams
 
 HEARTBEAT_NS = 1_000_000_000
-TIMESYNC_NS = 500_000_000
+TIMESYNC_NS = 250_000_000
+"""How soon a link that is late is seen to be (`companion.core.round_trip`); 28 bytes each way."""
 SILENCE_NS = 5_000_000_000
 """Heartbeats come at 1 Hz; after this long without one the autopilot may have been another (assumed)."""
 VERSION_RETRY_NS = 2_000_000_000

@@ -16,7 +16,7 @@ WANTED_HZ: dict[str, float] = {
     "ATTITUDE": 50.0,
     "RAW_IMU": 50.0,
     "SERVO_OUTPUT_RAW": 10.0,
-    "RC_CHANNELS": 5.0,
+    "RC_CHANNELS": 6.5,  # no divisor of the control period: a second sender between two of our overrides shows
     "SYS_STATUS": 2.0,
 }
 """Message type -> rate that the companion lives on (architecture: estimator at 30-50 Hz)."""

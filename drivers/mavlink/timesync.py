@@ -6,7 +6,7 @@ We ask at ts1 (our clock), the autopilot answers with tc1 (its clock), the answe
 
 The true offset lies within round_trip / 2 of each sample, so the samples with the shortest round trips are
 the best ones: the offset is the median of the `BEST` shortest among the last `WINDOW`, without those that
-took much longer than the shortest. No slope is fitted: at 2 Hz the window is 10 s long, in which crystals of
+took much longer than the shortest. No slope is fitted: at 4 Hz the window is 10 s long, in which crystals of
 50 ppm (assumed) drift by 0.5 ms. All times in integer ns. Source:
 https://mavlink.io/en/services/timesync.html; the least-delay filter is that of NTP (RFC 5905, section 10).
 """
@@ -17,7 +17,7 @@ from collections import deque
 from statistics import median_low
 from typing import NamedTuple
 
-WINDOW = 20
+WINDOW = 40
 BEST = 5
 ALIKE_NS = 1_000_000
 """The best samples count where they took at most 1.5 times the shortest round trip and this (assumed)."""
@@ -31,7 +31,8 @@ REBOOT_NS = 1_000_000_000
 """A device clock that goes back by more than this was started anew (assumed; UDP may reorder within it)."""
 MAX_AGE_NS = 500_000_000
 """A stamp older than this is not believed and gives way to the time of arrival (assumed)."""
-_OUTSTANDING = 8
+_OUTSTANDING = 24
+"""Questions: at 4 Hz those of six seconds, by which answers to us are known from answers to others."""
 
 
 class _Sample(NamedTuple):
@@ -59,6 +60,10 @@ class ClockOffset:
         """Value of ts1 for a question sent at `t_ns`; its answer will be known by it."""
         self._asked.append(t_ns)
         return t_ns
+
+    def is_ours(self, ts1_ns: int) -> bool:
+        """Whether this is the answer to a question of ours that has had none."""
+        return ts1_ns in self._asked
 
     def answer(self, tc1_ns: int, ts1_ns: int, t_rx_ns: int) -> bool:
         """Take the answer that arrived at `t_rx_ns`; False where it was rejected."""

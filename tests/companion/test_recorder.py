@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 from typing import Literal
 
@@ -119,6 +120,29 @@ def test_rotation_gives_sound_parts_that_read_as_one(tmp_path, step_clock):
     assert not recorder.lost
 
 
+def test_memory_does_not_grow_with_the_length_of_a_log(tmp_path, step_clock):
+    """A file's index, one entry for each chunk and channel, is in memory until the file ends."""
+
+    def grown(name, rotate_bytes):
+        kinds = [f"link{k}" for k in range(12)]
+        with make(tmp_path / name, step_clock, background=False, rotate_bytes=rotate_bytes) as recorder:
+            tracemalloc.start()
+            held = []
+            for n in range(600):
+                for kind in kinds:
+                    recorder.record_raw(kind, "rx", b"x")
+                recorder.sync()
+                if n in (100, 599):
+                    held.append(tracemalloc.get_traced_memory()[0])
+            tracemalloc.stop()
+        return held[1] - held[0], len(log_parts(tmp_path / name))
+
+    whole, one = grown("whole.mcap", 1 << 40)
+    parted, many = grown("parted.mcap", 60_000)
+    assert one == 1 and many > 4
+    assert whole > 500_000 and parted < whole / 3, (whole, parted)
+
+
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO])
 def test_a_disk_error_is_told_counted_and_survived(tmp_path, step_clock, monkeypatch, code):
     path = tmp_path / "full.mcap"
@@ -218,6 +242,51 @@ def test_a_hanging_disk_never_holds_the_caller(tmp_path, monkeypatch):
     recorder.close()
     summary = summarise(LogFile(tmp_path / "hang.mcap"))
     assert next(t.missing for t in summary.topics if t.topic == "/tick") <= recorder.lost
+
+
+def test_a_disk_that_hangs_is_told_while_it_hangs_and_every_time(tmp_path, monkeypatch):
+    """Long before the queue is full: a write that has not come back is enough."""
+    monkeypatch.setattr(recorder_module, "HANG_S", 0.5)
+    recorder = make(tmp_path / "hang.mcap", time.monotonic_ns)
+    recorder.record(Tick(t_ns=1, index=0))
+    assert recorder.problem is None
+    sync, gates, told = os.fsync, [threading.Event() for _ in range(2)], []
+    monkeypatch.setattr(os, "fsync", lambda fd: (next(g for g in gates if not g.is_set()).wait(10), sync(fd)))
+    for gate in gates:
+        start = time.monotonic()
+        while not (recorder.problem and "hangs" in recorder.problem):
+            assert time.monotonic() - start < 5.0
+            recorder.record(Tick(t_ns=1, index=len(told)))
+            time.sleep(0.01)
+        told.append(recorder.problem)
+        assert recorder.lost == 0
+        gate.set()
+        if gate is gates[-1]:
+            monkeypatch.setattr(os, "fsync", sync)
+        while recorder.problem == told[-1]:
+            time.sleep(0.01)
+    assert recorder.problem is None or "slow" in recorder.problem
+    recorder.close()
+    assert len(ticks(LogFile(tmp_path / "hang.mcap"))) > 10 and told == [told[0]] * 2
+    assert str(tmp_path) in told[0]
+
+
+def test_a_run_ends_though_its_disk_hangs(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "CLOSE_S", 0.5)
+    recorder, go = make(tmp_path / "hang.mcap", time.monotonic_ns), threading.Event()
+    recorder.record(Tick(t_ns=1, index=0))
+    recorder.sync()
+    hanging = threading.Event()
+    monkeypatch.setattr(os, "fsync", lambda _: (hanging.set(), go.wait(10)))
+    recorder.record(Tick(t_ns=2, index=1))
+    assert hanging.wait(5.0)
+    start = time.monotonic()
+    recorder.close()
+    assert time.monotonic() - start < 5.0, "well before the disk comes back"
+    assert ticks(LogFile(tmp_path / "hang.mcap"))[0] == 0
+    go.set()
+    recorder.close()
+    assert ticks(LogFile(tmp_path / "hang.mcap")) == [0, 1], "and had it come back in time, nothing were lost"
 
 
 def test_a_slow_disk_is_told_while_it_is_slow(tmp_path, step_clock, monkeypatch):

@@ -185,6 +185,8 @@ def test_a_good_link_is_in_order():
         ({"rates_hz": {**WANTED, "ATTITUDE": 30.0}}, "ATTITUDE", "warning", "30.0 Hz"),
         ({"rates_hz": {**WANTED, "RC_CHANNELS": 0.0}}, "RC_CHANNELS", "warning", "0.0 Hz"),
         ({"round_trips": ()}, "autopilot", "warning", "no answer"),
+        ({"round_trips": tuple(RoundTrip(0.501, 1.0) for _ in range(5))}, "autopilot", "refuse", "501.0 ms"),
+        ({"round_trips": tuple(RoundTrip(0.499, 1.0) for _ in range(5))}, "autopilot", "warning", "499.0 ms"),
         ({"round_trips": tuple(RoundTrip(0.08, 1.0) for _ in range(5))}, "autopilot", "warning", "80.0 ms"),
         ({"round_trips": tuple(RoundTrip(0.01, 0.03 * (k % 2)) for k in range(6))}, "autopilot", "warning", "15.0 ms"),
         ({"wall_s": 1000.0}, "boat's date", "warning", "never set"),

@@ -13,12 +13,14 @@ from companion.core.echo import (
     WINDOW_NS,
     Echo,
     at_lease,
+    at_parameter,
     at_rc,
     at_servo,
     at_tick,
     may_show,
+    outputs_of,
 )
-from companion.core.messages import OverrideLease, RcChannels, ServoOutput
+from companion.core.messages import OverrideLease, ParamValue, RcChannels, ServoOutput
 
 MS = 1_000_000
 CHANNELS = (9, 10, 1)
@@ -137,6 +139,32 @@ def test_one_channel_or_all_of_them_are_told_apart(shown):
         assert "RC_OVERRIDE_TIME" in why and "RC_OPTIONS" in why
 
 
+@pytest.mark.parametrize("period_ms", [154, 200])
+@pytest.mark.parametrize("theirs_ms", [10, 20, 50, 80, 85])
+def test_two_senders_that_take_turns_are_seen_whenever_ours_comes_between(theirs_ms, period_ms):
+    """Ours at 0, 100, 200 ms; somebody's neutral so long after each. At 5 Hz the echo would always show the same."""
+    echo, found = driving(9000), []
+    for t in range(3000, 9000, period_ms):
+        since_ms = t % 100
+        shown = NEUTRAL if since_ms >= theirs_ms else (1620 + t // 100, 1380, 1500)
+        echo, _ = at_rc(echo, rc(t, shown), CHANNELS, 1)
+        found.append((t, echo.rc_ignored))
+    first = min((t for t, ignored in found if ignored), default=None)
+    if period_ms == 154:
+        assert first is not None and first - 3000 <= 5000
+        assert "somebody else overrides it too" in at_tick(echo, 9000 * MS, heard=True)[1]["override_ignored"]
+    else:
+        assert first is None, "which is why it is asked for at 6.5 Hz"
+
+
+def test_gaps_that_are_rare_are_nobody_else():
+    echo = driving(30000)
+    for t in range(3000, 30000, 154):
+        bad = t % 2600 < 300
+        echo, _ = at_rc(echo, rc(t, NEUTRAL if bad else (1620 + t // 100, 1380, 1500)), CHANNELS, 1)
+        assert not echo.rc_ignored
+
+
 def test_a_lost_autopilot_is_not_blamed_for_its_channels():
     echo, _ = heard(driving(5400), [rc(t, (0, 0, 0)) for t in range(3000, 5001, 200)])
     assert echo.rc_ignored and at_tick(echo, 5000 * MS, heard=False)[1] == {}
@@ -217,6 +245,68 @@ def test_a_thruster_that_turns_while_neutral_is_sent_is_told():
     _, ((_, level, text),) = outputs(resting, 0, 1700)
     assert level == "error" and "output 2 at 1700 us though neutral is sent" in text and "output 1" not in text
     assert "SERVO_RC_FS_MSK" in text
+
+
+def functions(echo, told):
+    for number, function in told.items():
+        value = ParamValue(t_ns=0, name=f"SERVO{number}_FUNCTION", value=float(function), index=None, count=1200)
+        echo = at_parameter(echo, value, CHANNELS[:2])
+    return echo
+
+
+@pytest.mark.parametrize(
+    ("told", "numbers"),
+    [
+        ({}, [1, 2]),
+        ({1: 94, 2: 95}, [1, 2]),
+        ({1: 95, 2: 94}, [2, 1]),
+        ({5: 94, 6: 95, 1: 0, 2: 0}, [5, 6]),
+        ({5: 149, 6: 148}, [6, 5]),
+        ({7: 60}, [1, 7]),
+        ({9: 1, 10: 1}, [9, 10]),
+        ({9: 94, 3: 94}, [3, 2]),
+        ({9: 94, 3: 95, 32: 96}, [9, 3]),
+        ({5: 94, 6: 33, 7: 53, 8: 0, 99: 95}, [5, 99]),
+    ],
+    ids=str,
+)
+def test_functions_say_on_which_output_a_thruster_is(told, numbers):
+    assert outputs_of(functions(NOTHING_SENT, told), 2) == numbers
+
+
+def test_a_function_that_is_told_anew_replaces_the_one_before():
+    echo = functions(functions(NOTHING_SENT, {5: 94, 6: 95}), {5: 0, 7: 94})
+    assert outputs_of(echo, 2) == [7, 6]
+    others = ("SERVO1_TRIM", "SERVO_32_ENABLE", "SERVO01_FUNCTION", "SERVO1_FUNCTIONS", "XSERVO1_FUNCTION")
+    for name in others:
+        assert at_parameter(echo, ParamValue(t_ns=0, name=name, value=94.0, index=1, count=2), CHANNELS[:2]) == echo
+    for value in (float("nan"), float("inf")):
+        wrong = ParamValue(t_ns=0, name="SERVO1_FUNCTION", value=value, index=1, count=2)
+        assert at_parameter(echo, wrong, CHANNELS[:2]) == echo
+
+
+def test_outputs_elsewhere_are_judged_where_they_are():
+    """Thruster 1 on output 4, thruster 2 on output 3; outputs 1 and 2 carry something else."""
+    echo = functions(driving(5400), {4: 94, 3: 95, 1: 26, 2: 0})
+    told = []
+    for t in range(3000, 5001, 100):
+        echo, alerts = at_servo(echo, servo(t, 1900, 0, 1380, 1620 + (t - 30) // 100), 2)
+        told += alerts
+    assert told == []
+    for t in range(5100, 6800, 100):
+        echo, alerts = at_servo(at_lease(echo, lease(t, (1640, 1380, 1500))), servo(t, 1640, 1380, 1380, 1500), 2)
+        told += alerts
+    (alert,) = told
+    assert alert.text.startswith("output 4 at 1500 us, which was not sent"), "where the first thruster is"
+    assert "output 20 at 0 us" in texts_of(functions(driving(5400), {20: 94})), "one that SERVO_OUTPUT_RAW lacks"
+
+
+def texts_of(echo):
+    texts = ""
+    for t in range(3000, 5001, 100):
+        echo, alerts = at_servo(echo, servo(t, 0, 1380), 2)
+        texts += "".join(a.text for a in alerts)
+    return texts
 
 
 def test_as_long_as_overrides_are_ignored_outputs_are_not_told_beside_it():

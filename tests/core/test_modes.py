@@ -29,13 +29,13 @@ DRIVING = {"auto", "hold", "excitation", "manual"}
 OPERATOR = {"stop", "start", "hold", "excite", "manual"}
 TROUBLE = (
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "solver_failing", "loop_lag", "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
+    "solver_failing", "loop_lag", "link_late", "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
 )  # fmt: skip
 SOMEBODY = ("rc_takeover", "disarmed", "mode_changed")
 
 
 def test_every_pair_has_an_outcome():
-    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 28
+    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 30
     assert {mode for mode in MODES if THRUSTERS[mode] != "neutral"} == DRIVING
 
 
@@ -210,7 +210,7 @@ def test_in_any_history_no_mode_drives_against_its_needs_and_only_operators_end_
 
 def test_starting_waits_for_what_may_pass_and_gives_up_where_it_may_not():
     waiting = Helm("starting", "auto")
-    for condition in ("link_lost", "unfit", "override_ignored", "loop_lag"):
+    for condition in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late"):
         helm, _ = look(waiting, {condition: "why"}, 0)
         assert helm.mode == "starting" and waits_for(helm, {condition: "why"}) == "why"
     for condition in ("fence_breached", "battery_critical"):

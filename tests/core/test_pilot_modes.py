@@ -16,6 +16,7 @@ from companion.core.excitation.flight import FlightState
 from companion.core.modes import EVENTS, MODES, OVER, TABLE, THRUSTERS, WANTED, Helm
 from companion.core.pack import Pack
 from companion.core.pilot import Pilot
+from companion.core.round_trip import NO_ANSWER
 from companion.core.sticks import Sticks
 from companion.core.watch import LATE_TICKS, Watch
 from companion.setup import setup_of
@@ -139,6 +140,10 @@ def cause(boat, event):  # noqa: PLR0912
             change(boat, watch=Watch(since_ns=t_ns - 10 * S), plan_ns=0)
         case "loop_lag":
             change(boat, watch=replace(state.watch, late_ticks=LATE_TICKS))
+        case "link_late":
+            change(boat, round_trips=NO_ANSWER)
+            heard = [t_ns - k * 250 * MS for k in (4, 3, 2, 1, 0)]
+            boat.feed(*(m.TimeSync(t_ns=rx_ns, tc1_ns=1, ts1_ns=rx_ns - S) for rx_ns in heard))
         case "sticks_lost":
             boat.sticks = None
             change(boat, sticks=replace(state.sticks, last=stick(t_ns - S, 0.5)))
@@ -181,7 +186,7 @@ def test_every_pair_through_the_pilot(mode, event):
     if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover"):
         assert at_once == (TABLE[mode, event].next if mode != "paused" else at_once)
     if expected == "starting" and at_once in ("starting", mode):
-        waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "mode_changed")
+        waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "mode_changed")
         assert after == ("starting" if waits else boat.state.helm.wanted), "all else is ready in this test"
         if event in WANTED:
             assert after == WANTED[event]

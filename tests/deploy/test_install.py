@@ -88,7 +88,12 @@ def test_it_installs_everything_in_its_place(bench):
         ("etc/systemd/system/aritra.service", "deploy/aritra.service"),
         ("etc/udev/rules.d/70-aritra.rules", "deploy/udev/70-aritra.rules"),
         ("etc/aritra/aritra.toml", "deploy/on-board.toml"),
+        ("etc/aritra/zenoh/boat.json5", "deploy/zenoh/boat.json5"),
+        ("etc/aritra/zenoh/router.json5", "deploy/zenoh/router.json5"),
+        ("etc/aritra/zenoh/shore.json5", "deploy/zenoh/shore.json5"),
         ("opt/aritra/share/doc/aritra/service.md", "docs/service.md"),
+        ("opt/aritra/share/aritra/zenoh/make-certificates", "deploy/zenoh/make-certificates"),
+        ("opt/aritra/share/aritra/zenoh/router.py", "deploy/zenoh/router.py"),
     ]:
         assert (bench.root / target).read_bytes() == (ROOT / source).read_bytes()
     venv, lock, program = bench.asked()
@@ -96,7 +101,10 @@ def test_it_installs_everything_in_its_place(bench):
     assert "--require-hashes" in lock and lock.endswith(f"-r {ROOT}/requirements.lock")
     assert "--no-deps" in program and program.endswith(f" {ROOT}")
     tree = bench.tree()
-    assert all(mode & 0o007 == 0 for path, (mode, _) in tree.items() if path.startswith("etc/aritra"))
+    assert {mode for path, (mode, content) in tree.items() if path.startswith("etc/aritra") and content} == {0o640}
+    assert {mode for path, (mode, content) in tree.items() if path.startswith("etc/aritra") and not content} == {0o750}
+    assert {tree[f"opt/aritra/share/aritra/zenoh/{name}"][0] for name in ("make-certificates", "router.py")} == {0o755}
+    assert not [path for path in tree if path.endswith(".key")]
     assert all(mode & 0o005 for path, (mode, _) in tree.items() if path.startswith(("opt", "etc/systemd", "etc/udev")))
 
 
@@ -128,6 +136,39 @@ def test_what_a_person_edited_stays(bench):
     assert (bench.root / "etc/systemd/system/aritra.service").read_text() == (
         SCRIPT.parent / "aritra.service"
     ).read_text()
+
+
+def test_keys_stay_with_their_owner_and_what_others_could_read_is_taken_from_them(bench):
+    bench.installed()
+    config = bench.root / "etc/aritra"
+    keys = [config / "boat.key", config / "zenoh/boat.key"]
+    for key, mode in zip(keys, (0o600, 0o644), strict=True):
+        key.write_text("a passphrase that nobody guesses\n")
+        key.chmod(mode)
+    certificate, pages = config / "zenoh/ca.pem", config / "zenoh/notes"
+    certificate.write_text("")
+    certificate.chmod(0o600)  # as root wrote it, with a careful umask
+    pages.mkdir(mode=0o777)
+    pages.chmod(0o777)
+    bench.installed()
+    assert [key.stat().st_mode & 0o777 for key in keys] == [0o600, 0o600]
+    assert pages.stat().st_mode & 0o777 == 0o750
+    if os.getuid() == 0:
+        assert certificate.stat().st_mode & 0o777 == 0o640, "the service may read what root put there"
+    before = bench.tree()
+    bench.installed("--uninstall")
+    left = bench.tree()
+    assert all(left[f"etc/aritra/{name}"] == before[f"etc/aritra/{name}"] for name in ("boat.key", "zenoh/boat.json5"))
+    assert not (bench.root / "opt/aritra").exists()
+
+
+def test_on_a_system_keys_are_the_service_s(bench):
+    bench.systemctl("inactive")
+    bench.stub("getent", "exit 0")
+    plan = bench.run("--dry-run", root=False).stdout
+    assert "+ find /etc/aritra -type f -name *.key -exec chown aritra {} +" in plan
+    assert "+ find /etc/aritra -type f -name *.key -exec chmod 600 {} +" in plan
+    assert "zenoh/boat.json5 /etc/aritra/zenoh/boat.json5" in plan
 
 
 def test_an_interrupted_installation_is_taken_up_again(bench):

@@ -236,6 +236,17 @@ def test_stamps_become_companion_time_once_synchronised():
     assert (unsynced.t_ns, unsynced.t_rx_ns) == (now, now)
 
 
+def test_answers_to_others_and_second_answers_are_as_if_they_had_never_come():
+    codec, sender = MavlinkCodec(target_system=1), Sender()
+    question = read_one(codec.timesync_question(T))
+    for asked_ns in (T - 5, T + 5, 1_760_000_000 * 10**9):  # another companion's; one that asks with Unix time
+        assert codec.feed(sender.timesync(77, asked_ns), T + 9) == []
+    assert len(codec.feed(sender.timesync(77, question.ts1), T + 9)) == 1
+    assert codec.feed(sender.timesync(77, question.ts1), T + 9) == [], "the same once more"
+    assert codec.counters.ignored["TIMESYNC"] == 4 and codec.counters.received["TIMESYNC"] == 5
+    assert [m.tc1_ns for m in codec.feed(sender.timesync(0, 5), T)] == [0], "a question is for whoever can answer"
+
+
 def test_timesync_answer_is_never_a_question():
     codec = MavlinkCodec(target_system=1)
     question = TimeSync(t_ns=0, tc1_ns=0, ts1_ns=77)

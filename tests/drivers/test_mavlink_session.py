@@ -111,7 +111,7 @@ class Talk:
 def test_good_autopilot_is_asked_once_and_kept_in_step():
     talk = Talk(Autopilot()).run(30)
     assert len(talk.heard("HEARTBEAT")) == 30
-    assert len(talk.heard("TIMESYNC")) in (59, 60)
+    assert len(talk.heard("TIMESYNC")) in (119, 120)
     assert len(talk.heard("COMMAND_LONG", 512)) == 1
     assert talk.session.autopilot is not None
     assert talk.session.autopilot.board_version == 140

@@ -2,14 +2,19 @@
 
 import asyncio
 import random
+import time
 
 import pytest
 from autopilot_process import booted_rover, served
+from pymavlink.dialects.v20 import ardupilotmega as wire
 from wiring_bench import load
 
 from companion.core.parameter_diff import changes
 from companion.provisioning import SCRIPT, SCRIPTS
 from drivers.mavlink.provisioning import Provisioner, ProvisioningError
+from drivers.mavlink.signing import Signing, SigningKey
+from drivers.mavlink.signing_relay import HOST, signing_relay
+from drivers.tcp_port import TcpClientPort
 from sim.world.autopilot.files import Files
 from sim.world.autopilot.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, TABLE
@@ -97,6 +102,100 @@ def test_logs_come_whole_with_progress(tmp_path):
 
 def test_without_logs_there_are_none():
     assert scene(booted_rover(), lambda autopilot: autopilot.logs()) == []
+
+
+# --- a key -------------------------------------------------------------------------------------------
+
+KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
+
+
+def keyed(secret):
+    return Signing(SigningKey(secret), time.time_ns, key_name="boat.key")
+
+
+def signed_scene(rover, work, signing, serial=1):
+    """Over TCP that the autopilot takes for SERIAL1, where it wants signatures, with its key in it."""
+
+    async def play():
+        rover._serial_of = lambda peer: serial
+        rover.key.set(KEY, 1)
+        async with (
+            served(rover) as (_, tcp),
+            Provisioner.connect(f"tcp:127.0.0.1:{tcp[1]}", heard_s=3.0, signing=signing) as autopilot,
+        ):
+            return await work(autopilot)
+
+    return asyncio.run(asyncio.wait_for(play(), 40.0))
+
+
+async def written_and_sent(autopilot):
+    told = await autopilot.parameters()
+    now = await autopilot.write("FS_ACTION", 5.0)
+    await autopilot.upload(SCRIPT, SCRIPTS)
+    return told, now, await autopilot.armed()
+
+
+def test_with_the_key_all_of_it_works_where_signatures_are_asked_for():
+    rover = booted_rover()
+    rover.files, signing = Files({}), keyed(KEY)
+    told, now, armed = signed_scene(rover, written_and_sent, signing)
+    assert len(told) == len(TABLE) and now == rover.vehicle.parameters["FS_ACTION"] == 5.0 and not armed
+    assert rover.files.stored == {f"{SCRIPTS}/gate.lua": SCRIPT.read_bytes()}
+    assert signing.counts["believed"] > len(TABLE)
+    assert set(signing.counts) <= {"believed", "old"}, "old: before it had heard us, whose clock is right"
+
+
+def test_without_the_key_nothing_is_done_there():
+    rover = booted_rover()
+    before = {row.name: rover.vehicle.parameters[row.name] for row in TABLE}
+    with pytest.raises(ProvisioningError, match="is MAVLink signing set up"):
+        signed_scene(rover, lambda autopilot: autopilot.parameters(), None)
+    with pytest.raises(ProvisioningError, match=r"no autopilot heard .* signed with another key than boat.key"):
+        signed_scene(rover, lambda autopilot: autopilot.parameters(), keyed(OTHER))
+    assert {name: rover.vehicle.parameters[name] for name in before} == before
+
+
+def test_an_autopilot_without_a_key_is_not_believed_where_we_have_one():
+    rover = booted_rover()
+
+    async def play():
+        async with served(rover) as (_, tcp):
+            await Provisioner.connect(f"tcp:127.0.0.1:{tcp[1]}", 2.0, keyed(KEY)).__aenter__()
+
+    with pytest.raises(ProvisioningError, match=r"not signed, and mavlink\.signing_key asks for it"):
+        asyncio.run(play())
+
+
+def test_a_relay_answers_the_program_that_spoke_first_and_no_other():
+    rover = booted_rover()
+
+    async def work(local):
+        loop, heard = asyncio.get_running_loop(), {}
+        for name in ("first", "second"):
+            heard[name] = await loop.create_datagram_endpoint(Ear, remote_addr=(HOST, local))
+            mav = wire.MAVLink(None, 255, 190)
+            question = wire.MAVLink_param_request_read_message(1, 1, b"FS_ACTION", -1)
+            heard[name][0].sendto(b"no frame" + question.pack(mav))
+            await asyncio.sleep(0.5)
+        return {name: b"".join(ear.got) for name, (transport, ear) in heard.items() if transport.close() is None}
+
+    async def play():
+        rover._serial_of = lambda peer: 1
+        rover.key.set(KEY, 1)
+        async with served(rover) as (_, tcp), signing_relay(TcpClientPort(*tcp), keyed(KEY)) as local:
+            return await work(local)
+
+    got = asyncio.run(play())
+    answers = [m for m in wire.MAVLink(None).parse_buffer(got["first"]) if m.get_type() == "PARAM_VALUE"]
+    assert [m.param_id for m in answers] == ["FS_ACTION"] and got["second"] == b""
+
+
+class Ear(asyncio.DatagramProtocol):
+    def __init__(self):
+        self.got = []
+
+    def datagram_received(self, data, addr):
+        self.got.append(data)
 
 
 def test_nobody_there_is_told():

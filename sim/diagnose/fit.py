@@ -211,15 +211,28 @@ class Fit:
         before: Point | None = None,
     ) -> Point:
         """Gauss-Newton from theta, z with the parameters of `chosen` free. Stops at steps that promise little."""
+        return self.descend(theta, z, chosen, believed, steps=steps, tolerance=tolerance, before=before)[0]
+
+    def descend(
+        self,
+        theta: Theta,
+        z: np.ndarray,
+        chosen: Sequence[Effect],
+        believed: frozenset[str],
+        *,
+        steps: int,
+        tolerance: float,
+        before: Point | None = None,
+    ) -> tuple[Point, bool]:
+        """As `solve`, and whether the last step promised less than `tolerance` [nats]."""
         prior = self.prior(chosen, believed)
         lower, upper = (np.array([getattr(p, k) for e in chosen for p in e.parameters]) for k in ("lower", "upper"))
-        point = self.point(theta, z, chosen, before)
+        point, promised = self.point(theta, z, chosen, before), np.inf
         for _ in range(steps):
-            moved, promised = self._step(point, chosen, believed, prior, (lower, upper))
-            point = moved
+            point, promised = self._step(point, chosen, believed, prior, (lower, upper))
             if promised < tolerance:
                 break
-        return point
+        return point, promised < tolerance
 
     def _step(
         self,

@@ -25,6 +25,8 @@ REFIT = 3  # how many candidates a round refits
 HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
 NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
+ROUNDS = 6  # of four steps each, in a refit
+SAME = 0.1  # of the logarithm of the latent acceleration: so small a change asks for no further round
 ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
 SHARES = (1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
 BEYOND = 2.0  # standard errors by which a value may seem to be beyond its limits
@@ -129,8 +131,11 @@ class Selector:
             point = self._first(theta, values, start, chosen, believed)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=1.0, before=point)
         fit.noise = tuned_latent(fit, point)
-        point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
-        fit.noise = tuned_latent(fit, point)
+        for _ in range(ROUNDS):
+            point, there = fit.descend(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
+            was, fit.noise = fit.noise, tuned_latent(fit, point)
+            if there and np.abs(np.log(np.divide(fit.noise.latent, was.latent))).max() < SAME:
+                break
         return self._finished(believed, point, chosen)
 
     def _first(

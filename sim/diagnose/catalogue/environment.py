@@ -14,6 +14,7 @@ from sim.diagnose.effect import Effect, Parameter, Scene, Values
 FASTEST_DEG_S = 1.2  # of a current that turns; the search starts from rates up to this; assumed
 PHASE_RAD = 1.0  # by how much neighbouring starts differ at the ends of the logs
 PRESSURE = RHO_AIR / 2  # Pa, of a wind of 1 m/s
+PULL_N = 0.75  # of a tether in the middle of its water that is worth a name: the smallest stiffness at 15 m; assumed
 ZONE_RADIUS_M = 4.0  # from which the search for a shallow starts; assumed
 
 
@@ -76,7 +77,8 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
 def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
     """Dynamic pressure as a vector along the wind: the force on a boat at rest is all but linear in it, from nil on.
 
-    The speed is not: its root is vertical at nil. So airs too light for a name are shares of one north and one east.
+    The speed is not: its root is vertical at nil. So airs too light for a name are shares of one along each axis, half
+    the difference of those from its two ends: a boat under way feels more of a wind from ahead than of one from astern.
     """
     north, east = p["north_Pa"], p["east_Pa"]
     pressure = float(np.hypot(north, east))
@@ -88,7 +90,8 @@ def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
     if whole < 1:
         for along, beta in ((north, 180.0), (east, 270.0)):
             if along:
-                force += (1 - whole) * along / PRESSURE * wind_force(vessel, scene, 1.0, beta)
+                both = wind_force(vessel, scene, 1.0, beta) - wind_force(vessel, scene, 1.0, beta - 180.0)
+                force += (1 - whole) * along / PRESSURE * both / 2
     return force
 
 
@@ -108,8 +111,8 @@ def _tether(arm_m: float, around_m: float) -> Effect:
         "pulled towards one place, harder the further away",
         (
             *number("k_N_m", "N/m", 0.5, 0.05, 0.0, 100.0),
-            Parameter("north_N", "N", 5.0, np.inf, 0.5),
-            Parameter("east_N", "N", 5.0, np.inf, 0.5),
+            Parameter("north_N", "N", 5.0, PULL_N, 0.5),
+            Parameter("east_N", "N", 5.0, PULL_N, 0.5),
             Parameter("arm_m", "m", around_m, np.inf, 0.05),
         ),
         {"force": force},

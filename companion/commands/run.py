@@ -17,6 +17,7 @@ from typing import Protocol
 
 from companion.app import App
 from companion.clock import BoatClock, Clock
+from companion.code_store import CodeStore
 from companion.commands.wires import add_config, add_wires, port_of, signing_of
 from companion.core.config import ConfigError
 from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
@@ -176,7 +177,6 @@ async def _drive(
     clock, vessel = BoatClock(), setup.pilot.vessel
     progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
     finish = _Finish(args.end_after)
-    model, nmpc = StructuredModel.of(vessel), setup.pilot.nmpc
 
     def watch(message: Message) -> None:
         progress.see(message)
@@ -203,7 +203,7 @@ async def _drive(
     gate = StationGate(system) if told and told.writable else None
     app = App(
         Pilot(setup.pilot),
-        Nmpc(model, Actuation.of(vessel), nmpc, time.perf_counter, setup.pilot.fence),
+        _controller(setup, tell),
         mavlink=(mavlink, codec),
         uwb=(
             uwb,
@@ -245,6 +245,19 @@ async def _drive(
         if isinstance(error, Exception):
             raise error
     return REFUSED if args.start and guard and guard.refused else 0
+
+
+def _controller(setup: Setup, tell: Callable[[Alert], None]) -> Nmpc:
+    """The controller, with machine code from the last run where there is some."""
+    pilot = setup.pilot
+    nmpc = Nmpc(
+        StructuredModel.of(pilot.vessel), Actuation.of(pilot.vessel), pilot.nmpc,
+        time.perf_counter, pilot.fence, CodeStore.of(),
+    )  # fmt: skip
+    if nmpc.why_not_compiled:
+        text = f"the controller runs without machine code: {nmpc.why_not_compiled}"
+        tell(Alert(t_ns=time.monotonic_ns(), level="info", text=text))
+    return nmpc
 
 
 def _hurry() -> None:

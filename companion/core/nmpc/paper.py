@@ -18,6 +18,7 @@ import numpy as np
 
 from companion.core.abkowitz import KGF_N, AbkowitzModel
 from companion.core.dynamics import rk4
+from companion.core.nmpc.ocp import Ocp
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,24 @@ class PaperNmpc:
         self._guess = w if stats["success"] else np.zeros(w.size)
         c = w[4 * (self._settings.stages + 1) :].reshape(self._settings.stages, self._nu)
         return PaperPlan(c, float(answer["f"]), bool(stats["success"]), int(stats["iter_count"]))
+
+
+def paper_ocp(model: AbkowitzModel, s: PaperSettings = PAPER) -> Ocp:
+    """The same problem as expressions of one stage, for the real-time iteration; p = psi_des [rad]."""
+    nu = model.B.shape[1]
+    x, c, psi_des = ca.SX.sym("x", 4), ca.SX.sym("c", nu), ca.SX.sym("psi_des")
+    following = ca.cse(_advance(model, x, c, s.step_s))
+    weighted = [(s.s_u, x[1] - s.u_des_m_s), (s.s_psi, x[0] - psi_des), (s.s_v, x[2] - s.v_des_m_s), (s.s_c, c)]
+    return Ocp(
+        s.stages, x, c, psi_des, ca.SX.sym("q", 0),
+        following=following,
+        jacobian=ca.jacobian(following, ca.vertcat(x, c)),
+        residual=ca.vertcat(*(np.sqrt(weight) * residual for weight, residual in weighted)),
+        last=ca.SX(1, 1),
+        c_min=np.full(nu, s.c_min_kgf),
+        c_max=np.full(nu, s.c_max_kgf),
+        scale=np.ones(4),
+    )  # fmt: skip
 
 
 def _advance(model: AbkowitzModel, x: ca.SX, c: ca.SX, h: float) -> ca.SX:

@@ -13,7 +13,7 @@ the effort from there and not from zero is what makes the controller offset-free
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -65,12 +65,16 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     soft: NonNegative = 100.0
     """Weight on what exceeds a soft limit, s^2/m^2 and s^2/rad^2."""
 
-    iterations: Count = 1
+    method: Literal["rti", "interpreted", "hpipm"] = "rti"
+    """Who takes the steps: our kernel as machine code where it can be, our kernel by CasADi's interpreter, or hpipm."""
+    iterations: Count = 2
     """Newton-type steps on a usable warm start."""
     most_iterations: Count = 6
     """Steps allowed until the dynamics close to `defect_tolerance`, before the rescue."""
     defect_tolerance: Positive = 0.1
     """Largest |F(x_k, c_k) - x_{k+1}| of a usable plan, in m, rad, m/s, rad/s and units of 10 N."""
+    cold_iterations: Count = 50
+    """Steps of each of the two cold starts until cost and dynamics stand still, before the rescue."""
     rescue_iterations: Count = 60
     """Interior-point iterations of the rescue."""
     rescue_time_s: Positive = 0.25

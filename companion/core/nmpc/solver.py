@@ -1,7 +1,9 @@
 """Solving the production problem again and again: always a result with a status, never an exception.
 
-    warm start there  ->  real-time iteration: 1 step, more while the plan does not close
-    none, or unusable, or the steps went wrong  ->  rescue by IPOPT from a roll-out, bounded
+    warm start there  ->  real-time iteration (`rti`): 2 steps, more while the plan does not close
+    that went wrong   ->  the same by hpipm
+    none, or unusable ->  real-time iteration from a roll-out, until it stands still
+    that went wrong   ->  rescue by IPOPT from the roll-out, bounded
 
 `ok`: finite, within its limits, and the dynamics close to `defect_tolerance`. `not_converged`: finite and
 within limits only. `failed`: no plan. Whatever is not ok leaves no warm start behind. An instance belongs to
@@ -17,11 +19,13 @@ import casadi as ca
 import numpy as np
 
 from companion.core.columns import COLUMNS, Column, near
+from companion.core.compiled import Store
 from companion.core.dynamics import FORCES, Model
 from companion.core.fence import Fence
 from companion.core.messages import PlanResult, SolveRequest
 from companion.core.nmpc.problem import Problem, build
 from companion.core.nmpc.qp_step import QpStep, Step
+from companion.core.nmpc.real_time import Ended, RealTime
 from companion.core.nmpc.settings import Actuation, NmpcSettings
 from companion.core.nmpc.warm import LARGEST, PSI, WarmStart, rolled_out, shifted
 
@@ -48,10 +52,14 @@ class Nmpc:
         settings: NmpcSettings,
         clock: Callable[[], float],
         fence: Fence | None = None,
+        store: Store | None = None,
     ):
+        """`store` keeps machine code between runs of the program."""
         self.problem: Problem = build(model, actuation, settings, fence)
         self._actuation, self._clock = actuation, clock
         self._step = QpStep(self.problem)
+        kernel = settings.method != "hpipm"
+        self._real_time = RealTime(self.problem, model, actuation, fence, store) if kernel else None
         self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))
         self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, 10.0)])
 
@@ -61,17 +69,47 @@ class Nmpc:
         asked = self._read(request)
         if isinstance(asked, str):
             return self._failed(request, asked, started, 0)
-        first = shifted(self.problem, warm, request.t_ns, asked.x0) if warm else None
-        step, steps = self._iterate(first, asked) if first is not None else (None, 0)
-        how = "" if step else ("warm start not usable" if warm else "cold start")
-        if first is not None and not step:
-            how = "real-time iteration did not close"
-        if step is None:
-            step, more = self._rescued(asked)
+        ended, how, steps = self._warm(request, asked, warm) if warm else (None, "cold start", 0)
+        if ended is None:
+            ended, more = self._cold(asked)
             steps += more
-        if step is None:
+        if ended is None:
             return self._failed(request, f"{how}; rescue failed", started, steps)
-        return self._finish(request, asked, step, how, started, steps)
+        return self._finish(request, asked, ended, how, started, steps)
+
+    @property
+    def why_not_compiled(self) -> str:
+        """Why the steps are not machine code; empty where they are."""
+        return self._real_time.rti.why_not_compiled if self._real_time else "hpipm takes the steps"
+
+    def _warm(self, request: SolveRequest, asked: Asked, warm: WarmStart) -> tuple[Ended | None, str, int]:
+        """From the last plan: our kernel, then hpipm. None where neither ends in a plan that closes; why; steps."""
+        steps, tolerance = 0, self.problem.settings.defect_tolerance
+        if self._real_time:
+            came, steps = self._real_time.warm(warm, request.t_ns, asked.x0, asked.rows, asked.d)
+            if came.sane and came.settled and came.defect <= tolerance and came.excess <= BOUND_TOLERANCE:
+                return self._real_time.ended(came), "", steps
+        first = shifted(self.problem, warm, request.t_ns, asked.x0)
+        if first is None:
+            return None, "warm start not usable", steps
+        step, more = self._iterate(first, asked)
+        if step is None:
+            return None, "real-time iteration did not close", steps + more
+        return self._of(step), "hpipm took over" if self._real_time else "", steps + more
+
+    def _cold(self, asked: Asked) -> tuple[Ended | None, int]:
+        """From a roll-out: our kernel, then IPOPT."""
+        steps = 0
+        if self._real_time:
+            ended, steps = self._real_time.cold(asked.x0, asked.f_prev, asked.rows, asked.d)
+            if ended is not None and ended.excess <= BOUND_TOLERANCE:
+                return ended, steps
+        step, more = self._rescued(asked)
+        return self._of(step) if step else None, steps + more
+
+    def _of(self, step: Step) -> Ended:
+        """What hpipm or IPOPT ended in."""
+        return Ended(*self.problem.split(step.w), step.cost, self._defect(step), self._excess(step))
 
     def _read(self, request: SolveRequest) -> Asked | str:
         """The request as arrays, or what is wrong with it. Forces in x0 are brought within their limits."""
@@ -140,13 +178,13 @@ class Nmpc:
         return float(max(low.max(), high.max(), np.abs(rates).max() - p.g_max[-1]))
 
     def _finish(
-        self, request: SolveRequest, asked: Asked, step: Step, how: str, started: float, steps: int
+        self, request: SolveRequest, asked: Asked, ended: Ended, how: str, started: float, steps: int
     ) -> tuple[PlanResult, WarmStart | None]:
         """Judge the plan by its residuals and pack it."""
-        x, c = self.problem.split(step.w)
-        defect, excess = self._defect(step), self._excess(step)
-        if not np.isfinite(step.g).all() or excess > BOUND_TOLERANCE:
-            return self._failed(request, f"{how}; limits exceeded by {excess:.3g} N", started, steps)
+        x, c, defect = ended.x, ended.c, ended.defect
+        x[0] = asked.x0
+        if not (np.isfinite(ended.cost) and np.isfinite(x).all()) or not ended.excess <= BOUND_TOLERANCE:
+            return self._failed(request, f"{how}; limits exceeded by {ended.excess:.3g} N", started, steps)
         c = np.clip(c, self._actuation.force_min_n, self._actuation.force_max_n)
         ok = defect <= self.problem.settings.defect_tolerance
         result = PlanResult(
@@ -156,11 +194,11 @@ class Nmpc:
             reason=how if ok else f"{how}; dynamics open by {defect:.3g}".removeprefix("; "),
             solve_time_s=self._clock() - started,
             iterations=steps,
-            cost=step.cost,
+            cost=ended.cost,
             f_n=tuple(map(tuple, c.tolist())),
             x=tuple(map(tuple, x.tolist())),
         )
-        return result, WarmStart(request.t_ns, x, c) if ok else None
+        return result, WarmStart(request.t_ns, x, c, ended.active) if ok else None
 
     def _failed(self, request: SolveRequest, reason: str, started: float, steps: int) -> tuple[PlanResult, None]:
         """A result without a plan; the warm start is thrown away."""

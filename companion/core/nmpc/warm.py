@@ -16,11 +16,12 @@ LARGEST = 1e6
 
 @dataclass(frozen=True)
 class WarmStart:
-    """A plan to start from: states (N + 1, nx), commands (N, nu), first state at `t_ns`."""
+    """A plan to start from: states (N + 1, nx), commands (N, nu), first state at `t_ns`; `active`: its limits."""
 
     t_ns: int
     x: np.ndarray
     c: np.ndarray
+    active: np.ndarray | None = None
 
 
 def _at(times: np.ndarray, grid: np.ndarray, table: np.ndarray) -> np.ndarray:
@@ -28,21 +29,28 @@ def _at(times: np.ndarray, grid: np.ndarray, table: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(times, grid, column) for column in table.T], axis=1)
 
 
-def shifted(problem: Problem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.ndarray | None:
-    """W for a problem that starts `t_ns - warm.t_ns` later, or None where the plan cannot serve.
+def usable(problem: Problem, warm: WarmStart, t_ns: int) -> bool:
+    """Whether the plan can serve at `t_ns`.
 
     It cannot when it has another shape, is not finite or huge, is younger than the request or older than half the
-    horizon. Headings are brought to the turn of x0; x0 itself takes the first place.
+    horizon.
     """
     N, h = problem.stages, problem.settings.step_s
     if warm.x.shape != (N + 1, problem.nx) or warm.c.shape != (N, problem.nu):
-        return None
+        return False
     if not ((np.abs(warm.x) <= LARGEST).all() and (np.abs(warm.c) <= LARGEST).all()):
+        return False
+    return 0.0 <= (t_ns - warm.t_ns) * 1e-9 <= 0.5 * N * h
+
+
+def shifted(problem: Problem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.ndarray | None:
+    """W for a problem that starts `t_ns - warm.t_ns` later, or None where the plan is not `usable`.
+
+    Headings are brought to the turn of x0; x0 itself takes the first place.
+    """
+    if not usable(problem, warm, t_ns):
         return None
-    elapsed = (t_ns - warm.t_ns) * 1e-9
-    if not 0.0 <= elapsed <= 0.5 * N * h:
-        return None
-    grid = h * np.arange(N + 1)
+    grid, elapsed = problem.settings.step_s * np.arange(problem.stages + 1), (t_ns - warm.t_ns) * 1e-9
     x = _at(grid + elapsed, grid, warm.x)
     c = _at(grid[:-1] + elapsed, grid[:-1], warm.c)
     x[:, PSI] += 2 * np.pi * np.round((x0[PSI] - x[0, PSI]) / (2 * np.pi))

@@ -1,0 +1,156 @@
+"""An SX function as text of LLVM's intermediate language: one line for each operation.
+
+Values come in two kinds, scalars and lanes: vectors of the same quantity for `width` neighbours (stages of a horizon,
+columns of a matrix, boats). What is made of scalars alone stays a scalar; where a lane comes in, scalars are spread. A
+multiplication and an addition may become one fused operation (`contract`), nothing else is rearranged: results
+differ from CasADi's own in the last bits only.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+
+import casadi as ca
+
+Value = tuple[str, bool]
+"""Name in the text, and whether it is a lane."""
+
+
+class Unsupported(ValueError):
+    """An operation that has no counterpart here."""
+
+
+BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+CALLS = {
+    ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
+    ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_EXP: "exp", ca.OP_LOG: "log",
+}  # fmt: skip
+"""One argument; LLVM has an intrinsic of the name."""
+CALLS_2 = {
+    ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2",
+    ca.OP_COPYSIGN: "copysign",
+}  # fmt: skip
+
+
+def constant(value: float) -> str:
+    """A number as LLVM writes it: its bits."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+class Body:
+    """Lines of one LLVM function. `width` 1: no lanes."""
+
+    def __init__(self, width: int):
+        self.width = width
+        self.lines: list[str] = []
+        self.intrinsics: set[str] = set()
+        self._count = 0
+
+    def type_of(self, lane: bool) -> str:
+        """LLVM's name of the type."""
+        return f"<{self.width} x double>" if lane else "double"
+
+    def add(self, text: str) -> str:
+        """One line with a result; its name."""
+        self._count += 1
+        self.lines.append(f"  %v{self._count} = {text}")
+        return f"%v{self._count}"
+
+    def spread(self, value: Value) -> str:
+        """The name of a value as a lane."""
+        name, lane = value
+        if lane:
+            return name
+        if name.startswith("0x"):
+            return "<" + ", ".join([f"double {name}"] * self.width) + ">"
+        kind = self.type_of(True)
+        first = self.add(f"insertelement {kind} poison, double {name}, i32 0")
+        return self.add(f"shufflevector {kind} {first}, {kind} poison, <{self.width} x i32> zeroinitializer")
+
+    def alike(self, *values: Value) -> tuple[list[str], bool]:
+        """Names of values brought to one kind, and the kind."""
+        lane = any(v[1] for v in values)
+        return [self.spread(v) if lane else v[0] for v in values], lane
+
+    def call(self, name: str, *values: Value) -> Value:
+        """A function of LLVM's own, element by element."""
+        names, lane = self.alike(*values)
+        kind = self.type_of(lane)
+        full = f"llvm.{name}." + (f"v{self.width}f64" if lane else "f64")
+        self.intrinsics.add(f"declare {kind} @{full}({', '.join([kind] * len(names))})")
+        return self.add(f"call contract {kind} @{full}({', '.join(f'{kind} {n}' for n in names)})"), lane
+
+    def binary(self, op: str, a: Value, b: Value) -> Value:
+        """fadd, fsub, fmul or fdiv."""
+        (left, right), lane = self.alike(a, b)
+        return self.add(f"{op} contract {self.type_of(lane)} {left}, {right}"), lane
+
+    def where(self, op: str, a: Value, b: Value, yes: Value, no: Value) -> Value:
+        """`yes` where a op b holds, else `no`."""
+        (left, right, y, n), lane = self.alike(a, b, yes, no)
+        kind, bit = self.type_of(lane), f"<{self.width} x i1>" if lane else "i1"
+        test = self.add(f"fcmp {op} {kind} {left}, {right}")
+        return self.add(f"select {bit} {test}, {kind} {y}, {kind} {n}"), lane
+
+
+ZERO, ONE = (constant(0.0), False), (constant(1.0), False)
+
+
+def operation(body: Body, op: int, args: list[Value]) -> Value:
+    """One CasADi operation. Raises Unsupported."""
+    if op in BINARY:
+        return body.binary(BINARY[op], args[0], args[1])
+    if op in COMPARE:
+        return body.where(COMPARE[op], args[0], args[1], ONE, ZERO)
+    if op in CALLS:
+        return body.call(CALLS[op], *args)
+    if op in CALLS_2:
+        return body.call(CALLS_2[op], *args)
+    if rule := RULES.get(op):
+        return rule(body, *args)
+    raise Unsupported(f"CasADi operation {op} has no counterpart")
+
+
+def _sign(body: Body, a: Value) -> Value:
+    return body.where("ogt", a, ZERO, ONE, body.where("olt", a, ZERO, (constant(-1.0), False), ZERO))
+
+
+RULES: dict[int, Callable[..., Value]] = {
+    ca.OP_ASSIGN: lambda body, a: a,
+    ca.OP_NEG: lambda body, a: (body.add(f"fneg {body.type_of(a[1])} {a[0]}"), a[1]),
+    ca.OP_SQ: lambda body, a: body.binary("fmul", a, a),
+    ca.OP_TWICE: lambda body, a: body.binary("fadd", a, a),
+    ca.OP_INV: lambda body, a: body.binary("fdiv", ONE, a),
+    ca.OP_SIGN: _sign,
+    ca.OP_NOT: lambda body, a: body.where("oeq", a, ZERO, ONE, ZERO),
+    ca.OP_AND: lambda body, a, b: body.where("une", body.where("une", a, ZERO, b, ZERO), ZERO, ONE, ZERO),
+    ca.OP_OR: lambda body, a, b: body.where("une", a, ZERO, ONE, body.where("une", b, ZERO, ONE, ZERO)),
+    ca.OP_IF_ELSE_ZERO: lambda body, a, b: body.where("une", a, ZERO, b, ZERO),
+}
+"""Operations that are more than one line, or none."""
+
+
+def walk(
+    function: ca.Function, body: Body, load: Callable[[int, int], Value], store: Callable[[int, int, Value], None]
+) -> None:
+    """Every instruction of an SX function in its order. `load(input, nonzero)`, `store(output, nonzero, value)`."""
+    slots: dict[int, Value] = {}
+    for op, out, args, number in _instructions(function):
+        if op == ca.OP_INPUT:
+            slots[out[0]] = load(args[0], args[1])
+        elif op == ca.OP_OUTPUT:
+            store(out[0], out[1], slots[args[0]])
+        elif op == ca.OP_CONST:
+            slots[out[0]] = (constant(number), False)
+        else:
+            slots[out[0]] = operation(body, op, [slots[i] for i in args])
+
+
+def _instructions(function: ca.Function) -> Iterator[tuple[int, list[int], list[int], float]]:
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        number = function.instruction_constant(k) if op == ca.OP_CONST else 0.0
+        yield op, function.instruction_output(k), function.instruction_input(k), number

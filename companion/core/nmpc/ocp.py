@@ -1,0 +1,49 @@
+"""An optimal control problem with limits on its controls, as expressions of one stage.
+
+    min  sum_{k<N} |residual(x_k, c_k, p_k, q)|^2 + |last(x_N, p_N, q)|^2
+    s.t. x_{k+1} = F(x_k, c_k, p_k, q),  c_min <= c_k <= c_max,  |c_k - f_k| <= rate_n
+
+f: the states that hold the force of each control, for the rate limit (ADR 5). The production problem and the paper's
+are both of this kind; the real-time iteration (`rti`) knows no other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Ocp:
+    """Symbols x (nx,), c (nu,), p (by stage) and q (constant over the horizon), expressions, limits.
+
+    `jacobian`: of F by [x c]. `forces`: index of the first of the nu states f, or None where there is no rate limit.
+    `scale` (nx,): what counts as an equally large gap of each state.
+    """
+
+    stages: int
+    x: ca.SX
+    c: ca.SX
+    p: ca.SX
+    q: ca.SX
+    following: ca.SX
+    jacobian: ca.SX
+    residual: ca.SX
+    last: ca.SX
+    c_min: np.ndarray
+    c_max: np.ndarray
+    scale: np.ndarray
+    forces: int | None = None
+    rate_n: float = np.inf
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.x.numel()
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return self.c.numel()

@@ -1,0 +1,79 @@
+"""Real-time iteration: Gauss-Newton steps on one problem, by machine code where it can be had.
+
+    load -> solve (shift, `iterations` times prepare and feedback, look) -> what came of it
+
+`prepare` needs no state: it may run before the state is known; `feedback` then costs a roll-out. Neither allocates,
+and both end after a bounded number of operations. Source: Diehl, Bock, Schloeder (2005), SIAM J. Control Optim. 43(5).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from companion.core.compiled import NotCompiled, Store
+from companion.core.nmpc.ocp import Ocp
+from companion.core.nmpc.rti_compiled import CompiledRti
+from companion.core.nmpc.rti_interpreted import InterpretedRti
+from companion.core.nmpc.rti_parts import parts
+
+ITERATIONS = 2
+"""Of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
+
+
+class Came(NamedTuple):
+    """What came of it: cost, largest gap of the dynamics over its scale, largest excess over a limit [N].
+
+    `settled`: the last quadratic program was solved exactly.
+    """
+
+    cost: float
+    defect: float
+    excess: float
+    settled: bool
+
+    @property
+    def sane(self) -> bool:
+        """Every number finite."""
+        return math.isfinite(self.cost) and math.isfinite(self.defect)
+
+
+class Rti:
+    """One problem, ready to be solved again and again. Belongs to one thread at a time.
+
+    Arrays to write before and to read after: X (N + 1, nx), C (N, nu) the guess and the plan, x0 (nx,), p (N + 1, .),
+    q, active (N, nu) the limits thought active, shift (1,) in stages.
+    """
+
+    def __init__(self, ocp: Ocp, *, iterations: int = ITERATIONS, store: Store | None = None, compiled: bool = True):
+        self.ocp = ocp
+        made = parts(ocp)
+        self.why_not_compiled = "" if compiled else "not asked for"
+        self._way: CompiledRti | InterpretedRti | None = None
+        if compiled:
+            try:
+                self._way = CompiledRti(made, iterations, store)
+            except NotCompiled as reason:
+                self.why_not_compiled = str(reason)
+        way = self._way = self._way or InterpretedRti(made, iterations)
+        view = way.view
+        self.X, self.C, self.x0, self.p, self.q = (view[name] for name in ("X", "C", "x0", "p", "q"))
+        self.active, self.shift, self.dx, self.dc = (view[name] for name in ("active", "shift", "dx", "dc"))
+        self._sums, self._changed = view["sums"], view["changed"]
+        self.prepare, self.feedback, self.solve, self.iterate = way.prepare, way.feedback, way.solve, way.iterate
+        self.look = way.look
+
+    def damped(self, share: float) -> None:
+        """One iteration of which only that share is gone; limits still hold, as both ends are within them."""
+        X, C = self.X.copy(), self.C.copy()
+        self.prepare()
+        self.feedback()
+        self.X[:] = X + share * (self.X - X)
+        self.C[:] = C + share * (self.C - C)
+        self.look()
+
+    def came(self) -> Came:
+        """Of the last solve or iteration."""
+        cost, defect, excess, squares = self._sums.tolist()
+        (changed,) = self._changed.tolist()
+        return Came(cost, defect if math.isfinite(squares) else math.inf, excess, changed == 0.0)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from companion import log_cli
-from companion.commands import check, demo, diagnose, excite, identify, provision, replay, run, sim, teleop
+from companion.commands import check, demo, diagnose, excite, identify, provision, replay, run, shore, sim, teleop
 from companion.core.config import ConfigError
 
 BAD_INPUT = 2
@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"aritra {version('aritra')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in (demo, check, provision, run, teleop, sim, replay, log_cli, identify, diagnose, excite):
+    for module in (demo, check, provision, run, teleop, shore, sim, replay, log_cli, identify, diagnose, excite):
         module.add_parser(commands)
     return top
 

@@ -92,16 +92,24 @@ def world_from_ned(wall_ns: int) -> FrameTransform:
 
 def viewer_message(message: Message, wall_offset_ns: int) -> PoseInFrame | Log | None:
     """What a viewer shows for `message`, or None. `wall_offset_ns`: wall clock minus monotonic clock."""
+    wall_ns = message.t_ns + wall_offset_ns
     if isinstance(message, StateEstimate):
-        half = message.psi_rad / 2
-        pose = Pose(
-            Vector3(message.north_m, message.east_m, 0.0),
-            Quaternion(0.0, 0.0, math.sin(half), math.cos(half)),
-        )
-        return PoseInFrame(_time(message.t_ns + wall_offset_ns), "ned", pose)
+        return pose_in_frame(wall_ns, message.north_m, message.east_m, message.psi_rad)
     if isinstance(message, Alert):
-        return Log(_time(message.t_ns + wall_offset_ns), _LEVEL[message.level], message.text, "aritra")
+        return log_line(wall_ns, message.level, message.text)
     return None
+
+
+def pose_in_frame(wall_ns: int, north_m: float, east_m: float, psi_rad: float) -> PoseInFrame:
+    """A pose in `ned`."""
+    half = psi_rad / 2
+    place = Vector3(north_m, east_m, 0.0)
+    return PoseInFrame(_time(wall_ns), "ned", Pose(place, Quaternion(0.0, 0.0, math.sin(half), math.cos(half))))
+
+
+def log_line(wall_ns: int, level: str, text: str, name: str = "aritra") -> Log:
+    """An alert of `level` info, warning or error."""
+    return Log(_time(wall_ns), _LEVEL[level], text, name)
 
 
 def _time(wall_ns: int) -> Time:

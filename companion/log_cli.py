@@ -1,4 +1,4 @@
-"""`aritra log info | plot | recover | export`. Exit codes: 0 all well, 1 the log is damaged, 2 it cannot be done."""
+"""`aritra log info | plot | page | recover | export`. Exit codes: 0 all well, 1 damaged log, 2 it cannot be done."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from companion import log_export
+from companion import log_export, log_page
 from companion.log_recover import recover as recover_log
 from companion.log_summary import LogSummary, summarise
 from companion.logfile import LogError, LogFile
@@ -34,16 +34,29 @@ def info(path: Path, *, as_json: bool = False, console: Console | None = None) -
     return DAMAGED if summary.damage else OK
 
 
-def plot(path: Path, out: Path | None = None, *, truth: Path | None = None, console: Console | None = None) -> int:
-    """Draw the log into a PNG (default: beside it); `truth`: the simulator's log. Returns the exit code."""
+def plot(
+    path: Path,
+    out: Path | None = None,
+    *,
+    truth: Path | None = None,
+    print_mm: float | None = None,
+    console: Console | None = None,
+) -> int:
+    """Draw the log into a picture (default: a PNG beside it); `truth`: the simulator's log. Returns the exit code.
+
+    `print_mm`: as a figure for print, so wide.
+    """
     try:
-        from companion.log_plot import plot as draw  # noqa: PLC0415 - matplotlib is an extra, and slow to load
+        from companion import log_figure, log_plot  # noqa: PLC0415 - matplotlib is an extra, and slow to load
     except ImportError:
         raise LogError('plots need matplotlib: pip install "aritra[analysis]"') from None
     log, console = LogFile(path), console or Console()
     simulator = LogFile(truth) if truth else None
-    out = out or path.with_suffix(".png")
-    draw(log, out, truth=simulator)
+    out = out or path.with_suffix(".pdf" if print_mm else ".png")
+    if print_mm:
+        log_figure.figure(log, out, print_mm, truth=simulator)
+    else:
+        log_plot.plot(log, out, truth=simulator)
     for line in (f"wrote {out}", *log.damage):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     return DAMAGED if log.damage else OK
@@ -69,26 +82,46 @@ def recover(path: Path, out: Path | None = None, *, console: Console | None = No
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `log` with its commands; each sets `function`: parsed arguments -> exit code."""
-    log = subparsers.add_parser("log", help="look into, plot, repair or export a log", epilog=EXIT_CODES)
-    commands = log.add_subparsers(required=True, metavar="info|plot|recover|export")
+    log = subparsers.add_parser("log", help="look into, plot, play, repair or export a log", epilog=EXIT_CODES)
+    commands = log.add_subparsers(required=True, metavar="info|plot|page|recover|export")
 
     show = commands.add_parser("info", help="what is in a log: topics, rates, gaps, alerts", epilog=EXIT_CODES)
     show.add_argument("--json", action="store_true", help="one JSON object instead of tables")
     show.set_defaults(function=_guarded(lambda args: info(args.log, as_json=args.json)))
 
-    draw = commands.add_parser("plot", help="one PNG: track, speeds, PWM, timing", epilog=EXIT_CODES)
-    draw.set_defaults(function=_guarded(lambda args: plot(args.log, args.output, truth=args.truth)))
-
+    draw = commands.add_parser("plot", help="one picture: track, speeds, PWM, timing", epilog=EXIT_CODES)
+    draw.set_defaults(
+        function=_guarded(lambda args: plot(args.log, args.output, truth=args.truth, print_mm=args.print_mm))
+    )
     draw.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
+    wide = "a figure for print, so wide: `column` (88 mm), `page` (180 mm), or millimetres; default: LOG.pdf"
+    draw.add_argument("--print", dest="print_mm", type=_print_mm, metavar="WIDTH", help=wide)
 
     repair = commands.add_parser("recover", help="sound, indexed copy of a damaged or rotated log", epilog=EXIT_CODES)
     repair.set_defaults(function=_guarded(lambda args: recover(args.log, args.output)))
 
     log_export.add_parser(commands, _guarded, EXIT_CODES)
+    log_page.add_parser(commands, _guarded, EXIT_CODES)
     for command, default in ((draw, "LOG.png"), (repair, "LOG.recovered.mcap")):
         command.add_argument("-o", "--output", type=Path, metavar="FILE", help=f"default: {default} beside it")
     for command in (show, draw, repair):
         command.add_argument("log", type=Path, metavar="LOG", help="first file of the log (NAME.mcap)")
+
+
+PRINT_MM = {"column": 88.0, "page": 180.0}
+"""Of journals with two columns (IEEE 88.9 and 181, Elsevier 90 and 190), with a hair to spare."""
+LEAST_MM, MOST_MM = 60.0, 500.0
+
+
+def _print_mm(text: str) -> float:
+    """A width on paper, as an argument."""
+    try:
+        width_mm = PRINT_MM.get(text) or float(text)
+    except ValueError:
+        width_mm = 0.0
+    if not LEAST_MM <= width_mm <= MOST_MM:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected column, page, or {LEAST_MM:g} to {MOST_MM:g} millimetres")
+    return width_mm
 
 
 def _guarded(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:

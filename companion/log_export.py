@@ -1,4 +1,6 @@
-"""`aritra log export`: any log -> one aligned table (docs/run-format.md), and what is wrong with it.
+"""`aritra log export`: any log -> one aligned table (docs/run-format.md), and what is wrong with it; or one of our own
+
+logs -> a table a topic (`log_tables`), or its track on the earth (`log_geojson`).
 
 polars is an optional dependency (extra `analysis`): everything that needs it is imported when it is asked for.
 """
@@ -7,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,14 +19,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from companion import log_geojson
 from companion.core.site import load_site
 from companion.core.vessel_load import load_vessel
-from companion.logfile import LogError
+from companion.logfile import LogError, LogFile
 
 if TYPE_CHECKING:
     from sim.identify.run import Problem, Run
 
 OK, DAMAGED = 0, 1
+NEEDS_POLARS = 'export needs polars: pip install "aritra[analysis]"'
+DESCRIPTION = """Without --csv, --parquet or --geojson: one table on one time axis, as identification reads it
+(docs/run-format.md), and what is wrong with it. With them see docs/logs.md."""
 Command = Callable[[argparse.Namespace], int]
 
 
@@ -52,15 +58,14 @@ def export(
         from sim.identify.readers import read_run  # noqa: PLC0415
         from sim.identify.readers_table import write_run  # noqa: PLC0415
     except ImportError:
-        raise LogError('export needs polars: pip install "aritra[analysis]"') from None
+        raise LogError(NEEDS_POLARS) from None
     if out.exists() and out.samefile(path):
         raise LogError(f"{out}: this is the log itself")
     try:
         run = read_run(path, _beside(extras or Extras()))
         write_run(run, out)
     except (ValueError, OSError) as error:  # RunError, ConfigError and an unknown wire format are ValueErrors
-        told = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
-        raise LogError(told) from None
+        raise LogError(_told(error)) from None
     console, found = console or Console(), problems(run)
     if as_json:
         console.file.write(json.dumps({"out": str(out), **summary(run, found)}, indent=2) + "\n")
@@ -82,22 +87,85 @@ def summary(run: Run, found: list[Problem]) -> dict[str, Any]:
     }
 
 
+def export_topics(
+    path: Path, folder: Path, form: str, *, truth: Path | None = None, console: Console | None = None
+) -> int:
+    """Write a file a topic, `form` csv or parquet, into `folder`. Returns the exit code. Raises LogError."""
+    try:
+        from companion import log_tables  # noqa: PLC0415
+    except ImportError:
+        raise LogError(NEEDS_POLARS) from None
+    log, simulator, console = LogFile(path), LogFile(truth) if truth else None, console or Console()
+    taken = [p.name for p in sorted(folder.glob(f"*.{form}"))] if folder.is_dir() else []
+    if taken:
+        raise LogError(f"{folder}: holds {taken[0]} already; choose another folder, or move it away")
+    with console.status(f"reading {path}") as status:
+        found = log_tables.tables(log, simulator, lambda n: status.update(f"reading {path}: {n} messages"))
+    if not found.by_topic:
+        raise LogError(f"{path}: no message in it")
+    about = {"log": path.name, **{k: v for k, v in log.metadata.items() if not k.startswith("config/")}}
+    try:
+        written = log_tables.write(found, folder, form, about)
+    except OSError as error:
+        raise LogError(_told(error)) from None
+    rows = sum(table.height for table in found.by_topic.values())
+    size = sum(p.stat().st_size for p in written) / 1e6
+    told = f"wrote {len(found.by_topic)} tables, {rows} rows, {size:.1f} MB to {folder}"
+    return _end(console, told, [*log.damage, *(simulator.damage if simulator else ())])
+
+
+def export_track(
+    path: Path, out: Path, *, site: Path | None = None, truth: Path | None = None, console: Console | None = None
+) -> int:
+    """Write the track as GeoJSON. Returns the exit code. Raises LogError, ConfigError."""
+    log, simulator = LogFile(path), LogFile(truth) if truth else None
+    try:
+        chosen = load_site(site.read_text(), name=str(site)) if site else None
+        found = log_geojson.features(log, chosen, simulator)
+        if out.is_dir():
+            raise LogError(f"{out}: is a folder; name the file to write")
+        out.write_bytes(log_geojson.collection(path.stem, found, msgspec.json.encode))
+    except OSError as error:
+        raise LogError(_told(error)) from None
+    told = f"wrote {out}: {len(found)} features, {out.stat().st_size / 1e6:.1f} MB"
+    return _end(console or Console(), told, [*log.damage, *(simulator.damage if simulator else ())])
+
+
 def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
     """Add `export` to the commands of `aritra log`."""
-    p = commands.add_parser("export", help="one aligned table: CSV or Parquet, and its problems", epilog=exit_codes)
-    p.add_argument("log", type=Path, metavar="LOG", help="log of aritra run (.mcap), .bin, .tlog, .csv, .parquet")
-    p.add_argument("--out", "-o", type=Path, required=True, metavar="FILE", help="to write: .csv, .csv.gz or .parquet")
+    what = "as tables or as a track: CSV, Parquet, GeoJSON"
+    p = commands.add_parser("export", help=what, description=DESCRIPTION, epilog=exit_codes)
+    p.add_argument("log", type=Path, metavar="LOG", help="log of aritra run (.mcap); aligned also .bin, .tlog, ...")
+    form = p.add_mutually_exclusive_group()
+    form.add_argument("--csv", action="store_const", const="csv", dest="form", help="a CSV file a topic, into --out")
+    parquet = {"action": "store_const", "const": "parquet", "dest": "form"}
+    form.add_argument("--parquet", **parquet, help="a Parquet file a topic, into --out")
+    geojson = {"action": "store_const", "const": "geojson", "dest": "form"}
+    form.add_argument("--geojson", **geojson, help="the track on the earth, for QGIS and the like")
+    out = "folder of --csv and --parquet; else file to write: .geojson; aligned: .csv, .csv.gz or .parquet"
+    p.add_argument("--out", "-o", type=Path, required=True, metavar="PATH", help=out)
     p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
-    p.add_argument("--vessel", type=Path, metavar="FILE", help="vessel file (default: the one in the log)")
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
-    p.add_argument("--uwb", type=Path, metavar="LOG", help="UWB log beside a .bin or .tlog: .mcap, or stamped lines")
-    p.add_argument("--uwb-format", metavar="NAME", help="wire format of its lines (default: the vessel file's)")
-    p.add_argument("--uwb-offset", type=float, metavar="S", help="add to its Unix stamps to have the log's clock")
-    p.add_argument("--json", action="store_true", help="one JSON object instead of tables")
-    p.set_defaults(function=guarded(_run_command))
+    aligned = p.add_argument_group("for the aligned table only")
+    aligned.add_argument("--vessel", type=Path, metavar="FILE", help="vessel file (default: the one in the log)")
+    aligned.add_argument("--uwb", type=Path, metavar="LOG", help="UWB log beside a .bin or .tlog: .mcap, or lines")
+    aligned.add_argument("--uwb-format", metavar="NAME", help="wire format of its lines (default: the vessel file's)")
+    aligned.add_argument("--uwb-offset", type=float, metavar="S", help="add to its Unix stamps to have the log's clock")
+    aligned.add_argument("--json", action="store_true", help="one JSON object instead of tables")
+    p.set_defaults(function=guarded(_run_command), form=None)
 
 
 def _run_command(args: argparse.Namespace) -> int:
+    if args.form:
+        given = {"--vessel": args.vessel, "--uwb": args.uwb, "--uwb-format": args.uwb_format}
+        given |= {"--uwb-offset": args.uwb_offset, "--json": args.json or None}
+        given |= {"--site": args.site} if args.form != "geojson" else {}
+        for option, value in given.items():
+            if value is not None:
+                raise LogError(f"{option} says nothing to --{args.form}: leave it out")
+        if args.form == "geojson":
+            return export_track(args.log, args.out, site=args.site, truth=args.truth)
+        return export_topics(args.log, args.out, args.form, truth=args.truth)
     extras = Extras(args.vessel, args.site, args.truth, args.uwb, args.uwb_format, args.uwb_offset)
     return export(args.log, args.out, extras, as_json=args.json)
 
@@ -108,6 +176,16 @@ def _beside(extras: Extras) -> Any:
     vessel = load_vessel(extras.vessel.read_text(), name=str(extras.vessel)) if extras.vessel else None
     site = load_site(extras.site.read_text(), name=str(extras.site)) if extras.site else None
     return Beside(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
+
+
+def _told(error: Exception) -> str:
+    return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
+
+
+def _end(console: Console, told: str, damage: Sequence[str]) -> int:
+    for line in (told, *damage):
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    return DAMAGED if damage else OK
 
 
 def _print(run: Run, found: list[Problem], out: Path, console: Console) -> None:

@@ -58,13 +58,23 @@ def plot(log: LogFile, out: Path, *, truth: LogFile | None = None, title: str | 
     Raises LogError: nothing to draw, or `out` cannot be written.
     """
     series = collect(log, truth)
-    if not any(len(columns) for columns in series.columns.values()) and not len(series.lease_t_s):
-        raise LogError(f"{log.path}: nothing to plot: no estimates, references, leases or ticks in it")
+    nothing_in(log, series)
     figure = Figure(figsize=(15, 10), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     draw(figure, series, title or _title(log, series))
+    save(figure, out)
+
+
+def nothing_in(log: LogFile, series: Series) -> None:
+    """Raise LogError where there is nothing to draw."""
+    if not any(len(columns) for columns in series.columns.values()) and not len(series.lease_t_s):
+        raise LogError(f"{log.path}: nothing to plot: no estimates, references, leases or ticks in it")
+
+
+def save(figure: Figure, out: Path, **options: Any) -> None:
+    """Write the picture, in the format of its name. Raises LogError with the path."""
     try:
-        figure.savefig(out)
+        figure.savefig(out, **options)
     except (OSError, ValueError) as error:
         raise LogError(f"{out}: {error}") from None
 
@@ -73,12 +83,12 @@ def draw(figure: Figure, series: Series, title: str) -> None:
     """All panels of `series` into an empty `figure`."""
     with mpl.rc_context(STYLE):
         grid = figure.add_gridspec(6, 2, width_ratios=(1.0, 1.15))
-        _track(figure.add_subplot(grid[0:4, 0]), series)
+        track(figure.add_subplot(grid[0:4, 0]), series)
         left = figure.add_subplot(grid[4, 0])
         for panel, place in (
-            (_heading, grid[5, 0]),
-            (_speeds, grid[0:2, 1]),
-            (_pwm, grid[2, 1]),
+            (heading, grid[5, 0]),
+            (speeds, grid[0:2, 1]),
+            (pwm, grid[2, 1]),
             (_innovations, grid[3:5, 1]),
             (_timing, grid[5, 1]),
         ):
@@ -86,7 +96,7 @@ def draw(figure: Figure, series: Series, title: str) -> None:
             panel(axes, series)
             if place.is_last_row():
                 axes.set_xlabel("time since start of log [s]")
-        _cross_track(left, series)
+        cross_track(left, series)
         left.set_xlim(0.0, max(series.duration_s, 1e-3))
         figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
 
@@ -98,7 +108,8 @@ def _title(log: LogFile, series: Series) -> str:
     return f"{log.path.name}: {vessel}, {series.duration_s:.0f} s, configuration {config}{damage}"
 
 
-def _track(axes: Axes, series: Series) -> None:
+def track(axes: Axes, series: Series) -> None:
+    """North over east: fence, anchors, tag by UWB alone, reference, truth, estimate with some headings."""
     axes.set(title="Track", xlabel="east [m]", ylabel="north [m]")
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     if series.site:
@@ -118,12 +129,13 @@ def _track(axes: Axes, series: Series) -> None:
         )  # fmt: skip
     if len(truth):
         axes.plot(truth["east_m"], truth["north_m"], color=VERMILION, lw=2.6, alpha=0.55, label="ground truth")
-    if len(estimate):
+    known = np.flatnonzero(np.isfinite(estimate["north_m"]))
+    if len(known):
         east, north, psi = estimate["east_m"], estimate["north_m"], estimate["psi_rad"]
         axes.plot(east, north, color=BLUE, label="estimate")
-        axes.plot(east[0], north[0], "o", color=GREEN, ms=8, label="start")
-        axes.plot(east[-1], north[-1], "s", color=BLUE, ms=7, label="end")
-        some = slice(None, None, max(len(psi) // 20, 1))
+        axes.plot(east[known[0]], north[known[0]], "o", color=GREEN, ms=8, label="start")
+        axes.plot(east[known[-1]], north[known[-1]], "s", color=BLUE, ms=7, label="end")
+        some = known[:: max(len(known) // 20, 1)]
         axes.quiver(
             east[some], north[some], np.sin(psi[some]), np.cos(psi[some]),
             color=BLUE, angles="xy", scale=25, width=0.004, headwidth=5,
@@ -132,7 +144,8 @@ def _track(axes: Axes, series: Series) -> None:
     _legend(axes, rows=2)
 
 
-def _cross_track(axes: Axes, series: Series) -> None:
+def cross_track(axes: Axes, series: Series) -> None:
+    """y_e on legs."""
     reference = series[GuidanceReference]
     axes.set(title="Cross-track error", ylabel="y_e [m]")
     if len(reference):
@@ -144,7 +157,8 @@ def _cross_track(axes: Axes, series: Series) -> None:
     _legend(axes)
 
 
-def _heading(axes: Axes, series: Series) -> None:
+def heading(axes: Axes, series: Series) -> None:
+    """psi, wrapped."""
     axes.set(title="Heading", ylabel="psi [deg]")
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     if len(truth):
@@ -157,7 +171,8 @@ def _heading(axes: Axes, series: Series) -> None:
     _legend(axes)
 
 
-def _speeds(axes: Axes, series: Series) -> None:
+def speeds(axes: Axes, series: Series) -> None:
+    """u and v, and the u asked for."""
     axes.set(title="Speeds over ground", ylabel="[m/s]")
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     for name, light, dark, say in (("u_m_s", SKY, BLUE, "surge u"), ("v_m_s", ORANGE, VERMILION, "sway v")):
@@ -178,7 +193,8 @@ def _speeds(axes: Axes, series: Series) -> None:
     _legend(axes)
 
 
-def _pwm(axes: Axes, series: Series) -> None:
+def pwm(axes: Axes, series: Series) -> None:
+    """Pulse widths of the thrusters; shaded where a rung below the plan made them."""
     axes.set(title="Thruster PWM", ylabel="[us]")
     axes.axhline(1500, color=BLACK, lw=0.7)
     for column, pwm_us in enumerate(series.pwm_us.T):

@@ -55,7 +55,9 @@ def _plain(node: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
     if "enum" in node:
         return {"type": "string", **node}
     if node["type"] == "array":
-        return {**node, "items": _plain(node["items"], definitions)}
+        of = node.get("prefixItems", [node["items"]])[0]  # a tuple's are all alike, wherever a message has one
+        kept = {key: value for key, value in node.items() if key != "prefixItems"}
+        return {**kept, "items": _plain(of, definitions)}
     if node["type"] == "object":
         fields = {key: _plain(value, definitions) for key, value in node.get("properties", {}).items()}
         return {**node, "properties": {key: value for key, value in fields.items() if not _nested(value)}}

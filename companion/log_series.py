@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.config import ConfigError
 from companion.core.estimation.initial import locate
 from companion.core.messages import (
     GroundTruth,
@@ -27,11 +26,14 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.core.site import Site, load_site
+from companion.core.site import Site
+from companion.log_setup import site_in
 from companion.logfile import LogFile
 
 MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
 FIX_SPREAD_M = 0.5  # residual of a good range in such a fix; assumed
+KNOWN = ("healthy", "degraded")
+"""Health of an estimate that says where the boat is."""
 
 _SCALARS: dict[type[Message], tuple[str, ...]] = {
     StateEstimate: ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"),
@@ -100,7 +102,7 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     for message in truth.messages(GroundTruth) if truth else ():
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)
-    return _arrays(rows, zero_ns, last_ns, _site(log))
+    return _arrays(rows, zero_ns, last_ns, site_in(log))
 
 
 def _add(rows: _Rows, message: Message) -> None:
@@ -115,7 +117,10 @@ def _add(rows: _Rows, message: Message) -> None:
             rows.ranges.append(message)
         case _:
             names = _SCALARS[type(message)]
-            rows.scalars[type(message)].append((message.t_ns, *(getattr(message, name) for name in names)))
+            values = tuple(getattr(message, name) for name in names)
+            if isinstance(message, StateEstimate) and message.health not in KNOWN:
+                values = (np.nan,) * len(names)  # the filter's first guess, or one that it has lost faith in
+            rows.scalars[type(message)].append((message.t_ns, *values))
             if isinstance(message, GuidanceReference):
                 rows.phases.append(message.phase)
 
@@ -155,14 +160,6 @@ def _thruster_pwm(leases: list[OverrideLease]) -> np.ndarray:
         given = lease.pwm_us[:width]
         row[: len(given)] = given
     return pwm_us
-
-
-def _site(log: LogFile) -> Site | None:
-    """The site file that the log holds; None where it has none, or one of another version."""
-    try:
-        return load_site(log.metadata["config/site.toml"], name="site.toml")
-    except (KeyError, ConfigError):
-        return None
 
 
 def _fixes(cycles: list[UwbRanges], site: Site | None) -> list[tuple[float, float]]:

@@ -29,7 +29,7 @@ from companion.core.messages import Alert, NewMission, OperatorCommand
 from companion.core.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.pilot_state import PilotSettings
 from companion.core.shore_orders import MAX_BYTES, Gate, MissionFile, Order, Outcome, Refused, Repeated
-from companion.core.telemetry_view import points_of
+from companion.core.telemetry_topics import points_of
 
 PENDING = 8
 """Orders on their way to the loop; more are refused as busy, but for a stop."""

@@ -33,6 +33,8 @@ from companion.core.telemetry_view import View, wants
 QUEUE = 2000
 """Messages that wait for the thread: some seconds of a run (assumed)."""
 RETRY_S = 5.0
+_OFTEN = {"period_init_ms": 500, "period_max_ms": 500, "period_increase_factor": 1.0}
+"""Between a peer's attempts to reach the router; zenoh's own 1 to 4 s would be all that a boot may take. Assumed."""
 LOOK_S = 1.0
 """Between looks at the connection, and at what is checked before the start."""
 CLOSE_S = 2.0
@@ -40,6 +42,8 @@ CLOSE_S = 2.0
 RATED = {"state": 1.0, "thrusters": 1.0, "reference": 0.5, "horizon": 0.5}
 """Topic -> its share of the full rate; of the others `SPARSE` are kept at most."""
 SPARSE = 200
+MAX_MESSAGE = 1_000_000
+"""Bytes; a longer message is dropped as it comes in. Zenoh's own limit is 1 GB, which a boat may not have (assumed)."""
 CALLBACK_THREAD = "pyo3-closure"
 """What zenoh's Python package (1.10) calls them."""
 HEARTBEAT_S = 1.0
@@ -60,7 +64,7 @@ def boat_name(link: TelemetryLink, vessel: str) -> str:
 
 
 def config_of(link: TelemetryLink, folder: Path, *, where: str) -> zenoh.Config:
-    """Zenoh's configuration: its own file, and over it mode and endpoints of the run file; no scouting.
+    """Zenoh's configuration: its own file, and over it mode and endpoints of the run file; no scouting, nothing long.
 
     Raises ConfigError that begins with `where`, the run file's name.
     """
@@ -71,9 +75,12 @@ def config_of(link: TelemetryLink, folder: Path, *, where: str) -> zenoh.Config:
     for key, name, value in (
         ("mode", "mode", link.mode),
         ("connect/endpoints", "connect", list(link.connect)),
+        ("connect/retry", "connect", _OFTEN),
         ("listen/endpoints", "listen", list(link.listen)),
         ("scouting/multicast/enabled", "connect", False),
         ("scouting/gossip/enabled", "connect", False),
+        ("transport/link/rx/max_message_size", "config", MAX_MESSAGE),
+        ("transport/shared_memory/enabled", "config", False),  # of a program on the same machine: 40 MB of ours
     ):
         try:
             config.insert_json5(key, json.dumps(value))

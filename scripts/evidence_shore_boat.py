@@ -25,14 +25,12 @@ from sim.world.stepped import SteppedRun
 SECONDS = 30.0
 CONSOLE = """
 import json, sys, zenoh
-from zenoh import ext
+from companion.listening import listen
 c = zenoh.Config()
 for key, value in json.loads(sys.argv[1]).items():
     c.insert_json5(key, json.dumps(value))
 with zenoh.open(c) as s:
-    heard = ext.declare_advanced_subscriber(s, "aritra/*/telemetry/*", lambda sample: None,
-        history=ext.HistoryConfig(detect_late_publishers=True),
-        recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None))
+    held = listen(s, lambda sample: None)
     print("listening", flush=True)
     sys.stdin.read()
 """
@@ -124,7 +122,7 @@ def cost(full: bool) -> Iterator[Line]:
         )
         assert console.stdout and console.stdout.readline()
         idle = play(ticks, lambda message: None)
-        alone = _telemetry(_closed_port())
+        alone = _telemetry(closed_port())
         time.sleep(2.0)
         nobody = play(ticks, alone.see)
         alone.close()
@@ -149,7 +147,7 @@ def cost(full: bool) -> Iterator[Line]:
         router.wait()
 
 
-def _closed_port() -> int:
+def closed_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return probe.getsockname()[1]
 

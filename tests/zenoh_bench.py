@@ -8,9 +8,9 @@ import socket
 import time
 
 import zenoh
-from zenoh import ext
 
 from companion.core import shore_messages as shore
+from companion.listening import listen
 
 
 def free_port():
@@ -39,20 +39,20 @@ def router(port):
 
 
 class Console:
-    """A shore: what it heard, in order, as (topic, struct)."""
+    """A shore: what it heard, in the order of arrival and each once, as (topic, struct)."""
 
     def __init__(self, session, boat="*"):
         self.session, self.heard, self.sender = session, [], None
-        self._subscriber = ext.declare_advanced_subscriber(
-            session, shore.telemetry_key(boat, "*"), self._hear,
-            history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
-        )  # fmt: skip
+        self._known = set()
+        self._held = listen(session, self._hear, boat=boat)
 
     def _hear(self, sample):
         topic = str(sample.key_expr).rsplit("/", 1)[1]
-        told = shore.decode(topic, bytes(sample.payload))
-        self.heard.append((topic, told))
+        data = bytes(sample.payload)
+        told = shore.decode(topic, data)
+        if data not in self._known:
+            self._known.add(data)
+            self.heard.append((topic, told))
         if self.sender:
             self.sender.hear(told.run, told.t_ns)
 

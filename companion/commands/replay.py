@@ -7,11 +7,9 @@ import sys
 from pathlib import Path
 
 from companion.core.pilot import Pilot
+from companion.log_setup import setup_in
 from companion.logfile import LogError, LogFile
 from companion.replay import replay as repeat
-from companion.setup import setup_of
-
-CONFIGURATION = ("run.toml", "vessel.toml", "site.toml", "mission.")
 
 
 def add_parser(commands) -> None:
@@ -30,7 +28,7 @@ def replay(args: argparse.Namespace) -> int:
     """Repeat one log; the exit code."""
     try:
         log = LogFile(args.log)
-        report = repeat(_pilot(log), log.messages())
+        report = repeat(Pilot(setup_in(log).pilot), log.messages())
         if not report.steps:
             raise LogError(f"{log.path}: holds no step of the core")
     except LogError as error:
@@ -45,12 +43,3 @@ def replay(args: argparse.Namespace) -> int:
     d = report.difference
     print(f"first difference in step {d.step}, {d.t_ns} ns:\n  logged   {d.logged}\n  replayed {d.replayed}")
     return 1
-
-
-def _pilot(log: LogFile) -> Pilot:
-    """The pilot as configured in the log's own metadata."""
-    texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
-    missing = [name for name in CONFIGURATION if not any(text.startswith(name) for text in texts)]
-    if missing:
-        raise LogError(f"{log.path}: holds no configuration ({', '.join(missing)}): not a log of `aritra run`")
-    return Pilot(setup_of(texts, {name: f"{log.path}: {name}" for name in texts}).pilot)

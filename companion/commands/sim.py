@@ -8,16 +8,25 @@ import contextlib
 import signal
 import sys
 import time
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+from companion.commands.fleet import PORTS, add_fleet_arguments, boats_of, folders_of, place_of
 from companion.commands.sim_autopilot import add_autopilot_arguments, autopilot
 from companion.commands.sim_firmware import add_firmware_arguments, check_options
 from companion.core.config import ConfigError
+from companion.core.messages import Message
+from companion.fleet import Boat
+from companion.fleet import Wires as Urls
 from companion.log_metadata import log_metadata
 from companion.recorder import Recorder
 from companion.setup import EXAMPLES, Setup, load_setup
+
+World = Callable[[], Coroutine[Any, Any, None]]
+"""One boat on its wires, yet to run."""
 
 
 def add_parser(commands) -> None:
@@ -25,7 +34,8 @@ def add_parser(commands) -> None:
     p = commands.add_parser(
         "sim",
         help="simulate the boat on its own wires: MAVLink over UDP, UWB over a pty",
-        description="A simulated boat in real time, until interrupted. `aritra run` cannot tell it from a real one.",
+        description="A simulated boat in real time, until interrupted. `aritra run` cannot tell it from a real one. "
+        "With --boats several: each boat's ports lie 10 above the one's before it, its name is in its paths.",
     )
     p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
     p.add_argument("--udp-to", default="127.0.0.1:14551", metavar="HOST:PORT", help="where MAVLink is sent")
@@ -33,6 +43,8 @@ def add_parser(commands) -> None:
     p.add_argument("--uwb", default="/tmp/aritra-uwb", metavar="PATH", help="where the UWB tag appears")
     p.add_argument("--truth", type=Path, help="MCAP log of what really happened")
     add_world_arguments(p)
+    p.add_argument("--out", type=Path, default=Path("out/sim"), help="folder for run files that --boats, --shore make")
+    add_fleet_arguments(p)
     add_autopilot_arguments(p)
     add_firmware_arguments(p)
     p.set_defaults(function=sim)
@@ -90,36 +102,64 @@ def world_setup(args: argparse.Namespace, setup: Setup):
 
 def sim(args: argparse.Namespace) -> int:
     """Run until interrupted; the exit code."""
+    setup = load_setup(args.config)
+    check_options(args)
+    each = _fleet(args, setup)
+    with contextlib.ExitStack() as stack:
+        worlds = []
+        for one in each or [args]:
+            record = lambda message: None  # noqa: E731
+            if one.truth:
+                try:
+                    record = stack.enter_context(_truth_log(one.truth, setup)).record
+                except OSError as error:
+                    print(f"aritra sim: {one.truth}: {error.strerror}", file=sys.stderr)
+                    return 2
+            worlds.append(_world(one, setup, record))
+        return asyncio.run(_serve(worlds))
+
+
+def _fleet(args: argparse.Namespace, setup: Setup) -> list[argparse.Namespace]:
+    """Each boat's own options, `boat` among them; empty: one boat."""
+    (host, port), told = _address(args.udp_to), {}
+    for k, name in enumerate(folders_of(args, setup)):
+        own = argparse.Namespace(**vars(args) | {"seed": args.seed + k})
+        if args.boats is not None:
+            own.udp_to = f"{host}:{port + k * PORTS}"
+            own.uwb = place_of(args.uwb, name)
+            own.truth = args.truth and Path(place_of(str(args.truth), name))
+            if args.tcp:
+                tcp_host, tcp_port = _address(args.tcp)
+                own.tcp = f"{tcp_host}:{tcp_port + k * PORTS}"
+        told[name] = own
+    wires = {name: Urls(f"udpin:{own.udp_to}", f"serial:{own.uwb}:115200") for name, own in told.items()}
+    for boat in boats_of(args, setup, wires):
+        told[boat.name].boat = boat
+    return list(told.values())
+
+
+def _truth_log(path: Path, setup: Setup) -> Recorder:
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    metadata = log_metadata(setup.pilot.vessel.name, setup.files)
+    return Recorder(path, metadata, time.monotonic_ns, wall_offset_ns=offset_ns)
+
+
+def _world(args: argparse.Namespace, setup: Setup, record: Callable[[Message], None]) -> World:
     from sim.world.json_loopback import JsonWires, serve_firmware  # noqa: PLC0415  (only when it is asked for)
     from sim.world.loopback import Wires, serve  # noqa: PLC0415
 
-    setup = load_setup(args.config)
-    check_options(args)
-    world = world_setup(args, setup)
-    if args.ardupilot_json is None:
-        world = replace(world, **autopilot(args, setup.pilot.vessel))
-        wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
-        served = partial(serve, world, args.seed, wires)
-    else:
+    world, say = world_setup(args, setup), partial(_say, getattr(args, "boat", None))
+    if args.ardupilot_json is not None:
         firmware = JsonWires(_address(args.ardupilot_json), args.uwb, args.speed)
-        served = partial(serve_firmware, world, args.seed, firmware)
-    with contextlib.ExitStack() as stack:
-        record = lambda message: None  # noqa: E731
-        if args.truth:
-            offset_ns = time.time_ns() - time.monotonic_ns()
-            metadata = log_metadata(setup.pilot.vessel.name, setup.files)
-            try:
-                log = Recorder(args.truth, metadata, time.monotonic_ns, wall_offset_ns=offset_ns)
-            except OSError as error:
-                print(f"aritra sim: {args.truth}: {error.strerror}", file=sys.stderr)
-                return 2
-            record = stack.enter_context(log).record
-        return asyncio.run(_serve(served(record, _say)))
+        return partial(serve_firmware, world, args.seed, firmware, record, say)
+    world = replace(world, **autopilot(args, setup.pilot.vessel))
+    wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
+    return partial(serve, world, args.seed, wires, record, say)
 
 
-async def _serve(world) -> int:
+async def _serve(worlds: Sequence[World]) -> int:
     """Until SIGINT or SIGTERM."""
-    task = asyncio.ensure_future(world)
+    task = asyncio.gather(*(world() for world in worlds))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, task.cancel)
@@ -133,8 +173,11 @@ async def _serve(world) -> int:
     return 0
 
 
-def _say(where: str) -> None:
-    print(f"simulator: {where}", flush=True)
+def _say(boat: Boat | None, where: str) -> None:
+    if boat is None:
+        print(f"simulator: {where}", flush=True)
+    else:
+        print(f"simulator: {boat.name}: {where}; aritra run --start --config {boat.config}", flush=True)
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -9,7 +9,7 @@ from companion.core.config import ConfigError
 
 ADDRESS = "127.0.0.1:9002"
 """Where a firmware started with `--model JSON:127.0.0.1` sends."""
-OF_OUR_AUTOPILOT = ("udp_to", "tcp", "wiring", "param", "receiver", "firmware", "serial")
+OF_OUR_AUTOPILOT = ("udp_to", "tcp", "boats", "shore", "wiring", "param", "receiver", "firmware", "serial")
 """Options that say nothing to a firmware of its own."""
 
 

@@ -59,6 +59,7 @@ class About(Told, frozen=True, kw_only=True):
 
     `unix_minus_t_ns`: added to a `t_ns` gives the boat's idea of Unix time, which may be wrong. `within`: polygons the
     boat must stay inside of; `without`: outside of. `configuration`: name of run, vessel, site and mission texts.
+    `length_m`, `beam_m`: of the hull, about the origin of the body axes; null from boats that do not tell.
     """
 
     vessel: str
@@ -75,6 +76,8 @@ class About(Told, frozen=True, kw_only=True):
     within: tuple[tuple[Place, ...], ...]
     without: tuple[tuple[Place, ...], ...]
     commands: bool
+    length_m: float | None = None
+    beam_m: float | None = None
 
 
 class StateNow(Told, frozen=True, kw_only=True):
@@ -145,6 +148,24 @@ class HorizonNow(Told, frozen=True, kw_only=True):
     step_s: float
     poses: tuple[Pose, ...]
     reference: tuple[Place, ...]
+
+
+class RangeNow(msgspec.Struct, frozen=True, kw_only=True):
+    """Newest range to one anchor; `residual_m`: measured minus expected, null while nothing is expected.
+
+    `accepted`: whether the filter used it.
+    """
+
+    anchor: str
+    range_m: float
+    residual_m: float | None
+    accepted: bool | None
+
+
+class RangesNow(Told, frozen=True, kw_only=True):
+    """Topic `ranges`, each tag cycle, twice a second at most: its UWB ranges."""
+
+    ranges: tuple[RangeNow, ...]
 
 
 class ModeNow(Told, frozen=True, kw_only=True):
@@ -240,6 +261,7 @@ TOPICS: dict[str, type[Told]] = {
     "reference": ReferenceNow,
     "path": PathNow,
     "horizon": HorizonNow,
+    "ranges": RangesNow,
     "mode": ModeNow,
     "alert": AlertTold,
     "checks": ChecksNow,

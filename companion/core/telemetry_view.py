@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from companion.core import shore_messages as shore
+from companion.core import telemetry_topics as topics
 from companion.core.checks import Row, worst
 from companion.core.messages import (
     Alert,
@@ -22,10 +23,10 @@ from companion.core.messages import (
     GuidanceReference,
     Heartbeat,
     ImuSample,
+    Innovation,
     LinkStatus,
     LoopTiming,
     Message,
-    MissionPoint,
     ModeStatus,
     NewMission,
     OverrideLease,
@@ -37,25 +38,17 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.core.mission import Mission
 from companion.core.pilot_state import PilotSettings
-from companion.core.telemetry_figures import age_s, angle, centimetres, cut, metres, spread, triangle
+from companion.core.telemetry_figures import age_s, cut, spread
+from companion.core.telemetry_topics import Who
 
 S = 1_000_000_000
 EARLY = 0.3
 """A topic counts as due this share of its period early: ticks drift by 1 ms and are late by some (assumed)."""
+RANGE = "range "
+"""How innovations of ranges are called: this, and the anchor."""
 ALERTS_S = 10
 """So many alerts a second, no more: a fault that speaks at every tick must not fill the radio (assumed)."""
-
-
-class Who(NamedTuple):
-    """Which run this is. `run`: its name in every struct."""
-
-    run: str
-    configuration: str
-    software: str
-    unix_minus_t_ns: int
-    commands: bool
 
 
 def wants(message: Message) -> bool:
@@ -74,10 +67,12 @@ class View:
         self._settings, self._who = settings, who
         self._n = len(settings.vessel.thrusters)
         self._periods_ns = {kind: round(share * S / rate_hz) for kind, share in _RATED.items()}
-        self._periods_ns |= dict.fromkeys(_SLOW, S) | {shore.ExcitationNow: S // 2}
+        self._periods_ns |= dict.fromkeys(_SLOW, S) | dict.fromkeys((shore.ExcitationNow, shore.RangesNow), S // 2)
         self._due_ns: dict[type, int] = {}
         self._last: dict[type[Message], Any] = {}
+        self._ranges_ns: int | None = None
         self._links: dict[str, LinkStatus] = {}
+        self._residuals: dict[str, Innovation] = {}
         self._loaded: NewMission | None = None
         self._request: SolveRequest | None = None
         self._horizon: tuple[PlanResult, SolveRequest] | None = None
@@ -86,7 +81,7 @@ class View:
 
     def begin(self, t_ns: int) -> list[shore.Told]:
         """What is told at the start: the boat, and its path."""
-        return [self._about(t_ns), self._path_now(t_ns)]
+        return [topics.about(self._who, self._settings, t_ns), self._path_now(t_ns)]
 
     def checks(self, rows: Sequence[Row], t_ns: int) -> shore.ChecksNow:
         """The pre-flight rows, once they are known."""
@@ -105,6 +100,15 @@ class View:
 
     def _link(self, message: LinkStatus) -> None:
         self._links[message.link] = message
+
+    def _heard(self, message: UwbRanges) -> None:
+        """What the filter makes of its ranges comes right after it."""
+        self._keep(message)
+        self._residuals.clear()
+
+    def _innovated(self, message: Innovation) -> None:
+        if message.sensor.startswith(RANGE):
+            self._residuals[message.sensor.removeprefix(RANGE)] = message
 
     def _asked(self, message: SolveRequest) -> None:
         self._request = message
@@ -132,17 +136,7 @@ class View:
         return [shore.AlertTold(**self._head(message.t_ns), level=message.level, text=cut(message.text))]
 
     def _mode(self, message: ModeStatus) -> list[shore.Told]:
-        beat: Heartbeat | None = self._last.get(Heartbeat)
-        return [
-            shore.ModeNow(
-                **self._head(message.t_ns),
-                mode=message.mode,
-                why=cut(message.why),
-                driving=message.driving,
-                armed=beat.armed if beat else None,
-                autopilot_mode=beat.custom_mode if beat else None,
-            )
-        ]
+        return [topics.mode(self._who.run, message, self._last.get(Heartbeat))]
 
     def _tick_over(self, message: LoopTiming) -> list[shore.Told]:
         """The lease has gone out: everything that is due."""
@@ -165,123 +159,40 @@ class View:
     def _head(self, t_ns: int) -> dict[str, Any]:
         return {"run": self._who.run, "t_ns": t_ns}
 
-    def _about(self, t_ns: int) -> shore.About:
-        told, site, fence = self._settings, self._settings.site, self._settings.fence
-        return shore.About(
-            **self._head(t_ns),
-            vessel=told.vessel.name,
-            site=site.name,
-            configuration=self._who.configuration,
-            software=self._who.software,
-            unix_minus_t_ns=self._who.unix_minus_t_ns,
-            period_s=told.control.period_s,
-            lat_deg=site.lat_deg,
-            lon_deg=site.lon_deg,
-            rotation_deg=site.rotation_deg,
-            thrusters=tuple(
-                shore.ThrusterAbout(
-                    name=t.name,
-                    channel=t.channel,
-                    x_m=t.x_m,
-                    y_m=t.y_m,
-                    azimuth_deg=t.azimuth_deg,
-                    force_min_n=t.force_min_N,
-                    force_max_n=t.force_max_N,
-                )
-                for t in told.vessel.thrusters
-            ),
-            anchors=tuple(shore.AnchorAbout(id=a.id, north_m=a.north_m, east_m=a.east_m) for a in site.anchors),
-            within=tuple(tuple((n, e) for n, e in polygon) for polygon in fence.within),
-            without=tuple(tuple((n, e) for n, e in polygon) for polygon in fence.without),
-            commands=self._who.commands,
-        )
-
     def _state(self, t_ns: int) -> shore.StateNow | None:
         e: StateEstimate | None = self._last.pop(StateEstimate, None)
-        if e is None:
-            return None
-        return shore.StateNow(
-            **self._head(e.t_ns),
-            north_m=metres(e.north_m),
-            east_m=metres(e.east_m),
-            psi_rad=angle(e.psi_rad),
-            u_m_s=metres(e.u_m_s),
-            v_m_s=metres(e.v_m_s),
-            r_rad_s=angle(e.r_rad_s),
-            covariance=triangle(e.covariance),
-            disturbance_n=tuple(map(metres, e.disturbance_n)),
-            health=e.health,
-            reason=cut(e.reason),
-        )
+        return topics.state(self._who.run, e) if e else None
 
     def _thrusters(self, t_ns: int) -> shore.ThrustersNow | None:
         lease: OverrideLease | None = self._last.pop(OverrideLease, None)
-        if lease is None:
-            return None
-        output: ServoOutput | None = self._last.get(ServoOutput)
-        return shore.ThrustersNow(
-            **self._head(lease.t_ns),
-            pwm_us=lease.pwm_us[: self._n],
-            force_n=tuple(map(metres, lease.f_command_n)),
-            source=lease.source,
-            reason=cut(lease.reason),
-            output_us=output.pwm_us[: self._n] if output else None,
-        )
+        return topics.thrusters(self._who.run, lease, self._last.get(ServoOutput), self._n) if lease else None
 
     def _reference(self, t_ns: int) -> shore.ReferenceNow | None:
         g: GuidanceReference | None = self._last.pop(GuidanceReference, None)
-        if g is None:
-            return None
-        return shore.ReferenceNow(
-            **self._head(g.t_ns),
-            phase=g.phase,
-            leg=g.leg,
-            waypoints_passed=g.waypoints_passed,
-            x_e_m=metres(g.x_e_m),
-            y_e_m=metres(g.y_e_m),
-            psi_ref_rad=angle(g.psi_ref_rad),
-            u_ref_m_s=metres(g.u_ref_m_s),
-            north_ref_m=metres(g.north_ref_m),
-            east_ref_m=metres(g.east_ref_m),
-        )
+        return topics.reference(self._who.run, g) if g else None
 
     def _horizon_now(self, t_ns: int) -> shore.HorizonNow | None:
         if self._horizon is None:
             return None
         (plan, request), self._horizon = self._horizon, None
-        return shore.HorizonNow(
-            **self._head(request.t_ns),
-            status=plan.status,
-            step_s=self._settings.nmpc.step_s,
-            poses=tuple((centimetres(x[0]), centimetres(x[1]), centimetres(x[2])) for x in plan.x),
-            reference=tuple((centimetres(row[0]), centimetres(row[1])) for row in request.reference),
-        )
+        return topics.horizon(self._who.run, plan, request, self._settings.nmpc.step_s)
+
+    def _ranges(self, t_ns: int) -> shore.RangesNow | None:
+        heard: UwbRanges | None = self._last.get(UwbRanges)
+        if heard is None or heard.t_ns == self._ranges_ns:
+            return None
+        self._ranges_ns = heard.t_ns
+        return topics.ranges(self._who.run, heard, self._residuals)
 
     def _path(self, t_ns: int) -> shore.PathNow | None:
         return self._path_now(t_ns) if self._loaded and self._last.pop(NewMission, None) else None
 
     def _path_now(self, t_ns: int) -> shore.PathNow:
-        told = self._loaded or self._settings.mission
-        return shore.PathNow(
-            **self._head(t_ns),
-            name=told.name,
-            waypoints=told.waypoints if isinstance(told, NewMission) else points_of(told),
-            end_heading_rad=told.end_heading_rad,
-            origin="shore" if self._loaded else "run file",
-        )
+        return topics.path(self._who.run, self._loaded or self._settings.mission, t_ns)
 
     def _excitation(self, t_ns: int) -> shore.ExcitationNow | None:
         x: ExcitationStatus | None = self._last.pop(ExcitationStatus, None)
-        if x is None:
-            return None
-        return shore.ExcitationNow(
-            **self._head(x.t_ns),
-            phase=x.phase,
-            segment=x.segment,
-            segments=x.segments,
-            name=x.name,
-            elapsed_s=round(x.elapsed_s, 1),
-        )
+        return topics.excitation(self._who.run, x) if x else None
 
     def _timing(self, t_ns: int) -> shore.TimingNow:
         second, self._second = self._second, _Second()
@@ -300,22 +211,12 @@ class View:
         )
 
     def _links_now(self, t_ns: int) -> shore.LinksNow:
-        links = tuple(shore.LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in self._links.values())
         ages = {name: age_s(t_ns, [self._last.get(kind) for kind in kinds]) for name, kinds in _AGED.items()}
-        return shore.LinksNow(**self._head(t_ns), links=links, ages_s=ages)
+        return topics.links(self._who.run, self._links.values(), ages, t_ns)
 
     def _battery(self, t_ns: int) -> shore.BatteryNow | None:
         b: Battery | None = self._last.get(Battery)
-        if b is None:
-            return None
-        current = None if b.current_a is None else round(b.current_a, 2)
-        return shore.BatteryNow(
-            **self._head(t_ns),
-            voltage_v=round(b.voltage_v, 2),
-            current_a=current,
-            remaining_percent=b.remaining_percent,
-            age_s=round((t_ns - b.t_ns) * 1e-9, 1),
-        )
+        return topics.battery(self._who.run, b, t_ns) if b else None
 
 
 class _Second:
@@ -327,14 +228,6 @@ class _Second:
         self.solve_ms: list[float] = []
         self.solves: Counter[str] = Counter()
         self.leases: Counter[str] = Counter()
-
-
-def points_of(mission: Mission) -> tuple[MissionPoint, ...]:
-    """Waypoints of a mission as messages carry them."""
-    return tuple(
-        MissionPoint(north_m=w.north_m, east_m=w.east_m, speed_m_s=w.speed_m_s, acceptance_m=w.acceptance_m)
-        for w in mission.path.waypoints
-    )
 
 
 _AGED: dict[str, tuple[type[Message], ...]] = {
@@ -359,6 +252,7 @@ _MAKE: dict[type[shore.Told], Callable[[View, int], shore.Told | None]] = {
     shore.HorizonNow: View._horizon_now,
     shore.PathNow: View._path,
     shore.ExcitationNow: View._excitation,
+    shore.RangesNow: View._ranges,
     shore.TimingNow: View._timing,
     shore.LinksNow: View._links_now,
     shore.BatteryNow: View._battery,
@@ -367,11 +261,12 @@ _SEE: dict[type[Message], Callable[[View, Any], list[shore.Told] | None]] = {
     **dict.fromkeys(
         (
             Attitude, Battery, ExcitationStatus, GuidanceReference, Heartbeat, ImuSample, ProcessStats,
-            ServoOutput, StateEstimate, UwbPosition, UwbRanges,
+            ServoOutput, StateEstimate, UwbPosition,
         ),
         View._keep,
     ),
     Alert: View._alert,
+    Innovation: View._innovated,
     LinkStatus: View._link,
     LoopTiming: View._tick_over,
     ModeStatus: View._mode,
@@ -379,4 +274,5 @@ _SEE: dict[type[Message], Callable[[View, Any], list[shore.Told] | None]] = {
     OverrideLease: View._leased,
     PlanResult: View._planned,
     SolveRequest: View._asked,
+    UwbRanges: View._heard,
 }  # fmt: skip

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """A zenoh router where zenohd is not installed: router.py router.json5
 
-Reads the same configuration file as zenohd (no plugins) and relays until it is interrupted.
+Reads the same configuration file as zenohd (no plugins) and relays until it is interrupted. Who was turned away at the
+door is told on stdout; RUST_LOG=zenoh::net::routing::interceptor::access_control=trace tells of every message, too,
+whether it was let through.
 """
 
 import signal
@@ -10,12 +12,16 @@ import threading
 
 import zenoh
 
+LOG = "warn,zenoh::net::routing::interceptor::access_control=info"
+"""Bad certificates, and names that the file does not know."""
+
 
 def main() -> int:
     """Exit code: 0 after an interrupt, 2 without a usable configuration."""
     if len(sys.argv) != 2:
         print("usage: router.py CONFIG.json5", file=sys.stderr)
         return 2
+    zenoh.init_log_from_env_or(LOG)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

@@ -28,9 +28,9 @@ def exit_code(argv):
     ("command", "words"),
     [
         ([], ["demo", "run", "sim", "replay", "log"]),
-        (["demo"], ["--out", "--config", "--seed", "--current", "--mismatch", "Exit code"]),
+        (["demo"], ["--out", "--config", "--seed", "--mismatch", "--boats", "--shore", "--stagger", "Exit code"]),
         (["run"], ["--config", "--mission", "--mavlink", "--uwb", "--log", "--start", "--end-after", "Exit code"]),
-        (["sim"], ["--udp-to", "--tcp", "--uwb", "--truth", "--seed", "--dropout"]),
+        (["sim"], ["--udp-to", "--tcp", "--uwb", "--truth", "--seed", "--dropout", "--boats"]),
         (["replay"], ["LOG", "Exit code"]),
         (["identify"], ["LOG", "--vessel", "--out", "--held-out", "--block", "--no-taylor", "--peer", "Exit code"]),
         (["log"], ["info", "plot", "recover"]),

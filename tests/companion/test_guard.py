@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from voyage import setup
 
 from companion.commands.sim_autopilot import wirings
+from companion.core.echo import outputs_of
 from companion.core.messages import OperatorCommand
 from companion.core.parameter_file import parse_parameters
 from companion.guard import Guard, companion_of
@@ -50,6 +51,27 @@ def test_a_start_waits_for_the_check_and_then_drives(firmware, path):
     assert told(bench, "start waits for the check") == 1
     questions = [m for _, m in bench.sent if m.get_type() == "PARAM_REQUEST_READ"]
     assert 100 < len(questions) < 400
+
+
+ELSEWHERE = {f"SERVO{n}_FUNCTION": 0.0 for n in range(1, 5)} | {f"SERVO{n}_FUNCTION": 102.0 - n for n in range(5, 9)}
+"""Thruster 4 on output 5, ..., thruster 1 on output 8."""
+
+
+def test_thrusters_on_other_outputs_are_watched_where_they_are(path):
+    """Nothing turns in this world, whose thrusters hang on outputs 1 to 4; the echo is that of the autopilot."""
+    bench = Guarded(path, changes=ELSEWHERE)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        assert outputs_of(bench.app.state.echo, 4) == [8, 7, 6, 5]
+        await bench.run(4.0)
+        assert bench.mode == "auto" and not told(bench, "SERVOn_FUNCTION")
+        bench.world.rover.vehicle.parameters.set("SERVO6_FUNCTION", 0.0)
+        await bench.run(3.0)
+        assert told(bench, "output 6 at 0 us, which was not sent") == 1, bench.alerts()
+
+    assert bench.scene(story) is None
 
 
 @pytest.mark.parametrize("command", ["start", "hold", "manual"])

@@ -125,6 +125,16 @@ def test_a_late_joiner_gets_history_last_values_and_the_checks():
     assert len(told) == 1 and "is connected" in told[0].text
 
 
+def test_a_router_that_comes_late_has_the_boat_within_two_seconds():
+    """Zenoh's own pause between attempts has grown to 4 s by then."""
+    port = free_port()
+    with telemetry(port) as (_, told):
+        wait_for(lambda: told)
+        time.sleep(6.0)
+        with router(port):
+            wait_for(lambda: any("is connected" in a.text for a in told), 2.0)
+
+
 def test_what_happened_during_an_outage_is_told_afterwards():
     port = free_port()
     with telemetry(port, rate_Hz=20.0) as (boat, told):
@@ -157,6 +167,8 @@ def test_the_boat_listens_nowhere_and_scouts_nothing_unless_told(tmp_path):
         assert made.get_json("listen/endpoints") == "[]" and made.get_json("mode") == '"peer"'
         assert made.get_json("scouting/multicast/enabled") == "false" == made.get_json("scouting/gossip/enabled")
         assert made.get_json("connect/endpoints") == '["tcp/127.0.0.1:7447"]'
+        assert made.get_json("transport/link/rx/max_message_size") == "1000000"
+        assert made.get_json("transport/shared_memory/enabled") == "false"
 
 
 def test_bad_configuration_names_file_and_key(tmp_path):

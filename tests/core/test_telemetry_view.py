@@ -97,6 +97,26 @@ def test_what_is_told_survives_the_wire_and_agrees_with_its_source():
             assert len(each.poses) == len(each.reference) == 21
 
 
+def test_ranges_come_with_what_the_filter_made_of_them():
+    watched, told = told_of_a_voyage()
+    told = {t.t_ns: t for t in told if isinstance(t, shore.RangesNow)}
+    judged, made = 0, {}
+    for x in reversed(watched):
+        if isinstance(x, m.Innovation) and x.sensor.startswith("range "):
+            made[x.sensor] = x
+        elif isinstance(x, m.UwbRanges):
+            if each := told.get(x.t_ns):
+                assert [r.anchor for r in each.ranges] == [r.anchor for r in x.ranges]
+                for r in each.ranges:
+                    if innovation := made.get(f"range {r.anchor}"):
+                        assert abs(r.residual_m - innovation.innovation[0]) < 1e-3
+                        assert r.accepted == innovation.accepted
+                        judged += 1
+            made.clear()
+    spoken = [r for t in told.values() for r in t.ranges if r.residual_m is not None]
+    assert len(spoken) == judged > 50, "none but the first cycle, which the filter begins with, is without"
+
+
 def test_a_voyage_at_full_rate_is_less_than_15_kB_a_second():
     watched, told = told_of_a_voyage()
     seconds = sum(isinstance(x, m.Tick) for x in watched) / 10

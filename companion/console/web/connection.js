@@ -1,0 +1,92 @@
+// The page's line to its console: frames in over a WebSocket that is opened again for ever, orders out by POST.
+
+const AGAIN_MS = [250, 500, 1000, 2000];
+const SILENT_MS = 4000; // the console speaks every second: longer silence is a line that died without a word
+const REFUSED = "The console refused this page: open the address that `aritra shore` printed.";
+
+export class Connection {
+  /** onframe(frame), onorder(given), onconsole(about): what comes in. */
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.open = false;
+    this.tries = 0;
+    this.since_ms = performance.now();
+    this.heard_ms = null;
+    this.ahead_ms = null; // the console's clock minus ours
+    this.chosen = null;
+    this.connect();
+    this.watch = setInterval(() => this.check(), 500);
+  }
+
+  connect() {
+    clearTimeout(this.timer);
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    this.socket = socket;
+    socket.onopen = () => {
+      this.open = true;
+      this.tries = 0;
+      this.heard_ms = performance.now();
+      if (this.chosen) this.choose(this.chosen);
+    };
+    socket.onmessage = ({ data }) => socket === this.socket && this.hear(JSON.parse(data));
+    socket.onclose = () => socket === this.socket && this.lost();
+  }
+
+  hear(message) {
+    this.heard_ms = performance.now();
+    if (message.type === "samples") {
+      this.ahead_ms = message.now_ms - this.heard_ms;
+      this.handlers.onframe?.(message);
+    } else if (message.type === "order") this.handlers.onorder?.(message);
+    else if (message.type === "console") this.handlers.onconsole?.(message);
+  }
+
+  lost() {
+    if (this.open) this.since_ms = this.heard_ms ?? performance.now();
+    this.open = false;
+    const wait = AGAIN_MS[Math.min(this.tries++, AGAIN_MS.length - 1)];
+    this.timer = setTimeout(() => this.connect(), wait);
+  }
+
+  check() {
+    if (!this.open || performance.now() - this.heard_ms < SILENT_MS) return;
+    const dead = this.socket;
+    this.socket = null;
+    dead.close();
+    this.lost();
+  }
+
+  /** Try now, not when the pause is over. */
+  hurry() {
+    if (!this.open) this.connect();
+  }
+
+  /** Show this boat closely. */
+  choose(boat) {
+    this.chosen = boat;
+    if (this.open && this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ choose: boat }));
+  }
+
+  /** Seconds since the console last spoke. */
+  silence_s() {
+    return (performance.now() - (this.heard_ms ?? this.since_ms)) / 1000;
+  }
+
+  /** The console's clock now [ms], by its last frame; it goes on when the console is silent. */
+  console_ms() {
+    return (this.ahead_ms ?? 0) + performance.now();
+  }
+
+  /** POST one order. What the console made of it; {state: "not_sent", why} where it cannot be reached. */
+  async order(body) {
+    try {
+      const answer = await fetch("/order", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+      if (answer.ok) return await answer.json();
+      const why = answer.status === 403 ? REFUSED : `The console refused it: ${await answer.text()}`;
+      return { type: "order", state: "not_sent", ...body, why };
+    } catch {
+      return { type: "order", state: "not_sent", ...body, why: "The console program does not answer.", unreachable: true };
+    }
+  }
+}

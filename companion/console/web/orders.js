@@ -1,0 +1,195 @@
+// Buttons and answers. STOP goes at once, with one click; what arms or moves the boat asks first. Nothing is modal:
+// STOP can be reached at any time. What is shown is what the boat answered, or that no answer came, and how old it is.
+
+import { make } from "./panels.js";
+import { age, figure } from "./words.js";
+
+const STOP_AGAIN_MS = 400;
+const STOP_PATIENCE_MS = 15000; // so long a stop that found no console is said again
+const ASK_MS = 15000; // an unanswered question goes away
+const NEUTRAL_US = 1500;
+const SHOWN = 6;
+const WORDS = { stop: "STOP", hold: "Hold", start: "Start", load_mission: "Load mission" };
+const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+
+export class OrderDesk {
+  /** connection; elements {stop, stopAll, hold, start, load, file, question, answers, says}; boats(): {chosen, all, view}. */
+  constructor(connection, elements, boats) {
+    this.connection = connection;
+    this.elements = elements;
+    this.boats = boats;
+    this.given = new Map();
+    this.local = 0;
+    const { stop, stopAll, hold, start, load, file } = elements;
+    stop.addEventListener("click", () => this.stop([this.boats().chosen]));
+    stopAll.addEventListener("click", () => this.stop(this.boats().all));
+    hold.addEventListener("click", () => this.ask("hold", "keeps station where it is. It arms if it is not armed."));
+    start.addEventListener("click", () => this.ask("start", `drives its mission${this.missionName()}, or goes on with it. It arms if it is not armed.`));
+    load.addEventListener("click", () => file.click());
+    file.addEventListener("change", () => this.load());
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "F9" && !stop.disabled) this.stop([this.boats().chosen]);
+      else if (event.key === "Escape") this.dismiss();
+      else return;
+      event.preventDefault();
+    });
+  }
+
+  missionName() {
+    const name = this.boats().view?.path?.name;
+    return name ? ` “${name}”` : "";
+  }
+
+  // --- what is given -------------------------------------------------------------------------------
+
+  stop(boats) {
+    this.dismiss();
+    for (const boat of boats) if (boat) this.give({ boat, command: "stop" });
+  }
+
+  /** One order. A stop that finds no console is said again for a while: it may be back in a moment. */
+  async give(body) {
+    const shown = this.show({ ...body, state: "sending", local: ++this.local, clicked_ms: performance.now(), tries: 0 });
+    const end = performance.now() + (body.command === "stop" ? STOP_PATIENCE_MS : 0);
+    for (;;) {
+      const given = await this.connection.order(body);
+      this.given.delete(`local ${shown.local}`);
+      if (!given.unreachable || performance.now() > end) return this.show({ ...given, local: given.number ? undefined : shown.local, clicked_ms: shown.clicked_ms });
+      this.connection.hurry();
+      this.show({ ...shown, unsent: true, tries: ++shown.tries, why: "The console program does not answer: trying again." });
+      await wait(STOP_AGAIN_MS);
+    }
+  }
+
+  ask(command, does, mission) {
+    const { chosen } = this.boats();
+    if (!chosen) return;
+    const { question } = this.elements;
+    const yes = make("button", "yes", `Yes, ${WORDS[command].toLowerCase()}`);
+    const no = make("button", "no", "Cancel");
+    const text = make("p", "", `${WORDS[command]}: ${chosen} ${does}`);
+    text.id = "question-text";
+    question.replaceChildren(text, yes, no);
+    question.hidden = false;
+    this.asking = document.activeElement;
+    yes.addEventListener("click", () => {
+      this.dismiss();
+      this.give({ boat: chosen, command, ...(mission ? { mission } : {}) });
+    });
+    no.addEventListener("click", () => this.dismiss());
+    yes.focus();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.dismiss(), ASK_MS);
+  }
+
+  dismiss() {
+    const { question } = this.elements;
+    if (question.hidden) return;
+    const inside = question.contains(document.activeElement);
+    question.hidden = true;
+    question.replaceChildren();
+    if (inside) this.asking?.focus();
+  }
+
+  async load() {
+    const { file } = this.elements;
+    const [chosen] = file.files;
+    if (!chosen) return;
+    const mission = { name: chosen.name, text: await chosen.text() };
+    file.value = "";
+    this.ask("load_mission", `takes “${mission.name}” as its mission, from the first waypoint at the next start.`, mission);
+  }
+
+  // --- what came of it -----------------------------------------------------------------------------
+
+  /** Note an order, from the console or of this page alone. */
+  show(given) {
+    const key = given.number ? `order ${given.number}` : `local ${given.local}`;
+    let known = this.given.get(key);
+    if (given.number && !known) known = this.adopt(given);
+    const merged = { ...known, ...given, clicked_ms: given.clicked_ms ?? known?.clicked_ms };
+    this.given.delete(key);
+    this.given.set(key, merged);
+    while (this.given.size > SHOWN) this.given.delete(this.given.keys().next().value);
+    const said = this.words(merged);
+    if (merged.state !== "sending" && merged.state !== known?.state && merged.clicked_ms) this.elements.says.textContent = said.join(" ");
+    this.draw();
+    return merged;
+  }
+
+  /** The page's own line for an order that the console now tells of under its number: one order, one line. */
+  adopt({ boat, command }) {
+    for (const [key, mine] of this.given) {
+      if (mine.number || mine.state !== "sending" || mine.boat !== boat || mine.command !== command) continue;
+      this.given.delete(key);
+      return { clicked_ms: mine.clicked_ms };
+    }
+    return undefined;
+  }
+
+  /** A console that was started anew counts orders from 1 again: what the old one told is only ours now. */
+  restart() {
+    for (const [key, given] of [...this.given]) {
+      if (!given.number) continue;
+      this.given.delete(key);
+      this.given.set(`local ${++this.local}`, { ...given, number: undefined, local: this.local, asked_ms: undefined, old_ms: performance.now() - (this.age_s(given) ?? 0) * 1e3 });
+    }
+  }
+
+  /** What came of an order: a headline, and the rest. */
+  words({ boat, command, state, why, tries, outcome, after_ms, unsent }) {
+    const what = `${WORDS[command]} → ${boat}`;
+    if (state === "sending" && unsent) return [`${what}: NOT SENT yet (try ${tries}).`, why];
+    if (state === "sending") return [`${what}: sent, no answer yet${tries > 1 ? ` (try ${tries})` : ""}.`, why ?? ""];
+    if (state === "not_sent") return [`${what}: NOT SENT.`, why];
+    if (state === "no_answer") return [`${what}: NO ANSWER after ${tries} tries.`, why];
+    const status = { done: "done", waiting: "accepted, waits", refused: "REFUSED" }[outcome.status] ?? outcome.status;
+    const mode = outcome.mode ? ` Mode ${outcome.mode}${outcome.why ? `: ${outcome.why}` : ""}.` : "";
+    return [`${what}: ${status}, answered in ${figure(after_ms, 0, "ms")}.`, `“${outcome.text}”${mode}`];
+  }
+
+  /** Seconds since it was given, or null. */
+  age_s({ clicked_ms, asked_ms, old_ms }) {
+    if (asked_ms) return (this.connection.console_ms() - asked_ms) / 1000;
+    if (old_ms ?? clicked_ms) return (performance.now() - (old_ms ?? clicked_ms)) / 1000;
+    return null;
+  }
+
+  kind({ state, outcome }) {
+    if (state === "sending") return "waits";
+    if (state === "answered") return outcome.status === "done" ? "done" : outcome.status === "waiting" ? "waits" : "failed";
+    return "failed";
+  }
+
+  /** Whether telemetry since a stop's answer shows neutral pulses, and those that the autopilot says it gives. */
+  neutral({ boat, command, state, outcome }) {
+    if (command !== "stop" || state !== "answered" || outcome.status === "refused") return "";
+    const { view, chosen } = this.boats();
+    const told = view?.thrusters;
+    if (boat !== chosen || !told || told.run !== outcome.run || told.t_ns < outcome.t_ns) return "";
+    const still = (pulses) => pulses.every((p) => p === NEUTRAL_US || p === 0);
+    if (!still(told.pwm_us)) return "Now other pulses than neutral are sent.";
+    if (told.output_us && !still(told.output_us)) return "Neutral is sent; the autopilot's outputs are NOT neutral.";
+    return told.output_us ? "Neutral is sent, and the autopilot's outputs are neutral." : "Neutral is sent.";
+  }
+
+  /** The list, the newest first. Called again and again: the ages go on. */
+  draw() {
+    const { answers } = this.elements;
+    const list = [...this.given.values()].reverse();
+    while (answers.children.length > list.length) answers.lastChild.remove();
+    list.forEach((given, k) => {
+      const item = answers.children[k] ?? answers.appendChild(make("li"));
+      if (!item.firstChild) item.append(make("b"), make("span", "age"), make("span", "neutral"), make("span", "text"));
+      item.dataset.kind = this.kind(given);
+      item.dataset.command = given.command;
+      item.dataset.state = given.state;
+      const [headline, rest] = this.words(given);
+      const old = this.age_s(given);
+      const ago = old === null ? "" : `${age(old)} ago`;
+      [headline, ago, this.neutral(given), rest].forEach((text, i) => {
+        if (item.children[i].textContent !== text) item.children[i].textContent = text;
+      });
+    });
+  }
+}

@@ -12,7 +12,7 @@ each node: what it has done before is the node's business (the ties pass it on).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,13 @@ class Point:
     fix_residuals: np.ndarray
     columns: Columns
     shares: dict[str, np.ndarray]
+
+    def judged_only(self) -> Point:
+        """Without its columns, which take most of the room: for evidence, not for steps."""
+        none = (part[..., :0].copy() for part in (self.columns.a.nodes, self.columns.a.bump,
+                                                  self.columns.imu, self.columns.tag))  # fmt: skip
+        nodes, bump, imu, tag = none
+        return replace(self, columns=Columns(Accelerations(nodes, bump), imu, tag))
 
 
 class Lineariser:

@@ -169,7 +169,7 @@ class Selector:
         """`model` linearised with the columns of every entry of the catalogue: too large to be kept."""
         fit = self.fit
         fit.noise = model.noise
-        point = fit.point(model.point.theta, model.point.z, fit.effects, model.point)
+        point = fit.point(model.point.theta, model.point.z, fit.effects, model.point).judged_only()
         model.reduced = fit.reduced(point, fit.effects)
         return point
 

@@ -79,6 +79,22 @@ def test_pulses_that_changed_places_are_in_place_when_other_changes_of_thrust_ar
     assert np.abs(found.f - thrusters.change(fit.effects, {trim.id: theta[trim.id]}, trim, step).f).max() > 1e-3
 
 
+@given(north=st.floats(-0.2, 0.2), east=st.floats(-0.2, 0.2))
+def test_a_light_wind_from_behind_is_the_opposite_of_one_from_ahead(north, east):
+    """Else a share of one is none of the other, and a strong wind could come out with the wrong sign."""
+    fit, by_id = bench()
+    scene = fit.physics.scene(fit.physics.move(fit.effects, {}, fit.z0, None))
+    force = by_id["wind"].hooks["force"]
+    one, other = (force({"north_Pa": s * north, "east_Pa": s * east}, scene) for s in (1.0, -1.0))
+    np.testing.assert_allclose(one, -other, atol=1e-12)
+
+
+def test_a_tether_counts_by_its_pull_as_well_as_by_its_stiffness():
+    tether = next(e for e in bench()[1].values() if e.name == "tether")
+    assert tether.size(np.array([0.01, 1.5, 0.0, 0.0])) >= 2.0
+    assert tether.size(np.array([0.15, 0.0, 0.0, 0.3])) == pytest.approx(3.0)
+
+
 def test_every_entry_changes_something():
     """An entry whose hook does nothing on a log that excites everything would never be found."""
     fit, _ = bench()

@@ -43,8 +43,8 @@ class Console:
 
     def __init__(self, session, boat="*"):
         self.session, self.heard, self.sender = session, [], None
-        self._known = set()
-        self._held = listen(session, self._hear, boat=boat)
+        self._known, self._alive = set(), set()
+        self._held = listen(session, self._hear, boat=boat, reach=self._reach)
 
     def _hear(self, sample):
         topic = str(sample.key_expr).rsplit("/", 1)[1]
@@ -56,6 +56,9 @@ class Console:
         if self.sender:
             self.sender.hear(told.run, told.t_ns)
 
+    def _reach(self, boat, there):
+        (self._alive.add if there else self._alive.discard)(shore.alive_key(boat))
+
     def of(self, topic):
         return [told for name, told in list(self.heard) if name == topic]
 
@@ -64,7 +67,8 @@ class Console:
         return {str(r.ok.key_expr).rsplit("/", 1)[1]: bytes(r.ok.payload) for r in replies if r.ok}
 
     def alive(self):
-        return {str(r.ok.key_expr) for r in self.session.liveliness().get(shore.alive_key("*"), timeout=5.0) if r.ok}
+        """Keys of the boats that are in reach."""
+        return set(self._alive)
 
 
 @contextlib.contextmanager

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import zenoh
-from zenoh import ext
 from zenoh.handlers import Callback
 
+from companion import listening
 from companion.core import shore_messages as shore
 from companion.core.config import ConfigError
 from companion.core.shore_orders import read_outcome
@@ -39,7 +39,7 @@ class Heard(NamedTuple):
 
 
 def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh.Config:
-    """Zenoh's configuration: its own file, or a peer that scouts for nothing; endpoints given go before the file's.
+    """Zenoh's configuration: its own file, or a program that scouts for nothing; endpoints given go before the file's.
 
     Raises ConfigError.
     """
@@ -49,7 +49,8 @@ def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh
         raise ConfigError(f"--config: {file}: {error}") from None
     told: list[tuple[str, str, object]] = []
     if file is None:
-        told += [("mode", "--connect", "peer"), ("scouting/multicast/enabled", "--connect", False)]
+        mode = "peer" if listen else "client"  # a peer hears nothing through a router, and a client cannot listen
+        told += [("mode", "--connect", mode), ("scouting/multicast/enabled", "--connect", False)]
         told += [("scouting/gossip/enabled", "--connect", False)]
     if connect or file is None:
         told.append(("connect/endpoints", "--connect", connect))
@@ -153,15 +154,7 @@ class Hearing:
         return None
 
     def _declare(self, session: zenoh.Session) -> list[object]:
-        telemetry = ext.declare_advanced_subscriber(
-            session,
-            shore.telemetry_key("*", "*"),
-            Callback(self._hear),
-            history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
-        )
-        tokens = session.liveliness().declare_subscriber(shore.alive_key("*"), Callback(self._token), history=True)
-        return [telemetry, tokens]
+        return listening.listen(session, self._hear, reach=self._reach)
 
     # --- zenoh's threads ---------------------------------------------------------------------------
 
@@ -169,9 +162,8 @@ class Hearing:
         _, boat, _, topic = str(sample.key_expr).split("/", 3)
         self._note(Heard(boat, topic, bytes(sample.payload), True, time.monotonic_ns()))
 
-    def _token(self, sample: zenoh.Sample) -> None:
-        boat = str(sample.key_expr).split("/")[1]
-        self._note(Heard(boat, None, b"", sample.kind == zenoh.SampleKind.PUT, time.monotonic_ns()))
+    def _reach(self, boat: str, there: bool) -> None:
+        self._note(Heard(boat, None, b"", there, time.monotonic_ns()))
 
     def _note(self, heard: Heard) -> None:
         if len(self._queue) >= QUEUE:

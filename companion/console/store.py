@@ -47,6 +47,7 @@ class Boat:
     def __init__(self, name: str) -> None:
         self.name, self.run, self.alive = name, "", False
         self.kept: dict[str, deque[Sample]] = {}
+        self._newest_ns: dict[str, int] = {}
         self.newest_ns = self.ahead_ns = self._heard_ns = self._began_ns = 0
         self.twin_ns: int | None = None
         self.malformed = 0
@@ -65,9 +66,16 @@ class Boat:
         self.newest_ns = max(self.newest_ns, told.t_ns)
         sample = Sample(self.name, topic, told.t_ns, shore.encode(told))
         kept = self.kept.setdefault(topic, deque(maxlen=KEPT.get(topic, 1)))
+        self._newest_ns[topic] = max(told.t_ns, self._newest_ns.get(topic, -1))
         if kept.maxlen != 1 or not kept or kept[-1].t_ns <= told.t_ns:
             kept.append(sample)
         return sample
+
+    def knows(self, topic: str, told: shore.Told) -> bool:
+        """Whether it has this very sample: what was kept for latecomers may come twice."""
+        if told.run != self.run or told.t_ns > self._newest_ns.get(topic, -1):
+            return False
+        return Sample(self.name, topic, told.t_ns, shore.encode(told)) in self.kept[topic]
 
     def newest(self, topic: str) -> Sample | None:
         """The newest sample of a topic."""
@@ -88,6 +96,7 @@ class Boat:
         self.run, self.newest_ns, self.ahead_ns = run, 0, ahead_ns
         self._began_ns, self.twin_ns = heard_ns, None
         self.kept.clear()
+        self._newest_ns.clear()
 
 
 class Store:
@@ -98,7 +107,7 @@ class Store:
         self.refused: Counter[str] = Counter()
 
     def take(self, boat: str, topic: str, data: bytes, heard_ns: int) -> Sample | None:
-        """One sample from the wire, heard at `heard_ns` of our clock; None: left out, and counted."""
+        """One sample from the wire, heard at `heard_ns` of our clock; None: known already, or left out and counted."""
         if len(data) > MAX_BYTES:
             return self._refuse("too long", boat)
         try:
@@ -108,6 +117,8 @@ class Store:
         known = self._boat(boat)
         if known is None:
             return self._refuse("too many boats, or a strange name", boat)
+        if known.knows(topic, told):
+            return None
         return known.take(topic, told, heard_ns) or self._refuse("of a former run", boat)
 
     def alive(self, boat: str, there: bool) -> None:

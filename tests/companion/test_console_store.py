@@ -202,3 +202,13 @@ def test_the_ages_are_finite():
     store = Store()
     put(store, state(0, t_ns=2**53))
     assert math.isfinite(store.boats["b"].ahead_ns)
+
+
+def test_what_comes_twice_is_kept_once_and_is_no_fault():
+    store = Store()
+    told = [alert(k, f"alert {k}") for k in (1, 3, 2)]
+    assert None not in put(store, *told)
+    assert put(store, *reversed(told)) == [None, None, None]
+    boat = store.boats["b"]
+    assert len(boat.kept["alert"]) == 3 and boat.malformed == 0 and not store.refused
+    assert put(store, alert(2, "another of the same instant")) != [None]

@@ -1,5 +1,6 @@
 """Shore's ear: what boats publish and what they kept, whenever it is opened."""
 
+import asyncio
 import threading
 import time
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ import zenoh
 from test_telemetry import telemetry, tick
 from zenoh_bench import config, free_port, router, wait_for
 
+from companion.console.hearing import Hearing, config_of
 from companion.core import shore_messages as shore
 from companion.listening import listen
 
@@ -82,3 +84,23 @@ def test_one_boat_or_topic_alone(which, hears):
         with running(boat), ear(port, **which) as heard:
             time.sleep(1.0)
             assert bool(heard) == hears
+
+
+def test_the_console_hears_through_a_router():
+    """It is a client then: a peer would be connected and hear nothing."""
+    port = free_port()
+
+    async def heard_of(hearing):
+        running = asyncio.create_task(hearing.run())
+        try:
+            async with asyncio.timeout(20.0):
+                while "state" not in {h.topic for h in hearing.take()}:
+                    await asyncio.sleep(0.05)
+        finally:
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+
+    with router(port), telemetry(port, rate_Hz=20.0) as (boat, told):
+        wait_for(lambda: told)
+        with running(boat):
+            asyncio.run(heard_of(Hearing(config_of(None, [f"tcp/127.0.0.1:{port}"], []))))

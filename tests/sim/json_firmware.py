@@ -65,6 +65,9 @@ def parse(text):
     return found if "attitude" in found or "quaternion" in found else None
 
 
+FLT_EPSILON = 1.1920929e-07
+
+
 @dataclass
 class Seen:
     """`trace`: states, one each 0.1 s of the firmware's clock; `rates`: frame rates asked for, each once, in order."""
@@ -143,7 +146,7 @@ class Firmware:
         self._last_s = state["timestamp"]
         if step_s < 0:
             self.seen.resets += 1
-        elif not 0 < step_s < 0.1:
+        elif not FLT_EPSILON < step_s < 0.1:  # the firmware's own is_positive()
             self.seen.refused_steps += 1
         else:
             self.seen.clock_s += step_s

@@ -8,6 +8,7 @@ the catalogue being free within their tolerance bands.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -251,7 +252,10 @@ class Selector:
             if name in names or len(tried) >= REFIT or (sure and hopeful[0].gain - c.gain > NEAR):
                 continue
             names.add(name)
-            tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._start(model, c)}), c.id))
+            with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
+                tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._start(model, c)}), c.id))
+        if not tried:
+            return None, []
         tried.sort(key=lambda t: -t[0].evidence)
         one, id_ = tried[0]
         if one.point.cost > ASTRAY * model.point.cost or not self._judged(one, id_).accepted:

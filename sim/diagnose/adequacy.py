@@ -17,13 +17,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.diagnose.candidate import NATS
 from sim.diagnose.effect import slices
+from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.findings import Adequacy, Check
-from sim.diagnose.fit import Fit, Prior, Reduced
+from sim.diagnose.fit import Fit
 from sim.diagnose.generic import Generic, Group, widened
 from sim.diagnose.noise import FLOOR, shares_of
 from sim.diagnose.residue import correlation
-from sim.diagnose.select import NATS, Model, Selection
+from sim.diagnose.select import Model, Selection
 from sim.identify.structured.noise import Noise
 
 BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
@@ -88,7 +90,7 @@ def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Sequence[st
         evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
         for i, at in enumerate(_at(groups, start)):
             wide = size[at.start - start : at.stop - start]
-            tried = [posterior.instead(at, Prior(scale * wide, 0 * wide))[0] for scale in SCALES]
+            tried = [posterior.instead(at, Prior.round_nil(scale * wide))[0] for scale in SCALES]
             gain = max(tried) - np.log(len(SCALES))
             best[i] = max(best[i], evidence + gain)
         if evidence > before:

@@ -1,13 +1,8 @@
-"""Maximum a posteriori of nodes and parameters with some effects believed in, and the evidence for others beside them.
+"""Maximum a posteriori of nodes and parameters with some effects believed in.
 
 Every parameter of the catalogue has a normal prior round nil: wide where its effect is believed in, else its tolerance
-band, half the smallest size worth a name, so that many tiny imperfections do not add up to a false one. One
-linearisation with all columns gives, with the nodes eliminated, H and b of all parameters; then the log evidence of any
-set m of effects is a matter of a small matrix,
-
-    log p(data | m) = const + 1/2 b^T (H + L_m)^-1 b - 1/2 log det(H + L_m) + 1/2 log det L_m
-
-(L_m: prior precisions), which is exact as far as the logs are linear in the parameters (Laplace).
+band, half the smallest size worth a name, so that many tiny imperfections do not add up to a false one. What the logs
+say of the others beside them: evidence.
 
 An effect that multiplies readings by 1 + p makes the world look smaller the larger p is, and in a small world all
 that nodes do costs less. The determinant of the nodes' block makes up for it: it has n log(1 + p) more, n being how
@@ -17,11 +12,12 @@ many of the nodes' degrees of freedom these readings settle. Without that term p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sim.diagnose.effect import Effect
+from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.linear import Lineariser, Point
 from sim.diagnose.physics import Physics, State
 from sim.diagnose.theta import Theta
@@ -31,84 +27,6 @@ from sim.identify.structured.start import first_nodes
 
 NEAR = 300.0  # nats: a step that promises less is so short that secants of all but the believed effects stay
 PINNED = 1e6  # times its own curvature: a parameter that is held at a limit
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Normal priors of parameters, each for itself: sigma (P,), mean (P,)."""
-
-    sigma: np.ndarray
-    mean: np.ndarray
-
-    def cost(self, values: np.ndarray) -> float:
-        """Of values (P,) [nats], but for what does not depend on them."""
-        return 0.5 * float((((values - self.mean) / self.sigma) ** 2).sum())
-
-    def slope(self, values: np.ndarray) -> np.ndarray:
-        """Of the cost, (P,)."""
-        return (values - self.mean) / self.sigma**2
-
-    def part(self, at: slice) -> Prior:
-        """Of some parameters."""
-        return Prior(self.sigma[at], self.mean[at])
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """All parameters with the nodes eliminated: Hessian H (P, P) and b = -gradient (P,) of the data at theta0 (P,).
-
-    `constant`: what the log evidence has beside [nats].
-    """
-
-    H: np.ndarray
-    b: np.ndarray
-    theta0: np.ndarray
-    constant: float
-
-    def evidence(self, prior: Prior) -> float:
-        """Log evidence [nats]."""
-        factor = np.linalg.cholesky(self.H + np.diag(1 / prior.sigma**2))
-        half = np.linalg.solve(factor, self.b - prior.slope(self.theta0))
-        value = self.constant - prior.cost(self.theta0) + 0.5 * float(half @ half)
-        return value - float(np.log(np.diag(factor)).sum()) - float(np.log(prior.sigma).sum())
-
-    def posterior(self, prior: Prior) -> Posterior:
-        """Values and covariance."""
-        C = np.linalg.inv(self.H + np.diag(1 / prior.sigma**2))
-        return Posterior(self.theta0 + C @ (self.b - prior.slope(self.theta0)), C, prior)
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """All parameters: values (P,), covariance (P, P), and the prior that went into them."""
-
-    values: np.ndarray
-    covariance: np.ndarray
-    prior: Prior
-
-    def instead(self, at: slice, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
-        """Nats that the evidence gains with another prior on some parameters; their values and covariance then.
-
-        With S, m of these parameters now, sigma, mu of a prior, L = S^-1 - Sigma_was^-1 is what the data say of them
-        (all others free), h = S^-1 m - Sigma_was^-1 mu_was + Sigma^-1 mu, then C = (L + Sigma^-1)^-1, values C h, and
-        the evidence is half of h^T C h + log det C - log det Sigma - mu^T Sigma^-1 mu, less the same as it was.
-        """
-        was, S, m = self.prior.part(at), self.covariance[at, at], self.values[at]
-        known = np.linalg.inv(S)
-        h = known @ m + was.slope(0 * m) - prior.slope(0 * m)
-        C = np.linalg.inv(known - np.diag(1 / was.sigma**2) + np.diag(1 / prior.sigma**2))
-        gain = h @ C @ h - m @ known @ m + _log_det(C) - _log_det(S) + 2 * float(np.log(was.sigma / prior.sigma).sum())
-        return float(gain) / 2 + was.cost(0 * m) - prior.cost(0 * m), C @ h, C
-
-    def absent(self, at: slice) -> float:
-        """Nats that the evidence gains with these parameters held at nil."""
-        S, m, was = self.covariance[at, at], self.values[at], self.prior.part(at)
-        gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(was.sigma).sum())
-        return float(gain) / 2 + was.cost(0 * m)
-
-
-def _log_det(S: np.ndarray) -> float:
-    return float(np.linalg.slogdet(S)[1])
 
 
 class Fit:
@@ -188,7 +106,7 @@ class Fit:
     def reduced(self, point: Point, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
         """Nodes eliminated."""
         chain, cost, log_sigma = self.assembled(point, noise or self.noise)
-        guard = 1 / self.prior(chosen, frozenset()).sigma ** 2
+        guard = self.prior(chosen, frozenset()).precision
         chain.D += np.diag(guard)
         dz, dw, D, log_det = chain.solve()
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
@@ -245,7 +163,7 @@ class Fit:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
         priors, slope = self._priors(point.theta, chosen, prior)
-        curved = np.diag(1 / prior.sigma**2)
+        curved = np.diag(prior.precision)
         plain.D += curved
         plain.d += slope
         cost += priors

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.diagnose.candidate import NATS
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
 
 MEDIUM = 4.0  # times the smallest size worth a name
-NATS = 12.0  # from which two causes are told apart, as from which one is named
 WEAKEST = 5  # pairs above it that are listed all the same
 
 

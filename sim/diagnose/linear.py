@@ -61,9 +61,8 @@ class Point:
 
     def judged_only(self) -> Point:
         """Without its columns, which take most of the room: for evidence, not for steps."""
-        none = (part[..., :0].copy() for part in (self.columns.a.nodes, self.columns.a.bump,
-                                                  self.columns.imu, self.columns.tag))  # fmt: skip
-        nodes, bump, imu, tag = none
+        a = self.columns.a
+        nodes, bump, imu, tag = (part[..., :0].copy() for part in (a.nodes, a.bump, self.columns.imu, self.columns.tag))
         return replace(self, columns=Columns(Accelerations(nodes, bump), imu, tag))
 
 

@@ -22,9 +22,10 @@ from companion.core.config import ConfigError
 from companion.core.excitation.file import Excitation, Segment, Steps
 from companion.core.site import Site
 from companion.core.vessel_file import VesselFile
+from sim.diagnose.candidate import NATS
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
-from sim.diagnose.identifiability import NATS, apart
+from sim.diagnose.identifiability import apart
 from sim.diagnose.physics import Physics
 from sim.diagnose.public import family
 from sim.excite.information import true_nodes

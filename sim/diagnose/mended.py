@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
+from sim.diagnose.candidate import Candidate
 from sim.diagnose.effect import Effect
 from sim.diagnose.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
 from sim.diagnose.fit import Fit
@@ -19,7 +20,7 @@ from sim.diagnose.linear import Point
 from sim.diagnose.noise import tuned_latent
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, Told, family, point
-from sim.diagnose.select import Candidate, Model
+from sim.diagnose.select import Model
 from sim.diagnose.theta import Theta
 
 OF_THE_DAY = ("sensors", "environment")

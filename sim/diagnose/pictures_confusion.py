@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
-from sim.diagnose.identifiability import NATS, Apart
+from sim.diagnose.candidate import NATS
+from sim.diagnose.identifiability import Apart
 
 MOST = 50.0
 """Nats beyond which nobody asks."""

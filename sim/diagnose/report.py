@@ -6,13 +6,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim.diagnose import pictures
+from sim.diagnose.candidate import NATS
 from sim.diagnose.held_out import CHANNELS, MODELS
 from sim.diagnose.identifiability import MEDIUM
 from sim.diagnose.job import Diagnosis
 from sim.diagnose.pictures_confusion import confusion
 from sim.diagnose.public import smallest
 from sim.diagnose.residue import Residue, correlation, pulses, residue
-from sim.diagnose.select import NATS
 from sim.diagnose.sentences import sentences, visible
 from sim.identify.report_tables import intervals
 from sim.identify.validation.report import Section, page

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from sim.diagnose.candidate import Candidate
 from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, effects
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
-from sim.diagnose.select import Candidate, Say, Selection, Selector
+from sim.diagnose.select import Say, Selection, Selector
 from sim.diagnose.stochastic import Chance, about_nlos, stochastic
 
 

@@ -1,8 +1,7 @@
 """Which effects the logs ask for: forward by evidence with refits to convergence, then backward.
 
-Accepted is an effect whose evidence against "it is not there" is at least `NATS`, against "it is within its tolerance
-band" at least `GAIN`, and whose size exceeds the smallest worth a name by its lower 95 % limit, all other entries of
-the catalogue being free within their tolerance bands.
+Each is judged as a candidate beside those believed in, all other entries of the catalogue being free within their
+tolerance bands.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim.diagnose.candidate import Candidate, beside
 from sim.diagnose.effect import Effect, slices
-from sim.diagnose.fit import Fit, Posterior, Prior, Reduced
+from sim.diagnose.evidence import Reduced
+from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
 from sim.diagnose.noise import START, shares_of, tuned_latent, whitened
 from sim.identify.structured.fit import with_latent
 from sim.identify.structured.noise import Noise, noise_of
 
-NATS = 12.0
-GAIN = 1.5  # nats over the tolerance band: four to one
 REFIT = 3  # how many candidates a round refits
 HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
 NEAR = 12.0  # nats behind the first within which a candidate is refitted
@@ -30,29 +29,9 @@ ROUNDS = 6  # of four steps each, in a refit
 SAME = 0.1  # of the logarithm of the latent acceleration: so small a change asks for no further round
 ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
 SHARES = (1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
-BEYOND = 2.0  # standard errors by which a value may seem to be beyond its limits
-Z95 = 1.644854  # one-sided
 OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
 SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 Say = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One effect beside those believed in: nats over its absence, nats over its tolerance band, values, covariance."""
-
-    id: str
-    nats: float
-    gain: float
-    values: np.ndarray
-    covariance: np.ndarray
-    size: float
-    lower: float
-
-    @property
-    def accepted(self) -> bool:
-        """Large and sure enough to be named, and not as well explained within its tolerance band."""
-        return self.nats >= NATS and self.gain >= GAIN and self.lower > 1.0
 
 
 @dataclass
@@ -101,7 +80,6 @@ class Selector:
         stated = stated or fit.noise
         chosen, none = self.everyday, frozenset()
         point = self._roughly(stated, {})
-        fit.noise = stated
         for steps in (2, 1, 2):
             point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
             fit.noise = whitened(fit.noise, point, stated)
@@ -116,7 +94,9 @@ class Selector:
         fit.noise = replace(noise, slack=100.0)
         point = fit.solve(theta, fit.z0, few, believed, steps=1)
         fit.noise = replace(noise, slack=10.0)
-        return fit.solve(point.theta, point.z, few, believed, steps=1, before=point)
+        point = fit.solve(point.theta, point.z, few, believed, steps=1, before=point)
+        fit.noise = noise
+        return point
 
     def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
         """`believed` to convergence from `start`, with the latent acceleration found anew."""
@@ -127,7 +107,6 @@ class Selector:
         theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
         if any(self.by_id[i].whole for i in values):  # another boat, to which this fit's numbers say little
             point = self._roughly(with_latent(start.noise, np.array(START)), {i: theta[i] for i in believed})
-            fit.noise = with_latent(start.noise, np.array(START))
         else:
             point = self._first(theta, values, start, chosen, believed)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=1.0, before=point)
@@ -149,7 +128,7 @@ class Selector:
     ) -> Point:
         """One step from `values`; of a far effect, which secants tell little of, from the best of several shares."""
         tried = [self.by_id[i] for i in values]
-        shares = SHARES if any(e.far and not e.whole for e in tried) else (1.0,)
+        shares = SHARES if any(e.far for e in tried) else (1.0,)
         points = []
         for share in shares:
             guess = theta | {i: share * v for i, v in values.items()}
@@ -187,7 +166,7 @@ class Selector:
             for effect in self.named:
                 if effect.name in {self.by_id[i].name for i in model.believed}:
                     continue
-                candidate = _beside(posterior, self._at[effect.id], effect)
+                candidate = beside(posterior, self._at[effect.id], effect)
                 if evidence + candidate.gain > scores.get(effect.id, -np.inf):
                     found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
@@ -216,7 +195,7 @@ class Selector:
     def _judged(self, model: Model, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""
         within = self.fit.prior(model.chosen, model.believed - {id_})
-        return _beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
+        return beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
 
     def run(self, base: Model | None = None) -> Selection:
         """From the base to the end."""
@@ -276,39 +255,14 @@ class Selector:
         chosen = [*model.chosen, *starts]
         reduced = fit.reduced(fit.point(model.point.theta, model.point.z, chosen, model.point), chosen)
         posterior, at = reduced.posterior(fit.prior(chosen, model.believed)), slices(chosen)
-        best = max(starts, key=lambda e: _beside(posterior, at[e.id], e).gain)
+        best = max(starts, key=lambda e: beside(posterior, at[e.id], e).gain)
         moved = [best.origin.get(p.name, 0.0) - effect.origin.get(p.name, 0.0) for p in effect.parameters]
-        return _beside(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)
+        return beside(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)
 
     def _pruned(self, model: Model) -> list[Candidate]:
         """What stands at the end, each judged with the others in place."""
         judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
         return [c for c in judged if c.accepted]
-
-
-def _beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
-    """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
-    gain, values, C = posterior.instead(at, Prior(*effect.believed()))
-    size = effect.size(values)
-    lower = size - Z95 * _size_se(effect, values, C) if _possible(effect, values, C) else -np.inf
-    return Candidate(effect.id, gain - posterior.absent(at), gain, values, C, size, lower)
-
-
-def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:
-    """Whether values are within their limits, or beyond them by no more than their error may be."""
-    slack = BEYOND * np.sqrt(np.diag(C))
-    lower, upper = (np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper"))
-    return bool(((values >= lower - slack) & (values <= upper + slack)).all())
-
-
-def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:
-    scale = np.array([p.smallest for p in effect.parameters])
-    v, cov = values / scale, C / np.outer(scale, scale)
-    if effect.vector and np.linalg.norm(v) > 0:
-        direction = v / np.linalg.norm(v)
-        return float(np.sqrt(direction @ cov @ direction))
-    i = int(np.abs(v).argmax())
-    return float(np.sqrt(cov[i, i]))
 
 
 def stated_noise(vessel) -> Noise:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from companion.core.excitation.file import Excitation, excitation_toml
 from companion.core.site import Site
 from sim.diagnose import findings as record
+from sim.diagnose.candidate import NATS
 from sim.diagnose.fit import Fit
-from sim.diagnose.identifiability import MEDIUM, NATS, Apart, apart
+from sim.diagnose.identifiability import MEDIUM, Apart, apart
 from sim.diagnose.manoeuvre import ENOUGH, NOTHING, Confused, Plan, Planner
 from sim.diagnose.select import Selection
 

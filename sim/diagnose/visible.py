@@ -13,11 +13,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sim.diagnose.candidate import NATS, Z95
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
 from sim.diagnose.public import family
 from sim.diagnose.public_table import PUBLIC
-from sim.diagnose.select import NATS, Z95, Model
+from sim.diagnose.select import Model
 
 BLIND = 1000.0  # times the smallest size worth a name
 

@@ -16,12 +16,13 @@ from boats import BOATS, boat
 from companion.__main__ import main
 from companion.core.vessel import mass_matrix
 from sim.diagnose.adequacy import LeftOver, adequacy, depends_on, left_over
+from sim.diagnose.candidate import Candidate
 from sim.diagnose.catalogue import catalogue, unaware
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.fit import Fit
 from sim.diagnose.generic import Generic, Group, widened
 from sim.diagnose.physics import Physics
-from sim.diagnose.select import Candidate, Model, Selection, Selector, stated_noise
+from sim.diagnose.select import Model, Selection, Selector, stated_noise
 from sim.diagnose.sentences import WORDS
 from sim.identify.readers_table import write_run
 from sim.identify.run import Run

@@ -18,7 +18,8 @@ from scipy.stats import multivariate_normal
 
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, slices
-from sim.diagnose.fit import Fit, Prior, Reduced
+from sim.diagnose.evidence import Prior, Reduced
+from sim.diagnose.fit import Fit
 from sim.diagnose.linear import sensitivities
 from sim.diagnose.physics import Physics
 from sim.diagnose.select import Selector, stated_noise

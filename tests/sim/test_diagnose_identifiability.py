@@ -23,10 +23,12 @@ from companion.core.excitation.file import Excitation, load_excitation
 from companion.core.site import load_site
 from companion.core.vessel_file import VesselFile
 from companion.setup import EXAMPLES
+from sim.diagnose.candidate import NATS
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import TOLERANCE, Effect, Parameter, slices
-from sim.diagnose.fit import Fit, Prior, Reduced
-from sim.diagnose.identifiability import MEDIUM, NATS, Apart, apart
+from sim.diagnose.evidence import Prior, Reduced
+from sim.diagnose.fit import Fit
+from sim.diagnose.identifiability import MEDIUM, Apart, apart
 from sim.diagnose.manoeuvre import NOTHING, Plan, Planner
 from sim.diagnose.physics import Physics
 from sim.diagnose.pictures_confusion import confusion
@@ -95,7 +97,7 @@ def written_out(fit, H: np.ndarray, a: Effect, b: Effect | None, w: np.ndarray) 
             at += width
         data = (H @ w)[kept]
         reduced = Reduced(H[np.ix_(kept, kept)], data, np.zeros(len(kept)), 0.0)
-        values.append(reduced.evidence(Prior(np.array(sigma), np.zeros(len(sigma)))))
+        values.append(reduced.evidence(Prior.round_nil(np.array(sigma))))
     return values[0] - values[1]
 
 
@@ -226,7 +228,7 @@ def test_flown_by_a_boat_that_has_the_cause_the_manoeuvre_shows_it():
         fit, at = Fit(Physics(runs, VESSEL, 1.0), effects, NOISE), slices(effects)[ARM]
         point = fit.solve({}, fit.z0, effects, frozenset(), steps=3)
         posterior = fit.reduced(point, effects).posterior(fit.prior(effects, frozenset()))
-        nats.append(posterior.instead(at, Prior(np.full(2, 0.15), np.zeros(2)))[0] - posterior.absent(at))
+        nats.append(posterior.instead(at, Prior.round_nil(np.full(2, 0.15)))[0] - posterior.absent(at))
     assert nats[0] < NATS < nats[1]
 
 

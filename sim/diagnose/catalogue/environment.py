@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.core.terms import RHO_AIR
 from companion.core.vessel_file import VesselFile
-from sim.diagnose.catalogue.parts import ahead_starboard, hull_damping, number, vector, wind_force, zone
+from sim.diagnose.catalogue.parts import ahead_starboard, air_force, hull_damping, number, vector, wind_force, zone
 from sim.diagnose.effect import Effect, Parameter, Scene, Values
 
 FASTEST_DEG_S = 1.2  # of a current that turns; the search starts from rates up to this; assumed
@@ -90,7 +90,7 @@ def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
     if whole < 1:
         for along, beta in ((north, 180.0), (east, 270.0)):
             if along:
-                both = wind_force(vessel, scene, 1.0, beta) - wind_force(vessel, scene, 1.0, beta - 180.0)
+                both = air_force(vessel, scene, 1.0, beta) - air_force(vessel, scene, 1.0, beta - 180.0)
                 force += (1 - whole) * along / PRESSURE * both / 2
     return force
 

@@ -72,15 +72,16 @@ class _Hull:
 
 def wind_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
     """Force (W, k, 3) of wind V_w from beta_w [deg], beside that of still air (which the base has or has not)."""
+    return air_force(vessel, scene, V_w_m_s, beta_w_deg) - air_force(vessel, scene, 0.0, beta_w_deg)
+
+
+def air_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
+    """Force (W, k, 3) of air that moves with V_w from beta_w [deg] on a boat that moves too."""
     count, x = scene.t_s.size, scene.x.reshape(-1, 6)
     given = tuple(sorted((k, v) for k, v in vessel.terms.get("wind", {}).items() if k.startswith("c_")))
     function = _wind(given, vessel.hull, count)
-
-    def force(V: float) -> np.ndarray:
-        (out,) = function(np.full((count, 1), V), np.full((count, 1), beta_w_deg), x[:, :3], x[:, 3:])
-        return out.reshape(*scene.t_s.shape, 3).copy()
-
-    return force(V_w_m_s) - force(0.0)
+    (out,) = function(np.full((count, 1), V_w_m_s), np.full((count, 1), beta_w_deg), x[:, :3], x[:, 3:])
+    return out.reshape(*scene.t_s.shape, 3).copy()
 
 
 @lru_cache(maxsize=4)

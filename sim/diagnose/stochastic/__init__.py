@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.terms import RHO_AIR
+from sim.diagnose.candidate import Z95, Candidate
 from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.diagnose.catalogue.parts import wind_force
 from sim.diagnose.effect import Effect, Scene
 from sim.diagnose.fit import Fit
-from sim.diagnose.select import Z95, Candidate, Model
+from sim.diagnose.select import Model
 from sim.diagnose.stochastic import gusts as gusty
 from sim.diagnose.stochastic import nlos, waves
 from sim.diagnose.stochastic.left_over import LeftOver, left_over

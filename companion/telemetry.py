@@ -11,7 +11,6 @@ without a reader go nowhere, each topic keeps `history_s` for whoever joins late
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 import threading
 import time
@@ -25,10 +24,10 @@ from zenoh import ext
 
 from companion.core import shore_messages as shore
 from companion.core.checks import Row
-from companion.core.config import ConfigError
 from companion.core.messages import Alert, LoopTiming, Message
 from companion.core.run_file import TelemetryLink
 from companion.core.telemetry_view import View, wants
+from companion.zenoh_session import Setting, configured, join_callbacks
 
 QUEUE = 2000
 """Messages that wait for the thread: some seconds of a run (assumed)."""
@@ -44,8 +43,6 @@ RATED = {"state": 1.0, "thrusters": 1.0, "reference": 0.5, "horizon": 0.5}
 SPARSE = 200
 MAX_MESSAGE = 1_000_000
 """Bytes; a longer message is dropped as it comes in. Zenoh's own limit is 1 GB, which a boat may not have (assumed)."""
-CALLBACK_THREAD = "pyo3-closure"
-"""What zenoh's Python package (1.10) calls them."""
 HEARTBEAT_S = 1.0
 """Topics that are rarely published tell so often which sample was their last: a reader notices what it missed."""
 
@@ -68,25 +65,20 @@ def config_of(link: TelemetryLink, folder: Path, *, where: str) -> zenoh.Config:
 
     Raises ConfigError that begins with `where`, the run file's name.
     """
-    try:
-        config = zenoh.Config.from_file(str(folder / link.config)) if link.config else zenoh.Config()
-    except (zenoh.ZError, OSError) as error:
-        raise ConfigError(f"{where}: telemetry.config: {folder / (link.config or '')}: {error}") from None
-    for key, name, value in (
-        ("mode", "mode", link.mode),
-        ("connect/endpoints", "connect", list(link.connect)),
-        ("connect/retry", "connect", _OFTEN),
-        ("listen/endpoints", "listen", list(link.listen)),
-        ("scouting/multicast/enabled", "connect", False),
-        ("scouting/gossip/enabled", "connect", False),
-        ("transport/link/rx/max_message_size", "config", MAX_MESSAGE),
-        ("transport/shared_memory/enabled", "config", False),  # of a program on the same machine: 40 MB of ours
-    ):
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise ConfigError(f"{where}: telemetry.{name}: {value}: {error}") from None
-    return config
+    key = f"{where}: telemetry."
+    settings = (
+        Setting("mode", key + "mode", link.mode),
+        Setting("connect/endpoints", key + "connect", list(link.connect)),
+        Setting("connect/retry", key + "connect", _OFTEN),
+        Setting("listen/endpoints", key + "listen", list(link.listen)),
+        Setting("scouting/multicast/enabled", key + "connect", False),
+        Setting("scouting/gossip/enabled", key + "connect", False),
+        Setting("transport/link/rx/max_message_size", key + "config", MAX_MESSAGE),
+        Setting(
+            "transport/shared_memory/enabled", key + "config", False
+        ),  # of a local program: 40 MB of ours
+    )
+    return configured(folder / link.config if link.config else None, key + "config", settings)
 
 
 class Telemetry:
@@ -138,7 +130,7 @@ class Telemetry:
             try:
                 with zenoh.open(self._config) as session:
                     self._serve(session)
-                _join_callbacks(before)
+                join_callbacks(before)
             except Exception as error:  # whatever it is, the boat goes on
                 self._say("warning", f"telemetry: {error}; trying again every {RETRY_S:g} s")
                 self._wait_until(time.monotonic() + RETRY_S)
@@ -240,13 +232,6 @@ class Telemetry:
                 key = shore.telemetry_key(self._boat, topic)
                 if query.key_expr.intersects(key):
                     query.reply(key, data, encoding=_encoding(topic))
-
-
-def _join_callbacks(before: set[threading.Thread]) -> None:
-    """Wait for the threads in which zenoh ran our callbacks: one alive at the interpreter's end aborts the process."""
-    for thread in set(threading.enumerate()) - before:
-        if CALLBACK_THREAD in thread.name:
-            thread.join(CLOSE_S / 4)
 
 
 def _encoding(topic: str) -> zenoh.Encoding:

@@ -16,11 +16,14 @@ from pathlib import Path
 from evidence_line import Line, at_most, exactly
 from evidence_main_job import ROOT, _boat, world_of
 
-from companion.core.messages import LoopTiming, Message, OverrideLease
+from companion.core.messages import Message
 from companion.core.run_file import TelemetryLink
 from companion.core.telemetry_view import View, Who
 from companion.telemetry import Telemetry, config_of
 from sim.world.stepped import SteppedRun
+
+sys.path.append(str(ROOT / "tests"))
+from voyage import by_tick
 
 SECONDS = 30.0
 CONSOLE = """
@@ -43,14 +46,7 @@ def messages_of_a_drive() -> list[list[Message]]:
     run.run(lambda r: r.state.helm.mode == "auto", 60.0)
     begun = len(run.messages)
     run.run(lambda r: False, SECONDS)
-    ticks: list[list[Message]] = [[]]
-    for message in run.messages[begun:]:
-        ticks[-1].append(message)
-        if isinstance(message, OverrideLease):
-            timing = LoopTiming(t_ns=message.t_ns, index=message.index, lateness_ms=0.1, imu_to_override_ms=9.0)
-            ticks[-1].append(timing)
-            ticks.append([])
-    return ticks[:-1]
+    return by_tick(run.messages[begun:])
 
 
 def cpu_s() -> float:

@@ -15,11 +15,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from voyage import driving, setup, voyage
+from voyage import by_tick, driving, setup, voyage
 
 from companion.core import shore_messages as shore
 from companion.core.checks import Row
-from companion.core.messages import LoopTiming, OverrideLease
 from companion.core.run_file import TelemetryLink
 from companion.core.shore_orders import Gate, Outcome, Refused, Repeated
 from companion.core.telemetry_view import View, Who
@@ -62,14 +61,7 @@ def ticks_of_a_voyage():
     assert run.run(driving, 60.0)
     begun = len(run.messages)
     run.run(lambda r: False, 8.0)
-    ticks = [[]]
-    for message in run.messages[begun:]:
-        ticks[-1].append(message)
-        if isinstance(message, OverrideLease):
-            timing = LoopTiming(t_ns=message.t_ns, index=message.index, lateness_ms=0.2, imu_to_override_ms=9.0)
-            ticks[-1].append(timing)
-            ticks.append([])
-    return ticks[:-1]
+    return by_tick(run.messages[begun:])
 
 
 class TapedBoat:

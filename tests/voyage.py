@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 
 import msgspec
 import numpy as np
 
-from companion.core.messages import GroundTruth, GuidanceReference, StateEstimate
+from companion.core.messages import (
+    GroundTruth,
+    GuidanceReference,
+    LoopTiming,
+    Message,
+    OverrideLease,
+    StateEstimate,
+)
 from companion.core.nmpc import Actuation, Nmpc
 from companion.core.pilot import Pilot, PilotState
 from companion.core.vessel import StructuredModel
@@ -78,6 +86,18 @@ def under_way() -> tuple[PilotState, int]:
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 1.5, 30.0)
     run.run(lambda r: r.state.open_tick is None, 1.0)
     return run.state, run.world.t_ns
+
+
+def by_tick(messages: Iterable[Message]) -> list[list[Message]]:
+    """One list a tick, at its end the LoopTiming that a shell would add. A last tick that was cut short is left out."""
+    ticks: list[list[Message]] = [[]]
+    for message in messages:
+        ticks[-1].append(message)
+        if isinstance(message, OverrideLease):
+            timing = LoopTiming(t_ns=message.t_ns, index=message.index, lateness_ms=0.2, imu_to_override_ms=9.0)
+            ticks[-1].append(timing)
+            ticks.append([])
+    return ticks[:-1]
 
 
 def track(run: SteppedRun) -> Track:

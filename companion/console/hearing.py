@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import threading
 import time
 from collections import deque
@@ -20,8 +19,8 @@ from zenoh.handlers import Callback
 
 from companion import listening
 from companion.core import shore_messages as shore
-from companion.core.config import ConfigError
 from companion.core.shore_orders import read_outcome
+from companion.zenoh_session import Setting, configured, join_callbacks
 
 QUEUE = 50_000
 """Samples that wait for the loop: half a minute of 50 boats (assumed)."""
@@ -43,25 +42,16 @@ def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh
 
     Raises ConfigError.
     """
-    try:
-        config = zenoh.Config.from_file(str(file)) if file else zenoh.Config()
-    except (zenoh.ZError, OSError) as error:
-        raise ConfigError(f"--config: {file}: {error}") from None
-    told: list[tuple[str, str, object]] = []
+    settings: list[Setting] = []
     if file is None:
         mode = "peer" if listen else "client"  # a peer hears nothing through a router, and a client cannot listen
-        told += [("mode", "--connect", mode), ("scouting/multicast/enabled", "--connect", False)]
-        told += [("scouting/gossip/enabled", "--connect", False)]
+        settings.append(Setting("mode", "--connect", mode))
+        settings += [Setting(f"scouting/{way}/enabled", "--connect", False) for way in ("multicast", "gossip")]
     if connect or file is None:
-        told.append(("connect/endpoints", "--connect", connect))
+        settings.append(Setting("connect/endpoints", "--connect", connect))
     if listen or file is None:
-        told.append(("listen/endpoints", "--listen", listen))
-    for key, name, value in told:
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise ConfigError(f"{name}: {value}: {error}") from None
-    return config
+        settings.append(Setting("listen/endpoints", "--listen", listen))
+    return configured(file, "--config", settings)
 
 
 class Hearing:
@@ -103,9 +93,7 @@ class Hearing:
             if session := self._session:
                 self._session = None
                 await asyncio.shield(asyncio.to_thread(session.close))
-                for thread in set(threading.enumerate()) - before:
-                    if "pyo3-closure" in thread.name:  # zenoh's, for callbacks: alive at exit it aborts the process
-                        thread.join(0.5)
+                join_callbacks(before)
 
     async def ask(self, boat: str, payload: bytes, attachment: bytes | None, timeout_s: float) -> bytes | None:
         """One query on a boat's command key, to all who answer there; the first reply, or None.

@@ -69,6 +69,15 @@ def person(pki, port, name):
         yield Console(session)
 
 
+def texts(console):
+    return [told.text for told in console.of("alert")]
+
+
+def say(console, text):
+    told = shore.AlertTold(run="run", t_ns=time.monotonic_ns(), level="info", text=text)
+    console.session.put(shore.telemetry_key("aritra", "alert"), shore.encode(told))
+
+
 def command(console):
     replies = console.session.get(shore.command_key("aritra"), payload=b"x", timeout=1.0)
     return [bytes(r.ok.payload) for r in replies if r.ok]
@@ -84,16 +93,29 @@ def test_each_may_do_what_the_router_file_says(pki):
         for name, sees, commands in (("anna", True, True), ("watch", True, False), ("stranger", False, False)):
             with person(pki, port, name) as console:
                 if sees:
-                    wait_for(lambda c=console: [a.text for a in c.of("alert")] == ["history"], what=lambda n=name: n)
+                    wait_for(lambda c=console: texts(c) == ["history"], what=lambda n=name: n)
                 else:
                     time.sleep(1.0)
                     assert not console.heard
                 assert bool(console.last_values()) == sees
                 assert console.alive() == ({"aritra/aritra/alive"} if sees else set())
                 assert bool(command(console)) == commands, name
-                console.session.put(shore.telemetry_key("aritra", "mode"), b"forged")
-                time.sleep(0.2)
-                assert not console.of("mode")
+
+
+def test_only_the_boat_speaks_under_its_name(pki):
+    port = free_port()
+    with (
+        zenoh.open(config("router", listen=[f"tls/127.0.0.1:{port}"], file=pki / "router.json5")),
+        person(pki, port, "watch") as witness,
+    ):
+        for name in ("anna", "watch", "stranger"):
+            with person(pki, port, name) as console:
+                for _ in range(5):
+                    say(console, name)
+                    time.sleep(0.1)
+        with person(pki, port, "aritra") as console:
+            wait_for(lambda: say(console, "aritra") or texts(witness), what=lambda: witness.heard)
+        assert set(texts(witness)) == {"aritra"}
 
 
 def test_without_a_certificate_of_ours_nobody_comes_in(pki, tmp_path):

@@ -31,7 +31,7 @@ from sim.identify.structured.noise import Noise
 BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
 SCALES = (0.3, 1.0, 3.0)  # of that size: its prior when it is believed in
 ECHO = 0.2  # of the best group's nats: with less, a group is taken for its echo; assumed
-AKIN = 0.5  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
+AKIN = 0.4  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
 WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent over ambient: said, not decisive; assumed
 
 

@@ -60,6 +60,7 @@ class Effect:
     to say it in full. `far`: so unlike the base that its tolerance band says nothing: tried only as a whole. `scales`:
     the readings (one of `READINGS`) that its one parameter p multiplies by 1 + p. `starts`: entries of the same
     parameters between it and its neighbours, which differ in `origin` alone: a fit begins at the best of them.
+    `contains`: the name of a simpler entry that is a special case of this one.
     """
 
     id: str
@@ -75,6 +76,7 @@ class Effect:
     far: bool = False
     scales: str = ""
     starts: Callable[[], Sequence[Effect]] | None = None
+    contains: str = ""
 
     def __post_init__(self) -> None:
         if unknown := set(self.hooks) - set(STAGES):

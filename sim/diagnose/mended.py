@@ -101,12 +101,15 @@ def _within(effect: Effect) -> Effect:
 
 
 def mend(fit: Fit, plain: Believed, final: Model, causes: Sequence[Named]) -> Mended:
-    """Files and belief with `causes`, as `final` has them; without any: those of the refitted base `plain`."""
+    """Files and belief with `causes`, as `final` has them; without any: those of the refitted base `plain`.
+
+    A cause of chance alone changes no number: nobody can foretell what it does next.
+    """
     first = refitted(fit.physics.vessel, _nuisances(fit, plain.theta, ()), NOTE)
     first = trusted(first, plain.noise, LEFT_OUT)
     if not causes:
         return Mended(Files(first, first, first, {}), plain)
-    theta = _beside(fit, final, causes)
+    theta = _beside(fit, final, causes) if any(n.fitted for n in causes) else plain.theta
     names = {n.effect.name for n in causes} | {n.fitted for n in causes}
     beside = refitted(fit.physics.vessel, _nuisances(fit, theta, names), NOTE)
     mine = [n.cause for n in causes]

@@ -219,7 +219,10 @@ class Selector:
         return Selection(base, model, causes, ranking, rivals)
 
     def _best(self, model: Model, ranking: list[Candidate]) -> tuple[Model | None, list[tuple[str, float]]]:
-        """The refitted candidate of greatest evidence that is acceptable, and how far others are behind it [nats]."""
+        """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
+
+        If it is not, the special case that it contains may be: there is more to it, which adequacy will tell.
+        """
         hopeful = [c for c in ranking if c.nats >= HOPEFUL and c.size > 0.7]
         if not hopeful:
             return None, []
@@ -236,10 +239,13 @@ class Selector:
         if not tried:
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)
-        one, id_ = tried[0]
-        if one.point.cost > ASTRAY * model.point.cost or not self._judged(one, id_).accepted:
+        sure = [m.point.cost <= ASTRAY * model.point.cost and self._judged(m, id_).accepted for m, id_ in tried]
+        simpler = self.by_id[tried[0][1]].contains
+        best = 0 if sure[0] else next((k for k, (_, i) in enumerate(tried) if self.by_id[i].name == simpler), 0)
+        if not sure[best]:
             return None, []
-        return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[1:]]
+        one = tried[best][0]
+        return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[best + 1 :]]
 
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""

@@ -71,6 +71,7 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
         vector=True,
         of="turning_current",
         origin={"turn_deg_s": start_deg_s},
+        contains="current",
     )
 
 

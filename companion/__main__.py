@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from importlib import import_module
 from importlib.metadata import version
 
-from companion import log_cli
-from companion.commands import check, demo, diagnose, excite, identify, provision, replay, run, shore, sim, teleop
 from companion.core.config import ConfigError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+COMMANDS = {
+    name: "companion.log_cli" if name == "log" else f"companion.commands.{name}"
+    for name in (
+        "demo", "check", "provision", "run", "teleop", "shore", "sim", "replay", "log", "identify", "diagnose",
+        "campaign", "excite", "bench",
+    )
+}  # fmt: skip
+"""By name: the module that adds it, which is loaded for that command only: some bring slow libraries."""
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line."""
+def parser(names: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
+    """The command line with these commands; without arguments the whole of it."""
     top = argparse.ArgumentParser(
         prog="aritra",
         description="Companion computer of a small surface vessel: estimation, guidance, NMPC; and its simulator.",
@@ -24,14 +31,16 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"aritra {version('aritra')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in (demo, check, provision, run, teleop, shore, sim, replay, log_cli, identify, diagnose, excite):
-        module.add_parser(commands)
+    for name in names:
+        import_module(COMMANDS[name]).add_parser(commands)
     return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
-    args = parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    asked = COMMANDS.keys() & words[:1]
+    args = parser(asked or COMMANDS).parse_args(words)
     try:
         return args.function(args)
     except ConfigError as error:

@@ -2,7 +2,8 @@
 
 The folder is `$ARITRA_CACHE`, else systemd's `$CACHE_DIRECTORY`, else `$XDG_CACHE_HOME/aritra` or `~/.cache/aritra`.
 Where it cannot be written nothing is kept, and the code is made anew at each start (a second or two). A file holds the
-code behind its SHA-256: one that was cut short or changed is not run but replaced.
+code behind its SHA-256: one that was cut short or changed is not run but replaced. What is not there yet is made in a
+process of its own (`code_child`): 30 MB of compiler that the companion would keep for ever.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import contextlib
 import hashlib
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from companion.code_child import ChildFailed, compiled_apart
+
 DIGEST = hashlib.sha256().digest_size
-KEPT = 40
-"""Files kept; the oldest go first. One boat needs one; assumed enough for a desk with many."""
+KEPT = 200
+"""Files kept, some 50 kB each; the oldest go first. One boat needs a dozen; assumed enough for a desk with many."""
 
 
 def cache_folder(environment: Mapping[str, str]) -> Path:
@@ -30,15 +33,20 @@ def cache_folder(environment: Mapping[str, str]) -> Path:
 
 
 class CodeStore:
-    """A `compiled.Store` in a folder."""
+    """A `compiled.Store` in a folder. `make` compiles elsewhere; where it cannot, `tell` hears why."""
 
-    def __init__(self, folder: Path):
-        self._folder = folder
+    def __init__(
+        self,
+        folder: Path,
+        make: Callable[[str], bytes] = compiled_apart,
+        tell: Callable[[str], None] = lambda _: None,
+    ):
+        self._folder, self._make, self._tell = folder, make, tell
 
     @classmethod
-    def of(cls, environment: Mapping[str, str] = os.environ) -> CodeStore:
+    def of(cls, environment: Mapping[str, str] = os.environ, tell: Callable[[str], None] = lambda _: None) -> CodeStore:
         """The store that the environment names."""
-        return cls(cache_folder(environment))
+        return cls(cache_folder(environment), tell=tell)
 
     def get(self, key: str) -> bytes | None:
         """The code, or None where there is none or it is damaged."""
@@ -57,6 +65,14 @@ class CodeStore:
                 file.write(hashlib.sha256(code).digest() + code)
             os.replace(file.name, self._path(key))
             self._forget_the_oldest()
+
+    def made(self, text: str) -> bytes | None:
+        """Object code of a module's text by a process of its own; None where that failed."""
+        try:
+            return self._make(text)
+        except ChildFailed as error:
+            self._tell(f"machine code is compiled in this process, not in one of its own: {error}")
+            return None
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.o"

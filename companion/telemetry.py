@@ -74,9 +74,7 @@ def config_of(link: TelemetryLink, folder: Path, *, where: str) -> zenoh.Config:
         Setting("scouting/multicast/enabled", key + "connect", False),
         Setting("scouting/gossip/enabled", key + "connect", False),
         Setting("transport/link/rx/max_message_size", key + "config", MAX_MESSAGE),
-        Setting(
-            "transport/shared_memory/enabled", key + "config", False
-        ),  # of a local program: 40 MB of ours
+        Setting("transport/shared_memory/enabled", key + "config", False),  # of a local program: 40 MB of ours
     )
     return configured(folder / link.config if link.config else None, key + "config", settings)
 

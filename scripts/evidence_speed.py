@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import math
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 
+import evidence_speed_campaign
+import evidence_speed_simulate
 import msgspec
 import numpy as np
 from evidence_line import Line, at_least, at_most, exactly, information
@@ -22,18 +21,35 @@ from companion.core.nmpc import Actuation, Nmpc, NmpcSettings
 from companion.core.vessel import StructuredModel
 from companion.core.vessel_load import load_vessel
 from companion.setup import EXAMPLES
+from sim.bench import control
 from sim.bench.nlp import Nlp
-from sim.bench.rounds import CADENCE_S, record, replay, rounds
-from sim.bench.solvers import Converged, RealTime
-from sim.bench.worlds import World, paper_world, production_world
+from sim.bench.order import STEP_S, Order
+from sim.bench.rounds import record
+from sim.bench.solvers import Kept, RealTime
+from sim.bench.starting import starts
+from sim.bench.worlds import STEPS, World, production_world
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 """One thread for every solver; read when IPOPT is first called."""
 VESSEL = EXAMPLES / "boats" / "aritra.toml"
 PUBLISHED_ACADOS = 102.0
 """Times IPOPT: acados SQP_RTI on a problem of this size, N = 20, as measured elsewhere before this code."""
-STEP_S = {"production": 0.2, "paper": 0.1}
+GOALS = {
+    control.OURS: (400, 300),
+    "RTI, converged": (100, None),
+    "RTI interpreted, 1 iteration": (30, None),
+    "RTI interpreted, 2 iterations": (None, None),
+}
+"""Of IPOPT's time over its own, p50 and p99."""
 SEEDS = range(1, 21)
+
+
+@cache
+def _order(full: bool) -> Order:
+    return Order(
+        _vessel(), VESSEL, tuple(STEP_S), solves=STEPS, rounds=9 if full else 3, cadence_solves=600 if full else 200,
+        told=lambda text: print(f"  ({text})", flush=True),
+    )  # fmt: skip
 
 
 @cache
@@ -41,39 +57,26 @@ def _vessel():
     return load_vessel(VESSEL.read_text(), name=VESSEL.name)
 
 
-@cache
 def _world(name: str) -> World:
-    return production_world(_vessel()) if name == "production" else paper_world(_vessel())
-
-
-def _planners(name: str):
-    nlp, h = Nlp(_world(name).ocp), STEP_S[name]
-    return [
-        Converged("IPOPT, as in the paper", nlp, h),
-        Converged("IPOPT, SX", nlp, h, expand=True),
-        RealTime("RTI, 2 iterations", nlp, h),
-        RealTime("RTI, converged", nlp, h, to=1e-9),
-        RealTime("RTI, interpreted, 1 iteration", nlp, h, compiled=False, iterations=1),
-        RealTime("RTI, interpreted, 2 iterations", nlp, h, compiled=False),
-    ]
+    return _order(False).world(name)
 
 
 def _ratios(name: str, full: bool) -> Iterator[Line]:
-    planners = _planners(name)
-    asked, _ = record(_world(name), planners[2], seed=1)
-    timed = rounds(planners, asked, 9 if full else 3, lambda text: print(f"  ({name}: {text})", flush=True))
-    reference = timed[planners[0].name]
-    for planner in planners:
-        t = timed[planner.name]
+    timed, refused = control.compared(_order(full), name)
+    for planner, why in refused.items():
+        yield information(f"{name}: {planner}, did not run", math.nan, "", why)
+    reference = timed[control.IPOPT]
+    for planner, t in timed.items():
         p50, p99 = t.median(50), t.median(99)
         note = f"p99 {p99 * 1e6:.1f} us, fastest round {t.fastest(50) * 1e6:.1f} and {t.fastest(99) * 1e6:.1f}"
-        yield information(f"{name}: {planner.name}, p50", p50 * 1e6, "us", note)
-    for k, goal_50, goal_99 in ((2, 400, 300), (3, 100, None), (4, 30, None), (5, None, None)):
-        t, what = timed[planners[k].name], f"{name}: {planners[k].name}: IPOPT's time over its own"
-        for percentile, goal in ((50, goal_50), (99, goal_99)):
+        note += f"; first command off by {t.off(reference):.2g}, {t.unsolved} of {t.count} not solved"
+        yield information(f"{name}: {planner}, p50", p50 * 1e6, "us", note)
+    for planner, goals in GOALS.items():
+        t, what = timed[planner], f"{name}: {planner}: IPOPT's time over its own"
+        for percentile, goal in zip((50, 99), goals, strict=True):
             ratio, which = reference.fastest(percentile) / t.median(percentile), f"{what}, p{percentile}"
             yield at_least(which, ratio, goal) if goal else information(which, ratio)
-            if name == "production" and k == 2 and percentile == 50:
+            if name == "production" and planner == control.OURS and percentile == 50:
                 yield at_least("the same over the published ratio of acados RTI", ratio / PUBLISHED_ACADOS, 4)
 
 
@@ -89,12 +92,12 @@ def paper(full: bool) -> Iterator[Line]:
 
 def cadence(full: bool) -> Iterator[Line]:
     """At a true 10 Hz, asleep between the solves"""
-    for name, step_s in STEP_S.items():
-        planner = RealTime("RTI", Nlp(_world(name).ocp), step_s)
-        asked, _ = record(_world(name), planner, seed=1)
-        times = replay(planner, asked if full else asked[:200], every_s=CADENCE_S)
-        p50, p99 = np.percentile(times, [50, 99]) * 1e3
-        yield at_most(f"{name}: solve at 10 Hz, p99", p99, 0.2, "ms", f"p50 {p50:.3f} ms, {len(times)} solves")
+    order = _order(full)
+    for name in STEP_S:
+        asked = control.recorded(order.world(name), order.seed, order.cadence_solves)
+        slow, hot = control.at_cadence(order.world(name), asked)
+        note = f"p50 {slow.median(50) * 1e3:.3f} ms, {slow.count} solves; hot {hot.median(50) * 1e6:.0f} us"
+        yield at_most(f"{name}: solve at 10 Hz, p99", slow.median(99) * 1e3, 0.2, "ms", note)
 
 
 def _drive(case: tuple[str, int]) -> tuple[float, float, float, float]:
@@ -120,9 +123,9 @@ def _drive(case: tuple[str, int]) -> tuple[float, float, float, float]:
 
 
 @cache
-def _pair(name: str) -> tuple[RealTime, Converged]:
+def _pair(name: str) -> tuple[RealTime, Kept]:
     nlp, h = Nlp(_world(name).ocp), STEP_S[name]
-    return RealTime("RTI", nlp, h), Converged("IPOPT", nlp, h, expand=True, tolerance=1e-9)
+    return RealTime("RTI", nlp, h), Kept("IPOPT", nlp, h, nlp.solver("ipopt", expand=True, tolerance=1e-9))
 
 
 def closed_loop(full: bool) -> Iterator[Line]:
@@ -176,7 +179,8 @@ def _stress(case: tuple[int, int]) -> np.ndarray:
     model, actuation = StructuredModel.of(_vessel()), Actuation.of(_vessel())
     nmpc = Nmpc(model, actuation, settings, time.perf_counter)
     world = production_world(_vessel(), settings)
-    oracle = Converged("IPOPT", Nlp(world.ocp), settings.step_s, expand=True)
+    nlp = Nlp(world.ocp)
+    oracle = Kept("IPOPT", nlp, settings.step_s, nlp.solver("ipopt", expand=True))
     rng, rows = np.random.default_rng([seed, 3]), []
     for _ in range(count):
         request, table = _thrown(rng)
@@ -211,35 +215,15 @@ def stress(full: bool) -> Iterator[Line]:
     yield information("longest solve", most, "ms", f"p50 {p50:.2f} ms, p99 {p99:.2f} ms, rescue by IPOPT included")
 
 
-FIRST_PLAN = """
-import time, json, sys
-from companion.code_store import CodeStore
-from companion.core.nmpc import Actuation, Nmpc
-from companion.core.vessel import StructuredModel
-from companion.setup import EXAMPLES, load_setup
-sys.path.insert(0, {scripts!r})
-import evidence_speed, numpy as np, psutil
-pilot = load_setup(EXAMPLES / "aritra.toml").pilot
-nmpc = Nmpc(StructuredModel.of(pilot.vessel), Actuation.of(pilot.vessel), pilot.nmpc, time.perf_counter, pilot.fence,
-            CodeStore.of())
-result, warm = nmpc.solve(evidence_speed._thrown(np.random.default_rng(1))[0], None)
-me = psutil.Process()
-print(json.dumps([time.time() - me.create_time(), me.memory_info().rss / 1e6, result.status, nmpc.why_not_compiled]))
-"""
-
-
 def start(full: bool) -> Iterator[Line]:
     """Start: a fresh process from nothing to its first plan, without and with machine code from the run before"""
-    with tempfile.TemporaryDirectory() as folder:
-        scripts = str(EXAMPLES.parent / "scripts")
-        for name, goal in (("cold", 15.0), ("warm", 3.0)):
-            done = subprocess.run(
-                [sys.executable, "-c", FIRST_PLAN.format(scripts=scripts)],
-                env={**os.environ, "ARITRA_CACHE": folder}, capture_output=True, text=True, check=True,
-            )  # fmt: skip
-            seconds, rss_mb, status, why = json.loads(done.stdout.splitlines()[-1])
-            yield at_most(f"{name}: process start to first plan", seconds, goal, "s", f"{status} {why}".strip())
-            yield information(f"{name}: memory of it", rss_mb, "MB", "controller and benchmark; no links or log")
+    goals = {"cold, no kept machine code": 15.0, "warm": 3.0}
+    for one in starts(VESSEL):
+        what, note = f"{one.name}: process start to first plan", f"{one.status} {one.why}".strip()
+        goal = goals.get(one.name)
+        yield at_most(what, one.seconds, goal, "s", note) if goal else information(what, one.seconds, "s", note)
+        yield information(f"{one.name}: memory of it", one.rss_mb, "MB", "controller and benchmark; no links or log")
 
 
 PARTS = (production, paper, cadence, closed_loop, stress, start)
+PARTS += (*evidence_speed_simulate.PARTS, *evidence_speed_campaign.PARTS)

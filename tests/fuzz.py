@@ -40,6 +40,7 @@ from drivers.mavlink.signing import EPOCH_NS, Signing, SigningKey
 from drivers.mavlink.station import StationGate
 from drivers.mavlink.streams import WANTED_HZ
 from drivers.uwb import CODECS, uwb_codec
+from sim.campaign.file import load_campaign
 from sim.identify.readers import read_run
 from sim.identify.readers_table import write_run
 from sim.identify.run import RunError
@@ -313,6 +314,9 @@ READERS: dict[str, Reader] = {
         _text(lambda t: load_vessel(t, name="v")), lambda: _files("boats/*.toml"), _CONFIG, text=True
     ),
     "site file": Reader(_text(lambda t: load_site(t, name="s")), lambda: _files("sites/*.toml"), _CONFIG, text=True),
+    "campaign file": Reader(
+        _text(lambda t: load_campaign(t, name="c")), lambda: _files("campaigns/*.toml"), _CONFIG, text=True
+    ),
     "run file": Reader(_text(lambda t: load_run(t, name="r")), lambda: _files("*.toml"), _CONFIG, text=True),
     "excitation file": Reader(
         _text(lambda t: load_excitation(t, name="e")), lambda: _files("excitations/*.toml"), _CONFIG, text=True

@@ -249,14 +249,17 @@ async def _drive(
 
 def _controller(setup: Setup, tell: Callable[[Alert], None]) -> Nmpc:
     """The controller, with machine code from the last run where there is some."""
+
+    def say(text: str) -> None:
+        tell(Alert(t_ns=time.monotonic_ns(), level="info", text=text))
+
     pilot = setup.pilot
     nmpc = Nmpc(
         StructuredModel.of(pilot.vessel), Actuation.of(pilot.vessel), pilot.nmpc,
-        time.perf_counter, pilot.fence, CodeStore.of(),
+        time.perf_counter, pilot.fence, CodeStore.of(tell=say),
     )  # fmt: skip
     if nmpc.why_not_compiled:
-        text = f"the controller runs without machine code: {nmpc.why_not_compiled}"
-        tell(Alert(t_ns=time.monotonic_ns(), level="info", text=text))
+        say(f"the controller runs without machine code: {nmpc.why_not_compiled}")
     return nmpc
 
 

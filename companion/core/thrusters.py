@@ -26,7 +26,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from companion.core.vessel_file import ForceMap, LinearMap, PitchMap, RotorCurve, Thruster, VesselFile
+from companion.core.vessel_file import ForceMap, LinearMap, PitchMap, RotorCurve, RotorMap, Thruster, VesselFile
 
 NEUTRAL_US = 1500
 SPAN_US = 400.0
@@ -66,10 +66,22 @@ def force_from_pwm(
     thruster: Thruster, fmap: ForceMap, pwm_us: float, voltage_v: float, setting: float | None = None
 ) -> float:
     """Steady bollard force [N] at a pulse width [us], battery voltage [V] and setting (None: the nominal one)."""
-    c = float(np.clip((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0, 1.0))
+    c = min(max(float(pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0), 1.0)
     sign = 1 if c >= 0 else -1
     share = thruster.gain * setting_share(fmap, setting)
     return sign * float(share * _force_ahead(fmap, abs(c), voltage_v, sign))
+
+
+def forces_from_pwm(
+    thruster: Thruster, fmap: ForceMap, pwm_us: np.ndarray, voltage_v: np.ndarray, setting: np.ndarray | None = None
+) -> np.ndarray:
+    """`force_from_pwm` of whole logs: pulse widths, voltages and settings (k,), forces (k,)."""
+    c = np.clip((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0, 1.0)
+    dead = fmap.dead_band_us / SPAN_US if isinstance(fmap, RotorMap) else 0.0
+    force = 0.0 * c  # in the dead band at any voltage, and also at one that is not known
+    for sign, side in ((1, c > dead), (-1, c < -dead)):
+        force[side] = sign * _force_ahead(fmap, np.abs(c[side]), voltage_v[side], sign)
+    return thruster.gain * setting_share(fmap, setting) * force
 
 
 def force_expression(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any, setting: Any = None) -> Any:
@@ -85,6 +97,40 @@ def force_expression(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v:
     ahead = fmap.k_ahead_N_s2 * rotor_rps(fmap.ahead, safe, voltage_v, fmap.V_ref_V) ** 2
     astern = -fmap.k_astern_N_s2 * rotor_rps(fmap.astern, safe, voltage_v, fmap.V_ref_V) ** 2
     return ca.if_else(e > 0, thruster.gain * ca.if_else(c >= 0, ahead, astern), 0.0)
+
+
+def steady_forces(vessel: VesselFile, pwm_us: Any, voltage_v: Any) -> list[Any]:
+    """`force_from_pwm` of all thrusters as CasADi expressions, for simulation; settings are the nominal ones.
+
+    The curve is chosen by sign before it is evaluated: half the powers of `force_expression`, but no slope at 0.
+    """
+    maps = [vessel.force_maps[t.force_map] for t in vessel.thrusters]
+    return [
+        _steady_force(t, fmap, pwm_us[i], voltage_v)
+        for i, (t, fmap) in enumerate(zip(vessel.thrusters, maps, strict=True))
+    ]
+
+
+def _steady_force(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any) -> Any:
+    c = ca.fmax(ca.fmin((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, 1.0), -1.0)
+    size, ahead = ca.fabs(c), c >= 0
+    if isinstance(fmap, PitchMap):
+        size = size * (1 - fmap.curve + fmap.curve * size)
+    if isinstance(fmap, LinearMap | PitchMap):
+        force = size * _by_sign(ahead, fmap.ahead_N, fmap.astern_N)
+    else:
+        e = ca.fmax(size - fmap.dead_band_us / SPAN_US, 0.0)
+        names = RotorCurve.__struct_fields__
+        numbers: dict[str, Any] = {
+            name: _by_sign(ahead, getattr(fmap.ahead, name), getattr(fmap.astern, name)) for name in names
+        }
+        rps = rotor_rps(RotorCurve(**numbers), e, voltage_v, fmap.V_ref_V)
+        force = _by_sign(ahead, fmap.k_ahead_N_s2, fmap.k_astern_N_s2) * rps**2
+    return ca.if_else(ahead, 1.0, -1.0) * (thruster.gain * force)
+
+
+def _by_sign(ahead: Any, yes: float, no: float) -> Any:
+    return yes if yes == no else ca.if_else(ahead, yes, no)
 
 
 @lru_cache(maxsize=256)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,25 +52,41 @@ def _undisturbed() -> Iterator[None]:
         gc.enable()
 
 
-def replay(planner: Planner, asked: Sequence[Asked], *, every_s: float = 0.0) -> np.ndarray:
-    """Seconds of each solve. `every_s`: at that cadence, asleep in between, so that caches are cold."""
-    times = np.zeros(len(asked))
-    planner.begin(*asked[0])
+def times_of(calls: Iterable[Callable[[], Any]], *, every_s: float = 0.0) -> Iterator[tuple[float, Any]]:
+    """Seconds and result of each call. `every_s`: at that cadence, asleep in between, so that caches are cold."""
     with _undisturbed():
         due = time.monotonic()
-        for k, one in enumerate(asked):
+        for call in calls:
             if every_s:
                 due += every_s
                 time.sleep(max(0.0, due - time.monotonic()))
             started = time.perf_counter()
-            planner.solve(*one)
-            times[k] = time.perf_counter() - started
-    return times
+            result = call()
+            yield time.perf_counter() - started, result
+
+
+class Replayed(NamedTuple):
+    """One round of one solver: seconds of each solve (n,), first commands (n, nu), and which it calls solved (n,)."""
+
+    seconds: np.ndarray
+    first: np.ndarray
+    solved: np.ndarray
+
+
+def replay(planner: Planner, asked: Sequence[Asked], *, every_s: float = 0.0) -> Replayed:
+    """What a planner does with recorded states, from its own plans; `every_s` as in `times_of`."""
+    planner.begin(*asked[0])
+    seconds, first, solved = [], [], []
+    for took, plan in times_of((partial(planner.solve, *one) for one in asked), every_s=every_s):
+        seconds.append(took)
+        first.append(plan.c[0].copy())
+        solved.append(plan.solved)
+    return Replayed(np.array(seconds), np.array(first), np.array(solved))
 
 
 @dataclass
 class Timed:
-    """Rounds of one solver."""
+    """Rounds of one solver, or of anything else that was timed: seconds of each call."""
 
     rounds: list[np.ndarray] = field(default_factory=list)
 
@@ -81,16 +98,50 @@ class Timed:
         """Median over the rounds [s]."""
         return float(np.median([np.percentile(r, percentile) for r in self.rounds]))
 
+    @property
+    def count(self) -> int:
+        """Calls of all rounds."""
+        return sum(r.size for r in self.rounds)
+
+
+@dataclass
+class Solved(Timed):
+    """Rounds of one solver, and what it answered in the last of them."""
+
+    first: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    unsolved: int = 0
+
+    def add(self, one: Replayed) -> None:
+        """One more round."""
+        self.rounds.append(one.seconds)
+        self.first, self.unsolved = one.first, self.unsolved + int(np.count_nonzero(~one.solved))
+
+    def off(self, reference: Solved, percentile: float = 99) -> float:
+        """How far its first command is off that of `reference` at the same states: largest control, percentile."""
+        return float(np.percentile(np.abs(self.first - reference.first).max(axis=1), percentile))
+
+
+def interleaved(
+    makers: Mapping[str, Callable[[], float]], count: int, told: Callable[[str], None] = lambda _: None
+) -> dict[str, Timed]:
+    """`count` rounds in turn of anything that gives the seconds of one call. `told` hears of each."""
+    timed = {name: Timed() for name in makers}
+    for k in range(count):
+        for name, make in makers.items():
+            told(f"round {k + 1} of {count}: {name}")
+            timed[name].rounds.append(np.array([make()]))
+    return timed
+
 
 def rounds(
     planners: Sequence[Planner], asked: Sequence[Asked], count: int, told: Callable[[str], None] = lambda _: None
-) -> dict[str, Timed]:
-    """`count` interleaved rounds. `told` hears of each."""
-    timed = {planner.name: Timed() for planner in planners}
+) -> dict[str, Solved]:
+    """`count` interleaved rounds of solvers over the same states. `told` hears of each."""
+    timed = {planner.name: Solved() for planner in planners}
     for k in range(count):
         for planner in planners:
             told(f"round {k + 1} of {count}: {planner.name}")
-            timed[planner.name].rounds.append(replay(planner, asked))
+            timed[planner.name].add(replay(planner, asked))
     return timed
 
 

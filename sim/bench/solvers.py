@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import casadi as ca
 import numpy as np
 
 from companion.core.compiled import Store
@@ -36,31 +37,38 @@ class Planner(Protocol):
         ...
 
 
-class Converged:
-    """A solver of `Nlp` run to convergence from the last plan."""
+class Kept:
+    """A solver that CasADi brings, on `Nlp`, from the last plan; `solver` as `Nlp.solver` or `Nlp.one_step` make it."""
 
-    def __init__(self, name: str, nlp: Nlp, step_s: float, **options):
+    def __init__(self, name: str, nlp: Nlp, step_s: float, solver: ca.Function, settle: int = 1):
+        """`settle`: calls from nothing at the beginning. More than one: a single step, solved where it has numbers."""
         self.name = name
-        self._nlp, self._share = nlp, SHIFT_S / step_s
-        self._solver = nlp.solver(options.pop("solver", "ipopt"), **options)
+        self._nlp, self._share, self._settle = nlp, SHIFT_S / step_s, settle
+        self._solver = solver
         self.x, self.c = np.zeros((nlp.ocp.stages + 1, nlp.ocp.nx)), np.zeros((nlp.ocp.stages, nlp.ocp.nu))
 
     def begin(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> None:
         """From standing still at x0."""
         self.x[:], self.c[:] = x0, 0.0
         self.c += np.clip(0.0, self._nlp.ocp.c_min, self._nlp.ocp.c_max)
-        self.solve(x0, p, q)
+        for _ in range(self._settle):
+            self._called(x0, p, q)
 
     def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Plan:
-        """One call of the solver."""
-        nlp = self._nlp
+        """Shift, one call of the solver."""
         self.x[:-1] += self._share * (self.x[1:] - self.x[:-1])
         self.c[:-1] += self._share * (self.c[1:] - self.c[:-1])
+        return self._called(x0, p, q)
+
+    def _called(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Plan:
+        nlp = self._nlp
         self.x[0] = x0
         answer = nlp.call(self._solver, nlp.join(self.x, self.c), x0, p, q)
         x, c = nlp.split(np.array(answer["x"]).ravel())
         self.x[:], self.c[:] = x, c
-        return Plan(self.x, self.c, float(answer["f"]), bool(self._solver.stats()["success"]))
+        cost = float(answer["f"])
+        solved = bool(np.isfinite(cost)) if self._settle > 1 else bool(self._solver.stats()["success"])
+        return Plan(self.x, self.c, cost, solved)
 
 
 class RealTime:

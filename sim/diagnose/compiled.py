@@ -10,7 +10,8 @@ import casadi as ca
 from companion.core.dynamics import eta_dot
 from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
-from sim.identify.structured.model import N_HULL, Batch, symbolic_model
+from sim.identify.structured.model import N_HULL, symbolic_model
+from sim.identify.structured.side_by_side import Batch, Rollout
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class InWater(StructuredModel):
 class Compiled(NamedTuple):
     """Rollout of all windows; at all nodes: rates with Jacobians, slopes to coefficients and water velocity; M^-1."""
 
-    rollout: Batch
+    rollout: Rollout
     rates: Batch
     slopes: Batch
     M_inv: ca.Function
@@ -52,16 +53,15 @@ def compiled(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     slope = ca.Function("slope", [x, p, tau, water], ca.cse(slopes))
     rate = ca.Function("rate", [x, p, tau, water, d], [x_dot])
     nodes = windows * (steps + 1)
-    rollout = _step(rate).mapaccum("rollout", steps)
     inverse = ca.Function("M_inv", [x, p, tau, water], [ca.jacobian(nu_dot, tau)])
     rest = [ca.DM.zeros(s) for s in (3, 2)]
     q = ca.SX.sym("q", N_HULL)
     M_inv = ca.Function("M_inv_of", [q], [inverse(ca.DM.zeros(6), q, *rest)])
-    return Compiled(Batch(rollout, windows), Batch(rates, nodes), Batch(slope, nodes), M_inv)
+    return Compiled(Rollout(_step(rate)), Batch(rates, nodes), Batch(slope, nodes), M_inv)
 
 
 def _step(rate: ca.Function) -> ca.Function:
-    """(x, p, [tau start, middle, end], [water start, end], d, h) -> x after h, by Runge-Kutta."""
+    """(x, [p d], [tau start, middle, end], [water start, end], h) -> x after h, by Runge-Kutta."""
     sizes = (("x", 6), ("p", N_HULL), ("taus", 9), ("flow", 4), ("d", 3), ("h", 1))
     x, p, taus, flow, d, h = (ca.SX.sym(*s) for s in sizes)
     start, middle, end = taus[:3], taus[3:6], taus[6:]
@@ -72,4 +72,4 @@ def _step(rate: ca.Function) -> ca.Function:
     k3 = rate(x + h / 2 * k2, p, middle, half, d)
     k4 = rate(x + h * k3, p, end, there, d)
     x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return ca.Function("step", [x, p, taus, flow, d, h], ca.cse([x_next]))
+    return ca.Function("step", [x, ca.vertcat(p, d), taus, flow, h], ca.cse([x_next]))

@@ -164,13 +164,13 @@ class Physics:
                 more, bump = more + given.nodes @ M.T, given.bump @ M.T
             tau, water = forces.f @ self.B.T + more, extra[1]
             tau_mid = tau_mid + (more[:, :-1] + more[:, 1:]) / 2 + bump
-        drive = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2).reshape(W, -1)
-        flow = np.concatenate([water[:, :-1], water[:, 1:]], axis=2).reshape(W, -1)
+        drive = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
+        flow = np.concatenate([water[:, :-1], water[:, 1:]], axis=2)
         d = z[:, LATENT]
-        (after,) = self._rollout(z[:, STATE], np.tile(hull, (W, K)), drive, flow, np.tile(d, (1, K)), self.windows.h_s)
+        constants = np.hstack([np.tile(hull, (W, 1)), d])
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
-        x[:, 1:] = after.reshape(W, K, 6)
+        x[:, 1:] = self._rollout(z[:, STATE], constants, drive, flow, self.windows.h_s[:, :, None])
         A, M_inv, nu_dot = self._rates(*self._flat(x, hull, tau, water, np.repeat(d, K + 1, axis=0)))
         A, M_inv = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy(), M_inv[0].reshape(3, 3).T.copy()
         ids = frozenset(e.id for e in effects)
@@ -224,27 +224,27 @@ class Physics:
         scene, steps = self.scene(state), list(secants(chosen, theta))
         out, bump = np.zeros((W, K + 1, 3, len(steps))), np.zeros((W, K, 3, len(steps)))
         pushed = state.forces.bump() @ self.B.T
-        for at, (effect, now, step) in enumerate(steps):
+        for at, (effect, now, step) in enumerate(steps):  # one column each is written once: they lie far apart
             there, without, hooks = {**theta, effect.id: now + step}, {**theta, effect.id: now}, set(effect.hooks)
-            every = among(effects, effect)
-            tau = np.zeros((W, K + 1, 3))
+            every, per_unit = among(effects, effect), 1 / step.sum()
+            nodes, kick = np.zeros((W, K + 1, 3)), np.zeros((W, K, 3))
             if hooks & {"pwm", "maps"}:
                 unit = self.thrusters.change(every, theta, effect, step)
-                tau += unit.f @ self.B.T
-                bump[..., at] += unit.bump() @ self.B.T @ state.M_inv.T
+                nodes += unit.f @ (state.M_inv @ self.B).T
+                kick += unit.bump() @ (state.M_inv @ self.B).T
             if hooks & {"thrust", "force", "water"}:
                 new = self.extra([effect], there, scene, state.forces.f)
                 old = self.extra([effect], without, scene, state.forces.f)
-                tau += new[0] - old[0]
+                nodes += (new[0] - old[0]) @ state.M_inv.T
                 if "water" in hooks:
-                    out[..., at] += ((new[1] - old[1])[..., None, :] @ G_water)[..., 0, :]
-            out[..., at] += tau @ state.M_inv.T
+                    nodes += ((new[1] - old[1])[..., None, :] @ G_water)[..., 0, :]
             if "hull" in hooks:
                 hull = self.hull(every, there)
-                out[..., at] += np.tensordot(G_hull, hull - state.hull, axes=([2], [0]))
-                bump[..., at] += pushed @ (np.asarray(self._M_inv(hull)) - state.M_inv).T
-            out[..., at] /= step.sum()
-            bump[..., at] /= step.sum()
+                nodes += np.tensordot(G_hull, hull - state.hull, axes=([2], [0]))
+                kick += pushed @ (np.asarray(self._M_inv(hull)) - state.M_inv).T
+            np.multiply(nodes, per_unit, out=out[..., at])
+            if kick.any():
+                np.multiply(kick, per_unit, out=bump[..., at])
         if state.feedback is None:
             return Accelerations(out, bump)
         return Accelerations(state.feedback.react @ out, state.feedback.react @ bump)

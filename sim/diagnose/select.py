@@ -140,7 +140,7 @@ class Selector:
 
     def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
         """At `point` linearised anew: its steps took small effects as they were along the motion before."""
-        point = self.fit.point(point.theta, point.z, chosen, point)
+        point = self.fit.point(point.theta, point.z, chosen, point).judged_only()
         reduced = self.fit.reduced(point, chosen)
         evidence = reduced.evidence(self.fit.prior(chosen, believed))
         return Model(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)

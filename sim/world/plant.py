@@ -73,18 +73,25 @@ class Plant:
         return self.motion
 
 
+def in_weather(model: StructuredModel, current: Any = None, wind: Any = None) -> StructuredModel:
+    """The model in water that flows (V_c [m/s], beta_c [deg] towards) and in wind (V_w [m/s], beta_w [deg] from).
+
+    Numbers or symbols, in place of what the vessel file has; None: as it has it.
+    """
+    sky = dict(model.term_values)
+    if current is not None:
+        sky["current"] = {"V_c_m_s": current[0], "beta_c_deg": current[1]}
+    if wind is not None:
+        shape = values("wind", model.vessel.terms.get("wind", {}))
+        sky["wind"] = shape | {"V_w_m_s": wind[0], "beta_w_deg": wind[1]}
+    return replace(model, term_values=sky)
+
+
 def _plant_function(vessel: VesselFile) -> ca.Function:
     """(x, f_cmd, wave, [V_c, beta_c, V_w, beta_w], h) -> [x after h; nu_dot there]."""
     weather = ca.SX.sym("weather", 4)
     h: Any = ca.SX.sym("h")
-    base = StructuredModel.of(vessel)
-    sky = dict(base.term_values)
-    sky["current"] = {"V_c_m_s": weather[0], "beta_c_deg": weather[1]}
-    sky["wind"] = values("wind", vessel.terms.get("wind", {})) | {
-        "V_w_m_s": weather[2],
-        "beta_w_deg": weather[3],
-    }
-    model = replace(base, term_values=sky)
+    model = in_weather(StructuredModel.of(vessel), weather[:2], weather[2:])
     n = len(vessel.thrusters)
     x, f_cmd, wave = ca.SX.sym("x", 6 + n), ca.SX.sym("f_cmd", n), ca.SX.sym("wave", 3)
     x_next = rk4(lambda s: state_rate(model, s, f_cmd, wave), x, h)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.compiled import Kernel, Loop, Machine, NotCompiled, Operand, Repeat, machine
+from companion.core.compiled import Fetch, Kernel, Loop, Machine, NotCompiled, Operand, Repeat, machine
 from companion.core.compiled.program import over
 
 pytest.importorskip("llvmlite", reason="llvmlite is not installed")
@@ -91,10 +91,24 @@ def test_a_loop_runs_backwards():
     assert memory.tolist() == [55.0, 34.0, 21.0, 13.0, 8.0, 5.0, 3.0, 2.0, 1.0, 1.0]
 
 
+@pytest.mark.parametrize("end", [0, 1])
+def test_calling_code_into_the_cache_changes_no_number(end):
+    """Up to the second kernel, and up to the first: then there is nothing to call."""
+    kernels = [Kernel(ca.Function("f", [A], [A * 3 + k]), [Operand(0, 1, (0,))], [Operand(4, 1, (0,))]) for k in (0, 1)]
+    memory = np.arange(8.0)
+    steps = [Loop(kernels[:1], 4), Loop(kernels[1:], 2)]
+    Machine({"all": [Fetch(kernels[end]), *steps]}, memory).entry("all")()
+    assert memory[4:].tolist() == [1.0, 4.0, 6.0, 9.0]
+
+
 class Kept(dict):
     """A store in memory."""
 
     put = dict.__setitem__
+    elsewhere: bytes | None = None
+
+    def made(self, text: str) -> bytes | None:
+        return self.elsewhere
 
 
 def doubling(memory, store=None, factor=2.0):
@@ -113,6 +127,16 @@ def test_kept_code_is_used_again_and_other_code_is_not_mistaken_for_it(monkeypat
     monkeypatch.undo()
     doubling(memory, store, 3.0)()
     assert memory[0] == 12.0 and len(store) == 2
+
+
+def test_code_that_the_store_makes_elsewhere_is_taken_and_kept(monkeypatch):
+    here, memory = Kept(), np.array([1.0])
+    doubling(memory, here)
+    elsewhere = Kept()
+    elsewhere.elsewhere = next(iter(here.values()))
+    monkeypatch.setattr(machine, "_compiled", lambda *_: pytest.fail("compiled here"))
+    doubling(memory, elsewhere)()
+    assert memory[0] == 2.0 and dict(elsewhere) == dict(here)
 
 
 def test_an_entry_keeps_its_code_and_memory_alive():

@@ -216,11 +216,25 @@ def test_one_step_is_several_times_faster_than_ipopt():
     assert hot < cold / 3
 
 
+def test_the_interpreter_takes_one_step_and_that_is_close():
+    """Seed 15: five states near a leg; half a newton of 68 N."""
+    vessel, rng = variant(4), np.random.default_rng(15)
+    other = Nmpc(StructuredModel.of(vessel), ACTUATION, NmpcSettings(method="interpreted"), lambda: 0.0)
+    for tick in range(5):
+        x0 = X0 + rng.normal(size=10) * 0.05
+        asked, warm = request(x0, leg_rows(x0, S), tick=1), warm_start(controller())
+        ours, _ = controller().solve(asked, warm)
+        theirs, _ = other.solve(asked, warm)
+        assert theirs.status == "ok" and (ours.iterations, theirs.iterations) == (2, 1), tick
+        assert np.abs(np.subtract(ours.f_n[0], theirs.f_n[0])).max() < 0.5
+
+
 @pytest.mark.parametrize(("method", "apart_n"), [("interpreted", 1e-6), ("hpipm", 0.05)])
 def test_without_machine_code_the_plans_are_the_same(method, apart_n):
     """Seed 15. hpipm leaves a KKT residual of 1e-4 at costs as flat as 2e-4 / N^2."""
     vessel, rng = variant(4), np.random.default_rng(15)
-    other = Nmpc(StructuredModel.of(vessel), ACTUATION, NmpcSettings(method=method), lambda: 0.0)
+    settings = NmpcSettings(method=method, interpreted_iterations=2)
+    other = Nmpc(StructuredModel.of(vessel), ACTUATION, settings, lambda: 0.0)
     assert other.why_not_compiled
     for tick in range(10):
         x0 = X0 + rng.normal(size=10) * 0.05

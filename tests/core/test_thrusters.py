@@ -14,6 +14,7 @@ from companion.core.thrusters import (
     configuration_matrix,
     force_expression,
     force_from_pwm,
+    forces_from_pwm,
     pwm_from_force,
 )
 from companion.core.vessel_file import PitchMap
@@ -66,6 +67,20 @@ def test_symbolic_map_is_the_same_map(pwm, voltage):
         fmap = vessel.force_maps[t.force_map]
         symbolic = float(ca.DM(force_expression(t, fmap, ca.DM(pwm), ca.DM(voltage))))
         assert symbolic == pytest.approx(force_from_pwm(t, fmap, pwm, voltage), abs=1e-9)
+
+
+@given(st.lists(st.tuples(st.integers(1000, 2000), st.floats(10, 20), st.floats(0.1, 0.6)), max_size=8))
+def test_a_log_has_the_forces_of_its_instants(rows):
+    pwm, volts, settings = np.array(rows, dtype=float).reshape(-1, 3).T
+    for t, fmap in ((T, MAP), (replace(T, trim_us=-12, gain=-0.7), MAP), (T, pitch_map(curve=0.3))):
+        want = [force_from_pwm(t, fmap, *row) for row in zip(pwm, volts, settings, strict=True)]
+        assert forces_from_pwm(t, fmap, pwm, volts, settings) == pytest.approx(np.array(want), rel=1e-12)
+
+
+def test_neutral_is_no_force_whatever_the_voltage_was():
+    unknown = np.full(2, np.nan)
+    assert forces_from_pwm(T, MAP, np.array([1500.0, 1510.0]), unknown).tolist() == [0.0, 0.0]
+    assert np.isnan(forces_from_pwm(T, MAP, np.array([1600.0, np.nan]), unknown)).all()
 
 
 def test_configuration_matrix_by_hand():

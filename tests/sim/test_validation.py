@@ -11,7 +11,9 @@ from boats import boat
 from scipy.integrate import solve_ivp
 
 from companion.core.abkowitz import C, regressor
+from companion.core.dynamics import BufferedStep, step_function
 from companion.core.thrusters import configuration_matrix
+from companion.core.vessel import StructuredModel
 from sim.identify.forces import thruster_forces
 from sim.identify.paper_pipeline import held, paper_motion, paper_samples, smoother_samples
 from sim.identify.regression import least_squares
@@ -69,6 +71,24 @@ def test_the_true_vessel_file_reproduces_the_plant(run, windows):
     assert max(found.rms[c].max() for c in "uvr") < 0.01
     assert min(found.r2.values()) > 0.999
     assert not found.diverged.any()
+
+
+@pytest.mark.parametrize("m", [2, 40])
+def test_few_windows_and_many_are_the_models_own_steps(m):
+    """Seed 1, 40 s: few by the interpreter, many by machine code; one is gone where its voltage makes no sense."""
+    rng = np.random.default_rng(1)
+    x0, pwm = rng.uniform(-0.5, 0.5, (m, 6)), np.repeat(rng.uniform(1200, 1800, (m, 40, 4)), 20, axis=1)
+    volts, before = np.full((m, 800), 15.0), np.tile(pwm[:, :1], (1, 40, 1))
+    volts[1, 300:] = -1.0
+    got = VesselSimulator("true", VESSEL).simulate(x0, Commands(pwm, volts, before))
+    step = BufferedStep(step_function(StructuredModel.of(VESSEL), STEP_S, 1))
+    x = np.concatenate([x0[0], thruster_forces(VESSEL, before[0, :1], volts[0, :1])[0]])
+    late = np.concatenate([before[0, -2:], pwm[0, :-2]])
+    for k, f_cmd in enumerate(thruster_forces(VESSEL, late, volts[0])):
+        x = step(x, f_cmd, np.zeros(3))
+        assert got[0, k + 1] == pytest.approx(x[:6], rel=1e-9, abs=1e-10)
+    assert np.isfinite(got[1, :300]).all() and np.isnan(got[1, 304:]).all()
+    assert np.isfinite(np.delete(got, 1, axis=0)).all()
 
 
 def test_a_wrong_dead_time_shows(windows):

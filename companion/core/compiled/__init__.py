@@ -2,10 +2,13 @@
 
 `emit` turns an SX function into LLVM's intermediate language, `program` strings such functions into loops over one
 block of memory, `machine` compiles them with llvmlite (wheels for x86 and aarch64, no compiler needed) and keeps the
-object code. Whoever uses this has a way without it: CasADi's own interpreter. ADR 23.
+object code. `scan` is a loop of another kind: a recurrence over series of any length, in arrays of the caller, with
+functions of lanes of its own (`lanes`, `elementary`). Whoever uses this has a way without it: CasADi's own interpreter.
+ADR 23 and 24.
 """
 
 from companion.core.compiled.machine import Machine, NotCompiled, Store
-from companion.core.compiled.program import Kernel, Loop, Operand, Repeat
+from companion.core.compiled.program import Fetch, Kernel, Loop, Operand, Repeat
+from companion.core.compiled.scan import Scan
 
-__all__ = ["Kernel", "Loop", "Machine", "NotCompiled", "Operand", "Repeat", "Store"]
+__all__ = ["Fetch", "Kernel", "Loop", "Machine", "NotCompiled", "Operand", "Repeat", "Scan", "Store"]

@@ -9,7 +9,7 @@ differ from CasADi's own in the last bits only.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import casadi as ca
 
@@ -95,23 +95,22 @@ class Body:
         test = self.add(f"fcmp {op} {kind} {left}, {right}")
         return self.add(f"select {bit} {test}, {kind} {y}, {kind} {n}"), lane
 
+    def operation(self, op: int, args: Sequence[Value]) -> Value:
+        """One CasADi operation. Raises Unsupported."""
+        if op in BINARY:
+            return self.binary(BINARY[op], args[0], args[1])
+        if op in COMPARE:
+            return self.where(COMPARE[op], args[0], args[1], ONE, ZERO)
+        if op in CALLS:
+            return self.call(CALLS[op], *args)
+        if op in CALLS_2:
+            return self.call(CALLS_2[op], *args)
+        if rule := RULES.get(op):
+            return rule(self, *args)
+        raise Unsupported(f"CasADi operation {op} has no counterpart")
+
 
 ZERO, ONE = (constant(0.0), False), (constant(1.0), False)
-
-
-def operation(body: Body, op: int, args: list[Value]) -> Value:
-    """One CasADi operation. Raises Unsupported."""
-    if op in BINARY:
-        return body.binary(BINARY[op], args[0], args[1])
-    if op in COMPARE:
-        return body.where(COMPARE[op], args[0], args[1], ONE, ZERO)
-    if op in CALLS:
-        return body.call(CALLS[op], *args)
-    if op in CALLS_2:
-        return body.call(CALLS_2[op], *args)
-    if rule := RULES.get(op):
-        return rule(body, *args)
-    raise Unsupported(f"CasADi operation {op} has no counterpart")
 
 
 def _sign(body: Body, a: Value) -> Value:
@@ -146,7 +145,7 @@ def walk(
         elif op == ca.OP_CONST:
             slots[out[0]] = (constant(number), False)
         else:
-            slots[out[0]] = operation(body, op, [slots[i] for i in args])
+            slots[out[0]] = body.operation(op, [slots[i] for i in args])
 
 
 def _instructions(function: ca.Function) -> Iterator[tuple[int, list[int], list[int], float]]:

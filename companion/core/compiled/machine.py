@@ -12,6 +12,7 @@ import hashlib
 import importlib
 import mmap
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -35,25 +36,21 @@ class Store(Protocol):
         """Keep it; failing to is no error."""
         ...
 
+    def made(self, text: str) -> bytes | None:
+        """Object code of a module's text, made elsewhere than in this process; None: to be made here."""
+        ...
 
-class Machine:
-    """The entries of one module, each over the same memory. `memory`: doubles, contiguous, kept alive here."""
 
-    def __init__(self, entries: Mapping[str, Sequence[Step]], memory: np.ndarray, store: Store | None = None):
-        """Compile, or take from `store`. Raises NotCompiled."""
+class Code:
+    """Machine code of one module's text, compiled or taken from `store`. Raises NotCompiled."""
+
+    def __init__(self, text: str, store: Store | None = None):
         llvm = _llvm()
-        self.memory = memory
-        try:
-            text = module(entries)
-        except Unsupported as error:
-            raise NotCompiled(str(error)) from None
-        target = llvm.Target.from_default_triple().create_target_machine(
-            cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, jit=True
-        )
+        target = _target(llvm)
         key = _key(llvm, target, text)
         code = store.get(key) if store is not None else None
         if code is None:
-            code = _compiled(llvm, target, text)
+            code = (store.made(text) if store is not None else None) or _compiled(llvm, target, text)
             if store is not None:
                 store.put(key, code)
         backing = llvm.parse_assembly("")
@@ -61,8 +58,25 @@ class Machine:
         self._engine = llvm.create_mcjit_compiler(backing, target)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
+
+    def address(self, name: str) -> int:
+        """Of a function; valid while this object lives."""
+        return self._engine.get_function_address(name)
+
+
+class Machine:
+    """The entries of one module, each over the same memory. `memory`: doubles, contiguous, kept alive here."""
+
+    def __init__(self, entries: Mapping[str, Sequence[Step]], memory: np.ndarray, store: Store | None = None):
+        """Compile, or take from `store`. Raises NotCompiled."""
+        self.memory = memory
+        try:
+            text = module(entries)
+        except Unsupported as error:
+            raise NotCompiled(str(error)) from None
+        self._code = Code(text, store)
         here = ctypes.c_void_p(memory.ctypes.data)
-        self._entries = {name: self._bound(self._engine.get_function_address(name), here) for name in entries}
+        self._entries = {name: self._bound(self._code.address(name), here) for name in entries}
 
     def entry(self, name: str) -> Callable[[], None]:
         """A function that runs an entry; it allocates nothing and lets no exception out."""
@@ -70,12 +84,8 @@ class Machine:
 
     def _bound(self, address: int, memory: ctypes.c_void_p) -> Callable[[], None]:
         function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
-
-        def run(machine: Machine = self) -> None:  # whoever holds an entry keeps its code and memory
-            del machine
-            function(memory)
-
-        return run
+        function.machine = self  # type: ignore[attr-defined]  # whoever holds an entry keeps its code and memory
+        return partial(function, memory)
 
 
 def _llvm() -> Any:
@@ -89,6 +99,19 @@ def _llvm() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm
+
+
+def object_code(text: str) -> bytes:
+    """A module's text compiled for this processor. Raises NotCompiled."""
+    llvm = _llvm()
+    return _compiled(llvm, _target(llvm), text)
+
+
+def _target(llvm: Any) -> Any:
+    """This processor, with all that it can do."""
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, jit=True
+    )
 
 
 def may_run_what_was_written() -> bool:

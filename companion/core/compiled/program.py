@@ -61,7 +61,18 @@ class Repeat:
     most: int
 
 
-Step = Loop | Repeat
+@dataclass(frozen=True)
+class Fetch:
+    """Call the module's code into the cache, up to but without `end`, all lines at once, where they would come one
+    after the other after a sleep. What that is worth: docs/benchmarks/speed.md.
+    """
+
+    end: Kernel
+
+
+Step = Loop | Repeat | Fetch
+LINE = 64
+"""Bytes of a cache line; x86-64 and aarch64."""
 
 
 def over(kernels: Sequence[Kernel], stages: int) -> Loop:
@@ -94,8 +105,33 @@ class _Writer:
     def _steps(self, lines: list[str], steps: Sequence[Step], before: str) -> str:
         """Append them; the label that control comes from afterwards."""
         for step in steps:
-            before = self._loop(lines, step, before) if isinstance(step, Loop) else self._repeat(lines, step, before)
+            match step:
+                case Loop():
+                    before = self._loop(lines, step, before)
+                case Repeat():
+                    before = self._repeat(lines, step, before)
+                case Fetch():
+                    before = self._fetch(lines, step, before)
         return before
+
+    def _fetch(self, lines: list[str], fetch: Fetch, before: str) -> str:
+        """Of the functions that were written so far; LLVM keeps their order."""
+        n, end = self._label(), self._kernel(fetch.end)
+        self.intrinsics.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+        lines += [
+            f"  %b{n} = ptrtoint ptr @kernel0 to i64",
+            f"  %e{n} = ptrtoint ptr @{end} to i64",
+            f"  br label %line{n}",
+            f"line{n}:",
+            f"  %a{n} = phi i64 [ %b{n}, %{before} ], [ %z{n}, %line{n} ]",
+            f"  %p{n} = inttoptr i64 %a{n} to ptr",
+            f"  call void @llvm.prefetch.p0(ptr %p{n}, i32 0, i32 2, i32 1)",
+            f"  %z{n} = add i64 %a{n}, {LINE}",
+            f"  %more{n} = icmp slt i64 %z{n}, %e{n}",
+            f"  br i1 %more{n}, label %line{n}, label %fetched{n}",
+            f"fetched{n}:",
+        ]
+        return f"fetched{n}"
 
     def _label(self) -> int:
         self._labels += 1

@@ -47,12 +47,13 @@ class RealTime:
         self.rti = Rti(
             production(model, actuation, settings, fence),
             iterations=settings.iterations,
+            interpreted=settings.interpreted_iterations,
             store=store,
             compiled=settings.method == "rti",
         )
 
     def warm(self, warm: WarmStart, t_ns: int, x0: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Came, int]:
-        """From the plan before: `iterations` steps, more while the dynamics do not close."""
+        """From the plan before: `Rti.iterations` steps, more while the dynamics do not close."""
         s, rti = self._problem.settings, self.rti
         share = (t_ns - warm.t_ns) * 1e-9 / s.step_s
         if not usable(self._problem, warm, t_ns):
@@ -68,7 +69,7 @@ class RealTime:
         rti.active[:] = warm.active if warm.active is not None and share * s.step_s < FORGET_S else 0.0
         rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
         rti.solve()
-        came, count = rti.came(), s.iterations
+        came, count = rti.came(), rti.iterations
         while count < s.most_iterations and came.sane and came.defect > s.defect_tolerance:
             rti.iterate()
             came, count = rti.came(), count + 1
@@ -112,5 +113,5 @@ class RealTime:
         return Ended(rti.X.copy(), rti.C.copy(), came.cost, came.defect, came.excess, rti.active.copy())
 
 
-NOTHING = Came(np.inf, np.inf, np.inf, False)
+NOTHING = Came(np.inf, np.inf, np.inf, np.inf, np.inf)
 """No plan came of it."""

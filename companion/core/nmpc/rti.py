@@ -22,20 +22,25 @@ ITERATIONS = 2
 
 
 class Came(NamedTuple):
-    """What came of it: cost, largest gap of the dynamics over its scale, largest excess over a limit [N].
-
-    `settled`: the last quadratic program was solved exactly.
+    """What came of it: cost, largest gap of the dynamics over its scale, largest excess over a limit [N], sum of the
+    squared gaps, and how many active limits the last quadratic program still wanted to change.
     """
 
     cost: float
     defect: float
     excess: float
-    settled: bool
+    squares: float
+    changed: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last quadratic program was solved exactly."""
+        return self.changed == 0.0
 
     @property
     def sane(self) -> bool:
-        """Every number finite."""
-        return math.isfinite(self.cost) and math.isfinite(self.defect)
+        """Every number finite; `defect`, a largest value, does not tell of gaps that are none."""
+        return math.isfinite(self.cost + self.squares)
 
 
 class Rti:
@@ -45,7 +50,11 @@ class Rti:
     q, active (N, nu) the limits thought active, shift (1,) in stages.
     """
 
-    def __init__(self, ocp: Ocp, *, iterations: int = ITERATIONS, store: Store | None = None, compiled: bool = True):
+    def __init__(
+        self, ocp: Ocp, *,
+        iterations: int = ITERATIONS, interpreted: int | None = None, store: Store | None = None, compiled: bool = True,
+    ):  # fmt: skip
+        """`iterations` of a solve; `interpreted`: of a solve without machine code, None: as many."""
         self.ocp = ocp
         made = parts(ocp)
         self.why_not_compiled = "" if compiled else "not asked for"
@@ -55,11 +64,12 @@ class Rti:
                 self._way = CompiledRti(made, iterations, store)
             except NotCompiled as reason:
                 self.why_not_compiled = str(reason)
-        way = self._way = self._way or InterpretedRti(made, iterations)
+        self.iterations = iterations if self._way or interpreted is None else interpreted
+        way = self._way = self._way or InterpretedRti(made, self.iterations)
         view = way.view
         self.X, self.C, self.x0, self.p, self.q = (view[name] for name in ("X", "C", "x0", "p", "q"))
         self.active, self.shift, self.dx, self.dc = (view[name] for name in ("active", "shift", "dx", "dc"))
-        self._sums, self._changed = view["sums"], view["changed"]
+        self._told = view["told"]
         self.prepare, self.feedback, self.solve, self.iterate = way.prepare, way.feedback, way.solve, way.iterate
         self.look = way.look
 
@@ -74,6 +84,4 @@ class Rti:
 
     def came(self) -> Came:
         """Of the last solve or iteration."""
-        cost, defect, excess, squares = self._sums.tolist()
-        (changed,) = self._changed.tolist()
-        return Came(cost, defect if math.isfinite(squares) else math.inf, excess, changed == 0.0)
+        return Came(*self._told.tolist())

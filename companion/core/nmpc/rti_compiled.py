@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from companion.core.compiled import Kernel, Loop, Machine, Operand, Repeat, Store
+from companion.core.compiled import Fetch, Kernel, Loop, Machine, Operand, Repeat, Store
 from companion.core.compiled.program import Step, over
 from companion.core.nmpc import riccati
 from companion.core.nmpc.ocp import Ocp
@@ -63,7 +63,7 @@ class CompiledRti:
         wide = self._wide
         shapes = {
             "X": (N + 1, n), "C": (N, m), "x0": (n,), "p": (N + 1, ocp.p.numel()), "q": (ocp.q.numel(),),
-            "shift": (1,), "active": (N, m), "changed": (1,), "sums": (4,),
+            "shift": (1,), "active": (N, m), "told": (5,),
             "dx": (N + 1, n), "dc": (N, m),
             "AB": (N, n, wide), "Hg": (N, n + m, wide), "end": (n, wide), "P": (n, wide), "Q": (n + m, wide),
             "law": (3, m), "L": (m, m), "inverse": (m,), "K": (N, m, wide), "W": (N, m, wide),
@@ -72,7 +72,9 @@ class CompiledRti:
             "s": (N, 4, m), "z": (N, 4, m), "mu": (1,), "share_s": (m,), "share_z": (m,), "sz": (m,), "open": (1,),
         }  # fmt: skip
         self._at = {name: layout.add(name, *shape) for name, shape in shapes.items()}
-        self._shape = shapes
+        self._at |= {"sums": self._at["told"], "changed": self._at["told"] + 4}
+        self._shape = shapes | {"sums": (4,), "changed": (1,)}
+        self._sweeps: dict[tuple[str, str], list[Step]] = {}
         memory = np.zeros(layout.size + LANES)
         memory = memory[(-(memory.ctypes.data // 8)) % LANES :][: layout.size]
         self.view = layout.views(memory)
@@ -86,13 +88,14 @@ class CompiledRti:
         v["c_min"][:], v["c_max"][:] = ocp.c_min, ocp.c_max
         v["dead"][:] = ocp.c_min >= ocp.c_max
         v["alive"][:] = 1.0 - v["dead"]
-        prepare, feedback, look = self._prepare(), self._feedback(), self._look()
-        entries = {
+        shift, prepare, look = self._shift(), self._prepare(), self._look()
+        feedback, rarely = self._feedback()
+        entries = {  # the code lies in this order: what every solve runs first, then what it seldom does
+            "shift": shift,
+            "look": look,
             "prepare": prepare,
             "feedback": feedback,
-            "look": look,
-            "shift": self._shift(),
-            "solve": [*self._shift(), *[*prepare, *feedback] * iterations, *look],
+            "solve": [Fetch(rarely), *shift, *[*prepare, *feedback] * iterations, *look],
             "iterate": [*prepare, *feedback, *look],
         }
         machine = Machine(entries, memory, store)
@@ -163,12 +166,15 @@ class CompiledRti:
         return [over([linear], N), Loop([end], 1, N), *self._backward()]
 
     def _backward(self, cost: str = "Hg", codes: str = "active") -> list[Step]:
-        """P of the last stage, then the Riccati step from the last stage to the first."""
+        """P of the last stage, then the Riccati step from the last stage to the first; one code for all uses."""
         n, N = self._ocp.nx, self._ocp.stages
-        s = ca.SX.sym("s", n)
-        begin = Kernel(ca.Function("begin", [s], [s]), [self._rows("end", 0, n)], [self._rows("P", 0, n)], self._wide)
-        kernels = [self._cost_to_go(cost), self._factor(codes), self._gains(), self._before()]
-        return [Loop([begin], 1), Loop(kernels, N, N - 1, -1)]
+        if (cost, codes) not in self._sweeps:
+            s = ca.SX.sym("s", n)
+            copy = ca.Function("begin", [s], [s])
+            begin = Kernel(copy, [self._rows("end", 0, n)], [self._rows("P", 0, n)], self._wide)
+            kernels = [self._cost_to_go(cost), self._factor(codes), self._gains(), self._before()]
+            self._sweeps[cost, codes] = [Loop([begin], 1), Loop(kernels, N, N - 1, -1)]
+        return self._sweeps[cost, codes]
 
     def _cost_to_go(self, cost: str) -> Kernel:
         n, m, parts = self._ocp.nx, self._ocp.nu, self._parts
@@ -242,7 +248,8 @@ class CompiledRti:
             self._wide,
         )  # fmt: skip
 
-    def _feedback(self) -> list[Step]:
+    def _feedback(self) -> tuple[list[Step], Kernel]:
+        """The steps, and the first kernel of what a solve seldom needs."""
         ocp = self._ocp
         n, N = ocp.nx, ocp.stages
         x0, first = ca.SX.sym("x0", n), ca.SX.sym("x", n)
@@ -254,8 +261,9 @@ class CompiledRti:
         )
         forward: list[Step] = [Loop([begin], 1), Loop([self._roll()], N)]
         again = Repeat([*self._backward(), *forward], self._at["changed"], SWEEPS - 1)
-        inner = Repeat(self._interior_point(begin), self._at["changed"], 1)
-        return [*forward, again, inner, *self._move()]
+        inner = self._interior_point(begin)
+        steps = [*forward, again, Repeat(inner, self._at["changed"], 1), *self._move()]
+        return steps, next(step.kernels[0] for step in inner if isinstance(step, Loop))
 
     def _interior_point(self, begin: Kernel) -> list[Step]:
         """For programs whose active limits do not settle."""

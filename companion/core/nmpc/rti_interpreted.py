@@ -1,6 +1,6 @@
 """The real-time iteration by CasADi's interpreter: the same expressions where there is no machine code.
 
-Same arrays, same entries as `rti_compiled`; ten to twenty times slower. Called through buffers, nothing is copied.
+Same arrays, same entries as `rti_compiled`; some twenty times slower. Called through buffers, nothing is copied.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ class InterpretedRti:
         n, m, N = ocp.nx, ocp.nu, ocp.stages
         self.view = {
             "X": np.zeros((N + 1, n)), "C": np.zeros((N, m)), "x0": np.zeros(n), "p": np.zeros((N + 1, ocp.p.numel())),
-            "q": np.zeros(ocp.q.numel()), "shift": np.zeros(1), "active": np.zeros((N, m)), "changed": np.zeros(1),
-            "sums": np.zeros(4), "dx": np.zeros((N + 1, n)), "dc": np.zeros((N, m)), "chosen": np.zeros((N, m)),
+            "q": np.zeros(ocp.q.numel()), "shift": np.zeros(1), "active": np.zeros((N, m)), "told": np.zeros(5),
+            "dx": np.zeros((N + 1, n)), "dc": np.zeros((N, m)), "chosen": np.zeros((N, m)),
             "D": np.zeros((N, parts.D.count)), "b": np.zeros((N, n)), "H": np.zeros((N, parts.H.count)),
             "g": np.zeros((N, n + m)), "end": np.zeros(n * (n + 1)),
             "K": np.zeros((N, m * (n + 1))), "W": np.zeros((N, m * (n + 1))),
         }  # fmt: skip
+        self.view |= {"sums": self.view["told"][:4], "changed": self.view["told"][4:]}
         self._buffers: list[Any] = []
         given = ("X", "C", "p", "q")
         lawful = ("D", "b", "H", "g", "end", "active", "X", "C")
@@ -120,41 +121,68 @@ class InterpretedRti:
         return ca.Function("linear", [X, C, p, q], [*stages, end(X[:, N], p[:, N], q)])
 
     def _backward_function(self, *, free: bool) -> ca.Function:
-        """(D, b, H, g, end, active, X, C) -> K, W of all stages. `free`: no limit is active, W is nil and left out."""
+        """(D, b, H, g, end, active, X, C) -> K, W of all stages. `free`: no limit is active, W is nil and left out.
+
+        Products of whole matrices, in z = [x 1 c], are MX, dense loops in C: written as scalars of the interpreter the
+        sweep takes half as long again. P (n + 1, n + 1) of [x 1].
+        """
         parts, ocp = self._parts, self._ocp
         n, m, N = ocp.nx, ocp.nu, ocp.stages
-        corner = [(i, j) for j in range(n) for i in range(j + 1)]
-        upper, p = ca.SX.sym("P", len(corner)), ca.SX.sym("p", n)
-        P = ca.SX(n, n)
-        for k, (i, j) in enumerate(corner):
-            P[i, j] = P[j, i] = upper[k]
-        entries, b, h = ca.SX.sym("D", parts.D.count), ca.SX.sym("b", n), ca.SX.sym("H", parts.H.count)
-        g, code, x, c = ca.SX.sym("g", n + m), ca.SX.sym("code", m), ca.SX.sym("x", n), ca.SX.sym("c", m)
+        filled, gains = self._filled_function(), self._gains_function(free=free)
+        P = ca.MX.sym("P", n + 1, n + 1)
+        sizes = {"D": parts.D.count, "b": n, "H": parts.H.count, "g": n + m, "code": m, "x": n, "c": m}
+        local = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        M, H = filled(*local[:4])
+        Q = M.T @ (P @ M) + H
+        Q_c = Q[n + 1 :, :]
+        answer = gains(Q_c, *local[4:])
+        K, W = answer if not free else (answer, None)
+        P_next = Q[: n + 1, : n + 1] + Q_c[:, : n + 1].T @ K
+        if W is not None:
+            P_next += K.T @ W
+        step = ca.Function("back", [P, *local], [P_next, ca.vec(K), *([] if W is None else [ca.vec(W)])])
+        stages = [ca.MX.sym(name, size, N) for name, size in list(sizes.items())[:5]]
+        X, C, _, _ = self._given()
+        end = ca.MX.sym("end", n * (n + 1))
+        H_N, g_N = ca.reshape(end[: n * n], n, n), end[n * n :]
+        first = ca.vertcat(ca.horzcat(H_N, g_N), ca.horzcat(g_N.T, 0))
+        backwards = [s[:, ::-1] for s in (*stages, X[:, :N], C)]
+        answers = step.mapaccum("sweep", N, 1)(first, *backwards)
+        return ca.Function("backward", [*stages[:4], end, stages[4], X, C], [a[:, ::-1] for a in answers[1:]])
+
+    def _filled_function(self) -> ca.Function:
+        """(D, b, H, g) -> [A b B; 0 1 0] (n + 1, n + 1 + m) and the cost's matrix in [x 1 c], both dense."""
+        parts, ocp = self._parts, self._ocp
+        n, m = ocp.nx, ocp.nu
+        entries, b = ca.SX.sym("D", parts.D.count), ca.SX.sym("b", n)
+        h, g = ca.SX.sym("H", parts.H.count), ca.SX.sym("g", n + m)
         D, H = parts.D.filled(entries), parts.H.filled(h)
-        one = ca.horzcat(ca.SX(1, n + m), 1)
-        Q = riccati.cost_to_go(P, p, D, ca.horzcat(D, b), one, ca.horzcat(H, g))
+        M = ca.vertcat(ca.horzcat(D[:, :n], b, D[:, n:]), ca.horzcat(ca.SX(1, n), 1, ca.SX(1, m)))
+        rows = [
+            ca.horzcat(H[:n, :n], g[:n], H[:n, n:]),
+            ca.horzcat(g[:n].T, 0, g[n:].T),
+            ca.horzcat(H[n:, :n], g[n:], H[n:, n:]),
+        ]
+        return ca.Function("filled", [entries, b, h, g], [ca.densify(M), ca.densify(ca.vertcat(*rows))])
+
+    def _gains_function(self, *, free: bool) -> ca.Function:
+        """(rows c of Q (m, n + 1 + m), code, x, c) -> K, W (m, n + 1)."""
+        ocp = self._ocp
+        n, m = ocp.nx, ocp.nu
+        Q_c, code = ca.SX.sym("Q", m, n + 1 + m), ca.SX.sym("code", m)
+        x, c = ca.SX.sym("x", n), ca.SX.sym("c", m)
         nothing = ca.SX(m, 1)
         law = riccati.Held(nothing, nothing, nothing) if free else riccati.held(ocp, code, x, c)
-        L, inverse = riccati.factor(Q[n:, n : n + m], law.active)
-        columns = [*range(n), n + m]
-        force = ca.SX(m, n + 1)
+        Q_cc = Q_c[:, n + 1 :]
+        L, inverse = riccati.factor(Q_cc, law.active)
+        force, one = ca.SX(m, n + 1), ca.SX(1, n + 1)
+        one[n] = 1
         if ocp.forces is not None:
             for i in range(m):
                 force[i, ocp.forces + i] = 1
-        K, W = riccati.gains(Q[n:, columns], Q[n:, n : n + m], law, L, inverse, force, one[columns])
-        W = ca.SX(*W.shape) if free else W
-        P_next = riccati.before(Q[:n, columns], Q[n:, :n], K[:, :n], K, W)
-        up = ca.vertcat(*(P_next[i, j] for i, j in corner))
-        given = [upper, p, entries, b, h, g, code, x, c]
-        results = [up, P_next[:, n], ca.vec(K), *([] if free else [ca.vec(W)])]
-        step = ca.Function("back", given, [ca.densify(e) for e in ca.cse(results)])
-        stages = [ca.MX.sym(name, step.size1_in(i + 2), N) for i, name in enumerate(("D", "b", "H", "g", "code"))]
-        X, C, _, _ = self._given()
-        end = ca.MX.sym("end", n * (n + 1))
-        first = ca.vertcat(*(end[j * n + i] for i, j in corner))
-        backwards = [s[:, ::-1] for s in (*stages, X[:, :N], C)]
-        answer = step.mapaccum("sweep", N, 2)(first, end[n * n :], *backwards)
-        return ca.Function("backward", [*stages[:4], end, stages[4], X, C], [a[:, ::-1] for a in answer[2:]])
+        K, W = riccati.gains(Q_c[:, : n + 1], Q_cc, law, L, inverse, force, one)
+        results = [ca.densify(e) for e in ca.cse([K] if free else [K, W])]
+        return ca.Function("gains", [Q_c, code, x, c], results)
 
     def _roll_function(self) -> ca.Function:
         """(x0, X, C, D, b, K, W, active) -> dx, dc, new codes, how many changed."""

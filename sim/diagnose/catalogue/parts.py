@@ -12,8 +12,8 @@ from companion.core.terms import REGISTRY, values
 from companion.core.vessel import damping_force
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.effect import Parameter, Scene
-from sim.identify.structured.model import Batch
 from sim.identify.structured.parameters import HULL
+from sim.identify.structured.side_by_side import Batch
 
 REACH = 0.3  # of the smallest size worth a name: how far secants reach
 

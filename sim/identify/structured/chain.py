@@ -60,19 +60,18 @@ class Chain:
 
     def add_ties(self, ties: Ties, sigma: np.ndarray) -> None:
         """Add what ties neighbouring nodes; sigma (T, L) of each entry of rho."""
-        w, q = ties.at, 1 / sigma[:, :, None] ** 2
-        QF, QG, Qr = q * ties.F, q * ties.G, ties.rho / sigma**2
-        Ft = ties.F.transpose(0, 2, 1)
-        border = ties.G.reshape(ties.rho.size, -1) if ties.G.size else np.zeros((ties.rho.size, self.B.shape[2]))
-        self.A[w] += Ft @ QF
-        self.A[w + 1] += np.eye(ties.F.shape[1]) * q
-        self.next[w] -= QF.transpose(0, 2, 1)
-        self.B[w] += Ft @ QG
-        self.B[w + 1] -= QG
-        self.D += border.T @ QG.reshape(border.shape)
-        self.g[w] -= (Ft @ Qr[:, :, None])[:, :, 0]
-        self.g[w + 1] += Qr
-        self.d -= border.T @ Qr.ravel()
+        w, each = ties.at, 1 / sigma
+        F, G, rho = each[:, :, None] * ties.F, each[:, :, None] * ties.G, each * ties.rho
+        Ft, border = F.transpose(0, 2, 1), G.reshape(rho.size, self.B.shape[2])
+        self.A[w] += Ft @ F
+        self.A[w + 1] += np.eye(F.shape[1]) * each[:, :, None] ** 2
+        self.next[w] -= (each[:, :, None] * F).transpose(0, 2, 1)
+        self.B[w] += Ft @ G
+        self.B[w + 1] -= each[:, :, None] * G
+        self.D += border.T @ border  # of one matrix with itself: half the work
+        self.g[w] -= (Ft @ rho[:, :, None])[:, :, 0]
+        self.g[w + 1] += each * rho
+        self.d -= border.T @ rho.ravel()
 
     def solve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Steps dz (W, L), dw (P,), the parameters' Hessian (P, P), and log det of the nodes' block.

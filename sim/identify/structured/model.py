@@ -1,7 +1,6 @@
 """The one vessel model with its coefficients as symbols, compiled for whole logs at once.
 
-`rollout` integrates windows side by side; `rates` gives the accelerations and their Jacobians at many instants. Both
-are CasADi functions called through buffers on numpy memory, without a compiler.
+`rollout` integrates windows side by side; `rates` gives the accelerations and their Jacobians at many instants.
 """
 
 from __future__ import annotations
@@ -10,12 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from companion.core.dynamics import eta_dot
 from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
 from sim.identify.structured.parameters import HULL, fitted_terms
+from sim.identify.structured.side_by_side import Batch, Rollout
 
 N_HULL = len(HULL)
 
@@ -40,43 +39,16 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
     return StructuredModel(vessel, c, terms)
 
 
-class Batch:
-    """A CasADi function of column vectors on `count` columns at once: arrays (count, size) in and out."""
-
-    def __init__(self, function: ca.Function, count: int):
-        mapped = function.map(count) if count > 1 else function
-        buffer, call = mapped.buffer()
-        self._buffer: Any = buffer
-        self._call: Any = call
-        self._in: list[Any] = [
-            np.zeros((count, mapped.size1_in(i) * mapped.size2_in(i) // count)) for i in range(mapped.n_in())
-        ]
-        self._out: list[Any] = [
-            np.zeros((count, mapped.size1_out(i) * mapped.size2_out(i) // count)) for i in range(mapped.n_out())
-        ]
-        for i, array in enumerate(self._in):
-            self._buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(self._out):
-            self._buffer.set_res(i, memoryview(array))
-
-    def __call__(self, *args: np.ndarray) -> list[np.ndarray]:
-        """Outputs, each (count, size); they are overwritten by the next call."""
-        for target, value in zip(self._in, args, strict=True):
-            target[:] = value
-        self._call()
-        return self._out
-
-
 @dataclass(frozen=True)
 class Compiled:
     """Functions of one vessel file for windows of `steps` steps, `windows` of them.
 
     d: latent acceleration (3,) of a window, added to nu_dot.
-    rollout  (x0, p, tau at start, middle and end of each step, d, h) -> x after each step
+    rollout  (x0, [p d], tau at start, middle and end of each step, h) -> x after each step
     rates    (x, p, tau, d) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x (12 + terms + 3)), nu_dot
     """
 
-    rollout: Batch
+    rollout: Rollout
     rates: Batch
     steps: int
     windows: int
@@ -93,12 +65,11 @@ def compile_model(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, tau))))
     rates = ca.Function("rates", [x, p, tau, d], ca.cse([A, G, nu_dot]))
     rate = ca.Function("rate", [x, p, tau, d], [x_dot])
-    rollout = _step(rate, size).mapaccum("rollout", steps)
-    return Compiled(Batch(rollout, windows), Batch(rates, windows * (steps + 1)), steps, windows)
+    return Compiled(Rollout(_step(rate, size)), Batch(rates, windows * (steps + 1)), steps, windows)
 
 
 def _step(rate: ca.Function, size: int) -> ca.Function:
-    """(x, p, [tau start, middle, end], d, h) -> x after h: Runge-Kutta with the force as it is within the step."""
+    """(x, [p d], [tau start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
     x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("taus", 9), ("d", 3), ("h", 1)))
     start, middle, end = taus[:3], taus[3:6], taus[6:]
     k1 = rate(x, p, start, d)
@@ -106,4 +77,4 @@ def _step(rate: ca.Function, size: int) -> ca.Function:
     k3 = rate(x + h / 2 * k2, p, middle, d)
     k4 = rate(x + h * k3, p, end, d)
     x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return ca.Function("step", [x, p, taus, d, h], ca.cse([x_next]), ["x", "p", "taus", "d", "h"], ["x_next"])
+    return ca.Function("step", [x, ca.vertcat(p, d), taus, h], ca.cse([x_next]))

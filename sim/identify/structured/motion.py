@@ -64,12 +64,12 @@ class Mover:
         f, f_mid, f_dead, f_lag = self._thrust(q)
         f, adjust, f_dead, f_lag = f[..., :n], f[..., n:], f_dead[..., :n], f_lag[..., :n]
         tau, tau_mid, d = f @ share, f_mid[..., :n] @ share, z[:, LATENT]
-        taus = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2).reshape(W, -1)
+        taus = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
         p = np.append(q[:N_HULL], q[parameters.terms])
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
-        (after,) = self.compiled.rollout(z[:, STATE], np.tile(p, (W, K)), taus, np.tile(d, (1, K)), self.windows.h_s)
-        x[:, 1:] = after.reshape(W, K, 6)
+        constants = np.hstack([np.tile(p, (W, 1)), d])
+        x[:, 1:] = self.compiled.rollout(z[:, STATE], constants, taus, self.windows.h_s[:, :, None])
         nodes = W * (K + 1)
         d_all = np.repeat(d, K + 1, axis=0)
         A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), tau.reshape(-1, 3), d_all)

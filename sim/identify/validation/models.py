@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.abkowitz import KGF_N
-from companion.core.dynamics import step_function
 from companion.core.thrusters import configuration_matrix
-from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
 from sim.identify.forces import thruster_forces
 from sim.identify.taylor import simulate_taylor
 from sim.identify.validation.protocol import STEP_S, Commands
+from sim.trajectory import parameters_of, simulate_forces
 
-GONE = 1e3  # m/s, rad/s: no boat; from here on NaN
+WORTH_IT = 10_000
+"""Samples of all windows from which machine code is quicker than the interpreter, its making included."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +29,16 @@ class VesselSimulator:
     def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
         """As `Simulator`."""
         f_cmd, f = self._forces(commands)
-        m, k, _ = f_cmd.shape
-        lag_s = self.vessel.propulsion.lag_s
-        step = step_function(StructuredModel.of(self.vessel), STEP_S, math.ceil(2 * STEP_S / lag_s)).map(m)
-        x = np.hstack([x0, f])
-        out = np.empty((m, k + 1, 6))
-        out[:, 0] = x0
-        calm = np.zeros((3, m))
-        for i in range(k):
-            x = np.array(step(x.T, f_cmd[:, i].T, calm)).T
-            x[~(np.abs(x[:, 3:6]) < GONE).all(axis=1)] = np.nan
-            out[:, i + 1] = x[:, :6]
-        return out
+        sound = np.isfinite(f_cmd).all(axis=2)
+        f_cmd[~sound] = 0.0
+        x = simulate_forces(
+            self.vessel, np.hstack([x0, f]), f_cmd, STEP_S,
+            parameters=parameters_of(self.vessel),  # so that another boat of the same make needs no new machine code
+            substeps=math.ceil(2 * STEP_S / self.vessel.propulsion.lag_s),
+            machine_code=sound.size > WORTH_IT,
+        ).x[..., :6]  # fmt: skip
+        x[:, 1:][np.logical_or.accumulate(~sound, axis=1)] = np.nan
+        return x
 
     def _forces(self, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
         """Commanded forces after the dead time (m, k, n) and actual forces at the start (m, n), both [N]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
-from sim.identify.run import Run
+from sim.identify.blocks import HeldOut
 from sim.identify.smoothing import SmootherNoise
 from sim.identify.validation.models import VelocityStays, VelocityZero
 from sim.identify.validation.protocol import Simulator
@@ -18,14 +18,6 @@ from sim.identify.validation.windows import Reference, Windows, cut, joined, ref
 
 BASELINES = (VelocityStays(), VelocityZero())
 BASELINE_NAMES = tuple(model.name for model in BASELINES)
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """A run that no fit has seen, or the intervals `inside` [s] of one that none has; None: all of it."""
-
-    run: Run
-    inside: tuple[tuple[float, float], ...] | None = None
 
 
 @dataclass(frozen=True)

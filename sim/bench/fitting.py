@@ -1,0 +1,39 @@
+"""The structured fit beside scipy's least_squares on the same log. Needs polars (extra `analysis`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.bench.order import Found, Order
+from sim.bench.result import Refused, Row
+from sim.bench.rounds import Timed
+
+LOG_S = 60.0
+SEED = 4000
+OURS, THEIRS = "structured fit", "scipy least_squares, 2-point"
+
+
+def fit(order: Order) -> Found:
+    """Identification: the structured fit and scipy on the same log of 60 s"""
+    try:
+        import polars  # noqa: F401, PLC0415 - an extra
+    except ImportError:
+        yield Refused(part="fit", problem=f"{LOG_S:.0f} s of log", name=OURS, why="needs the extra `analysis`")
+        return
+    from sim.identify.structured.peer import scipy_fit  # noqa: PLC0415 - needs polars
+    from sim.identify.structured.result import fit_structured  # noqa: PLC0415
+    from sim.identify.teleop import teleop_run  # noqa: PLC0415
+
+    order.told("fit: making a log")
+    run = teleop_run(order.vessel, SEED, LOG_S)
+    ours, theirs = Timed(), Timed()
+    for k in range(order.rounds):
+        order.told(f"fit: round {k + 1} of {order.rounds}: {OURS}")
+        ours.rounds.append(np.array([fit_structured([run], order.vessel).seconds]))
+        order.told(f"fit: round {k + 1} of {order.rounds}: {THEIRS}")
+        theirs.rounds.append(np.array([scipy_fit(run, order.vessel).seconds]))
+    for name, t in ((THEIRS, theirs), (OURS, ours)):
+        yield Row(
+            part="fit", problem=f"{LOG_S:.0f} s of log", name=name, unit="s", p50=t.median(50), count=t.count,
+            rounds=order.rounds, times=theirs.fastest(50) / t.median(50), reference=t is theirs,
+        )  # fmt: skip

@@ -1,0 +1,62 @@
+"""Every part that was asked for, one after the other, as one result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from sim.bench import growth
+from sim.bench.control import cadence, solvers
+from sim.bench.fitting import fit
+from sim.bench.machine import load, machine
+from sim.bench.order import Found, Order
+from sim.bench.result import SCHEMA, Bench, Growth, Refused, Row, Settings
+from sim.bench.simulation import simulation
+from sim.bench.starting import start
+
+PARTS: dict[str, Callable[[Order], Found]] = {
+    "solvers": solvers,
+    "cadence": cadence,
+    "simulation": simulation,
+    "fit": fit,
+    "start": start,
+}
+GROWTH: dict[str, Callable[[Order], Found]] = {
+    "horizon": growth.horizon,
+    "thrusters": growth.thrusters,
+    "logs": growth.logs,
+}
+
+
+def chosen(only: str, with_growth: bool) -> dict[str, Callable[[Order], Found]]:
+    """Parts whose name holds `only`; those of growth where they are asked for, by themselves or by `growth`."""
+    parts = {} if with_growth else dict(PARTS)
+    grows = {f"growth-{name}": part for name, part in GROWTH.items()}
+    if with_growth or "growth" in only:
+        parts |= grows
+    return {name: part for name, part in parts.items() if only in name}
+
+
+def run(order: Order, only: str, with_growth: bool, program: dict[str, str]) -> Bench:
+    """Measure."""
+    began, before = time.monotonic(), load()
+    begun_utc = datetime.now(UTC).isoformat(timespec="seconds")
+    found: list[Row | Refused | Growth] = []
+    for name, part in chosen(only, with_growth).items():
+        try:
+            for one in part(order):
+                found.append(one)  # noqa: PERF402 - what came before an error is kept
+        except Exception as error:  # whatever breaks down in one part, the figures of the others are not lost
+            found.append(Refused(part=name, problem="", name=name, why=f"{type(error).__name__}: {error}"))
+    settings = Settings(
+        vessel=order.vessel.name, problems=order.problems, solves=order.solves, rounds=order.rounds,
+        cadence_solves=order.cadence_solves, seed=order.seed, only=only, growth=with_growth,
+    )  # fmt: skip
+    return Bench(
+        schema=SCHEMA, program=program, begun_utc=begun_utc, seconds=time.monotonic() - began,
+        machine=machine(before), settings=settings,
+        rows=tuple(one for one in found if isinstance(one, Row)),
+        refused=tuple(one for one in found if isinstance(one, Refused)),
+        growth=tuple(one for one in found if isinstance(one, Growth)),
+    )  # fmt: skip

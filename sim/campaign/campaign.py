@@ -1,0 +1,42 @@
+"""A campaign from its cases to its files: what is done is left out, what comes is kept at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from sim.campaign.cases import Case
+from sim.campaign.inputs import Inputs
+from sim.campaign.journal import Journal
+from sim.campaign.report import summary
+from sim.campaign.tables import REPORT, outputs
+from sim.campaign.work import Outcome, Runner
+
+
+def to_do(cases: Sequence[Case], journal: Journal, retry: bool) -> list[Case]:
+    """Cases that have not been run, by seed, so that what is there early is spread; `retry`: and those that failed."""
+    left = [c for c in cases if c.id not in journal.outcomes or (retry and journal.outcomes[c.id].error)]
+    return sorted(left, key=lambda case: (case.seed, case.id))
+
+
+def run(
+    inputs: Inputs, cases: Sequence[Case], journal: Journal, runner: Runner, say: Callable[[Outcome], None]
+) -> None:
+    """Run `cases`; each outcome goes to the journal, then to `say`. Raises RunnerLost, ConfigError (other program)."""
+    for outcome in runner([inputs.work(case) for case in cases]):
+        journal.add(outcome)
+        say(outcome)
+
+
+def write(
+    folder: Path, inputs: Inputs, cases: Sequence[Case], journal: Journal, program: dict[str, str]
+) -> dict[str, bytes]:
+    """Tables, failures and report of what is there; each replaces the one before whole. Their bytes by name."""
+    files = outputs(cases, journal.outcomes)
+    files[REPORT] = summary(inputs, cases, journal.outcomes, program).encode()
+    for name, data in files.items():
+        part = folder / f"{name}.part"
+        part.write_bytes(data)
+        os.replace(part, folder / name)
+    return files

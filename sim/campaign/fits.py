@@ -1,0 +1,109 @@
+"""One identification or diagnosis, of logs that are there or of a simulated drive, and its figures."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.config import ConfigError
+from companion.core.site import Site, load_site
+from companion.core.vessel_file import VesselFile
+from sim.campaign.file import Diagnose, Identify
+from sim.campaign.told import Told
+from sim.campaign.work import Figure, Work
+from sim.diagnose import job as diagnosis
+from sim.identify import job as identification
+from sim.identify.job_split import Log
+from sim.identify.readers import Beside, read_run
+from sim.identify.run import Run
+from sim.identify.structured.parameters import file_values
+from sim.identify.teleop import teleop_run
+from sim.world.environment import Weather
+
+TRUTH = "true_"
+REFERENCE_SEED = 1_000_003
+"""Added to the case's seed for the calm log, so that it is not the same drive."""
+SHOWN_S = 10
+"""Horizon of the held-out errors that become figures, as the reports of both commands have it."""
+
+
+def identify_figures(told: Told, work: Work) -> dict[str, Figure]:
+    """Fit the believed vessel; which model to believe, every parameter, and whether its interval holds the truth."""
+    settings: Identify = work.settings
+    logs, held_out = _logs(told, work, settings.drive_s), [Log(r.meta.source, r) for r in _read(work, told, "held_out")]
+    choices = identification.Choices(block_s=settings.block_s, taylor=settings.taylor, seed=work.seed)
+    found = identification.identify(logs, held_out, told.vessel, choices, lambda: "")
+    fit, verdict = found.structured, found.verdict
+    out: dict[str, Figure] = {
+        "believe": verdict.believe,
+        "attention": len(verdict.attention),
+        "converged": fit.converged,
+        "white": fit.white,
+        "iterations": fit.iterations,
+    }
+    out |= {f"relative_error_{name.replace(' ', '_')}": error for name, error in verdict.relative_error.items()}
+    if settings.drive_s:
+        true = dict(zip((p.name for p in fit.parameters), file_values(told.truth), strict=True))
+        sure = [p for p in fit.parameters if p.determined and not p.name.startswith("warp_")]
+        held = [p.ci95[0] <= true[p.name] <= p.ci95[1] for p in sure]
+        out["intervals_that_hold"] = float(np.mean(held)) if held else None
+        out |= {f"{p.name}_true": float(true[p.name]) for p in fit.parameters}
+    return out | {p.name: p.value for p in fit.parameters} | {f"{p.name}_se": p.se for p in fit.parameters}
+
+
+def diagnose_figures(told: Told, work: Work) -> dict[str, Figure]:
+    """Diagnose; the verdict, causes with their numbers, and what they gain on held-out data."""
+    settings: Diagnose = work.settings
+    logs = [log.run for log in _logs(told, work, settings.drive_s)]
+    calm = _read(work, told, "reference")
+    if settings.reference_s:
+        calm = [_drive(told.vessel, told.vessel, work.seed + REFERENCE_SEED, settings.reference_s, Weather())]
+    found = diagnosis.diagnose(
+        logs, told.vessel, reference=calm[0] if calm else None, held_out=_read(work, told, "held_out"),
+        block_s=settings.block_s, identifiability=None, seed=work.seed,
+    )  # fmt: skip
+    out: dict[str, Figure] = {
+        "verdict": found.verdict,
+        "causes": " + ".join(sorted(n.effect.name for n in found.causes)),
+        "ambiguous_with": " + ".join(sorted(found.ambiguous_with)),
+        "withdrawn": " + ".join(sorted(found.withdrawn)),
+    }
+    out |= {f"gain_{e.channel}": float(e.gain) for e in found.held_out.errors if e.horizon_s == SHOWN_S}
+    for n in found.causes:
+        out[f"{n.effect.name}.nats"] = float(n.candidate.nats)
+        out |= {f"{n.effect.name}.{key}": float(number.value) for key, number in n.numbers.items()}
+    return out
+
+
+def _logs(told: Told, work: Work, drive_s: float | None) -> list[Log]:
+    if drive_s is None:
+        return [Log(run.meta.source, run) for run in _read(work, told, "log")]
+    run = _drive(told.truth, told.vessel, work.seed, drive_s, told.weather)
+    return [Log(run.meta.source, run)]
+
+
+def _drive(true: VesselFile, believed: VesselFile, seed: int, drive_s: float, weather: Weather) -> Run:
+    """A log of the true boat by somebody at a keyboard who goes by the believed one; without the truth in it."""
+    uwb = true.sensors.uwb
+    run = teleop_run(true, seed, drive_s, uwb_hz=uwb.rate_Hz, sigma_m=uwb.range_sigma_m, weather=weather,
+                     believed=believed)  # fmt: skip
+    return Run(run.table.select([c for c in run.table.columns if not c.startswith(TRUTH)]), run.meta)
+
+
+def _read(work: Work, told: Told, role: str) -> list[Run]:
+    """Logs of a role. ConfigError where one is no longer what the campaign began with."""
+    beside, runs = Beside(told.vessel, _site(work.texts, work.names)), []
+    for path, digest in work.logs.get(role, ()):
+        if hashlib.sha256(Path(path).read_bytes()).hexdigest() != digest:
+            raise ConfigError(f"{path}: is not what it was when the campaign was read")
+        run = read_run(Path(path), beside)
+        runs.append(type(run)(run.table, replace(run.meta, source=path)))
+    return runs
+
+
+def _site(texts: Mapping[str, str], names: Mapping[str, str]) -> Site | None:
+    return load_site(texts["site"], name=names["site"]) if "site" in texts else None

@@ -1,0 +1,100 @@
+"""One mission on the stepped clock, and its figures against the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.code_store import CodeStore
+from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
+from companion.core.nmpc import Actuation, Nmpc
+from companion.core.pilot import Pilot
+from companion.core.vessel import StructuredModel
+from companion.setup import Setup, setup_of
+from sim.campaign.file import Missions
+from sim.campaign.told import Told
+from sim.campaign.work import Figure
+from sim.world.score import Track, estimation, station, track_of, tracking
+from sim.world.stepped import SteppedRun
+from sim.world.world import World, WorldSetup
+
+PATIENT_S = 60.0
+"""Time of IPOPT's rescue: it must end by iterations, which are the same everywhere, not by the wall clock."""
+KEPT = 2
+"""Boats whose compiled pilot and NMPC a worker keeps; they take some 100 MB each; assumed."""
+JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_rmse_m", "u_rmse_m_s", "v_rmse_m_s",
+              "velocity_rmse_m_s", "heading_rmse_deg", "nees", "station_error_m", "station_error_deg")  # fmt: skip
+
+
+def mission_figures(told: Told, settings: Missions, seed: int) -> dict[str, Figure]:
+    """Drive it; what came of it. Figures that cannot be said (it never drove, it has no straight part) are None."""
+    assert told.setup is not None, "missions come with a run file"
+    mind, nmpc = _mind(tuple(sorted(told.setup.files.items())))
+    start = (told.world.north_m, told.world.east_m, math.radians(told.world.psi_deg))
+    world = WorldSetup(
+        told.truth,
+        told.setup.pilot.site,
+        start=start,
+        weather=told.weather,
+        mismatch=told.world.mismatch,
+        faults=told.faults,
+        voltage_v=told.world.voltage_v,
+        drift_ppm=told.world.drift_ppm,
+    )
+    run = SteppedRun(World(world, seed), mind, nmpc.solve)
+
+    def settled(run: SteppedRun) -> bool:
+        since = run.state.guidance.settled_ns
+        if run.state.guidance.phase != "done" or since is None:
+            return False
+        return run.world.t_ns - since > settings.station_s * 1e9
+
+    finished = run.run(settled, settings.limit_s)
+    figures = {"finished": finished, **_scored(run, told.setup, settings)}
+    return figures if finished else figures | dict.fromkeys(("station_error_m", "station_error_deg"))
+
+
+def _scored(run: SteppedRun, setup: Setup, settings: Missions) -> dict[str, Figure]:
+    points = np.array(setup.pilot.mission.path.points)
+    passed = len(run.state.guidance.passed)
+    leases = run.of(OverrideLease)
+    driven = [lease for lease in leases if lease.source != "neutral"]
+    track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
+    out: dict[str, Figure] = {
+        "waypoints_missed": len(points) - passed,
+        "unleased": _unleased([m.index for m in run.of(Tick)], [m.index for m in leases]),
+        "mode": run.state.helm.mode,
+        "simulated_s": run.world.t_ns * 1e-9,
+        "plan_share": sum(lease.source == "plan" for lease in driven) / len(driven) if driven else None,
+    }
+    return out | _judged(track, points, settings.station_s)
+
+
+def _unleased(ticks: list[int], leases: list[int]) -> bool:
+    """Whether a tick did not end in exactly one lease; the last may still be open."""
+    return leases != ticks[: len(leases)] or len(ticks) - len(leases) > 1
+
+
+def _judged(track: Track, points: np.ndarray, station_s: float) -> dict[str, Figure]:
+    """Tracking, station and estimate."""
+    if not len(track.t_s):
+        return dict.fromkeys(("farthest_m", *JUDGED))
+    last = points[-1] - points[-2] if len(points) > 1 else np.array([1.0, 0.0])
+    pose = (*points[-1], float(np.arctan2(last[1], last[0])))
+    away = np.linalg.norm(track.truth[:, None, :2] - points, axis=2).min(axis=0)
+    known: Mapping[str, float] = tracking(track, points) | station(track, pose, station_s) | estimation(track)
+    figures: dict[str, Figure] = {"farthest_m": float(away.max())}
+    return figures | {name: known[name] for name in JUDGED}
+
+
+@lru_cache(KEPT)
+def _mind(files: tuple[tuple[str, str], ...]) -> tuple[Pilot, Nmpc]:
+    """Pilot and NMPC of a setup: compiled once in each worker, machine code kept on disk."""
+    settings = setup_of(dict(files), {name: name for name, _ in files}).pilot
+    patient = replace(settings.nmpc, rescue_time_s=PATIENT_S)
+    model, actuation = StructuredModel.of(settings.vessel), Actuation.of(settings.vessel)
+    return Pilot(settings), Nmpc(model, actuation, patient, lambda: 0.0, settings.fence, CodeStore.of())

@@ -1,0 +1,111 @@
+"""Distributions of a campaign's figures: a histogram of each, or where a grid parts the cases a curve for each part."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from sim.identify.validation.figures import COLOURS, INK
+
+ACROSS = 3
+FEW = 8
+"""Fewer values than this are drawn one by one, not as a histogram."""
+STYLES = ("-", "--", ":")
+
+
+def distributions(parts: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -> Figure:
+    """One panel for each figure of `names`. `parts`: by part of the grid, values by figure (NaN left out)."""
+    down = -(-len(names) // ACROSS)
+    figure = Figure(figsize=(11, 2.6 * down + 0.5), layout="constrained")
+    axes = figure.subplots(down, ACROSS, squeeze=False).ravel()
+    for ax, name in zip(axes, names, strict=False):
+        values = {part: _known(columns[name]) for part, columns in parts.items()}
+        if len(values) == 1:
+            _histogram(ax, next(iter(values.values())))
+        else:
+            _curves(ax, values)
+        ax.set_title(name, fontsize=9)
+        ax.tick_params(labelsize=8)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+    for ax in axes[len(names) :]:
+        ax.set_axis_off()
+    if len(parts) > 1:
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(parts)), fontsize=8)
+    return figure
+
+
+def errors(sigmas: Mapping[str, np.ndarray]) -> Figure:
+    """Errors of fitted parameters in their own standard errors: median, middle half, and 95 % of the cases."""
+    figure = Figure(figsize=(11, 0.26 * len(sigmas) + 1.2), layout="constrained")
+    ax = figure.add_subplot()
+    at = np.arange(len(sigmas))[::-1]
+    ax.axvspan(-1.96, 1.96, color="#eeeeee", label="95 % of honest errors")
+    for y, values in zip(at, sigmas.values(), strict=True):
+        low, quarter, middle, three, high = np.quantile(_known(values), [0.025, 0.25, 0.5, 0.75, 0.975])
+        ax.plot([low, high], [y, y], color=COLOURS[0], lw=1, label="95 % of the cases" if y == 0 else None)
+        ax.plot([quarter, three], [y, y], color=COLOURS[0], lw=4, label="half of the cases" if y == 0 else None)
+        ax.plot(middle, y, "|", color=INK, ms=9, label="median" if y == 0 else None)
+    ax.axvline(0.0, color=INK, lw=0.8)
+    ax.set_yticks(at, list(sigmas), fontsize=8)
+    ax.set(xlabel="(fitted - true) / standard error", ylim=(-0.7, len(sigmas) - 0.3))
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8)
+    return figure
+
+
+def counts(parts: Mapping[str, Mapping[str, int]]) -> Figure:
+    """How often each text came, a bar in each part of the grid."""
+    every = sum((Counter(told) for told in parts.values()), Counter[str]())
+    words = [word for word, _ in every.most_common()]
+    figure = Figure(figsize=(11, 0.3 * len(words) + 1.2), layout="constrained")
+    ax = figure.add_subplot()
+    left = np.zeros(len(words))
+    for i, (part, told) in enumerate(parts.items()):
+        many = np.array([told.get(w, 0) for w in words], dtype=float)
+        ax.barh(np.arange(len(words))[::-1], many, left=left, color=COLOURS[i % len(COLOURS)], label=part)
+        left += many
+    ax.set_yticks(np.arange(len(words))[::-1], [w or "(none)" for w in words], fontsize=8)
+    ax.set(xlabel="cases")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if len(parts) > 1:
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+    return figure
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    return np.sort(values[np.isfinite(values)])
+
+
+def _histogram(ax: Axes, values: np.ndarray) -> None:
+    if len(values) < FEW:
+        ax.plot(values, np.zeros(len(values)), "|", color=COLOURS[0], ms=14)
+        ax.set_yticks([])
+        return
+    ax.hist(values, bins=min(40, max(8, round(len(values) ** 0.5))), color=COLOURS[0], alpha=0.85)
+    for share, style in ((0.5, "-"), (0.95, "--")):
+        ax.axvline(float(np.quantile(values, share)), color=INK, ls=style, lw=1)
+    ax.set_ylabel("cases", fontsize=8)
+
+
+def _curves(ax: Axes, parts: Mapping[str, np.ndarray]) -> None:
+    """Share of the cases that are at most so large."""
+    for i, (part, values) in enumerate(parts.items()):
+        share = np.arange(len(values) + 1) / max(len(values), 1)
+        style = STYLES[i // len(COLOURS) % len(STYLES)]
+        ax.step(
+            np.concatenate([values[:1], values]),
+            100 * share,
+            style,
+            where="post",
+            color=COLOURS[i % len(COLOURS)],
+            lw=1.4,
+            label=part,
+        )
+    ax.set_ylabel("cases [%]", fontsize=8)
+    ax.set_ylim(0, 102)
+    ax.grid(alpha=0.3)

@@ -1,0 +1,174 @@
+"""The report on a campaign: what was run, what failed, how its figures are distributed. One self-contained page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import polars as pl
+
+from sim.campaign import pictures
+from sim.campaign.cases import Case
+from sim.campaign.file import Campaign
+from sim.campaign.inputs import Inputs
+from sim.campaign.tables import failures, results
+from sim.campaign.work import Outcome
+from sim.identify.validation.report import Section, page
+from sim.identify.validation.table import Table
+
+MAIN = {
+    "missions": (
+        "cross_track_rms_m", "overshoot_m", "surge_rms_error_m_s", "farthest_m", "station_error_m",
+        "station_error_deg", "position_rmse_m", "velocity_rmse_m_s", "heading_rmse_deg", "nees",
+    ),
+    "identify": ("relative_error_structured", "intervals_that_hold", "iterations"),
+    "diagnose": ("gain_position", "gain_heading", "gain_yaw_rate", "gain_surge_accel", "gain_sway_accel"),
+}  # fmt: skip
+"""Figures that are drawn; every figure stands in the table and in results.parquet."""
+WORDS = {"missions": ("mode",), "identify": ("believe",), "diagnose": ("verdict", "causes")}
+"""Figures that are words and worth counting."""
+PARTS = 12
+"""More points of a grid than this are not told apart in pictures."""
+LISTED = 100
+
+
+def summary(inputs: Inputs, cases: Sequence[Case], outcomes: Mapping[str, Outcome], program: Mapping[str, str]) -> str:
+    """The page, as text."""
+    table, failed = results(cases, outcomes), failures(cases, outcomes)
+    sections = [_state(inputs.campaign, cases, outcomes, len(failed)), *_failed(failed)]
+    if table.height:
+        sections += [*_pictures(inputs.campaign, table), _every(table, cases)]
+    sections.append(_origin(inputs, program))
+    return page(f"Campaign {inputs.campaign.name}", sections)
+
+
+def quantiles(table: pl.DataFrame, names: Sequence[str]) -> Table:
+    """Of each figure: how many, mean, spread, quantiles, extremes."""
+    rows = []
+    for name in names:
+        values = _numbers(table, name)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            rows.append((name, "0", *["-"] * 7))
+            continue
+        five = np.quantile(values, [0.0, 0.05, 0.5, 0.95, 1.0])
+        told = (values.mean(), values.std(ddof=1) if len(values) > 1 else np.nan, *five)
+        rows.append((name, str(len(values)), *(f"{v:.4g}" if np.isfinite(v) else "-" for v in told)))
+    return Table(("figure", "cases", "mean", "sd", "least", "5 %", "median", "95 %", "most"), tuple(rows))
+
+
+def main_figures(campaign: Campaign, table: pl.DataFrame) -> list[str]:
+    """Those of the kind's main figures that this campaign has."""
+    return [n for n in MAIN[campaign.kind] if n in table.columns and np.isfinite(_numbers(table, n)).any()]
+
+
+def parts_of(campaign: Campaign, table: pl.DataFrame) -> dict[str, pl.DataFrame]:
+    """The table by points of the grid; one part where there is no grid, or too many points."""
+    keys = [key for key, values in campaign.grid.items() if len(values) > 1]
+    rows = table.select(keys).unique().sort(keys).rows() if keys else []
+    if not 1 < len(rows) <= PARTS:
+        return {"all cases": table}
+    out = {}
+    for row in rows:
+        told = ", ".join(f"{key.split('.')[-1]} {value}" for key, value in zip(keys, row, strict=True))
+        here = pl.all_horizontal([pl.col(key).eq_missing(value) for key, value in zip(keys, row, strict=True)])
+        out[told] = table.filter(here)
+    return out
+
+
+def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, Outcome], failed: int) -> Section:
+    ran = [outcomes[c.id] for c in cases if c.id in outcomes]
+    lines = [f"{len(cases)} cases ({campaign.kind}): {len(ran) - failed} done, {failed} failed, "
+             f"{len(cases) - len(ran)} not run yet."]  # fmt: skip
+    done = [o for o in ran if not o.error]
+    if done:
+        seconds = np.array([o.seconds for o in done])
+        lines.append(f"One case took {np.median(seconds):.1f} s (median), all of them {seconds.sum() / 3600:.2f} h of "
+                     f"one core; {len({o.worker for o in done})} processes took part.")  # fmt: skip
+    if campaign.kind == "missions" and done:
+        ended = sum(o.figures["finished"] is True for o in done)
+        missed = sum(o.figures["waypoints_missed"] != 0 for o in done)
+        lines.append(f"{ended} missions ended on station in time; in {missed} a waypoint was missed.")
+    return Section("What was run", tuple(lines), look=bool(failed) or len(ran) < len(cases))
+
+
+def _failed(failed: Sequence[tuple[Case, Outcome]]) -> list[Section]:
+    if not failed:
+        return []
+    rows = [
+        (case.id, str(case.seed), ", ".join(f"{k} {_short(v)}" for k, v in case.shown.items()), outcome.error)
+        for case, outcome in failed[:LISTED]
+    ]
+    more = f"So it is with {len(failed) - LISTED} more. " if len(failed) > LISTED else ""
+    note = f"{more}Where each broke is in failed.json. Mended? The same command with --retry runs them again."
+    return [Section("Cases that failed", tables=(Table(("case", "seed", "what", "error"), tuple(rows)),), text=True,
+                    note=note)]  # fmt: skip
+
+
+def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
+    parts, names = parts_of(campaign, table), main_figures(campaign, table)
+    sections = []
+    if names:
+        columns = {part: {n: _numbers(rows, n) for n in names} for part, rows in parts.items()}
+        one = "Lines: median and, dashed, the value that 95 % of the cases do not exceed."
+        many = "For each point of the grid the share of its cases that are at most so large."
+        figure = pictures.distributions(columns, names)
+        sections.append(Section("Distributions", figures=((figure, one if len(parts) == 1 else many),)))
+    if len(parts) > 1 and names:
+        sections.append(Section("By point of the grid", tables=(_by_part(parts, names),), note="Median (95 %)."))
+    for name in (n for n in WORDS[campaign.kind] if n in table.columns and table[n].n_unique() > 1):
+        told = {part: Counter(str(v) if v is not None else "" for v in rows[name]) for part, rows in parts.items()}
+        figure = pictures.counts(told)
+        sections.append(Section(f"How often: {name}", figures=((figure, "Cases by what they came to."),)))
+    sigmas = _sigmas(table)
+    if sigmas:
+        told = "Against the simulated truth: where the bars reach beyond the grey, intervals are too narrow."
+        sections.append(Section("Errors of the parameters", figures=((pictures.errors(sigmas), told),)))
+    return sections
+
+
+def _by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> Table:
+    rows = []
+    for name in names:
+        cells = []
+        for table in parts.values():
+            values = _numbers(table, name)
+            values = values[np.isfinite(values)]
+            told = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
+            cells.append(f"{told[0]:.3g} ({told[1]:.3g})" if len(values) else "-")
+        rows.append((name, *cells))
+    return Table(("figure", *parts), tuple(rows))
+
+
+def _sigmas(table: pl.DataFrame) -> dict[str, np.ndarray]:
+    """Errors over standard errors, of the parameters whose truth is known and which were fitted."""
+    out = {}
+    for name in (c.removesuffix("_true") for c in table.columns if c.endswith("_true")):
+        se = _numbers(table, f"{name}_se")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = (_numbers(table, name) - _numbers(table, f"{name}_true")) / se
+        if np.isfinite(z).any() and not name.startswith("warp_"):
+            out[name] = z
+    return out
+
+
+def _every(table: pl.DataFrame, cases: Sequence[Case]) -> Section:
+    known = {"case", "seed", *(key for case in cases for key in case.shown)}
+    names = [c for c in table.columns if c not in known and table[c].dtype != pl.String]
+    return Section("Every figure", tables=(quantiles(table, names),), note="Of yes and no: 1 and 0.")
+
+
+def _origin(inputs: Inputs, program: Mapping[str, str]) -> Section:
+    files = Table(("file", "SHA-256"), tuple((name, digest) for name, digest in sorted(inputs.digests.items())))
+    told = Table(("program", "version"), tuple(program.items()))
+    return Section("What it rests on", tables=(files, told), preformatted=inputs.text, text=True,
+                   note=f"Below: {inputs.name} as it was.")  # fmt: skip
+
+
+def _numbers(table: pl.DataFrame, name: str) -> np.ndarray:
+    return table[name].cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy()
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+import deploy
 from companion.commands.analysis import (
     REFUSED,
     bars,
@@ -30,7 +31,6 @@ from companion.commands.analysis import (
     versions,
 )
 from companion.core.excitation.file import load_excitation
-from companion.setup import EXAMPLES
 
 if TYPE_CHECKING:
     from sim.diagnose.job import Diagnosis
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 DONE, LOOK = 0, 1
 SETTLED = ("none", "named")
-LIBRARY = EXAMPLES / "excitations" / "library.toml"
+LIBRARY = Path(deploy.__file__).parent / "excitations" / "library.toml"
 
 
 def add_parser(commands) -> None:

@@ -75,12 +75,13 @@ def force_from_pwm(
 def forces_from_pwm(
     thruster: Thruster, fmap: ForceMap, pwm_us: np.ndarray, voltage_v: np.ndarray, setting: np.ndarray | None = None
 ) -> np.ndarray:
-    """`force_from_pwm` of whole logs: pulse widths, voltages and settings (k,), forces (k,)."""
+    """`force_from_pwm` of whole logs: pulse widths, voltages and settings (k,), forces (k,); NaN at no real voltage."""
     c = np.clip((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0, 1.0)
     dead = fmap.dead_band_us / SPAN_US if isinstance(fmap, RotorMap) else 0.0
     force = 0.0 * c  # in the dead band at any voltage, and also at one that is not known
-    for sign, side in ((1, c > dead), (-1, c < -dead)):
-        force[side] = sign * _force_ahead(fmap, np.abs(c[side]), voltage_v[side], sign)
+    with np.errstate(invalid="ignore"):
+        for sign, side in ((1, c > dead), (-1, c < -dead)):
+            force[side] = sign * _force_ahead(fmap, np.abs(c[side]), voltage_v[side], sign)
     return thruster.gain * setting_share(fmap, setting) * force
 
 

@@ -279,7 +279,7 @@ class Generic:
         north, east = north_east(self.psi, latent[:, 0], latent[:, 1])
         driven = self._mean(self.f) @ self.physics.B.T @ self._turn
         shares = (driven * latent) @ (1 / np.maximum(latent.std(axis=0), 1e-9) ** 2)
-        found = {k: self._peaks(v) for k, v in (("thrust", shares), ("N", north), ("E", east), ("K", latent[:, 2]))}
+        found = self._peaks({"thrust": shares, "N": north, "E": east, "K": latent[:, 2]})
 
         def waves(hz: float) -> dict[str, np.ndarray]:
             return {f"{w.__name__} {hz:.4f} Hz": w(2 * np.pi * hz * self.clock) for w in (np.cos, np.sin)}
@@ -290,13 +290,15 @@ class Generic:
             functions = {k: v for hz in peaks for k, v in waves(hz).items()}
             yield self._known(f"force, periodic, {axis}", ("time",), "force", self._axes(axis), functions)
 
-    def _peaks(self, signal: np.ndarray) -> list[float]:
-        """Frequencies [Hz] at which it is largest."""
+    def _peaks(self, signals: dict[str, np.ndarray]) -> dict[str, list[float]]:
+        """Frequencies [Hz] at which each is largest."""
         span = max(float(np.ptp(self.clock)), 1.0)
         grid = np.arange(*HZ, 0.25 / span)
-        power, out = np.abs(np.exp(-2j * np.pi * grid[:, None] * self.clock) @ signal), []
-        for _ in range(PEAKS):
-            best = int(power.argmax())
-            out.append(float(grid[best]))
-            power[np.abs(grid - grid[best]) < 2.0 / span] = 0.0
-        return out
+        spectra = np.abs(np.exp(-2j * np.pi * grid[:, None] * self.clock) @ np.stack(list(signals.values()), axis=1))
+        found: dict[str, list[float]] = {name: [] for name in signals}
+        for out, power in zip(found.values(), spectra.T, strict=True):
+            for _ in range(PEAKS):
+                best = int(power.argmax())
+                out.append(float(grid[best]))
+                power[np.abs(grid - grid[best]) < 2.0 / span] = 0.0
+        return found

@@ -12,7 +12,6 @@ from sim.diagnose import findings as form
 from sim.diagnose.job import Diagnosis
 from sim.diagnose.mended import Named
 from sim.diagnose.public import sentence
-from sim.diagnose.report import report
 from sim.diagnose.sentences import sentences
 from sim.identify.structured.vessel_out import vessel_toml
 
@@ -43,6 +42,8 @@ def outputs(
     if found.identifiability is not None and (manoeuvre := found.identifiability.file):
         files[form.MANOEUVRE] = manoeuvre.encode()
     if pictured:
+        from sim.diagnose.report import report  # noqa: PLC0415 - matplotlib is slow to load
+
         files[form.REPORT] = report(found).encode()
     made = findings(found, vessel_text, versions, command)
     files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(made, enc_hook=_plain), indent=1) + b"\n"

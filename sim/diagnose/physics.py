@@ -223,7 +223,7 @@ class Physics:
         G_water = G_water.reshape(W, K + 1, 2, 3).copy()
         scene, steps = self.scene(state), list(secants(chosen, theta))
         out, bump = np.zeros((W, K + 1, 3, len(steps))), np.zeros((W, K, 3, len(steps)))
-        pushed = state.forces.bump() @ self.B.T
+        pushed, old = state.forces.bump() @ self.B.T, None
         for at, (effect, now, step) in enumerate(steps):  # one column each is written once: they lie far apart
             there, without, hooks = {**theta, effect.id: now + step}, {**theta, effect.id: now}, set(effect.hooks)
             every, per_unit = among(effects, effect), 1 / step.sum()
@@ -234,7 +234,8 @@ class Physics:
                 kick += unit.bump() @ (state.M_inv @ self.B).T
             if hooks & {"thrust", "force", "water"}:
                 new = self.extra([effect], there, scene, state.forces.f)
-                old = self.extra([effect], without, scene, state.forces.f)
+                if old is None or steps[at - 1][0] is not effect:
+                    old = self.extra([effect], without, scene, state.forces.f)
                 nodes += (new[0] - old[0]) @ state.M_inv.T
                 if "water" in hooks:
                     nodes += ((new[1] - old[1])[..., None, :] @ G_water)[..., 0, :]

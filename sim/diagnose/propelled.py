@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ from sim.identify.run import Run
 from sim.identify.structured.battery import commands_of
 from sim.identify.structured.data import Windows
 from sim.identify.structured.thrust import Commands, SlewedHistory, ThrustHistory
+
+KEPT = 48  # results by cache: a log of ten minutes takes half a megabyte each
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,7 @@ class Propelled:
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, windows: Windows, means_s: Sequence[float]):
         self.runs, self.vessel, self.windows, self._means_s = runs, vessel, windows, means_s
         self._middle = windows.t_s[:, :-1] + windows.h_s / 2
-        self._commands = _Cache(self._steady)
-        self._unit = _Cache(self._first_step)
+        self._commands, self._driven = _Cache(self._steady), _Cache(self._averaged)
 
     def forces(self, effects: Sequence[Effect], theta: Theta) -> Forces:
         """Thruster forces with effects on commands, force maps, dead time and lag.
@@ -72,10 +73,7 @@ class Propelled:
 
     def _from_nil(self, effects: Sequence[Effect], large: Theta, effect: Effect, step: np.ndarray) -> Forces:
         """What `step` changes of the forces with no other effect about but those that are there as a whole."""
-        about = [e for e in effects if e.whole and e.id in large]
-        return self._unit((effect.id, *step, *(e.id for e in about)), about, effect, step)
-
-    def _first_step(self, about: Sequence[Effect], effect: Effect, step: np.ndarray) -> Forces:
+        about = [e for e in effects if e.id in large and e.whole]
         wholly = {e.id: e.believed()[1] for e in about}
         return self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
 
@@ -84,16 +82,21 @@ class Propelled:
         for effect, p in values_of(effects, theta, "maps"):
             vessel = effect.hooks["maps"](p, vessel)
         pulses = values_of(effects, theta, "pwm")
-        trims = tuple(t.trim_us for t in vessel.thrusters)
-        key = (tuple(vessel.force_maps.items()), trims, tuple((e.id, *p.values()) for e, p in pulses))
+        key = (tuple(vessel.force_maps.items()), vessel.thrusters, tuple((e.id, *p.values()) for e, p in pulses))
+        return self._driven((key, vessel.propulsion), key, vessel, pulses)
+
+    def _averaged(self, key: Hashable, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Forces:
+        """Forces at the lag and the dead time of `vessel`. `key`: of the commands, which know neither."""
         commands = self._commands(key, vessel, pulses)
-        gains, propulsion = np.array([t.gain for t in vessel.thrusters]), vessel.propulsion
-        f, middle = [], []
+        gains, f, middle = np.array([t.gain for t in vessel.thrusters]), [], []
         for span, own, width in zip(self.windows.spans, commands, self._means_s, strict=True):
-            history = _history(own, propulsion)
+            history = _history(own, vessel.propulsion)
             f.append(_mean(history, self.windows.t_s[span], width))
             middle.append(_mean(history, self._middle[span], width))
-        return Forces(np.concatenate(f) * gains, np.concatenate(middle) * gains)
+        driven = Forces(np.concatenate(f) * gains, np.concatenate(middle) * gains)
+        for kept in (driven.f, driven.middle):
+            kept.flags.writeable = False  # they are handed out again
+        return driven
 
     def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[Commands]:
         runs = self.runs
@@ -111,25 +114,25 @@ def _history(commands: Commands, propulsion: Propulsion) -> ThrustHistory | Slew
 def _mean(history: ThrustHistory | SlewedHistory, t_s: np.ndarray, width_s: float) -> np.ndarray:
     """Forces averaged over `width_s` round `t_s`, as the samples that they are compared with are."""
     if not width_s:
-        return history.at(t_s)[0]
-    total = history.at(t_s - 0.4 * width_s)[0]
+        return history.force(t_s)
+    total = history.force(t_s - 0.4 * width_s)
     for share in (-0.2, 0.0, 0.2, 0.4):
-        total += history.at(t_s + share * width_s)[0]
+        total += history.force(t_s + share * width_s)
     return total / 5
 
 
 class _Cache:
-    """The last few results of a function by key."""
+    """The results of a function that were asked for last, by key."""
 
     def __init__(self, function: Any):
         self._function, self._kept = function, {}
 
-    def __call__(self, key: Any, *args: Any) -> Any:
-        if key not in self._kept:
-            if len(self._kept) > 48:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = self._function(*args)
-        return self._kept[key]
+    def __call__(self, key: Hashable, *args: Any) -> Any:
+        found = self._kept.pop(key) if key in self._kept else self._function(*args)
+        self._kept[key] = found
+        if len(self._kept) > KEPT:
+            self._kept.pop(next(iter(self._kept)))
+        return found
 
 
 def _repulsed(run: Run, vessel: VesselFile, effect: Effect, p: Values) -> Run:

@@ -15,10 +15,11 @@ NEARBY = 0.1  # of the value of a far effect that is believed in: how far its se
 
 def values_of(effects: Sequence[Effect], theta: Theta, *stages: str) -> list[tuple[Effect, dict[str, float]]]:
     """Effects of `theta` that have one of the hooks, with their parameters by name."""
+    wanted = frozenset(stages)
     return [
         (e, {p.name: float(v) for p, v in zip(e.parameters, theta[e.id], strict=True)})
         for e in effects
-        if e.id in theta and any(s in e.hooks for s in stages)
+        if e.id in theta and not wanted.isdisjoint(e.hooks)
     ]
 
 

@@ -8,6 +8,7 @@ was really commanded, and no measurement from outside the part is in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,14 @@ HISTORY_S = 2.0
 """Commands kept from before a part: dead time and lag of small thrusters are over by then (validation looks as far)."""
 Interval = tuple[float, float]
 """From, to [s] on the run's clock."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A run that no fit has seen, or the intervals `inside` [s] of one that none has; None: all of it."""
+
+    run: Run
+    inside: tuple[Interval, ...] | None = None
 
 
 def part(run: Run, low_s: float, high_s: float, history_s: float = HISTORY_S) -> Run:

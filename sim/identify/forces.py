@@ -3,31 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
-from companion.core.thrusters import NEUTRAL_US, SPAN_US, configuration_matrix, force_expression
-from companion.core.vessel_file import ForceMap, PitchMap, Thruster, VesselFile
+from companion.core.thrusters import configuration_matrix, forces_from_pwm
+from companion.core.vessel_file import PitchMap, VesselFile
 from sim.identify.run import Run
 
 Settings = Mapping[str, np.ndarray]
 """By name: what was set at each instant, NaN where unknown."""
-
-
-@lru_cache(maxsize=64)
-def _force_function(
-    thrusters: tuple[Thruster, ...], maps: tuple[tuple[str, ForceMap], ...], names: tuple[str, ...], count: int
-) -> ca.Function:
-    """(pwm_us (n,), voltage_v, settings in the order of `names`) -> f (n,), for `count` instants."""
-    pwm, volts, values = ca.SX.sym("pwm", len(thrusters)), ca.SX.sym("V"), ca.SX.sym("settings", len(names))
-    force_maps, forces = dict(maps), []
-    for i, thruster in enumerate(thrusters):
-        fmap = force_maps[thruster.force_map]
-        setting = values[names.index(fmap.setting)] if isinstance(fmap, PitchMap) else None
-        forces.append(force_expression(thruster, fmap, pwm[i], volts, setting))
-    return ca.Function("forces", [pwm, volts, values], [ca.vertcat(*forces)]).map(count)
 
 
 def settings_at(run: Run, t_s: np.ndarray) -> dict[str, np.ndarray]:
@@ -56,12 +40,14 @@ def thruster_forces(
 
     lag. Settings that are not given have their nominal values.
     """
-    trim = np.array([t.trim_us for t in vessel.thrusters])
-    clipped = np.clip(np.asarray(pwm_us, dtype=float) - trim, NEUTRAL_US - SPAN_US, NEUTRAL_US + SPAN_US) + trim
-    volts, rows = np.asarray(battery_v, dtype=float)[None, :], setting_rows(vessel, settings or {}, len(clipped))
-    maps, names = tuple(vessel.force_maps.items()), tuple(vessel.settings)
-    columns = _force_function(tuple(vessel.thrusters), maps, names, len(clipped))(clipped.T, volts, rows)
-    return np.asarray(columns).T
+    pwm, volts = np.asarray(pwm_us, dtype=float), np.asarray(battery_v, dtype=float)
+    rows = dict(zip(vessel.settings, setting_rows(vessel, settings or {}, len(pwm)), strict=True))
+    columns = []
+    for thruster, own in zip(vessel.thrusters, pwm.T, strict=True):
+        fmap = vessel.force_maps[thruster.force_map]
+        setting = rows[fmap.setting] if isinstance(fmap, PitchMap) else None
+        columns.append(forces_from_pwm(thruster, fmap, own, volts, setting))
+    return np.stack(columns, axis=1)
 
 
 def body_forces(

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from companion.core.vessel_file import VesselFile
-from sim.identify.blocks import Interval, alternate, parts, tail
+from sim.identify.blocks import HeldOut, Interval, alternate, parts, tail
 from sim.identify.run import Run, RunError
-from sim.identify.validation.study import HeldOut
 
 SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0

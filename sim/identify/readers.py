@@ -10,9 +10,7 @@ from companion.core.site import Site
 from companion.core.vessel_file import VesselFile
 from sim.identify.readers_aritra import read_mcap
 from sim.identify.readers_cse1 import is_cse1, read_cse1
-from sim.identify.readers_dataflash import read_dataflash_run
 from sim.identify.readers_table import csv_lines, read_csv, read_parquet
-from sim.identify.readers_tlog import read_tlog
 from sim.identify.readers_uwb import read_uwb
 from sim.identify.run import Run, RunError
 
@@ -55,7 +53,11 @@ def read_run(path: Path, beside: Beside | None = None) -> Run:
         wire_format = given.uwb_format or (uwb_spec.wire_format if uwb_spec else None)
         uwb = partial(read_uwb, given.uwb, wire_format, given.site, uwb_spec.z_m if uwb_spec else 0.0)
     if kind == "bin":
+        from sim.identify.readers_dataflash import read_dataflash_run  # noqa: PLC0415 - pymavlink is slow to load
+
         return read_dataflash_run(path, given.vessel, given.site, uwb, given.uwb_offset_s)
     if kind == "tlog":
+        from sim.identify.readers_tlog import read_tlog  # noqa: PLC0415
+
         return read_tlog(path, given.vessel, given.site, uwb, given.uwb_offset_s or 0.0)
     raise RunError(f"{path}: expected .mcap, .csv, .csv.gz, .parquet, .bin or .tlog")

@@ -13,12 +13,15 @@ over one step of the grid around each instant, at their mean stamp. No rejection
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 RATE_HZ = 10.0
 """Of the result; the paper's."""
@@ -134,7 +137,7 @@ def _smooth_yaw(run: Run, noise: SmootherNoise, grid: np.ndarray) -> tuple[np.nd
     heading = binned(t_psi, np.unwrap(psi), grid)
     gyro = binned(*run.samples("r_rad_s"), grid)
     h = grid[1] - grid[0]
-    kf = KalmanFilter(dim_x=4, dim_z=1)
+    kf = _kalman_filter(4, 1)
     kf.F, kf.Q = np.eye(4), np.zeros((4, 4))
     kf.F[:3, :3], kf.Q[:3, :3] = _random_walk(h, noise.yaw_jerk)
     kf.Q[3, 3] = noise.gyro_bias_walk**2 * h + 1e-18
@@ -167,7 +170,7 @@ def _smooth_plane(run: Run, noise: SmootherNoise, grid: np.ndarray, yaw: np.ndar
     R = rotations(yaw[:, 0])
     h = grid[1] - grid[0]
     eye = np.eye(2)
-    kf = KalmanFilter(dim_x=8, dim_z=2)
+    kf = _kalman_filter(8, 2)
     kf.F, kf.Q = np.eye(8), np.zeros((8, 8))
     F, Q = _random_walk(h, noise.jerk)
     kf.F[:6, :6], kf.Q[:6, :6] = np.kron(F, eye), np.kron(Q, eye)
@@ -195,6 +198,12 @@ def _random_walk(h: float, density: float) -> tuple[np.ndarray, np.ndarray]:
     F = np.array([[1, h, h * h / 2], [0, 1, h], [0, 0, 1]])
     Q = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h * h / 2], [h**3 / 6, h * h / 2, h]])
     return F, density**2 * Q
+
+
+def _kalman_filter(states: int, readings: int) -> KalmanFilter:
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - slow: all of scipy.stats comes with it
+
+    return KalmanFilter(dim_x=states, dim_z=readings)
 
 
 def _both_ways(kf: KalmanFilter, k: int, correct) -> tuple[np.ndarray, np.ndarray]:

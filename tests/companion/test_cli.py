@@ -47,6 +47,19 @@ def test_every_command_helps(command, words, capsys):
     assert all(word in told for word in words), told
 
 
+@pytest.mark.parametrize(
+    ("modules", "slow"),
+    [
+        ("companion.__main__", "casadi numpy scipy"),
+        ("companion.commands.diagnose, sim.diagnose.job_record, sim.identify.readers", "filterpy matplotlib pymavlink"),
+    ],
+    ids=("any", "diagnose"),
+)
+def test_a_command_brings_no_slow_library_that_it_does_not_need(modules, slow):
+    told = f"import sys, {modules}; print(*sorted(set('{slow}'.split()) & set(sys.modules)))"
+    assert subprocess.check_output([sys.executable, "-c", told], text=True, timeout=120).split() == []
+
+
 def test_the_version_is_told(capsys):
     assert exit_code(["--version"]) == 0
     assert capsys.readouterr().out.startswith("aritra ")

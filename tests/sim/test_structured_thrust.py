@@ -22,6 +22,6 @@ def test_slewed_forces_are_those_of_their_differential_equation(seed: int, slew:
     for k, target in enumerate(wanted):
         expected[k] = f
         f = f + step * np.clip((target - f) / lag, -slew, slew)
-    (got,) = SlewedHistory(Commands(t, F), dead, lag, slew).at(grid)
+    got = SlewedHistory(Commands(t, F), dead, lag, slew).force(grid)
     assert np.abs(got - expected).max() < 3 * step * 60 / lag
     assert np.abs(np.diff(got, axis=0)).max() <= slew * step * (1 + 1e-6)

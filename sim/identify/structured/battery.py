@@ -73,10 +73,10 @@ def _with_sag(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, unit: VesselF
     propulsion = unit.propulsion
     for _ in range(PASSES):
         commands = Commands(t, force)
-        felt = _load(ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s).at(t_s[sampled])[0])
+        felt = _load(ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s).force(t_s[sampled]))
         dv, dp = np.diff(v), np.diff(felt)
         b = max(0.0, -float(dv @ dp) / max(float(dp @ dp), 1e-9))
-        now = _load(ThrustHistory(commands, 0.0, propulsion.lag_s).at(middle)[0])
+        now = _load(ThrustHistory(commands, 0.0, propulsion.lag_s).force(middle))
         force = thruster_forces(unit, pwm[row], (v + b * felt)[sample] - b * now)
     return Commands(t, force)
 

@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg import get_lapack_funcs
 
 from companion.core.thrusters import SPAN_US
+
+(_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -69,23 +72,28 @@ class ThrustHistory:
 
     def __init__(self, commands: Commands, dead_time_s: float, lag_s: float):
         self._t, self._F, self._lag = commands.t_s + dead_time_s, commands.force_n, lag_s
-        dt = np.diff(self._t)[:, None]
-        keep = np.exp(-dt / lag_s)
-        f = _recursion(keep, (1 - keep) * self._F[:-1], self._F[0])  # at each change, before it acts
-        fresh = (f[:-1] - self._F[:-1]) * keep * dt / lag_s**2
-        self._f, self._s = f, _recursion(keep, fresh, np.zeros_like(self._F[0]))  # and df/dT_lag there
+        self._dt = np.diff(self._t)[:, None]
+        self._keep = np.exp(-self._dt / lag_s)
+        f = _recursion(self._keep, (1 - self._keep) * self._F[:-1], self._F[0])
+        self._gap = f - self._F  # at each change, before it acts
+
+    @cached_property
+    def _s(self) -> np.ndarray:
+        """df/dT_lag at each change."""
+        fresh = self._gap[:-1] * self._keep * self._dt / self._lag**2
+        return _recursion(self._keep, fresh, np.zeros_like(self._F[0]))
+
+    def force(self, t_s: np.ndarray) -> np.ndarray:
+        """f at `t_s` of any shape, (*shape, n)."""
+        j, since = _place(self._t, t_s)
+        return self._F.take(j, axis=0) + self._gap.take(j, axis=0) * np.exp(-since / self._lag)
 
     def at(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """f, df/d dead time, df/d lag at `t_s` of any shape: each (*shape, n)."""
-        j = np.maximum(np.searchsorted(self._t, t_s, side="right") - 1, 0)
-        since = np.maximum(t_s - self._t[j], 0.0)[..., None]
+        j, since = _place(self._t, t_s)
         keep = np.exp(-since / self._lag)
-        gap = self._f[j] - self._F[j]
-        return (
-            self._F[j] + gap * keep,
-            gap * keep / self._lag,
-            self._s[j] * keep + gap * keep * since / self._lag**2,
-        )
+        gap, s = self._gap.take(j, axis=0) * keep, self._s.take(j, axis=0)
+        return self._F.take(j, axis=0) + gap, gap / self._lag, s * keep + gap * since / self._lag**2
 
 
 class SlewedHistory:
@@ -104,11 +112,16 @@ class SlewedHistory:
         left = np.clip(gap, -tail, tail) * np.exp(-np.maximum(since - steady, 0.0) / self._lag)
         return np.where(since < steady, f + np.sign(gap) * self._slew * since, F - left)
 
-    def at(self, t_s: np.ndarray) -> tuple[np.ndarray]:
+    def force(self, t_s: np.ndarray) -> np.ndarray:
         """f at `t_s` of any shape, (*shape, n)."""
-        j = np.maximum(np.searchsorted(self._t, t_s, side="right") - 1, 0)
-        since = np.maximum(t_s - self._t[j], 0.0)[..., None]
-        return (self._after(self._f[j], self._F[j], since),)
+        j, since = _place(self._t, t_s)
+        return self._after(self._f.take(j, axis=0), self._F.take(j, axis=0), since)
+
+
+def _place(changes_s: np.ndarray, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which change was the last at `t_s` (the first, before it), and the time since, (*shape, 1)."""
+    j = np.maximum(np.searchsorted(changes_s, t_s, side="right") - 1, 0)
+    return j, np.maximum(t_s - changes_s[j], 0.0)[..., None]
 
 
 def _slewed(F: list[float], dt: list[float], lag_s: float, slew: float) -> list[float]:
@@ -129,4 +142,4 @@ def _recursion(keep: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.nda
     """y_{j+1} = keep_j y_j + added_j from y_0 = first; shapes (c - 1, 1), (c - 1, n), (n,) -> (c, n)."""
     bands = np.ones((2, len(keep) + 1))
     bands[1, :-1] = -keep[:, 0]
-    return solve_banded((1, 0), bands, np.vstack([first, added]))
+    return _tbtrs(bands, np.vstack([first, added]), uplo="L", diag="U")[0]

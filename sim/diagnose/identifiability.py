@@ -147,9 +147,9 @@ def _alone(K: np.ndarray, blocks: Blocks) -> np.ndarray:
 def _between(K: np.ndarray, blocks: Blocks, pairs: np.ndarray) -> np.ndarray:
     """The first of each pair (2, m) against the second, (m,)."""
     a, width = pairs[0], blocks.index.shape[1]
-    index = blocks.index[pairs].swapaxes(0, 1).reshape(len(a), -1)
-    there = blocks.prior[pairs].swapaxes(0, 1).reshape(len(a), -1)
-    band = blocks.band[pairs].swapaxes(0, 1).reshape(len(a), -1)
+    index = blocks.index[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
+    there = blocks.prior[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
+    band = blocks.band[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
     first = np.arange(2 * width) < width
     Q, price = _gain(_parts(K, index, there > 0), there * first - band, there * ~first - band)
     return _least(Q[:, :width, :width], price, blocks.medium[a], blocks.vector[a])

@@ -139,6 +139,11 @@ def test_one_class_is_no_pair():
     assert np.isfinite(found.nats[0, 2])
 
 
+def test_a_cause_alone_has_no_rival():
+    found = apart(catalogued(effect("one", 0.3)), np.diag([1e3]))
+    assert np.isnan(found.nats).all() and not found.pairs() and found.nothing[0] > NATS
+
+
 @pytest.mark.parametrize("times", [2, 4])
 def test_a_longer_log_tells_more(times):
     fit, H = judged(STRAIGHT)

@@ -8,12 +8,12 @@ whether it was let through.
 
 import signal
 import sys
-import threading
 
 import zenoh
 
 LOG = "warn,zenoh::net::routing::interceptor::access_control=info"
 """Bad certificates, and names that the file does not know."""
+ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def main() -> int:
@@ -22,15 +22,13 @@ def main() -> int:
         print("usage: router.py CONFIG.json5", file=sys.stderr)
         return 2
     zenoh.init_log_from_env_or(LOG)
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)  # before zenoh's threads start: one of them might get the signal
     try:
         config = zenoh.Config.from_file(sys.argv[1])
         config.insert_json5("mode", '"router"')
         with zenoh.open(config) as session:
             print(f"router {session.info.zid()} on {config.get_json('listen/endpoints')}", flush=True)
-            ended.wait()
+            signal.sigwait(ENDING)
     except zenoh.ZError as error:
         print(f"router.py: {sys.argv[1]}: {error}", file=sys.stderr)
         return 2

@@ -6,14 +6,14 @@ bounded time; one that fails, hangs or answers nonsense raises `ChildFailed`, an
 
 from __future__ import annotations
 
-import hashlib
 import subprocess
 import sys
 from collections.abc import Sequence
 
+from companion.sealed import Damaged, opened, sealed
+
 LIMIT_S = 30.0
 """Twenty times what it takes on a desk; assumed enough for a small board that starts up."""
-DIGEST = hashlib.sha256().digest_size
 COMMAND = (sys.executable, "-P", "-m", "companion.code_child")
 
 
@@ -32,10 +32,10 @@ def compiled_apart(text: str, command: Sequence[str] = COMMAND, limit_s: float =
     if done.returncode:
         said = done.stderr.decode(errors="replace").strip().splitlines()
         raise ChildFailed(f"exit code {done.returncode}{': ' + said[-1] if said else ''}")
-    code = done.stdout[DIGEST:]
-    if not code or hashlib.sha256(code).digest() != done.stdout[:DIGEST]:
-        raise ChildFailed(f"answered {len(done.stdout)} bytes that are no object code")
-    return code
+    try:
+        return opened(done.stdout)
+    except Damaged:
+        raise ChildFailed(f"answered {len(done.stdout)} bytes that are no object code") from None
 
 
 def main() -> None:
@@ -43,7 +43,7 @@ def main() -> None:
     from companion.core.compiled.machine import object_code  # noqa: PLC0415 - the parent has no use for it here
 
     code = object_code(sys.stdin.buffer.read().decode())
-    sys.stdout.buffer.write(hashlib.sha256(code).digest() + code)
+    sys.stdout.buffer.write(sealed(code))
 
 
 if __name__ == "__main__":

@@ -9,15 +9,14 @@ process of its own (`code_child`): 30 MB of compiler that the companion would ke
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from companion.code_child import ChildFailed, compiled_apart
+from companion.sealed import Damaged, opened, sealed
 
-DIGEST = hashlib.sha256().digest_size
 KEPT = 200
 """Files kept, some 50 kB each; the oldest go first. One boat needs a dozen; assumed enough for a desk with many."""
 
@@ -51,18 +50,16 @@ class CodeStore:
     def get(self, key: str) -> bytes | None:
         """The code, or None where there is none or it is damaged."""
         try:
-            data = self._path(key).read_bytes()
-        except OSError:
+            return opened(self._path(key).read_bytes())
+        except (OSError, Damaged):
             return None
-        code = data[DIGEST:]
-        return code if hashlib.sha256(code).digest() == data[:DIGEST] else None
 
     def put(self, key: str, code: bytes) -> None:
         """Keep it where the folder can be written."""
         with contextlib.suppress(OSError):
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
-                file.write(hashlib.sha256(code).digest() + code)
+                file.write(sealed(code))
             os.replace(file.name, self._path(key))
             self._forget_the_oldest()
 

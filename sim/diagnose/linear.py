@@ -81,13 +81,14 @@ class Lineariser:
         a = self.physics.accelerations(effects, theta, state, chosen)
         imu, tag = (np.zeros((*shape, a.nodes.shape[3])) for shape in ((W, K, 4), (len(self.readings.window), 2)))
         read = self.readings
-        for at, (effect, now, step) in enumerate(secants(chosen, theta)):
-            there, without = {**theta, effect.id: now + step}, {**theta, effect.id: now}
-            every = among(effects, effect)
-            if "imu" in effect.hooks:
-                imu[..., at] = (read.imu(every, there, state) - read.imu(every, without, state)) / step.sum()
-            if "tag" in effect.hooks:
-                tag[..., at] = (read.tag(every, there, state) - read.tag(every, without, state)) / step.sum()
+        for each in secants(chosen, theta):
+            name, every = each.effect.id, among(effects, each.effect)
+            for hook, reading, out in (("imu", read.imu, imu), ("tag", read.tag, tag)):
+                if hook in each.effect.hooks:
+                    without = reading(every, {**theta, name: each.now}, state)
+                    for at, step in each.steps.items():
+                        there = reading(every, {**theta, name: each.now + step}, state)
+                        out[..., at] = (there - without) / step.sum()
         return Columns(a, imu, tag)
 
     def refreshed(

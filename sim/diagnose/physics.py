@@ -221,31 +221,30 @@ class Physics:
         G_hull, G_water = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
         G_hull = G_hull.reshape(W, K + 1, N_HULL, 3)
         G_water = G_water.reshape(W, K + 1, 2, 3).copy()
-        scene, steps = self.scene(state), list(secants(chosen, theta))
-        out, bump = np.zeros((W, K + 1, 3, len(steps))), np.zeros((W, K, 3, len(steps)))
-        pushed, old = state.forces.bump() @ self.B.T, None
-        for at, (effect, now, step) in enumerate(steps):  # one column each is written once: they lie far apart
-            there, without, hooks = {**theta, effect.id: now + step}, {**theta, effect.id: now}, set(effect.hooks)
-            every, per_unit = among(effects, effect), 1 / step.sum()
-            nodes, kick = np.zeros((W, K + 1, 3)), np.zeros((W, K, 3))
-            if hooks & {"pwm", "maps"}:
-                unit = self.thrusters.change(every, theta, effect, step)
-                nodes += unit.f @ (state.M_inv @ self.B).T
-                kick += unit.bump() @ (state.M_inv @ self.B).T
-            if hooks & {"thrust", "force", "water"}:
-                new = self.extra([effect], there, scene, state.forces.f)
-                if old is None or steps[at - 1][0] is not effect:
-                    old = self.extra([effect], without, scene, state.forces.f)
-                nodes += (new[0] - old[0]) @ state.M_inv.T
-                if "water" in hooks:
-                    nodes += ((new[1] - old[1])[..., None, :] @ G_water)[..., 0, :]
-            if "hull" in hooks:
-                hull = self.hull(every, there)
-                nodes += np.tensordot(G_hull, hull - state.hull, axes=([2], [0]))
-                kick += pushed @ (np.asarray(self._M_inv(hull)) - state.M_inv).T
-            np.multiply(nodes, per_unit, out=out[..., at])
-            if kick.any():
-                np.multiply(kick, per_unit, out=bump[..., at])
+        scene, pushed, P = self.scene(state), state.forces.bump() @ self.B.T, sum(len(e.parameters) for e in chosen)
+        out, bump = np.zeros((W, K + 1, 3, P)), np.zeros((W, K, 3, P))
+        for each in secants(chosen, theta):
+            effect, hooks, every = each.effect, set(each.effect.hooks), among(effects, each.effect)
+            along = hooks & {"thrust", "force", "water"}
+            old = self.extra([effect], {**theta, effect.id: each.now}, scene, state.forces.f) if along else None
+            for at, step in each.steps.items():  # one column each is written once: they lie far apart
+                there, nodes, kick = {**theta, effect.id: each.now + step}, np.zeros((W, K + 1, 3)), np.zeros((W, K, 3))
+                if hooks & {"pwm", "maps"}:
+                    unit = self.thrusters.change(every, theta, effect, step)
+                    nodes += unit.f @ (state.M_inv @ self.B).T
+                    kick += unit.bump() @ (state.M_inv @ self.B).T
+                if old is not None:
+                    new = self.extra([effect], there, scene, state.forces.f)
+                    nodes += (new[0] - old[0]) @ state.M_inv.T
+                    if "water" in hooks:
+                        nodes += ((new[1] - old[1])[..., None, :] @ G_water)[..., 0, :]
+                if "hull" in hooks:
+                    hull = self.hull(every, there)
+                    nodes += np.tensordot(G_hull, hull - state.hull, axes=([2], [0]))
+                    kick += pushed @ (np.asarray(self._M_inv(hull)) - state.M_inv).T
+                np.multiply(nodes, 1 / step.sum(), out=out[..., at])
+                if kick.any():
+                    np.multiply(kick, 1 / step.sum(), out=bump[..., at])
         if state.feedback is None:
             return Accelerations(out, bump)
         return Accelerations(state.feedback.react @ out, state.feedback.react @ bump)

@@ -53,10 +53,11 @@ class Propelled:
         large = self._large(effects, theta)
         forces = self._exact(effects, large)
         small = [e for e, _ in values_of(effects, theta, "pwm", "maps") if e.id not in large]
-        for effect, _now, step in secants(small, {}):
-            share = float(theta[effect.id] @ (step != 0)) / float(step.sum())
-            unit = self._from_nil(effects, large, effect, step)
-            forces = Forces(forces.f + share * unit.f, forces.middle + share * unit.middle)
+        for each in secants(small, {}):
+            for step in each.steps.values():
+                share = float(theta[each.effect.id] @ (step != 0)) / float(step.sum())
+                unit = self._from_nil(effects, large, each.effect, step)
+                forces = Forces(forces.f + share * unit.f, forces.middle + share * unit.middle)
         return forces
 
     def change(self, effects: Sequence[Effect], theta: Theta, effect: Effect, step: np.ndarray) -> Forces:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sim.diagnose.effect import Effect
+from sim.diagnose.effect import Effect, slices
 
 Theta = Mapping[str, np.ndarray]
 """Parameters by effect id; effects that are not in it do nothing."""
@@ -23,15 +24,22 @@ def values_of(effects: Sequence[Effect], theta: Theta, *stages: str) -> list[tup
     ]
 
 
-def secants(chosen: Sequence[Effect], theta: Theta) -> Iterator[tuple[Effect, np.ndarray, np.ndarray]]:
-    """Each parameter in its turn: its effect, that effect's values now, and the step (of one parameter) to take."""
-    for effect in chosen:
+@dataclass(frozen=True)
+class Secants:
+    """Of one effect: its values `now`, and by column of all chosen parameters the step to take, each of one alone."""
+
+    effect: Effect
+    now: np.ndarray
+    steps: dict[int, np.ndarray]
+
+
+def secants(chosen: Sequence[Effect], theta: Theta) -> Iterator[Secants]:
+    """Each effect of `chosen` in its turn."""
+    for effect, columns in zip(chosen, slices(chosen).values(), strict=True):
         now = theta.get(effect.id, np.zeros(len(effect.parameters)))
-        for j, parameter in enumerate(effect.parameters):
-            step = np.zeros(len(effect.parameters))
-            reach = NEARBY * abs(now[j]) if effect.far and now[j] else parameter.step
-            step[j] = reach if now[j] + reach <= parameter.upper else -reach
-            yield effect, now, step
+        reaches = [NEARBY * abs(v) if effect.far and v else p.step for p, v in zip(effect.parameters, now, strict=True)]
+        signed = [r if v + r <= p.upper else -r for p, v, r in zip(effect.parameters, now, reaches, strict=True)]
+        yield Secants(effect, now, dict(zip(range(columns.start, columns.stop), np.diag(signed), strict=True)))
 
 
 def among(effects: Sequence[Effect], effect: Effect) -> Sequence[Effect]:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from companion.core.compiled import NotCompiled
-from sim.identify.structured import side_by_side
+from sim import loops
 from sim.identify.structured.side_by_side import Batch, Rollout
 
 ways = pytest.mark.parametrize("machine", [True, False], ids=["machine code", "interpreter"])
@@ -14,9 +14,9 @@ ways = pytest.mark.parametrize("machine", [True, False], ids=["machine code", "i
 @pytest.fixture(autouse=True)
 def anew(monkeypatch, tmp_path):
     monkeypatch.setenv("ARITRA_CACHE", str(tmp_path))
-    side_by_side._made.cache_clear()
+    loops.loop.cache_clear()
     yield
-    side_by_side._made.cache_clear()
+    loops.loop.cache_clear()
 
 
 def choose(machine, monkeypatch):
@@ -24,7 +24,7 @@ def choose(machine, monkeypatch):
         raise NotCompiled("none here")
 
     if not machine:
-        monkeypatch.setattr(side_by_side, "Scan", none)
+        monkeypatch.setattr(loops, "Scan", none)
 
 
 @ways
@@ -65,4 +65,4 @@ def test_the_same_function_is_compiled_once():
     a = ca.SX.sym("a", 2)
     for count in (3, 30):
         Batch(ca.Function("f", [a], [ca.cos(a)]), count)
-    assert side_by_side._made.cache_info().misses == 1
+    assert loops.loop.cache_info().misses == 1

@@ -18,7 +18,8 @@ from companion.core.dynamics import BufferedStep
 from companion.core.dynamics import step_function as model_step
 from companion.core.thrusters import force_from_pwm
 from companion.core.vessel import StructuredModel
-from sim.trajectory import Surroundings, parameters_of, run, simulate, simulate_forces
+from sim import loops
+from sim.trajectory import Surroundings, parameters_of, simulate, simulate_forces
 from sim.world.environment import Environment, Moment, Weather
 from sim.world.plant import Plant, perturbed
 
@@ -166,11 +167,11 @@ def test_older_processors_give_the_same_bits(processor, monkeypatch):
         return llvm.Target.from_default_triple().create_target_machine(cpu=processor, opt=2, jit=True)
 
     monkeypatch.setattr(machine, "_target", target)
-    monkeypatch.setattr(run.Here, "get", lambda *_: None)
-    monkeypatch.setattr(run.Here, "put", lambda *_: None)
-    run._way.cache_clear()
+    monkeypatch.setattr(loops.Here, "get", lambda *_: None)
+    monkeypatch.setattr(loops.Here, "put", lambda *_: None)
+    loops.loop.cache_clear()
     there = simulate(VESSEL, START, pulses(300), DT, around=Surroundings(0.2, 30.0, 5.0, 80.0)).x
-    run._way.cache_clear()
+    loops.loop.cache_clear()
     np.testing.assert_array_equal(here, there)
 
 
@@ -214,14 +215,14 @@ def test_the_interpreter_gives_the_same_to_round_off(m):
 
 
 def test_where_there_is_no_machine_code_the_same_call_works(monkeypatch):
-    def none(*_):
+    def none(*_, **__):
         raise NotCompiled("llvmlite is not installed")
 
     want = simulate(VESSEL, START, pulses(100), DT)
-    monkeypatch.setattr(run, "Scan", none)
-    run._way.cache_clear()
+    monkeypatch.setattr(loops, "Scan", none)
+    loops.loop.cache_clear()
     got = simulate(VESSEL, START, pulses(100), DT)
-    run._way.cache_clear()
+    loops.loop.cache_clear()
     assert got.why_interpreted == "llvmlite is not installed"
     assert got.x == pytest.approx(want.x, rel=1e-11, abs=1e-12)
 
@@ -233,12 +234,12 @@ def test_kept_code_that_is_damaged_is_made_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "_compiled", lambda *given: made.append(1) or real(*given))
     answers = []
     for damage in (False, False, True):
-        run._way.cache_clear()
+        loops.loop.cache_clear()
         if damage:
             (kept,) = tmp_path.glob("*.o")
             kept.write_bytes(kept.read_bytes()[:-100] + b"\0" * 100)
         answers.append(simulate(VESSEL, START, pulses(50), DT).x)
-    run._way.cache_clear()
+    loops.loop.cache_clear()
     assert len(made) == 2, "made, kept, made anew"
     np.testing.assert_array_equal(answers[0], answers[1])
     np.testing.assert_array_equal(answers[0], answers[2])
@@ -247,9 +248,9 @@ def test_kept_code_that_is_damaged_is_made_anew(tmp_path, monkeypatch):
 def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("ARITRA_CACHE", str(tmp_path / "file"))
-    run._way.cache_clear()
+    loops.loop.cache_clear()
     assert not simulate(VESSEL, START, pulses(20), DT).why_interpreted
-    run._way.cache_clear()
+    loops.loop.cache_clear()
 
 
 @pytest.mark.parametrize("machine_code", [True, False])

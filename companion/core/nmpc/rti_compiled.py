@@ -137,6 +137,15 @@ class CompiledRti:
         offsets = [r * self._wide + c for c in columns for r in rows]
         return Operand(self._at[name], step, offsets)
 
+    def _by_stage(self) -> list[Operand]:
+        """Arguments of what is done at each stage: x, c, the next x, p and q, stages as lanes."""
+        x, c, p = (self._staged(name, lanes=True) for name in ("X", "C", "p"))
+        return [x, c, self._staged("X", ahead=1, lanes=True), p, self._one("q")]
+
+    def _at_the_end(self) -> list[Operand]:
+        """Arguments of what is done at the last x: x, p and q."""
+        return [self._staged("X"), self._staged("p"), self._one("q")]
+
     def _codes(self, name: str) -> Operand:
         """Of the stage, or of controls that are dead at all stages."""
         return self._one(name) if name == "dead" else self._staged(name)
@@ -146,22 +155,19 @@ class CompiledRti:
     def _prepare(self) -> list[Step]:
         ocp, parts = self._ocp, self._parts
         n, m, N = ocp.nx, ocp.nu, ocp.stages
-        by_stage = [
-            self._staged("X", lanes=True), self._staged("C", lanes=True), self._staged("X", ahead=1, lanes=True),
-            self._staged("p", lanes=True), self._one("q"),
-        ]  # fmt: skip
         linear = Kernel(
             parts.linear,
-            by_stage,
+            self._by_stage(),
             [
                 self._entries("AB", parts.D, lanes=True), self._column("AB", n, lanes=True),
                 self._entries("Hg", parts.H, lanes=True), self._column("Hg", n + m, lanes=True),
             ],
             self._lanes,
         )  # fmt: skip
-        last = [self._staged("X"), self._staged("p"), self._one("q")]
         end = Kernel(
-            parts.end, last, [self._entries("end", parts.H_end, staged=False), self._column("end", n, staged=False)]
+            parts.end,
+            self._at_the_end(),
+            [self._entries("end", parts.H_end, staged=False), self._column("end", n, staged=False)],
         )
         return [over([linear], N), Loop([end], 1, N), *self._backward()]
 
@@ -316,15 +322,13 @@ class CompiledRti:
     def _look(self) -> list[Step]:
         ocp, parts = self._ocp, self._parts
         n, m, N = ocp.nx, ocp.nu, ocp.stages
-        by_stage = [
-            self._staged("X", lanes=True), self._staged("C", lanes=True), self._staged("X", ahead=1, lanes=True),
-            self._staged("p", lanes=True), self._one("q"),
-        ]  # fmt: skip
         look = Kernel(
-            parts.look, by_stage, [self._staged("gap", lanes=True), self._staged("cost", lanes=True)], self._lanes
+            parts.look,
+            self._by_stage(),
+            [self._staged("gap", lanes=True), self._staged("cost", lanes=True)],
+            self._lanes,
         )
-        last = [self._staged("X"), self._staged("p"), self._one("q")]
-        end = Kernel(parts.end_cost, last, [self._staged("cost")])
+        end = Kernel(parts.end_cost, self._at_the_end(), [self._staged("cost")])
         clear = Kernel(ca.Function("clear", [], [ca.densify(ca.SX(4, 1))]), [], [self._one("sums")])
         gap, cost, x, c = ca.SX.sym("gap", n), ca.SX.sym("cost"), ca.SX.sym("x", n), ca.SX.sym("c", m)
         so_far = ca.SX.sym("sums", 4)

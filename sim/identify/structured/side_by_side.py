@@ -5,14 +5,11 @@ Where no machine code can be made, CasADi's interpreter does the same, some twen
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
-from companion.core.compiled import NotCompiled, Scan
 from companion.core.compiled.scan import LANES
-from sim.trajectory.run import Here, Interpreted
+from sim.loops import loop
 
 
 class Batch:
@@ -24,8 +21,8 @@ class Batch:
         outputs = [ca.densify(ca.vec(out)) for out in function.call(given)]
         nothing = [ca.SX.sym(name, 0) for name in ("carry", "constants")]
         each = ca.Function("each", [*nothing, *given], [ca.SX(0, 1), ca.vertcat(*outputs)])
-        self._run, machine = _run(each)
-        self._count, lanes = count, LANES if machine else count
+        self._run, interpreted = loop(each.serialize(), LANES)
+        self._count, lanes = count, count if interpreted else LANES
         steps = -(-count // lanes)
         self._in = [np.zeros((lanes, steps, size)) for size in sizes]
         self._nothing = np.empty((lanes, 0))
@@ -48,7 +45,7 @@ class Rollout:
     def __init__(self, step: ca.Function):
         args = [ca.SX.sym(f"arg_{i}", step.size1_in(i)) for i in range(step.n_in())]
         after = ca.densify(step(*args))
-        self._run, _ = _run(ca.Function("along", args, [after, after]))
+        self._run, _ = loop(ca.Function("along", args, [after, after]).serialize(), LANES)
 
     def __call__(self, x: np.ndarray, constants: np.ndarray, *series: np.ndarray) -> np.ndarray:
         """x (W, n) before, constants (W or 1, q), series each (W, K, .): x after each step, (W, K, n)."""
@@ -57,18 +54,3 @@ class Rollout:
         whole = np.ascontiguousarray(np.broadcast_to(constants, (W, constants.shape[1])))
         self._run(np.array(x), whole, [np.ascontiguousarray(s) for s in series], rows)
         return rows
-
-
-def _run(function: ca.Function) -> tuple[Scan | Interpreted, bool]:
-    """What runs (carry, constants, series ..) -> (carry, row), and whether it is machine code."""
-    return _made(function.serialize())
-
-
-@lru_cache(maxsize=64)
-def _made(serialized: str) -> tuple[Scan | Interpreted, bool]:
-    """Made once: the fit, the logs that it does not see and the reference log ask for the same."""
-    function = ca.Function.deserialize(serialized)
-    try:
-        return Scan(function, Here.of(), first=LANES), True
-    except NotCompiled:
-        return Interpreted(function), False

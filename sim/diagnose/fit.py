@@ -163,15 +163,12 @@ class Fit:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
         priors, slope = self._priors(point.theta, chosen, prior)
-        curved = np.diag(prior.precision)
-        plain.D += curved
+        plain.D += np.diag(prior.precision)
         plain.d += slope
         cost += priors
         damping = 0.0
         for _ in range(6):
-            chain = plain.copy()
-            chain.D += damping * curved
-            chain.A += damping * np.diag(1 / self.noise.node_start() ** 2)
+            chain = plain.damped(damping / self.noise.node_start() ** 2, damping * prior.precision)
             dz, dw, promised = _bounded(chain, now, limits)
             if not promised >= 1e-3:  # or NaN: the motion was thrown out of bounds
                 return point, 0.0
@@ -221,10 +218,9 @@ def _bounded(
         if not (out & ~pinned).any():
             break
         pinned |= out
-        chain = plain.copy()
         stiff = np.where(pinned, PINNED * np.maximum(np.diag(plain.D), 1.0), 0.0)
-        chain.D += np.diag(stiff)
-        chain.d -= stiff * (np.clip(now + dw, *limits) - now)
+        pulled = plain.d - stiff * (np.clip(now + dw, *limits) - now)
+        chain = replace(plain, D=plain.D + np.diag(stiff), d=pulled)
     promised = -float((plain.g * dz).sum() + plain.d @ dw)
     return dz, dw, promised / 2
 

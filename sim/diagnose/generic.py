@@ -74,8 +74,7 @@ def widened(point: Point, groups: tuple[Group, ...]) -> Point:
     cross = chain.B.reshape(len(rows), -1).T @ rows
     D = np.block([[chain.D, cross], [cross.T, rows.T @ pushed.reshape(rows.shape)]])
     d = np.concatenate([chain.d, rows.T @ chain.g.ravel()])
-    G = np.zeros((len(ties.at), L, nodes.shape[2]))
-    G[:, STATE] = ties.F[:, STATE, LATENT] @ nodes[ties.at, LATENT]
+    G = ties.F[:, STATE, LATENT] @ nodes[ties.at, LATENT]
     return replace(
         point,
         chain=Chain(chain.A, chain.next, np.concatenate([chain.B, pushed], axis=2), D, chain.g, d),

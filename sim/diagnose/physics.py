@@ -27,6 +27,7 @@ from sim.identify.structured.data import Windows, cut
 from sim.identify.structured.model import N_HULL
 from sim.identify.structured.noise import LATENT, STATE
 from sim.identify.structured.parameters import HULL, Parameters, file_values
+from sim.identify.structured.rows import columns_last
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
@@ -218,36 +219,39 @@ class Physics:
     ) -> Accelerations:
         """What one unit of each parameter of `chosen` changes of nu_dot, (.., P), by secants along `state`."""
         W, K = self.windows.size
-        G_hull, G_water = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
-        G_hull = G_hull.reshape(W, K + 1, N_HULL, 3)
-        G_water = G_water.reshape(W, K + 1, 2, 3).copy()
-        scene, pushed, P = self.scene(state), state.forces.bump() @ self.B.T, sum(len(e.parameters) for e in chosen)
-        out, bump = np.zeros((W, K + 1, 3, P)), np.zeros((W, K, 3, P))
+        P, flat = sum(len(e.parameters) for e in chosen), W * (K + 1)
+        slopes = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
+        G_hull, G_water = (np.array(G).reshape(flat, -1, 3).swapaxes(0, 1).copy() for G in slopes)
+        scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
+        react = np.eye(3) if state.feedback is None else state.feedback.react
+        nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
         for each in secants(chosen, theta):
             effect, hooks, every = each.effect, set(each.effect.hooks), among(effects, each.effect)
             along = hooks & {"thrust", "force", "water"}
             old = self.extra([effect], {**theta, effect.id: each.now}, scene, state.forces.f) if along else None
-            for at, step in each.steps.items():  # one column each is written once: they lie far apart
-                there, nodes, kick = {**theta, effect.id: each.now + step}, np.zeros((W, K + 1, 3)), np.zeros((W, K, 3))
+            for at, step in each.steps.items():
+                there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
-                    unit = self.thrusters.change(every, theta, effect, step)
-                    nodes += unit.f @ (state.M_inv @ self.B).T
-                    kick += unit.bump() @ (state.M_inv @ self.B).T
+                    unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ turn
+                    nodes[at] += unit.f.reshape(flat, -1) @ share
+                    bump[at] += unit.bump().reshape(W * K, -1) @ share
                 if old is not None:
-                    new = self.extra([effect], there, scene, state.forces.f)
-                    nodes += (new[0] - old[0]) @ state.M_inv.T
+                    tau, water = self.extra([effect], there, scene, state.forces.f)
+                    nodes[at] += (tau - old[0]).reshape(flat, 3) @ (state.M_inv.T @ turn)
                     if "water" in hooks:
-                        nodes += ((new[1] - old[1])[..., None, :] @ G_water)[..., 0, :]
+                        nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ turn
                 if "hull" in hooks:
                     hull = self.hull(every, there)
-                    nodes += np.tensordot(G_hull, hull - state.hull, axes=([2], [0]))
-                    kick += pushed @ (np.asarray(self._M_inv(hull)) - state.M_inv).T
-                np.multiply(nodes, 1 / step.sum(), out=out[..., at])
-                if kick.any():
-                    np.multiply(kick, 1 / step.sum(), out=bump[..., at])
-        if state.feedback is None:
-            return Accelerations(out, bump)
-        return Accelerations(state.feedback.react @ out, state.feedback.react @ bump)
+                    nodes[at] += _times(hull - state.hull, G_hull) @ turn
+                    lighter = (np.asarray(self._M_inv(hull)) - state.M_inv).T
+                    if lighter.any():
+                        bump[at] += pushed.reshape(W * K, 3) @ (lighter @ turn)
+        return Accelerations(columns_last(nodes).reshape(W, K + 1, 3, P), columns_last(bump).reshape(W, K, 3, P))
+
+
+def _times(values: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Sum of values (k, ..) times G (k, n, 3), most of them nil."""
+    return sum((v * g for v, g in zip(values, G, strict=True) if np.any(v)), start=np.zeros(G.shape[1:]))
 
 
 def _with_feedback(state: State, feedback: Feedback) -> State:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from dataclasses import replace as dataclass_replace
 from typing import Any
 
 import numpy as np
-import polars as pl
 from msgspec.structs import replace
 
 from companion.core.vessel_file import Propulsion, VesselFile
 from sim.diagnose.effect import Effect, Values
 from sim.diagnose.theta import Theta, secants, values_of
 from sim.identify.run import Run
-from sim.identify.structured.battery import commands_of
+from sim.identify.structured.battery import Pulses, commands_of, pulses_of
 from sim.identify.structured.data import Windows
 from sim.identify.structured.thrust import Commands, SlewedHistory, ThrustHistory
 
@@ -41,7 +41,8 @@ class Propelled:
     """The thrusters of `vessel` under the commands of `runs`. `means_s`: by run, over how long samples are averaged."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, windows: Windows, means_s: Sequence[float]):
-        self.runs, self.vessel, self.windows, self._means_s = runs, vessel, windows, means_s
+        self.vessel, self.windows, self._means_s = vessel, windows, means_s
+        self._pulses = [pulses_of(run, vessel) for run in runs]
         self._middle = windows.t_s[:, :-1] + windows.h_s / 2
         self._commands, self._driven = _Cache(self._steady), _Cache(self._averaged)
 
@@ -100,10 +101,8 @@ class Propelled:
         return driven
 
     def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[Commands]:
-        runs = self.runs
-        for effect, p in pulses:
-            runs = tuple(_repulsed(run, vessel, effect, p) for run in runs)
-        return [commands_of(run, replace(vessel, propulsion=self.vessel.propulsion)) for run in runs]
+        vessel = replace(vessel, propulsion=self.vessel.propulsion)
+        return [commands_of(_changed(own, pulses), vessel) for own in self._pulses]
 
 
 def _history(commands: Commands, propulsion: Propulsion) -> ThrustHistory | SlewedHistory:
@@ -136,8 +135,9 @@ class _Cache:
         return found
 
 
-def _repulsed(run: Run, vessel: VesselFile, effect: Effect, p: Values) -> Run:
-    names = [f"pwm_{t.name}" for t in vessel.thrusters]
-    pwm = effect.hooks["pwm"](p, run.table.select(names).to_numpy())
-    pulses = {n: pl.Series(c).fill_nan(None) for n, c in zip(names, pwm.T, strict=True)}  # blank: before the first
-    return Run(run.table.with_columns(**pulses), run.meta)
+def _changed(pulses: Pulses, effects: Sequence[tuple[Effect, Values]]) -> Pulses:
+    """As they are with effects on them."""
+    pwm_us = pulses.pwm_us
+    for effect, p in effects:
+        pwm_us = effect.hooks["pwm"](p, pwm_us)
+    return dataclass_replace(pulses, pwm_us=pwm_us)

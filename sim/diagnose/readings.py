@@ -11,8 +11,9 @@ from sim.diagnose.effect import Effect
 from sim.diagnose.physics import Physics, State
 from sim.diagnose.sight import sight
 from sim.diagnose.theta import Theta, values_of
-from sim.identify.structured.data import PSI, RATE, SURGE, SWAY, Windows
+from sim.identify.structured.data import PSI, RATE, SURGE, SWAY
 from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, Noise, whiten
+from sim.identify.structured.rows import fade
 
 NUDGE = 1e-6  # of states and accelerations, for the slopes
 
@@ -110,9 +111,3 @@ class Readings:
             moved[:, j] += NUDGE
             slopes[..., j] = (self._seen(effects, theta, moved[:, :6], moved[:, 6:]) - now) / NUDGE
         return slopes[..., :6] + slopes[..., 6:] @ A
-
-
-def fade(windows: Windows, noise: Noise) -> np.ndarray:
-    """What is left of a heading's wander since the beginning of each window, (W, K)."""
-    t = windows.t_s[:, :-1]
-    return np.exp(-(t - t[:, :1]) / noise.wander_time_s)

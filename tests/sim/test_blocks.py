@@ -12,7 +12,7 @@ from sim.identify.blocks import HISTORY_S, alternate, block_intervals, part, par
 from sim.identify.paper_pipeline import held, paper_samples, smoother_samples
 from sim.identify.run import Run, RunError
 from sim.identify.smoothing import SmootherNoise, smooth
-from sim.identify.structured.battery import commands_of
+from sim.identify.structured.battery import commands_of, pulses_of
 from sim.identify.structured.data import cut
 from sim.identify.structured.thrust import ThrustHistory
 from sim.identify.teleop import teleop_run
@@ -91,7 +91,9 @@ def test_the_fit_sees_thrusters_as_in_the_whole_run_and_loses_no_sample(run):
     assert windows.t_s[0, 0] == pytest.approx(20.0, abs=0.04)
     at = windows.t_s[:, 0]
     whole, ours = (
-        ThrustHistory(commands_of(r, VESSEL), VESSEL.propulsion.dead_time_s, VESSEL.propulsion.lag_s).at(at)[0]
+        ThrustHistory(
+            commands_of(pulses_of(r, VESSEL), VESSEL), VESSEL.propulsion.dead_time_s, VESSEL.propulsion.lag_s
+        ).at(at)[0]
         for r in (run, block)
     )
     assert np.abs(ours - whole).max() < 0.05, "N; the voltage's sag is estimated from each run by itself"

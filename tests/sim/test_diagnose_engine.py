@@ -20,10 +20,10 @@ from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
-from sim.diagnose.linear import sensitivities
 from sim.diagnose.physics import Physics
 from sim.diagnose.select import Selector, stated_noise
 from sim.identify.structured.boats import in_still_air
+from sim.identify.structured.rows import Pushes, sensitivities
 from sim.identify.teleop import teleop_run
 from sim.world.environment import Weather
 
@@ -55,7 +55,7 @@ def test_columns_are_the_derivatives_of_the_motion(name):
         there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
     state = physics.move(fit.effects, there, fit.z0, None)
     columns = physics.accelerations(fit.effects, there, state, [effect])
-    S = sensitivities(state.A, columns.nodes, columns.bump, physics.windows.h_s)
+    S = sensitivities(state.A, Pushes.of(columns.nodes, columns.bump), physics.windows.h_s)
     now = there.get(name, np.zeros(len(effect.parameters)))
     for j, parameter in enumerate(effect.parameters):
         step = np.zeros(len(effect.parameters))

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from companion.core.dynamics import FORCES
 from companion.core.vessel import linear_damping, mass_matrix
-from sim.identify.structured.battery import commands_of
+from sim.identify.structured.battery import commands_of, pulses_of
 from sim.identify.structured.boats import draw_boat
 from sim.identify.structured.chain import Chain, Ties
 from sim.identify.structured.data import StructuredFitError, cut
@@ -67,7 +67,7 @@ def test_thrust_history_is_the_plants_force_and_knows_its_derivatives() -> None:
     gains = np.array([t.gain for t in boat_.thrusters])
     t_s, force = _plant_forces(boat_, run, 30.0)
     propulsion = boat_.propulsion
-    commands = commands_of(run, boat_)
+    commands = commands_of(pulses_of(run, boat_), boat_)
     history = ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s)
     late = t_s > 1.0  # the first command is taken to have held before the run
     error = history.at(t_s)[0] * gains - force
@@ -126,11 +126,13 @@ def test_the_chain_solves_as_the_dense_normal_equations_do() -> None:
     W, size, P_ = 5, 3, 4
     J = rng.normal(size=(W, 9, size + P_))
     r = rng.normal(size=(W, 9, 1))
-    chain = Chain.of_data(J.transpose(0, 2, 1) @ J, (J.transpose(0, 2, 1) @ r)[..., 0], size)
+    chain = Chain.nothing(W, size, P_)
+    chain.add(slice(0, 3), J[:3], r[:3, :, 0])
+    chain.add_samples(np.repeat([3, 4], 3), J[3:].reshape(6, 3, -1), r[3:].reshape(6, 3))
     ties = Ties(
         rng.normal(size=(4, size)),
         rng.normal(size=(4, size, size)),
-        rng.normal(size=(4, size, P_)),
+        rng.normal(size=(4, size - 1, P_)),
         np.arange(4),
         np.ones(4),
     )
@@ -145,7 +147,7 @@ def test_the_chain_solves_as_the_dense_normal_equations_do() -> None:
     for k in range(4):
         full = np.zeros((size, W * size + P_))
         full[:, k * size : (k + 1) * size], full[:, (k + 1) * size : (k + 2) * size] = -ties.F[k], np.eye(size)
-        full[:, W * size :] = -ties.G[k]
+        full[: size - 1, W * size :] = -ties.G[k]
         rows.append(full / sigma[k][:, None])
         right.append(ties.rho[k] / sigma[k])
     A, b = np.vstack(rows), np.concatenate(right)

@@ -9,12 +9,14 @@ b comes from the run itself: changes of V from sample to sample against changes 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from msgspec.structs import replace
 
 from companion.core.thrusters import NEUTRAL_US, setting_share
 from companion.core.vessel_file import PitchMap, RotorMap, VesselFile
-from sim.identify.forces import setting_rows, settings_at, thruster_forces
+from sim.identify.forces import Settings, setting_rows, settings_at, thruster_forces
 from sim.identify.run import Run
 from sim.identify.structured.parameters import adjustable
 from sim.identify.structured.thrust import Commands, Pitch, ThrustHistory
@@ -23,22 +25,36 @@ PASSES = 3  # a force depends on the voltage by less than its own share: it sett
 AFTER_S = (0.0, 0.05, 0.12, 0.25)  # voltage is followed in such steps after a change of command: lag about 0.1 s
 
 
-def commands_of(run: Run, vessel: VesselFile) -> Commands:
-    """What a run asks of the thrusters of `vessel`, at gains of one."""
-    unit = replace(vessel, thrusters=tuple(replace(t, gain=1.0) for t in vessel.thrusters))
+@dataclass(frozen=True)
+class Pulses:
+    """What a run told its thrusters: stamps (k,) [s], pulse widths (k, n), volts (k,) or None, settings by name."""
+
+    t_s: np.ndarray
+    pwm_us: np.ndarray
+    volts: np.ndarray | None
+    settings: Settings
+
+
+def pulses_of(run: Run, vessel: VesselFile) -> Pulses:
+    """Those of the thrusters of `vessel`."""
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
-    if not run.known("battery_v"):
-        t_s, pwm = run.samples(*names)
-        pwm = pwm.reshape(len(t_s), -1)
-        rows = setting_rows(unit, settings_at(run, t_s), len(t_s))
-        kept = _changes(np.column_stack([pwm, rows.T]))
-        volts = np.full(int(kept.sum()), vessel.propulsion.nominal_voltage_V)
-        return _steady(t_s[kept], pwm[kept], volts, rows[:, kept], unit)
-    t_s, values = run.samples(*names, "battery_v")
-    rows = setting_rows(unit, settings_at(run, t_s), len(t_s))
-    kept = _changes(np.column_stack([values, rows.T]))
-    t_s, pwm, volts = t_s[kept], values[kept, :-1], values[kept, -1]
-    if not any(isinstance(m, RotorMap) for m in vessel.force_maps.values()):
+    volts = ["battery_v"] if run.known("battery_v") else []
+    t_s, values = run.samples(*names, *volts)
+    values = values.reshape(len(t_s), -1)
+    pwm = values[:, : len(names)]
+    return Pulses(t_s, pwm, values[:, -1] if volts else None, settings_at(run, t_s))
+
+
+def commands_of(pulses: Pulses, vessel: VesselFile) -> Commands:
+    """What pulses ask of the thrusters of `vessel`, at gains of one."""
+    unit = replace(vessel, thrusters=tuple(replace(t, gain=1.0) for t in vessel.thrusters))
+    rows = setting_rows(unit, pulses.settings, len(pulses.t_s))
+    volts = pulses.volts
+    if volts is None:
+        volts = np.full(len(pulses.t_s), vessel.propulsion.nominal_voltage_V)
+    kept = _changes(np.column_stack([pulses.pwm_us, volts, rows.T]))
+    t_s, pwm, volts = pulses.t_s[kept], pulses.pwm_us[kept], volts[kept]
+    if pulses.volts is None or not any(isinstance(m, RotorMap) for m in vessel.force_maps.values()):
         return _steady(t_s, pwm, volts, rows[:, kept], unit)
     return _with_sag(t_s, pwm, volts, unit)
 

@@ -8,17 +8,19 @@ leaves the parameters' own Hessian: the inverse of their covariance with all nod
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded, get_lapack_funcs
 
-_potrf, _trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)
+from sim.identify.structured.kernels import gather
+from sim.identify.structured.kernels_chain import back, eliminate, tie
 
 
 @dataclass(frozen=True)
 class Ties:
-    """From node w to w + 1: residual rho (T, L), F (T, L, L), G (T, L, P), index of w (T,), time between [s] (T,)."""
+    """From node w to w + 1: residual rho (T, L), F (T, L, L), index of w (T,), time between [s] (T,).
+
+    G (T, k, P): of the first k entries of a node, those that parameters move."""
 
     rho: np.ndarray
     F: np.ndarray
@@ -39,16 +41,35 @@ class Chain:
     d: np.ndarray
 
     @classmethod
-    def of_data(cls, H: np.ndarray, grad: np.ndarray, L: int) -> Chain:
-        """From J^T J (W, C, C) and J^T r (W, C) of each window, C = L + P."""
-        return cls(
-            A=H[:, :L, :L].copy(),
-            next=np.zeros((len(H), L, L)),
-            B=H[:, :L, L:].copy(),
-            D=H[:, L:, L:].sum(axis=0),
-            g=grad[:, :L].copy(),
-            d=grad[:, L:].sum(axis=0),
-        )
+    def nothing(cls, W: int, L: int, P: int) -> Chain:
+        """Of W nodes that nothing is known of."""
+        shapes = (W, L, L), (W, L, L), (W, L, P), (P, P), (W, L), (P,)
+        return cls(*(np.zeros(shape) for shape in shapes))
+
+    def add(self, windows: slice, J: np.ndarray, residual: np.ndarray) -> None:
+        """J^T J and J^T r of some windows: J (w, k, L + P), residual (w, k)."""
+        L = self.A.shape[1]
+        nodes = J[:, :, :L].transpose(0, 2, 1)
+        both = nodes @ J
+        self.A[windows] += both[:, :, :L]
+        self.B[windows] += both[:, :, L:]
+        self.g[windows] += (nodes @ residual[:, :, None])[:, :, 0]
+        self._add_shared(J, residual)
+
+    def add_samples(self, window: np.ndarray, J: np.ndarray, residual: np.ndarray) -> None:
+        """The same for samples that are each of one `window` (m,): J (m, k, L + P), residual (m, k)."""
+        count = J.shape[1]
+        gather(J.reshape(-1, J.shape[2]), residual.ravel(), np.repeat(window, count), self.A, self.B, self.g)
+        self._add_shared(J, residual)
+
+    def _add_shared(self, J: np.ndarray, residual: np.ndarray) -> None:
+        own = J.reshape(residual.size, -1)[:, self.A.shape[1] :]
+        self.D += own.T @ own
+        self.d += own.T @ residual.ravel()
+
+    def damped(self, nodes: np.ndarray, parameters: np.ndarray) -> Chain:
+        """With more on the diagonals of A (L,) and D (P,); all else is shared with this one."""
+        return replace(self, A=self.A + np.diag(nodes), D=self.D + np.diag(parameters))
 
     def copy(self) -> Chain:
         """The same blocks, free to be added to."""
@@ -60,18 +81,10 @@ class Chain:
 
     def add_ties(self, ties: Ties, sigma: np.ndarray) -> None:
         """Add what ties neighbouring nodes; sigma (T, L) of each entry of rho."""
-        w, each = ties.at, 1 / sigma
-        F, G, rho = each[:, :, None] * ties.F, each[:, :, None] * ties.G, each * ties.rho
-        Ft, border = F.transpose(0, 2, 1), G.reshape(rho.size, self.B.shape[2])
-        self.A[w] += Ft @ F
-        self.A[w + 1] += np.eye(F.shape[1]) * each[:, :, None] ** 2
-        self.next[w] -= (each[:, :, None] * F).transpose(0, 2, 1)
-        self.B[w] += Ft @ G
-        self.B[w + 1] -= each[:, :, None] * G
-        self.D += border.T @ border  # of one matrix with itself: half the work
-        self.g[w] -= (Ft @ rho[:, :, None])[:, :, 0]
-        self.g[w + 1] += each * rho
-        self.d -= border.T @ rho.ravel()
+        border = tie(ties.at, ties.F, ties.G, ties.rho, 1 / sigma, self.A, self.next, self.B, self.g)
+        G = border[:, :-1]
+        self.D += G.T @ G  # of one matrix with itself: half the work
+        self.d -= G.T @ border[:, -1]
 
     def solve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Steps dz (W, L), dw (P,), the parameters' Hessian (P, P), and log det of the nodes' block.
@@ -79,45 +92,32 @@ class Chain:
         Raises LinAlgError where the nodes' block is not positive definite.
         """
         W, size, P = self.B.shape
-        known = np.concatenate([self.next, self.B, self.g[:, :, None]], axis=2)
-        factors, solved, diagonals = [], np.empty_like(known), np.empty((W, size))
-        A, right = self.A[0], known[0]
-        for w in range(W):
-            factor, failed = _potrf(A, lower=1)
-            if failed:
-                raise np.linalg.LinAlgError(f"node {w}: the Hessian is not positive definite")
-            Y, _ = _trtrs(factor, right, lower=1)
-            factors.append(factor)
-            solved[w], diagonals[w] = Y, factor.diagonal()
-            if w + 1 < W:
-                carry = Y[:, :size].T @ Y
-                A, right = self.A[w + 1] - carry[:, :size], known[w + 1].copy()
-                right[:, size:] -= carry[:, size:]
-        log_det = 2 * float(np.log(diagonals).sum())
+        factors, solved, log_det = self._eliminated(self.B)
         flat = solved.reshape(W * size, -1)
         border, last = flat[:, size : size + P], flat[:, -1]
         D, d = self.D - border.T @ border, self.d - border.T @ last
         step = -np.linalg.solve(D, d)
         given = (last + border @ step).reshape(W, size)
-        dz, after = np.zeros((W, size)), np.zeros(size)
-        for w in range(W - 1, -1, -1):
-            after, _ = _trtrs(factors[w], -given[w] - solved[w][:, :size] @ after, lower=1, trans=1)
-            dz[w] = after
+        dz = np.empty((W, size))
+        back(factors, solved, given, dz)
         return dz, step, D, log_det
 
     def solve_nodes(self) -> tuple[np.ndarray, float]:
         """Steps dz (W, L) with the parameters as they are, and log det of the nodes' block; errors as of `solve`."""
         W, size = self.g.shape
-        band = np.zeros((W, size, 2 * size))  # of each column the entries from the diagonal down
-        for k in range(size):
-            band[:, k, : size - k] = self.A[:, k:, k]
-            band[:-1, k, size - k : 2 * size - k] = self.next[:-1, k]
-        try:
-            factor = cholesky_banded(band.reshape(W * size, -1).T, lower=True, check_finite=False)
-        except np.linalg.LinAlgError:
-            raise np.linalg.LinAlgError("the nodes' Hessian is not positive definite") from None
-        dz = -cho_solve_banded((factor, True), self.g.ravel(), check_finite=False)
-        return dz.reshape(W, size), 2 * float(np.log(factor[0]).sum())
+        factors, solved, log_det = self._eliminated(self.B[:, :, :0])
+        dz = np.empty((W, size))
+        back(factors, solved, solved[:, :, -1].copy(), dz)
+        return dz, log_det
+
+    def _eliminated(self, B: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """As `eliminate` with the columns B, and log det of the nodes' block."""
+        W, size, P = B.shape
+        factors, solved = np.empty((W, size, size)), np.empty((W, size, size + P + 1))
+        failed = eliminate(self.A, self.next, B, self.g, factors, solved)
+        if failed >= 0:
+            raise np.linalg.LinAlgError(f"node {failed}: the Hessian is not positive definite")
+        return factors, solved, 2 * float(np.log(np.diagonal(factors, axis1=1, axis2=2)).sum())
 
     def covariance(self) -> np.ndarray:
         """Covariance of each node with the parameters as they are, (W, L, L).

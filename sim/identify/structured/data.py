@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from companion.core.vessel_file import VesselFile
 from sim.identify.calibrated import calibrated
 from sim.identify.run import Run
-from sim.identify.structured.battery import commands_of
+from sim.identify.structured.battery import commands_of, pulses_of
 from sim.identify.structured.thrust import Commands
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
@@ -109,7 +109,7 @@ def cut(
         run=np.array(owner),
         first=np.array(first),
         fixes=_fixes(laid),
-        commands=tuple(commands_of(run, vessel) for run in runs),
+        commands=tuple(commands_of(pulses_of(run, vessel), vessel) for run in runs),
         spans=tuple(spans),
         grids=tuple((t, starts) for t, _, starts in pieces),
     )

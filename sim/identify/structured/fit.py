@@ -118,9 +118,7 @@ class Fit:
         _, spread = self.parameters.prior
         damping = 0.0
         for _ in range(8):
-            chain = plain.copy()
-            chain.D += damping * np.diag(1 / spread**2)
-            chain.A += damping * np.diag(1 / self.noise.node_start() ** 2)
+            chain = plain.damped(damping / self.noise.node_start() ** 2, damping / spread**2)
             dz, dw, _, _ = chain.solve()
             promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
             if promised <= self.settings.tolerance_nats:

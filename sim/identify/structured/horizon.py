@@ -22,11 +22,13 @@ from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.smoothing import SmootherNoise, smooth
 from sim.identify.structured.data import Windows, cut
+from sim.identify.structured.kernels import X0_D
 from sim.identify.structured.linearise import HUBER
 from sim.identify.structured.model import compile_model
-from sim.identify.structured.motion import X0_D, Mover, sensitivities
+from sim.identify.structured.motion import Mover
 from sim.identify.structured.noise import STATE, L
 from sim.identify.structured.parameters import SENSORS, WARP, Parameters
+from sim.identify.structured.rows import sensitivities
 
 HORIZON_S = 15.0  # 10 and 20 s predict alike; chosen on the even blocks of cse1's random_run1 (docs/cse1.md)
 OVERLAP = 3  # windows that each instant lies in
@@ -114,10 +116,9 @@ class HorizonFit:
         z = np.where(known, error, 0.0) / self.sigma
         size = np.abs(z)
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)) / (len(goal.at) * OVERLAP))
-        S = sensitivities(motion, goal.windows.h_s)[:, goal.at, :, X0_D:]
-        moving = self._moving()
+        S = sensitivities(motion.A, motion.pushes, goal.windows.h_s)[:, goal.at, :, X0_D:]
         J = np.zeros((*S.shape[:3], len(w)))
-        J[..., moving] = S
+        J[..., self.parameters.moving] = S
         J = (J @ self.parameters.jacobian(w)) * (known * root / self.sigma)[..., None]
         J = J.reshape(len(J), -1, len(w))
         scores = (J.swapaxes(1, 2) @ (root * z).reshape(len(J), -1, 1))[..., 0]
@@ -126,11 +127,6 @@ class HorizonFit:
         cost = 0.5 * float(rho.sum()) / (len(goal.at) * OVERLAP) + 0.5 * float((((w - mean) / spread) ** 2).sum())
         H = (J.swapaxes(1, 2) @ J).sum(axis=0) + np.diag(1 / spread**2)
         return Point(w, error, cost, scores, H)
-
-    def _moving(self) -> np.ndarray:
-        """Columns of q that the sensitivities are to, in their order."""
-        p = self.parameters
-        return np.r_[0 : p.thrusters.stop + 2, p.warp.stop : len(p.names)]
 
     def step(self, point: Point) -> tuple[Point, float]:
         """One step that lowers the cost, and what it promised [nats]; the same point where none is to be had."""

@@ -193,6 +193,11 @@ class Parameters:
         return len(self.names) - self.warp.stop
 
     @cached_property
+    def moving(self) -> np.ndarray:
+        """Which parameters move the boat: not those of where and when its position is seen."""
+        return np.r_[0 : self.thrusters.stop + 2, self.warp.stop : len(self.names)]
+
+    @cached_property
     def _gain_signs(self) -> np.ndarray:
         """1, -1 (a reversed thruster) or 0 (a dead one), shape (n,)."""
         return np.sign([t.gain for t in self.vessel.thrusters])

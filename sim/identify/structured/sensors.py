@@ -7,24 +7,25 @@ by the latency; between steps the tag's path is taken to second order. Columns: 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sim.identify.structured.data import PSI, RATE, SURGE, SWAY, Windows
-from sim.identify.structured.motion import Motion, spread
+from sim.identify.structured.motion import Motion
 from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, L, Noise, whiten
 from sim.identify.structured.parameters import Parameters
+from sim.identify.structured.rows import fade
 
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # omega x: of a unit yaw rate
 
 
 @dataclass(frozen=True)
 class Imu:
-    """Heading, yaw rate and specific force of all windows. `extras`: as `Parameters.extras`."""
+    """Heading, yaw rate and specific force of all windows."""
 
     windows: Windows
     arm_m: tuple[float, float]
-    extras: int = 0
 
     def residual(self, motion: Motion, z: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured, whitened, shape (W, K, 4); NaN where nothing was measured."""
@@ -32,7 +33,7 @@ class Imu:
         x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
         u, v, r = x[..., 3], x[..., 4], x[..., 5]
         lx, ly = self.arm_m
-        psi = x[..., 2] + z[:, None, OFFSET] + self._fade(noise) * z[:, None, WANDER]
+        psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
         ax = nd[..., 0] - v * r - lx * r**2 - ly * nd[..., 2] + z[:, None, BIAS_AX]
         ay = nd[..., 1] + u * r - ly * r**2 + lx * nd[..., 2] + z[:, None, BIAS_AY]
         error = np.stack([psi, r + z[:, None, BIAS_R], ax, ay], axis=2) - self.windows.y
@@ -42,41 +43,16 @@ class Imu:
         out[..., PSI] = np.where(known, white[..., 0], np.nan)
         return out
 
-    def rows(self, motion: Motion, S: np.ndarray, noise: Noise, columns: int, part: slice) -> np.ndarray:
-        """Derivative of `residual` for `part` of the windows, (.., K, 4, columns); nil where nothing was measured.
-
-        `motion` and `S` are those of the part.
-        """
-        K = self.windows.size[1]
-        x, A, G, S = motion.x[:, :K], motion.A[:, :K], motion.G[:, :K], S[:, :K]
-        u, v, r = x[..., 3], x[..., 4], x[..., 5]
+    def slopes(self, motion: Motion) -> np.ndarray:
+        """What psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
+        W, K = self.windows.size
+        u, v, r = (motion.x[:, :K, i] for i in (3, 4, 5))
         lx, ly = self.arm_m
-        C_ax, C_ay = A[..., 3, :] - ly * A[..., 5, :], A[..., 4, :] + lx * A[..., 5, :]
-        C_ax[..., 4] -= r
-        C_ax[..., 5] -= v + 2 * lx * r
-        C_ay[..., 3] += r
-        C_ay[..., 5] += u - 2 * ly * r
-        known = np.isfinite(self.windows.y[part])
-        scale = known / np.array(noise.white)
-        force = np.stack([C_ax, C_ay], axis=2) @ S
-        force[:, :, 0, 6:] += G[..., 0, :] - ly * G[..., 2, :]
-        force[:, :, 1, 6:] += G[..., 1, :] + lx * G[..., 2, :]
-        rows = np.zeros((len(x), K, 4, columns))
-        spread(rows[:, :, RATE], S[..., 5, :] * scale[:, :, RATE, None], self.extras)
-        spread(rows[:, :, SURGE:], force * scale[:, :, SURGE:, None], self.extras)
-        for channel, column in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
-            rows[..., channel, column] = scale[..., channel]
-        slow = np.stack([self._fade(noise)[part], np.ones(x.shape[:2])], axis=2)
-        h_s = self.windows.h_s[part]
-        psi = whiten(np.concatenate([S[..., 2, :], slow], axis=2), known[..., PSI], h_s, noise)
-        spread(rows[:, :, PSI], psi[..., :-2], self.extras)
-        rows[:, :, PSI, WANDER], rows[:, :, PSI, OFFSET] = psi[..., -2], psi[..., -1]
-        return rows
-
-    def _fade(self, noise: Noise) -> np.ndarray:
-        """What is left of a node's heading wander at each step of its window, (W, K)."""
-        t = self.windows.t_s[:, :-1]
-        return np.exp(-(t - t[:, :1]) / noise.wander_time_s)
+        C = np.zeros((W, K, 4, 9))
+        C[..., PSI, 2] = C[..., RATE, 5] = C[..., SURGE, 6] = C[..., SWAY, 7] = 1.0
+        C[..., SURGE, 4], C[..., SURGE, 5], C[..., SURGE, 8] = -r, -v - 2 * lx * r, -ly
+        C[..., SWAY, 3], C[..., SWAY, 5], C[..., SWAY, 8] = r, u - 2 * ly * r, lx
+        return C
 
 
 @dataclass(frozen=True)
@@ -93,26 +69,25 @@ class Tag:
         warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
 
-    def rows(self, path: Path, S: np.ndarray, noise: Noise, columns: int) -> np.ndarray:
-        """Derivative of `residual` on a path, (m, 2, columns), to the warp's share (its square is left out).
-
-        S (m, 6, ..): sensitivities at the steps before the samples.
-        """
-        at = L + self.parameters.thrusters.stop + 2
-        delta, lever = path.delta_s, TURN @ path.arm
+    def slopes(self, path: Path) -> np.ndarray:
+        """What places change with the state at the step before, (m, 2, 6); the warp's share of it is left out."""
+        delta = path.delta_s
         C = np.zeros((len(delta), 2, 6))
         C[:, 0, 0] = C[:, 1, 1] = 1.0
         C[:, :, 2] = path.turned(path.shift @ TURN.T)
         C[:, :, 3:5] = delta[..., None] * path.R
-        C[:, :, 5] = delta * (path.R @ lever)
-        rows = np.zeros((len(delta), 2, columns))
-        spread(rows, C @ S, self.parameters.extras)
-        rows[:, :, at] = -path.turned(path.velocity + delta * path.gain)
+        C[:, :, 5] = delta * (path.R @ (TURN @ path.arm))
+        return C
+
+    def add_own(self, rows: np.ndarray, path: Path, scale: np.ndarray) -> None:
+        """Latency, arm and warp in rows (m, 2, L + P), times `scale` (m,)."""
+        at, warp, by = L + self.parameters.thrusters.stop + 2, L + self.parameters.warp.start, scale[:, None]
+        delta = path.delta_s
+        rows[:, :, at] = -by * path.turned(path.velocity + delta * path.gain)
         away = path.x[:, :2] + path.turned(path.shift) - self._middle
-        warp = L + self.parameters.warp.start
-        rows[:, 0, warp : warp + 2] = rows[:, 1, warp + 2 : warp + 4] = away
-        rows[:, :, at + 1 : at + 3] = path.R + (delta * path.x[:, 5:6])[..., None] * (path.R @ TURN)
-        return rows / noise.fix_m
+        rows[:, 0, warp : warp + 2] = rows[:, 1, warp + 2 : warp + 4] = by * away
+        arm = path.R + (delta * path.x[:, 5:6])[..., None] * (path.R @ TURN)
+        rows[:, :, at + 1 : at + 3] = by[:, :, None] * arm
 
     @property
     def _middle(self) -> np.ndarray:
@@ -153,24 +128,12 @@ class Path:
     velocity: np.ndarray
     gain: np.ndarray
 
-    def part(self, samples: np.ndarray) -> Path:
-        """Some of the samples, by index."""
-        return Path(
-            self.window[samples],
-            self.step[samples],
-            self.x[samples],
-            self.delta_s[samples],
-            self.arm,
-            self.velocity[samples],
-            self.gain[samples],
-        )
-
     @property
     def shift(self) -> np.ndarray:
         """From the body origin at the step before to the tag at the sample, body axes there, (m, 2)."""
         return self.arm + self.delta_s * self.velocity + self.delta_s**2 / 2 * self.gain
 
-    @property
+    @cached_property
     def R(self) -> np.ndarray:
         """Body to NED, (m, 2, 2)."""
         c, s = np.cos(self.x[:, 2]), np.sin(self.x[:, 2])
@@ -178,4 +141,4 @@ class Path:
 
     def turned(self, vector: np.ndarray) -> np.ndarray:
         """R vector, (m, 2)."""
-        return (self.R @ vector[..., None])[..., 0]
+        return self.R[:, :, 0] * vector[:, :1] + self.R[:, :, 1] * vector[:, 1:]

@@ -1,0 +1,218 @@
+"""Loops over windows, steps and columns, compiled by numba when they first run and kept between runs.
+
+The same sums as array expressions would make, without their temporaries: what a window needs stays in a core's cache.
+Innermost loops go along columns, next to each other in memory. C: columns of the sensitivities S = dx/d[x0, d, rest],
+X0_D of them of the window's own node; P: all others.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+kernel = njit(cache=True, fastmath={"contract"})  # a * b + c may be one instruction; nothing else is loosened
+X0_D = 9
+"""Columns of S before the others: state (6) and latent acceleration (3) of the node."""
+EARLY, LATE, MIDDLE = (1 / 2, 1 / 3, 1 / 8), (1 / 2, 1 / 6, 1 / 24), (2 / 3, 1 / 3, 0.0)
+"""Weights of h, h^2 A, h^3 A^2 on accelerations at both ends of a step, between which they go straight, and on what the
+middle has beyond the mean of the ends (a parabola).
+"""
+
+
+@kernel
+def _combined(weights: np.ndarray, rows: np.ndarray, out: np.ndarray) -> None:
+    """out (C,) = weights (6,) times rows (6, C)."""
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    r0, r1, r2, r3, r4, r5 = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
+    for c in range(len(out)):
+        out[c] = w0 * r0[c] + w1 * r1[c] + w2 * r2[c] + w3 * r3[c] + w4 * r4[c] + w5 * r5[c]
+
+
+@kernel
+def _add_pushes(early: np.ndarray, before: np.ndarray, late: np.ndarray, after: np.ndarray, out: np.ndarray) -> None:
+    """out (P,) += early (3,) times before (3, P) + late (3,) times after (3, P)."""
+    e0, e1, e2, l0, l1, l2 = early[0], early[1], early[2], late[0], late[1], late[2]
+    b0, b1, b2, a0, a1, a2 = before[0], before[1], before[2], after[0], after[1], after[2]
+    for c in range(len(out)):
+        out[c] += e0 * b0[c] + e1 * b1[c] + e2 * b2[c] + l0 * a0[c] + l1 * a1[c] + l2 * a2[c]
+
+
+@kernel
+def add_times(value: float, row: np.ndarray, out: np.ndarray) -> None:
+    """out (C,) += value times row (C,)."""
+    for c in range(len(out)):
+        out[c] += value * row[c]
+
+
+@kernel
+def _weights(
+    hA: np.ndarray, h: float, powers: np.ndarray, Phi: np.ndarray, early: np.ndarray, late: np.ndarray, mid: np.ndarray
+) -> None:
+    """Of a step h with h d(x_dot)/dx = hA (6, 6): Phi = exp(hA) to third order, and (6, 3) on accelerations.
+
+    `powers` (2, 6, 6): room for the square and the cube of hA.
+    """
+    square, cube = powers[0], powers[1]
+    for i in range(6):
+        _combined(hA[i], hA, square[i])
+    for i in range(6):
+        _combined(square[i], hA, cube[i])
+    for i in range(6):
+        for j in range(6):
+            Phi[i, j] = hA[i, j] + square[i, j] / 2 + cube[i, j] / 6
+        Phi[i, i] += 1.0
+        for j in range(3):
+            first, second = h * hA[i, 3 + j], h * square[i, 3 + j]
+            early[i, j] = EARLY[1] * first + EARLY[2] * second
+            late[i, j] = LATE[1] * first + LATE[2] * second
+            mid[i, j] = MIDDLE[1] * first + MIDDLE[2] * second
+        if i >= 3:
+            early[i, i - 3] += h * EARLY[0]
+            late[i, i - 3] += h * LATE[0]
+            mid[i, i - 3] += h * MIDDLE[0]
+
+
+@kernel
+def carried(A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, h: np.ndarray, S: np.ndarray) -> None:
+    """Fill S (W, K+1, 6, C), from the identity at each node.
+
+        S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A), A the mean of both ends
+
+    A (W, K+1, 6, 6) = d(x_dot)/dx; a (W, K+1, 3, P): what each column adds to nu_dot at the nodes; bump (W, K, 3, B):
+    in the middle of steps beyond the mean of both ends, for the columns `bumped` (B,) of P; h (W, K) [s].
+    """
+    W, K = h.shape
+    hA, Phi, powers = np.empty((6, 6)), np.empty((6, 6)), np.empty((2, 6, 6))
+    early, late, middle = np.empty((6, 3)), np.empty((6, 3)), np.empty((6, 3))
+    for w in range(W):
+        S[w, 0] = 0.0
+        for i in range(6):
+            S[w, 0, i, i] = 1.0
+        for k in range(K):
+            for i in range(6):
+                for j in range(6):
+                    hA[i, j] = h[w, k] * (A[w, k, i, j] + A[w, k + 1, i, j]) / 2
+            _weights(hA, h[w, k], powers, Phi, early, late, middle)
+            for i in range(6):
+                after = S[w, k + 1, i]
+                _combined(Phi[i], S[w, k], after)
+                for j in range(3):
+                    after[6 + j] += early[i, j] + late[i, j]
+                _add_pushes(early[i], a[w, k], late[i], a[w, k + 1], after[X0_D:])
+                for b in range(len(bumped)):
+                    for j in range(3):
+                        after[X0_D + bumped[b]] += middle[i, j] * bump[w, k, j, b]
+
+
+@kernel
+def imu_rows(
+    S: np.ndarray,
+    A: np.ndarray,
+    a: np.ndarray,
+    slopes: np.ndarray,
+    direct: np.ndarray,
+    scale: np.ndarray,
+    place: np.ndarray,
+    J: np.ndarray,
+) -> None:
+    """Fill the columns `place` (C,) of J (W, K, 4, ..): derivatives of psi, r, a_x, a_y, times `scale` (W, K, 4).
+
+    slopes (W, K, 4, 9): of the four to x y psi u v r u_dot v_dot r_dot; direct (W, K, 4, P or 0): what the others add.
+    S, A and a as of `carried`.
+    """
+    W, K = scale.shape[:2]
+    C = S.shape[3]
+    rates, row = np.empty((3, C)), np.empty(C)
+    for w in range(W):
+        for k in range(K):
+            for i in range(3):
+                _combined(A[w, k, 3 + i], S[w, k], rates[i])
+                rates[i, 6 + i] += 1.0
+                add_times(1.0, a[w, k, i], rates[i, X0_D:])
+            for channel in range(4):
+                weight = scale[w, k, channel]
+                if weight == 0.0:
+                    continue
+                row[:] = 0.0
+                for i in range(9):
+                    slope = slopes[w, k, channel, i]
+                    if slope != 0.0:
+                        add_times(slope, S[w, k, i] if i < 6 else rates[i - 6], row)
+                if direct.shape[3]:
+                    add_times(1.0, direct[w, k, channel], row[X0_D:])
+                for c in range(C):
+                    J[w, k, channel, place[c]] = weight * row[c]
+
+
+@kernel
+def whitened(
+    J: np.ndarray, channel: int, known: np.ndarray, h: np.ndarray, white: float, wander: float, wander_time_s: float
+) -> None:
+    """Turn heading rows J[:, :, channel] of J (W, K, n, C) into innovations of unit variance: see `noise.whiten`."""
+    W, K, _, C = J.shape
+    m = np.empty(C)
+    for w in range(W):
+        P = 0.0
+        m[:] = 0.0
+        for k in range(K):
+            row, S, decay = J[w, k, channel], P + white**2, math.exp(-h[w, k] / wander_time_s)
+            gain = P / S if known[w, k] else 0.0
+            per_sigma = 1 / math.sqrt(S) if known[w, k] else 0.0
+            for c in range(C):
+                innovation = row[c] - m[c]
+                row[c] = innovation * per_sigma
+                m[c] = decay * (m[c] + gain * innovation)
+            P = decay**2 * P * (1 - gain) + wander**2 * (1 - decay**2)
+
+
+@kernel
+def fix_rows(
+    S: np.ndarray,
+    window: np.ndarray,
+    index: np.ndarray,
+    slopes: np.ndarray,
+    direct: np.ndarray,
+    scale: np.ndarray,
+    place: np.ndarray,
+    J: np.ndarray,
+) -> None:
+    """Fill the columns `place` of J (m, 2, ..): derivatives of places (north, east) at nodes `window`, `index` of S.
+
+    slopes (m, 2, 6): to the state there; direct (m, 2, P or 0): what the others add; scale (m,).
+    """
+    C = S.shape[3]
+    row = np.empty(C)
+    for i in range(len(window)):
+        for axis in range(2):
+            _combined(slopes[i, axis], S[window[i], index[i]], row)
+            if direct.shape[2]:
+                add_times(1.0, direct[i, axis], row[X0_D:])
+            for c in range(C):
+                J[i, axis, place[c]] = scale[i] * row[c]
+
+
+@kernel
+def gather(
+    J: np.ndarray, residual: np.ndarray, window: np.ndarray, A: np.ndarray, B: np.ndarray, g: np.ndarray
+) -> None:
+    """Add J^T J and J^T r of rows J (n, L + P), r (n,) to the blocks of their windows: A (W, L, L), B (W, L, P), g."""
+    L = A.shape[1]
+    for i in range(len(J)):
+        w, row = window[i], J[i]
+        for m in range(L):
+            value = row[m]
+            if value != 0.0:
+                g[w, m] += value * residual[i]
+                add_times(value, row[:L], A[w, m])
+                add_times(value, row[L:], B[w, m])
+
+
+@kernel
+def interleaved(columns: np.ndarray, out: np.ndarray) -> None:
+    """out (n, P) from columns (P, n)."""
+    P, n = columns.shape
+    for i in range(n):
+        for p in range(P):
+            out[i, p] = columns[p, i]

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
+from sim.identify.structured.kernels import whitened
 
 NODE = ("x", "y", "psi", "u", "v", "r", "d_u", "d_v", "d_r", "b_ax", "b_ay", "b_r", "wander", "offset")
 STATE, LATENT, BIAS_AX, BIAS_AY, BIAS_R, WANDER, OFFSET = slice(0, 6), slice(6, 9), 9, 10, 11, 12, 13
@@ -77,16 +78,6 @@ def whiten(rows: np.ndarray, known: np.ndarray, h_s: np.ndarray, noise: Noise) -
 
     Scalar Kalman filter per window; its gains do not depend on the rows, so residual and Jacobian pass it alike.
     """
-    W, K, C = rows.shape
-    white2, decay = noise.white[0] ** 2, np.exp(-h_s / noise.wander_time_s)
-    grow = noise.wander_rad**2 * (1 - decay**2)
-    P, m = np.zeros(W), np.zeros((W, C))
-    out = np.zeros_like(rows)
-    for k in range(K):
-        S = P + white2
-        gain = np.where(known[:, k], P / S, 0.0)
-        innovation = rows[:, k] - m
-        out[:, k] = innovation * (known[:, k] / np.sqrt(S))[:, None]
-        m = decay[:, k, None] * (m + gain[:, None] * innovation)
-        P = decay[:, k] ** 2 * P * (1 - gain) + grow[:, k]
-    return out
+    out = rows[:, :, None].copy()
+    whitened(out, 0, known, h_s, noise.white[0], noise.wander_rad, noise.wander_time_s)
+    return out[:, :, 0]

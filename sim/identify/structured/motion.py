@@ -1,8 +1,9 @@
 """Trajectories of all windows from nodes and parameters, and how they change with both.
 
 Within a window the boat moves by the model alone, from its node z_w under the commands plus a latent acceleration.
-Sensitivities (`rows.sensitivities`) follow the trajectory with the exact Jacobians A of the model at each step; their
-own error, below 1e-4, slows convergence, it moves no estimate.
+Sensitivities (`rows.sensitivities`) follow the trajectory with the exact Jacobians A of the model at each step. Their
+own error is below 1e-4: beside exact derivatives (`peer_casadi`) all estimates end within 0.01 standard errors, dead time
+and lag, whose force is taken as it is within a step, within 0.16.
 """
 
 from __future__ import annotations
@@ -61,20 +62,18 @@ class Mover:
         d_all = np.repeat(d, K + 1, axis=0)
         A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), tau.reshape(-1, 3), d_all)
         G = G.reshape(W, K + 1, len(p) + 3, 3).swapaxes(2, 3)
-        G_tau = G[..., len(p) :]
-        inputs = [G[..., :N_HULL], (G_tau @ B) * f[:, :, None, :]]
-        inputs += [G_tau @ (f_dead @ share)[..., None], G_tau @ (f_lag @ share)[..., None]]
+        M_inv = G[0, 0, :, len(p) :]
+        changes = [f[..., None, :] * (M_inv @ B), _turned(f_dead, share @ M_inv.T), _turned(f_lag, share @ M_inv.T)]
         able = list(adjustable(parameters.vessel))
         if able:
-            G_able = G_tau @ share.T[:, able]
-            inputs += [G_able * adjust[:, :, None, : len(able)]]
-            inputs += [(G_tau @ (B_turn * gain)[:, able]) * f[:, :, None, able]]
-            inputs += [(G_able * adjust[:, :, None, len(able) :]) @ parameters.curve_of]
-        inputs += [G[..., N_HULL : len(p)]]
+            each, count = M_inv @ share.T[:, able], len(able)
+            changes += [adjust[..., None, :count] * each]
+            changes += [f[..., None, able] * (M_inv @ (B_turn * gain)[:, able])]
+            changes += [(adjust[..., None, count:] * each) @ parameters.curve_of]
+        changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
+        late = _turned(tau[:, :-1] - tau[:, 1:], M_inv.T)[..., 0]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()
-        late = (G_tau[:, :-1] @ (tau[:, :-1] - tau[:, 1:])[..., None])[..., 0]
-        pushes = self._late(np.concatenate(inputs, axis=3), late)
-        return Motion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, pushes)
+        return Motion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
 
     def _late(self, nodes: np.ndarray, late: np.ndarray) -> Pushes:
         """`late` (W, K, 3): what a second of dead time adds to nu over a step, exactly.
@@ -113,3 +112,8 @@ class Mover:
                 store.append(value)
             f_mid.append(history.at(middle[span])[0])
         return np.concatenate(f), np.concatenate(f_mid), np.concatenate(f_dead), np.concatenate(f_lag)
+
+
+def _turned(values: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """values (W, K, n) times `by` (n, 3), as one column (W, K, 3, 1): one product for all, not one a window."""
+    return (values.reshape(-1, len(by)) @ by).reshape(*values.shape[:2], 3, 1)

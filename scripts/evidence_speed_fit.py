@@ -1,0 +1,81 @@
+"""Evidence for the speed of the structured fit: 13,840 samples, and scipy's least_squares on the same problem."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from evidence_identify_paper import _known, _train
+from evidence_line import Line, at_least, at_most, information
+
+from sim.identify.structured.fit import Fit, Point, solve
+from sim.identify.structured.peer_casadi import CasadiProblem
+from sim.identify.structured.peer_fit import CasadiFit, casadi_fit
+from sim.identify.structured.result import FitResult, fit_structured
+
+ROUNDS, FULL_ROUNDS = 2, 5
+BETWEEN = 3
+"""Fits of ours before each of scipy's, and after the last."""
+SAME_NATS, SAME_SIGMAS = 0.1, 0.2
+
+
+def fit_13840(full: bool) -> Iterator[Line]:
+    """Structured fit of 13,840 samples (1384 s), and scipy with CasADi Jacobians on the same problem, in turn"""
+    (file, settings), train = _known(), _train()
+    wall, cpu, peers = [], [], []
+    found = fit_structured([train], file, settings)
+    fit, point = _settled(found)
+    problem = CasadiProblem(fit.windows, fit.parameters, fit.noise)
+
+    def ours() -> None:
+        for _ in range(BETWEEN):
+            began, began_cpu = time.perf_counter(), time.process_time()
+            fit_structured([train], file, settings)
+            wall.append(time.perf_counter() - began)
+            cpu.append(time.process_time() - began_cpu)
+
+    for _ in range(FULL_ROUNDS if full else ROUNDS):
+        ours()
+        peers.append(casadi_fit(problem))
+    ours()
+    note = f"median {np.median(wall):.2f} s; processor {min(cpu):.2f} s, median {np.median(cpu):.2f} s"
+    yield at_most(f"structured fit of 13,840 samples, fastest of {len(wall)}", min(wall), 0.5, "s", note)
+    yield from _same(fit, point, found, peers[-1])
+    theirs = np.array([peer.processor_s for peer in peers])
+    note = f"{peers[0].jacobians} Jacobians, wall clock {min(peer.seconds for peer in peers):.0f} s; noise given to it"
+    yield information(f"scipy, fastest of {len(peers)}: processor time", theirs.min(), "s", note)
+    ratio = float(theirs.min() / np.median(cpu))
+    yield at_least("over scipy with CasADi Jacobians", ratio, 20, "", "its fastest over our median, processor time")
+
+
+def _settled(found: FitResult) -> tuple[Fit, Point]:
+    """The same fit, then steps under its last noise until none promises anything."""
+    (file, settings), train = _known(), _train()
+    fit = Fit([train], file, replace(settings, window_s=found.window_s))
+    point, _ = solve(fit)
+    fit.settings = replace(fit.settings, tolerance_nats=1e-3)
+    for _ in range(20):
+        after, _ = fit.step(point)
+        if after is point:
+            break
+        point = after
+    return fit, point
+
+
+def _same(fit: Fit, point: Point, found: FitResult, peer: CasadiFit) -> Iterator[Line]:
+    """Both at one optimum: else no comparison of times means anything."""
+    chain, cost, _ = fit.assemble(point, fit.noise)
+    se = np.sqrt(np.diag(np.linalg.inv(chain.solve()[2])))
+    off = np.abs(peer.w - point.w) / se
+    note = f"{cost:.1f} nats, {len(peer.w)} parameters and {peer.z.size} unknowns of {len(peer.z)} nodes"
+    yield at_most("cost where scipy ends, above ours", peer.cost - cost, SAME_NATS, "nats", note)
+    yield at_most("largest difference of a parameter", off.max(), SAME_SIGMAS, "s.e.", f"median {np.median(off):.2g}")
+    at = fit.parameters.file_units(point.w)
+    errors = np.abs(found.q - at) / [p.se for p in found.parameters]
+    note = f"median {np.median(errors):.2g}"
+    yield at_most("the timed fit from that optimum", errors.max(), SAME_SIGMAS, "s.e.", note)
+
+
+PARTS = (fit_13840,)

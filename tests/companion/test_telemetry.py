@@ -125,6 +125,7 @@ def test_a_late_joiner_gets_history_last_values_and_the_checks():
     assert len(told) == 1 and "is connected" in told[0].text
 
 
+@pytest.mark.alone
 def test_a_router_that_comes_late_has_the_boat_within_two_seconds():
     """Zenoh's own pause between attempts has grown to 4 s by then."""
     port = free_port()

@@ -75,7 +75,7 @@ def test_only_an_operator_leads_out_of_safe_and_idle(event):
     assert TABLE["safe", event].next == "safe" and TABLE["idle", event].next == "idle"
 
 
-@pytest.mark.parametrize("event", OPERATOR)
+@pytest.mark.parametrize("event", sorted(OPERATOR))
 @pytest.mark.parametrize("mode", ["safe", "idle", "locked", "manual", "starting"])
 def test_no_command_drives_without_the_checks_of_starting_or_of_locked(mode, event):
     after = TABLE[mode, event].next

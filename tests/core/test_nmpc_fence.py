@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from nmpc_world import request, variant
-from voyage import mission_text, setup
+from nmpc_world import controller, request, variant
+from voyage import mission_text, nmpc, setup
 
 from companion.core.columns import Column
 from companion.core.fence import Fence
@@ -41,7 +41,7 @@ def straight(north, east, angle, speed):
 
 def test_a_fence_out_of_reach_changes_nothing():
     asked = request([1.0, 2.0, 0.3, 0.4, 0.0, 0.0, *[0.0] * 4], straight(1.0, 2.0, 0.3, 0.5))
-    free, _ = planner(None).solve(asked, None)
+    free, _ = controller().solve(asked, None)
     fenced, _ = planner(WIDE).solve(asked, None)
     assert np.array(fenced.f_n) == pytest.approx(np.array(free.f_n), abs=1e-6)
 
@@ -58,7 +58,7 @@ def test_a_path_into_the_fence_is_not_followed_across_it(place, angle):
         plan, warm = nmpc.solve(request(x0, straight(*place, angle, 0.8)), warm)
         assert plan.status == "ok", plan.reason
     room = [NOTCHED.clearance(*x[:2]) for x in plan.x]
-    free, _ = planner(None).solve(request(x0, straight(*place, angle, 0.8)), None)
+    free, _ = controller().solve(request(x0, straight(*place, angle, 0.8)), None)
     assert min(NOTCHED.clearance(*x[:2]) for x in free.x) < min(room) - 0.2
     assert min(room) > 0.2, "margin 0.5 m, softly"
 
@@ -78,9 +78,10 @@ def driven(fenced):
     texts = {**told.files, "mission.toml": mission_text(((25.0, 15.0), (33.5, 15.0)))}
     mine = setup_of(texts, {name: name for name in texts}).pilot
     vessel, quick = mine.vessel, NmpcSettings(rescue_time_s=60.0)
-    nmpc = Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), quick, lambda: 0.0, mine.fence if fenced else None)
+    assert (vessel, mine.fence) == (setup().pilot.vessel, setup().pilot.fence), "the boat of the voyages, and its fence"
+    solver = nmpc() if fenced else Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), quick, lambda: 0.0)
     world = World(WorldSetup(vessel, mine.site, start=(23.0, 15.0, 0.0)), 3)
-    run = SteppedRun(world, Pilot(mine), nmpc.solve)
+    run = SteppedRun(world, Pilot(mine), solver.solve)
     rooms = []
 
     def look(run):

@@ -63,11 +63,12 @@ def dense_optimum(ocp: Ocp, x0, p):
 
 
 @pytest.mark.parametrize("rate", [False, True], ids=["bounds", "bounds and rates"])
+@pytest.mark.parametrize("seeds", [(1, 2), pytest.param((3, 4, 5, 6), marks=pytest.mark.long)])
 @pytest.mark.parametrize("compiled", WAYS)
-def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiled, rate):
-    """Six random problems (seeds 1 to 6), five starts each, most with several limits active at once."""
+def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiled, seeds, rate):
+    """Random problems, five starts each, most with several limits active at once."""
     active = 0
-    for seed in range(1, 7):
+    for seed in seeds:
         ocp, rng = linear_ocp(seed, 5 + seed, rate), np.random.default_rng(seed)
         rti = Rti(ocp, compiled=compiled)
         for _ in range(5):
@@ -86,7 +87,7 @@ def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiled, rate):
             assert came.cost == pytest.approx(cost, rel=1e-7, abs=1e-9)
             assert np.abs(rti.C - c).max() < 1e-4
             active += np.count_nonzero(rti.active)
-    assert active > 50
+    assert active > 9 * len(seeds)
 
 
 @cache

@@ -8,6 +8,10 @@ import subprocess
 import sys
 import time
 
+import pytest
+
+pytestmark = pytest.mark.alone
+
 ARITRA = [sys.executable, "-m", "companion"]
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "160"}
 SOON = 90.0

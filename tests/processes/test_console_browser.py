@@ -11,6 +11,8 @@ from axe_playwright_python.sync_playwright import Axe
 from console_bench import KEY, Page, TapedBoat, chromium, served
 from zenoh_bench import free_port
 
+pytestmark = pytest.mark.alone
+
 LIVE = "document.querySelector('#link').dataset.kind === 'live'"
 WENT_AWAY = ("ERR_CONNECTION_REFUSED", "WebSocket connection")
 SERIOUS = ("serious", "critical")

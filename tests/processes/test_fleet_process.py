@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 from test_telemetry_process import router
 from zenoh_bench import console, free_port, wait_for
 
@@ -15,6 +16,8 @@ from companion.core import shore_messages as shore
 from companion.core.shore_orders import Sender, read_outcome
 from companion.setup import EXAMPLES
 from companion.signing_key import load_secret
+
+pytestmark = pytest.mark.alone
 
 NEAR = "[[waypoints]]\nnorth_m = 9.0\neast_m = 8.5\n[[waypoints]]\nnorth_m = 11.0\neast_m = 9.0\n"
 

@@ -18,6 +18,8 @@ from console_bench import served, state
 
 from companion.core import shore_messages as shore
 
+pytestmark = pytest.mark.alone
+
 
 def free_port() -> int:
     with socket.socket() as probe:

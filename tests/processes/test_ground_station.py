@@ -11,6 +11,8 @@ from test_loopback import DRIVING_S, free_port, process, wait_for
 
 from companion.setup import EXAMPLES
 
+pytestmark = pytest.mark.alone
+
 KEY = bytes(range(150, 182))
 OTHER = bytes(range(10, 42))
 

@@ -17,6 +17,8 @@ from evidence_safe_kill import tried
 from evidence_safe_trial import ALL_RULES, Override, Pen, Step, Trial
 from evidence_safe_wire import delayed, duplicated, garbled, reordered, silent
 
+pytestmark = pytest.mark.alone
+
 BY_NAME = {f"{case.group}: {case.name}": case for case in CASES}
 EVERYDAY = (
     "companion: SIGKILL, gate, no receiver",

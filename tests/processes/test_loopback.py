@@ -19,6 +19,8 @@ from companion.core.messages import GroundTruth, GuidanceReference, OverrideLeas
 from companion.log_recover import recover
 from companion.logfile import LogFile
 
+pytestmark = pytest.mark.alone
+
 ARITRA = [sys.executable, "-m", "companion"]
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1"}
 DRIVING_S = 40.0

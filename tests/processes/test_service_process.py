@@ -19,6 +19,8 @@ from companion.core.messages import LoopTiming, OverrideLease, VehicleRequest
 from companion.logfile import LogFile
 from companion.setup import EXAMPLES
 
+pytestmark = pytest.mark.alone
+
 ARITRA = [sys.executable, "-m", "companion"]
 WATCHDOG_S = 2.0
 STARTED_S = 40.0

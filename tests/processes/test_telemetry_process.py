@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
 from test_loopback import DRIVING_S, GroundStation, free_port, process, wait_for
 from zenoh_bench import console
 
@@ -19,6 +20,8 @@ from companion.core.messages import LoopTiming, OperatorCommand
 from companion.core.shore_orders import MissionFile, Sender, read_outcome
 from companion.logfile import LogFile
 from companion.setup import EXAMPLES
+
+pytestmark = pytest.mark.alone
 
 KEY = bytes(range(100, 132))
 

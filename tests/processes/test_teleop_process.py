@@ -9,11 +9,14 @@ import subprocess
 import threading
 import time
 
+import pytest
 from test_loopback import ARITRA, DRIVING_S, ENV, GroundStation, free_port, process, wait_for
 
 from companion.__main__ import main
 from companion.core.messages import Alert, ManualInput, ModeStatus, OverrideLease
 from companion.logfile import LogFile
+
+pytestmark = pytest.mark.alone
 
 NEUTRAL = (1500,) * 4
 

@@ -18,6 +18,8 @@ from companion.core.messages import GroundTruth, UwbRanges
 from companion.logfile import LogFile
 from drivers.uwb import uwb_codec
 
+pytestmark = pytest.mark.alone
+
 FIRMWARE = [sys.executable, str(Path(__file__).with_name("json_firmware.py"))]
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1"}
 REST, AHEAD, ASTERN = (1500,) * 4, (1600,) * 4, (1400,) * 4

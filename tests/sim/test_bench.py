@@ -66,6 +66,7 @@ def test_without_machine_code_its_rows_are_refused_and_not_filled_by_the_interpr
     assert any("interpreted" in p.name for p in planners)
 
 
+@pytest.mark.alone
 def test_calls_at_a_cadence_are_that_far_apart():
     at = []
     found = list(times_of([lambda: at.append(time.monotonic())] * 6, every_s=0.02))

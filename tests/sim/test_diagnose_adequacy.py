@@ -49,6 +49,11 @@ def clean() -> tuple[Fit, Model]:
     return bench(drive())
 
 
+@cache
+def faulty(fault) -> tuple[Fit, Model]:
+    return bench(fault(drive()))
+
+
 def shifted(effect_nodes: np.ndarray) -> Group:
     return Group(("time",), Effect("one", "generic", "one", "", UNIT, {}), effect_nodes[:, :, None])
 
@@ -154,7 +159,7 @@ def _leaning(run: Run) -> Run:
     ],
 )
 def test_what_no_entry_explains_is_found_by_what_it_depends_on(fault, word, kind):
-    fit, model = bench(fault(drive()))
+    fit, model = faulty(fault)
     report = adequacy(fit, Selection(model, model, [], []), None).adequacy
     assert not report.passed and report.depends_on[0] == word
     worst = max((c for c in report.checks if c.decides), key=lambda c: c.value)
@@ -204,7 +209,7 @@ def test_a_cause_that_is_there_stands():
 
 def test_causes_that_one_group_outdoes_stand_in_for_it():
     """What the compass does in one half of the basin, said to be an offset of the heading everywhere."""
-    fit, base = bench(_magnet(drive()))
+    fit, base = faulty(_magnet)
     final = Selector(fit).refit(base, frozenset({"heading_offset"}), {"heading_offset": np.array([3.0])})
     found = adequacy(fit, selected(base, final, "heading_offset"), None)
     assert found.withdrawn == {"heading_offset"} and not found.adequacy.passed

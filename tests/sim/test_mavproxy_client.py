@@ -6,10 +6,13 @@ import sys
 from asyncio.subprocess import PIPE, STDOUT
 from pathlib import Path
 
+import pytest
 from autopilot_process import booted_rover, served, until
 
 from sim.world.autopilot.modes import Mode
 from sim.world.autopilot.parameter_table import TABLE
+
+pytestmark = pytest.mark.alone
 
 MAVPROXY = Path(sys.executable).with_name("mavproxy.py")
 

@@ -16,6 +16,8 @@ from mavsdk.asyncio.plugins.telemetry import FlightMode, TelemetryAsync
 from sim.world.autopilot.modes import Mode
 from sim.world.autopilot.parameter_table import TABLE, Kind
 
+pytestmark = pytest.mark.alone
+
 
 def free_udp_port():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:

@@ -158,6 +158,13 @@ def test_the_chain_solves_as_the_dense_normal_equations_do() -> None:
     assert log_det == pytest.approx(np.linalg.slogdet(H[:-P_, :-P_])[1])
 
 
+def test_windows_without_samples_add_nothing() -> None:
+    chain = Chain.nothing(4, 3, 2)
+    chain.add(slice(2, 2), np.empty((0, 9, 5)), np.empty((0, 9)))
+    chain.add_samples(np.empty(0, dtype=int), np.empty((0, 2, 5)), np.empty((0, 2)))
+    assert not any(block.any() for block in (chain.A, chain.B, chain.D, chain.g, chain.d))
+
+
 @pytest.fixture(scope="module")
 def small_fit() -> Fit:
     run = teleop_run(draw_boat(boat("aritra"), np.random.default_rng(5)), 5, 40.0, uwb_hz=2.0)

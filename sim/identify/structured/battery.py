@@ -40,7 +40,7 @@ def pulses_of(run: Run, vessel: VesselFile) -> Pulses:
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
     volts = ["battery_v"] if run.known("battery_v") else []
     t_s, values = run.samples(*names, *volts)
-    values = values.reshape(len(t_s), -1)
+    values = values.reshape(len(t_s), len(names) + len(volts))
     pwm = values[:, : len(names)]
     return Pulses(t_s, pwm, values[:, -1] if volts else None, settings_at(run, t_s))
 

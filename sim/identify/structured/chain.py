@@ -63,7 +63,7 @@ class Chain:
         self._add_shared(J, residual)
 
     def _add_shared(self, J: np.ndarray, residual: np.ndarray) -> None:
-        own = J.reshape(residual.size, -1)[:, self.A.shape[1] :]
+        own = J.reshape(residual.size, J.shape[2])[:, self.A.shape[1] :]
         self.D += own.T @ own
         self.d += own.T @ residual.ravel()
 

@@ -3,7 +3,7 @@
 Within a window the boat moves by the model alone, from its node z_w under the commands plus a latent acceleration.
 Sensitivities (`rows.sensitivities`) follow the trajectory with the exact Jacobians A of the model at each step. Their
 own error is below 1e-4: beside exact derivatives (`peer_casadi`) all estimates end within 0.01 standard errors; dead
-time and lag, whose force is taken as it is within a step, within 0.16.
+time and lag, whose force is taken as it is within a step, within 0.17.
 """
 
 from __future__ import annotations

@@ -185,8 +185,7 @@ class Lineariser:
         return _cost(residual, fix, self.weight), _rho(state, z, at, decay)
 
     def _tied(self, noise: Noise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        at = np.flatnonzero(~np.append(self.windows.first[1:], True))
-        span = self.windows.t_s[at, -1] - self.windows.t_s[at, 0]
+        at, span = self.windows.tied()
         return at, noise.tie(span)[0], span
 
     def _ties(self, state: State, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:

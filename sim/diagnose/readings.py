@@ -26,20 +26,9 @@ class Readings:
         vessel = physics.vessel
         self._imu_arm = (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m)
         self._arm = np.array([vessel.sensors.uwb.x_m, vessel.sensors.uwb.y_m])
-        self.window, self.index, self._when = self._places(vessel.sensors.uwb.latency_s)
+        self._when = self.windows.fixes.t_s - vessel.sensors.uwb.latency_s
+        self.window, self.index = self.windows.before(self._when)
         self._delta = self._when - self.windows.t_s[self.window, self.index]
-
-    def _places(self, latency_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Window and step before each position sample, and when it was taken [s]."""
-        windows, fixes = self.windows, self.windows.fixes
-        when = fixes.t_s - latency_s
-        w, k = np.empty(len(when), dtype=int), np.empty(len(when), dtype=int)
-        for i, (span, (t, starts)) in enumerate(zip(windows.spans, windows.grids, strict=True)):
-            mine = fixes.run == i
-            step = np.clip(np.searchsorted(t, when[mine], side="right") - 1, 0, len(t) - 2)
-            own = np.searchsorted(starts, step, side="right") - 1
-            w[mine], k[mine] = own + span.start, step - starts[own]
-        return w, k, when
 
     def imu(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
         """psi, r, a_x, a_y as the sensors should say, without node biases, (W, K, 4)."""

@@ -64,6 +64,21 @@ class Windows:
         """Windows W and steps K."""
         return self.h_s.shape[0], self.h_s.shape[1]
 
+    def before(self, when_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Window and step before the instants (m,) at which the fixes were taken."""
+        w, k = np.empty(len(when_s), dtype=int), np.empty(len(when_s), dtype=int)
+        for i, (span, (t, starts)) in enumerate(zip(self.spans, self.grids, strict=True)):
+            mine = self.fixes.run == i
+            step = np.clip(np.searchsorted(t, when_s[mine], side="right") - 1, 0, len(t) - 2)
+            own = np.searchsorted(starts, step, side="right") - 1
+            w[mine], k[mine] = own + span.start, step - starts[own]
+        return w, k
+
+    def tied(self) -> tuple[np.ndarray, np.ndarray]:
+        """Windows that another of the same run follows (T,), and how long each lasts [s] (T,)."""
+        at = np.flatnonzero(~np.append(self.first[1:], True))
+        return at, self.t_s[at, -1] - self.t_s[at, 0]
+
     def samples(self) -> int:
         """How many instants carry a measurement of heading, rate or force."""
         return int(np.isfinite(self.y).any(axis=2).sum())

@@ -46,12 +46,12 @@ class Problem:
     def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise) -> Linearised:
         """Normal equations at parameters q (P,) and nodes z (W, L), without priors."""
         motion = self.move(q, z)
-        residual, fix_residual = self.imu.residual(motion, z, noise), self.tag.residual(motion, q, noise)
+        path = self.tag.path(motion, q)
+        residual, fix_residual = self.imu.residual(motion, z, noise), self.tag.residual(path, q, noise)
         size = np.sqrt((fix_residual**2).sum(axis=1))
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
         W, P = self.windows.size[0], len(q)
-        path, moving = self.tag.path(motion, q), self.parameters.moving
-        place, direct = places(moving), np.empty((W, self.windows.size[1], 4, 0))
+        place, direct = places(self.parameters.moving), np.empty((W, self.windows.size[1], 4, 0))
         imu_slopes, tag_slopes, wander = self.imu.slopes(motion), self.tag.slopes(path), fade(self.windows, noise)
         chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, len(place)))
         samples, whitened = np.zeros((len(size), 2, L + P)), fix_residual * root[:, None]
@@ -73,8 +73,7 @@ class Problem:
         return Linearised(chain, cost, self._ties(motion, ends, z, noise), residual, fix_residual)
 
     def _ties(self, motion: Motion, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
-        at = np.flatnonzero(~np.append(self.windows.first[1:], True))
-        span = self.windows.t_s[at, -1] - self.windows.t_s[at, 0]
+        at, span = self.windows.tied()
         decay, _ = noise.tie(span)
         F, G = np.zeros((len(at), L, L)), np.zeros((len(at), 6, len(self.parameters.names)))
         diagonal = np.arange(L)

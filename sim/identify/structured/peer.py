@@ -42,7 +42,9 @@ def scipy_fit(run: Run, vessel: VesselFile, *, window_s: float = WINDOW_S, most:
         q = fit.parameters.file_units(mean + spread * s)
         motion = fit.problem.move(q, start.z)
         imu = fit.problem.imu.residual(motion, start.z, fit.noise)
-        return np.concatenate([imu[np.isfinite(imu)], fit.problem.tag.residual(motion, q, fit.noise).ravel(), s])
+        return np.concatenate(
+            [imu[np.isfinite(imu)], fit.problem.tag.residual(fit.problem.tag.path(motion, q), q, fit.noise).ravel(), s]
+        )
 
     began = time.perf_counter()
     found = least_squares(residual, np.zeros(len(mean)), jac="2-point", method="trf", loss="soft_l1", max_nfev=most)

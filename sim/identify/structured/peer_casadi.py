@@ -54,7 +54,7 @@ class CasadiProblem:
         self._fix, self._fix_whole = Called(functions.fix), Called(functions.fix_whole)
         self._z0 = first_nodes(windows, parameters)
         self._first = np.flatnonzero(windows.first)
-        self._tied = np.flatnonzero(~np.append(windows.first[1:], True))
+        self._tied, self._span_s = windows.tied()
         self._decay = self._sigma = np.empty(0)
         self.slacken(noise.slack)
         self._known = np.isfinite(windows.y)
@@ -64,8 +64,7 @@ class CasadiProblem:
 
     def slacken(self, slack: float) -> None:
         """Ties' sigmas of states so many times what they are, from now on."""
-        span_s = self.windows.t_s[self._tied, -1] - self.windows.t_s[self._tied, 0]
-        self._decay, self._sigma = replace(self.noise, slack=slack).tie(span_s)
+        self._decay, self._sigma = replace(self.noise, slack=slack).tie(self._span_s)
 
     @property
     def start(self) -> np.ndarray:
@@ -166,7 +165,7 @@ class CasadiProblem:
         forces = self._forces(float(q[at]), float(q[at + 1]))
         v = np.hstack([z, np.tile(q, (len(z), 1))])
         v[:, L + at : L + at + 2] = 0.0
-        window, step = self._where(windows.fixes.t_s - q[at + 2])
+        window, step = windows.before(windows.fixes.t_s - q[at + 2])
         since = windows.fixes.t_s - windows.t_s[window, step]
         known = np.hstack([since[:, None], windows.fixes.place_m])
         start = forces[window, step, : forces.shape[2] // 3]
@@ -181,14 +180,3 @@ class CasadiProblem:
             at, half = (np.concatenate(history.at(t[span]), axis=2) for t in (windows.t_s, middle))
             pieces.append(np.concatenate([at[:, :-1], half, at[:, 1:]], axis=2))
         return np.concatenate(pieces)
-
-    def _where(self, when_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Window and step before each position."""
-        windows = self.windows
-        window, step = np.empty(len(when_s), dtype=int), np.empty(len(when_s), dtype=int)
-        for run, (span, (t, starts)) in enumerate(zip(windows.spans, windows.grids, strict=True)):
-            mine = windows.fixes.run == run
-            at = np.clip(np.searchsorted(t, when_s[mine], side="right") - 1, 0, len(t) - 2)
-            own = np.searchsorted(starts, at, side="right") - 1
-            window[mine], step[mine] = own + span.start, at - starts[own]
-        return window, step

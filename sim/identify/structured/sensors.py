@@ -62,9 +62,8 @@ class Tag:
     windows: Windows
     parameters: Parameters
 
-    def residual(self, motion: Motion, q: np.ndarray, noise: Noise) -> np.ndarray:
+    def residual(self, path: Path, q: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured place, whitened, shape (m, 2)."""
-        path = self.path(motion, q)
         place = path.x[:, :2] + path.turned(path.shift)
         warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
@@ -93,22 +92,11 @@ class Tag:
     def _middle(self) -> np.ndarray:
         return self.windows.fixes.place_m.mean(axis=0)
 
-    def _place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Window and step before each sample, and when it was taken [s]."""
-        windows, fixes = self.windows, self.windows.fixes
-        when = fixes.t_s - q[self.parameters.thrusters.stop + 2]
-        w, k = np.empty(len(when), dtype=int), np.empty(len(when), dtype=int)
-        for i, (span, (t, starts)) in enumerate(zip(windows.spans, windows.grids, strict=True)):
-            mine = fixes.run == i
-            step = np.clip(np.searchsorted(t, when[mine], side="right") - 1, 0, len(t) - 2)
-            own = np.searchsorted(starts, step, side="right") - 1
-            w[mine], k[mine] = own + span.start, step - starts[own]
-        return w, k, when
-
     def path(self, motion: Motion, q: np.ndarray) -> Path:
         """Where the tag went, near each sample."""
         at = self.parameters.thrusters.stop + 3
-        w, k, when = self._place(q)
+        when = self.windows.fixes.t_s - q[self.parameters.thrusters.stop + 2]
+        w, k = self.windows.before(when)
         x, nd, arm = motion.x[w, k], motion.nu_dot[w, k], q[at : at + 2]
         r = x[:, 5:6]
         velocity = x[:, 3:5] + r * (TURN @ arm)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ ROOT = Path(__file__).resolve().parent.parent
 CASES, FEW = 300, 20
 CLEAN, FEW_CLEAN = 100, 5
 REMOVED, FEW_REMOVED = 40, 6
+AT_ONCE = 2  # a case has a process of its own
 COMMAND = f"{shlex.quote(sys.executable)} -m companion diagnose"
+VERDICT = f"{COMMAND} --no-report"  # where the time it takes is not the question
 TOGETHER = {name: pair for pair in (("current", "turning_current"), ("wind", "gusty_wind")) for name in pair}
 """Entries of which one says all that the other does: taken out together."""
 DEPENDS = {
@@ -85,7 +88,7 @@ def cases(full: bool) -> Iterator[Line]:
 
 def nothing(full: bool) -> Iterator[Line]:
     """Cases in which nothing is hidden"""
-    yield from _clean(_scored(_nonce() + "-nothing", CLEAN if full else FEW_CLEAN, "--kind", "none"))
+    yield from _clean(_scored(_nonce() + "-nothing", CLEAN if full else FEW_CLEAN, "--kind", "none", command=VERDICT))
 
 
 def removed(full: bool) -> Iterator[Line]:
@@ -95,11 +98,15 @@ def removed(full: bool) -> Iterator[Line]:
 
     families = [f for f in families_of("medium") if any(f in names for names in DEPENDS.values())]
     wanted, right, wrong, told = REMOVED if full else FEW_REMOVED, 0, 0, []
-    for i in range(wanted):
-        family = families[(i * (1 if full else 7)) % len(families)]
-        out = [word for name in TOGETHER.get(family, (family,)) for word in ("--without", name)]
-        words = ("--kind", "medium", "--family", family, "--first", str(i))
-        r = _scored(_nonce() + "-removed", 1, *words, command=shlex.join([*shlex.split(COMMAND), *out]))[0]
+    chosen = [families[(i * (1 if full else 7)) % len(families)] for i in range(wanted)]
+
+    def judged(i: int) -> dict[str, Any]:
+        out = [word for name in TOGETHER.get(chosen[i], (chosen[i],)) for word in ("--without", name)]
+        words = ("--kind", "medium", "--family", chosen[i], "--first", str(i))
+        return _scored(_nonce() + "-removed", 1, *words, command=shlex.join([*shlex.split(VERDICT), *out]))[0]
+
+    for i, r in enumerate(ThreadPool(AT_ONCE).imap(judged, range(wanted))):
+        family = chosen[i]
         first = (r.get("depends_on") or [""])[0].partition(":")[0]
         ok = r["verdict"] in ("unknown", "partial") and family in DEPENDS.get(first, ())
         right += ok

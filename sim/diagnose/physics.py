@@ -21,13 +21,13 @@ from sim.diagnose.compiled import compiled
 from sim.diagnose.effect import Effect, Scene, Values
 from sim.diagnose.propelled import Forces, Propelled
 from sim.diagnose.theta import Theta, among, secants, values_of
-from sim.diagnose.thin import thinned
 from sim.identify.run import Run
 from sim.identify.structured.data import Windows, cut
 from sim.identify.structured.model import N_HULL
 from sim.identify.structured.noise import LATENT, STATE
 from sim.identify.structured.parameters import HULL, Parameters, file_values
 from sim.identify.structured.rows import columns_last
+from sim.identify.thin import thinned
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
@@ -89,7 +89,7 @@ class Physics:
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float):
         fewer = [thinned(run) for run in runs]
-        self.runs, self.vessel = tuple(run for run, _ in fewer), vessel
+        self.runs, self.vessel = tuple(each.run for each in fewer), vessel
         self.windows: Windows = cut(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
         self.parameters = Parameters(vessel)
         self.q = file_values(vessel)
@@ -101,7 +101,7 @@ class Physics:
         self.fix_clock_s = self.windows.fixes.t_s + starts[self.windows.fixes.run]
         self.middle_s = float(self.clock_s.min() + self.clock_s.max()) / 2
         self.centre_m = self.windows.fixes.place_m.mean(axis=0)
-        self.thrusters = Propelled(self.runs, vessel, self.windows, [width for _, width in fewer])
+        self.thrusters = Propelled(self.runs, vessel, self.windows, [each.width_s for each in fewer])
 
     def hull(self, effects: Sequence[Effect], theta: Theta) -> np.ndarray:
         """Coefficients (12,) in the order of HULL with the effects in them."""

@@ -102,9 +102,12 @@ class Run:
 
     def samples(self, *columns: str) -> tuple[np.ndarray, np.ndarray]:
         """Stamps (n,) [s] and values of the rows in which all `columns` are known: (n,), or (n, k) for k > 1."""
-        known = self.table.select("t_s", *columns).drop_nulls()
-        values = known.select(columns).to_numpy()
-        return known["t_s"].to_numpy(), values[:, 0] if len(columns) == 1 else values
+        t_s, *values = (self.table[name].to_numpy() for name in ("t_s", *columns))
+        known = np.ones(len(t_s), dtype=bool)
+        for column in values:
+            known &= ~np.isnan(column)  # a blank
+        kept = [column[known] for column in values]
+        return t_s[known], kept[0] if len(kept) == 1 else np.stack(kept, axis=1) if kept else np.empty((known.sum(), 0))
 
     def commands(self) -> tuple[np.ndarray, np.ndarray]:
         """When pulse widths changed [s], shape (k,), and to what [us], (k, thrusters): zero-order hold between."""

@@ -185,20 +185,26 @@ def main(arguments: list[str] | None = None) -> int:
         threads="1" if args.jobs > 1 else None,
     )
     options.out.mkdir(parents=True, exist_ok=True)
-    results, begun = [], time.monotonic()
-    for r in _results(options, range(args.first, args.first + args.cases), args.jobs):
+    try:
+        results = _kept(options.out, _head(args)) if args.resume else []
+    except ValueError as error:
+        parser.error(f"--resume: {error}")
+    done, begun = {r["index"] for r in results}, time.monotonic()
+    numbers = [i for i in range(args.first, args.first + args.cases) if i not in done]
+    for r in _results(options, numbers, args.jobs):
         results.append(r)
         true = ", ".join(r["truth"]) or r["outside"] or "nothing"
         said = ", ".join(r["named"]) or r["verdict"]
         place = f"{len(results)}/{args.cases} case {r['index']}"
         print(f"{place}: {r['outcome']}: {true} -> {said}, {r['wall_s']:.0f} s", flush=True)
-        _save(options, sorted(results, key=lambda x: x["index"]), args, time.monotonic() - begun)
+        _save(options.out, results, args, time.monotonic() - begun)
+    _save(options.out, results, args, time.monotonic() - begun)
     for quantity, goal, reached in goals(results):
         print(f"{quantity:44} {goal:18} {reached}")
     return 0
 
 
-def _results(options: Options, numbers: range, jobs: int) -> Iterator[dict[str, Any]]:
+def _results(options: Options, numbers: Sequence[int], jobs: int) -> Iterator[dict[str, Any]]:
     """Results as they come. Workers are spawned: a fork of a process in which polars has threads can hang."""
     if jobs == 1:
         yield from (run_case(options, i) for i in numbers)
@@ -208,13 +214,31 @@ def _results(options: Options, numbers: range, jobs: int) -> Iterator[dict[str, 
             yield job.result()
 
 
-def _save(options: Options, results: list[dict[str, Any]], args: argparse.Namespace, took_s: float) -> None:
-    head = {"nonce": args.nonce, "cases": f"{len(results)} of {args.cases}, from {args.first}",
-            "kind": args.kind or "as drawn", "UWB": args.uwb or "as drawn", "at once": args.jobs,
-            "took": f"{took_s / 60:.1f} min"}  # fmt: skip
-    (options.out / "results.json").write_text(json.dumps({"head": head, "results": results}, indent=1))
-    (options.out / "confusion.csv").write_text(confusion_csv(results))
-    (options.out / "summary.md").write_text(markdown(results, head))
+def _head(args: argparse.Namespace) -> dict[str, Any]:
+    """What cases are drawn from."""
+    return {"nonce": args.nonce, "kind": args.kind or "as drawn", "UWB": args.uwb or "as drawn"}
+
+
+def _kept(out: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
+    """Results of an earlier call. Raises ValueError where they are of other cases."""
+    path = out / "results.json"
+    if not path.exists():
+        return []
+    kept = json.loads(path.read_text())
+    other = [f"{k} {kept['head'][k]}, not {v}" for k, v in head.items() if kept["head"][k] != v]
+    if other:
+        raise ValueError(f"{path} is of other cases: {'; '.join(other)}")
+    return kept["results"]
+
+
+def _save(out: Path, results: list[dict[str, Any]], args: argparse.Namespace, took_s: float) -> None:
+    results.sort(key=lambda r: r["index"])
+    span = f"{results[0]['index']} to {results[-1]['index']}" if results else "none"
+    took = f"{took_s / 60:.1f} min" + (" since it was resumed" if args.resume else "")
+    head = _head(args) | {"cases": f"{len(results)}, {span}", "at once": args.jobs, "took": took}
+    (out / "results.json").write_text(json.dumps({"head": head, "results": results}, indent=1))
+    (out / "confusion.csv").write_text(confusion_csv(results))
+    (out / "summary.md").write_text(markdown(results, head))
 
 
 def families_of(kind: str | None) -> tuple[str, ...]:
@@ -230,6 +254,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--nonce", required=True, help="any text; the same text draws the same cases")
     p.add_argument("--cases", type=int, required=True, help="how many")
     p.add_argument("--first", type=int, default=0, help="number of the first case")
+    p.add_argument("--resume", action="store_true", help="keep the results that --out holds, do what is missing")
     p.add_argument("--out", type=Path, default=Path("out/hidden"), help="folder for results")
     p.add_argument("--kind", choices=KINDS, help="only this kind")
     p.add_argument("--family", choices=(*FAMILIES, *(o.name for o in OUTSIDE)), help="only this effect (with --kind)")

@@ -1,9 +1,10 @@
 """Scoring of findings.json on hand-made answers, and what the report makes of them."""
 
 import csv
+import json
 
 import pytest
-from hidden import gain, report, scoring
+from hidden import gain, report, score, scoring
 
 GAIN = {"id": "thruster_gain:rear_port", "params": {"thruster": "rear_port", "gain": 0.8}}
 FLOW = {"id": "current", "params": {"V_c_m_s": 0.08, "beta_c_deg": -170.0}}
@@ -106,3 +107,18 @@ def test_gain_counts_against_what_the_true_causes_gain_when_they_are_refitted():
     assert gain.to_structure(E, {"E": {"extended": 1.0}}) == {"to_structure": pytest.approx(0.75)}
     assert "to_structure" not in gain.to_structure(E, {"E": {"extended": 4.9}}), "nothing to be gained"
     assert "to_structure" not in gain.to_structure(E, {"why_not": "no file"})
+
+
+def test_a_stopped_scoring_is_resumed_only_with_the_same_cases(tmp_path, monkeypatch, capsys):
+    case = {"index": 0, "kind": "none", "wall_s": 1.0, "cpu_s": 1.0} | scoring.judge(truth(kind="none"), found("none"))
+    monkeypatch.setattr(score, "run_case", lambda options, index: case | {"index": index})
+    words = ["--cases", "3", "--jobs", "1", "--out", str(tmp_path), "--resume"]
+    assert score.main([*words, "--nonce", "a", "--first", "1"]) == 0
+    assert score.main([*words, "--nonce", "a"]) == 0
+    kept = json.loads((tmp_path / "results.json").read_text())
+    assert [r["index"] for r in kept["results"]] == [0, 1, 2, 3]
+    said, summary = capsys.readouterr().out, (tmp_path / "summary.md").read_text()
+    assert said.count("case 1") == 1 and "- cases: 4, 0 to 3" in summary
+    with pytest.raises(SystemExit):
+        score.main([*words, "--nonce", "b"])
+    assert "results.json is of other cases: nonce a, not b" in capsys.readouterr().err

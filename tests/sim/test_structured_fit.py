@@ -53,6 +53,14 @@ def test_two_minutes_find_the_boat(result: FitResult) -> None:
     assert all(0.9 < c.rms < 1.1 and abs(c.lag1) < 0.35 for c in result.channels)
 
 
+def test_means_of_three_samples_say_as_much_as_the_samples(run: Run, result: FitResult) -> None:
+    whole = fit_structured([run], PRIOR, Settings(inertial_hz=np.inf))
+    assert whole.samples > 2.9 * result.samples
+    for mean, each in zip(result.parameters, whole.parameters, strict=True):
+        assert abs(mean.value - each.value) < 0.5 * each.se, mean.name
+        assert 0.9 < mean.se / each.se < 1.15, mean.name
+
+
 def test_the_common_scale_of_force_and_inertia_is_named_as_undetermined(result: FitResult) -> None:
     widest = result.directions[0]
     assert widest.share_of_prior > 0.9

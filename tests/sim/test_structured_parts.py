@@ -17,6 +17,7 @@ from sim.identify.structured.data import StructuredFitError, cut
 from sim.identify.structured.fit import Fit, Settings
 from sim.identify.structured.noise import STATE, L, noise_of, whiten
 from sim.identify.structured.parameters import Parameters, file_values, unit_of
+from sim.identify.structured.start import local_lines
 from sim.identify.structured.thrust import Commands, ThrustHistory
 from sim.identify.teleop import teleop_run
 from sim.world.environment import Environment, Weather
@@ -216,3 +217,20 @@ def test_the_model_file_has_the_inertia_that_was_fitted() -> None:
     q = file_values(boat("aritra"))
     np.testing.assert_allclose(q[:4], mass_matrix(boat("aritra"))[[0, 1, 2, 1], [0, 1, 2, 2]])
     np.testing.assert_allclose(-q[4:7], np.diag(linear_damping(boat("aritra"))))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), count=st.integers(4, 40), reach=st.floats(0.1, 5.0))
+def test_first_guesses_are_weighted_lines_through_near_fixes(seed: int, count: int, reach: float) -> None:
+    """Oracle: numpy's least squares on all fixes within reach, or within 1.01 times the way to the fourth nearest."""
+    rng = np.random.default_rng(seed)
+    t, at = np.cumsum(rng.uniform(0.05, 1.5, count)), rng.uniform(-2, 1.2 * count, 6)
+    place, track = rng.normal(size=(count, 2)), np.empty((6, 2, 2))
+    local_lines(t, place, at, reach, track)
+    for t0, found in zip(at, track, strict=True):
+        far = max(reach, np.sort(np.abs(t - t0))[3] * 1.01)
+        near = np.abs(t - t0) < far
+        weight = np.sqrt(1 - np.abs(t[near] - t0) / far)[:, None]
+        basis = np.stack([np.ones(near.sum()), t[near] - t0], axis=1)
+        expected = np.linalg.lstsq(basis * weight, place[near] * weight, rcond=None)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)

@@ -17,6 +17,7 @@ from sim.identify.calibrated import calibrated
 from sim.identify.run import Run
 from sim.identify.structured.battery import commands_of, pulses_of
 from sim.identify.structured.thrust import Commands
+from sim.identify.thin import Thinned
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 PSI, RATE, SURGE, SWAY = range(4)
@@ -45,8 +46,8 @@ class Windows:
     """All runs, cut up. W windows of K steps; window w of run `run[w]` begins at node w.
 
     t_s (W, K + 1), h_s (W, K), y (W, K, 4) by CHANNELS with NaN where nothing was measured, first (W,): the window
-    that opens a run. `commands`, `spans` (slice of windows) and `grids` (t_s of all steps, start index of each window)
-    by run.
+    that opens a run. By run: `commands`, `spans` (slice of windows), `grids` (t_s of all steps, start index of each
+    window), `around_s` (w, K + 1, n: what is measured at a node is a mean of samples so far from it).
     """
 
     t_s: np.ndarray
@@ -58,6 +59,7 @@ class Windows:
     commands: tuple[Commands, ...]
     spans: tuple[slice, ...]
     grids: tuple[tuple[np.ndarray, np.ndarray], ...]
+    around_s: tuple[np.ndarray, ...]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -79,6 +81,12 @@ class Windows:
         at = np.flatnonzero(~np.append(self.first[1:], True))
         return at, self.t_s[at, -1] - self.t_s[at, 0]
 
+    def within(self, span: slice, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Middles of the steps of some windows (w, K), and those of `count` parts of them, relative (w, K, count)."""
+        h_s = self.h_s[span]
+        parts = (np.arange(count) + 0.5) / count - 0.5
+        return self.t_s[span, :-1] + h_s / 2, h_s[..., None] * parts
+
     def samples(self) -> int:
         """How many instants carry a measurement of heading, rate or force."""
         return int(np.isfinite(self.y).any(axis=2).sum())
@@ -92,11 +100,12 @@ def cut(
     tied: bool = True,
     offsets_s: Sequence[float] = (0.0,),
     max_step_s: float = MAX_STEP_S,
+    means: Sequence[Thinned] = (),
 ) -> Windows:
     """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position.
 
     Not `tied`: every window opens a run of its own. `offsets_s`: each run is cut once for each, begun so much later.
-    Steps are at most `max_step_s` long.
+    Steps are at most `max_step_s` long. `means`: what the samples of each run are means of.
     """
     if not runs:
         raise StructuredFitError("no run to fit")
@@ -105,7 +114,7 @@ def cut(
     pieces = [_grid(run, window_s, offset, max_step_s) for run, offset in laid]
     runs = [run for run, _ in laid]
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
-    t_all, y_all, owner, first, spans = [], [], [], [], []
+    t_all, y_all, owner, first, spans, around = [], [], [], [], [], []
     for i, (t, y, starts) in enumerate(pieces):
         ends = np.append(starts[1:], len(t) - 1)
         index = np.minimum(starts[:, None] + np.arange(K + 1), ends[:, None])
@@ -113,6 +122,7 @@ def cut(
         values[np.arange(K) >= (ends - starts)[:, None]] = np.nan
         spans.append(slice(len(owner), len(owner) + len(starts)))
         t_all.append(t[index])
+        around.append(_around(t, means[i // len(offsets_s)] if means else None)[index])
         y_all.append(values)
         owner += [i] * len(starts)
         first += [True] + [not tied] * (len(starts) - 1)
@@ -127,6 +137,7 @@ def cut(
         commands=tuple(commands_of(pulses_of(run, vessel), vessel) for run in runs),
         spans=tuple(spans),
         grids=tuple((t, starts) for t, _, starts in pieces),
+        around_s=tuple(around),
     )
 
 
@@ -151,6 +162,14 @@ def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tupl
     count = max(2, round((t[-1] - t[0]) / window_s))
     starts = np.searchsorted(t, t[0] + np.arange(count) * (t[-1] - t[0]) / count)
     return t, y, np.unique(starts)
+
+
+def _around(t_s: np.ndarray, means: Thinned | None) -> np.ndarray:
+    """How far the samples of the mean at each of the instants (m,) are from it, (m, n); nil where there is none."""
+    if means is None or not len(means.t_s):
+        return np.zeros((len(t_s), 1))
+    at = np.minimum(np.searchsorted(means.t_s, t_s), len(means.t_s) - 1)
+    return np.where((means.t_s[at] == t_s)[:, None], means.around_s[at], 0.0)
 
 
 def _gaps(t: np.ndarray, most_s: float) -> list[tuple[float, float]]:

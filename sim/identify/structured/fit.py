@@ -19,13 +19,15 @@ from companion.core.vessel import mass_matrix
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.structured.chain import Chain
-from sim.identify.structured.data import Windows, cut
+from sim.identify.structured.data import MAX_STEP_S, PSI, Windows, cut
 from sim.identify.structured.linearise import HUBER, Linearised, Problem
 from sim.identify.structured.model import compile_model
 from sim.identify.structured.noise import STATE, Noise, noise_of
 from sim.identify.structured.parameters import Parameters, PriorSigmas
 from sim.identify.structured.start import first_nodes
+from sim.identify.thin import RATE_HZ, thinned
 
+MEAN_STEP_S = 1.5 / RATE_HZ  # of integration, where thrust is averaged as the samples are: a late sample splits no step
 WINDOWS_S = (2.0, 0.5)  # the second where the first leaves residuals that are not white
 SLACK = (100.0, 10.0, 1.0)  # of the ties, by iteration: nodes first follow the data, then the model
 LATENT_START, LATENT_FLOOR = 0.1, 1e-3  # shares of the rms of commanded force over inertia; at the floor is none
@@ -45,13 +47,14 @@ class Settings:
     """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters.
 
     `horizon_s`: multi-step output error instead (`horizon`), over so long; None: where no inertial sensor was logged;
-    0: never.
+    0: never. `inertial_hz`: faster heading, yaw rate and specific force are averaged to about this rate (`thin`).
     """
 
     horizon_s: float | None = None
     window_s: float | None = None
     latent: bool = True
     latent_time_s: float = 5.0
+    inertial_hz: float = RATE_HZ
     iterations: int = 40
     tolerance_nats: float = 0.02
     sigmas: PriorSigmas = field(default_factory=PriorSigmas)
@@ -74,11 +77,12 @@ class Fit:
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: Settings):
         self.settings = settings
         self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
-        self.windows: Windows = cut(runs, vessel, settings.window_s or WINDOWS_S[0])
+        self.windows = _averaged(runs, vessel, settings)
         W, K = self.windows.size
         self.problem = Problem(self.windows, self.parameters, compile_model(vessel, K, W))
         self.command_rms = _command_rms(self.windows, vessel)
-        noise = replace(settings.noise or noise_of(vessel), latent_time_s=settings.latent_time_s)
+        noise = settings.noise or _of_means(noise_of(vessel), runs, self.windows)
+        noise = replace(noise, latent_time_s=settings.latent_time_s)
         self.stated = noise
         self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
         self._z0 = first_nodes(self.windows, self.parameters)
@@ -171,6 +175,22 @@ def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
     """The same noise with a latent acceleration of these sigmas [m/s^2, m/s^2, rad/s^2]."""
     x, y, n = map(float, sigma)
     return replace(noise, latent=(x, y, n))
+
+
+def _averaged(runs: Sequence[Run], vessel: VesselFile, settings: Settings) -> Windows:
+    """Windows of `runs` with fewer inertial samples."""
+    fewer = [thinned(run, settings.inertial_hz) for run in runs]
+    step_s = MEAN_STEP_S if all(each.width_s for each in fewer) else MAX_STEP_S
+    window_s = settings.window_s or WINDOWS_S[0]
+    return cut([each.run for each in fewer], vessel, window_s, max_step_s=step_s, means=fewer)
+
+
+def _of_means(noise: Noise, runs: Sequence[Run], windows: Windows) -> Noise:
+    """White noise of samples as that of their means."""
+    logged = sum(len(run.samples("psi_rad")[0]) for run in runs)
+    share = float(np.sqrt(min(1.0, np.isfinite(windows.y[..., PSI]).sum() / logged)))
+    psi, r, ax, ay = (share * sigma for sigma in noise.white)
+    return replace(noise, white=(psi, r, ax, ay))
 
 
 def _command_rms(windows: Windows, vessel: VesselFile) -> np.ndarray:

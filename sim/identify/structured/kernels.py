@@ -22,21 +22,13 @@ middle has beyond the mean of the ends (a parabola).
 
 
 @kernel
-def _combined(weights: np.ndarray, rows: np.ndarray, out: np.ndarray) -> None:
-    """out (C,) = weights (6,) times rows (6, C)."""
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
-    r0, r1, r2, r3, r4, r5 = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
-    for c in range(len(out)):
-        out[c] = w0 * r0[c] + w1 * r1[c] + w2 * r2[c] + w3 * r3[c] + w4 * r4[c] + w5 * r5[c]
-
-
-@kernel
-def _add_pushes(early: np.ndarray, before: np.ndarray, late: np.ndarray, after: np.ndarray, out: np.ndarray) -> None:
-    """out (P,) += early (3,) times before (3, P) + late (3,) times after (3, P)."""
-    e0, e1, e2, l0, l1, l2 = early[0], early[1], early[2], late[0], late[1], late[2]
-    b0, b1, b2, a0, a1, a2 = before[0], before[1], before[2], after[0], after[1], after[2]
-    for c in range(len(out)):
-        out[c] += e0 * b0[c] + e1 * b1[c] + e2 * b2[c] + l0 * a0[c] + l1 * a1[c] + l2 * a2[c]
+def _combined(weights: np.ndarray, i: int, rows: np.ndarray, out: np.ndarray, o: int) -> None:
+    """out[o] (C,) = weights[i] (6,) times rows (6 or more, C)."""
+    w0, w1, w2, w3, w4, w5 = weights[i, 0], weights[i, 1], weights[i, 2], weights[i, 3], weights[i, 4], weights[i, 5]
+    for c in range(out.shape[1]):
+        out[o, c] = (
+            w0 * rows[0, c] + w1 * rows[1, c] + w2 * rows[2, c] + w3 * rows[3, c] + w4 * rows[4, c] + w5 * rows[5, c]
+        )
 
 
 @kernel
@@ -56,9 +48,9 @@ def _weights(
     """
     square, cube = powers[0], powers[1]
     for i in range(6):
-        _combined(hA[i], hA, square[i])
+        _combined(hA, i, hA, square, i)
     for i in range(6):
-        _combined(square[i], hA, cube[i])
+        _combined(square, i, hA, cube, i)
     for i in range(6):
         for j in range(6):
             Phi[i, j] = hA[i, j] + square[i, j] / 2 + cube[i, j] / 6
@@ -75,6 +67,29 @@ def _weights(
 
 
 @kernel
+def _mean_rate(A: np.ndarray, w: int, k: int, h: float, hA: np.ndarray) -> None:
+    """hA (6, 6) = h times the mean of A at both ends of step k."""
+    for i in range(6):
+        for j in range(6):
+            hA[i, j] = h * (A[w, k, i, j] + A[w, k + 1, i, j]) / 2
+
+
+@kernel
+def _moved(S: np.ndarray, A: np.ndarray, a: np.ndarray, w: int, k: int, moved: np.ndarray) -> None:
+    """moved (9, C): S and, behind it, what each column changes of nu_dot, at step k of window w."""
+    C = S.shape[3]
+    for i in range(6):
+        for c in range(C):
+            moved[i, c] = S[w, k, i, c]
+    by_state = A[w, k]
+    for i in range(3):
+        _combined(by_state, 3 + i, moved, moved, 6 + i)
+        moved[6 + i, 6 + i] += 1.0
+        for c in range(C - X0_D):
+            moved[6 + i, X0_D + c] += a[w, k, i, c]
+
+
+@kernel
 def carried(A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, h: np.ndarray, S: np.ndarray) -> None:
     """Fill S (W, K+1, 6, C), from the identity at each node.
 
@@ -86,24 +101,41 @@ def carried(A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, 
     W, K = h.shape
     hA, Phi, powers = np.empty((6, 6)), np.empty((6, 6)), np.empty((2, 6, 6))
     early, late, middle = np.empty((6, 3)), np.empty((6, 3)), np.empty((6, 3))
+    C = S.shape[3]
+    now, after = np.empty((6, C)), np.empty((6, C))
     for w in range(W):
-        S[w, 0] = 0.0
+        now[:] = 0.0
         for i in range(6):
-            S[w, 0, i, i] = 1.0
+            now[i, i] = 1.0
+        S[w, 0] = now
         for k in range(K):
-            for i in range(6):
-                for j in range(6):
-                    hA[i, j] = h[w, k] * (A[w, k, i, j] + A[w, k + 1, i, j]) / 2
+            _mean_rate(A, w, k, h[w, k], hA)
             _weights(hA, h[w, k], powers, Phi, early, late, middle)
             for i in range(6):
-                after = S[w, k + 1, i]
-                _combined(Phi[i], S[w, k], after)
+                p0, p1, p2, p3, p4, p5 = Phi[i, 0], Phi[i, 1], Phi[i, 2], Phi[i, 3], Phi[i, 4], Phi[i, 5]
+                for c in range(C):
+                    after[i, c] = (
+                        p0 * now[0, c]
+                        + p1 * now[1, c]
+                        + p2 * now[2, c]
+                        + p3 * now[3, c]
+                        + p4 * now[4, c]
+                        + p5 * now[5, c]
+                    )
                 for j in range(3):
-                    after[6 + j] += early[i, j] + late[i, j]
-                _add_pushes(early[i], a[w, k], late[i], a[w, k + 1], after[X0_D:])
+                    after[i, 6 + j] += early[i, j] + late[i, j]
+                e0, e1, e2, l0, l1, l2 = early[i, 0], early[i, 1], early[i, 2], late[i, 0], late[i, 1], late[i, 2]
+                for c in range(C - X0_D):
+                    after[i, X0_D + c] += (
+                        e0 * a[w, k, 0, c] + e1 * a[w, k, 1, c] + e2 * a[w, k, 2, c]
+                        + l0 * a[w, k + 1, 0, c] + l1 * a[w, k + 1, 1, c] + l2 * a[w, k + 1, 2, c]
+                    )  # fmt: skip
                 for b in range(len(bumped)):
                     for j in range(3):
-                        after[X0_D + bumped[b]] += middle[i, j] * bump[w, k, j, b]
+                        after[i, X0_D + bumped[b]] += middle[i, j] * bump[w, k, j, b]
+            for i in range(6):
+                for c in range(C):
+                    now[i, c] = S[w, k + 1, i, c] = after[i, c]
 
 
 @kernel
@@ -123,14 +155,11 @@ def imu_rows(
     S, A and a as of `carried`.
     """
     W, K = scale.shape[:2]
-    C = S.shape[3]
-    rates, row = np.empty((3, C)), np.empty(C)
+    C, extra = S.shape[3], direct.shape[3] > 0
+    moved, row = np.empty((9, C)), np.empty(C)
     for w in range(W):
         for k in range(K):
-            for i in range(3):
-                _combined(A[w, k, 3 + i], S[w, k], rates[i])
-                rates[i, 6 + i] += 1.0
-                add_times(1.0, a[w, k, i], rates[i, X0_D:])
+            _moved(S, A, a, w, k, moved)
             for channel in range(4):
                 weight = scale[w, k, channel]
                 if weight == 0.0:
@@ -139,8 +168,9 @@ def imu_rows(
                 for i in range(9):
                     slope = slopes[w, k, channel, i]
                     if slope != 0.0:
-                        add_times(slope, S[w, k, i] if i < 6 else rates[i - 6], row)
-                if direct.shape[3]:
+                        for c in range(C):
+                            row[c] += slope * moved[i, c]
+                if extra:
                     add_times(1.0, direct[w, k, channel], row[X0_D:])
                 for c in range(C):
                     J[w, k, channel, place[c]] = weight * row[c]
@@ -183,14 +213,14 @@ def fix_rows(
     slopes (m, 2, 6): to the state there; direct (m, 2, P or 0): what the others add; scale (m,).
     """
     C = S.shape[3]
-    row = np.empty(C)
+    rows = np.empty((2, C))
     for i in range(len(window)):
         for axis in range(2):
-            _combined(slopes[i, axis], S[window[i], index[i]], row)
+            _combined(slopes[i], axis, S[window[i], index[i]], rows, axis)
             if direct.shape[2]:
-                add_times(1.0, direct[i, axis], row[X0_D:])
+                add_times(1.0, direct[i, axis], rows[axis, X0_D:])
             for c in range(C):
-                J[i, axis, place[c]] = scale[i] * row[c]
+                J[i, axis, place[c]] = scale[i] * rows[axis, c]
 
 
 @kernel

@@ -101,16 +101,16 @@ class Mover:
         The 2 a columns beyond the thrusters': d/d trim and d/d curve of the adjustable ones.
         """
         at = self.parameters.thrusters.stop
-        middle = self.windows.t_s[:, :-1] + self.windows.h_s / 2
         pitch = q[self.parameters.trims], np.zeros(0)
         if self.parameters.extras:
             pitch = pitch[0], self.parameters.curve_of @ q[self.parameters.curves]
         f, f_mid, f_dead, f_lag = [], [], [], []
-        for span, commands in zip(self.windows.spans, self.windows.commands, strict=True):
+        windows = self.windows
+        for span, commands, around_s in zip(windows.spans, windows.commands, windows.around_s, strict=True):
             history = ThrustHistory(commands.at_pitch(*pitch), float(q[at]), float(q[at + 1]))
-            for store, value in zip((f, f_dead, f_lag), history.at(self.windows.t_s[span]), strict=True):
+            for store, value in zip((f, f_dead, f_lag), history.at(windows.t_s[span], around_s), strict=True):
                 store.append(value)
-            f_mid.append(history.at(middle[span])[0])
+            f_mid.append(history.mean(*windows.within(span, around_s.shape[2])))
         return np.concatenate(f), np.concatenate(f_mid), np.concatenate(f_dead), np.concatenate(f_lag)
 
 

@@ -174,9 +174,10 @@ class CasadiProblem:
     def _forces(self, dead_time_s: float, lag_s: float) -> np.ndarray:
         """At start, middle and end of each step: forces at a gain of one, by dead time and by lag, (W, K, 9 n)."""
         windows = self.windows
-        middle, pieces = windows.t_s[:, :-1] + windows.h_s / 2, []
-        for span, commands in zip(windows.spans, windows.commands, strict=True):
+        pieces = []
+        for span, commands, around_s in zip(windows.spans, windows.commands, windows.around_s, strict=True):
             history = ThrustHistory(commands, dead_time_s, lag_s)
-            at, half = (np.concatenate(history.at(t[span]), axis=2) for t in (windows.t_s, middle))
+            places = (windows.t_s[span], around_s), windows.within(span, around_s.shape[2])
+            at, half = (np.concatenate(history.at(*each), axis=2) for each in places)
             pieces.append(np.concatenate([at[:, :-1], half, at[:, 1:]], axis=2))
         return np.concatenate(pieces)

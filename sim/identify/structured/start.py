@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.identify.structured.data import PSI, RATE, Windows
+from sim.identify.structured.kernels import kernel
 from sim.identify.structured.noise import L
 from sim.identify.structured.parameters import Parameters
 
@@ -28,7 +29,8 @@ def first_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
         heading = np.interp(when, *y_psi)
         place = fixes.place_m[mine] - _turned(heading, np.tile(arm, (len(when), 1)))
         reach = REACH * max(0.8, float(np.median(np.diff(when))))
-        track = np.array([_local_line(when, place, t0, reach) for t0 in at])
+        track = np.empty((len(at), 2, 2))
+        local_lines(when, place, at, reach, track)
         z[span, :2] = track[:, 0]
         z[span, 3:5] = _turned(-psi, track[:, 1])
     return z
@@ -46,10 +48,35 @@ def _turned(psi: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.stack([c * vector[:, 0] - s * vector[:, 1], s * vector[:, 0] + c * vector[:, 1]], axis=1)
 
 
-def _local_line(t: np.ndarray, place: np.ndarray, t0: float, reach: float) -> np.ndarray:
-    """Place and velocity at t0, shape (2, 2), by weighted least squares over the fixes within reach (4 or more)."""
-    reach = max(reach, float(np.sort(np.abs(t - t0))[3]) * 1.01)
-    near = np.abs(t - t0) < reach
-    weight = np.sqrt(1 - np.abs(t[near] - t0) / reach)[:, None]
-    basis = np.stack([np.ones(int(near.sum())), t[near] - t0], axis=1)
-    return np.linalg.lstsq(basis * weight, place[near] * weight, rcond=None)[0]
+@kernel
+def local_lines(t: np.ndarray, place: np.ndarray, at: np.ndarray, reach: float, track: np.ndarray) -> None:
+    """Places and velocities at instants (n,), track (n, 2, 2), from those (m, 2) at rising t: lines by least squares,
+
+    weighted by nearness, over all within `reach`, at least four.
+    """
+    last = len(t) - 1
+    for i in range(len(at)):
+        first = after = np.searchsorted(t, at[i])
+        for _ in range(4):  # nearest
+            if first > 0 and (after > last or at[i] - t[first - 1] <= t[after] - at[i]):
+                first -= 1
+            else:
+                after += 1
+        far = max(reach, 1.01 * max(abs(t[first] - at[i]), abs(t[after - 1] - at[i])))
+        while first > 0 and at[i] - t[first - 1] < far:
+            first -= 1
+        while after <= last and t[after] - at[i] < far:
+            after += 1
+        moments, sums = np.zeros(3), np.zeros((2, 2))
+        for j in range(first, after):
+            since = t[j] - at[i]
+            weight = 1 - abs(since) / far
+            for power in range(3):
+                moments[power] += weight * since**power
+            for axis in range(2):
+                sums[0, axis] += weight * place[j, axis]
+                sums[1, axis] += weight * since * place[j, axis]
+        spread = moments[0] * moments[2] - moments[1] ** 2
+        for axis in range(2):
+            track[i, 0, axis] = (moments[2] * sums[0, axis] - moments[1] * sums[1, axis]) / spread
+            track[i, 1, axis] = (moments[0] * sums[1, axis] - moments[1] * sums[0, axis]) / spread

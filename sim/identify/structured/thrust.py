@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from companion.core.thrusters import SPAN_US
+from sim.identify.structured.kernels_thrust import lagged, lagged_slopes
 
 (_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
@@ -88,12 +89,18 @@ class ThrustHistory:
         j, since = _place(self._t, t_s)
         return self._F.take(j, axis=0) + self._gap.take(j, axis=0) * np.exp(-since / self._lag)
 
-    def at(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """f, df/d dead time, df/d lag at `t_s` of any shape: each (*shape, n)."""
-        j, since = _place(self._t, t_s)
-        keep = np.exp(-since / self._lag)
-        gap, s = self._gap.take(j, axis=0) * keep, self._s.take(j, axis=0)
-        return self._F.take(j, axis=0) + gap, gap / self._lag, s * keep + gap * since / self._lag**2
+    def mean(self, t_s: np.ndarray, around_s: np.ndarray | None = None) -> np.ndarray:
+        """f at `t_s` of any shape, or its mean over instants `around_s` (*shape, m) from there: (*shape, n)."""
+        out = np.empty((t_s.size, self._F.shape[1]))
+        lagged(self._t, self._F, self._gap, self._lag, *_instants(t_s, around_s), out)
+        return out.reshape(*t_s.shape, -1)
+
+    def at(self, t_s: np.ndarray, around_s: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`mean`, and what a second of dead time and of lag adds to it: each (*shape, n)."""
+        by_dead, by_lag = (np.empty((t_s.size, self._F.shape[1])) for _ in range(2))
+        lagged_slopes(self._t, self._gap, self._s, self._lag, *_instants(t_s, around_s), by_dead, by_lag)
+        f = self.mean(t_s, around_s)
+        return f, by_dead.reshape(f.shape), by_lag.reshape(f.shape)
 
 
 class SlewedHistory:
@@ -116,6 +123,12 @@ class SlewedHistory:
         """f at `t_s` of any shape, (*shape, n)."""
         j, since = _place(self._t, t_s)
         return self._after(self._f.take(j, axis=0), self._F.take(j, axis=0), since)
+
+
+def _instants(t_s: np.ndarray, around_s: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """In one row (size,), with what is around each (size, m)."""
+    around = np.zeros((t_s.size, 1)) if around_s is None else np.ascontiguousarray(around_s)
+    return t_s.ravel(), around.reshape(t_s.size, -1)
 
 
 def _place(changes_s: np.ndarray, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ tolerance band. Effects of the day (current, wind) and known errors of sensors a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
@@ -21,7 +22,7 @@ from msgspec.structs import replace
 from companion.core.config import ConfigError
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.vessel import mass_matrix
-from companion.core.vessel_file import Damping, ModelError, VesselFile
+from companion.core.vessel_file import Damping, ModelError, RotorMap, VesselFile
 from sim.diagnose.places import PLACES, Cause, NoPlaceError, noted
 from sim.identify.structured.noise import Noise
 from sim.identify.structured.parameters import DAMPING, HULL, file_values
@@ -65,8 +66,13 @@ def refitted(vessel: VesselFile, nuisances: Sequence[Cause], source: str) -> Ves
 
 
 def _rounded(vessel: VesselFile) -> VesselFile:
-    """Trims to whole microseconds, as autopilots have them."""
-    return replace(vessel, thrusters=tuple(replace(t, trim_us=round(t.trim_us)) for t in vessel.thrusters))
+    """Trims to whole microseconds, as autopilots have them, and inside the dead band, as vessel files must have them."""
+    trimmed = []
+    for t in vessel.thrusters:
+        fmap = vessel.force_maps[t.force_map]
+        most = max(math.ceil(fmap.dead_band_us) - 1, 0) if isinstance(fmap, RotorMap) else math.inf
+        trimmed.append(replace(t, trim_us=round(max(-most, min(t.trim_us, most)))))
+    return replace(vessel, thrusters=tuple(trimmed))
 
 
 def extended(vessel: VesselFile, cause: Cause) -> VesselFile:

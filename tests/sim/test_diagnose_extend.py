@@ -164,6 +164,13 @@ def test_couplings_that_feed_energy_stay_as_they_were():
     assert new.damping.X_u_N_s_m == pytest.approx(0.97 * VESSEL.damping.X_u_N_s_m)
 
 
+def test_a_trim_beyond_the_dead_band_stays_inside_it_and_the_file_loads():
+    band = VESSEL.force_maps[VESSEL.thrusters[0].force_map].dead_band_us
+    new = refitted(VESSEL, [cause(f"base:trim:{VESSEL.thrusters[0].name}", -band - 4.0)], "refitted")
+    assert -band < new.thrusters[0].trim_us <= 1 - band
+    assert load_vessel(vessel_toml(new), name="x") == new
+
+
 def test_a_gain_of_added_mass_is_of_the_numbers_beside_it():
     one = cause("added_mass", 0.5)
     folded = refitted(VESSEL, [cause("base:M11_kg", 0.05)], "refitted")

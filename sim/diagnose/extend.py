@@ -66,7 +66,7 @@ def refitted(vessel: VesselFile, nuisances: Sequence[Cause], source: str) -> Ves
 
 
 def _rounded(vessel: VesselFile) -> VesselFile:
-    """Trims to whole microseconds, as autopilots have them, and inside the dead band, as vessel files must have them."""
+    """Trims to whole microseconds, as autopilots have them, inside the dead band, as vessel files must have them."""
     trimmed = []
     for t in vessel.thrusters:
         fmap = vessel.force_maps[t.force_map]

@@ -57,8 +57,9 @@ def test_means_of_three_samples_say_as_much_as_the_samples(run: Run, result: Fit
     whole = fit_structured([run], PRIOR, Settings(inertial_hz=np.inf))
     assert whole.samples > 2.9 * result.samples
     for mean, each in zip(result.parameters, whole.parameters, strict=True):
-        assert abs(mean.value - each.value) < 0.5 * each.se, mean.name
-        assert 0.9 < mean.se / each.se < 1.15, mean.name
+        lost = np.sqrt(abs(mean.se**2 - each.se**2))  # dead time and lag are told by what happens within a mean
+        assert abs(mean.value - each.value) < 0.2 * each.se + 2 * lost, mean.name
+        assert 0.95 < mean.se / each.se < 1.2, mean.name
 
 
 def test_the_common_scale_of_force_and_inertia_is_named_as_undetermined(result: FitResult) -> None:

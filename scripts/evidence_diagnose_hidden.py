@@ -25,7 +25,8 @@ REMOVED, FEW_REMOVED = 40, 6
 AT_ONCE = 2  # a case has a process of its own
 COMMAND = f"{shlex.quote(sys.executable)} -m companion diagnose"
 VERDICT = f"{COMMAND} --no-report"  # where the time it takes is not the question
-TOGETHER = {name: pair for pair in (("current", "turning_current"), ("wind", "gusty_wind")) for name in pair}
+SAME = ("current", "turning_current"), ("wind", "gusty_wind"), ("thruster_gain", "thruster_fouling")
+TOGETHER = {name: pair for pair in SAME for name in pair}
 """Entries of which one says all that the other does: taken out together."""
 DEPENDS = {
     "heading": ("current", "wind", "gusty_wind", "heading_offset", "hard_iron", "uwb_lever_arm"),

@@ -96,6 +96,11 @@ class Fit:
         """Linearise the data at w and z under the present noise."""
         return Point(w, z, self.problem.linearise(self.parameters.file_units(w), z, self.noise))
 
+    def again(self, point: Point) -> Point:
+        """The same place under the present noise."""
+        q = self.parameters.file_units(point.w)
+        return replace(point, at=self.problem.linearise(q, point.z, self.noise, point.at.motion))
+
     def assemble(self, point: Point, noise: Noise) -> tuple[Chain, float, float]:
         """Normal equations in terms of w with ties and priors, their cost [nats], and sum log sigma of the nodes."""
         chain, ties = point.at.chain.copy(), point.at.ties
@@ -251,7 +256,7 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
                 break
         elif promised < READY * fit.windows.samples() or not moved:
             fit.noise, settled = _retuned(fit, point)
-            point = fit.point(point.w, point.z)
+            point = fit.again(point)
     return point, count
 
 

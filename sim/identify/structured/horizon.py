@@ -57,7 +57,8 @@ def target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) -> Target:
     offsets = tuple(k * horizon_s / OVERLAP for k in range(OVERLAP))
     windows = cut(runs, vessel, horizon_s, tied=False, offsets_s=offsets)
     t_s = windows.t_s[:, ::THIN]
-    windows = replace(windows, t_s=t_s, h_s=np.diff(t_s, axis=1))
+    around_s = tuple(around[:, ::THIN] for around in windows.around_s)
+    windows = replace(windows, t_s=t_s, h_s=np.diff(t_s, axis=1), around_s=around_s)
     at = np.arange(EVERY, t_s.shape[1], EVERY)
     x0, measured = np.zeros((len(t_s), 6)), np.zeros((len(t_s), len(at), 6))
     for i, run in enumerate(runs):

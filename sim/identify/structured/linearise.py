@@ -32,6 +32,7 @@ class Linearised:
     ties: Ties
     residuals: np.ndarray
     fix_residuals: np.ndarray
+    motion: Motion
 
 
 class Problem:
@@ -43,9 +44,9 @@ class Problem:
         self.move = Mover(windows, parameters, compiled)
         self.imu, self.tag = Imu(windows, (imu.x_m, imu.y_m)), Tag(windows, parameters)
 
-    def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise) -> Linearised:
-        """Normal equations at parameters q (P,) and nodes z (W, L), without priors."""
-        motion = self.move(q, z)
+    def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise, motion: Motion | None = None) -> Linearised:
+        """Normal equations at parameters q (P,) and nodes z (W, L), without priors; `motion`: where it is known."""
+        motion = motion or self.move(q, z)
         path = self.tag.path(motion, q)
         residual, fix_residual = self.imu.residual(motion, z, noise), self.tag.residual(path, q, noise)
         size = np.sqrt((fix_residual**2).sum(axis=1))
@@ -70,7 +71,7 @@ class Problem:
         chain.add_samples(path.window, samples, whitened)
         huber = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum()
         cost = 0.5 * (float(np.nansum(residual**2)) + float(huber))
-        return Linearised(chain, cost, self._ties(motion, ends, z, noise), residual, fix_residual)
+        return Linearised(chain, cost, self._ties(motion, ends, z, noise), residual, fix_residual, motion)
 
     def _ties(self, motion: Motion, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
         at, span = self.windows.tied()

@@ -1,6 +1,6 @@
 """scipy's least_squares on `peer_casadi`: from the structured fit's own start to its optimum, to compare times.
 
-Trust region, steps by LSMR on the sparse Jacobian ("exact" would be a singular value decomposition of 178,000 x 9,700
+Trust region, steps by LSMR on the sparse Jacobian ("exact" would be a singular value decomposition of 68,000 x 9,700
 numbers for 13,840 samples). Two things are done for it, without which it takes many times as long:
 
 - Ties are stiff: with `x_scale="jac"` LSMR needs 250 to 1,300 products a step. So unknowns are y = R x with

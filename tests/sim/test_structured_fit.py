@@ -10,7 +10,8 @@ from companion.core.vessel_load import load_vessel
 from sim.identify.run import Run
 from sim.identify.structured.boats import draw_boat, in_still_air
 from sim.identify.structured.campaign import boats_campaign, is_stable
-from sim.identify.structured.fit import Settings
+from sim.identify.structured.fit import Fit, Settings
+from sim.identify.structured.noise import noise_of
 from sim.identify.structured.parameters import HULL, PriorSigmas, file_values
 from sim.identify.structured.result import FitResult, fit_structured
 from sim.identify.structured.vessel_out import identified_vessel, vessel_toml
@@ -54,6 +55,10 @@ def test_two_minutes_find_the_boat(result: FitResult) -> None:
 
 
 def test_means_of_three_samples_say_as_much_as_the_samples(run: Run, result: FitResult) -> None:
+    sigmas = {hz: Fit([run], PRIOR, Settings(inertial_hz=hz)).noise.white[0] for hz in (10.0, np.inf)}
+    assert sigmas[np.inf] == noise_of(PRIOR).white[0] and sigmas[10.0] == pytest.approx(
+        sigmas[np.inf] / 3**0.5, rel=0.01
+    )
     whole = fit_structured([run], PRIOR, Settings(inertial_hz=np.inf))
     assert whole.samples > 2.9 * result.samples
     for mean, each in zip(result.parameters, whole.parameters, strict=True):

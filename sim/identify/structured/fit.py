@@ -19,13 +19,13 @@ from companion.core.vessel import mass_matrix
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
 from sim.identify.structured.chain import Chain
-from sim.identify.structured.data import MAX_STEP_S, PSI, Windows, cut
+from sim.identify.structured.data import MAX_STEP_S, Windows, cut
 from sim.identify.structured.linearise import HUBER, Linearised, Problem
 from sim.identify.structured.model import compile_model
 from sim.identify.structured.noise import STATE, Noise, noise_of
 from sim.identify.structured.parameters import Parameters, PriorSigmas
 from sim.identify.structured.start import first_nodes
-from sim.identify.thin import RATE_HZ, thinned
+from sim.identify.thin import RATE_HZ, Thinned, thinned
 
 MEAN_STEP_S = 1.5 / RATE_HZ  # of integration, where thrust is averaged as the samples are: a late sample splits no step
 WINDOWS_S = (2.0, 0.5)  # the second where the first leaves residuals that are not white
@@ -77,11 +77,12 @@ class Fit:
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: Settings):
         self.settings = settings
         self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
-        self.windows = _averaged(runs, vessel, settings)
+        fewer = [thinned(run, settings.inertial_hz) for run in runs]
+        self.windows = _windows(fewer, vessel, settings.window_s or WINDOWS_S[0])
         W, K = self.windows.size
         self.problem = Problem(self.windows, self.parameters, compile_model(vessel, K, W))
         self.command_rms = _command_rms(self.windows, vessel)
-        noise = settings.noise or _of_means(noise_of(vessel), runs, self.windows)
+        noise = settings.noise or _of_means(noise_of(vessel), runs, fewer)
         noise = replace(noise, latent_time_s=settings.latent_time_s)
         self.stated = noise
         self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
@@ -182,18 +183,16 @@ def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
     return replace(noise, latent=(x, y, n))
 
 
-def _averaged(runs: Sequence[Run], vessel: VesselFile, settings: Settings) -> Windows:
-    """Windows of `runs` with fewer inertial samples."""
-    fewer = [thinned(run, settings.inertial_hz) for run in runs]
+def _windows(fewer: Sequence[Thinned], vessel: VesselFile, window_s: float) -> Windows:
+    """Logs with fewer inertial samples as windows."""
     step_s = MEAN_STEP_S if all(each.width_s for each in fewer) else MAX_STEP_S
-    window_s = settings.window_s or WINDOWS_S[0]
     return cut([each.run for each in fewer], vessel, window_s, max_step_s=step_s, means=fewer)
 
 
-def _of_means(noise: Noise, runs: Sequence[Run], windows: Windows) -> Noise:
+def _of_means(noise: Noise, runs: Sequence[Run], fewer: Sequence[Thinned]) -> Noise:
     """White noise of samples as that of their means."""
-    logged = sum(len(run.samples("psi_rad")[0]) for run in runs)
-    share = float(np.sqrt(min(1.0, np.isfinite(windows.y[..., PSI]).sum() / logged)))
+    logged, left = (sum(len(run.samples("psi_rad")[0]) for run in some) for some in (runs, [f.run for f in fewer]))
+    share = float(np.sqrt(left / logged))
     psi, r, ax, ay = (share * sigma for sigma in noise.white)
     return replace(noise, white=(psi, r, ax, ay))
 

@@ -11,9 +11,8 @@ from test_pilot import Shell, operator, plan
 from test_pilot_modes import PLAN, Boat
 from voyage import setup, under_way
 
+from companion.core import driving, steering
 from companion.core import messages as m
-from companion.core import pilot as pilot_module
-from companion.core import steering
 from companion.core.excitation.file import Steps, excitation_toml
 from companion.core.excitation.flight import FlightState
 from companion.core.modes import THRUSTERS, Helm
@@ -55,12 +54,12 @@ def test_a_plan_begins_where_the_boat_will_be_when_it_acts():
     vessel = with_(told.vessel, propulsion=with_(told.vessel.propulsion, dead_time_s=0.75))
     mind = pilot_of(vessel=vessel, control=with_(told.control, latency_s=0.5))
     state, t_ns = under_way()
-    mind._estimator = spy = Spy(mind._estimator, "belief")
+    mind._driving._estimator = spy = Spy(mind._driving._estimator, "belief")
     shell = replaced(mind, state, t_ns)
     shell.feed(m.Tick(t_ns=t_ns, index=1000))
     assert [args[1] for args, _ in spy.given][-1] == t_ns + 1250 * MS
     (request,) = [o for o in shell.outputs if isinstance(o, m.SolveRequest)]
-    mind._estimator = spy = Spy(mind._estimator, "command")
+    mind._driving._estimator = spy = Spy(mind._driving._estimator, "command")
     shell.feed(plan(1000, t_ns))
     ((_, acts_ns, f), _), *more = spy.given
     assert acts_ns == t_ns + 500 * MS and f == (1.0,) * 4 and not more, "and the filter hears when it acts"
@@ -81,7 +80,7 @@ def replaced(mind, state, t_ns):
 
 
 def test_the_reference_begins_at_the_state_that_the_plan_begins_at(monkeypatch):
-    monkeypatch.setattr(pilot_module, "guidance", spy := Spy(pilot_module.guidance, "horizon"))
+    monkeypatch.setattr(driving, "guidance", spy := Spy(driving.guidance, "horizon"))
     boat = Boat("auto")
     boat.tick()
     request = [o for o in boat.outputs if isinstance(o, m.SolveRequest)][-1]
@@ -94,7 +93,7 @@ def test_the_reference_begins_at_the_state_that_the_plan_begins_at(monkeypatch):
 def test_a_heading_is_turned_into_the_axes_of_the_site():
     told = setup().pilot
     mind = pilot_of(site=with_(told.site, rotation_deg=30.0))
-    mind._estimator = spy = Spy(mind._estimator, "step")
+    mind._hearing._estimator = spy = Spy(mind._hearing._estimator, "step")
     attitude = m.Attitude(t_ns=S, t_rx_ns=S, phi_rad=0.0, theta_rad=0.0, psi_rad=1.0, p_rad_s=0.0, q_rad_s=0.0,
                           r_rad_s=0.0)  # fmt: skip
     mind.step(mind.initial(0), [attitude], S)
@@ -162,7 +161,7 @@ def test_a_mission_is_taken_unless_one_is_driven(mode, wanted, taken):
 
 
 def test_a_mission_goes_on_where_it_was_left_and_begins_anew_once_all_is_passed(monkeypatch):
-    monkeypatch.setattr(pilot_module, "guidance", spy := Spy(pilot_module.guidance, "start"))
+    monkeypatch.setattr(driving, "guidance", spy := Spy(driving.guidance, "start"))
     for passed, expected in ((1, 1), (2, 2), (3, 0)):
         boat = Boat("auto")
         assert len(boat.mind.settings.mission.path.waypoints) == 3
@@ -196,7 +195,7 @@ def test_an_excitation_keeps_two_sigmas_of_its_position_from_the_fence():
     mind = Pilot(setup_of(texts, {name: name for name in texts}).pilot)
     boat = Boat("excitation")
     boat.mind = mind
-    mind._flight = spy = Spy(mind._flight, "step")
+    mind._driving._flight = spy = Spy(mind._driving._flight, "step")
     boat.tick()
     at = [o for o in boat.outputs if isinstance(o, m.StateEstimate)][-1].covariance
     assert spy.given[-1][1]["spread_m"] == pytest.approx(2.0 * np.sqrt(at[0] + at[7])) and at[0] > 0.0 < at[7]
@@ -210,12 +209,12 @@ def test_the_end_of_an_excitation_is_told_and_nothing_is_in_between(phase, level
     }
     mind = Pilot(setup_of(texts, {name: name for name in texts}).pilot)
     boat = Boat("excitation")
-    boat.mind, flight = mind, mind._flight
-    mind._flight = SimpleNamespace(status=flight.status, is_over=flight.is_over, step=flight.step)
+    boat.mind, flight = mind, mind._driving._flight
+    mind._driving._flight = SimpleNamespace(status=flight.status, is_over=flight.is_over, step=flight.step)
     boat.tick()
     assert "" not in [o.text for o in boat.outputs if isinstance(o, m.Alert)], "one that goes on says nothing"
     over = FlightState(phase=phase, t_ns=boat.t_ns)
-    mind._flight.step = lambda *args, **kwargs: (over, (0.0,) * 4, "this is the end")
+    mind._driving._flight.step = lambda *args, **kwargs: (over, (0.0,) * 4, "this is the end")
     boat.tick()
     told = [(o.level, o.text) for o in boat.outputs if isinstance(o, m.Alert)]
     assert (level, "this is the end") in told and boat.mode == "idle" and not boat.moves

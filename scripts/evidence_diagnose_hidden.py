@@ -106,15 +106,16 @@ def removed(full: bool) -> Iterator[Line]:
         words = ("--kind", "medium", "--family", chosen[i], "--first", str(i))
         return _scored(_nonce() + "-removed", 1, *words, command=shlex.join([*shlex.split(VERDICT), *out]))[0]
 
-    for i, r in enumerate(ThreadPool(AT_ONCE).imap(judged, range(wanted))):
-        family = chosen[i]
-        first = (r.get("depends_on") or [""])[0].partition(":")[0]
-        ok = r["verdict"] in ("unknown", "partial") and family in DEPENDS.get(first, ())
-        right += ok
-        wrong += r["verdict"] == "named"
-        if not ok:
-            told.append(f"{family}: {r['verdict']} {','.join(r['named'])} {first}")
-        print(f"  {i + 1}/{wanted} {family}: {r['verdict']} {', '.join(r['named'])} {first}", flush=True)
+    with ThreadPool(AT_ONCE) as pool:
+        for i, r in enumerate(pool.imap(judged, range(wanted))):
+            family = chosen[i]
+            first = (r.get("depends_on") or [""])[0].partition(":")[0]
+            ok = r["verdict"] in ("unknown", "partial") and family in DEPENDS.get(first, ())
+            right += ok
+            wrong += r["verdict"] == "named"
+            if not ok:
+                told.append(f"{family}: {r['verdict']} {','.join(r['named'])} {first}")
+            print(f"  {i + 1}/{wanted} {family}: {r['verdict']} {', '.join(r['named'])} {first}", flush=True)
     yield at_least("unknown, right dependency first", 100 * right / wanted, 85.0, "%", "; ".join(told))
     yield at_most("confident wrong name", 100 * wrong / wanted, 5.0, "%")
 

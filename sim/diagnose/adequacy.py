@@ -12,7 +12,7 @@ residuals and latent accelerations are reported, but change with the weather of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,19 +20,48 @@ import numpy as np
 from sim.diagnose.candidate import NATS
 from sim.diagnose.effect import slices
 from sim.diagnose.evidence import Prior, Reduced
-from sim.diagnose.findings import Adequacy, Check
+from sim.diagnose.findings import RIVAL_NATS, Adequacy, Check
 from sim.diagnose.fit import Fit
-from sim.diagnose.generic import Generic, Group, widened
+from sim.diagnose.generic import Group, groups_at, widened
+from sim.diagnose.linear import Point
 from sim.diagnose.noise import FLOOR, shares_of
 from sim.diagnose.residue import correlation
 from sim.diagnose.select import Model, Selection
 from sim.identify.structured.noise import Noise
 
 BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
-SCALES = (0.3, 1.0, 3.0)  # of that size: its prior when it is believed in
+SCALES = (0.3, 1.0, 3.0, 10.0)  # of that size: its prior when it is believed in
 ECHO = 0.2  # of the best group's nats: with less, a group is taken for its echo; assumed
-AKIN = 0.4  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
+MIMIC = 3.0  # of that size: as far as a group may go to stand in for a cause
+AKIN = 0.5  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
+MANY = 3  # causes for which one group that explains as much is the simpler explanation; assumed
+FAR_OUT, OFTEN = 4.0, 0.02  # sigmas; share of the fixes: logs in which all is well have less than one in a hundred
 WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent over ambient: said, not decisive; assumed
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """What causes of chance leave behind, which says nothing new beside them.
+
+    `names`: how the names of such groups begin; `within`: what varies within a window; `far_out`: fixes far out;
+    `limit` [nats]: what a group must reach.
+    """
+
+    names: tuple[str, ...] = ()
+    within: bool = False
+    far_out: bool = False
+    limit: float = NATS
+
+    @staticmethod
+    def of(each: Iterable[Echoes]) -> Echoes:
+        """All of them."""
+        every = tuple(each)
+        names = tuple(name for echo in every for name in echo.names)
+        limit = max((echo.limit for echo in every), default=NATS)
+        return Echoes(names, any(e.within for e in every), any(e.far_out for e in every), limit)
+
+
+SILENCE = Echoes()
 
 
 @dataclass(frozen=True)
@@ -40,18 +69,19 @@ class LeftOver:
     """Nats of every group, best first, beside some causes. `evidence`: with all groups within their bands [nats].
 
     By id of the causes, `akin`: the groups whose functions can stand in for it; `support`: nats for it over its absence
-    while all groups are free within their bands.
+    while all groups are free within their bands. `limit`: nats from which on something is left over.
     """
 
     nats: tuple[tuple[Group, float], ...]
     evidence: float
     akin: Mapping[str, frozenset[str]]
     support: Mapping[str, float]
+    limit: float = NATS
 
     @property
     def counted(self) -> tuple[Group, ...]:
         """Groups that reach the limit, best first, without the echoes of the best."""
-        least = max(NATS, ECHO * self.nats[0][1])
+        least = max(self.limit, ECHO * self.nats[0][1])
         return tuple(group for group, nats in self.nats if nats >= least)
 
     def is_akin(self, cause: str, groups: Sequence[Group]) -> bool:
@@ -68,15 +98,16 @@ class Judgement:
     withdrawn: frozenset[str] = frozenset()
 
 
-def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Sequence[str] = ()) -> LeftOver:
-    """Nats of all groups beside `causes` (ids of entries) at a fitted model.
-
-    `echoes`: how the names of groups begin that only say what a cause of chance has said.
-    """
-    every = Generic(fit.physics, model.point).groups()
-    groups = tuple(g for g in every if not g.effect.equation.startswith(tuple(echoes)))
-    point = widened(model.point, groups)
-    chosen = [*model.chosen, *(g.effect for g in groups)]
+def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Echoes = SILENCE) -> LeftOver:
+    """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
+    every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
+    if echoes.within:
+        every = [g.of_means(fit.physics, model.point) for g in every]
+    hooked, on_nodes = ([g for g in every if (g.nodes is None) == whether] for whether in (True, False))
+    groups, within = (*hooked, *on_nodes), [*model.chosen, *(g.effect for g in hooked)]
+    point = fit.point(model.point.theta, model.point.z, within, model.point).judged_only()
+    point = widened(point, on_nodes)
+    chosen = [*within, *(g.effect for g in on_nodes)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
     own = fit.prior(model.chosen, frozenset(causes))
     start, nil = len(own.sigma), np.zeros(len(size))
@@ -98,7 +129,9 @@ def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Sequence[st
             support = {id_: -posterior.absent(where[id_]) for id_ in causes}
         akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
     order = np.argsort(-best)
-    return LeftOver(tuple((groups[i], float(best[i] - before)) for i in order), before, akin, support)
+    return LeftOver(
+        tuple((groups[i].named(), float(best[i] - before)) for i in order), before, akin, support, echoes.limit
+    )
 
 
 def _at(groups: Sequence[Group], start: int) -> list[slice]:
@@ -113,7 +146,7 @@ def _akin(reduced: Reduced, cause: slice, groups: Sequence[Group], start: int) -
     whole = float(values @ reduced.H[cause, cause] @ values)
     mimics = []
     for group, at in zip(groups, _at(groups, start), strict=True):
-        wide = np.array([SCALES[-1] * p.prior for p in group.effect.parameters])
+        wide = np.array([MIMIC * p.prior for p in group.effect.parameters])
         cross = reduced.H[at, cause] @ values
         if cross @ np.linalg.solve(reduced.H[at, at] + np.diag(1 / wide**2), cross) >= AKIN * whole:
             mimics.append(group.effect.id)
@@ -126,7 +159,7 @@ def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check,
     for group, nats in found.nats:
         best.setdefault(group.words[0].partition(":")[0], (group, nats))
     out = [
-        Check(name=f"{group.effect.equation} [nats]", value=nats, limit=NATS, passed=nats < NATS)
+        Check(name=f"{group.effect.equation} [nats]", value=nats, limit=found.limit, passed=nats < found.limit)
         for group, nats in best.values()
     ]
     alike = {k: v for k, v in correlation(model.point).items() if np.isfinite(v).all()}
@@ -143,13 +176,12 @@ def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check,
     return tuple(out)
 
 
-def adequacy(fit: Fit, selection: Selection, ambient: Noise | None, echoes: Sequence[str] = ()) -> Judgement:
+def adequacy(fit: Fit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE) -> Judgement:
     """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
 
-    `echoes`: see `left_over`.
-
-    Not to be named is a cause that the groups' bands make unnecessary; and none is if one group alone, which is akin to
-    none of them, explains more than all of them together: then they stood in for it.
+    Not to be named is a cause that the groups' bands make unnecessary; and none is where one group alone explains more
+    than all of them together and is akin to none: then they stood in for it. Nor where there are many and one group
+    explains as much, whatever its kind.
     """
     model, causes = selection.final, [c.id for c in selection.causes]
     found = left_over(fit, model, causes, echoes)
@@ -159,17 +191,32 @@ def adequacy(fit: Fit, selection: Selection, ambient: Noise | None, echoes: Sequ
         model = model if causes else selection.base
         found = left_over(fit, model, causes, echoes)
     first = found
-    if found.counted and causes:
+    if causes and (found.counted or len(causes) >= MANY):
         first = left_over(fit, selection.base, [], echoes)
-        group, nats = first.nats[0]
-        alone = first.evidence + nats - found.evidence
-        if alone >= NATS and not any(found.is_akin(id_, [group]) for id_ in causes):
+        if _stand_in(causes, found, first):
             withdrawn, causes, found, model = withdrawn | set(causes), [], first, selection.base
-    report = Adequacy(
-        passed=not found.counted, checks=checks(found, model, ambient), depends_on=depends_on(found, first)
-    )
+    said, words = checks(found, model, ambient), depends_on(found, first)
+    if not echoes.far_out:
+        out = far_out(model.point)
+        said, words = (out, *said), words if out.passed else tuple(dict.fromkeys((*words, "position")))
+    report = Adequacy(passed=not any(c.decides and not c.passed for c in said), checks=said, depends_on=words)
     doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.counted))
     return Judgement(report, doubtful, frozenset(withdrawn))
+
+
+def _stand_in(causes: Sequence[str], found: LeftOver, first: LeftOver) -> bool:
+    """Whether `causes`, beside which `found` is left over, stand in for the best group of what the base leaves."""
+    group, nats = first.nats[0]
+    alone = first.evidence + nats - found.evidence
+    akin = any(found.is_akin(id_, [group]) for id_ in causes)
+    return (alone >= NATS and not akin) or (alone > -RIVAL_NATS and len(causes) >= MANY)
+
+
+def far_out(point: Point) -> Check:
+    """How many fixes are further from where they should be than chance explains: something stands in their way."""
+    size = np.linalg.norm(point.fix_residuals, axis=1)
+    share = float(np.mean(size[np.isfinite(size)] > FAR_OUT)) if np.isfinite(size).any() else 0.0
+    return Check(name=f"share of fixes beyond {FAR_OUT:g} sigma", value=share, limit=OFTEN, passed=share < OFTEN)
 
 
 def depends_on(found: LeftOver, first: LeftOver) -> tuple[str, ...]:

@@ -121,7 +121,8 @@ class Scene:
     """All instants of all windows, (W, k): what hooks may ask of the boat's motion.
 
     `t_s` of the log and `clock_s` that all logs share, shape (W, k); `x` (W, k, 6) = [x y psi u v r]; `nu_dot`
-    (W, k, 3); `log` (W,): index of the log; `centre_m`: middle of all positions; `middle_s`: of the shared clock.
+    (W, k, 3); `log` (W,): index of the log; `centre_m`: middle of all positions; `middle_s`: of the shared clock;
+    `water` (W, k, 2): north and east velocity of moving water that effects have brought (None: of none) [m/s].
     """
 
     t_s: np.ndarray
@@ -131,11 +132,13 @@ class Scene:
     log: np.ndarray
     centre_m: np.ndarray
     middle_s: float
+    water: np.ndarray | None = None
 
     def part(self, steps: int) -> Scene:
         """The first `steps` instants of each window."""
         t, clock, x, nu_dot = (a[:, :steps] for a in (self.t_s, self.clock_s, self.x, self.nu_dot))
-        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s)
+        water = None if self.water is None else self.water[:, :steps]
+        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water)
 
     @property
     def north_m(self) -> np.ndarray:
@@ -166,6 +169,15 @@ class Scene:
     def r_rad_s(self) -> np.ndarray:
         """Yaw rate."""
         return self.x[..., 5]
+
+    @property
+    def nu_r(self) -> np.ndarray:
+        """Surge, sway and yaw rate through the water, (W, k, 3): u v r less R^T `water`."""
+        if self.water is None:
+            return self.x[..., 3:]
+        c, s = np.cos(self.psi_rad), np.sin(self.psi_rad)
+        north, east = self.water[..., 0], self.water[..., 1]
+        return self.x[..., 3:] - np.stack([c * north + s * east, c * east - s * north, 0 * c], axis=-1)
 
 
 @dataclass(frozen=True)

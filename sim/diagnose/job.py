@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose import findings as record
-from sim.diagnose.adequacy import Judgement, adequacy
+from sim.diagnose.adequacy import SILENCE, Echoes, Judgement, adequacy
 from sim.diagnose.catalogue import catalogue, unaware
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
@@ -50,7 +50,7 @@ Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
-Adequate = Callable[[Fit, Selection, Noise | None, Sequence[str]], Judgement]
+Adequate = Callable[[Fit, Selection, Noise | None, Echoes], Judgement]
 """What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 
 
@@ -213,7 +213,7 @@ def _verdict(
     doubtful: frozenset[str] = frozenset()
     left: record.Adequacy | None = None
     if adequate:
-        echoes = [echo for one in found.causes for echo in ECHOES.get(one.effect.name, ())]
+        echoes = Echoes.of(ECHOES[c.effect.name] for c in found.causes if c.effect.name in ECHOES)
         sound = adequate(fit, found.selection, ambient, echoes)
         doubtful, left = sound.doubtful, sound.adequacy
         if sound.withdrawn and not known:
@@ -230,7 +230,7 @@ def _taken_back(fit: Fit, verdict: Verdict, ambient: Noise | None, adequate: Ade
     """Without any of the causes, for they do harm: unknown, and what the base leaves over."""
     withdrawn = verdict.withdrawn | {n.effect.name: HARMFUL for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
-    left = adequate(fit, selection, ambient, ()).adequacy if adequate else None
+    left = adequate(fit, selection, ambient, SILENCE).adequacy if adequate else None
     return Verdict(selection, (), "unknown", (), left, withdrawn)
 
 

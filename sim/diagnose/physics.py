@@ -200,19 +200,22 @@ class Physics:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Force (W, K+1, 3) and water velocity (W, K+1, 2) that hooks add along `scene`; f: forces before them."""
         hooked, tau, water = f, np.zeros((*f.shape[:2], 3)), np.zeros((*f.shape[:2], 2))
+        flows = values_of(effects, theta, "water")
+        for effect, p in flows:
+            water += effect.hooks["water"](p, scene)
+        if flows:
+            scene = dataclass_replace(scene, water=water)
         for effect, p in values_of(effects, theta, "thrust"):
             hooked = effect.hooks["thrust"](p, scene, hooked)
         tau += (hooked - f) @ self.B.T
         for effect, p in values_of(effects, theta, "force"):
             tau += effect.hooks["force"](p, scene)
-        for effect, p in values_of(effects, theta, "water"):
-            water += effect.hooks["water"](p, scene)
         return tau, water
 
     def scene(self, state: State) -> Scene:
         """What hooks see of the motion."""
         w = self.windows
-        return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s)
+        return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, state.water)
 
     def accelerations(
         self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]

@@ -158,13 +158,15 @@ class Selector:
         point = self.complete(model)
         found: dict[str, Candidate] = {}
         scores: dict[str, float] = {}
+        believed = [self.by_id[i] for i in model.believed]
+        said = {name for e in believed for name in (e.name, e.contains)}
         for noise in shares_of(model.noise):
             reduced = model.reduced if noise is model.noise else self.fit.reduced(point, self.fit.effects, noise)
             assert reduced is not None
             within = self.fit.prior(self.fit.effects, model.believed)
             posterior, evidence = reduced.posterior(within), reduced.evidence(within)
             for effect in self.named:
-                if effect.name in {self.by_id[i].name for i in model.believed}:
+                if effect.name in said:
                     continue
                 candidate = beside(posterior, self._at[effect.id], effect)
                 if evidence + candidate.gain > scores.get(effect.id, -np.inf):
@@ -221,7 +223,8 @@ class Selector:
     def _best(self, model: Model, ranking: list[Candidate]) -> tuple[Model | None, list[tuple[str, float]]]:
         """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
 
-        If it is not, the special case that it contains may be: there is more to it, which adequacy will tell.
+        If it is not, the special case that it contains may be: there is more to it, which adequacy will tell. What
+        is a special case of the candidate is not believed in beside it.
         """
         hopeful = [c for c in ranking if c.nats >= HOPEFUL and c.size > 0.7]
         if not hopeful:
@@ -235,7 +238,9 @@ class Selector:
                 continue
             names.add(name)
             with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
-                tried.append((self.refit(model, model.believed | {c.id}, {c.id: self._start(model, c)}), c.id))
+                special = {i for i in model.believed if self.by_id[i].name == self.by_id[c.id].contains}
+                believed = (model.believed - special) | {c.id}
+                tried.append((self.refit(model, believed, {c.id: self._start(model, c)}), c.id))
         if not tried:
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)

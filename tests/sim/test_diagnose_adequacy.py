@@ -6,21 +6,24 @@ Logs are simulated (`teleop_run`, seeds stated).
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
 import polars as pl
 import pytest
 from boats import BOATS, boat
+from msgspec.structs import replace
 
 from companion.__main__ import main
 from companion.core.vessel import mass_matrix
-from sim.diagnose.adequacy import LeftOver, adequacy, depends_on, left_over
+from companion.core.vessel_file import VesselFile
+from sim.diagnose.adequacy import FAR_OUT, OFTEN, Echoes, LeftOver, adequacy, depends_on, far_out, left_over
 from sim.diagnose.candidate import Candidate
 from sim.diagnose.catalogue import catalogue, unaware
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.fit import Fit
-from sim.diagnose.generic import Generic, Group, widened
+from sim.diagnose.generic import Group, groups_at, widened
 from sim.diagnose.physics import Physics
 from sim.diagnose.select import Model, Selection, Selector, stated_noise
 from sim.diagnose.sentences import WORDS
@@ -39,8 +42,8 @@ def drive(seed: int = 21, seconds: float = 100.0) -> Run:
     return teleop_run(boat("aritra"), seed, seconds, uwb_hz=5.0, sigma_m=0.07)
 
 
-def bench(run: Run) -> tuple[Fit, Model]:
-    fit = Fit(Physics([run], VESSEL, 1.0), catalogue(VESSEL, [run]), stated_noise(VESSEL))
+def bench(run: Run, without: Sequence[str] = ()) -> tuple[Fit, Model]:
+    fit = Fit(Physics([run], VESSEL, 1.0), unaware(catalogue(VESSEL, [run]), without), stated_noise(VESSEL))
     return fit, Selector(fit).base()
 
 
@@ -108,12 +111,23 @@ def test_what_moves_a_node_is_what_the_engine_would_have_made_of_it(hooks, entry
 
 def test_groups_have_known_words_and_do_something():
     fit, model = clean()
-    groups = Generic(fit.physics, model.point).groups()
+    groups = groups_at(fit.physics, model.point)
     assert len({g.effect.id for g in groups}) == len(groups)
     for group in groups:
         assert {w.partition(":")[0] for w in group.words} <= set(WORDS)
-        assert group.nodes.shape == (*model.point.z.shape, len(group.effect.parameters))
-        assert (np.abs(group.nodes).max(axis=(0, 1)) > 0).all() and np.isfinite(group.nodes).all()
+        assert (group.nodes is None) == bool(group.effect.hooks)
+        nodes = group.of_means(fit.physics, model.point).nodes
+        assert nodes is not None and nodes.shape == (*model.point.z.shape, len(group.effect.parameters))
+        assert (np.abs(nodes).max(axis=(0, 1)) > 0).all() and np.isfinite(nodes).all()
+
+
+def test_a_force_that_does_not_vary_within_windows_is_its_mean():
+    fit, model = clean()
+    pushed = Group(("speed",), Effect("one", "generic", "one", "", UNIT, {"force": _push}))
+    nodes = pushed.of_means(fit.physics, model.point).nodes
+    assert nodes is not None
+    np.testing.assert_allclose(nodes[:, LATENT, 0], np.tile([0.3, -0.2, 0.5], (len(nodes), 1)), rtol=0.02)
+    assert not np.delete(nodes, LATENT, axis=1).any()
 
 
 def test_nothing_is_left_over_of_a_boat_that_is_as_believed():
@@ -164,6 +178,59 @@ def test_what_no_entry_explains_is_found_by_what_it_depends_on(fault, word, kind
     assert not report.passed and report.depends_on[0] == word
     worst = max((c for c in report.checks if c.decides), key=lambda c: c.value)
     assert worst.name == f"{kind} [nats]"
+
+
+@cache
+def other(changed: Callable[[VesselFile], VesselFile], *without: str) -> tuple[Fit, Model]:
+    """Logs of a boat that is not as the file has it, and a catalogue that lacks some entries."""
+    vessel = boat("aritra")
+    return bench(teleop_run(changed(vessel), 21, 100.0, uwb_hz=5.0, sigma_m=0.07, believed=vessel), without)
+
+
+def propelled(**more: float) -> Callable[[VesselFile], VesselFile]:
+    return lambda vessel: replace(vessel, propulsion=replace(
+        vessel.propulsion, **{k: (getattr(vessel.propulsion, k) or 0.0) + v for k, v in more.items()}))  # fmt: skip
+
+
+@pytest.mark.parametrize("more", [{"lag_s": 0.12}, {"dead_time_s": 0.12}, {"slew_N_s": 15.0}])
+def test_thrust_that_comes_later_is_told_from_drag(more):
+    fit, model = other(propelled(**more), "lag", "dead_time", "rate_limit")
+    report = adequacy(fit, Selection(model, model, [], []), None).adequacy
+    assert not report.passed and report.depends_on[0] == "thruster"
+    worst = max((c for c in report.checks if c.decides), key=lambda c: c.value)
+    assert worst.name in ("past thrust, all [nats]", "thrust after changes, all [nats]")
+
+
+def _obstructed(run: Run) -> Run:
+    """One fix in fifteen is 1 m too far north. Seed 5."""
+    off = np.random.default_rng(5).uniform(size=run.table.height) < 1 / 15
+    return Run(run.table.with_columns(north_m=pl.col("north_m") + pl.Series(1.0 * off)), run.meta)
+
+
+def test_fixes_far_out_are_something_left_over_unless_a_cause_explains_them():
+    fit, model = faulty(_obstructed)
+    selection = Selection(model, model, [], [])
+    share = far_out(model.point)
+    assert 0.04 < share.value < 0.09 and share.limit == OFTEN and f"{FAR_OUT:g}" in share.name
+    report = adequacy(fit, selection, None).adequacy
+    assert not report.passed and report.depends_on == ("position",)
+    assert share.name not in {c.name for c in adequacy(fit, selection, None, Echoes(far_out=True)).adequacy.checks}
+    assert far_out(clean()[1].point).passed
+
+
+def test_three_names_for_one_thing_are_withdrawn():
+    """All thrusters give a quarter less, said to be more drag of a heavier boat."""
+    fit, base = other(_weaker)
+    mass = VESSEL.inertia.mass_kg
+    said = {"hull_fouling": 0.33, "payload": 0.33 * mass, "yaw_inertia": 0.33 * mass_matrix(VESSEL)[2, 2]}
+    final = Selector(fit).refit(base, frozenset(said), {k: np.array([v]) for k, v in said.items()})
+    found = adequacy(fit, selected(base, final, *said), None)
+    assert found.withdrawn == set(said) and not found.adequacy.passed
+    assert found.adequacy.depends_on[0] == "thruster"
+
+
+def _weaker(vessel: VesselFile) -> VesselFile:
+    return replace(vessel, thrusters=tuple(replace(t, gain=0.75 * t.gain) for t in vessel.thrusters))
 
 
 def named(group_name: str, word: str) -> Group:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from sim.diagnose.catalogue import catalogue
-from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, slices
+from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, Scene, slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
 from sim.diagnose.physics import Physics
@@ -88,6 +88,22 @@ def test_a_light_wind_from_behind_is_the_opposite_of_one_from_ahead(north, east)
     force = by_id["wind"].hooks["force"]
     one, other = (force({"north_Pa": s * north, "east_Pa": s * east}, scene) for s in (1.0, -1.0))
     np.testing.assert_allclose(one, -other, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["munk_moment", "cross_flow", "advance_loss", "shallow_zone@0"])
+@given(psi=st.floats(-3.1, 3.1), north=st.floats(-0.3, 0.3), east=st.floats(-0.3, 0.3))
+def test_a_boat_that_drifts_with_the_water_feels_none_of_it(name, psi, north, east):
+    """What hull and propellers feel goes by the motion through the water."""
+    effect, t = bench()[1][name], np.zeros((1, 1))
+    c, s = np.cos(psi), np.sin(psi)
+    x = np.array([[[0.0, 0.0, psi, c * north + s * east, c * east - s * north, 0.0]]])
+    scene = Scene(t, t, x, np.zeros((1, 1, 3)), np.zeros(1), np.zeros(2), 0.0, np.array([[[north, east]]]))
+    p = {q.name: 0.3 for q in effect.parameters}
+    if "force" in effect.hooks:
+        assert np.abs(effect.hooks["force"](p, scene)).max() < 1e-12
+    else:
+        f = np.full((1, 1, 4), 7.0)
+        np.testing.assert_allclose(effect.hooks["thrust"](p, scene, f), f, atol=1e-12)
 
 
 def test_a_tether_counts_by_its_pull_as_well_as_by_its_stiffness():

@@ -103,7 +103,7 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
     )
     yield moved(
         "cross_flow",
-        "dY = -rho/2 C_d 1.5 T |v + x r| (v + x r) dx",
+        "dY = -rho/2 C_d 1.5 T |v_r + x r| (v_r + x r) dx",
         "more drag in fast sway and fast turns only",
         number("C_d", "1", 0.6, 0.15),
         lambda p, scene: _cross_flow(p, scene, vessel),
@@ -119,7 +119,7 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
     )
     yield moved(
         "munk_moment",
-        "N += k u v",
+        "N += k u_r v_r",
         "turns broadside while it drifts at speed",
         number("N_uv_kg", "kg", 20.0, 4.0),
         _munk,
@@ -147,7 +147,8 @@ def _shifted(p: Values, scene: Scene, mass_kg: float) -> np.ndarray:
 def _cross_flow(p: Values, scene: Scene, vessel: VesselFile) -> np.ndarray:
     """Strips along the hull; two hulls half in each other's lee count 1.5 (assumed)."""
     x = (np.arange(STRIPS) + 0.5) / STRIPS * vessel.hull.length_m - vessel.hull.length_m / 2
-    across = scene.v_m_s[..., None] + x * scene.r_rad_s[..., None]
+    nu_r = scene.nu_r
+    across = nu_r[..., 1:2] + x * nu_r[..., 2:]
     scale = -0.5 * RHO_WATER * p["C_d"] * 1.5 * vessel.hull.draft_m * vessel.hull.length_m / STRIPS
     strips = scale * np.abs(across) * across
     out = np.zeros((*scene.t_s.shape, 3))
@@ -157,5 +158,6 @@ def _cross_flow(p: Values, scene: Scene, vessel: VesselFile) -> np.ndarray:
 
 def _munk(p: Values, scene: Scene) -> np.ndarray:
     out = np.zeros((*scene.t_s.shape, 3))
-    out[..., 2] = p["N_uv_kg"] * scene.u_m_s * scene.v_m_s
+    nu_r = scene.nu_r
+    out[..., 2] = p["N_uv_kg"] * nu_r[..., 0] * nu_r[..., 1]
     return out

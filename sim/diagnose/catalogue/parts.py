@@ -92,8 +92,8 @@ def _damping(count: int) -> Batch:
 
 
 def hull_damping(vessel: VesselFile, scene: Scene) -> np.ndarray:
-    """D(nu) nu of the vessel file along the motion, (W, k, 3): what damping takes off."""
+    """D(nu_r) nu_r of the vessel file along the motion, (W, k, 3): what damping takes off."""
     count = scene.t_s.size
     coefficients = np.array([getattr(vessel.damping, name, 0.0) for name in HULL])
-    (out,) = _damping(count)(np.tile(coefficients, (count, 1)), scene.x.reshape(count, 6)[:, 3:])
+    (out,) = _damping(count)(np.tile(coefficients, (count, 1)), scene.nu_r.reshape(count, 3))
     return out.reshape(*scene.t_s.shape, 3).copy()

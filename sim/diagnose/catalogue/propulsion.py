@@ -217,7 +217,7 @@ def _flow(vessel: VesselFile) -> Iterator[Effect]:
     pairs = [(int(i), int(j)) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]
 
     def advance(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
-        u, v, r = scene.u_m_s[..., None], scene.v_m_s[..., None], scene.r_rad_s[..., None]
+        u, v, r = np.split(scene.nu_r, 3, axis=-1)
         along = (u - r * y) * np.cos(azimuth) + (v + r * x) * np.sin(azimuth)
         return f - p["loss_s_m"] * np.abs(f) * along
 

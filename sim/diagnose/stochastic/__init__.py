@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.terms import RHO_AIR
+from sim.diagnose.adequacy import Echoes
 from sim.diagnose.candidate import Z95, Candidate
 from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.diagnose.catalogue.parts import wind_force
@@ -28,12 +29,17 @@ from sim.identify.structured.data import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
 
+GUSTY_NATS = 24.0  # one gust is felt in many windows, which count as so many: assumed
 ECHOES = {
-    "waves": ("force, periodic",),
-    "gusty_wind": ("force, periodic", "force over time"),
-    "nlos": ("place error",),
-}
-"""How the names of the groups of `generic` begin that say again what such a cause has said."""
+    "waves": Echoes(("force, periodic",), within=True),
+    "gusty_wind": Echoes(("force, periodic", "force over time", "water over time", "force over position",
+                          "pull over position", "place error over position"), limit=GUSTY_NATS),
+    "nlos": Echoes(("place error", "scale of places"), far_out=True),
+}  # fmt: skip
+"""What of the groups of `generic` says again what such a cause has said: a boat that is blown about is pushed by other
+
+forces at other times, and so at other places.
+"""
 COMPASS_DEG = 0.7  # sigma of a compass error that nobody would name, and every direction with it; assumed
 DIRECTION_DOUBT_DEG = 1.5  # of a gusty wind, beside what the fit says, which takes gusts for ambient noise; assumed
 

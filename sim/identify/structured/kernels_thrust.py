@@ -63,3 +63,18 @@ def lagged_slopes(
                 left = gap[j, n] * keep
                 by_dead[i, n] += left / lag / count
                 by_lag[i, n] += (s[j, n] * keep + left * since / lag**2) / count
+
+
+@kernel
+def slewed(dt: np.ndarray, F: np.ndarray, lag: float, slew: float, f: np.ndarray) -> None:
+    """Forces f (c, n) at each change, before it acts, where f_dot = clip((F - f) / lag, -slew, slew); dt (c - 1,)."""
+    tail = lag * slew
+    f[0] = F[0]
+    for j in range(len(dt)):
+        for n in range(F.shape[1]):
+            gap = F[j, n] - f[j, n]
+            steady = max(abs(gap) - tail, 0.0) / slew
+            if dt[j] < steady:
+                f[j + 1, n] = f[j, n] + math.copysign(slew * dt[j], gap)
+            else:
+                f[j + 1, n] = F[j, n] - max(-tail, min(gap, tail)) * math.exp(-(dt[j] - steady) / lag)

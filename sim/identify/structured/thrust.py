@@ -9,7 +9,6 @@ F holds between changes, so that f is a chain of exponentials; it knows nothing 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +16,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from companion.core.thrusters import SPAN_US
-from sim.identify.structured.kernels_thrust import lagged, lagged_slopes
+from sim.identify.structured.kernels_thrust import lagged, lagged_slopes, slewed
 
 (_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
@@ -109,8 +108,8 @@ class SlewedHistory:
     def __init__(self, commands: Commands, dead_time_s: float, lag_s: float, slew_n_s: float):
         self._t, self._F = commands.t_s + dead_time_s, commands.force_n
         self._lag, self._slew = lag_s, slew_n_s
-        dt = np.diff(self._t).tolist()
-        self._f = np.column_stack([_slewed(column.tolist(), dt, lag_s, slew_n_s) for column in self._F.T])
+        self._f = np.empty_like(self._F)
+        slewed(np.diff(self._t), self._F, lag_s, slew_n_s, self._f)
 
     def _after(self, f: np.ndarray, F: np.ndarray, since: np.ndarray | float) -> np.ndarray:
         """Steadily until the lag alone is slower, then as the lag has it."""
@@ -135,20 +134,6 @@ def _place(changes_s: np.ndarray, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Which change was the last at `t_s` (the first, before it), and the time since, (*shape, 1)."""
     j = np.maximum(np.searchsorted(changes_s, t_s, side="right") - 1, 0)
     return j, np.maximum(t_s - changes_s[j], 0.0)[..., None]
-
-
-def _slewed(F: list[float], dt: list[float], lag_s: float, slew: float) -> list[float]:
-    """Force of one thruster at each change, before it acts. Plain floats: each depends on the one before."""
-    f, tail, out = F[0], lag_s * slew, [F[0]]
-    for wanted, since in zip(F, dt, strict=False):
-        gap = wanted - f
-        steady = max(abs(gap) - tail, 0.0) / slew
-        if since < steady:
-            f += math.copysign(slew * since, gap)
-        else:
-            f = wanted - max(-tail, min(gap, tail)) * math.exp(-(since - steady) / lag_s)
-        out.append(f)
-    return out
 
 
 def _recursion(keep: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.ndarray:

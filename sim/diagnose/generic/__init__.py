@@ -1,0 +1,41 @@
+"""What might be left over, by what it depends on: groups of smooth functions that stand for no effect in particular.
+
+    heading          a constant to the north and east, of force and of moving water; a constant error of heading;
+                     sin, cos of k psi, k <= 3: force, heading; k <= 5: damping; k <= 2: specific force, place
+    position         cos(i pi n) cos(j pi e) over the range of places, 0 < i + j <= 4: force, heading; <= 3: moving
+                     water, damping, place
+    speed            products of u, v, r and their moduli: force, inertial sensors; shares of damping, of inertia;
+                     accelerations: force; ways: place
+    thruster         its force times powers of itself, after changes of it, as it was a while ago, times the force of
+                     another; of one, of all
+    load, voltage    all forces times the total load now, or over 20 s and 60 s; times voltage
+    time             cos(k pi t), k <= 6, of all logs; and sin, cos at the periods of the latent force
+
+A constant has the word "heading" because a boat feels it by its heading: it pushes now the bow, now the side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sim.diagnose.generic.basis import Basis
+from sim.diagnose.generic.group import Group, widened
+from sim.diagnose.generic.motion import by_speed
+from sim.diagnose.generic.surroundings import by_heading, by_position
+from sim.diagnose.generic.thrust import by_load, by_thruster, by_voltage
+from sim.diagnose.generic.time import by_period, by_time
+from sim.diagnose.linear import Point
+from sim.diagnose.physics import Physics
+
+__all__ = ["Group", "groups_at", "widened"]
+
+
+def groups_at(physics: Physics, point: Point) -> tuple[Group, ...]:
+    """All groups at a fitted `point`; those for which nothing was logged are left out."""
+    basis = Basis(physics, point)
+
+    def each() -> Iterator[Group]:
+        for maker in (by_position, by_heading, by_speed, by_thruster, by_load, by_voltage, by_time, by_period):
+            yield from maker(basis)
+
+    return tuple(each())

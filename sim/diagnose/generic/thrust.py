@@ -1,0 +1,120 @@
+"""Functions of what the thrusters do: each, all, one beside another, with the load, with the voltage.
+
+They vary within a window, so the engine makes their columns from hooks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sim.diagnose.generic.basis import Basis
+from sim.diagnose.generic.group import Group
+
+PLAY = (0.02, 0.05, 0.1)  # of full pulse, to either side: by so much a command must turn round before thrust follows
+STEP_S = 0.05  # half of it to either side, for how fast thrust changes
+AGO_S = (0.1, 0.2, 0.4, 0.8)  # as it was so long ago: lags and delays are shorter than the last; assumed
+
+
+def by_thruster(basis: Basis) -> Iterator[Group]:
+    """Each alone, all alike, and each beside each other."""
+    f, n = basis.f, len(basis.names)
+    largest = _largest(basis)
+    share = f / largest
+    root = np.sqrt(np.abs(share))
+    step = (_past(basis, -STEP_S / 2) - _past(basis, STEP_S / 2)) / STEP_S
+    since = {s: _past(basis, s) - f for s in AGO_S}
+    kinds = (
+        ("thrust", "map", {"1": f, "2": f * np.abs(share), "3": f * share**2, "root": np.sign(f) * root * largest,
+                           "modulus": np.abs(f)}),
+        ("thrust after changes", "past", {f"play {b:g}": v for b, v in _play(basis, largest).items()} | {"rate": step}),
+        ("past thrust", "past", {f"{s:g} s": v for s, v in since.items()}
+         | {f"{s:g} s, large": v * np.abs(v) / largest for s, v in since.items()}),
+    )  # fmt: skip
+    for i, name in enumerate([*basis.names, "all"]):
+        mine = np.eye(n)[i] if i < n else np.ones(n)
+        words = (f"thruster:{name}",) if i < n else ("thruster",)
+        for what, kind, functions in kinds:
+            yield basis.of_thrust(f"{what}, {name}", words, functions, kind, mine)
+    yield basis.of_thrust("thrust", ("thruster",), {"1": f})
+    yield basis.of_thrust("thrust of one for another", ("thruster",), {
+        f"{i} and {j}": (f[..., [j]] - f[..., [i]]) * (np.eye(n)[i] - np.eye(n)[j])
+        for i in range(n) for j in range(i)}, "mix")  # fmt: skip
+    yield basis.of_thrust("thrust of one by another", ("thruster", "load"), {
+        f"{i} by {j}": f * np.eye(n)[i] * np.abs(share[..., [j]])
+        for i in range(n) for j in range(n) if i != j})  # fmt: skip
+
+
+def by_load(basis: Basis) -> Iterator[Group]:
+    """All alike, with what all give now or gave lately."""
+    total = np.abs(basis.f).sum(axis=2)
+    load = total / max(float(total.max()), 1e-9)
+    now = {str(k): basis.f * load[..., None] ** k for k in (1, 2, 3)}
+    yield basis.of_thrust("thrust over load", ("load",), now)
+    past = {f"{s:g} s": basis.f * _remembered(basis, load, s)[:, None, None] for s in (20.0, 60.0)}
+    yield basis.of_thrust("thrust over past load", ("load",), past)
+
+
+def by_voltage(basis: Basis) -> Iterator[Group]:
+    """All alike, where it was logged."""
+    volts = _volts(basis)
+    if np.isfinite(volts).all() and np.ptp(volts) > 0:
+        off = ((volts - volts.mean()) / np.ptp(volts))[..., None]
+        yield basis.of_thrust("thrust over voltage", ("voltage",), {str(k): basis.f * off**k for k in (1, 2)})
+
+
+def _volts(basis: Basis) -> np.ndarray:
+    """As last logged at every node, (W, K + 1) [V]; NaN: unknown."""
+    windows = basis.physics.windows
+    out = np.full(windows.t_s.shape, np.nan)
+    for run, span in zip(basis.physics.runs, windows.spans, strict=True):
+        if run.known("battery_v"):
+            t_s, volts = run.samples("battery_v")
+            out[span] = volts[np.maximum(np.searchsorted(t_s, windows.t_s[span], side="right") - 1, 0)]
+    return out
+
+
+def _largest(basis: Basis) -> float:
+    return max(float(np.abs(basis.f).max()), 1e-9)
+
+
+def _past(basis: Basis, ago_s: float) -> np.ndarray:
+    """Thruster forces so long ago, log by log, (W, K + 1, n)."""
+    out, windows = np.empty_like(basis.f), basis.physics.windows
+    for log in np.unique(windows.run):
+        mine = windows.run == log
+        t_s, f = windows.t_s[mine].ravel(), basis.f[mine].reshape(-1, basis.f.shape[2])
+        then = [np.interp(t_s - ago_s, t_s, column) for column in f.T]
+        out[mine] = np.stack(then, axis=1).reshape(out[mine].shape)
+    return out
+
+
+def _play(basis: Basis, largest: float) -> dict[float, np.ndarray]:
+    """What thrust changes by where it only follows once a command has turned round by more than the play, log by log.
+
+    Commands are taken for the root of thrust, as a rotor's pulses nearly are. (W, K + 1, n) by play.
+    """
+    root = np.sign(basis.f) * np.sqrt(np.abs(basis.f) / largest)
+    held, widths = np.empty((len(PLAY), *root.shape)), np.array(PLAY)[:, None]
+    for log in np.unique(basis.physics.windows.run):
+        mine = basis.physics.windows.run == log
+        asked = root[mine].reshape(-1, root.shape[2])
+        kept = np.empty((len(PLAY), *asked.shape))
+        now = np.tile(asked[0], (len(PLAY), 1))
+        for i, s in enumerate(asked):
+            kept[:, i] = now = np.clip(now, s - widths, s + widths)
+        held[:, mine] = kept.reshape(len(PLAY), *root[mine].shape)
+    return {b: h * np.abs(h) * largest - basis.f for b, h in zip(PLAY, held, strict=True)}
+
+
+def _remembered(basis: Basis, load: np.ndarray, memory_s: float) -> np.ndarray:
+    """Mean load of windows through a first-order lag, log by log, (W,)."""
+    mean, out = basis.mean(load[..., None])[:, 0], np.empty(basis.W)
+    for w in range(basis.W):
+        if basis.physics.windows.first[w]:
+            out[w] = mean[w]
+        else:
+            kept = np.exp(-(basis.clock[w] - basis.clock[w - 1]) / memory_s)
+            out[w] = mean[w] + (out[w - 1] - mean[w]) * kept
+    return out

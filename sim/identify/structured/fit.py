@@ -38,6 +38,7 @@ DECADE = np.log(10.0)
 Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
 COLOURED = 0.2  # correlation of neighbouring residuals beyond which they count for fewer than they are
 LATENT_CEILING = 10.0  # times the rms of commanded force over inertia, at the file's gains: more is no boat's model
+SAME_WHITE, SAME_LATENT = 0.03, 0.3  # changes that are none: of white noise as a share, of latent as a logarithm
 FACTORS = (0.3, 10.0)  # of a stated noise: the residuals may say so much less, so much more; assumed
 Say = Callable[[str, float], None]
 
@@ -150,31 +151,34 @@ class Fit:
         return promised - cost - 0.5 * (log_det + float(np.linalg.slogdet(D)[1])) - log_sigma
 
     def tune_latent(self, point: Point, noise: Noise) -> Noise:
-        """The latent acceleration of greatest evidence within a decade of the present one, where linearisation holds.
+        """The latent acceleration of greatest evidence, where linearisation holds.
 
-        First a tenth of it (from the floor: ten times it), all axes together; where that is no better a simplex search.
+        By decades, all axes together: down as long as each is better than the last, from the floor one up; where none
+        is better, a simplex search within one.
         """
         floor = LATENT_FLOOR * self.command_rms
         now = np.maximum(noise.latent, floor)
 
         def gain(log_share: np.ndarray) -> float:
-            share = np.exp(np.clip(log_share, -DECADE, DECADE))
-            return self.evidence(point, with_latent(noise, np.maximum(now * share, floor)))
+            return self.evidence(point, with_latent(noise, np.maximum(now * np.exp(log_share), floor)))
 
-        here, away = gain(np.zeros(3)), np.full(3, DECADE if np.all(now <= floor) else -DECADE)
-        best = np.zeros(3)
-        if gain(away) > here:
-            best = away
-        elif away[0] < 0:
+        best, most, at_floor = np.zeros(3), gain(np.zeros(3)), bool(np.all(now <= floor))
+        away = np.full(3, DECADE if at_floor else -DECADE)
+        while (there := gain(away)) > most:
+            best, most = away, there
+            if at_floor or np.all(now * np.exp(away) <= floor):
+                break
+            away = away - DECADE
+        if not at_floor and not best.any():
             options = {
                 "initial_simplex": np.vstack([np.zeros(3), -np.eye(3)]),
                 "maxfev": 40,
                 "fatol": 1.0,
                 "xatol": 0.1,
             }
-            best = minimize(lambda v: -gain(v), np.zeros(3), method="Nelder-Mead", options=options).x
-        share = np.exp(np.clip(best, -DECADE, DECADE))
-        return with_latent(noise, np.clip(now * share, floor, LATENT_CEILING * self.command_rms))
+            within = [(-DECADE, DECADE)] * 3
+            best = minimize(lambda v: -gain(v), np.zeros(3), method="Nelder-Mead", bounds=within, options=options).x
+        return with_latent(noise, np.clip(now * np.exp(best), floor, LATENT_CEILING * self.command_rms))
 
 
 def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
@@ -242,28 +246,33 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
     point = fit.begin()
-    settled = False
+    settled = False  # the noise here is what `_retuned` would say again
     while count < settings.iterations:
         after, promised = fit.step(point)
         moved = after is not point
         point, count = after, count + 1
-        say(f"step {count}: {promised:.2f} nats", min(1.0, count / 12))
+        say(f"step {count}: {promised:.2f} nats", min(1.0, count / 8))
+        if settled and not moved:
+            break
         if count < len(SLACK):
             fit.noise = replace(fit.noise, slack=SLACK[count])
-        elif settled:
-            if not moved or promised < ENOUGH:
-                break
         elif promised < READY * fit.windows.samples() or not moved:
-            fit.noise, settled = _retuned(fit, point)
-            point = fit.again(point)
+            before, fit.noise = fit.noise, _retuned(fit, point)
+            settled = fit.noise == before
+            if settled and promised < ENOUGH:
+                break
+            if fit.noise.white != before.white or fit.noise.fix_m != before.fix_m:
+                point = fit.again(point)
     return point, count
 
 
-def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
-    """Noise after a look at the residuals and the evidence; True when it hardly changed."""
+def _retuned(fit: Fit, point: Point) -> Noise:
+    """Noise after a look at the residuals and the evidence; the same where it hardly changed."""
     noise, change = rescaled(fit.noise, point.at, fit.stated)
-    if fit.settings.latent:
-        before = np.array(noise.latent)
-        noise = fit.tune_latent(point, noise)
-        change = max(change, float(np.abs(np.log(np.array(noise.latent) / before)).max()) / 5)
-    return noise, change < 0.06
+    if change < SAME_WHITE:
+        noise = fit.noise
+    if not fit.settings.latent:
+        return noise
+    tuned = fit.tune_latent(point, noise)
+    further = float(np.abs(np.log(np.array(tuned.latent) / np.array(noise.latent))).max())
+    return noise if further < SAME_LATENT else tuned

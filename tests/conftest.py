@@ -29,7 +29,7 @@ class OnlyAStall:
         self._begun_s[item.nodeid] = time.monotonic()
 
     def pytest_runtest_logreport(self, report):
-        if report.outcome in ("failed", "rerun"):
+        if report.outcome in ("failed", "rerun") and "alone" in report.keywords:
             stall_s = self._stalls.longest_s(self._begun_s[report.nodeid])
             self._told.append(f"{report.nodeid} failed; meanwhile the machine stood still for {stall_s:.2f} s")
 
@@ -41,7 +41,7 @@ class OnlyAStall:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish(session):
     alone = [item for item in session.items if item.get_closest_marker("alone")]
-    if not alone or session.config.option.collectonly:
+    if not alone or session.config.option.collectonly or session.config.option.usepdb:
         return
     stack = ExitStack()
     session.config.add_cleanup(stack.close)

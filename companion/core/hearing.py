@@ -3,9 +3,9 @@
     sensors            -> estimator, unless the sensor is stuck (`frozen`)
     the autopilot      -> vehicle, echo, round trips, pack
     the operator       -> events of the mode table, a mission
-    all else           -> events of the mode table, at once
+    sticks, link       -> what the next lease is made of
 
-`hear(state, message, t) -> (state, outputs)` each; nothing here moves a thruster.
+One handler a message, (state, message, t) -> (state, outputs); nothing here moves a thruster.
 """
 
 from __future__ import annotations

@@ -6,18 +6,20 @@ bands, so that many small imperfections do not add up to a large one. One group 
     nats = log p(data | this group wide) - log p(data | all within their bands)
 
 each at the latent acceleration that suits it best, the look at several prior scales being paid for. A group whose
-nats reach the limit says that something is left over. Nothing else fails the verdict: correlation and size of the
-residuals and latent accelerations are reported, but change with the weather of the day.
+nats reach the limit says that something is left over, and so do more fixes far out than chance explains. Nothing else
+fails the verdict: correlation and size of the residuals and latent accelerations are reported, but change with the
+weather of the day.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim.diagnose.candidate import NATS
+from sim.diagnose.echoes import SILENCE, Echoes
 from sim.diagnose.effect import slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.findings import RIVAL_NATS, Adequacy, Check
@@ -37,31 +39,6 @@ AKIN = 0.5  # share of a cause's signature that a group must be able to mimic to
 MANY = 3  # causes for which one group that explains as much is the simpler explanation; assumed
 FAR_OUT, OFTEN = 4.0, 0.02  # sigmas; share of the fixes: logs in which all is well have less than one in a hundred
 WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent over ambient: said, not decisive; assumed
-
-
-@dataclass(frozen=True)
-class Echoes:
-    """What causes of chance leave behind, which says nothing new beside them.
-
-    `names`: how the names of such groups begin; `within`: what varies within a window; `far_out`: fixes far out;
-    `limit` [nats]: what a group must reach.
-    """
-
-    names: tuple[str, ...] = ()
-    within: bool = False
-    far_out: bool = False
-    limit: float = NATS
-
-    @staticmethod
-    def of(each: Iterable[Echoes]) -> Echoes:
-        """All of them."""
-        every = tuple(each)
-        names = tuple(name for echo in every for name in echo.names)
-        limit = max((echo.limit for echo in every), default=NATS)
-        return Echoes(names, any(e.within for e in every), any(e.far_out for e in every), limit)
-
-
-SILENCE = Echoes()
 
 
 @dataclass(frozen=True)
@@ -102,9 +79,10 @@ def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Echoes = SI
     """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
     every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
     if echoes.within:
-        every = [g.of_means(fit.physics, model.point) for g in every]
+        every = [g.of_means(fit.physics, model.point, fit.effects) for g in every]
     hooked, on_nodes = ([g for g in every if (g.nodes is None) == whether] for whether in (True, False))
     groups, within = (*hooked, *on_nodes), [*model.chosen, *(g.effect for g in hooked)]
+    fit.noise = model.noise
     point = fit.point(model.point.theta, model.point.z, within, model.point).judged_only()
     point = widened(point, on_nodes)
     chosen = [*within, *(g.effect for g in on_nodes)]
@@ -176,16 +154,18 @@ def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check,
     return tuple(out)
 
 
-def adequacy(fit: Fit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE) -> Judgement:
+def adequacy(
+    fit: Fit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE, known: bool = False
+) -> Judgement:
     """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
 
     Not to be named is a cause that the groups' bands make unnecessary; and none is where one group alone explains more
     than all of them together and is akin to none: then they stood in for it. Nor where there are many and one group
-    explains as much, whatever its kind.
+    explains about as much (`RIVAL_NATS`), whatever its kind. Causes that are `known` stand.
     """
     model, causes = selection.final, [c.id for c in selection.causes]
     found = left_over(fit, model, causes, echoes)
-    withdrawn = {id_ for id_, nats in found.support.items() if nats < NATS}
+    withdrawn = {id_ for id_, nats in found.support.items() if nats < NATS and not known}
     causes = [id_ for id_ in causes if id_ not in withdrawn]
     if withdrawn:
         model = model if causes else selection.base
@@ -193,7 +173,7 @@ def adequacy(fit: Fit, selection: Selection, ambient: Noise | None, echoes: Echo
     first = found
     if causes and (found.counted or len(causes) >= MANY):
         first = left_over(fit, selection.base, [], echoes)
-        if _stand_in(causes, found, first):
+        if not known and _stand_in(causes, found, first):
             withdrawn, causes, found, model = withdrawn | set(causes), [], first, selection.base
     said, words = checks(found, model, ambient), depends_on(found, first)
     if not echoes.far_out:

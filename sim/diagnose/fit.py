@@ -19,7 +19,7 @@ import numpy as np
 from sim.diagnose.effect import Effect
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.linear import Lineariser, Point
-from sim.diagnose.physics import Physics, State
+from sim.diagnose.physics import PUSHES, Physics, State
 from sim.diagnose.theta import Theta
 from sim.identify.structured.chain import Chain
 from sim.identify.structured.noise import LATENT, STATE, Noise
@@ -191,6 +191,8 @@ class Fit:
         """The motion at theta, z: small effects that are not believed in by the secants of a point near it."""
         size = {e.id: max(e.size(t[e.id]) for t in (theta, near.theta) if e.id in t) for e in chosen if e.id in theta}
         lively = [e for e in chosen if e.id in believed or "hull" in e.hooks or size.get(e.id, 0.0) >= 1]
+        if any(not PUSHES.isdisjoint(e.hooks) for e in lively):  # they may go by the motion through all of the water
+            lively += [e for e in chosen if "water" in e.hooks and e not in lively]
         ids = {e.id for e in lively}
         small = [{i: values for i, values in t.items() if i not in ids} for t in (theta, near.theta)]
         d = near.z[:, LATENT]

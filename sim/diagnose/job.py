@@ -15,8 +15,9 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose import findings as record
-from sim.diagnose.adequacy import SILENCE, Echoes, Judgement, adequacy
+from sim.diagnose.adequacy import Judgement, adequacy
 from sim.diagnose.catalogue import catalogue, unaware
+from sim.diagnose.echoes import SILENCE, Echoes
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import Believed, HeldOutScore, score
@@ -29,7 +30,6 @@ from sim.diagnose.public import public, smallest
 from sim.diagnose.search import Found, search
 from sim.diagnose.select import Model, Selection, Selector, stated_noise
 from sim.diagnose.spread import spread
-from sim.diagnose.stochastic import ECHOES
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
 from sim.identify.blocks import parts
@@ -50,7 +50,7 @@ Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
-Adequate = Callable[[Fit, Selection, Noise | None, Echoes], Judgement]
+Adequate = Callable[[Fit, Selection, Noise | None, Echoes, bool], Judgement]
 """What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 
 
@@ -213,10 +213,10 @@ def _verdict(
     doubtful: frozenset[str] = frozenset()
     left: record.Adequacy | None = None
     if adequate:
-        echoes = Echoes.of(ECHOES[c.effect.name] for c in found.causes if c.effect.name in ECHOES)
-        sound = adequate(fit, found.selection, ambient, echoes)
+        echoes = Echoes.of(c.effect.name for c in found.causes)
+        sound = adequate(fit, found.selection, ambient, echoes, known)
         doubtful, left = sound.doubtful, sound.adequacy
-        if sound.withdrawn and not known:
+        if sound.withdrawn:
             withdrawn = {c.effect.name: UNNEEDED for c in found.causes if c.fitted in sound.withdrawn}
             found = found.without(fit, sound.withdrawn)
     named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
@@ -230,7 +230,7 @@ def _taken_back(fit: Fit, verdict: Verdict, ambient: Noise | None, adequate: Ade
     """Without any of the causes, for they do harm: unknown, and what the base leaves over."""
     withdrawn = verdict.withdrawn | {n.effect.name: HARMFUL for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
-    left = adequate(fit, selection, ambient, SILENCE).adequacy if adequate else None
+    left = adequate(fit, selection, ambient, SILENCE, False).adequacy if adequate else None
     return Verdict(selection, (), "unknown", (), left, withdrawn)
 
 

@@ -30,6 +30,7 @@ from sim.identify.structured.rows import columns_last
 from sim.identify.thin import thinned
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
+WATER, PUSHES = frozenset({"water"}), frozenset({"thrust", "force"})  # stages of hooks
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
 
 
@@ -124,7 +125,7 @@ class Physics:
         `given`: of what is not among `effects`; `feedback`: of a motion so near that it will do.
         """
         settle = any(values_of(effects, theta, "thrust", "force", "water"))
-        felt = [e for e in effects if e.id in theta and {"thrust", "force"} & set(e.hooks)]
+        felt = [e for e in effects if e.id in theta and not PUSHES.isdisjoint(e.hooks)]
         large = any(e.size(theta[e.id]) >= 1 for e in felt)
         for _ in range(3 if large else 2 if settle else 1):
             before = self._pass(effects, theta, z, before, given)
@@ -228,10 +229,12 @@ class Physics:
         scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
         react = np.eye(3) if state.feedback is None else state.feedback.react
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
+        in_water = _in_water(effects, theta)
         for each in secants(chosen, theta):
             effect, hooks, every = each.effect, set(each.effect.hooks), among(effects, each.effect)
-            along = hooks & {"thrust", "force", "water"}
-            old = self.extra([effect], {**theta, effect.id: each.now}, scene, state.forces.f) if along else None
+            along = [*(e for e in in_water if e.id != effect.id), effect] if "water" in hooks else [effect]
+            acts = hooks & (WATER | PUSHES)
+            old = self.extra(along, {**theta, effect.id: each.now}, scene, state.forces.f) if acts else None
             for at, step in each.steps.items():
                 there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
@@ -239,7 +242,7 @@ class Physics:
                     nodes[at] += unit.f.reshape(flat, -1) @ share
                     bump[at] += unit.bump().reshape(W * K, -1) @ share
                 if old is not None:
-                    tau, water = self.extra([effect], there, scene, state.forces.f)
+                    tau, water = self.extra(along, there, scene, state.forces.f)
                     nodes[at] += (tau - old[0]).reshape(flat, 3) @ (state.M_inv.T @ turn)
                     if "water" in hooks:
                         nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ turn
@@ -250,6 +253,12 @@ class Physics:
                     if lighter.any():
                         bump[at] += pushed.reshape(W * K, 3) @ (lighter @ turn)
         return Accelerations(columns_last(nodes).reshape(W, K + 1, 3, P), columns_last(bump).reshape(W, K, 3, P))
+
+
+def _in_water(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
+    """What moving water is made of, and forces of some size, which may go by the motion through it."""
+    moving, pushing = ([e for e in effects if e.id in theta and not s.isdisjoint(e.hooks)] for s in (WATER, PUSHES))
+    return [*moving, *(e for e in pushing if e not in moving and e.size(theta[e.id]) >= 1)]
 
 
 def _times(values: np.ndarray, G: np.ndarray) -> np.ndarray:

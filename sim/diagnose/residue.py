@@ -103,12 +103,23 @@ def pulses(physics: Physics) -> tuple[np.ndarray, np.ndarray]:
     """Thruster pulse widths [us] (W, n) and battery voltage [V] (W,) in the middle of each window; NaN: unknown."""
     names = [f"pwm_{t.name}" for t in physics.vessel.thrusters]
     middle = physics.windows.t_s.mean(axis=1)
-    pwm, volts = np.full((len(middle), len(names)), np.nan), np.full(len(middle), np.nan)
+    pwm = np.full((len(middle), len(names)), np.nan)
     for run, span in zip(physics.runs, physics.windows.spans, strict=True):
         t, values = run.samples(*names)
-        at = np.maximum(np.searchsorted(t, middle[span], side="right") - 1, 0)
-        pwm[span] = values.reshape(len(t), -1)[at]
+        pwm[span] = values.reshape(len(t), -1)[_before(t, middle[span])]
+    return pwm, volts(physics, middle)
+
+
+def volts(physics: Physics, t_s: np.ndarray) -> np.ndarray:
+    """Battery voltage [V] as last logged at instants t_s (W, ..) of the windows; NaN: unknown."""
+    out = np.full(t_s.shape, np.nan)
+    for run, span in zip(physics.runs, physics.windows.spans, strict=True):
         if run.known("battery_v"):
             t, values = run.samples("battery_v")
-            volts[span] = values[np.maximum(np.searchsorted(t, middle[span], side="right") - 1, 0)]
-    return pwm, volts
+            out[span] = values[_before(t, t_s[span])]
+    return out
+
+
+def _before(samples_s: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Index of the last sample before each instant; of the first where there is none."""
+    return np.maximum(np.searchsorted(samples_s, t_s, side="right") - 1, 0)

@@ -72,6 +72,8 @@ def _entries(fit: Fit, believed: Sequence[str]) -> list[str]:
     there, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
     if strange := [name for name in believed if name not in there | chance]:
         raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(there | chance))}")
+    for both in (e for e in fit.effects if e.contains and {e.name, e.contains} <= set(believed)):
+        raise ValueError(f"believe {both.name!r} or {both.contains!r}, not both: the one contains the other")
     names = ["wind" if name == GUSTY_WIND.name else name for name in believed]
     return [name for name in dict.fromkeys(names) if name in there]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.diagnose.candidate import Candidate, beside
+from sim.diagnose.candidate import NATS, Candidate, beside
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.evidence import Reduced
 from sim.diagnose.fit import Fit
@@ -224,7 +224,8 @@ class Selector:
         """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
 
         If it is not, the special case that it contains may be: there is more to it, which adequacy will tell. What
-        is a special case of the candidate is not believed in beside it.
+        is a special case of the candidate is not believed in beside it: it makes room if the candidate explains that
+        much more than it did.
         """
         hopeful = [c for c in ranking if c.nats >= HOPEFUL and c.size > 0.7]
         if not hopeful:
@@ -244,13 +245,19 @@ class Selector:
         if not tried:
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)
-        sure = [m.point.cost <= ASTRAY * model.point.cost and self._judged(m, id_).accepted for m, id_ in tried]
+        sure = [m.point.cost <= ASTRAY * model.point.cost and self._better(model, m, id_) for m, id_ in tried]
         simpler = self.by_id[tried[0][1]].contains
         best = 0 if sure[0] else next((k for k, (_, i) in enumerate(tried) if self.by_id[i].name == simpler), 0)
         if not sure[best]:
             return None, []
         one = tried[best][0]
         return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[best + 1 :]]
+
+    def _better(self, before: Model, after: Model, id_: str) -> bool:
+        """Whether the candidate `id_` of `after` is one to believe in, given what `before` explains."""
+        instead = before.believed - after.believed
+        gained = after.evidence - before.evidence if instead else np.inf
+        return self._judged(after, id_).accepted and gained >= NATS
 
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""

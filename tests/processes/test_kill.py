@@ -32,21 +32,16 @@ NEUTRAL = [65535] * 18
 S = 1_000_000_000
 
 
-@pytest.fixture(scope="module")
-def everyday():
+def test_everyday_rows():
     with ThreadPoolExecutor(len(EVERYDAY)) as pool:
-        return dict(zip(EVERYDAY, pool.map(lambda name: tried(BY_NAME[name]), EVERYDAY), strict=True))
-
-
-@pytest.mark.parametrize("name", EVERYDAY)
-def test_everyday_rows(everyday, name):
-    row = everyday[name]
-    print(row.markdown())
-    assert row.thrusters == "neutral"
-    assert row.time_s <= (UNSEEN_S if name.startswith("UWB") else 2.0), row.markdown()
-    if not name.startswith("UWB"):
-        assert row.after_override_s <= COMPANION_S, "the autopilot alone decides this"
-    assert row.broken == dict.fromkeys(ALL_RULES, 0)
+        rows = list(pool.map(lambda name: tried(BY_NAME[name]), EVERYDAY))
+    for name, row in zip(EVERYDAY, rows, strict=True):
+        print(row.markdown())
+        assert row.thrusters == "neutral", name
+        assert row.time_s <= (UNSEEN_S if name.startswith("UWB") else 2.0), row.markdown()
+        if not name.startswith("UWB"):
+            assert row.after_override_s <= COMPANION_S, f"{name}: the autopilot alone decides this"
+        assert row.broken == dict.fromkeys(ALL_RULES, 0), name
 
 
 @pytest.mark.long

@@ -5,6 +5,7 @@ Logs are simulated (`teleop_run`, seeds stated).
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -18,9 +19,10 @@ from msgspec.structs import replace
 from companion.__main__ import main
 from companion.core.vessel import mass_matrix
 from companion.core.vessel_file import VesselFile
-from sim.diagnose.adequacy import FAR_OUT, OFTEN, Echoes, LeftOver, adequacy, depends_on, far_out, left_over
+from sim.diagnose.adequacy import FAR_OUT, OFTEN, LeftOver, adequacy, depends_on, far_out, left_over
 from sim.diagnose.candidate import Candidate
 from sim.diagnose.catalogue import catalogue, unaware
+from sim.diagnose.echoes import Echoes
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.fit import Fit
 from sim.diagnose.generic import Group, groups_at, widened
@@ -116,15 +118,27 @@ def test_groups_have_known_words_and_do_something():
     for group in groups:
         assert {w.partition(":")[0] for w in group.words} <= set(WORDS)
         assert (group.nodes is None) == bool(group.effect.hooks)
-        nodes = group.of_means(fit.physics, model.point).nodes
+        nodes = group.of_means(fit.physics, model.point, fit.effects).nodes
         assert nodes is not None and nodes.shape == (*model.point.z.shape, len(group.effect.parameters))
         assert (np.abs(nodes).max(axis=(0, 1)) > 0).all() and np.isfinite(nodes).all()
+
+
+def test_shares_of_the_hull_are_of_the_hull_as_it_is_found():
+    """A hull with half as much drag again: a share of it is half as much again."""
+    fit, model = clean()
+    (drag,) = (g for g in groups_at(fit.physics, model.point) if g.effect.equation == "damping")
+    fouled = {**model.point.theta, "hull_fouling": np.array([0.5])}
+    state = fit.physics.move(fit.effects, fouled, model.point.z, model.point.state)
+    point = dataclasses.replace(model.point, theta=fouled, state=dataclasses.replace(state, x=model.point.state.x))
+    before, after = (drag.of_means(fit.physics, p, fit.effects).nodes for p in (model.point, point))
+    more = 1.5 / (1 + model.point.theta["hull_fouling"][0])
+    np.testing.assert_allclose(after, more * before, atol=0.02 * np.abs(before).max())
 
 
 def test_a_force_that_does_not_vary_within_windows_is_its_mean():
     fit, model = clean()
     pushed = Group(("speed",), Effect("one", "generic", "one", "", UNIT, {"force": _push}))
-    nodes = pushed.of_means(fit.physics, model.point).nodes
+    nodes = pushed.of_means(fit.physics, model.point, fit.effects).nodes
     assert nodes is not None
     np.testing.assert_allclose(nodes[:, LATENT, 0], np.tile([0.3, -0.2, 0.5], (len(nodes), 1)), rtol=0.02)
     assert not np.delete(nodes, LATENT, axis=1).any()
@@ -227,6 +241,8 @@ def test_three_names_for_one_thing_are_withdrawn():
     found = adequacy(fit, selected(base, final, *said), None)
     assert found.withdrawn == set(said) and not found.adequacy.passed
     assert found.adequacy.depends_on[0] == "thruster"
+    known = adequacy(fit, selected(base, final, *said), None, known=True)
+    assert not known.withdrawn and known.adequacy.checks != found.adequacy.checks, "of what stands beside the causes"
 
 
 def _weaker(vessel: VesselFile) -> VesselFile:

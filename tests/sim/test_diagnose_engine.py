@@ -16,11 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from sim.diagnose.candidate import Candidate
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, Scene, slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
 from sim.diagnose.physics import Physics
+from sim.diagnose.search import search
 from sim.diagnose.select import Selector, stated_noise
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.rows import Pushes, sensitivities
@@ -45,12 +47,17 @@ SMOOTH = ["base:M11_kg", "base:N_v_N_s", "hull_fouling", "payload", "cg_shift", 
           "thruster_gain:front_port", "advance_loss", "wash", "munk_moment", "tether@-0.6", "wind"]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SMOOTH)
-def test_columns_are_the_derivatives_of_the_motion(name):
-    """Oracle: central differences of the integrated windows themselves."""
+BY_WATER = {"munk_moment": 60.0, "cross_flow": 0.3, "advance_loss": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("name", "beside"), [*((name, "") for name in SMOOTH), *(("current", beside) for beside in BY_WATER)]
+)
+def test_columns_are_the_derivatives_of_the_motion(name, beside):
+    """Oracle: central differences of the integrated windows themselves. `beside`: what goes by the moving water."""
     fit, by_id = bench()
     effect, physics = by_id[name], fit.physics
-    there = {"current": np.array([0.02, -0.03])}
+    there = {"current": np.array([0.02, -0.03])} | ({beside: np.array([BY_WATER[beside]])} if beside else {})
     if name == "wind":
         there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
     state = physics.move(fit.effects, there, fit.z0, None)
@@ -157,6 +164,26 @@ def test_tolerance_is_half_a_size_and_nothing_for_places():
     assert by_id["lag"].tolerance() == pytest.approx([TOLERANCE * by_id["lag"].parameters[0].smallest])
     onset = next(e for e in by_id.values() if e.id.startswith("thruster_fouling"))
     assert onset.tolerance()[0] == pytest.approx(ABSENT * onset.parameters[0].smallest)
+
+
+def test_a_special_case_makes_room_only_for_what_explains_more():
+    fit, _ = bench()
+    selector = Selector(fit)
+    base = selector.base()
+    current = selector.refit(base, frozenset({"current"}), {"current": np.array([0.05, 0.0])})
+    turning = next(e.id for e in fit.effects if e.name == "turning_current")
+    for gained, room in ((11.0, False), (13.0, True)):
+        sure = replace(current, believed=frozenset({turning}), evidence=current.evidence + gained)
+        selector._judged = lambda _model, id_: Candidate(id_, 500.0, 500.0, np.ones(1), np.eye(1), 9.0, 8.0)
+        assert selector._better(current, sure, turning) == room
+    beside = replace(current, believed=frozenset({"current", "lag"}), evidence=current.evidence + 1.0)
+    assert selector._better(current, beside, "lag"), "judged by its own nats"
+
+
+def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():
+    fit, _ = bench()
+    with pytest.raises(ValueError, match="'turning_current' or 'current', not both"):
+        search(fit, believed=("current", "turning_current"))
 
 
 def test_an_unknown_hook_is_refused():

@@ -2,14 +2,15 @@
 
     heading          a constant to the north and east, of force and of moving water; a constant error of heading;
                      sin, cos of k psi, k <= 3: force, heading; k <= 5: damping; k <= 2: specific force, place
-    position         cos(i pi n) cos(j pi e) over the range of places, 0 < i + j <= 4: force, heading; <= 3: moving
-                     water, damping, place
+    position         cos(i pi n) cos(j pi e) over the range of places, i + j <= 4: force, force with a moment of its
+                     own; 0 < i + j <= 4: heading; < 4: moving water, damping, place; scale of places
     speed            products of u, v, r and their moduli: force, inertial sensors; shares of damping, of inertia;
                      accelerations: force; ways: place
     thruster         its force times powers of itself, after changes of it, as it was a while ago, times the force of
-                     another; of one, of all
+                     another; of one, of all; the force of one in place of another's
     load, voltage    all forces times the total load now, or over 20 s and 60 s; times voltage
-    time             cos(k pi t), k <= 6, of all logs; and sin, cos at the periods of the latent force
+    time             cos(k pi t), k <= 6, of all logs, moving water with a constant; and sin, cos at the periods of the
+                     latent force
 
 A constant has the word "heading" because a boat feels it by its heading: it pushes now the bow, now the side.
 """

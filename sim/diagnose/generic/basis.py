@@ -35,7 +35,7 @@ class Basis:
         self.psi = self.x[:, 2]
         self.clock = self.mean(physics.clock_s[..., None])[:, 0]
         self.f = state.forces.f
-        self.turn = state.M_inv.T
+        self.turn, self.M = state.M_inv.T, np.linalg.inv(state.M_inv)
         self.scene = physics.scene(state)
         own = state.nu_dot - point.z[:, None, LATENT]
         turning = state.x[..., 5:] * np.stack([-state.x[..., 4], state.x[..., 3], 0 * state.x[..., 3]], axis=2)

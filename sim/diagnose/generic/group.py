@@ -22,7 +22,7 @@ from sim.identify.structured.noise import LATENT, STATE, L
 SIZES = {
     "force": 0.01,  # m/s^2, rad/s^2; all assumed: where an effect begins to matter, as the catalogue's smallest sizes
     "share": 0.05,  # of thrust, of damping, of inertia
-    "past": 0.3,  # of thrust, for what it was 0.1 s ago: 30 ms
+    "past": 0.3,  # of thrust, for what it was 0.1 s ago: 30 ms; of its rate: 0.3 s
     "mix": 0.1,  # of the thrust of two that change places
     "map": 0.15,  # of the largest thrust: a speed controller's trim of 2 us alone shifts it by up to a hundredth
     "water": 0.02,  # m/s
@@ -49,11 +49,14 @@ class Group:
         """The same without its functions, which take room."""
         return replace(self, effect=replace(self.effect, hooks={}), nodes=None)
 
-    def of_means(self, physics: Physics, point: Point) -> Group:
-        """By nodes: what it does on the mean of each window, as if it did not vary within. Forces only have hooks."""
+    def of_means(self, physics: Physics, point: Point, effects: Sequence[Effect]) -> Group:
+        """By nodes: what it does on the mean of each window, as if it did not vary within.
+
+        Groups with hooks move the boat, never a sensor. `effects`: those at work at `point`.
+        """
         if self.nodes is not None:
             return self
-        a = physics.accelerations([self.effect], {}, point.state, [self.effect]).nodes
+        a = physics.accelerations([*effects, self.effect], point.theta, point.state, [self.effect]).nodes
         nodes = np.zeros((len(a), L, a.shape[3]))
         nodes[:, LATENT] = means(physics, a.reshape(*a.shape[:2], -1)).reshape(len(a), 3, -1)
         return replace(self, nodes=nodes)

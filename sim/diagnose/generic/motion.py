@@ -27,13 +27,12 @@ def by_speed(basis: Basis) -> Iterator[Group]:
     """Capitals are moduli."""
     products = _products(basis.x[:, 3:])
     within = _products(basis.point.state.x[..., 3:])
-    M = np.linalg.inv(basis.point.state.M_inv)
     few = {n: products[n] for n in FEW}
     yield basis.of_force(
         "force over speed",
         WORD,
         {
-            f"{axis} {n}": value[..., None] * (M @ unit)
+            f"{axis} {n}": value[..., None] * (basis.M @ unit)
             for n, value in within.items()
             for axis, unit in zip("XYK", np.eye(3), strict=True)
         },
@@ -57,9 +56,8 @@ def _shares(basis: Basis) -> Iterator[Group]:
     """Damping and inertia, each in proportion to what it is; and inertia of one axis felt on another."""
     yield basis.of_hull("damping", WORD, {axis: COEFFICIENTS[axis] for axis in "XYK"})
     yield basis.of_hull("inertia", WORD, {name: (name,) for name in INERTIA})
-    M = np.linalg.inv(basis.point.state.M_inv)
     axes = {axis: np.eye(3)[i] for i, axis in enumerate("XYK")}
-    pushes = {f"{to} by {of}": -(basis.accelerations @ unit)[..., None] * (M @ there)
+    pushes = {f"{to} by {of}": -(basis.accelerations @ unit)[..., None] * (basis.M @ there)
               for of, unit in axes.items() for to, there in axes.items()}  # fmt: skip
     yield basis.of_force("force over acceleration", WORD, pushes)
 

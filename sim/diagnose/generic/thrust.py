@@ -11,9 +11,14 @@ import numpy as np
 
 from sim.diagnose.generic.basis import Basis
 from sim.diagnose.generic.group import Group
+from sim.diagnose.residue import volts
 
-PLAY = (0.02, 0.05, 0.1)  # of full pulse, to either side: by so much a command must turn round before thrust follows
-STEP_S = 0.05  # half of it to either side, for how fast thrust changes
+PLAY = (
+    0.02,
+    0.05,
+    0.1,
+)  # of the largest pulse, to either side, by which a command must turn round first; assumed
+STEP_S = 0.05  # half of it to either side, for how fast thrust changes; assumed
 AGO_S = (0.1, 0.2, 0.4, 0.8)  # as it was so long ago: lags and delays are shorter than the last; assumed
 
 
@@ -58,21 +63,10 @@ def by_load(basis: Basis) -> Iterator[Group]:
 
 def by_voltage(basis: Basis) -> Iterator[Group]:
     """All alike, where it was logged."""
-    volts = _volts(basis)
-    if np.isfinite(volts).all() and np.ptp(volts) > 0:
-        off = ((volts - volts.mean()) / np.ptp(volts))[..., None]
+    logged = volts(basis.physics, basis.physics.windows.t_s)
+    if np.isfinite(logged).all() and np.ptp(logged) > 0:
+        off = ((logged - logged.mean()) / np.ptp(logged))[..., None]
         yield basis.of_thrust("thrust over voltage", ("voltage",), {str(k): basis.f * off**k for k in (1, 2)})
-
-
-def _volts(basis: Basis) -> np.ndarray:
-    """As last logged at every node, (W, K + 1) [V]; NaN: unknown."""
-    windows = basis.physics.windows
-    out = np.full(windows.t_s.shape, np.nan)
-    for run, span in zip(basis.physics.runs, windows.spans, strict=True):
-        if run.known("battery_v"):
-            t_s, volts = run.samples("battery_v")
-            out[span] = volts[np.maximum(np.searchsorted(t_s, windows.t_s[span], side="right") - 1, 0)]
-    return out
 
 
 def _largest(basis: Basis) -> float:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.terms import RHO_AIR
-from sim.diagnose.adequacy import Echoes
 from sim.diagnose.candidate import Z95, Candidate
 from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.diagnose.catalogue.parts import wind_force
@@ -28,18 +27,6 @@ from sim.diagnose.stochastic.left_over import LeftOver, left_over
 from sim.identify.structured.data import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
-
-GUSTY_NATS = 24.0  # one gust is felt in many windows, which count as so many: assumed
-ECHOES = {
-    "waves": Echoes(("force, periodic",), within=True),
-    "gusty_wind": Echoes(("force, periodic", "force over time", "water over time", "force over position",
-                          "pull over position", "place error over position"), limit=GUSTY_NATS),
-    "nlos": Echoes(("place error", "scale of places"), far_out=True),
-}  # fmt: skip
-"""What of the groups of `generic` says again what such a cause has said: a boat that is blown about is pushed by other
-
-forces at other times, and so at other places.
-"""
 COMPASS_DEG = 0.7  # sigma of a compass error that nobody would name, and every direction with it; assumed
 DIRECTION_DOUBT_DEG = 1.5  # of a gusty wind, beside what the fit says, which takes gusts for ambient noise; assumed
 

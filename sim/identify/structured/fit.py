@@ -38,7 +38,7 @@ DECADE = np.log(10.0)
 Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
 COLOURED = 0.2  # correlation of neighbouring residuals beyond which they count for fewer than they are
 LATENT_CEILING = 10.0  # times the rms of commanded force over inertia, at the file's gains: more is no boat's model
-SAME_WHITE, SAME_LATENT = 0.03, 0.3  # changes that are none: of white noise as a share, of latent as a logarithm
+SAME_WHITE, SAME_LATENT = 0.03, 0.3  # changes that ask for no further step: a share, a logarithm; assumed
 FACTORS = (0.3, 10.0)  # of a stated noise: the residuals may say so much less, so much more; assumed
 Say = Callable[[str, float], None]
 
@@ -246,33 +246,36 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
     point = fit.begin()
-    settled = False  # the noise here is what `_retuned` would say again
+    settled = False
     while count < settings.iterations:
         after, promised = fit.step(point)
         moved = after is not point
         point, count = after, count + 1
         say(f"step {count}: {promised:.2f} nats", min(1.0, count / 8))
-        if settled and not moved:
-            break
         if count < len(SLACK):
             fit.noise = replace(fit.noise, slack=SLACK[count])
-        elif promised < READY * fit.windows.samples() or not moved:
-            before, fit.noise = fit.noise, _retuned(fit, point)
-            settled = fit.noise == before
-            if settled and promised < ENOUGH:
+        elif settled:
+            if not moved or promised < ENOUGH:
                 break
-            if fit.noise.white != before.white or fit.noise.fix_m != before.fix_m:
+        elif promised < READY * fit.windows.samples() or not moved:
+            before = fit.noise
+            fit.noise, settled = _retuned(fit, point)
+            if fit.noise == before and promised < ENOUGH:
+                break
+            if (fit.noise.white, fit.noise.fix_m) != (before.white, before.fix_m):
                 point = fit.again(point)
     return point, count
 
 
-def _retuned(fit: Fit, point: Point) -> Noise:
-    """Noise after a look at the residuals and the evidence; the same where it hardly changed."""
-    noise, change = rescaled(fit.noise, point.at, fit.stated)
-    if change < SAME_WHITE:
-        noise = fit.noise
-    if not fit.settings.latent:
-        return noise
-    tuned = fit.tune_latent(point, noise)
-    further = float(np.abs(np.log(np.array(tuned.latent) / np.array(noise.latent))).max())
-    return noise if further < SAME_LATENT else tuned
+def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
+    """Noise after a look at the residuals and the evidence; True when it hardly changed. Sensors that hardly changed
+
+    stay as they were, which saves a linearisation.
+    """
+    found, change = rescaled(fit.noise, point.at, fit.stated)
+    noise, same = (fit.noise, True) if change < SAME_WHITE else (found, False)
+    if fit.settings.latent:
+        before = np.array(noise.latent)
+        noise = fit.tune_latent(point, noise)
+        same &= float(np.abs(np.log(np.array(noise.latent) / before)).max()) < SAME_LATENT
+    return noise, same

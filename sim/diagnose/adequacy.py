@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.diagnose.candidate import NATS
+from sim.diagnose.candidate import NAMED, NATS
 from sim.diagnose.echoes import SILENCE, Echoes
 from sim.diagnose.effect import slices
 from sim.diagnose.evidence import Prior, Reduced
@@ -165,7 +165,7 @@ def adequacy(
     """
     model, causes = selection.final, [c.id for c in selection.causes]
     found = left_over(fit, model, causes, echoes)
-    withdrawn = {id_ for id_, nats in found.support.items() if nats < NATS and not known}
+    withdrawn = {id_ for id_, nats in found.support.items() if nats < NAMED and not known}
     causes = [id_ for id_ in causes if id_ not in withdrawn]
     if withdrawn:
         model = model if causes else selection.base

@@ -36,7 +36,7 @@ SILENCE = Echoes()
 ECHOES = {
     "waves": Echoes(("force, periodic",), within=True),
     "gusty_wind": Echoes(("force, periodic", "force over time", "water over time", "force over position",
-                          "pull over position", "place error over position"), limit=GUSTY_NATS),
+                          "pull over position", "place error over position", "force over speed"), limit=GUSTY_NATS),
     "nlos": Echoes(("place error", "scale of places"), far_out=True),
 }  # fmt: skip
-"""By cause. A boat that is blown about is pushed by other forces at other times, and so at other places."""
+"""By cause. A boat that is blown about is pushed by other forces at other times, and so at other places and speeds."""

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim.diagnose import pictures
-from sim.diagnose.candidate import NATS
+from sim.diagnose.candidate import NAMED
 from sim.diagnose.held_out import CHANNELS, MODELS
 from sim.diagnose.identifiability import MEDIUM
 from sim.diagnose.job import Diagnosis
@@ -154,13 +154,13 @@ def _evidence(found: Diagnosis) -> Section:
         "Evidence",
         figures=(
             (
-                pictures.evidence(named, others, NATS),
+                pictures.evidence(named, others, NAMED),
                 "Logarithmic beyond 10. Grey beyond the line: not surely larger than the smallest size worth a name, "
                 "or no better as one cause than as one of many small imperfections. Beside the bars: the size, in "
                 "units of that.",
             ),
         ),
-        note="Each against its own absence, all others free within their bands. 12 nats: odds of 160 000 to one.",
+        note="Each against its own absence, all others free within their bands. 9 nats: odds of 8 000 to one.",
     )
 
 

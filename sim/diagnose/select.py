@@ -28,7 +28,7 @@ MOST = 4
 ROUNDS = 6  # of four steps each, in a refit
 SAME = 0.1  # of the logarithm of the latent acceleration: so small a change asks for no further round
 ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
-SHARES = (1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
+SHARES = (2.0, 1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
 OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
 SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 Say = Callable[[str, float], None]
@@ -131,7 +131,7 @@ class Selector:
         shares = SHARES if any(e.far for e in tried) else (1.0,)
         points = []
         for share in shares:
-            guess = theta | {i: share * v for i, v in values.items()}
+            guess = theta | {i: _within(share * v, self.by_id[i]) for i, v in values.items()}
             points.append(self.fit.solve(guess, start.point.z, chosen, believed, steps=1, before=start.point))
         prior = self.fit.prior(chosen, believed)
         costs = np.nan_to_num([self.fit.cost(p, chosen, prior) for p in points], nan=np.inf)
@@ -262,9 +262,7 @@ class Selector:
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
         effect = self.by_id[c.id]
-        lower, upper = (np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper"))
-        values = self._nearer(model, effect) if effect.starts else c.values
-        return np.clip(values, lower, upper)
+        return _within(self._nearer(model, effect) if effect.starts else c.values, effect)
 
     def _nearer(self, model: Model, effect: Effect) -> np.ndarray:
         assert effect.starts
@@ -281,6 +279,11 @@ class Selector:
         """What stands at the end, each judged with the others in place."""
         judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
         return [c for c in judged if c.accepted]
+
+
+def _within(values: np.ndarray, effect: Effect) -> np.ndarray:
+    """`values` of the parameters of `effect`, moved to their limits where they are beyond."""
+    return np.clip(values, *(np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper")))
 
 
 def stated_noise(vessel) -> Noise:

@@ -4,7 +4,7 @@ From the reduced Hessian, the effect's own block of the covariance with all othe
 the information J of the data on its amplitudes. Along the direction that is seen worst, se = lambda_min(J)^-1/2 in
 units of the smallest size worth a name, a true size s is accepted on average when
 
-    s^2 / (2 se^2) - sum log(prior / se) >= 12 nats     and     s - 1.64 se >= 1
+    s^2 / (2 se^2) - sum log(prior / se) >= 9 nats      and     s - 1.64 se >= 1
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim.diagnose.candidate import NATS, Z95
+from sim.diagnose.candidate import NAMED, Z95
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
 from sim.diagnose.public import family
@@ -50,7 +50,7 @@ def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iter
         J = np.linalg.inv(C[np.ix_(index, index)]) - np.diag(1 / effect.tolerance()[sure] ** 2)
         J = np.outer(smallest, smallest) * J
         se = 1 / np.sqrt(max(float(np.linalg.eigvalsh(J).min()), 1e-12))
-        price = NATS + float(np.maximum(np.log(prior / smallest / se), 0.0).sum())
+        price = NAMED + float(np.maximum(np.log(prior / smallest / se), 0.0).sum())
         yield effect, max(1 + Z95 * se, se * float(np.sqrt(2 * price)))
 
 

@@ -241,23 +241,19 @@ class Selector:
             with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
                 special = {i for i in model.believed if self.by_id[i].name == self.by_id[c.id].contains}
                 believed = (model.believed - special) | {c.id}
-                tried.append((self.refit(model, believed, {c.id: self._start(model, c)}), c.id))
+                after = self.refit(model, believed, {c.id: self._start(model, c)})
+                if makes_room(model, after):
+                    tried.append((after, c.id))
         if not tried:
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)
-        sure = [m.point.cost <= ASTRAY * model.point.cost and self._better(model, m, id_) for m, id_ in tried]
+        sure = [m.point.cost <= ASTRAY * model.point.cost and self._judged(m, id_).accepted for m, id_ in tried]
         simpler = self.by_id[tried[0][1]].contains
         best = 0 if sure[0] else next((k for k, (_, i) in enumerate(tried) if self.by_id[i].name == simpler), 0)
         if not sure[best]:
             return None, []
         one = tried[best][0]
         return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[best + 1 :]]
-
-    def _better(self, before: Model, after: Model, id_: str) -> bool:
-        """Whether the candidate `id_` of `after` is one to believe in, given what `before` explains."""
-        instead = before.believed - after.believed
-        gained = after.evidence - before.evidence if instead else np.inf
-        return self._judged(after, id_).accepted and gained >= NATS
 
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
@@ -279,6 +275,11 @@ class Selector:
         """What stands at the end, each judged with the others in place."""
         judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
         return [c for c in judged if c.accepted]
+
+
+def makes_room(before: Model, after: Model) -> bool:
+    """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
+    return before.believed <= after.believed or after.evidence - before.evidence >= NATS
 
 
 def _within(values: np.ndarray, effect: Effect) -> np.ndarray:

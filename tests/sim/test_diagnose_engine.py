@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -23,7 +24,7 @@ from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
 from sim.diagnose.physics import Physics
 from sim.diagnose.search import search
-from sim.diagnose.select import Selector, stated_noise
+from sim.diagnose.select import Model, Selector, makes_room, stated_noise
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.rows import Pushes, sensitivities
 from sim.identify.teleop import teleop_run
@@ -167,17 +168,33 @@ def test_tolerance_is_half_a_size_and_nothing_for_places():
 
 
 def test_a_special_case_makes_room_only_for_what_explains_more():
+    def model(evidence, *believed):
+        return Model(frozenset(believed), None, None, (), None, evidence)
+
+    steady = model(0.0, "current")
+    assert not makes_room(steady, model(11.0, "turning_current@1"))
+    assert makes_room(steady, model(13.0, "turning_current@1"))
+    assert makes_room(steady, model(1.0, "current", "lag")), "judged by its own nats"
+
+
+def test_a_special_case_that_stays_does_not_end_the_search():
+    """A turning current gains 10 nats over the steady one, in whose place it would come; a lag 9 beside it."""
     fit, _ = bench()
     selector = Selector(fit)
-    base = selector.base()
-    current = selector.refit(base, frozenset({"current"}), {"current": np.array([0.05, 0.0])})
+    steady = Model(frozenset({"current"}), SimpleNamespace(cost=100.0), None, (), None, 0.0)
     turning = next(e.id for e in fit.effects if e.name == "turning_current")
-    for gained, room in ((11.0, False), (13.0, True)):
-        sure = replace(current, believed=frozenset({turning}), evidence=current.evidence + gained)
-        selector._judged = lambda _model, id_: Candidate(id_, 500.0, 500.0, np.ones(1), np.eye(1), 9.0, 8.0)
-        assert selector._better(current, sure, turning) == room
-    beside = replace(current, believed=frozenset({"current", "lag"}), evidence=current.evidence + 1.0)
-    assert selector._better(current, beside, "lag"), "judged by its own nats"
+    gains = {turning: 10.0, "lag": 9.0}
+
+    def candidate(id_):
+        return Candidate(id_, 500.0, 500.0, np.ones(len(fit.effects)), np.eye(1), 9.0, 8.0)
+
+    selector.refit = lambda _start, believed, values: replace(
+        steady, believed=believed, evidence=gains[next(iter(values))]
+    )
+    selector._start = lambda _model, _candidate: np.zeros(1)
+    selector._judged = lambda _model, id_: candidate(id_)
+    best, behind = selector._best(steady, [candidate(turning), candidate("lag")])
+    assert best is not None and best.believed == {"current", "lag"} and not behind
 
 
 def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():

@@ -11,8 +11,10 @@ from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.diagnose.extend import with_causes
 from sim.diagnose.places import Cause
 from sim.diagnose.stochastic import gusts, nlos, waves
+from sim.diagnose.stochastic.ambient import calm, rough
 from sim.diagnose.stochastic.left_over import LeftOver, left_over
 from sim.diagnose.stochastic.process import log_likelihood
+from sim.identify.structured.data import SURGE
 from sim.identify.structured.noise import LATENT
 
 M_INV = np.diag([1 / 20, 1 / 35, 1 / 3])
@@ -94,9 +96,10 @@ def test_what_is_left_over_does_not_ask_who_holds_it():
     white, force = (0.1, 0.1, 0.02, 0.03), rng.normal(size=(W, K, 2))
     latent = rng.normal(size=(W, 3)) * [1.0, 1.0, 0.0]
 
-    def of(d: np.ndarray) -> LeftOver:
+    def of(d: np.ndarray, *blind: int) -> LeftOver:
         residuals = np.zeros((W, K, 4))
         residuals[..., 2:] = -(force - d[:, None, :2]) / white[2:]
+        residuals[..., blind] = np.nan
         residuals[7] = np.nan
         z = np.zeros((W, 14))
         z[:, LATENT] = d
@@ -112,6 +115,18 @@ def test_what_is_left_over_does_not_ask_who_holds_it():
     np.testing.assert_allclose(one.y, other.y, atol=1e-12)
     means = force.reshape(W * 5, 2, 2).mean(axis=1)
     np.testing.assert_allclose(one.y[:35, :2, 0], means[:35], atol=1e-12)
+    sideways = of(latent, SURGE)
+    np.testing.assert_array_equal(sideways.y[:, 1], one.y[:, 1])
+    assert np.isnan(sideways.y[:, 0]).all()
+
+
+def test_noise_of_every_day_without_a_yaw_rate():
+    rng, data, force = world(3, 0.5, minutes=2.0)
+    seen = measured(rng, data, force)
+    seen.y[:, 2] = np.nan
+    about = rough(seen)
+    found, height = calm(seen, about, steps=3)
+    assert np.isfinite(about).all() and np.isfinite(found).all() and np.isfinite(height)
 
 
 def test_waves_are_found_with_direction_and_size():

@@ -14,6 +14,7 @@ from sim.identify.structured.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFS
 SLOW = 6
 HZ = (0.005, 0.45)  # where periods are sought: slower is "slow", faster than the nodes can follow
 PEAKS = 2
+MOST_S = 3600.0  # for which periods are told apart: logs may lie days apart
 WORD = ("time",)
 
 
@@ -56,7 +57,7 @@ def by_period(basis: Basis) -> Iterator[Group]:
 
 def _peaks(clock_s: np.ndarray, signals: Functions) -> dict[str, list[float]]:
     """Frequencies [Hz] at which each is largest."""
-    span = max(float(np.ptp(clock_s)), 1.0)
+    span = min(max(float(np.ptp(clock_s)), 1.0), MOST_S)
     grid = np.arange(*HZ, 0.25 / span)
     spectra = np.abs(np.exp(-2j * np.pi * grid[:, None] * clock_s) @ np.stack(list(signals.values()), axis=1))
     found: dict[str, list[float]] = {name: [] for name in signals}

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.terms import RHO_AIR
-from sim.diagnose.candidate import Z95, Candidate
+from sim.diagnose.candidate import NATS, Z95, Candidate
 from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.diagnose.catalogue.parts import wind_force
 from sim.diagnose.effect import Effect, Scene
@@ -47,11 +47,14 @@ class Chance:
 
 
 def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = ()) -> list[Chance]:
-    """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there."""
+    """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there.
+
+    For 12 nats: what chance does varies more than the search's causes, and its echoes count for nothing from then on.
+    """
     found = [about_nlos(fit, model)]
     if np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any():  # without accelerometers nothing shows them
         found += [about_waves(fit, model), *(about_gusts(fit, model, c) for c in causes if c.id == "wind")]
-    accepted = [c for c in found if c is not None and c.candidate.accepted]
+    accepted = [c for c in found if c is not None and c.candidate.accepted and c.candidate.nats >= NATS]
     return sorted(accepted, key=lambda c: -c.candidate.nats)
 
 

@@ -15,16 +15,20 @@ SCALE = np.array([0.2] * 6 + [0.3])
 
 def rough(data: LeftOver) -> np.ndarray:
     """Nuisance parameters (7,) from differences (white) and from what these leave (ambient)."""
-    with np.errstate(all="ignore"):
-        quick = np.nanstd(np.diff(data.y, axis=0), axis=(0, 2)) / np.sqrt(2)
-        slow = np.nanstd(data.y, axis=(0, 2))
-    quick = np.maximum(np.nan_to_num(quick, nan=1e-3), 1e-6)
+    quick = np.maximum(_spread(np.diff(data.y, axis=0)) / np.sqrt(2), 1e-6)
+    slow = _spread(data.y)
     out = np.empty(NUISANCE)
     out[WHITE] = np.log(0.8 * quick)
     out[AMBIENT] = np.log(0.7 * np.sqrt(np.maximum(slow**2 - quick**2, (0.3 * quick) ** 2)))
     out[2] -= np.log(2.0)  # a rate over some 2 s, as an acceleration
     out[TIME] = np.log(AMBIENT_TIME_S)
     return out
+
+
+def _spread(y: np.ndarray) -> np.ndarray:
+    """Standard deviation of each channel of y (T, 3, B), (3,); of one that was never measured a small one, assumed."""
+    channels = (values[np.isfinite(values)] for values in np.moveaxis(y, 1, 0))
+    return np.array([values.std() if len(values) else 1e-3 for values in channels])
 
 
 def prior(nuisance: np.ndarray, about: np.ndarray) -> np.ndarray:

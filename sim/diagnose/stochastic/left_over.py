@@ -58,7 +58,7 @@ def left_over(fit: Fit, model: Model, step_s: float, block_s: float) -> LeftOver
     to_imu = np.array([[1.0, 0.0, -imu.y_m], [0.0, 1.0, imu.x_m]])
     decay = -float(point.state.A[..., 5, 5].mean())
     force = error[..., SURGE : SWAY + 1] + (d @ to_imu.T)[:, None]
-    usual = _usual_step(windows.t_s[:, :K][np.isfinite(force[..., 0])])
+    usual = _usual_step(windows.t_s[:, :K][np.isfinite(force).any(axis=-1)])
     step_s = max(1, round(step_s / usual)) * usual
     longest = max(float(windows.t_s[span, -1].max() - windows.t_s[span, 0].min()) for span in windows.spans)
     steps = max(1, int(np.ceil(min(block_s, longest) / step_s - 1e-6)))

@@ -68,11 +68,15 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What to report; ids of causes of the right kind whose form is in doubt, and of those that are not to be named."""
+    """What to report; ids of causes of the right kind whose form is in doubt, and of those that are not to be named,
+
+    of which `outdone` are those for which one group stands.
+    """
 
     adequacy: Adequacy
     doubtful: frozenset[str] = frozenset()
     withdrawn: frozenset[str] = frozenset()
+    outdone: frozenset[str] = frozenset()
 
 
 def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Echoes = SILENCE) -> LeftOver:
@@ -170,18 +174,19 @@ def adequacy(
     if withdrawn:
         model = model if causes else selection.base
         found = left_over(fit, model, causes, echoes)
-    first = found
+    first, outdone = found, frozenset()
     if causes and (found.counted or len(causes) >= MANY):
         first = left_over(fit, selection.base, [], echoes)
         if not known and _stand_in(causes, found, first):
-            withdrawn, causes, found, model = withdrawn | set(causes), [], first, selection.base
+            outdone = frozenset(causes)
+            withdrawn, causes, found, model = withdrawn | outdone, [], first, selection.base
     said, words = checks(found, model, ambient), depends_on(found, first)
     if not echoes.far_out:
         out = far_out(model.point)
         said, words = (out, *said), words if out.passed else tuple(dict.fromkeys((*words, "position")))
     report = Adequacy(passed=not any(c.decides and not c.passed for c in said), checks=said, depends_on=words)
     doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.counted))
-    return Judgement(report, doubtful, frozenset(withdrawn))
+    return Judgement(report, doubtful, frozenset(withdrawn), outdone)
 
 
 def _stand_in(causes: Sequence[str], found: LeftOver, first: LeftOver) -> bool:

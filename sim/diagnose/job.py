@@ -45,6 +45,7 @@ TOLD_S = 10  # horizon by which causes are judged on held-out logs
 FORM_DOUBT = 0.1
 """Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
 UNNEEDED = "small faults of other kinds, together, explain the same"
+OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
 HARMFUL = "it makes the readings of the held-out logs worse"
 Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
@@ -145,6 +146,7 @@ def diagnose(
     if verdict.causes and not known and _harmful(judged):
         verdict = _taken_back(fit, verdict, ambient, adequacy)
         mended = mend(fit, plain, verdict.selection.final, ())
+        judged = score(data.held_out, vessel, fit.effects, believed | {"extended": plain}, fit.physics, seed)
     apart = identifiability(fit, verdict.selection) if identifiability else None
     say(STEPS[3], "", 1.0)
     return Diagnosis(
@@ -217,7 +219,8 @@ def _verdict(
         sound = adequate(fit, found.selection, ambient, echoes, known)
         doubtful, left = sound.doubtful, sound.adequacy
         if sound.withdrawn:
-            withdrawn = {c.effect.name: UNNEEDED for c in found.causes if c.fitted in sound.withdrawn}
+            why = {id_: OUTDONE if id_ in sound.outdone else UNNEEDED for id_ in sound.withdrawn}
+            withdrawn = {c.effect.name: why[c.fitted] for c in found.causes if c.fitted in why}
             found = found.without(fit, sound.withdrawn)
     named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
     same = {n.effect.name: n.effect.same_as for n in named}

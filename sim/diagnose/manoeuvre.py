@@ -118,7 +118,7 @@ class Planner:
             chosen.append(best.segment)
             H, left_s = H + best.H, left_s - best.duration_s
             now = self._nats(H, effects, confused)
-        return chosen or [candidates[0].segment]
+        return chosen or [c.segment for c in candidates[:1]]
 
     def _candidates(self, library: Excitation, effects: Sequence[Effect], names: set[str]) -> list[_Candidate]:
         slow = any(family(name) in SLOW for name in names)

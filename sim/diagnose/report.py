@@ -198,7 +198,7 @@ def _apart(found: Diagnosis) -> list[Section]:
     if len(close) > CONFUSED:
         lines.append(f"So it is with {len(close) - CONFUSED} pairs more.")
     if told.apart.hidden:
-        lines.append(f"These logs would not have shown at all: {', '.join(told.apart.hidden)}.")
+        lines.append(f"These logs might not have shown, even of medium size: {', '.join(told.apart.hidden)}.")
     figure = confusion(told.apart)
     return [
         Section(
@@ -223,8 +223,9 @@ def _visible(found: Diagnosis) -> Section:
     return Section(
         "What these logs would have shown",
         tables=(Table(("effect", "from this size on", "smallest size worth a name"), tuple(rows)),),
-        note="A true size that these logs would have named on average; much larger ones are not there. What is not in "
-        "the table no size of it would have shown in these logs, or it was named.",
+        note="A true size that these logs would have named on average; much larger ones are not there. Not in the "
+        "table: what was named, what these logs would not have shown at any size, and what is looked for in other ways "
+        "(rate limits, swapped thrusters, waves, gusts, fixes without line of sight).",
     )
 
 

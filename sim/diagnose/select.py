@@ -174,13 +174,17 @@ class Selector:
         return sorted(found.values(), key=lambda c: -scores[c.id])
 
     def of(self, base: Model, names: Sequence[str]) -> Selection:
-        """These causes and no others, however small: of variants of one name those that explain most."""
+        """These causes and no others, however small: of variants of one name those that explain most.
+
+        Of a value beyond its limits nothing is known of how small it may be.
+        """
         model, ranking = base, self.screen(base)
         for name in names:
             best = next(c for c in ranking if self.by_id[c.id].name == name)
             model = self.refit(model, model.believed | {best.id}, {best.id: self._start(model, best)})
             ranking = self.screen(model)
-        return Selection(base, model, [self._judged(model, id_) for id_ in sorted(model.believed)], ranking)
+        judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
+        return Selection(base, model, [replace(c, lower=max(c.lower, 0.0)) for c in judged], ranking)
 
     def without(self, selection: Selection, gone: Collection[str]) -> Selection:
         """`selection` with the causes `gone` (ids) taken back, and the others refitted."""

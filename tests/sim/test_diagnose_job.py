@@ -202,10 +202,11 @@ def test_findings_are_plain_json(weak):
 def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak, tmp_path, capsys):
     """A yaw inertia that was not changed comes out as next to nothing beside the thruster that was."""
     words = f"diagnose {weak[0]}/drive.csv --vessel {BOATS}/aritra.toml --no-report --out {tmp_path}/out"
-    believed = " --believe thruster_gain:front_port --believe yaw_inertia"
+    believed = " --believe thruster_gain:front_port --believe yaw_inertia --believe rate_limit"
     assert main(shlex.split(words + believed)) == 0
     found = {c.name: c for c in said(tmp_path / "out").causes}
-    assert set(found) == {"thruster_gain:front_port", "yaw_inertia"}
+    assert set(found) == {"thruster_gain:front_port", "yaw_inertia", "rate_limit"}
+    assert found["rate_limit"].size_low >= 0.0, "though there is none, and slowness cannot be less than nil"
     gain, inertia = found["thruster_gain:front_port"].parameters["gain"], found["yaw_inertia"].parameters["I_z_kg_m2"]
     assert gain.ci95[0] < 0.5 < gain.ci95[1] and inertia.ci95[0] < 0 < inertia.ci95[1]
     assert main(shlex.split(f"{words}2 --believe teather")) == 2
@@ -222,3 +223,4 @@ def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monk
     assert found.files.extended == found.files.refitted and found.selection.final is found.selection.base
     assert any("thruster_gain:front_port was found in the fitted logs" in line for line in sentences(found))
     assert found.adequacy is not None and not found.adequacy.passed, "the base alone leaves the thruster over"
+    assert found.held_out.nats["extended"] == pytest.approx(found.held_out.nats["refit"]), "as in the files"

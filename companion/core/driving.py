@@ -24,7 +24,6 @@ from companion.core.fallback import FallbackSettings, command
 from companion.core.messages import (
     Alert,
     GuidanceReference,
-    Message,
     OverrideLease,
     PlanDeadline,
     PlanResult,
@@ -32,15 +31,13 @@ from companion.core.messages import (
     StateEstimate,
 )
 from companion.core.modes import THRUSTERS
-from companion.core.pilot_state import PilotSettings, PilotState
+from companion.core.pilot_state import Outputs, PilotSettings, PilotState
 from companion.core.thrusters import NEUTRAL_US
 
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""
 REMEMBERED_TICKS = 20
 """Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
-
-Outputs = list[Message]
 
 
 class Driving:

@@ -40,9 +40,8 @@ from companion.core.messages import (
 )
 from companion.core.mission import Mission
 from companion.core.path import Path, Waypoint
-from companion.core.pilot_state import PilotSettings, PilotState
+from companion.core.pilot_state import Outputs, PilotSettings, PilotState
 
-Outputs = list[Message]
 Handler = Callable[[PilotState, Any, int], tuple[PilotState, Outputs]]
 
 

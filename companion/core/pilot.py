@@ -17,11 +17,9 @@ from companion.core.driving import Driving
 from companion.core.estimator import Estimator
 from companion.core.hearing import Handler, Hearing
 from companion.core.messages import Message, PlanDeadline, PlanResult, StateEstimate, Tick
-from companion.core.pilot_state import PilotSettings, PilotState
+from companion.core.pilot_state import Outputs, PilotSettings, PilotState
 
 __all__ = ["Pilot", "PilotSettings", "PilotState"]
-
-Outputs = list[Message]
 
 
 class Pilot:

@@ -14,7 +14,7 @@ from companion.core.fence import Fence
 from companion.core.frozen import Repeats
 from companion.core.guidance import GuidanceSettings, GuidanceState
 from companion.core.lookout import Lookout
-from companion.core.messages import Mode, PlanResult, StateEstimate
+from companion.core.messages import Message, Mode, PlanResult, StateEstimate
 from companion.core.mission import Mission
 from companion.core.modes import Helm
 from companion.core.nmpc import NmpcSettings
@@ -28,6 +28,9 @@ from companion.core.vessel_file import VesselFile
 from companion.core.watch import Watch
 
 NOTHING_SEEN, NOTHING_WATCHED = Lookout(), Watch()
+
+Outputs = list[Message]
+"""What the boat's rooms want done, said or logged, in this order."""
 
 
 @dataclass(frozen=True)

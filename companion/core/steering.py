@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.core import guidance, modes, sticks
-from companion.core.messages import Message, ModeStatus
+from companion.core.messages import ModeStatus
 from companion.core.modes import THRUSTERS, Event, Helm
-from companion.core.pilot_state import PilotState
+from companion.core.pilot_state import Outputs, PilotState
 
 TOLD_NS = 1_000_000_000
 """A ModeStatus at least so often."""
-
-Outputs = list[Message]
 
 
 def event(state: PilotState, name: Event, why: str, t_ns: int) -> tuple[PilotState, Outputs]:

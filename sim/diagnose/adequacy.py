@@ -68,9 +68,10 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What to report; ids of causes of the right kind whose form is in doubt, and of those that are not to be named,
+    """What to report, and ids of causes.
 
-    of which `outdone` are those for which one group stands.
+    `doubtful`: of the right kind, their form is in doubt; `withdrawn`: not to be named; `outdone`, of these: because
+    one group stands for all.
     """
 
     adequacy: Adequacy

@@ -49,7 +49,7 @@ def beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
 def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:
     """Whether values are within their limits, or beyond them by no more than their error may be."""
     slack = BEYOND * np.sqrt(np.diag(C))
-    lower, upper = (np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper"))
+    lower, upper = effect.limits()
     return bool(((values >= lower - slack) & (values <= upper + slack)).all())
 
 

@@ -108,6 +108,10 @@ class Effect:
         """Sigma and mean of each parameter while the effect is believed in, (k,)."""
         return np.array([p.prior for p in self.parameters]), np.array([p.mean for p in self.parameters])
 
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest value of each parameter, (k,)."""
+        return np.array([p.lower for p in self.parameters]), np.array([p.upper for p in self.parameters])
+
     def tolerance(self) -> np.ndarray:
         """Sigma of each parameter while the effect is not believed in, (k,). Of many places only one is true."""
         if self.family == "base":

@@ -144,7 +144,7 @@ class Fit:
     ) -> tuple[Point, bool]:
         """As `solve`, and whether the last step promised less than `tolerance` [nats]."""
         prior = self.prior(chosen, believed)
-        lower, upper = (np.array([getattr(p, k) for e in chosen for p in e.parameters]) for k in ("lower", "upper"))
+        lower, upper = (np.concatenate(each) for each in zip(*(e.limits() for e in chosen), strict=True))
         point, promised = self.point(theta, z, chosen, before), np.inf
         for _ in range(steps):
             point, promised = self._step(point, chosen, believed, prior, (lower, upper))

@@ -131,7 +131,7 @@ class Selector:
         shares = SHARES if any(e.far for e in tried) else (1.0,)
         points = []
         for share in shares:
-            guess = theta | {i: _within(share * v, self.by_id[i]) for i, v in values.items()}
+            guess = theta | {i: np.clip(share * v, *self.by_id[i].limits()) for i, v in values.items()}
             points.append(self.fit.solve(guess, start.point.z, chosen, believed, steps=1, before=start.point))
         prior = self.fit.prior(chosen, believed)
         costs = np.nan_to_num([self.fit.cost(p, chosen, prior) for p in points], nan=np.inf)
@@ -262,7 +262,7 @@ class Selector:
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
         effect = self.by_id[c.id]
-        return _within(self._nearer(model, effect) if effect.starts else c.values, effect)
+        return np.clip(self._nearer(model, effect) if effect.starts else c.values, *effect.limits())
 
     def _nearer(self, model: Model, effect: Effect) -> np.ndarray:
         assert effect.starts
@@ -284,11 +284,6 @@ class Selector:
 def makes_room(before: Model, after: Model) -> bool:
     """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
     return before.believed <= after.believed or after.evidence - before.evidence >= NATS
-
-
-def _within(values: np.ndarray, effect: Effect) -> np.ndarray:
-    """`values` of the parameters of `effect`, moved to their limits where they are beyond."""
-    return np.clip(values, *(np.array([getattr(p, k) for p in effect.parameters]) for k in ("lower", "upper")))
 
 
 def stated_noise(vessel) -> Noise:

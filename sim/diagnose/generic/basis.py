@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
-from sim.diagnose.catalogue.parts import ahead_starboard, north_east
+from sim.diagnose.catalogue.parts import ahead_starboard, hull_damping, north_east
 from sim.diagnose.effect import Effect, Parameter, Scene, Values
 from sim.diagnose.generic.group import SIZES, Group, group, means
 from sim.diagnose.linear import Point
@@ -58,6 +59,7 @@ class Basis:
         """Over ground, north and east, (W, 2)."""
         return np.stack(north_east(self.psi, self.x[:, 3], self.x[:, 4]), axis=1)
 
+    @cached_property
     def water(self) -> list[np.ndarray]:
         """Accelerations (W, 3) of a current of 1 m/s to the north, to the east."""
 
@@ -68,6 +70,11 @@ class Basis:
         effect = Effect("generic:flow", "generic", "", "", parameters, {"water": flow})
         out = self.physics.accelerations([effect], {}, self.point.state, [effect]).nodes
         return [self.mean(out[..., i]) for i in range(2)]
+
+    @cached_property
+    def damping(self) -> np.ndarray:
+        """Accelerations by a share of the hull's damping, (W, 3)."""
+        return -self.mean(hull_damping(self.physics.vessel, self.scene)) @ self.turn
 
     def on_nodes(
         self, name: str, words: tuple[str, ...], kind: str, entries: Sequence[int | np.ndarray], functions: Functions

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim.diagnose.catalogue.parts import hull_damping
 from sim.diagnose.generic.basis import Basis
 from sim.diagnose.generic.group import Group
 from sim.identify.structured.noise import BIAS_AX, BIAS_AY, OFFSET
@@ -29,8 +28,8 @@ def by_position(basis: Basis) -> Iterator[Group]:
     yield basis.on_nodes("pull over position", word, "force", pulls, far | fields)
     yield basis.on_nodes("heading error over position", word, "heading", [OFFSET], fields)
     broad = {key: value for key, value in fields.items() if sum(map(int, key)) < ORDER}
-    yield basis.on_nodes("water over position", word, "water", basis.water(), broad)
-    yield basis.on_nodes("damping over position", word, "share", [_damping(basis)], broad)
+    yield basis.on_nodes("water over position", word, "water", basis.water, broad)
+    yield basis.on_nodes("damping over position", word, "share", [basis.damping], broad)
     centre = places.mean(axis=0)
     strain = {"north": basis.x[:, 0] - centre[0], "east": basis.x[:, 1] - centre[1]}
     yield basis.on_nodes("scale of places", word, "strain", [0, 1], strain)
@@ -41,18 +40,13 @@ def by_heading(basis: Basis) -> Iterator[Group]:
     """Waves over the heading, and constants of the world, which the boat feels by its heading."""
     word, constant = ("heading",), {"1": np.ones(basis.W)}
     yield basis.on_nodes("steady force over ground", word, "force", basis.axes("NE"), constant)
-    yield basis.on_nodes("steadily moving water", word, "water", basis.water(), constant)
+    yield basis.on_nodes("steadily moving water", word, "water", basis.water, constant)
     yield basis.on_nodes("steady heading error", word, "heading", [OFFSET], constant)
     bends = {f"{k}{w.__name__}": w(k * basis.psi) for k in range(1, BENDS + 1) for w in (np.cos, np.sin)}
     waves, two = (dict(list(bends.items())[: 2 * k]) for k in (TURNS, 2))
     yield basis.on_nodes("force over heading", word, "force", basis.axes("XYK"), waves)
-    drag = [_damping(basis) * axis for axis in np.eye(3)]
+    drag = [basis.damping * axis for axis in np.eye(3)]
     yield basis.on_nodes("damping over heading", word, "share", drag, bends)
     yield basis.on_nodes("heading error over heading", word, "heading", [OFFSET], waves)
     yield basis.on_nodes("specific force over heading", word, "accel", [BIAS_AX, BIAS_AY], two)
     yield basis.on_nodes("place error over heading", word, "place", [0, 1], two)
-
-
-def _damping(basis: Basis) -> np.ndarray:
-    """Accelerations by a share of the hull's damping, (W, 3)."""
-    return -basis.mean(hull_damping(basis.physics.vessel, basis.scene)) @ basis.turn

@@ -13,11 +13,7 @@ from sim.diagnose.generic.basis import Basis
 from sim.diagnose.generic.group import Group
 from sim.diagnose.residue import volts
 
-PLAY = (
-    0.02,
-    0.05,
-    0.1,
-)  # of the largest pulse, to either side, by which a command must turn round first; assumed
+PLAY = (0.02, 0.05, 0.1)  # of the largest pulse, to either side: a command must turn so far first; assumed
 STEP_S = 0.05  # half of it to either side, for how fast thrust changes; assumed
 AGO_S = (0.1, 0.2, 0.4, 0.8)  # as it was so long ago: lags and delays are shorter than the last; assumed
 
@@ -25,15 +21,16 @@ AGO_S = (0.1, 0.2, 0.4, 0.8)  # as it was so long ago: lags and delays are short
 def by_thruster(basis: Basis) -> Iterator[Group]:
     """Each alone, all alike, and each beside each other."""
     f, n = basis.f, len(basis.names)
-    largest = _largest(basis)
+    largest = max(float(np.abs(f).max()), 1e-9)
     share = f / largest
-    root = np.sqrt(np.abs(share))
+    root = np.sign(f) * np.sqrt(np.abs(share))
     step = (_past(basis, -STEP_S / 2) - _past(basis, STEP_S / 2)) / STEP_S
     since = {s: _past(basis, s) - f for s in AGO_S}
+    play = {f"play {b:g}": v for b, v in _play(basis, root, largest).items()}
     kinds = (
-        ("thrust", "map", {"1": f, "2": f * np.abs(share), "3": f * share**2, "root": np.sign(f) * root * largest,
+        ("thrust", "map", {"1": f, "2": f * np.abs(share), "3": f * share**2, "root": root * largest,
                            "modulus": np.abs(f)}),
-        ("thrust after changes", "past", {f"play {b:g}": v for b, v in _play(basis, largest).items()} | {"rate": step}),
+        ("thrust after changes", "past", play | {"rate": step}),
         ("past thrust", "past", {f"{s:g} s": v for s, v in since.items()}
          | {f"{s:g} s, large": v * np.abs(v) / largest for s, v in since.items()}),
     )  # fmt: skip
@@ -69,36 +66,29 @@ def by_voltage(basis: Basis) -> Iterator[Group]:
         yield basis.of_thrust("thrust over voltage", ("voltage",), {str(k): basis.f * off**k for k in (1, 2)})
 
 
-def _largest(basis: Basis) -> float:
-    return max(float(np.abs(basis.f).max()), 1e-9)
-
-
 def _past(basis: Basis, ago_s: float) -> np.ndarray:
     """Thruster forces so long ago, log by log, (W, K + 1, n)."""
     out, windows = np.empty_like(basis.f), basis.physics.windows
-    for log in np.unique(windows.run):
-        mine = windows.run == log
-        t_s, f = windows.t_s[mine].ravel(), basis.f[mine].reshape(-1, basis.f.shape[2])
+    for log in windows.spans:
+        t_s, f = windows.t_s[log].ravel(), basis.f[log].reshape(-1, basis.f.shape[2])
         then = [np.interp(t_s - ago_s, t_s, column) for column in f.T]
-        out[mine] = np.stack(then, axis=1).reshape(out[mine].shape)
+        out[log] = np.stack(then, axis=1).reshape(out[log].shape)
     return out
 
 
-def _play(basis: Basis, largest: float) -> dict[float, np.ndarray]:
+def _play(basis: Basis, root: np.ndarray, largest: float) -> dict[float, np.ndarray]:
     """What thrust changes by where it only follows once a command has turned round by more than the play, log by log.
 
-    Commands are taken for the root of thrust, as a rotor's pulses nearly are. (W, K + 1, n) by play.
+    Commands are taken for the `root` of thrust over the largest, as a rotor's pulses nearly are. (W, K + 1, n) by play.
     """
-    root = np.sign(basis.f) * np.sqrt(np.abs(basis.f) / largest)
     held, widths = np.empty((len(PLAY), *root.shape)), np.array(PLAY)[:, None]
-    for log in np.unique(basis.physics.windows.run):
-        mine = basis.physics.windows.run == log
-        asked = root[mine].reshape(-1, root.shape[2])
+    for log in basis.physics.windows.spans:
+        asked = root[log].reshape(-1, root.shape[2])
         kept = np.empty((len(PLAY), *asked.shape))
         now = np.tile(asked[0], (len(PLAY), 1))
         for i, s in enumerate(asked):
             kept[:, i] = now = np.clip(now, s - widths, s + widths)
-        held[:, mine] = kept.reshape(len(PLAY), *root[mine].shape)
+        held[:, log] = kept.reshape(len(PLAY), *root[log].shape)
     return {b: h * np.abs(h) * largest - basis.f for b, h in zip(PLAY, held, strict=True)}
 
 

@@ -24,7 +24,7 @@ def by_time(basis: Basis) -> Iterator[Group]:
     phase = np.pi * (basis.clock - low) / max(high - low, 1.0)
     slow = {str(k): np.cos(k * phase) for k in range(1, SLOW + 1)}
     yield basis.on_nodes("force over time", WORD, "force", basis.axes("NEK"), slow)
-    yield basis.on_nodes("water over time", WORD, "water", basis.water(), {"0": np.ones(basis.W)} | slow)
+    yield basis.on_nodes("water over time", WORD, "water", basis.water, {"0": np.ones(basis.W)} | slow)
     n, waves = len(basis.names), {k: basis.f * v[:, None, None] for k, v in slow.items()}
     for i, name in enumerate([*basis.names, "all"]):
         mine = np.eye(n)[i] if i < n else np.ones(n)

@@ -268,9 +268,9 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
 
 
 def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
-    """Noise after a look at the residuals and the evidence; True when it hardly changed. Sensors that hardly changed
+    """Noise after a look at the residuals and the evidence; True when it hardly changed.
 
-    stay as they were, which saves a linearisation.
+    White noise that hardly changed stays as it was, which saves a linearisation.
     """
     found, change = rescaled(fit.noise, point.at, fit.stated)
     noise, same = (fit.noise, True) if change < SAME_WHITE else (found, False)

@@ -227,9 +227,10 @@ class Selector:
     def _best(self, model: Model, ranking: list[Candidate]) -> tuple[Model | None, list[tuple[str, float]]]:
         """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
 
-        If it is not, the special case that it contains may be: there is more to it, which adequacy will tell. What
-        is a special case of the candidate is not believed in beside it: it makes room if the candidate explains that
-        much more than it did.
+        If it is not, the special case that it contains may be: there is more to it, which adequacy will tell. Of those
+        that then explain more, the acceptable ones are nil behind; the others could not be named themselves. What is a
+        special case of the candidate is not believed in beside it: it makes room if the candidate explains that much
+        more than it did.
         """
         hopeful = [c for c in ranking if c.nats >= HOPEFUL and c.size > 0.7]
         if not hopeful:
@@ -257,7 +258,9 @@ class Selector:
         if not sure[best]:
             return None, []
         one = tried[best][0]
-        return one, [(self.by_id[i].name, one.evidence - m.evidence) for m, i in tried[best + 1 :]]
+        others = [k for k in range(len(tried)) if k > best or (k < best and sure[k])]
+        behind = [(self.by_id[tried[k][1]].name, max(one.evidence - tried[k][0].evidence, 0.0)) for k in others]
+        return one, behind
 
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""

@@ -177,24 +177,45 @@ def test_a_special_case_makes_room_only_for_what_explains_more():
     assert makes_room(steady, model(1.0, "current", "lag")), "judged by its own nats"
 
 
-def test_a_special_case_that_stays_does_not_end_the_search():
-    """A turning current gains 10 nats over the steady one, in whose place it would come; a lag 9 beside it."""
-    fit, _ = bench()
-    selector = Selector(fit)
-    steady = Model(frozenset({"current"}), SimpleNamespace(cost=100.0), None, (), None, 0.0)
-    turning = next(e.id for e in fit.effects if e.name == "turning_current")
-    gains = {turning: 10.0, "lag": 9.0}
-
-    def candidate(id_):
-        return Candidate(id_, 500.0, 500.0, np.ones(len(fit.effects)), np.eye(1), 9.0, 8.0)
-
+def searching(before: Model, gains: dict[str, float], refused: tuple[str, ...] = ()) -> Selector:
+    """A search whose refits end with the evidence `gains` (by id), of which all but `refused` are acceptable."""
+    selector = Selector(bench()[0])
     selector.refit = lambda _start, believed, values: replace(
-        steady, believed=believed, evidence=gains[next(iter(values))]
+        before, believed=believed, evidence=gains[next(iter(values))]
     )
     selector._start = lambda _model, _candidate: np.zeros(1)
-    selector._judged = lambda _model, id_: candidate(id_)
-    best, behind = selector._best(steady, [candidate(turning), candidate("lag")])
+    selector._judged = lambda _model, id_: hopeful(id_, 0.5 if id_ in refused else 8.0)
+    return selector
+
+
+def hopeful(id_: str, lower: float = 8.0) -> Candidate:
+    return Candidate(id_, 500.0, 500.0, np.ones(len(bench()[0].effects)), np.eye(1), 9.0, lower)
+
+
+def before(*believed: str) -> Model:
+    return Model(frozenset(believed), SimpleNamespace(cost=100.0), None, (), None, 0.0)
+
+
+def turning() -> str:
+    return next(e.id for e in bench()[0].effects if e.name == "turning_current")
+
+
+def test_a_special_case_that_stays_does_not_end_the_search():
+    """A turning current gains 10 nats over the steady one, in whose place it would come; a lag 9 beside it."""
+    steady = before("current")
+    selector = searching(steady, {turning(): 10.0, "lag": 9.0})
+    best, behind = selector._best(steady, [hopeful(turning()), hopeful("lag")])
     assert best is not None and best.believed == {"current", "lag"} and not behind
+
+
+def test_what_explains_more_than_the_special_case_that_is_taken_is_told_if_it_could_be_named():
+    """A turning current is too small, the steady one is taken in its place: a lag explains more than that."""
+    nothing, gains = before(), {turning(): 30.0, "lag": 25.0, "current": 20.0}
+    ranking = [hopeful(id_) for id_ in gains]
+    best, behind = searching(nothing, gains, (turning(),))._best(nothing, ranking)
+    assert best is not None and best.believed == {"current"} and behind == [("lag", 0.0)]
+    best, behind = searching(nothing, gains, (turning(), "lag"))._best(nothing, ranking)
+    assert best is not None and best.believed == {"current"} and not behind
 
 
 def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():

@@ -193,21 +193,19 @@ def verdict_of(
     rivals: Mapping[str, Sequence[tuple[str, float]]],
     same: Mapping[str, Sequence[str]],
     adequacy: Adequacy | None,
-) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
-    """Verdict, causes that may be named, and those that cannot be told from them.
+) -> tuple[Verdict, tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Verdict, causes that may be named, and by cause, named or not, those that cannot be told from it.
 
     `rivals`: by cause, (other, nats by which it explains less); `same`: by cause, others of its equivalence class.
     Without `adequacy` nothing counts as left over.
     """
     close = {
-        name: [other for other, behind in rivals.get(name, ()) if behind < RIVAL_NATS
-               and other not in names and other not in same.get(name, ())]
+        name: tuple(other for other, behind in rivals.get(name, ()) if behind < RIVAL_NATS
+                    and other not in names and other not in same.get(name, ()))
         for name in names
     }  # fmt: skip
-    others = tuple(dict.fromkeys(other for name in names for other in close[name]))
+    confused = {name: others for name, others in close.items() if others}
     if adequacy is not None and not adequacy.passed:
         sure = tuple(name for name in names if not close[name])
-        return ("partial" if sure else "unknown"), sure, others
-    if others:
-        return "ambiguous", tuple(names), others
-    return ("named" if names else "none"), tuple(names), ()
+        return ("partial" if sure else "unknown"), sure, confused
+    return ("ambiguous" if confused else "named" if names else "none"), tuple(names), confused

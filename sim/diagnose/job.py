@@ -66,12 +66,15 @@ class Data:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is said of the causes. `withdrawn`: by name of those that were found and then taken back, why."""
+    """What is said of the causes. `confused`: by name of a cause, named or not, those that it cannot be told from.
+
+    `withdrawn`: by name of those that were found and then taken back, why.
+    """
 
     selection: Selection
     causes: tuple[Named, ...]
     verdict: record.Verdict
-    ambiguous_with: tuple[str, ...]
+    confused: dict[str, tuple[str, ...]]
     adequacy: record.Adequacy | None
     withdrawn: dict[str, str]
 
@@ -80,7 +83,7 @@ class Verdict:
 class Diagnosis:
     """Everything. `refit`: the base with coefficients and gains only, against which gain is counted.
 
-    `refit_point`: where it stands on the fitted logs; `ambient`: noise of the reference log.
+    `refit_point`: where it stands on the fitted logs; `ambient`: noise of the reference log; `confused`: see `Verdict`.
     """
 
     base: VesselFile
@@ -93,7 +96,7 @@ class Diagnosis:
     reference: str
     causes: tuple[Named, ...]
     verdict: record.Verdict
-    ambiguous_with: tuple[str, ...]
+    confused: dict[str, tuple[str, ...]]
     withdrawn: dict[str, str]
     adequacy: record.Adequacy | None
     identifiability: ToldApart | None
@@ -103,6 +106,11 @@ class Diagnosis:
     problems: dict[str, list[Problem]]
     seed: int
     runtime_s: float
+
+    @property
+    def ambiguous_with(self) -> tuple[str, ...]:
+        """All that one of the causes cannot be told from."""
+        return tuple(dict.fromkeys(other for others in self.confused.values() for other in others))
 
 
 def diagnose(
@@ -160,7 +168,7 @@ def diagnose(
         reference=reference.meta.source if reference is not None else "",
         causes=verdict.causes,
         verdict=verdict.verdict,
-        ambiguous_with=verdict.ambiguous_with,
+        confused=verdict.confused,
         withdrawn=verdict.withdrawn,
         adequacy=verdict.adequacy,
         identifiability=apart,
@@ -224,9 +232,9 @@ def _verdict(
             found = found.without(fit, sound.withdrawn)
     named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
     same = {n.effect.name: n.effect.same_as for n in named}
-    verdict, names, others = record.verdict_of(list(same), found.selection.rivals, same, left)
+    verdict, names, confused = record.verdict_of(list(same), found.rivals(fit), same, left)
     causes = tuple(n for n in named if n.effect.name in names)
-    return Verdict(found.selection, causes, verdict, others, left, withdrawn)
+    return Verdict(found.selection, causes, verdict, confused, left, withdrawn)
 
 
 def _taken_back(fit: Fit, verdict: Verdict, ambient: Noise | None, adequate: Adequate | None) -> Verdict:
@@ -234,7 +242,7 @@ def _taken_back(fit: Fit, verdict: Verdict, ambient: Noise | None, adequate: Ade
     withdrawn = verdict.withdrawn | {n.effect.name: HARMFUL for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
     left = adequate(fit, selection, ambient, SILENCE, False).adequacy if adequate else None
-    return Verdict(selection, (), "unknown", (), left, withdrawn)
+    return Verdict(selection, (), "unknown", {}, left, withdrawn)
 
 
 def _harmful(judged: HeldOutScore) -> bool:

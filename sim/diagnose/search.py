@@ -36,6 +36,21 @@ class Found:
     selection: Selection
     causes: tuple[Cause, ...]
 
+    def rivals(self, fit: Fit) -> dict[str, list[tuple[str, float]]]:
+        """By cause, what explains nearly as much and how far it is behind [nats], all by their names in findings.
+
+        What is part of another cause, or contains it, is there already: that is no rival.
+        """
+        called = {c.fitted: c.effect.name for c in self.causes if c.fitted}
+        found: dict[str, list[tuple[str, float]]] = {}
+        for fitted, rivals in self.selection.rivals.items():
+            name = called.get(fitted, fitted)
+            others = [c.effect for c in self.causes if c.effect.name != name]
+            parts, wholes = {e.contains for e in others}, {e.name for e in others}
+            there = parts | {e.name for e in fit.effects if e.contains in wholes}
+            found[name] = [(called.get(rival, rival), behind) for rival, behind in rivals if rival not in there]
+        return found
+
     def without(self, fit: Fit, gone: Collection[str]) -> Found:
         """The causes `gone` (ids of entries of the fit) taken back, and the others as they fit then."""
         selection = Selector(fit).without(self.selection, gone)

@@ -38,8 +38,7 @@ def sentences(found: Diagnosis) -> list[str]:
         lines += [_left_over(found), *_doubtful(found)]
     lines += [f"{name} was found in the fitted logs and is not named all the same: {why}."
               for name, why in found.withdrawn.items()]  # fmt: skip
-    if found.ambiguous_with:
-        lines.append(_ambiguous(found))
+    lines += [f"These logs cannot tell {name} from {', '.join(others)}." for name, others in found.confused.items()]
     lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
     if found.causes:
         lines += [_gain(found.held_out, len(found.causes)), *_outside(found)]
@@ -90,11 +89,6 @@ def _left_over(found: Diagnosis) -> str:
 def _doubtful(found: Diagnosis) -> list[str]:
     names = [n.effect.name for n in found.causes if n.form_doubtful]
     return [f"What is left over is of the kind of {name}: it may be there in another form." for name in names]
-
-
-def _ambiguous(found: Diagnosis) -> str:
-    mine = ", ".join(n.effect.name for n in found.causes) or "the cause"
-    return f"These logs cannot tell {mine} from {', '.join(found.ambiguous_with)}."
 
 
 def _same(name: str, others: Sequence[str]) -> str:

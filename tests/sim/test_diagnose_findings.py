@@ -1,10 +1,17 @@
 """Verdicts from what was found, and files named by a user."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 from boats import boat
 
 from companion.core.config import ConfigError
+from sim.diagnose.candidate import Candidate
+from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.findings import Adequacy, verdict_of
+from sim.diagnose.search import Cause, Found
 from sim.diagnose.user import user_effects
 
 GOOD, BAD = Adequacy(passed=True), Adequacy(passed=False, depends_on=("heading",))
@@ -13,22 +20,61 @@ GOOD, BAD = Adequacy(passed=True), Adequacy(passed=False, depends_on=("heading",
 @pytest.mark.parametrize(
     ("names", "rivals", "adequacy", "wanted"),
     [
-        ([], {}, None, ("none", (), ())),
-        ([], {}, GOOD, ("none", (), ())),
-        ([], {}, BAD, ("unknown", (), ())),
-        (["lag"], {}, GOOD, ("named", ("lag",), ())),
-        (["lag"], {}, BAD, ("partial", ("lag",), ())),
-        (["lag"], {"lag": [("dead_time", 5.9)]}, GOOD, ("ambiguous", ("lag",), ("dead_time",))),
-        (["lag"], {"lag": [("dead_time", 6.1)]}, GOOD, ("named", ("lag",), ())),
-        (["lag"], {"lag": [("dead_time", -2.0)]}, None, ("ambiguous", ("lag",), ("dead_time",))),
-        (["lag", "dead_time"], {"lag": [("dead_time", 1.0)]}, GOOD, ("named", ("lag", "dead_time"), ())),
-        (["lag", "wash"], {"lag": [("dead_time", 1.0)]}, BAD, ("partial", ("wash",), ("dead_time",))),
-        (["lag"], {"lag": [("dead_time", 1.0)]}, BAD, ("unknown", (), ("dead_time",))),
-        (["accel_bias"], {"accel_bias": [("tilt", 0.0)]}, GOOD, ("named", ("accel_bias",), ())),
+        ([], {}, None, ("none", (), {})),
+        ([], {}, GOOD, ("none", (), {})),
+        ([], {}, BAD, ("unknown", (), {})),
+        (["lag"], {}, GOOD, ("named", ("lag",), {})),
+        (["lag"], {}, BAD, ("partial", ("lag",), {})),
+        (["lag"], {"lag": [("dead_time", 5.9)]}, GOOD, ("ambiguous", ("lag",), {"lag": ("dead_time",)})),
+        (["lag"], {"lag": [("dead_time", 6.1)]}, GOOD, ("named", ("lag",), {})),
+        (
+            ["lag", "wash"],
+            {"lag": [("wind", 9.0)], "wash": [("dead_time", 1.0), ("tether", 2.0)]},
+            GOOD,
+            ("ambiguous", ("lag", "wash"), {"wash": ("dead_time", "tether")}),
+        ),
+        (["lag"], {"lag": [("dead_time", -2.0)]}, None, ("ambiguous", ("lag",), {"lag": ("dead_time",)})),
+        (["lag", "dead_time"], {"lag": [("dead_time", 1.0)]}, GOOD, ("named", ("lag", "dead_time"), {})),
+        (["lag", "wash"], {"lag": [("dead_time", 1.0)]}, BAD, ("partial", ("wash",), {"lag": ("dead_time",)})),
+        (["lag"], {"lag": [("dead_time", 1.0)]}, BAD, ("unknown", (), {"lag": ("dead_time",)})),
+        (["accel_bias"], {"accel_bias": [("tilt", 0.0)]}, GOOD, ("named", ("accel_bias",), {})),
     ],
 )
 def test_the_verdict(names, rivals, adequacy, wanted):
     assert verdict_of(names, rivals, {"accel_bias": ("tilt",)}, adequacy) == wanted
+
+
+def cause(name: str, fitted: str, contains: str = "") -> Cause:
+    return Cause(entry(name, contains), Candidate(fitted, 50.0, 50.0, np.ones(1), np.eye(1), 5.0, 4.0), fitted)
+
+
+def entry(name: str, contains: str = "") -> Effect:
+    return Effect(name, "hull", "", "", (Parameter("a", "1", 1.0, 1.0, 0.3),), {}, contains=contains)
+
+
+def test_rivals_have_the_names_of_findings_and_are_not_there_already():
+    """A wind that was gusty in the end, a current that was steady, a tether at one of its places."""
+    fit: Any = SimpleNamespace(effects=[entry("turning_current", "current"), entry("current"), entry("lag")])
+    rivals = {
+        "wind": [("tether", 2.0), ("turning_current", 3.0), ("lag", 4.0)],
+        "tether": [("wind", 1.0)],
+        "current": [("turning_current", 5.0)],
+    }
+    selection: Any = SimpleNamespace(rivals=rivals)
+    causes = (cause("gusty_wind", "wind"), cause("tether", "tether@-0.6"), cause("current", "current"))
+    found = Found(selection, causes).rivals(fit)
+    assert found == {
+        "gusty_wind": [("tether", 2.0), ("lag", 4.0)],
+        "tether": [("gusty_wind", 1.0)],
+        "current": [("turning_current", 5.0)],
+    }
+    assert verdict_of([c.effect.name for c in causes], found, {}, GOOD)[2] == {
+        "gusty_wind": ("lag",),
+        "current": ("turning_current",),
+    }
+    turned = (cause("lag", "lag"), cause("turning_current", "turning_current@0.1", "current"))
+    late: Any = SimpleNamespace(rivals={"lag": [("current", 0.5), ("wash", 1.0)]})
+    assert Found(late, turned).rivals(fit) == {"lag": [("wash", 1.0)]}
 
 
 @pytest.mark.parametrize(

@@ -135,8 +135,13 @@ def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
 
 
 def test_what_cannot_be_told_apart_is_said(weak):
-    lines = sentences(dataclasses.replace(weak[2], verdict="ambiguous", ambiguous_with=("lag",)))
-    assert "These logs cannot tell thruster_gain:front_port from lag." in lines
+    """Of two causes the one that is in doubt, also where that one is not named for it."""
+    told = {"ambiguous": weak[2].causes * 2, "partial": weak[2].causes}
+    for verdict, causes in told.items():
+        found = dataclasses.replace(weak[2], verdict=verdict, causes=causes, confused={"wash": ("lag", "tether")})
+        said_so = [line for line in sentences(found) if line.startswith("These logs cannot tell")]
+        assert said_so == ["These logs cannot tell wash from lag, tether."]
+        assert found.ambiguous_with == ("lag", "tether")
 
 
 def test_results_are_never_overwritten(weak, capsys):

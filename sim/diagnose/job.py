@@ -46,6 +46,7 @@ FORM_DOUBT = 0.1
 """Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
 UNNEEDED = "small faults of other kinds, together, explain the same"
 OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
+FALLEN = "beside the causes that are left it is not sure, or not large, enough"
 HARMFUL = "it makes the readings of the held-out logs worse"
 Say = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
@@ -223,18 +224,35 @@ def _verdict(
     doubtful: frozenset[str] = frozenset()
     left: record.Adequacy | None = None
     if adequate:
-        echoes = Echoes.of(c.effect.name for c in found.causes)
-        sound = adequate(fit, found.selection, ambient, echoes, known)
+        sound, found, withdrawn = _standing(fit, found, ambient, adequate, known)
         doubtful, left = sound.doubtful, sound.adequacy
-        if sound.withdrawn:
-            why = {id_: OUTDONE if id_ in sound.outdone else UNNEEDED for id_ in sound.withdrawn}
-            withdrawn = {c.effect.name: why[c.fitted] for c in found.causes if c.fitted in why}
-            found = found.without(fit, sound.withdrawn)
     named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
     same = {n.effect.name: n.effect.same_as for n in named}
     verdict, names, confused = record.verdict_of(list(same), found.rivals(fit), same, left)
     causes = tuple(n for n in named if n.effect.name in names)
     return Verdict(found.selection, causes, verdict, confused, left, withdrawn)
+
+
+def _standing(
+    fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate, known: bool
+) -> tuple[Judgement, Found, dict[str, str]]:
+    """What is left over, the causes that can stand, and by name why the others are taken back.
+
+    Judged anew where it was judged beside a cause that fell with them, or by the echoes of one that is gone.
+    """
+    withdrawn: dict[str, str] = {}
+    while True:
+        before, echoes = found, Echoes.of(c.effect.name for c in found.causes)
+        sound = adequate(fit, found.selection, ambient, echoes, known)
+        if not sound.withdrawn:
+            return sound, found, withdrawn
+        found = before.without(fit, sound.withdrawn)
+        names = {c.effect.name for c in found.causes}
+        why = {id_: OUTDONE if id_ in sound.outdone else UNNEEDED for id_ in sound.withdrawn}
+        gone = {c.effect.name: why.get(c.fitted, FALLEN) for c in before.causes if c.effect.name not in names}
+        withdrawn |= gone
+        if FALLEN not in gone.values() and Echoes.of(names) == echoes:
+            return sound, found, withdrawn
 
 
 def _taken_back(fit: Fit, verdict: Verdict, ambient: Noise | None, adequate: Adequate | None) -> Verdict:

@@ -187,7 +187,10 @@ class Selector:
         return Selection(base, model, [replace(c, lower=max(c.lower, 0.0)) for c in judged], ranking)
 
     def without(self, selection: Selection, gone: Collection[str]) -> Selection:
-        """`selection` with the causes `gone` (ids) taken back, and the others refitted."""
+        """`selection` with the causes `gone` (ids) taken back, and the others refitted.
+
+        Those that do not stand without them go as well.
+        """
         kept = [c.id for c in selection.causes if c.id not in gone]
         names = {self.by_id[i].name for i in kept}
         rivals = {name: others for name, others in selection.rivals.items() if name in names}
@@ -195,8 +198,11 @@ class Selector:
             return replace(selection, final=selection.base, causes=[], rivals=rivals)
         nil = {i: np.zeros(len(self.by_id[i].parameters)) for i in gone if self.by_id[i].everyday}
         model = self.refit(selection.final, frozenset(kept), nil)
+        causes = self._pruned(model)
+        if fallen := set(kept) - {c.id for c in causes}:
+            return self.without(replace(selection, final=model), fallen.union(gone))
         self.complete(model)
-        return replace(selection, final=model, causes=self._pruned(model), rivals=rivals)
+        return replace(selection, final=model, causes=causes, rivals=rivals)
 
     def _judged(self, model: Model, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""

@@ -24,7 +24,7 @@ from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
 from sim.diagnose.physics import Physics
 from sim.diagnose.search import search
-from sim.diagnose.select import Model, Selector, makes_room, stated_noise
+from sim.diagnose.select import Model, Selection, Selector, makes_room, stated_noise
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.rows import Pushes, sensitivities
 from sim.identify.teleop import teleop_run
@@ -216,6 +216,21 @@ def test_what_explains_more_than_the_special_case_that_is_taken_is_told_if_it_co
     assert best is not None and best.believed == {"current"} and behind == [("lag", 0.0)]
     best, behind = searching(nothing, gains, (turning(), "lag"))._best(nothing, ranking)
     assert best is not None and best.believed == {"current"} and not behind
+
+
+def test_what_does_not_stand_without_a_cause_that_is_taken_back_goes_too():
+    """The lag is too small without the wash, and the refit that counts is the one without both."""
+    selector = Selector(bench()[0])
+    there = {"wash", "lag", "payload"}
+    tried: list[frozenset[str]] = []
+    selector.refit = lambda _start, believed, _values: tried.append(believed) or before(*believed)
+    selector._judged = lambda _model, id_: hopeful(id_, 0.5 if id_ == "lag" else 8.0)
+    selector.complete = lambda _model: None
+    rivals = {"lag": [("dead_time", 1.0)], "payload": []}
+    whole = Selection(before(), before(*there), [hopeful(id_) for id_ in sorted(there)], [], rivals)
+    left = selector.without(whole, {"wash"})
+    assert [c.id for c in left.causes] == ["payload"] and left.final.believed == {"payload"}
+    assert tried == [{"lag", "payload"}, {"payload"}] and left.rivals == {"payload": []}
 
 
 def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():

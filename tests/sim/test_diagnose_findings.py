@@ -8,7 +8,10 @@ import pytest
 from boats import boat
 
 from companion.core.config import ConfigError
+from sim.diagnose import job
+from sim.diagnose.adequacy import Judgement
 from sim.diagnose.candidate import Candidate
+from sim.diagnose.echoes import SILENCE, Echoes
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.findings import Adequacy, verdict_of
 from sim.diagnose.search import Cause, Found
@@ -75,6 +78,31 @@ def test_rivals_have_the_names_of_findings_and_are_not_there_already():
     turned = (cause("lag", "lag"), cause("turning_current", "turning_current@0.1", "current"))
     late: Any = SimpleNamespace(rivals={"lag": [("current", 0.5), ("wash", 1.0)]})
     assert Found(late, turned).rivals(fit) == {"lag": [("wash", 1.0)]}
+
+
+def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_without_their_echoes(monkeypatch):
+    """A gusty wind that smooth functions make unnecessary, and a wash that was there only beside it; then a tether."""
+    judged = iter(Judgement(left, withdrawn=frozenset({id_})) for left, id_ in ((GOOD, "wind"), (BAD, "tether")))
+    stay = iter([{"lag", "tether"}, {"lag"}])
+    asked: list[Echoes] = []
+
+    def adequate(_fit, _selection, _ambient, echoes, _known):
+        asked.append(echoes)
+        return next(judged)
+
+    def without(found, _fit, _gone):
+        names = next(stay)
+        return Found(found.selection, tuple(c for c in found.causes if c.effect.name in names))
+
+    monkeypatch.setattr(Found, "without", without)
+    none: Any = None
+    causes = (cause("gusty_wind", "wind"), *(cause(name, name) for name in ("wash", "lag", "tether")))
+    sound, found, withdrawn = job._standing(none, Found(none, causes), None, adequate, False)
+    assert [c.effect.name for c in found.causes] == ["lag"] and not sound.adequacy.passed
+    assert withdrawn == {"gusty_wind": job.UNNEEDED, "wash": job.FALLEN, "tether": job.UNNEEDED}
+    assert asked == [Echoes.of(["gusty_wind"]), SILENCE], (
+        "and no more: a tether has no echoes, and nothing fell with it"
+    )
 
 
 @pytest.mark.parametrize(

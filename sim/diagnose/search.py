@@ -9,11 +9,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from sim.diagnose.candidate import Candidate
-from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, effects
+from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES, effects
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.select import Say, Selection, Selector
-from sim.diagnose.stochastic import Chance, about_nlos, stochastic
+from sim.diagnose.stochastic import Chance, about_nlos, shaken, stochastic
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,22 @@ def search(
 ) -> Found:
     """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
 
-    `believed`: names of causes that are there for sure; no others are looked for. ValueError for one that is none.
+    `believed`: names of causes that are there for sure; no others are looked for. ValueError for one that is none, or
+    that no sensor of these logs shows.
     """
     selector = Selector(fit, say)
     known = _entries(fit, believed)
     say("base", 0.0)
     base = selector.base()
+    if not shaken(base) and (blind := [name for name in believed if name in (WAVES.name, GUSTY_WIND.name)]):
+        raise ValueError(f"believe {blind[0]!r}: accelerations alone show it, and these logs have none")
     blocked = about_nlos(fit, base) if NLOS.name not in without else None
-    if blocked is not None and blocked.candidate.accepted and blocked.fix_weight is not None:
+    if blocked is not None and (blocked.candidate.accepted or NLOS.name in believed) and blocked.fix_weight is not None:
         fit.lineariser.weight = blocked.fix_weight
         base = selector.base(base.noise)
     selection = selector.of(base, known) if believed else selector.run(base)
     say("waves, gusts, fixes without line of sight", 0.9)
-    by_chance = [c for c in stochastic(fit, selection.final, selection.causes)
+    by_chance = [c for c in stochastic(fit, selection.final, selection.causes, believed)
                  if c.effect.name not in without and (not believed or c.effect.name in believed)]  # fmt: skip
     return Found(selection, _together(fit, selection, by_chance))
 

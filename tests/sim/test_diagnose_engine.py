@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import msgspec
 import numpy as np
+import polars as pl
 import pytest
 from boats import boat
 from hypothesis import given, settings
@@ -25,6 +26,7 @@ from sim.diagnose.fit import Fit
 from sim.diagnose.physics import Physics
 from sim.diagnose.search import search
 from sim.diagnose.select import Model, Selection, Selector, makes_room, stated_noise
+from sim.identify.run import Run
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.rows import Pushes, sensitivities
 from sim.identify.teleop import teleop_run
@@ -237,6 +239,24 @@ def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():
     fit, _ = bench()
     with pytest.raises(ValueError, match="'turning_current' or 'current', not both"):
         search(fit, believed=("current", "turning_current"))
+
+
+def test_causes_of_chance_that_are_there_for_sure_are_reported_however_small():
+    """Of a calm log (seed 21), which shows none of them; a gusty wind stands for the wind."""
+    fit = Fit(Physics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
+    found = search(fit, believed=("waves", "gusty_wind", "nlos"))
+    assert {c.effect.name for c in found.causes} == {"waves", "gusty_wind", "nlos"}
+    for cause in found.causes:
+        se = np.sqrt(np.diag(cause.candidate.covariance))
+        assert 0 <= cause.candidate.lower < 1 and 0 < se[0] < 10 * cause.effect.parameters[0].smallest
+
+
+def test_causes_that_no_sensor_shows_are_refused():
+    none = pl.lit(None, dtype=pl.Float64)
+    deaf = Run(short().table.with_columns(ax_m_s2=none, ay_m_s2=none), short().meta)
+    fit = Fit(Physics([deaf], VESSEL, 1.0), catalogue(VESSEL, [deaf]), stated_noise(VESSEL))
+    with pytest.raises(ValueError, match="believe 'waves': accelerations alone show it, and these logs have none"):
+        search(fit, believed=("lag", "waves"))
 
 
 def test_an_unknown_hook_is_refused():

@@ -9,7 +9,7 @@ itself, is safe from them. `stochastic` is to be asked twice:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,16 +46,28 @@ class Chance:
     fix_weight: np.ndarray | None = None
 
 
-def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = ()) -> list[Chance]:
+def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = (), sure: Collection[str] = ()) -> list[Chance]:
     """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there.
 
     For 12 nats: what chance does varies more than the search's causes, and its echoes count for nothing from then on.
+    `sure`: names of those that are there, however small.
     """
     found = [about_nlos(fit, model)]
-    if np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any():  # without accelerometers nothing shows them
-        found += [about_waves(fit, model), *(about_gusts(fit, model, c) for c in causes if c.id == "wind")]
-    accepted = [c for c in found if c is not None and c.candidate.accepted and c.candidate.nats >= NATS]
-    return sorted(accepted, key=lambda c: -c.candidate.nats)
+    if shaken(model):
+        wind = [c for c in causes if c.id == "wind"]
+        found.append(about_waves(fit, model, WAVES.name in sure))
+        found += [about_gusts(fit, model, c, GUSTY_WIND.name in sure) for c in wind]
+    named = [c for c in found if c is not None and (c.effect.name in sure or _accepted(c.candidate))]
+    return sorted(named, key=lambda c: -c.candidate.nats)
+
+
+def shaken(model: Model) -> bool:
+    """Whether accelerations were measured: without them nothing shows waves or gusts."""
+    return bool(np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any())
+
+
+def _accepted(candidate: Candidate) -> bool:
+    return candidate.accepted and candidate.nats >= NATS
 
 
 def about_nlos(fit: Fit, model: Model) -> Chance | None:
@@ -69,14 +81,14 @@ def about_nlos(fit: Fit, model: Model) -> Chance | None:
     return Chance(NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.sighted)
 
 
-def about_waves(fit: Fit, model: Model) -> Chance | None:
-    """Waves, if a quick look shows any worth a name."""
+def about_waves(fit: Fit, model: Model, sure: bool = False) -> Chance | None:
+    """Waves, if a quick look shows any worth a name; if they are there for `sure`, what looks most like them."""
     whole = left_over(fit, model, waves.STEP_S, np.inf)
     seen = waves.look(whole)
-    if seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N:
+    if not sure and (seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N):
         return None
     found = waves.waves(left_over(fit, model, waves.STEP_S, waves.BLOCK_S), seen)
-    if found.width > waves.MOST_WIDTH:
+    if not sure and found.width > waves.MOST_WIDTH:
         return None
     F_w, share = waves.rms_force(whole, found.beta_rad, found.T_p_s)
     own = found.peak.covariance[[waves.T_P, waves.BETA], [waves.T_P, waves.BETA]]
@@ -89,8 +101,8 @@ def about_waves(fit: Fit, model: Model) -> Chance | None:
     return Chance(WAVES, _candidate(WAVES, nats, values, np.diag(sigma**2)), form_doubtful=doubt)
 
 
-def about_gusts(fit: Fit, model: Model, wind: Candidate) -> Chance | None:
-    """Whether the wind that was found comes and goes; nats over a steady wind."""
+def about_gusts(fit: Fit, model: Model, wind: Candidate, sure: bool = False) -> Chance | None:
+    """Whether the wind that was found comes and goes, or for `sure` how much; nats over a steady wind."""
     pressure = float(np.hypot(*wind.values))
     if pressure <= 0:
         return None
@@ -114,7 +126,7 @@ def about_gusts(fit: Fit, model: Model, wind: Candidate) -> Chance | None:
         time * np.sqrt(found.peak.covariance[gusty.TIME, gusty.TIME]),
     ])  # fmt: skip
     candidate = _candidate(GUSTY_WIND, found.nats, values, np.diag(sigma**2))
-    return Chance(GUSTY_WIND, candidate, replaces="wind") if gustiness > gusty.SMALLEST else None
+    return Chance(GUSTY_WIND, candidate, replaces="wind") if sure or gustiness > gusty.SMALLEST else None
 
 
 def _wind_along(fit: Fit, data: LeftOver, speed: float, beta_deg: float) -> np.ndarray:
@@ -130,5 +142,5 @@ def _candidate(effect: Effect, nats: float, values: np.ndarray, covariance: np.n
     full = np.zeros((len(values), len(values)))
     full[: len(covariance), : len(covariance)] = covariance
     size = float(values[0]) / smallest
-    lower = size - Z95 * float(np.sqrt(full[0, 0])) / smallest
+    lower = max(size - Z95 * float(np.sqrt(full[0, 0])) / smallest, 0.0)
     return Candidate(effect.id, nats, nats, values, full, size, lower)

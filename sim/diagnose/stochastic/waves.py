@@ -111,7 +111,8 @@ def _projected(data: LeftOver, beta: float) -> tuple[np.ndarray, np.ndarray]:
 def rms_force(data: LeftOver, beta: float, period_s: float) -> tuple[float, float]:
     """F_w [N] from the power in the band, whatever its shape, and its relative standard error.
 
-    Ordinates of a periodogram are exponential: var(sum) = sum of S^2, and S^2 is half the mean of its square.
+    Ordinates of a periodogram are exponential: var(sum) = sum of S^2, and S^2 is half the mean of its square. Of next
+    to no power the error is the root of the power's own.
     """
     frequency, power = _projected(data, beta)
     off = frequency * period_s
@@ -120,7 +121,8 @@ def rms_force(data: LeftOver, beta: float, period_s: float) -> tuple[float, floa
     total = max(float((power[inside] - background).sum()), 1e-12)
     spread = TAPER_LOSS * float((power[inside] ** 2).sum()) / 2 / total**2
     rms = np.sqrt(total * frequency[1] / power.shape[1]) / np.sinc(data.step_s / period_s)
-    return float(rms), float(np.hypot(np.sqrt(spread) / 2, MASS_SHARE))
+    share = min(np.sqrt(spread) / 2, spread**0.25)
+    return float(rms), float(np.hypot(share, MASS_SHARE))
 
 
 def beside_peak(data: LeftOver, beta: float, period_s: float) -> float:
@@ -130,7 +132,8 @@ def beside_peak(data: LeftOver, beta: float, period_s: float) -> float:
     background = float(np.median(power[(off > 0.4) & (off < 2.5)]))
 
     def level(at: float) -> float:
-        return float(power[np.abs(off / at - 1) < 0.05].mean()) - background
+        away = np.abs(off / at - 1)
+        return float(power[(away < 0.05) | (away == away.min())].mean()) - background  # one at least, of a short log
 
     return max(level(at) for at in BESIDE) / max(level(1.0), 1e-12)
 

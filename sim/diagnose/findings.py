@@ -92,8 +92,8 @@ class Pair(_Struct, frozen=True, kw_only=True):
 class Identifiability(_Struct, frozen=True, kw_only=True):
     """What these logs can tell apart: pairs below 12 nats, each once, and the weakest above; `nothing`: nats by which
 
-    each cause of medium size would have shown at all. `manoeuvre`: in words what would tell more, `manoeuvre_file` to
-    fly, `manoeuvre_pairs` with the nats that it and these logs would give together, estimated.
+    each cause of medium size would have shown at all (below 9: not named). `manoeuvre`: in words what would tell more,
+    `manoeuvre_file` to fly, `manoeuvre_pairs` with the nats that it and these logs would give together, estimated.
     """
 
     pairs: tuple[Pair, ...] = ()

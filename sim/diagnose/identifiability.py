@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.diagnose.candidate import NATS
+from sim.diagnose.candidate import NAMED, NATS
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
 
@@ -46,7 +46,10 @@ class Apart:
 
     @property
     def confused(self) -> list[tuple[str, str, float]]:
-        """Pairs of causes that the log shows, and cannot tell apart: the weakest first, each two names once."""
+        """Pairs of causes that the log shows by as much as pairs need, and cannot tell apart: the weakest first, each
+
+        two names once.
+        """
         shown = {n for n, nats in zip(self.names, self.nothing, strict=True) if nats >= NATS}
         out: dict[frozenset[str], tuple[str, str, float]] = {}
         for a, b, nats in self.pairs():
@@ -56,8 +59,8 @@ class Apart:
 
     @property
     def hidden(self) -> list[str]:
-        """Causes that the log could not have shown at medium size."""
-        return [n for n, nats in zip(self.names, self.nothing, strict=True) if nats < NATS]
+        """Causes of medium size that the log could not have named."""
+        return [n for n, nats in zip(self.names, self.nothing, strict=True) if nats < NAMED]
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from companion.core.config import ConfigError
 from companion.core.excitation.file import Excitation, Segment, Steps
 from companion.core.site import Site
 from companion.core.vessel_file import VesselFile
-from sim.diagnose.candidate import NATS
+from sim.diagnose.candidate import NAMED, NATS
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
 from sim.diagnose.identifiability import apart
@@ -94,8 +94,8 @@ class Planner:
         candidates, H = self._candidates(library, effects, names), self._of(effects)
         once = self.told(max(candidates, key=lambda c: c.duration_s).run, effects) if candidates else np.zeros_like(H)
         limit = self._nats(H + once + ENDLESS * sum((c.H for c in candidates), np.zeros_like(H)), effects, confused)
-        helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= NATS][:MOST]
-        beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < NATS)
+        helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= needed(pair[1])][:MOST]
+        beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < needed(p[1]))
         segments = self._chosen(candidates, H + once, effects, helped) if helped else []
         excitation = replace(library, name="manoeuvre", segments=tuple(segments))
         run = self._flown(excitation) if segments else None
@@ -103,7 +103,8 @@ class Planner:
             return Plan(None, 0.0, (), beyond)
         after = self._nats(H + self.told(run, effects), effects, helped)
         pairs = tuple((*pair, float(then)) for pair, then in zip(helped, after, strict=True))
-        return Plan(excitation if after.max() >= NATS else None, run.duration_s, pairs, beyond)
+        helps = any(then >= needed(b) for _, b, _, then in pairs)
+        return Plan(excitation if helps else None, run.duration_s, pairs, beyond)
 
     def _chosen(
         self, candidates: Sequence[_Candidate], H: np.ndarray, effects: Sequence[Effect], confused: Confused
@@ -163,6 +164,11 @@ class Planner:
         at = slices(self.fit.effects)
         index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in effects])
         return self._H[np.ix_(index, index)]
+
+
+def needed(rival: str) -> float:
+    """Nats from which on a cause is told from a rival; from nothing, named."""
+    return NAMED if rival == NOTHING else NATS
 
 
 def _worth(now: np.ndarray, then: np.ndarray) -> float:

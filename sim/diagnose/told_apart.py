@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from companion.core.excitation.file import Excitation, excitation_toml
 from companion.core.site import Site
 from sim.diagnose import findings as record
-from sim.diagnose.candidate import NATS
+from sim.diagnose.candidate import NAMED, NATS
 from sim.diagnose.fit import Fit
 from sim.diagnose.identifiability import MEDIUM, Apart, apart
-from sim.diagnose.manoeuvre import ENOUGH, NOTHING, Confused, Plan, Planner
+from sim.diagnose.manoeuvre import ENOUGH, NOTHING, Confused, Plan, Planner, needed
 from sim.diagnose.select import Selection
 
 ASKED = 12  # pairs for which a manoeuvre is looked for, worst first
@@ -53,7 +53,7 @@ def told_apart(
     pairs = _of_named(fit, selection, found)
     if always and not pairs:
         alone = zip(found.names, found.nothing, strict=True)
-        pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < NATS]
+        pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < NAMED]
     plan = None
     if library is not None and pairs:
         plan = Planner(fit, final.reduced.H, final.believed, final.noise, site).plan(library, pairs[:ASKED])
@@ -87,7 +87,7 @@ def _record(found: Apart, plan: Plan | None) -> record.Identifiability:
 
 def sentence(plan: Plan) -> str:
     """What these logs cannot do, and what would."""
-    told = [p for p in plan.pairs if p[3] >= NATS]
+    told = [p for p in plan.pairs if p[3] >= needed(p[1])]
     words = []
     if told and plan.excitation is not None:
         what = ", ".join(dict.fromkeys(s.name for s in plan.excitation.segments))
@@ -96,7 +96,7 @@ def sentence(plan: Plan) -> str:
             f"These logs {_cannot([p[:3] for p in told])}; {plan.duration_s:.0f} s of {what} would "
             f"(estimated {'at least ' if len(told) > 1 else ''}{least:.0f} nats): {record.MANOEUVRE}."
         )
-    lost = [*plan.beyond, *(p for p in plan.pairs if p[3] < NATS)]
+    lost = [*plan.beyond, *(p for p in plan.pairs if p[3] < needed(p[1]))]
     if lost:
         most, pairs = max(0.0, *(p[3] for p in lost)), " nor ".join(_tell(a, b) for a, b, _, _ in lost[:SAID])
         words.append(f"No manoeuvre of the library would {pairs} (at most {int(most)} nats).")

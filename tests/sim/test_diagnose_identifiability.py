@@ -23,7 +23,7 @@ from companion.core.excitation.file import Excitation, load_excitation
 from companion.core.site import load_site
 from companion.core.vessel_file import VesselFile
 from companion.setup import EXAMPLES
-from sim.diagnose.candidate import NATS
+from sim.diagnose.candidate import NAMED, NATS
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import TOLERANCE, Effect, Parameter, slices
 from sim.diagnose.evidence import Prior, Reduced
@@ -130,6 +130,22 @@ def test_causes_with_the_same_columns_are_never_told_apart(seed):
     found = apart(catalogued(effect("one", 0.3), effect("twin", 0.3), effect("other", 0.2)), J.T @ J)
     assert found.nats[0, 1] == pytest.approx(0.0, abs=1e-6) and found.nats[1, 0] == pytest.approx(0.0, abs=1e-6)
     assert found.nothing[0] < (MEDIUM / TOLERANCE) ** 2 / 2, "the twin may explain it, that far out of its band"
+
+
+def test_what_could_have_been_named_is_not_said_to_be_hidden():
+    """From 9 nats a cause is named; a pair takes 12, which a cause that gives less itself cannot reach."""
+    nats = np.full((3, 3), 11.0)
+    np.fill_diagonal(nats, np.nan)
+    found = Apart(("one", "two", "three"), nats, np.array([NAMED - 0.1, NAMED + 0.1, NATS + 0.1]))
+    assert found.hidden == ["one"]
+    assert {p[0] for p in found.confused} == {"three"}
+
+
+def test_a_manoeuvre_shows_a_cause_from_where_it_would_be_named():
+    ten = ((ARM, NOTHING, 3.0, 10.0), (PORT, STARBOARD, 3.0, 10.0))
+    text = sentence(Plan(LIBRARY, 60.0, ten, (("wash", NOTHING, 0.0, 8.9),)))
+    assert text.startswith(f"These logs cannot show {ARM} of medium size (3 nats); 60 s of ")
+    assert f"would show wash of medium size nor tell {PORT} from {STARBOARD} (at most 10 nats)" in text
 
 
 def test_one_class_is_no_pair():

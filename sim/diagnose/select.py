@@ -23,6 +23,8 @@ from sim.identify.structured.noise import Noise, noise_of
 
 REFIT = 3  # how many candidates a round refits
 HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
+SIZED = 0.7  # of the smallest size that a candidate must seem to have to be refitted; assumed
+LOCATED = 0.35  # the same of one of many places or times, which are seen smaller than they are; assumed
 NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
 ROUNDS = 6  # of four steps each, in a refit
@@ -238,9 +240,25 @@ class Selector:
         special case of the candidate is not believed in beside it: it makes room if the candidate explains that much
         more than it did.
         """
-        hopeful = [c for c in ranking if c.nats >= HOPEFUL and c.size > 0.7]
-        if not hopeful:
+        tried = self._refitted(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
+        if not any(self._judged(m, id_).accepted for m, id_ in tried):
+            located = [c for c in ranking if self.by_id[c.id].origin and c.nats >= NATS]
+            tried += self._refitted(model, [c for c in located if SIZED >= c.size > LOCATED])
+        if not tried:
             return None, []
+        tried.sort(key=lambda t: -t[0].evidence)
+        sure = [m.point.cost <= ASTRAY * model.point.cost and self._judged(m, id_).accepted for m, id_ in tried]
+        simpler = self.by_id[tried[0][1]].contains
+        best = 0 if sure[0] else next((k for k, (_, i) in enumerate(tried) if self.by_id[i].name == simpler), 0)
+        if not sure[best]:
+            return None, []
+        one = tried[best][0]
+        others = [k for k in range(len(tried)) if k > best or (k < best and sure[k])]
+        behind = [(self.by_id[tried[k][1]].name, max(one.evidence - tried[k][0].evidence, 0.0)) for k in others]
+        return one, behind
+
+    def _refitted(self, model: Model, hopeful: Sequence[Candidate]) -> list[tuple[Model, str]]:
+        """`model` with each of the best few of `hopeful`, as far as that makes room."""
         tried: list[tuple[Model, str]] = []
         names: set[str] = set()
         for c in hopeful:
@@ -255,18 +273,7 @@ class Selector:
                 after = self.refit(model, believed, {c.id: self._start(model, c)})
                 if makes_room(model, after):
                     tried.append((after, c.id))
-        if not tried:
-            return None, []
-        tried.sort(key=lambda t: -t[0].evidence)
-        sure = [m.point.cost <= ASTRAY * model.point.cost and self._judged(m, id_).accepted for m, id_ in tried]
-        simpler = self.by_id[tried[0][1]].contains
-        best = 0 if sure[0] else next((k for k, (_, i) in enumerate(tried) if self.by_id[i].name == simpler), 0)
-        if not sure[best]:
-            return None, []
-        one = tried[best][0]
-        others = [k for k in range(len(tried)) if k > best or (k < best and sure[k])]
-        behind = [(self.by_id[tried[k][1]].name, max(one.evidence - tried[k][0].evidence, 0.0)) for k in others]
-        return one, behind
+        return tried
 
     def _start(self, model: Model, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""

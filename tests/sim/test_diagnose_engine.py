@@ -190,8 +190,8 @@ def searching(before: Model, gains: dict[str, float], refused: tuple[str, ...] =
     return selector
 
 
-def hopeful(id_: str, lower: float = 8.0) -> Candidate:
-    return Candidate(id_, 500.0, 500.0, np.ones(len(bench()[0].effects)), np.eye(1), 9.0, lower)
+def hopeful(id_: str, lower: float = 8.0, size: float = 9.0) -> Candidate:
+    return Candidate(id_, 500.0, 500.0, np.ones(len(bench()[0].effects)), np.eye(1), size, lower)
 
 
 def before(*believed: str) -> Model:
@@ -218,6 +218,17 @@ def test_what_explains_more_than_the_special_case_that_is_taken_is_told_if_it_co
     assert best is not None and best.believed == {"current"} and behind == [("lag", 0.0)]
     best, behind = searching(nothing, gains, (turning(), "lag"))._best(nothing, ranking)
     assert best is not None and best.believed == {"current"} and not behind
+
+
+def test_what_lies_between_the_places_that_are_tried_seems_small_and_is_refitted_if_nothing_else_stands():
+    zone = next(e.id for e in bench()[0].effects if e.name == "shallow_zone")
+    nothing, gains = before(), {"lag": 20.0, zone: 30.0}
+    small = [hopeful(zone, size=0.5), hopeful("lag")]
+    best, _ = searching(nothing, gains, ("lag",))._best(nothing, small)
+    assert best is not None and best.believed == {zone}
+    best, behind = searching(nothing, gains)._best(nothing, small)
+    assert best is not None and best.believed == {"lag"} and not behind
+    assert searching(nothing, gains)._best(nothing, [hopeful("lag", size=0.5)]) == (None, [])
 
 
 def test_what_does_not_stand_without_a_cause_that_is_taken_back_goes_too():

@@ -3,29 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 from sim.identify.run import Run
 
 
-def clock_start(run: Run, runs: Sequence[Run]) -> float:
-    """When the first row of a run is on the clock that all of them share [s]: by the stamps, else one after the other.
+@dataclass(frozen=True)
+class Clock:
+    """Whole logs, and when the first row of each is [s]: parts of a log are on the clock with it.
 
-    Nought is the first row of all.
+    Nought is the first row of all logs that are fitted.
     """
-    if by_stamps(runs):
-        zero = min(r.meta.zero_ns for r in runs)
-        begins = {id(r): (r.meta.zero_ns - zero) * 1e-9 + float(r.table["t_s"][0]) for r in runs}
-        return begins[id(run)] - min(begins.values())
-    before = 0.0
-    for other in runs:
-        if other is run:
-            break
-        before += other.duration_s
-    return before
+
+    logs: tuple[Run, ...]
+    begins_s: tuple[float, ...]
+
+    @classmethod
+    def of(cls, fitted: Sequence[Run], held_out: Sequence[Run] = ()) -> Clock:
+        """By the stamps, else one after the other. `held_out` move nothing of the others."""
+        logs = _wholes(fitted)
+        others = [log for log in _wholes(held_out) if all(log is not one for one in logs)]
+        both = [*logs, *others]
+        begins = _stamps_s(logs) if by_stamps(logs) else _in_turn_s(logs, 0.0)
+        end = max(begin + log.duration_s for begin, log in zip(begins, logs, strict=True))
+        later = _stamps_s(both)[len(logs) :] if by_stamps(both) else _in_turn_s(others, end)
+        return cls(tuple(both), tuple(begin - min(begins) for begin in [*begins, *later]))
+
+    def ahead_s(self, run: Run) -> float:
+        """What to add to t_s of a log, or of a part of it [s]."""
+        begin = next(begin for log, begin in zip(self.logs, self.begins_s, strict=True) if log is run.whole)
+        return begin - _first_s(run.whole)
+
+    def start_s(self, run: Run) -> float:
+        """When the first row of a log, or of a part of it, is [s]."""
+        return _first_s(run) + self.ahead_s(run)
 
 
-def by_stamps(runs: Sequence[Run]) -> bool:
-    """Whether stamps tell when each was: they differ, or the runs are parts of one log."""
-    spans = sorted((float(r.table["t_s"][0]), float(r.table["t_s"][-1])) for r in runs)
-    return len({r.meta.zero_ns for r in runs}) > 1 or all(a[1] <= b[0] for a, b in pairwise(spans))
+def by_stamps(logs: Sequence[Run]) -> bool:
+    """Whether stamps tell when each log was: they differ, or the logs do not overlap."""
+    spans = sorted((_first_s(log), _first_s(log) + log.duration_s) for log in logs)
+    return len({log.meta.zero_ns for log in logs}) > 1 or all(a[1] <= b[0] for a, b in pairwise(spans))
+
+
+def _wholes(runs: Sequence[Run]) -> list[Run]:
+    """The logs that `runs` are parts of, each once."""
+    return list({id(run.whole): run.whole for run in runs}.values())
+
+
+def _stamps_s(logs: Sequence[Run]) -> list[float]:
+    """When each begins, since t_s = 0 of the first."""
+    return [(log.meta.zero_ns - logs[0].meta.zero_ns) * 1e-9 + _first_s(log) for log in logs]
+
+
+def _in_turn_s(logs: Sequence[Run], begin_s: float) -> list[float]:
+    return [begin_s + sum(log.duration_s for log in logs[:i]) for i in range(len(logs))]
+
+
+def _first_s(run: Run) -> float:
+    return float(run.table["t_s"][0])

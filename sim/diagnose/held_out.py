@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.core.vessel_file import VesselFile
-from sim.diagnose.clock import by_stamps
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
@@ -94,13 +93,13 @@ def score(
     training: Physics,
     seed: int,
 ) -> HeldOutScore:
-    """Held-out `runs` under `models` (by `MODELS`). `training`: whose clock and middle the effects refer to.
+    """Held-out `runs` under `models` (by `MODELS`). `training`: whose middle the effects refer to, and whose clock,
 
-    Raises StructuredFitError or RunError for a run that is too short.
+    which knows the logs of `runs` too. Raises StructuredFitError or RunError for a run that is too short.
     """
-    near = _aligned(Physics(runs, vessel, 1.0), training)
+    near = _aligned(Physics(runs, vessel, 1.0, training.clock), training)
     of, cuts, window_s = _staggered(runs)
-    far = _aligned(Physics(cuts, vessel, window_s), training)
+    far = _aligned(Physics(cuts, vessel, window_s, training.clock), training)
     fit, lines = Fit(near, effects, models["base"].noise), Readings(far)
     squares, nats, tracks = {}, {}, {}
     for name, model in models.items():
@@ -112,12 +111,7 @@ def score(
 
 
 def _aligned(physics: Physics, training: Physics) -> Physics:
-    """Time and middle as in the logs that were fitted."""
-    zero, end = training.runs[0].meta.zero_ns, float(training.clock_s.max())
-    begin, stamped = float(training.clock_s[0, 0] - training.windows.t_s[0, 0]), by_stamps(training.runs)
-    offsets = np.array([begin + (run.meta.zero_ns - zero) * 1e-9 if stamped else end for run in physics.runs])
-    physics.clock_s = physics.windows.t_s + offsets[physics.windows.run][:, None]
-    physics.fix_clock_s = physics.windows.fixes.t_s + offsets[physics.windows.fixes.run]
+    """Middles as of the logs that were fitted."""
     physics.middle_s, physics.centre_m = training.middle_s, training.centre_m
     return physics
 

@@ -17,6 +17,7 @@ from companion.core.vessel_file import VesselFile
 from sim.diagnose import findings as record
 from sim.diagnose.adequacy import Judgement, adequacy
 from sim.diagnose.catalogue import catalogue, unaware
+from sim.diagnose.clock import Clock
 from sim.diagnose.echoes import SILENCE, Echoes
 from sim.diagnose.effect import Effect
 from sim.diagnose.fit import Fit
@@ -58,11 +59,12 @@ Adequate = Callable[[Fit, Selection, Noise | None, Echoes, bool], Judgement]
 
 @dataclass(frozen=True)
 class Data:
-    """What of the logs is fitted and what is held out, in unbroken pieces."""
+    """What of the logs is fitted and what is held out, in unbroken pieces. `clock`: of all logs."""
 
     split: Split
     fitted: list[Run]
     held_out: list[Run]
+    clock: Clock
 
 
 @dataclass(frozen=True)
@@ -140,8 +142,8 @@ def diagnose(
     begun = clock()
     data = _data(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel))), without)
-    fit = Fit(Physics(data.fitted, vessel, WINDOW_S), entries, _stated(vessel, ambient))
+    entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
+    fit = Fit(Physics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, ambient))
     found = search(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
@@ -183,12 +185,13 @@ def diagnose(
 
 
 def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
-    parted = spread(split(_logs(runs), _logs(held_out), vessel, block_s))
+    whole = split(_logs(runs), _logs(held_out), vessel, block_s)
+    parted, clock = spread(whole), Clock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:
         refuse_mistaken(used.log.run)
     outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
-    pieces = ([piece for run in some for piece in unbroken(run)] for some in (parted.fitted, outside))
-    return Data(parted, *pieces)
+    fitted, judged = ([piece for run in some for piece in unbroken(run)] for some in (parted.fitted, outside))
+    return Data(parted, fitted, judged, clock)
 
 
 def _logs(runs: Sequence[Run]) -> list[Log]:

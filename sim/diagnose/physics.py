@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.core.thrusters import configuration_matrix
 from companion.core.vessel_file import VesselFile
-from sim.diagnose.clock import clock_start
+from sim.diagnose.clock import Clock
 from sim.diagnose.compiled import compiled
 from sim.diagnose.effect import Effect, Scene, Values
 from sim.diagnose.propelled import Forces, Propelled
@@ -86,9 +86,9 @@ class State:
 
 
 class Physics:
-    """The model of `vessel` on the windows of `runs`."""
+    """The model of `vessel` on the windows of `runs`. `clock`: of the logs that these are parts of, and of others."""
 
-    def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float):
+    def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float, clock: Clock | None = None):
         fewer = [thinned(run) for run in runs]
         self.runs, self.vessel = tuple(each.run for each in fewer), vessel
         self.windows: Windows = cut(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
@@ -97,9 +97,10 @@ class Physics:
         self.B = configuration_matrix(vessel)
         W, K = self.windows.size
         self._rollout, self._rates, self._slopes, self._M_inv = compiled(vessel, K, W)
-        starts = np.array([clock_start(run, runs) - run.table["t_s"][0] for run in runs])
-        self.clock_s = self.windows.t_s + starts[self.windows.run][:, None]
-        self.fix_clock_s = self.windows.fixes.t_s + starts[self.windows.fixes.run]
+        self.clock = clock or Clock.of(runs)
+        ahead_s = np.array([self.clock.ahead_s(run) for run in runs])
+        self.clock_s = self.windows.t_s + ahead_s[self.windows.run][:, None]
+        self.fix_clock_s = self.windows.fixes.t_s + ahead_s[self.windows.fixes.run]
         self.middle_s = float(self.clock_s.min() + self.clock_s.max()) / 2
         self.centre_m = self.windows.fixes.place_m.mean(axis=0)
         self.thrusters = Propelled(self.runs, vessel, self.windows, [each.width_s for each in fewer])

@@ -1,8 +1,8 @@
 """Parts of a run as runs: blocks of time, alternate blocks, the last share. What is fitted, and what is held out.
 
-A part keeps the run's clock (t_s is not moved) and, before it begins, the rows in which pulse widths or voltage
-changed within `HISTORY_S`, with every sampled column blank: dead time and lag of the thrusters then start from what
-was really commanded, and no measurement from outside the part is in it.
+A part knows its run, keeps its clock (t_s is not moved) and, before it begins, the rows in which pulse widths or
+voltage changed within `HISTORY_S`, with every sampled column blank: dead time and lag of the thrusters then start from
+what was really commanded, and no measurement from outside the part is in it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def part(run: Run, low_s: float, high_s: float, history_s: float = HISTORY_S) ->
         raise RunError(f"{source}: nothing is measured there; the run is from {t_s[0]:g} to {t_s[-1]:g} s")
     before = run.table[begin : int(first)]
     before = before.filter(_changed(before)).with_columns(pl.lit(None, pl.Float64).alias(c) for c in sampled)
-    return Run(pl.concat([before, inside]), replace(run.meta, source=source))
+    return Run(pl.concat([before, inside]), replace(run.meta, source=source), run.whole)
 
 
 def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S) -> list[Run]:

@@ -64,11 +64,13 @@ class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 class Run:
     """One log. `table`: float columns as in docs/run-format.md, `t_s` strictly increasing, no NaN.
 
-    Raises RunError where the table breaks the form.
+    `of`: the log that this one is a part of, or was made from, on the same clock. Raises RunError where the table
+    breaks the form.
     """
 
     table: pl.DataFrame
     meta: RunMeta = field(default_factory=RunMeta)
+    of: Run | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check(self.table, self.meta.source, lambda row: f"row {row}")
@@ -77,6 +79,11 @@ class Run:
     def thrusters(self) -> tuple[str, ...]:
         """Names of the thrusters, in the order of the columns."""
         return tuple(c.removeprefix("pwm_") for c in self.table.columns if c.startswith("pwm_"))
+
+    @property
+    def whole(self) -> Run:
+        """The log that this one is a part of, or this one."""
+        return self.of or self
 
     @property
     def duration_s(self) -> float:
@@ -135,7 +142,7 @@ class Run:
 
     def with_notes(self, notes: Iterable[Problem]) -> Run:
         """The same run with more of what a reader has to say."""
-        return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)))
+        return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)), self.of)
 
     def resampled(self, rate_hz: float, *, max_gap_s: float = 0.5) -> pl.DataFrame:
         """Columns on a grid of `rate_hz` from the first row on.

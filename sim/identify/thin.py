@@ -54,7 +54,8 @@ def thinned(run: Run, rate_hz: float = RATE_HZ) -> Thinned:
     table = run.table.drop(columns).join(mine, on="t_s", how="full", coalesce=True)
     held = [c for c in table.columns if c.startswith(HELD)]
     table = table.sort("t_s").with_columns(pl.col(held).forward_fill())
-    return Thinned(Run(_bare(table, held).select(run.table.columns), run.meta), count * step, t_s, around_s)
+    fewer = Run(_bare(table, held).select(run.table.columns), run.meta, run.whole)
+    return Thinned(fewer, count * step, t_s, around_s)
 
 
 def _means(run: Run, column: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

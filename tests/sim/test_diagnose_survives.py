@@ -16,9 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from sim.diagnose import job
 from sim.diagnose.catalogue import catalogue
-from sim.diagnose.clock import clock_start
+from sim.diagnose.clock import Clock
+from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.fit import Fit
+from sim.diagnose.held_out import MODELS, Believed, score
 from sim.diagnose.mistaken import SLIPS, refuse_mistaken
 from sim.diagnose.pauses import unbroken
 from sim.diagnose.physics import Physics
@@ -36,6 +39,10 @@ DIAGNOSED = [case for case in survive.CASES if not case.words]
 
 def good(uwb_hz: float = 5.0, spins: bool = False, name: str = "aritra") -> Run:
     return survive.log(name, "", survive.SEED, survive.SECONDS, uwb_hz, spins)
+
+
+def other_good() -> Run:
+    return survive.log("aritra", "", survive.SEED + 1, survive.SECONDS, 5.0, False)
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: case.what)
@@ -125,17 +132,73 @@ def test_nothing_but_pauses_is_refused():
         unbroken(Run(pl.concat(rows), run.meta))
 
 
+def again(run: Run, moved_s: float = 0.0, zero_s: int = 0) -> Run:
+    """The same log as another, its t_s moved and its stamp set."""
+    return Run(run.table.with_columns(pl.col("t_s") + moved_s), replace(run.meta, zero_ns=zero_s * 10**9))
+
+
 def test_parts_of_one_log_keep_its_clock_and_logs_without_stamps_follow_one_another():
     run = good()
     pieces = [part(run, 0.0, 30.0), part(run, 70.0, 90.0, 0.0)]
-    assert clock_start(pieces[1], pieces) == pytest.approx(70.0, abs=0.1)
-    since_1970 = Run(run.table.with_columns(pl.col("t_s") + 1.79e9), run.meta)
-    assert clock_start(since_1970, [since_1970]) == 0.0
-    later = Run(run.table, replace(run.meta, zero_ns=500_000_000_000))
-    halves = [run, part(later, 50.0, 99.0, 0.0)]
-    assert clock_start(halves[1], halves) == pytest.approx(550.0, abs=0.1)
-    again = [run, Run(run.table, run.meta)]
-    assert clock_start(again[1], again) == pytest.approx(run.duration_s)
+    assert Clock.of(pieces).start_s(pieces[1]) == pytest.approx(70.0, abs=0.1)
+    since_1970 = again(run, 1.79e9)
+    assert Clock.of([since_1970]).start_s(since_1970) == 0.0
+    halves = [run, part(again(run, zero_s=500), 50.0, 99.0, 0.0)]
+    assert Clock.of(halves).start_s(halves[1]) == pytest.approx(550.0, abs=0.1)
+    other = again(run)
+    assert Clock.of([run, other]).start_s(other) == pytest.approx(run.duration_s)
+
+
+@pytest.mark.parametrize("moved_s", [0.0, 1.79e9])
+def test_nought_is_the_first_row_of_the_log_although_its_beginning_is_not_fitted(moved_s):
+    """Onsets and directions that turn are told from there."""
+    run, vessel = again(good(), moved_s), boat("aritra")
+    late = part(run, moved_s + 40.0, moved_s + 99.0)
+    physics = Physics([late], vessel, 1.0)
+    assert physics.clock_s.min() == pytest.approx(40.0, abs=0.2)
+    onsets = [e.origin["onset_s"] for e in catalogue(vessel, [late]) if e.name == "thruster_fouling:rear_port"]
+    assert onsets and min(onsets) > 40.0
+    first, second = again(run), again(run)
+    both = [part(first, moved_s + 70.0, moved_s + 90.0, 0.0), part(second, moved_s + 20.0, moved_s + 60.0, 0.0)]
+    starts = [Clock.of(both).start_s(piece) for piece in both]
+    assert starts == pytest.approx([70.0, run.duration_s + 20.0], abs=0.1), (
+        "what is not fitted takes its time all the same"
+    )
+
+
+@pytest.mark.parametrize("block_s", [None, 25.0])
+def test_what_is_held_out_of_a_fitted_log_is_on_its_clock(block_s):
+    """Two logs without stamps: in turn, and pieces of each where they are in it."""
+    data = job._data([again(good()), other_good()], (), boat("aritra"), block_s)
+    second = good().duration_s
+    for piece in (*data.fitted, *data.held_out):
+        ahead = 0.0 if piece.whole is data.split.used[0].log.run else second
+        assert data.clock.ahead_s(piece) == pytest.approx(ahead)
+    assert {id(piece.whole) for piece in data.held_out} == {id(used.log.run) for used in data.split.used}
+
+
+def test_logs_that_are_held_out_follow_where_no_stamps_place_them():
+    logs, out = [good(), other_good()], [again(good()), again(good())]
+    starts = [Clock.of(logs, out).start_s(run) for run in out]
+    assert starts == pytest.approx([s + sum(run.duration_s for run in logs) for s in (0.0, good().duration_s)])
+    early = again(good(), zero_s=-500)
+    assert Clock.of([again(good(), zero_s=100)], [early]).start_s(early) == pytest.approx(-600.0)
+
+
+def test_held_out_readings_are_judged_on_the_clock_of_the_fitted_logs():
+    vessel, run = boat("aritra"), good()
+    clock = Clock.of([run])
+    training = Physics([part(run, 0.0, 60.0)], vessel, 1.0, clock)
+    seen = []
+
+    def kept(p, scene):
+        seen.append(float(scene.clock_s.min()))
+        return np.zeros((*scene.t_s.shape, 3))
+
+    mine = Effect("mine", "hull", "", "", (Parameter("p", "1", 1.0, 1.0, 1.0),), {"force": kept})
+    believed = Believed({"mine": np.ones(1)}, stated_noise(vessel))
+    score([part(run, 60.0, 99.0)], vessel, [mine], dict.fromkeys(MODELS, believed), training, 0)
+    assert seen and min(seen) == pytest.approx(60.0, abs=0.2)
 
 
 def test_unknown_pulses_stay_unknown_when_an_effect_changes_pulses():

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.catalogue import chance, environment, hull, propulsion, sensors
-from sim.diagnose.clock import clock_start
+from sim.diagnose.clock import Clock
 from sim.diagnose.effect import Effect
 from sim.identify.run import Run
 
@@ -18,17 +18,23 @@ LONG_S = 1200.0
 ACROSS = 3  # places a side at which the search for a zone starts; assumed
 
 
-def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = ()) -> tuple[Effect, ...]:
-    """All entries for one boat and its logs; `more`: a user's own. ValueError where two have one id."""
+def catalogue(
+    vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = (), clock: Clock | None = None
+) -> tuple[Effect, ...]:
+    """All entries for one boat and its logs; `more`: a user's own; `clock`: as of `Physics`.
+
+    ValueError where two have one id.
+    """
     places = np.concatenate([run.samples("north_m", "east_m")[1] for run in runs])
     low, high = np.quantile(places, (0.05, 0.95), axis=0)
     share = (np.arange(ACROSS) + 0.5) / ACROSS
     centres = tuple(
         (float(n), float(e)) for n in low[0] + share * (high - low)[0] for e in low[1] + share * (high - low)[1]
     )
-    start = min(clock_start(run, runs) for run in runs)
-    end = max(clock_start(run, runs) + run.duration_s for run in runs)
-    onsets = _onsets(runs, start, end)
+    clock = clock or Clock.of(runs)
+    begins, lengths = np.array([(clock.start_s(run), run.duration_s) for run in runs]).T
+    start, end = float(begins.min()), float((begins + lengths).max())
+    onsets = _onsets(begins, lengths, start, end)
     entries = (
         *hull.base(vessel),
         *sensors.base(),
@@ -45,11 +51,10 @@ def catalogue(vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = 
     return entries
 
 
-def _onsets(runs: Sequence[Run], start: float, end: float) -> tuple[float, ...]:
+def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -> tuple[float, ...]:
     """Times at which to look for an onset; where logs span more than `LONG_S`, spread over what was logged alone."""
     if end - start <= LONG_S:
         return tuple(np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
-    begins, lengths = (np.array(v) for v in zip(*((clock_start(r, runs), r.duration_s) for r in runs), strict=True))
     ends = np.cumsum(lengths)
     count = int(min(LONG_S, ends[-1]) // ONSET_STEP_S) or 1
     at = (np.arange(count) + 0.5) / count * ends[-1]

@@ -25,9 +25,9 @@ class Clock:
         logs = _wholes(fitted)
         others = [log for log in _wholes(held_out) if all(log is not one for one in logs)]
         both = [*logs, *others]
-        begins = _stamps_s(logs) if by_stamps(logs) else _in_turn_s(logs, 0.0)
+        begins = _stamps_s(logs) if _by_stamps(logs) else _in_turn_s(logs, 0.0)
         end = max(begin + log.duration_s for begin, log in zip(begins, logs, strict=True))
-        later = _stamps_s(both)[len(logs) :] if by_stamps(both) else _in_turn_s(others, end)
+        later = _stamps_s(both)[len(logs) :] if _by_stamps(both) else _in_turn_s(others, end)
         return cls(tuple(both), tuple(begin - min(begins) for begin in [*begins, *later]))
 
     def ahead_s(self, run: Run) -> float:
@@ -40,10 +40,14 @@ class Clock:
         return _first_s(run) + self.ahead_s(run)
 
 
-def by_stamps(logs: Sequence[Run]) -> bool:
-    """Whether stamps tell when each log was: they differ, or the logs do not overlap."""
-    spans = sorted((_first_s(log), _first_s(log) + log.duration_s) for log in logs)
-    return len({log.meta.zero_ns for log in logs}) > 1 or all(a[1] <= b[0] for a, b in pairwise(spans))
+def _by_stamps(logs: Sequence[Run]) -> bool:
+    """Whether stamps tell when each log was: they are of one clock, and nothing was measured in two logs at one time.
+
+    Stamps since two boots may overlap, and logs without any do. Commands of before a part are in the part before, too.
+    """
+    measured = zip(_zeros_s(logs), (log.measured_s() for log in logs), strict=True)
+    spans = sorted((zero_s + t_s[0], zero_s + t_s[-1]) for zero_s, t_s in measured)
+    return len({log.meta.clock for log in logs}) == 1 and all(a[1] <= b[0] for a, b in pairwise(spans))
 
 
 def _wholes(runs: Sequence[Run]) -> list[Run]:
@@ -51,9 +55,14 @@ def _wholes(runs: Sequence[Run]) -> list[Run]:
     return list({id(run.whole): run.whole for run in runs}.values())
 
 
+def _zeros_s(logs: Sequence[Run]) -> list[float]:
+    """Stamps of t_s = 0, since that of the first."""
+    return [(log.meta.zero_ns - logs[0].meta.zero_ns) * 1e-9 for log in logs]
+
+
 def _stamps_s(logs: Sequence[Run]) -> list[float]:
-    """When each begins, since t_s = 0 of the first."""
-    return [(log.meta.zero_ns - logs[0].meta.zero_ns) * 1e-9 + _first_s(log) for log in logs]
+    """Of the first row of each."""
+    return [zero_s + _first_s(log) for zero_s, log in zip(_zeros_s(logs), logs, strict=True)]
 
 
 def _in_turn_s(logs: Sequence[Run], begin_s: float) -> list[float]:

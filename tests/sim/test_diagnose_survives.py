@@ -26,7 +26,7 @@ from sim.diagnose.mistaken import SLIPS, refuse_mistaken
 from sim.diagnose.pauses import unbroken
 from sim.diagnose.physics import Physics
 from sim.diagnose.select import stated_noise
-from sim.identify.blocks import part
+from sim.identify.blocks import part, parts
 from sim.identify.job_split import JobError
 from sim.identify.run import Run
 
@@ -183,6 +183,25 @@ def test_logs_that_are_held_out_follow_where_no_stamps_place_them():
     assert starts == pytest.approx([s + sum(run.duration_s for run in logs) for s in (0.0, good().duration_s)])
     early = again(good(), zero_s=-500)
     assert Clock.of([again(good(), zero_s=100)], [early]).start_s(early) == pytest.approx(-600.0)
+
+
+def test_stamps_that_overlap_tell_nothing():
+    """Logs of 100 s since two boots, or by two clocks, follow one another; parts that a user cut keep their clock."""
+    run = good()
+    one, two = again(run, zero_s=30), again(run, zero_s=90)
+    assert Clock.of([one, two]).begins_s == pytest.approx((0.0, run.duration_s))
+    assert Clock.of([one], [two]).begins_s == pytest.approx((0.0, run.duration_s))
+    later = again(run, zero_s=230)
+    assert Clock.of([two, later], [one]).begins_s == pytest.approx((0.0, 140.0, 140.0 + run.duration_s))
+    unix = Run(run.table, replace(run.meta, zero_ns=10**18, clock="another"))
+    assert Clock.of([one, unix]).begins_s == pytest.approx((0.0, run.duration_s))
+    halves = [
+        Run(half.table, half.meta)
+        for half in parts(again(run, 1.79e9), [(1.79e9, 1.79e9 + 50), (1.79e9 + 50, 1.79e9 + 99)])
+    ]
+    assert Clock.of(halves).start_s(halves[1]) == pytest.approx(48.0, abs=0.1), (
+        "with the commands of two seconds before"
+    )
 
 
 def test_held_out_readings_are_judged_on_the_clock_of_the_fitted_logs():

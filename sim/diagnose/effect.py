@@ -186,7 +186,10 @@ class Scene:
 
 @dataclass(frozen=True)
 class Sight:
-    """The tag at each position sample, (m,) or (m, 2): when, where the model has it, how it moves (NED)."""
+    """The tag at each position sample, (m,) or (m, 2): when, where the model has it, how it moves (NED).
+
+    `t_s` since the first position of the log, from which a clock drifts; `clock_s` that all logs share.
+    """
 
     t_s: np.ndarray
     clock_s: np.ndarray

@@ -21,6 +21,7 @@ from sim.diagnose.compiled import compiled
 from sim.diagnose.effect import Effect, Scene, Values
 from sim.diagnose.propelled import Forces, Propelled
 from sim.diagnose.theta import Theta, among, secants, values_of
+from sim.identify.calibrated import first_fix_s
 from sim.identify.run import Run
 from sim.identify.structured.data import Windows, cut
 from sim.identify.structured.model import N_HULL
@@ -101,6 +102,7 @@ class Physics:
         ahead_s = np.array([self.clock.ahead_s(run) for run in runs])
         self.clock_s = self.windows.t_s + ahead_s[self.windows.run][:, None]
         self.fix_clock_s = self.windows.fixes.t_s + ahead_s[self.windows.fixes.run]
+        self.first_fix_s = np.array([first_fix_s(run) for run in runs])[self.windows.fixes.run]
         self.middle_s = float(self.clock_s.min() + self.clock_s.max()) / 2
         self.centre_m = self.windows.fixes.place_m.mean(axis=0)
         self.thrusters = Propelled(self.runs, vessel, self.windows, [each.width_s for each in fewer])

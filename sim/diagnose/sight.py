@@ -22,7 +22,7 @@ def sight(
         return np.stack([c * ahead - s * across, s * ahead + c * across], axis=1)
 
     return Sight(
-        when,
+        when - physics.first_fix_s,
         physics.fix_clock_s,
         x[:, 2] + delta_s * r,
         r,

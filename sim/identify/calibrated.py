@@ -1,7 +1,8 @@
 """A run as sensors without the vessel file's known errors would have given it, for whoever fits or compares it.
 
 The equations are those of `companion.core.calibration`, which the filter uses too. Latency and lever arms stay: fits
-estimate them. A drifting stamp moves position samples in time; rows are split and merged accordingly.
+estimate them. A drifting stamp moves position samples in time; rows are split and merged accordingly. It drifts from
+the first position of the whole log on, of which `run` may be a part.
 """
 
 from __future__ import annotations
@@ -25,7 +26,13 @@ def calibrated(run: Run, vessel: VesselFile) -> Run:
     table = _inertial(run.table, imu)
     north, east = place_corrected(uwb, *(table[name].to_numpy() for name in PLACE))
     table = table.with_columns(pl.Series("north_m", north), pl.Series("east_m", east)).fill_nan(None)
-    return Run(_in_time(table, uwb) if uwb.clock_drift_s_s else table, run.meta)
+    return Run(_in_time(table, uwb, first_fix_s(run)) if uwb.clock_drift_s_s else table, run.meta, run.whole)
+
+
+def first_fix_s(run: Run) -> float:
+    """Stamp of the first position of the whole log [s], from which a clock drifts; nil where there is none."""
+    t_s, _ = run.whole.samples(*PLACE)
+    return float(t_s[0]) if len(t_s) else 0.0
 
 
 def _inertial(table: pl.DataFrame, imu: Imu) -> pl.DataFrame:
@@ -40,11 +47,11 @@ def _inertial(table: pl.DataFrame, imu: Imu) -> pl.DataFrame:
     return table.with_columns(**{name: pl.Series(name, values) for name, values in new.items()}).fill_nan(None)
 
 
-def _in_time(table: pl.DataFrame, uwb: Uwb) -> pl.DataFrame:
+def _in_time(table: pl.DataFrame, uwb: Uwb, zero_s: float) -> pl.DataFrame:
     """Position samples `latency_s` after they were taken, as those of an undrifting clock are."""
     placed = table.select("t_s", *PLACE).drop_nulls()
     t = placed["t_s"].to_numpy()
-    since = t - t[0] - uwb.latency_s if len(t) else t
+    since = t - zero_s - uwb.latency_s
     placed = placed.with_columns(t_s=pl.Series(t - since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s)))
     held = [name for name in table.columns if name.startswith(HELD)]
     both = table.drop(PLACE).join(placed, on="t_s", how="full", coalesce=True).sort("t_s")

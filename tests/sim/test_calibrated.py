@@ -7,6 +7,7 @@ from boats import boat
 from msgspec.structs import replace
 
 from companion.core.calibration import heading_applied, imu_applied, place_applied
+from sim.identify.blocks import part
 from sim.identify.calibrated import calibrated
 from sim.identify.run import Run
 
@@ -59,6 +60,14 @@ def test_what_the_sensors_did_is_undone(known):
         assert values == pytest.approx(told, abs=1e-9)
     assert got.commands()[0] == pytest.approx(good.commands()[0], abs=0.06)
     assert (got.commands()[1] == good.commands()[1]).all()
+
+
+def test_a_part_of_a_log_drifts_as_the_log_does():
+    known = vessel(clock_drift_s_s=0.01)
+    whole, piece = (calibrated(run, known).samples("north_m", "east_m") for run in (log(), part(log(), 20.0, 30.0)))
+    assert piece[0] == pytest.approx(whole[0][-len(piece[0]) :]) and len(piece[0]) == 50
+    blank = Run(log().table.with_columns(pl.lit(None, pl.Float64).alias(c) for c in ("north_m", "east_m")))
+    assert not calibrated(blank, known).known("north_m")
 
 
 def test_one_force_without_the_other_is_left_out_where_axes_are_turned():

@@ -19,12 +19,13 @@ from msgspec.structs import replace
 from sim.diagnose import job
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.clock import Clock
-from sim.diagnose.effect import Effect, Parameter
+from sim.diagnose.effect import Effect, Parameter, Sight
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import MODELS, Believed, score
 from sim.diagnose.mistaken import SLIPS, refuse_mistaken
 from sim.diagnose.pauses import unbroken
-from sim.diagnose.physics import Physics
+from sim.diagnose.physics import Physics, State
+from sim.diagnose.readings import Readings
 from sim.diagnose.select import stated_noise
 from sim.identify.blocks import part, parts
 from sim.identify.job_split import JobError
@@ -218,6 +219,32 @@ def test_held_out_readings_are_judged_on_the_clock_of_the_fitted_logs():
     believed = Believed({"mine": np.ones(1)}, stated_noise(vessel))
     score([part(run, 60.0, 99.0)], vessel, [mine], dict.fromkeys(MODELS, believed), training, 0)
     assert seen and min(seen) == pytest.approx(60.0, abs=0.2)
+
+
+def test_a_clock_drifts_from_the_first_position_of_its_log_in_findings_and_files():
+    """Also in a part of a log whose time is counted from 1970, where t_s itself times the drift is weeks."""
+    vessel, run = boat("aritra"), again(good(), 1.79e9)
+    late, drift = part(run, 1.79e9 + 40.0, 1.79e9 + 99.0), 1e-5
+    physics = Physics([late], vessel, 1.0)
+    effect = next(e for e in catalogue(vessel, [late]) if e.name == "clock_drift")
+    fit = Fit(physics, [effect], stated_noise(vessel))
+    state, readings = physics.move([effect], {}, fit.z0, None), Readings(physics)
+    plain, drifted = (readings.tag([effect], theta, state) for theta in ({}, {effect.id: np.array([drift])}))
+    moved_m = np.linalg.norm(drifted - plain, axis=1)
+    uwb = replace(vessel.sensors.uwb, clock_drift_s_s=drift)
+    told = replace(vessel, sensors=replace(vessel.sensors, uwb=uwb))
+    moved_s = physics.windows.fixes.t_s - Physics([late], told, 1.0).windows.fixes.t_s
+    speed_m_s = np.linalg.norm(sight_of(readings, state).velocity_m_s, axis=1)
+    assert moved_s.min() > 40.0 * 0.9 * drift
+    assert moved_m == pytest.approx(speed_m_s * moved_s, abs=1e-6)
+
+
+def sight_of(readings: Readings, state: State) -> Sight:
+    """What hooks see of the tag."""
+    seen = []
+    look = Effect("look", "sensors", "", "", (Parameter("p", "1", 1, 1, 1),), {"tag": lambda _p, s, _y: seen.append(s)})
+    readings.tag([look], {"look": np.ones(1)}, state)
+    return seen[0]
 
 
 def test_unknown_pulses_stay_unknown_when_an_effect_changes_pulses():

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from sim.diagnose import job
+from sim.diagnose import job, spread
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.clock import Clock
 from sim.diagnose.effect import Effect, Parameter, Sight
@@ -176,6 +176,15 @@ def test_what_is_held_out_of_a_fitted_log_is_on_its_clock(block_s):
         ahead = 0.0 if piece.whole is data.split.used[0].log.run else second
         assert data.clock.ahead_s(piece) == pytest.approx(ahead)
     assert {id(piece.whole) for piece in data.held_out} == {id(used.log.run) for used in data.split.used}
+
+
+def test_nought_is_the_first_log_although_nothing_of_it_is_fitted(monkeypatch):
+    """Of many long logs a short one may get no piece."""
+    monkeypatch.setattr(spread, "LONGEST_S", 100.0)
+    monkeypatch.setattr(spread, "PIECE_S", 75.0)
+    data = job._data([again(good()), other_good()], (), boat("aritra"), None)
+    (piece,) = data.fitted
+    assert data.clock.start_s(piece) == pytest.approx(good().duration_s)
 
 
 def test_logs_that_are_held_out_follow_where_no_stamps_place_them():

@@ -274,3 +274,19 @@ def test_logs_of_two_days_get_no_more_entries_than_logs_of_one():
     assert len(two) < len(one) + 120
     onsets = [e.origin["onset_s"] for e in two if e.name == "thruster_fouling:rear_port"]
     assert onsets and all(t <= run.duration_s or 86400 <= t <= 86400 + run.duration_s for t in onsets)
+
+
+@pytest.mark.parametrize(
+    ("begins_s", "length_s"), [((0.0, 86400.0), 100.0), (tuple(180.0 * k for k in range(20)), 50.0)]
+)
+def test_an_onset_is_looked_for_everywhere_in_logs_that_lie_far_apart_and_not_between_them(begins_s, length_s):
+    """Two days, and the pieces of an hour."""
+    runs = [part(Run(good().table, replace(good().meta, zero_ns=int(b * 1e9))), 0.0, length_s) for b in begins_s]
+    entries = [e for e in catalogue(boat("aritra"), runs) if e.name == "thruster_fouling:rear_port"]
+    starts = np.array([start.origin["onset_s"] for e in entries for start in e.starts()])
+    for log in runs:
+        begin_s = clock_start(log, runs)
+        t = np.linspace(begin_s, begin_s + log.duration_s, 50)
+        assert np.abs(t[:, None] - starts).min(axis=1).max() < 5.0
+        starts = starts[(starts < begin_s - 0.1) | (starts > begin_s + log.duration_s + 0.1)]
+    assert not len(starts)

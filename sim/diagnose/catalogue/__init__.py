@@ -8,6 +8,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.catalogue import chance, environment, hull, propulsion, sensors
+from sim.diagnose.catalogue.propulsion import Onset
 from sim.diagnose.clock import Clock
 from sim.diagnose.effect import Effect
 from sim.identify.run import Run
@@ -51,15 +52,23 @@ def catalogue(
     return entries
 
 
-def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -> tuple[float, ...]:
-    """Times at which to look for an onset; where logs span more than `LONG_S`, spread over what was logged alone."""
+def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -> tuple[Onset, ...]:
+    """Where to look for an onset; where logs span more than `LONG_S`, in each log by itself.
+
+    Of more logs than that leaves room for, spread over what was logged.
+    """
     if end - start <= LONG_S:
-        return tuple(np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
+        return tuple((t, ONSET_STEP_S / 2) for t in np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
+    counts = np.maximum(np.rint(lengths / ONSET_STEP_S), 1).astype(int)
+    if counts.sum() <= LONG_S / ONSET_STEP_S:
+        apart = np.repeat(lengths / counts, counts)
+        within = np.concatenate([np.arange(n) + 0.5 for n in counts]) * apart
+        return tuple(sorted(zip((np.repeat(begins, counts) + within).tolist(), (apart / 2).tolist(), strict=True)))
     ends = np.cumsum(lengths)
     count = int(min(LONG_S, ends[-1]) // ONSET_STEP_S) or 1
     at = (np.arange(count) + 0.5) / count * ends[-1]
     log = np.searchsorted(ends, at)
-    return tuple(sorted((begins[log] + at - (ends - lengths)[log]).tolist()))
+    return tuple((t, ONSET_STEP_S) for t in sorted((begins[log] + at - (ends - lengths)[log]).tolist()))
 
 
 def unaware(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:

@@ -14,16 +14,16 @@ from sim.diagnose.catalogue.parts import number, share
 from sim.diagnose.effect import Effect, Parameter, Scene, Values
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
-ALONE_S = 30.0  # how far round the only onset to look; assumed
 WHOLE = 0.02  # sigma of the share of pulses that change places, where two do: all of them; assumed
 STARTS = 13  # onsets from which a fit may begin, between one entry's neighbours; assumed
 WASH_N = 30.0  # thrust of the one ahead at which the loss is stated
+Onset = tuple[float, float]
+"""When fouling may begin on the common clock, and how far round that to look [s]."""
 
 
-def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]:
-    """Entries; `onsets_s`: times on the common clock at which fouling may begin."""
+def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
+    """Entries; `onsets`: where the search for the onset of fouling starts."""
     names = [t.name for t in vessel.thrusters]
-    reach_s = float(np.diff(onsets_s).max()) / 2 if len(onsets_s) > 1 else ALONE_S
     for i, name in enumerate(names):
         yield Effect(
             f"thruster_gain:{name}",
@@ -33,8 +33,8 @@ def effects(vessel: VesselFile, onsets_s: tuple[float, ...]) -> Iterator[Effect]
             number("gain", "1", 0.5, 0.05, -3.0, 2.0),
             {"thrust": _gain(i)},
         )
-        for onset in onsets_s:
-            yield _fouling(i, name, onset, partial(_between, i, name, onset, reach_s))
+        for onset_s, reach_s in onsets:
+            yield _fouling(i, name, onset_s, partial(_between, i, name, onset_s, reach_s))
     for i, j in combinations(range(len(names)), 2):
         yield Effect(
             f"swapped_pair:{names[i]}+{names[j]}",

@@ -224,7 +224,10 @@ class Physics:
     def accelerations(
         self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]
     ) -> Accelerations:
-        """What one unit of each parameter of `chosen` changes of nu_dot, (.., P), by secants along `state`."""
+        """What one unit of each parameter of `chosen` changes of nu_dot, (.., P), by secants along `state`.
+
+        Thrust that it changes goes through all hooks of some size on thrust, such as that of a dead thruster.
+        """
         W, K = self.windows.size
         P, flat = sum(len(e.parameters) for e in chosen), W * (K + 1)
         slopes = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
@@ -232,20 +235,25 @@ class Physics:
         scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
         react = np.eye(3) if state.feedback is None else state.feedback.react
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
-        in_water = _in_water(effects, theta)
+        large = [e for e in effects if e.id in theta and "thrust" in e.hooks and e.size(theta[e.id]) >= 1]
+        others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in large}}
+        f = state.forces.f
+        changed = self.extra(large, theta, scene, f)[0]
         for each in secants(chosen, theta):
             effect, hooks, every = each.effect, set(each.effect.hooks), among(effects, each.effect)
-            along = [*(e for e in in_water if e.id != effect.id), effect] if "water" in hooks else [effect]
+            ids = {effect.id}.union(*(others[stage] for stage in hooks & others.keys()))
+            along = [e for e in every if e.id in ids]
             acts = hooks & (WATER | PUSHES)
-            old = self.extra(along, {**theta, effect.id: each.now}, scene, state.forces.f) if acts else None
+            old = self.extra(along, {**theta, effect.id: each.now}, scene, f) if acts else None
             for at, step in each.steps.items():
                 there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
                     unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ turn
-                    nodes[at] += unit.f.reshape(flat, -1) @ share
+                    more = self.extra(large, theta, scene, f + unit.f)[0] - changed
+                    nodes[at] += unit.f.reshape(flat, -1) @ share + more.reshape(flat, 3) @ (state.M_inv.T @ turn)
                     bump[at] += unit.bump().reshape(W * K, -1) @ share
                 if old is not None:
-                    tau, water = self.extra(along, there, scene, state.forces.f)
+                    tau, water = self.extra(along, there, scene, f)
                     nodes[at] += (tau - old[0]).reshape(flat, 3) @ (state.M_inv.T @ turn)
                     if "water" in hooks:
                         nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ turn

@@ -51,16 +51,19 @@ SMOOTH = ["base:M11_kg", "base:N_v_N_s", "hull_fouling", "payload", "cg_shift", 
 
 
 BY_WATER = {"munk_moment": 60.0, "cross_flow": 0.3, "advance_loss": 0.3}
+DEAD = "thruster_gain:front_port"
+BESIDE = BY_WATER | {DEAD: -1.0, "common_loss": 0.4}
+BY_THRUST = [("common_loss", DEAD), ("wash", DEAD), ("lag", DEAD), (DEAD, "common_loss"), ("dead_time", "advance_loss")]
 
 
 @pytest.mark.parametrize(
-    ("name", "beside"), [*((name, "") for name in SMOOTH), *(("current", beside) for beside in BY_WATER)]
+    ("name", "beside"), [*((name, "") for name in SMOOTH), *(("current", beside) for beside in BY_WATER), *BY_THRUST]
 )
 def test_columns_are_the_derivatives_of_the_motion(name, beside):
-    """Oracle: central differences of the integrated windows themselves. `beside`: what goes by the moving water."""
+    """Oracle: central differences of the integrated windows themselves. `beside`: what is there with it."""
     fit, by_id = bench()
     effect, physics = by_id[name], fit.physics
-    there = {"current": np.array([0.02, -0.03])} | ({beside: np.array([BY_WATER[beside]])} if beside else {})
+    there = {"current": np.array([0.02, -0.03])} | ({beside: np.array([BESIDE[beside]])} if beside else {})
     if name == "wind":
         there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
     state = physics.move(fit.effects, there, fit.z0, None)

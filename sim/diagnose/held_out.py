@@ -175,7 +175,7 @@ def _open_loop(
     """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
     physics, windows = lines.physics, lines.windows
     with np.errstate(all="ignore"):
-        state = physics.move(effects, model.theta, z, None)
+        state = physics.settled(effects, model.theta, z)
         error = lines.imu(effects, model.theta, state) - windows.y
         said = lines.tag(effects, model.theta, state)
     off = said - windows.fixes.place_m

@@ -24,14 +24,16 @@ from sim.diagnose.theta import Theta, among, secants, values_of
 from sim.identify.calibrated import first_fix_s
 from sim.identify.run import Run
 from sim.identify.structured.data import Windows, cut
+from sim.identify.structured.kernels import X0_D
 from sim.identify.structured.model import N_HULL
 from sim.identify.structured.noise import LATENT, STATE
 from sim.identify.structured.parameters import HULL, Parameters, file_values
-from sim.identify.structured.rows import columns_last
+from sim.identify.structured.rows import Pushes, columns_last, sensitivities
 from sim.identify.thin import thinned
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 WATER, PUSHES = frozenset({"water"}), frozenset({"thrust", "force"})  # stages of hooks
+STILL, MOST_PASSES = 1e-3, 20  # of x y psi u v r in their units, and passes until then; assumed
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
 
 
@@ -128,13 +130,39 @@ class Physics:
         `given`: of what is not among `effects`; `feedback`: of a motion so near that it will do.
         """
         settle = any(values_of(effects, theta, "thrust", "force", "water"))
-        felt = [e for e in effects if e.id in theta and not PUSHES.isdisjoint(e.hooks)]
+        felt = _pushing(effects, theta)
         large = any(e.size(theta[e.id]) >= 1 for e in felt)
         for _ in range(3 if large else 2 if settle else 1):
             before = self._pass(effects, theta, z, before, given)
         assert before is not None
         feedback = feedback or (self._feedback(felt, theta, before) if felt else None)
         return before if feedback is None else _with_feedback(before, feedback)
+
+    def settled(self, effects: Sequence[Effect], theta: Theta, z: np.ndarray) -> State:
+        """As `move`, but passes go on until the motion stands still: for windows of many seconds.
+
+        Of effects of some size each pass takes what it changes of their forces along, to first order (Newton's step).
+        Where the motion is thrown out of bounds on the way, as `move` has it.
+        """
+        large = [e for e in _pushing(effects, theta) if e.size(theta[e.id]) >= 1]
+        now = self._pass(effects, theta, z, None, None)
+        for _ in range(MOST_PASSES):
+            before, now = now, self._pass(effects, theta, z, now, None)
+            if np.abs(now.x - before.x).max() < STILL:
+                return now
+            if large:
+                now = self._nearer(large, theta, before, now)
+        return now if np.isfinite(now.x).all() else self.move(effects, theta, z, None)
+
+    def _nearer(self, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
+        """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
+        feedback, (W, K) = self._feedback(effects, theta, now), self.windows.size
+        old, new = (self.extra(effects, theta, self.scene(state), now.forces.f)[0] for state in (before, now))
+        a, A = (new - old) @ now.M_inv.T @ feedback.react.T, _with_feedback(now, feedback).A
+        pushes = Pushes.of(a[..., None], np.zeros((W, K, 3, 1)))
+        dx = sensitivities(A, pushes, self.windows.h_s)[..., X0_D]
+        nu_dot = now.nu_dot + a + (A[..., 3:, :] @ dx[..., None])[..., 0]
+        return dataclass_replace(now, x=now.x + dx, nu_dot=nu_dot)
 
     def _feedback(self, effects: Sequence[Effect], theta: Theta, state: State) -> Feedback:
         """Of the forces of `effects`."""
@@ -264,6 +292,10 @@ class Physics:
                     if lighter.any():
                         bump[at] += pushed.reshape(W * K, 3) @ (lighter @ turn)
         return Accelerations(columns_last(nodes).reshape(W, K + 1, 3, P), columns_last(bump).reshape(W, K, 3, P))
+
+
+def _pushing(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
+    return [e for e in effects if e.id in theta and not PUSHES.isdisjoint(e.hooks)]
 
 
 def _in_water(effects: Sequence[Effect], theta: Theta) -> list[Effect]:

@@ -29,6 +29,7 @@ from sim.diagnose.select import Model, Selection, Selector, makes_room, stated_n
 from sim.identify.run import Run
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.rows import Pushes, sensitivities
+from sim.identify.structured.start import first_nodes
 from sim.identify.teleop import teleop_run
 from sim.world.environment import Weather
 
@@ -78,6 +79,37 @@ def test_columns_are_the_derivatives_of_the_motion(name, beside):
         expected = (ahead.x[:, -1] - behind.x[:, -1]) / (2 * parameter.step)
         off = np.abs(S[:, -1, :, 9 + j] - expected).max(axis=0)
         assert (off[3:] <= 0.12 * np.abs(expected).max(axis=0)[3:] + 1e-9).all()
+
+
+def test_a_shallow_zone_that_is_everywhere_is_a_fouled_hull_also_in_an_open_loop():
+    """Oracle: the model integrated with twice its damping. Three passes would be metres off."""
+    fit, _ = bench()
+    physics = Physics([short()], VESSEL, 15.0)
+    z = first_nodes(physics.windows, physics.parameters)
+    everywhere = {"shallow_zone@4": np.array([1.0, 0.0, 0.0, 1e3])}
+    expected = physics.move(fit.effects, {"hull_fouling": np.array([1.0])}, z, None).x
+    assert np.abs(physics.settled(fit.effects, everywhere, z).x - expected).max() < 0.01
+    assert np.abs(physics.move(fit.effects, everywhere, z, None).x - expected)[..., :2].max() > 1.0
+
+
+@pytest.mark.parametrize(
+    "theta",
+    [
+        {"tether@+0.0": [5.0, 3.0, -2.0, 0.0]},
+        {"advance_loss": [1.2]},
+        {DEAD: [-2.0], "cross_flow": [0.5], "current": [0.1, -0.2], "shallow_zone@4": [1.5, 0.0, 0.0, 0.0]},
+        {"advance_loss": [0.02], "current": [0.01, 0.0]},
+    ],
+)
+def test_an_open_loop_goes_on_until_forces_are_those_along_its_own_motion(theta):
+    fit, _ = bench()
+    physics = Physics([short()], VESSEL, 15.0)
+    theta = {name: np.array(values) for name, values in theta.items()}
+    settled = physics.settled(fit.effects, theta, first_nodes(physics.windows, physics.parameters))
+    scene = physics.scene(settled)
+    more, water = physics.extra(fit.effects, theta, scene, settled.forces.f)
+    np.testing.assert_allclose(settled.tau, settled.forces.f @ physics.B.T + more, atol=0.05)
+    np.testing.assert_allclose(settled.water, water, atol=1e-3)
 
 
 @pytest.mark.parametrize("trim_us", [0.0, 3.0])

@@ -16,6 +16,8 @@ from sim.diagnose.physics import Physics
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, point
 from sim.diagnose.select import Selector, stated_noise
+from sim.excite.information import true_nodes
+from sim.identify.structured.noise import STATE, L
 from sim.identify.structured.vessel_out import vessel_toml
 from sim.identify.teleop import teleop_run
 from sim.world.environment import Weather
@@ -78,6 +80,20 @@ def seen(vessel, effect: Effect) -> np.ndarray:
 def test_the_plant_with_the_extended_file_shows_the_effect(id, values, within):
     one = cause(id, *values)
     assert seen(extended(VESSEL, one), one.effect) == pytest.approx(values, abs=within)
+
+
+def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():
+    """From true states 20 s on, 4 N/m: without it the boat ends metres away."""
+    one = cause("tether@+0.0", 4.0, 0.0, 0.0, 0.0)
+    run = teleop_run(extended(VESSEL, one), 5, 60.0)
+    physics = Physics([run], VESSEL, 20.0)
+    physics.centre_m = PLACE.centre_m
+    states = true_nodes(physics.windows, run)
+    z = np.zeros((len(states), L))
+    z[:, STATE] = states
+    settled = physics.settled([one.effect], {one.effect.id: np.array([4.0, 0.0, 0.0, 0.0])}, z)
+    off_m = np.linalg.norm(settled.x[:-1, -1, :2] - states[1:, :2], axis=1)
+    assert len(off_m) and off_m.max() < 0.05
 
 
 def test_cross_flow_of_the_file_is_that_of_the_strips_in_pure_sway_and_pure_yaw():

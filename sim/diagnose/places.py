@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.inflow import jet_sign
 from companion.core.terms import RHO_AIR, values
 from companion.core.vessel_file import Thruster, VesselFile, Wash
 from sim.diagnose.catalogue.hull import RHO_WATER
@@ -143,12 +142,11 @@ def _advance(vessel: VesselFile, cause: Cause) -> VesselFile:
 
 
 def _wash(vessel: VesselFile, cause: Cause) -> VesselFile:
-    """Of each pair one behind the other on a side, where forward thrust of the one ahead blows at the other."""
+    """Of each pair one behind the other on a side."""
     found = []
     for ahead in vessel.thrusters:
         for behind in vessel.thrusters:
-            same_side = np.sign(ahead.y_m) == np.sign(behind.y_m)
-            if same_side and ahead.x_m > behind.x_m and jet_sign(ahead, behind) == 1:
+            if ahead.x_m > behind.x_m and np.sign(ahead.y_m) == np.sign(behind.y_m):
                 share = cause.told["loss"] * max(ahead.force_max_N, -ahead.force_min_N) / WASH_N
                 found.append(Wash(behind=behind.name, ahead=ahead.name, share=share))
     if not found or cause.told["loss"] < 0:

@@ -6,7 +6,9 @@ Teleoperation logs of 60 s, seed 5. The engine knows the base file only, and a s
 import numpy as np
 import pytest
 from boats import boat
+from msgspec.structs import replace
 
+from companion.core.inflow import weakened
 from companion.core.vessel_load import load_vessel
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import Effect, Parameter, Scene
@@ -80,6 +82,21 @@ def seen(vessel, effect: Effect) -> np.ndarray:
 def test_the_plant_with_the_extended_file_shows_the_effect(id, values, within):
     one = cause(id, *values)
     assert seen(extended(VESSEL, one), one.effect) == pytest.approx(values, abs=within)
+
+
+def test_wash_blows_where_the_thruster_ahead_pushes_its_water_whichever_way_it_is_mounted():
+    """Engine against the plant's thrusters: the one ahead turned round, so that it blows at the other when astern."""
+    turned = tuple(
+        replace(t, azimuth_deg=t.azimuth_deg + 180.0) if t.name == "front_port" else t for t in VESSEL.thrusters
+    )
+    vessel = replace(VESSEL, thrusters=turned)
+    effect = next(e for e in catalogue(vessel, [RUN]) if e.id == "wash")
+    told = point(effect, np.array([0.3]), PLACE)
+    washed = extended(vessel, Cause(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
+    for f in ([20.0, 0, 20, 0], [-20.0, 0, 20, 0], [0, 20.0, 0, 20], [0, -20.0, 0, 20]):
+        expected = np.array(weakened(washed, np.zeros(3), np.array(f, dtype=float))).ravel()
+        found = effect.hooks["thrust"]({"loss": 0.3}, None, np.array([[f]], dtype=float))[0, 0]
+        np.testing.assert_allclose(found, expected, atol=0.01)
 
 
 def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():

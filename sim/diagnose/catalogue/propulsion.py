@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.inflow import jet_sign
 from companion.core.vessel_file import RotorMap, VesselFile
 from sim.diagnose.catalogue.parts import number, share
 from sim.diagnose.effect import Effect, Parameter, Scene, Values
@@ -213,8 +214,9 @@ def _limited(p: Values, vessel: VesselFile) -> VesselFile:
 
 def _flow(vessel: VesselFile) -> Iterator[Effect]:
     x, y, azimuth = vessel.positions.T
-    fore = np.argsort(-x)
-    pairs = [(int(i), int(j)) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]
+    fore = [int(i) for i in np.argsort(-x)]
+    behind_one = [(i, j) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]
+    pairs = [(i, j, jet_sign(vessel.thrusters[i], vessel.thrusters[j])) for i, j in behind_one]
 
     def advance(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         u, v, r = np.split(scene.nu_r, 3, axis=-1)
@@ -223,8 +225,8 @@ def _flow(vessel: VesselFile) -> Iterator[Effect]:
 
     def wash(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         out = f.copy()
-        for ahead, behind in pairs:
-            out[..., behind] *= 1 - p["loss"] * np.maximum(f[..., ahead], 0.0) / WASH_N
+        for ahead, behind, sign in pairs:
+            out[..., behind] *= 1 - p["loss"] * np.maximum(sign * f[..., ahead], 0.0) / WASH_N
         return out
 
     yield Effect(

@@ -187,16 +187,21 @@ def _water(fit: Fit) -> Site:
 
 
 def _at_rates(fit: Fit) -> VesselFile:
-    """The vessel with sensors at the rates of the logs as they were fitted."""
+    """The vessel with sensors at the rates of the logs as they were fitted, of inertial ones that of the quickest."""
     vessel, w = fit.physics.vessel, fit.physics.windows
-    step = float(np.median(w.h_s[w.h_s > 0]))
-    gaps = np.diff(w.fixes.t_s)
-    fix = float(np.median(gaps[gaps > 0]))
+    known = [w.t_s[:, :-1][channel] for channel in np.moveaxis(np.isfinite(w.y), 2, 0)]
+    step, fix = min(_interval(t) for t in known if len(t) > 1), _interval(w.fixes.t_s)
     s = vessel.sensors
     return replace(
         vessel,
         sensors=replace(s, imu=replace(s.imu, rate_Hz=1 / step), uwb=replace(s.uwb, rate_Hz=1 / fix)),
     )
+
+
+def _interval(t_s: np.ndarray) -> float:
+    """Usual time between samples of all logs, one log after the other."""
+    gaps = np.diff(t_s)
+    return float(np.median(gaps[gaps > 0]))
 
 
 def _commanded(run: Run) -> Run:

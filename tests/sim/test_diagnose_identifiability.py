@@ -29,7 +29,7 @@ from sim.diagnose.effect import TOLERANCE, Effect, Parameter, slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
 from sim.diagnose.identifiability import MEDIUM, Apart, apart
-from sim.diagnose.manoeuvre import NOTHING, Plan, Planner
+from sim.diagnose.manoeuvre import NOTHING, Plan, Planner, _at_rates
 from sim.diagnose.physics import Physics
 from sim.diagnose.pictures_confusion import confusion
 from sim.diagnose.select import stated_noise
@@ -40,6 +40,7 @@ from sim.identify.run import Run
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.fit import with_latent
 from sim.identify.structured.noise import STATE, L
+from sim.identify.teleop import teleop_run
 
 VESSEL = in_still_air(boat("aritra"))
 SITE = load_site((EXAMPLES / "sites" / "basin.toml").read_text(), name="basin")
@@ -205,6 +206,22 @@ def test_the_manoeuvre_is_the_one_that_helps():
     text = sentence(plan)
     assert text.startswith(f"These logs cannot tell {a} from {b} (") and "manoeuvre.toml" in text
     assert "No manoeuvre of the library would show accel_bias of medium size" in text
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.12])
+def test_the_manoeuvre_is_planned_at_the_rates_of_samples_not_of_steps_of_integration(later_s):
+    """A log with heading four times a second, rate and force so much later (seed 21)."""
+    run = teleop_run(VESSEL, 21, 30.0, uwb_hz=5.0)
+    table, t = run.table, pl.col("t_s")
+    for columns, begin_s in ((("psi_rad",), 0.0), (("r_rad_s", "ax_m_s2", "ay_m_s2"), later_s)):
+        turn = ((t - begin_s) * 4).floor()
+        table = table.with_columns(
+            pl.when(pl.col(c).is_not_null() & (turn != turn.shift(1))).then(pl.col(c)).alias(c) for c in columns
+        )
+    fit: Any = SimpleNamespace(physics=Physics([Run(table, run.meta)], VESSEL, 1.0))
+    sensors = _at_rates(fit).sensors
+    assert sensors.imu.rate_Hz == pytest.approx(4.0, rel=0.05)
+    assert sensors.uwb.rate_Hz == pytest.approx(5.0, rel=0.05)
 
 
 def test_the_excite_command_takes_the_manoeuvre(tmp_path, capsys):

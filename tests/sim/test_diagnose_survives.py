@@ -285,7 +285,7 @@ def test_an_onset_is_looked_for_everywhere_in_logs_that_lie_far_apart_and_not_be
     entries = [e for e in catalogue(boat("aritra"), runs) if e.name == "thruster_fouling:rear_port"]
     starts = np.array([start.origin["onset_s"] for e in entries for start in e.starts()])
     for log in runs:
-        begin_s = clock_start(log, runs)
+        begin_s = Clock.of(runs).start_s(log)
         t = np.linspace(begin_s, begin_s + log.duration_s, 50)
         assert np.abs(t[:, None] - starts).min(axis=1).max() < 5.0
         starts = starts[(starts < begin_s - 0.1) | (starts > begin_s + log.duration_s + 0.1)]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from companion.core.dynamics import eta_dot
+from companion.core.inflow import is_weakened
 from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
 from sim.identify.structured.model import N_HULL, symbolic_model
@@ -28,7 +29,10 @@ class InWater(StructuredModel):
 
 
 class Compiled(NamedTuple):
-    """Rollout of all windows; at all nodes: rates with Jacobians, slopes to coefficients and water velocity; M^-1."""
+    """Rollout of all windows; at all nodes rates with Jacobians, and slopes; M^-1.
+
+    Slopes: to coefficients, to water velocity, to the thruster forces after tau.
+    """
 
     rollout: Rollout
     rates: Batch
@@ -37,34 +41,44 @@ class Compiled(NamedTuple):
 
 
 def compiled(vessel: VesselFile, steps: int, windows: int) -> Compiled:
-    """For `windows` windows of `steps` steps each."""
-    x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
+    """For `windows` windows of `steps` steps each.
+
+    tau: body force (3,); in a file whose thrusters lose thrust to moving water the forces (n,) of each after it, by
+    which the model takes off what is lost, and by which there are slopes too.
+    """
+    tau = ca.SX.sym("tau", 3 + (len(vessel.thrusters) if is_weakened(vessel) else 0))
+    x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("d", 3)
     water = ca.SX.sym("water", 2)
     base = symbolic_model(vessel, p)
-    nu_dot = InWater(base.vessel, base.c, base.term_values, water).nu_dot(x[:3], x[3:], tau)
+    model = InWater(base.vessel, base.c, base.term_values, water)
+    pushed, f = tau[:3], tau[3:]
+    if f.numel():
+        pushed += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)
+    nu_dot = model.nu_dot(x[:3], x[3:], pushed)
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot + d)
 
     def flat(expression: Any) -> ca.SX:
         return ca.densify(ca.vec(expression))
 
-    A, M_inv = flat(ca.jacobian(x_dot, x)), flat(ca.jacobian(nu_dot, tau))
+    by_tau = ca.jacobian(nu_dot, tau)
+    A, M_inv = flat(ca.jacobian(x_dot, x)), flat(by_tau[:, :3])
     rates = ca.Function("rates", [x, p, tau, water, d], ca.cse([A, M_inv, nu_dot + d]))
-    slopes = [flat(ca.jacobian(nu_dot, p)), flat(ca.jacobian(nu_dot, water))]
+    slopes = [flat(ca.jacobian(nu_dot, p)), flat(ca.jacobian(nu_dot, water)), flat(by_tau[:, 3:])]
     slope = ca.Function("slope", [x, p, tau, water], ca.cse(slopes))
     rate = ca.Function("rate", [x, p, tau, water, d], [x_dot])
     nodes = windows * (steps + 1)
-    inverse = ca.Function("M_inv", [x, p, tau, water], [ca.jacobian(nu_dot, tau)])
-    rest = [ca.DM.zeros(s) for s in (3, 2)]
+    inverse = ca.Function("M_inv", [x, p, tau, water], [by_tau[:, :3]])
+    rest = [ca.DM.zeros(s) for s in (tau.numel(), 2)]
     q = ca.SX.sym("q", N_HULL)
     M_inv = ca.Function("M_inv_of", [q], [inverse(ca.DM.zeros(6), q, *rest)])
-    return Compiled(Rollout(_step(rate)), Batch(rates, nodes), Batch(slope, nodes), M_inv)
+    return Compiled(Rollout(_step(rate, tau.numel())), Batch(rates, nodes), Batch(slope, nodes), M_inv)
 
 
-def _step(rate: ca.Function) -> ca.Function:
+def _step(rate: ca.Function, pushes: int) -> ca.Function:
     """(x, [p d], [tau start, middle, end], [water start, end], h) -> x after h, by Runge-Kutta."""
-    sizes = (("x", 6), ("p", N_HULL), ("taus", 9), ("flow", 4), ("d", 3), ("h", 1))
+    sizes = (("x", 6), ("p", N_HULL), ("taus", 3 * pushes), ("flow", 4), ("d", 3), ("h", 1))
     x, p, taus, flow, d, h = (ca.SX.sym(*s) for s in sizes)
-    start, middle, end = taus[:3], taus[3:6], taus[6:]
+    start, middle, end = ca.vertsplit(taus, pushes)
     here, there = flow[:2], flow[2:]
     half = (here + there) / 2
     k1 = rate(x, p, start, here, d)

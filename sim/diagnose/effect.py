@@ -126,7 +126,7 @@ class Scene:
 
     `t_s` of the log and `clock_s` that all logs share, shape (W, k); `x` (W, k, 6) = [x y psi u v r]; `nu_dot`
     (W, k, 3); `log` (W,): index of the log; `centre_m`: middle of all positions; `middle_s`: of the shared clock;
-    `water` (W, k, 2): north and east velocity of moving water that effects have brought (None: of none) [m/s].
+    `water` (W, k, 2): north and east velocity of the water, the file's and what effects have brought (None: nil) [m/s].
     """
 
     t_s: np.ndarray

@@ -12,9 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace as dataclass_replace
 
+import casadi as ca
 import numpy as np
 
+from companion.core.inflow import is_weakened
 from companion.core.thrusters import configuration_matrix
+from companion.core.vessel import StructuredModel
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.clock import Clock
 from sim.diagnose.compiled import compiled
@@ -69,7 +72,7 @@ class Feedback:
 
 @dataclass(frozen=True)
 class State:
-    """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them.
+    """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them (`drive`).
 
     `feedback`: what the effects' forces add to A; `given`: accelerations that came from outside the effects, see
     `Physics.move`; `by`: ids of these.
@@ -97,7 +100,8 @@ class Physics:
         self.windows: Windows = cut(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
         self.parameters = Parameters(vessel)
         self.q = file_values(vessel)
-        self.B = configuration_matrix(vessel)
+        self.B, self._weakened = configuration_matrix(vessel), is_weakened(vessel)
+        self.flow = np.array(ca.DM(StructuredModel.of(vessel).water_velocity(ca.DM.zeros(3))))[:2, 0]  # everywhere
         W, K = self.windows.size
         self._rollout, self._rates, self._slopes, self._M_inv = compiled(vessel, K, W)
         self.clock = clock or Clock.of(runs)
@@ -167,13 +171,13 @@ class Physics:
     def _feedback(self, effects: Sequence[Effect], theta: Theta, state: State) -> Feedback:
         """Of the forces of `effects`."""
         scene, motion = self.scene(state), np.concatenate([state.x, state.nu_dot], axis=2)
-        now = self.extra(effects, theta, scene, state.forces.f)[0]
+        now = self.extra(effects, theta, scene, state.forces.f)[0][..., :3]
         slopes = np.empty((*now.shape, len(NUDGES)))
         for j, nudge in enumerate(NUDGES):
             moved = motion.copy()
             moved[..., j] += nudge
             there = dataclass_replace(scene, x=moved[..., :6], nu_dot=moved[..., 6:])
-            slopes[..., j] = (self.extra(effects, theta, there, state.forces.f)[0] - now) / nudge
+            slopes[..., j] = (self.extra(effects, theta, there, state.forces.f)[0][..., :3] - now) / nudge
         M = np.linalg.inv(state.M_inv)
         return Feedback(slopes[..., :6], np.linalg.inv(M - slopes[..., 6:].mean(axis=(0, 1))) @ M)
 
@@ -187,16 +191,17 @@ class Physics:
     ) -> State:
         W, K = self.windows.size
         forces, hull = self.thrusters.forces(effects, theta), self.hull(effects, theta)
-        tau, water = forces.f @ self.B.T, np.zeros((W, K + 1, 2))
-        tau_mid = forces.middle @ self.B.T
+        tau, water = self.drive(forces.f), np.zeros((W, K + 1, 2))
+        tau_mid = self.drive(forces.middle)
         if before is not None:
             extra = self.extra(effects, theta, self.scene(before), forces.f)
-            more, bump = extra[0], 0.0
+            more = extra[0]
             if given is not None:
                 M = np.linalg.inv(before.M_inv)
-                more, bump = more + given.nodes @ M.T, given.bump @ M.T
-            tau, water = forces.f @ self.B.T + more, extra[1]
-            tau_mid = tau_mid + (more[:, :-1] + more[:, 1:]) / 2 + bump
+                more[..., :3] += given.nodes @ M.T
+                tau_mid[..., :3] += given.bump @ M.T
+            tau, water = tau + more, extra[1]
+            tau_mid = tau_mid + (more[:, :-1] + more[:, 1:]) / 2
         drive = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
         flow = np.concatenate([water[:, :-1], water[:, 1:]], axis=2)
         d = z[:, LATENT]
@@ -216,7 +221,7 @@ class Physics:
         W, K = self.windows.size
         forces = self.thrusters.forces(effects, theta)
         more, water = self.extra(effects, theta, self.scene(state), forces.f)
-        drive = self._flat(state.x, self.hull(effects, theta), forces.f @ self.B.T + more, water)
+        drive = self._flat(state.x, self.hull(effects, theta), self.drive(forces.f) + more, water)
         _, _, nu_dot = self._rates(*drive, np.repeat(d, K + 1, axis=0))
         bump = state.forces.less(forces).bump() @ self.B.T @ state.M_inv.T
         if state.given is not None:
@@ -225,29 +230,37 @@ class Physics:
 
     def _flat(self, x: np.ndarray, hull: np.ndarray, tau: np.ndarray, water: np.ndarray, *more: np.ndarray):
         n = x.shape[0] * x.shape[1]
-        return x.reshape(n, 6), np.tile(hull, (n, 1)), tau.reshape(n, 3), water.reshape(n, 2), *more
+        return x.reshape(n, 6), np.tile(hull, (n, 1)), tau.reshape(n, -1), water.reshape(n, 2), *more
+
+    def drive(self, f: np.ndarray) -> np.ndarray:
+        """Body force (W, k, 3) of thruster forces (W, k, n); these after it where the file weakens them: `compiled`."""
+        return np.concatenate([f @ self.B.T, f], axis=2) if self._weakened else f @ self.B.T
 
     def extra(
         self, effects: Sequence[Effect], theta: Theta, scene: Scene, f: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Force (W, K+1, 3) and water velocity (W, K+1, 2) that hooks add along `scene`; f: forces before them."""
-        hooked, tau, water = f, np.zeros((*f.shape[:2], 3)), np.zeros((*f.shape[:2], 2))
+        """`drive` (W, K+1, 3 or more) and water velocity (W, K+1, 2) that hooks add along `scene`.
+
+        f: forces before them. The water is beside that of the file, which hooks see too.
+        """
+        hooked, water = f, np.zeros((*f.shape[:2], 2))
         flows = values_of(effects, theta, "water")
         for effect, p in flows:
             water += effect.hooks["water"](p, scene)
         if flows:
-            scene = dataclass_replace(scene, water=water)
+            scene = dataclass_replace(scene, water=water + self.flow)
         for effect, p in values_of(effects, theta, "thrust"):
             hooked = effect.hooks["thrust"](p, scene, hooked)
-        tau += (hooked - f) @ self.B.T
+        tau = self.drive(hooked - f)
         for effect, p in values_of(effects, theta, "force"):
-            tau += effect.hooks["force"](p, scene)
+            tau[..., :3] += effect.hooks["force"](p, scene)
         return tau, water
 
     def scene(self, state: State) -> Scene:
         """What hooks see of the motion."""
         w = self.windows
-        return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, state.water)
+        water = state.water + self.flow
+        return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, water)
 
     def accelerations(
         self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]
@@ -259,7 +272,7 @@ class Physics:
         W, K = self.windows.size
         P, flat = sum(len(e.parameters) for e in chosen), W * (K + 1)
         slopes = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
-        G_hull, G_water = (np.array(G).reshape(flat, -1, 3).swapaxes(0, 1).copy() for G in slopes)
+        G_hull, G_water, G_f = (np.array(G).reshape(flat, -1, 3).swapaxes(0, 1).copy() for G in slopes)
         scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
         react = np.eye(3) if state.feedback is None else state.feedback.react
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
@@ -267,6 +280,11 @@ class Physics:
         others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in large}}
         f = state.forces.f
         changed = self.extra(large, theta, scene, f)[0]
+
+        def felt(push: np.ndarray) -> np.ndarray:
+            by = push.reshape(flat, -1)
+            return by[:, :3] @ state.M_inv.T + _times(by[:, 3:].T[:, :, None], G_f)
+
         for each in secants(chosen, theta):
             effect, hooks, every = each.effect, set(each.effect.hooks), among(effects, each.effect)
             ids = {effect.id}.union(*(others[stage] for stage in hooks & others.keys()))
@@ -277,12 +295,12 @@ class Physics:
                 there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
                     unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ turn
-                    more = self.extra(large, theta, scene, f + unit.f)[0] - changed
-                    nodes[at] += unit.f.reshape(flat, -1) @ share + more.reshape(flat, 3) @ (state.M_inv.T @ turn)
+                    more = self.drive(unit.f) + self.extra(large, theta, scene, f + unit.f)[0] - changed
+                    nodes[at] += felt(more) @ turn
                     bump[at] += unit.bump().reshape(W * K, -1) @ share
                 if old is not None:
                     tau, water = self.extra(along, there, scene, f)
-                    nodes[at] += (tau - old[0]).reshape(flat, 3) @ (state.M_inv.T @ turn)
+                    nodes[at] += felt(tau - old[0]) @ turn
                     if "water" in hooks:
                         nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ turn
                 if "hull" in hooks:

@@ -142,18 +142,18 @@ def _advance(vessel: VesselFile, cause: Cause) -> VesselFile:
 
 
 def _wash(vessel: VesselFile, cause: Cause) -> VesselFile:
-    """Of each pair one behind the other on a side."""
-    found = []
+    """Of each pair one behind the other on a side, on top of what the file's own jets take."""
+    shares = {(w.behind, w.ahead): w.share for w in vessel.propulsion.wash}
+    blown = False
     for ahead in vessel.thrusters:
         for behind in vessel.thrusters:
             if ahead.x_m > behind.x_m and np.sign(ahead.y_m) == np.sign(behind.y_m):
                 share = cause.told["loss"] * max(ahead.force_max_N, -ahead.force_min_N) / WASH_N
-                found.append(Wash(behind=behind.name, ahead=ahead.name, share=share))
-    if not found or cause.told["loss"] < 0:
+                pair, blown = (behind.name, ahead.name), True
+                shares[pair] = shares.get(pair, 0.0) + share
+    if not blown or min(shares.values()) < 0:
         raise NoPlaceError("no thruster lies in another's jet, or the loss is negative")
-    if vessel.propulsion.wash:
-        raise NoPlaceError("the file has wash already")
-    return _propulsion(vessel, cause, wash=tuple(found))
+    return _propulsion(vessel, cause, wash=tuple(Wash(behind=b, ahead=a, share=s) for (b, a), s in shares.items()))
 
 
 def _cross_flow(vessel: VesselFile, cause: Cause) -> VesselFile:

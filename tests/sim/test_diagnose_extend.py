@@ -177,6 +177,14 @@ def test_currents_and_winds_add_to_those_of_the_file():
     assert windy.terms["wind"]["V_w_m_s"] == pytest.approx(np.sqrt(2 * 10 / 1.225))
 
 
+def test_losses_to_moving_water_add_to_those_of_the_file():
+    once = extended(extended(VESSEL, cause("wash", 0.2)), cause("advance_loss", 0.1)).propulsion
+    twice = extended(replace(VESSEL, propulsion=once), cause("wash", 0.1))
+    twice = extended(twice, cause("advance_loss", 0.05)).propulsion
+    assert [w.share for w in twice.wash] == pytest.approx([1.5 * w.share for w in once.wash])
+    assert twice.advance_loss_sqrt_N_s_m == pytest.approx(1.5 * once.advance_loss_sqrt_N_s_m)
+
+
 def test_a_refitted_base_holds_numbers_and_nothing_else():
     nuisances = [cause("base:M11_kg", 0.04), cause("base:X_u_N_s_m", -0.03), cause("thruster_gain:rear_port", 0.02),
                  cause("current", 0.01, 0.0), cause("heading_offset", 0.4), cause("uwb_latency", 0.02)]  # fmt: skip

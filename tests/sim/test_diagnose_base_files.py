@@ -1,0 +1,105 @@
+"""Base files that hold effects already, as the extended file of an earlier diagnosis does: the engine plays them.
+
+Logs are simulated by the plant with that very file (`teleop_run`, seeds stated) and hold the true motion.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from boats import boat
+from msgspec.structs import replace
+
+from companion.core.vessel_file import VesselFile, Wash
+from sim.diagnose.catalogue import catalogue
+from sim.diagnose.fit import Fit
+from sim.diagnose.physics import Physics, State
+from sim.diagnose.select import stated_noise
+from sim.diagnose.theta import Theta
+from sim.identify.structured.boats import in_still_air
+from sim.identify.structured.noise import STATE, L
+from sim.identify.structured.rows import Pushes, sensitivities
+from sim.identify.teleop import teleop_run
+
+PLAIN = in_still_air(boat("aritra"))
+TRUE = [f"true_{name}" for name in ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")]
+
+
+def with_propulsion(**keys: object) -> VesselFile:
+    return replace(PLAIN, propulsion=replace(PLAIN.propulsion, **keys))
+
+
+WASHED = tuple(Wash(behind=f"rear_{side}", ahead=f"front_{side}", share=0.4) for side in ("port", "starboard"))
+WEAKENED = with_propulsion(advance_loss_sqrt_N_s_m=1.2, wash=WASHED)
+FLOWING = {"V_c_m_s": 0.15, "beta_c_deg": 40.0}
+
+
+RUN = teleop_run(WEAKENED, 3, 30.0)
+
+
+def engine(vessel: VesselFile) -> Fit:
+    """Believing in `vessel`, on the log."""
+    return Fit(Physics([RUN], vessel, 1.0), catalogue(vessel, [RUN]), stated_noise(vessel))
+
+
+def truth(run, t_s: np.ndarray) -> np.ndarray:
+    """True states (.., 6) at `t_s`."""
+    t, x = run.samples(*TRUE)
+    x[:, 2] = np.unwrap(x[:, 2])
+    return np.stack([np.interp(t_s, t, column) for column in x.T], axis=-1)
+
+
+def missed(run, vessel: VesselFile) -> np.ndarray:
+    """By how much the engine that believes in `vessel` misses u, v, r after a second from true states, rms (3,)."""
+    physics = Physics([run], vessel, 1.0)
+    z = np.zeros((physics.windows.size[0], L))
+    z[:, STATE] = truth(run, physics.windows.t_s[:, 0])
+    reached = physics.move((), {}, z, None).x[:, -1]
+    return np.sqrt(((reached - truth(run, physics.windows.t_s[:, -1]))[:, 3:] ** 2).mean(axis=0))
+
+
+def test_thrust_that_moving_water_takes_off_is_taken_off_as_the_plant_does():
+    assert (missed(RUN, WEAKENED) < 0.1 * missed(RUN, PLAIN)).all()
+
+
+def settled(fit: Fit, theta: Theta) -> State:
+    """The motion once what goes by it is along itself."""
+    state = None
+    for _ in range(4):
+        state = fit.physics.move(fit.effects, theta, fit.z0, state)
+    assert state is not None
+    return state
+
+
+@cache
+def weakened_in_a_current() -> Fit:
+    return engine(replace(WEAKENED, terms=PLAIN.terms | {"current": FLOWING}))
+
+
+@pytest.mark.parametrize("name", ["thruster_gain:front_port", "base:trim:rear_port", "advance_loss", "wash", "current"])
+def test_columns_know_what_the_file_takes_off(name):
+    """Oracle: central differences of the integrated windows themselves."""
+    fit = weakened_in_a_current()
+    effect = next(e for e in fit.effects if e.id == name)
+    state = fit.physics.move(fit.effects, {}, fit.z0, None)
+    columns = fit.physics.accelerations(fit.effects, {}, state, [effect])
+    S = sensitivities(state.A, Pushes.of(columns.nodes, columns.bump), fit.physics.windows.h_s)
+    for j, parameter in enumerate(effect.parameters):
+        step = parameter.step * np.eye(len(effect.parameters))[j]
+        ahead, behind = (fit.physics.move(fit.effects, {name: s * step}, fit.z0, None) for s in (1, -1))
+        expected = (ahead.x[:, -1] - behind.x[:, -1]) / (2 * parameter.step)
+        off = np.abs(S[:, -1, :, 9 + j] - expected).max(axis=0)
+        assert (off[3:] <= 0.06 * np.abs(expected).max(axis=0)[3:] + 1e-9).all()
+
+
+@pytest.mark.parametrize(("name", "value"), [("munk_moment", 40.0), ("cross_flow", 0.5), ("advance_loss", 0.4)])
+def test_what_goes_by_the_motion_through_the_water_knows_the_current_of_the_file(name, value):
+    """Oracle: the same current as an effect."""
+    angle, there = np.radians(FLOWING["beta_c_deg"]), {name: np.array([value])}
+    flow = FLOWING["V_c_m_s"] * np.array([np.cos(angle), np.sin(angle)])
+    told, found = engine(replace(PLAIN, terms=PLAIN.terms | {"current": FLOWING})), engine(PLAIN)
+    one, other = settled(told, there), settled(found, {**there, "current": flow})
+    np.testing.assert_allclose(one.x, other.x, atol=1e-6)
+    assert np.abs(one.x - settled(found, there).x).max() > 1e-3

@@ -129,6 +129,7 @@ def _propulsion(vessel: VesselFile, cause: Cause, **keys: object) -> VesselFile:
 
 
 def _slew(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """In place of a limit that the file has, which is in it."""
     return _propulsion(vessel, cause, slew_N_s=cause.told["rate_limit_N_s"])
 
 

@@ -92,10 +92,10 @@ class Propelled:
         commands = self._commands(key, vessel, pulses)
         gains, f, middle = np.array([t.gain for t in vessel.thrusters]), [], []
         for span, own, width in zip(self.windows.spans, commands, self._means_s, strict=True):
-            history = _history(own, vessel.propulsion)
+            history = _history(dataclass_replace(own, force_n=own.force_n * gains), vessel.propulsion)
             f.append(_mean(history, self.windows.t_s[span], width))
             middle.append(_mean(history, self._middle[span], width))
-        driven = Forces(np.concatenate(f) * gains, np.concatenate(middle) * gains)
+        driven = Forces(np.concatenate(f), np.concatenate(middle))
         for kept in (driven.f, driven.middle):
             kept.flags.writeable = False  # they are handed out again
         return driven

@@ -101,7 +101,8 @@ def smallest(effect: Effect) -> tuple[float, str]:
     entry = PUBLIC.get(family(effect.name))
     if entry is None:
         return parameter.smallest, parameter.unit
-    return entry.smallest(parameter.smallest), entry.smallest_unit or parameter.unit
+    size = parameter.smallest + effect.origin.get(parameter.name, 0.0)
+    return entry.smallest(size), entry.smallest_unit or parameter.unit
 
 
 def sentence(name: str, numbers: Mapping[str, Told]) -> str:

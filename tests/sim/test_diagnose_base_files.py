@@ -14,8 +14,11 @@ from msgspec.structs import replace
 
 from companion.core.vessel_file import VesselFile, Wash
 from sim.diagnose.catalogue import catalogue
+from sim.diagnose.extend import extended
 from sim.diagnose.fit import Fit
+from sim.diagnose.mended import cause_of
 from sim.diagnose.physics import Physics, State
+from sim.diagnose.public import smallest
 from sim.diagnose.select import stated_noise
 from sim.diagnose.theta import Theta
 from sim.identify.structured.boats import in_still_air
@@ -33,6 +36,10 @@ def with_propulsion(**keys: object) -> VesselFile:
 
 WASHED = tuple(Wash(behind=f"rear_{side}", ahead=f"front_{side}", share=0.4) for side in ("port", "starboard"))
 WEAKENED = with_propulsion(advance_loss_sqrt_N_s_m=1.2, wash=WASHED)
+SLOW = replace(
+    with_propulsion(slew_N_s=25.0),
+    thrusters=tuple(replace(t, gain=g) for t, g in zip(PLAIN.thrusters, (0.5, 1, 1, 0.7), strict=True)),
+)
 FLOWING = {"V_c_m_s": 0.15, "beta_c_deg": 40.0}
 
 
@@ -103,3 +110,22 @@ def test_what_goes_by_the_motion_through_the_water_knows_the_current_of_the_file
     one, other = settled(told, there), settled(found, {**there, "current": flow})
     np.testing.assert_allclose(one.x, other.x, atol=1e-6)
     assert np.abs(one.x - settled(found, there).x).max() > 1e-3
+
+
+def test_thrusters_that_are_slow_in_the_file_are_as_slow_as_in_the_plant():
+    run = teleop_run(SLOW, 3, 30.0)
+    fast = replace(SLOW, propulsion=PLAIN.propulsion)
+    assert (missed(run, SLOW) < 0.1 * missed(run, fast)).all()
+
+
+def test_a_limit_that_is_found_is_the_limit_in_full():
+    """Oracle: the engine that believes in the extended file plays what this one believes beside its own file."""
+    fit, found = engine(SLOW), np.array([0.02])
+    limit = next(e for e in fit.effects if e.id == "rate_limit")
+    cause = cause_of(fit, limit, found, "test")
+    assert cause.told["rate_limit_N_s"] == pytest.approx(1 / (0.02 + 1 / 25))
+    assert smallest(limit) == (pytest.approx(1 / (1 / 150 + 1 / 25)), "N/s")
+    told = engine(extended(SLOW, cause)).physics.thrusters.forces((), {}).f
+    believed = fit.physics.thrusters.forces([limit], {limit.id: found}).f
+    np.testing.assert_allclose(told, believed, atol=1e-9)
+    assert np.abs(believed - fit.physics.thrusters.forces((), {}).f).max() > 1

@@ -47,7 +47,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
             far=True,
         )
     yield from _common(vessel)
-    yield from _timing()
+    yield from _timing(vessel)
     yield from _flow(vessel)
 
 
@@ -169,7 +169,8 @@ def _maps(edit: Callable[[RotorMap, Values], RotorMap]) -> Callable[[Values, Ves
     return hook
 
 
-def _timing() -> Iterator[Effect]:
+def _timing(vessel: VesselFile) -> Iterator[Effect]:
+    slew_N_s = vessel.propulsion.slew_N_s
     yield Effect(
         "lag",
         "propulsion",
@@ -193,6 +194,7 @@ def _timing() -> Iterator[Effect]:
         "large changes of thrust take time in proportion to their size",
         (Parameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.02, 0.0, 1.0),),
         {"maps": _limited},
+        origin={"slowness_s_N": 1 / slew_N_s} if slew_N_s else {},
         far=True,
     )
 
@@ -206,7 +208,7 @@ def _propulsion(key: str, least: float) -> Callable[[Values, VesselFile], Vessel
 
 
 def _limited(p: Values, vessel: VesselFile) -> VesselFile:
-    """A slowness of nil is no limit."""
+    """On top of a limit that the file has; a slowness of nil is no limit."""
     now = vessel.propulsion
     slowness = p["slowness_s_N"] + (1 / now.slew_N_s if now.slew_N_s else 0.0)
     return replace(vessel, propulsion=replace(now, slew_N_s=1 / slowness if slowness > 0 else None))

@@ -203,14 +203,23 @@ def _gusty(vessel: VesselFile, cause: Cause) -> VesselFile:
 
 
 def _tether(vessel: VesselFile, cause: Cause) -> VesselFile:
-    """The term pulls at the body origin: the moment of a line made fast elsewhere is not in the file."""
-    p = cause.told
-    place = {"north_m": p["anchor_north_m"], "east_m": p["anchor_east_m"]}
-    return _term(vessel, "tether", cause, **place, stiffness_N_m=p["k_N_m"])
+    """The term pulls at the body origin: the moment of a line made fast elsewhere is not in the file.
+
+    Two springs without slack pull as one, from between their anchors.
+    """
+    p, now = cause.told, values("tether", vessel.terms.get("tether", {}))
+    k = now["stiffness_N_m"] + p["k_N_m"]
+    if now["stiffness_N_m"] and now["slack_m"]:
+        raise NoPlaceError("the file has a tether with slack already")
+    share = p["k_N_m"] / k if now["stiffness_N_m"] else 1.0
+    place = {f"{at}_m": (1 - share) * now[f"{at}_m"] + share * p[f"anchor_{at}_m"] for at in ("north", "east")}
+    return _term(vessel, "tether", cause, **place, stiffness_N_m=k)
 
 
 def _zone(vessel: VesselFile, cause: Cause) -> VesselFile:
     p = cause.told
+    if values("shallow_zone", vessel.terms.get("shallow_zone", {}))["share"]:
+        raise NoPlaceError("the file has a shallow zone already")
     where = {k: p[k] for k in ("north_m", "east_m")}
     return _term(vessel, "shallow_zone", cause, **where, radius_m=max(p["radius_m"], 0.01), share=p["gain"] - 1)
 

@@ -3,12 +3,14 @@
 Teleoperation logs of 60 s, seed 5. The engine knows the base file only, and a single effect that may be there.
 """
 
+import casadi as ca
 import numpy as np
 import pytest
 from boats import boat
 from msgspec.structs import replace
 
 from companion.core.inflow import weakened
+from companion.core.vessel import StructuredModel
 from companion.core.vessel_load import load_vessel
 from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import Effect, Parameter, Scene
@@ -183,6 +185,25 @@ def test_losses_to_moving_water_add_to_those_of_the_file():
     twice = extended(twice, cause("advance_loss", 0.05)).propulsion
     assert [w.share for w in twice.wash] == pytest.approx([1.5 * w.share for w in once.wash])
     assert twice.advance_loss_sqrt_N_s_m == pytest.approx(1.5 * once.advance_loss_sqrt_N_s_m)
+
+
+def test_a_second_tether_pulls_as_the_engine_has_both():
+    first, second = cause("tether@+0.0", 0.3, 1.0, 2.0, 0.0), cause("tether@+0.0", 0.1, -1.5, 0.5, 0.0)
+    once = extended(VESSEL, first)
+    eta, nu = np.array([11.0, 17.0, 0.4]), np.zeros(3)
+    scene = Scene(np.zeros((1, 1)), np.zeros((1, 1)), np.array([[[*eta, *nu]]]), np.zeros((1, 1, 3)), np.zeros(1),
+                  PLACE.centre_m, 0.0)  # fmt: skip
+    both = sum(one.effect.hooks["force"]({**one.own, "arm_m": 0.0}, scene)[0, 0] for one in (first, second))
+    found = StructuredModel.of(extended(once, second)).term_force(eta, nu)
+    assert np.array(ca.DM(found))[:, 0] == pytest.approx(both, abs=1e-9)
+    slack = replace(once, terms={"tether": once.terms["tether"] | {"slack_m": 1.0}})
+    assert with_causes(slack, [second]) == (slack, {"tether": "the file has a tether with slack already"})
+
+
+def test_a_second_zone_does_not_take_the_place_of_the_first():
+    once = extended(VESSEL, cause("shallow_zone@0", 0.5, 0.0, 0.0, 0.0))
+    vessel, left = with_causes(once, [cause("shallow_zone@4", 0.8, 0.0, 0.0, 0.0)])
+    assert vessel == once and left == {"shallow_zone": "the file has a shallow zone already"}
 
 
 def test_a_refitted_base_holds_numbers_and_nothing_else():

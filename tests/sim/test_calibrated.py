@@ -10,6 +10,7 @@ from companion.core.calibration import heading_applied, imu_applied, place_appli
 from sim.identify.blocks import part
 from sim.identify.calibrated import calibrated
 from sim.identify.run import Run
+from sim.identify.thin import thinned
 
 BASE = boat("aritra")
 ERRORS = {"accel_bias_x_m_s2": 0.2, "gyro_bias_rad_s": 0.02, "gyro_scale": 0.05, "misalignment_rad": 0.3,
@@ -68,6 +69,18 @@ def test_a_part_of_a_log_drifts_as_the_log_does():
     assert piece[0] == pytest.approx(whole[0][-len(piece[0]) :]) and len(piece[0]) == 50
     blank = Run(log().table.with_columns(pl.lit(None, pl.Float64).alias(c) for c in ("north_m", "east_m")))
     assert not calibrated(blank, known).known("north_m")
+
+
+def test_a_part_of_a_log_is_freed_of_the_drift_since_the_log_began():
+    """The same whether it is cut before or after, in one go or in two, thinned or not."""
+    known = vessel(clock_drift_s_s=0.017)
+    drifting, (t_good, good) = log(known), log().samples("north_m", "east_m")
+    for piece in (part(drifting, 20.0, 28.0), part(part(drifting, 10.0, 29.0), 20.0, 28.0),
+                  thinned(part(drifting, 20.0, 28.0)).run):  # fmt: skip
+        t, places = calibrated(piece, known).samples("north_m", "east_m")
+        mine = slice(start := np.searchsorted(t_good, t[0] - 0.1), start + len(t))
+        assert t == pytest.approx(t_good[mine], abs=2e-3)
+        assert places == pytest.approx(good[mine], abs=1e-9)
 
 
 def test_one_force_without_the_other_is_left_out_where_axes_are_turned():

@@ -40,6 +40,8 @@ LEAST_SHARE = 0.2
 """Of the filter's own tuning: what would never have been named (half the smallest size of a few effects) is there
 on another day, some 0.8 N and 0.3 N m; assumed.
 """
+LAST = ("swapped_pair", "accel_bias")
+"""Into the file after all others: then names change places; and the axes along which a bias lies are as they are."""
 COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
 
 
@@ -97,7 +99,7 @@ def extended(vessel: VesselFile, cause: Cause) -> VesselFile:
 def with_causes(vessel: VesselFile, causes: Sequence[Cause]) -> tuple[VesselFile, dict[str, str]]:
     """`vessel` with all causes that it can say, and by name why it cannot say the others."""
     left: dict[str, str] = {}
-    for cause in sorted(causes, key=lambda c: c.kind == "swapped_pair"):  # last: names change places then
+    for cause in sorted(causes, key=lambda c: c.kind in LAST):
         try:
             vessel = extended(vessel, cause)
         except NoPlaceError as error:

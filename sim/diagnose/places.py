@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.calibration import imu_applied
 from companion.core.terms import RHO_AIR, values
 from companion.core.vessel_file import Thruster, VesselFile, Wash
 from sim.diagnose.catalogue.hull import RHO_WATER
@@ -114,13 +115,23 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
     return place
 
 
+def _imu(vessel: VesselFile, cause: Cause, **keys: float) -> VesselFile:
+    imu = vessel.sensors.imu
+    new = replace(imu, **keys, source=noted(imu.source, cause.note))
+    return replace(vessel, sensors=replace(vessel.sensors, imu=new))
+
+
+def _accel_bias(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
+    x, y, _ = imu_applied(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
+    return _imu(vessel, cause, accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
+
+
 def _iron(vessel: VesselFile, cause: Cause) -> VesselFile:
     imu = vessel.sensors.imu
     more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.own[f"{k}_deg"]))
             for k in ("cos", "sin")}  # fmt: skip
-    return replace(
-        vessel, sensors=replace(vessel.sensors, imu=replace(imu, **more, source=noted(imu.source, cause.note)))
-    )
+    return _imu(vessel, cause, **more)
 
 
 def _propulsion(vessel: VesselFile, cause: Cause, **keys: object) -> VesselFile:
@@ -248,7 +259,7 @@ PLACES: dict[str, Callable[[VesselFile, Cause], VesselFile]] = {
     "cg_shift": _cg,
     "cross_flow": _cross_flow,
     "munk_moment": _munk,
-    "accel_bias": _sensor("imu", accel_bias_x_m_s2="b_x_m_s2", accel_bias_y_m_s2="b_y_m_s2"),
+    "accel_bias": _accel_bias,
     "gyro_bias": _sensor("imu", gyro_bias_rad_s="b_r_rad_s"),
     "gyro_scale": _sensor("imu", gyro_scale="scale"),
     "heading_offset": _sensor("imu", RAD, heading_offset_rad="offset_deg"),

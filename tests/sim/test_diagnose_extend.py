@@ -9,6 +9,7 @@ import pytest
 from boats import boat
 from msgspec.structs import replace
 
+from companion.core.calibration import imu_applied, imu_corrected
 from companion.core.inflow import weakened
 from companion.core.vessel import StructuredModel
 from companion.core.vessel_load import load_vessel
@@ -185,6 +186,19 @@ def test_losses_to_moving_water_add_to_those_of_the_file():
     twice = extended(twice, cause("advance_loss", 0.05)).propulsion
     assert [w.share for w in twice.wash] == pytest.approx([1.5 * w.share for w in once.wash])
     assert twice.advance_loss_sqrt_N_s_m == pytest.approx(1.5 * once.advance_loss_sqrt_N_s_m)
+
+
+@pytest.mark.parametrize("m_rad", [0.0, -0.4])
+def test_a_bias_beside_a_turned_imu_is_what_the_engine_has(m_rad):
+    """Oracle: the sensor model. The engine sees readings freed of what the base file knows."""
+    imu = replace(VESSEL.sensors.imu, misalignment_rad=m_rad, accel_bias_x_m_s2=0.1)
+    base = replace(VESSEL, sensors=replace(VESSEL.sensors, imu=imu))
+    bias, turn = cause("accel_bias", 0.3, -0.2), cause("imu_misalignment", 20.0)
+    y = np.array([[[0.0, 0.1, 0.7, -0.4]]])
+    for one in sorted((bias, turn), key=lambda c: list(EFFECTS).index(c.effect.id)):
+        y = one.effect.hooks["imu"](one.own, None, y)
+    there = with_causes(base, [bias, turn])[0].sensors.imu
+    assert imu_corrected(imu, *imu_applied(there, 0.7, -0.4, 0.1))[:2] == pytest.approx(y[0, 0, 2:], abs=1e-12)
 
 
 def test_a_second_tether_pulls_as_the_engine_has_both():

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace as dataclass_replace
 
 import numpy as np
 from msgspec.structs import replace
@@ -99,12 +100,26 @@ def extended(vessel: VesselFile, cause: Cause) -> VesselFile:
 def with_causes(vessel: VesselFile, causes: Sequence[Cause]) -> tuple[VesselFile, dict[str, str]]:
     """`vessel` with all causes that it can say, and by name why it cannot say the others."""
     left: dict[str, str] = {}
-    for cause in sorted(causes, key=lambda c: c.kind in LAST):
+    for cause in sorted(_of_the_fouled(causes), key=lambda c: c.kind in LAST):
         try:
             vessel = extended(vessel, cause)
         except NoPlaceError as error:
             left[cause.effect.name] = str(error)
     return vessel, left
+
+
+def _of_the_fouled(causes: Sequence[Cause]) -> list[Cause]:
+    """`causes` with shallow zones as a file has them, by shares of the damping of a hull that is fouled, if it is.
+
+    They are found by shares of what the base has.
+    """
+    fouled = math.prod(c.told["gain"] for c in causes if c.kind == "hull_fouling")
+    return [
+        dataclass_replace(c, told={**c.told, "gain": 1 + (c.told["gain"] - 1) / fouled})
+        if c.kind == "shallow_zone"
+        else c
+        for c in causes
+    ]
 
 
 def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[Cause]) -> VesselFile:

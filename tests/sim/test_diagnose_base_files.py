@@ -129,3 +129,13 @@ def test_a_limit_that_is_found_is_the_limit_in_full():
     believed = fit.physics.thrusters.forces([limit], {limit.id: found}).f
     np.testing.assert_allclose(told, believed, atol=1e-9)
     assert np.abs(believed - fit.physics.thrusters.forces((), {}).f).max() > 1
+
+
+def test_fouling_in_a_zone_of_the_file_is_that_of_the_extended_file():
+    """Oracle: the engine that believes in the extended file."""
+    zone = {"north_m": 15.0, "east_m": 15.0, "radius_m": 4.0, "share": 0.8, "source": "test"}
+    fit, found = engine(replace(PLAIN, terms=PLAIN.terms | {"shallow_zone": zone})), np.array([0.5])
+    fouling = next(e for e in fit.effects if e.id == "hull_fouling")
+    told = engine(extended(fit.physics.vessel, cause_of(fit, fouling, found, "test")))
+    there = told.physics.move((), {}, fit.z0, None).x
+    np.testing.assert_allclose(fit.physics.move([fouling], {fouling.id: found}, fit.z0, None).x, there, atol=1e-9)

@@ -214,6 +214,21 @@ def test_a_second_tether_pulls_as_the_engine_has_both():
     assert with_causes(slack, [second]) == (slack, {"tether": "the file has a tether with slack already"})
 
 
+def test_a_zone_beside_fouling_damps_as_the_engine_has_both():
+    """In the middle of the zone, where its edge does not matter."""
+    zone, fouling = cause("shallow_zone@0", 0.6, 0.0, 0.0, 6.0), cause("hull_fouling", 0.5)
+    there = np.array([zone.told["north_m"], zone.told["east_m"], 0.3])
+    nu = np.array([0.5, -0.2, 0.3])
+    scene = Scene(np.zeros((1, 1)), np.zeros((1, 1)), np.array([[[*there, *nu]]]), np.zeros((1, 1, 3)), np.zeros(1),
+                  PLACE.centre_m, 0.0)  # fmt: skip
+    own = {**zone.own, "north_m": 0.0, "east_m": 0.0, "radius_m": 6.0}
+    fouled = StructuredModel.of(extended(VESSEL, fouling)).damping(there, nu)
+    both = np.array(ca.DM(fouled))[:, 0] - zone.effect.hooks["force"](own, scene)[0, 0]
+    for causes in ((zone, fouling), (fouling, zone)):
+        found = StructuredModel.of(with_causes(VESSEL, causes)[0]).damping(there, nu)
+        assert np.array(ca.DM(found))[:, 0] == pytest.approx(both, rel=1e-6)
+
+
 def test_a_second_zone_does_not_take_the_place_of_the_first():
     once = extended(VESSEL, cause("shallow_zone@0", 0.5, 0.0, 0.0, 0.0))
     vessel, left = with_causes(once, [cause("shallow_zone@4", 0.8, 0.0, 0.0, 0.0)])

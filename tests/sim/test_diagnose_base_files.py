@@ -119,23 +119,31 @@ def test_thrusters_that_are_slow_in_the_file_are_as_slow_as_in_the_plant():
 
 
 def test_a_limit_that_is_found_is_the_limit_in_full():
-    """Oracle: the engine that believes in the extended file plays what this one believes beside its own file."""
     fit, found = engine(SLOW), np.array([0.02])
     limit = next(e for e in fit.effects if e.id == "rate_limit")
     cause = cause_of(fit, limit, found, "test")
     assert cause.told["rate_limit_N_s"] == pytest.approx(1 / (0.02 + 1 / 25))
     assert smallest(limit) == (pytest.approx(1 / (1 / 150 + 1 / 25)), "N/s")
-    told = engine(extended(SLOW, cause)).physics.thrusters.forces((), {}).f
-    believed = fit.physics.thrusters.forces([limit], {limit.id: found}).f
-    np.testing.assert_allclose(told, believed, atol=1e-9)
-    assert np.abs(believed - fit.physics.thrusters.forces((), {}).f).max() > 1
 
 
-def test_fouling_in_a_zone_of_the_file_is_that_of_the_extended_file():
+ZONE = {"north_m": 15.0, "east_m": 15.0, "radius_m": 4.0, "share": 0.8, "source": "test"}
+
+
+@pytest.mark.parametrize(
+    ("vessel", "name", "value"),
+    [
+        (replace(PLAIN, terms=PLAIN.terms | {"shallow_zone": ZONE}), "hull_fouling", 0.5),
+        (SLOW, "rate_limit", 0.02),
+        (SLOW, "thruster_gain:rear_port", -0.6),
+        (SLOW, "common_loss", 0.4),
+    ],
+    ids=["fouling in a zone", "limit beside a limit", "gain beside a limit", "loss beside a limit"],
+)
+def test_a_cause_beside_what_the_file_has_is_what_the_extended_file_has(vessel, name, value):
     """Oracle: the engine that believes in the extended file."""
-    zone = {"north_m": 15.0, "east_m": 15.0, "radius_m": 4.0, "share": 0.8, "source": "test"}
-    fit, found = engine(replace(PLAIN, terms=PLAIN.terms | {"shallow_zone": zone})), np.array([0.5])
-    fouling = next(e for e in fit.effects if e.id == "hull_fouling")
-    told = engine(extended(fit.physics.vessel, cause_of(fit, fouling, found, "test")))
+    fit, found = engine(vessel), np.array([value])
+    effect = next(e for e in fit.effects if e.id == name)
+    told = engine(extended(vessel, cause_of(fit, effect, found, "test")))
     there = told.physics.move((), {}, fit.z0, None).x
-    np.testing.assert_allclose(fit.physics.move([fouling], {fouling.id: found}, fit.z0, None).x, there, atol=1e-9)
+    np.testing.assert_allclose(fit.physics.move([effect], {name: found}, fit.z0, None).x, there, atol=1e-9)
+    assert np.abs(fit.physics.move((), {}, fit.z0, None).x - there).max() > 0.01

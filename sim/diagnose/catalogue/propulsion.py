@@ -32,7 +32,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
             "f_i (1 + gain)",
             "pulls to one side in proportion to this thruster's command",
             number("gain", "1", 0.5, 0.05, -3.0, 2.0),
-            {"thrust": _gain(i)},
+            {"maps": _regained(lambda p: 1 + p["gain"], i)} if vessel.propulsion.slew_N_s else {"thrust": _gain(i)},
         )
         for onset_s, reach_s in onsets:
             yield _fouling(i, name, onset_s, partial(_between, i, name, onset_s, reach_s))
@@ -73,6 +73,17 @@ def _gain(i: int) -> Callable[[Values, Scene, np.ndarray], np.ndarray]:
         out = f.copy()
         out[..., i] *= 1 + p["gain"]
         return out
+
+    return hook
+
+
+def _regained(share: Callable[[Values], float], *which: int) -> Callable[[Values, VesselFile], VesselFile]:
+    """Gains of some thrusters, or of all, in the file itself: its rate limit acts on what is left of their force."""
+
+    def hook(p: Values, vessel: VesselFile) -> VesselFile:
+        mine, all_ = which or range(len(vessel.thrusters)), enumerate(vessel.thrusters)
+        thrusters = tuple(replace(t, gain=t.gain * share(p)) if i in mine else t for i, t in all_)
+        return replace(vessel, thrusters=thrusters)
 
     return hook
 
@@ -118,7 +129,9 @@ def _common(vessel: VesselFile) -> Iterator[Effect]:
         "all f (1 - loss)",
         "slower in every direction and slower to start; the same as all mass and damping larger",
         number("loss", "1", 0.4, 0.05, -2.0, 0.95),
-        {"thrust": lambda p, scene, f: f * (1 - p["loss"])},
+        {"maps": _regained(lambda p: 1 - p["loss"])}
+        if vessel.propulsion.slew_N_s
+        else {"thrust": lambda p, scene, f: f * (1 - p["loss"])},
         same_as=("mass_damping_scale",),
     )
     if not any(isinstance(m, RotorMap) for m in vessel.force_maps.values()):

@@ -29,7 +29,8 @@ class Told:
     """One public number: value, standard error, 95 % interval, unit.
 
     As text in `format`: `{x}` with unit and interval; `{x:%}` a share in per cent; `{x:gain}` a gain as "27 % less";
-    `{x:heavier/lighter}` its size and the word that goes with its sign; what follows `|` stands before the interval.
+    `{x:heavier/lighter}` its size and the word that goes with its sign, so do its limits where these are of both signs;
+    what follows `|` stands before the interval.
     """
 
     value: float
@@ -44,13 +45,15 @@ class Told:
         if spec.startswith("%"):
             value, low, high, unit = 100 * value, 100 * low, 100 * high, " %"
         spec, _, tail = spec.partition("|")
-        word = ""
-        if "/" in spec:
-            words = spec.removeprefix("%").split("/")
-            word = f" {words[0] if value > 0 else words[1]}"
-            if low * high > 0:
-                value, (low, high) = abs(value), sorted((abs(low), abs(high)))
-        return f"{_digits(value)}{unit}{word}{tail} (95 %: {_digits(low)} to {_digits(high)})"
+        if "/" not in spec:
+            return f"{_digits(value)}{unit}{tail} (95 %: {_digits(low)} to {_digits(high)})"
+        words = spec.removeprefix("%").split("/")
+        interval = f"{_digits(abs(low))} to {_digits(abs(high))}"
+        if low < 0 < high:
+            interval = f"between {_digits(-low)} {words[1]} and {_digits(high)} {words[0]}"
+        elif high <= 0:
+            interval = f"{_digits(abs(high))} to {_digits(abs(low))}"
+        return f"{_digits(abs(value))}{unit} {words[value <= 0]}{tail} (95 %: {interval})"
 
 
 def _digits(value: float) -> str:

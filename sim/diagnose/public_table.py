@@ -103,7 +103,7 @@ PUBLIC: dict[str, Entry] = {
     "turning_current": Entry(
         {"V_c_m_s": "m/s", "beta_c_deg": "deg", "turn_deg_s": "deg/s"},
         "The water moves at {V_c_m_s}; its direction was {beta_c_deg} from north at the beginning and turns by "
-        "{turn_deg_s}.",
+        "{turn_deg_s:clockwise/anticlockwise}.",
         _turning,
     ),
     "wind": Entry(
@@ -129,12 +129,13 @@ PUBLIC: dict[str, Entry] = {
     ),
     "thruster_fouling": Entry(
         {"gain": "1", "t_on_s": "s"},
-        "Thruster {name} gives {gain:gain| thrust than the model} from {t_on_s} after the first log's beginning on.",
+        "Thruster {name} gives {gain:gain| thrust than the model} from "
+        "{t_on_s:after/before| the first log's beginning} on.",
         _gain("gain", t_on_s="onset_s"),
     ),
     "common_loss": Entry(
         {"gain": "1"},
-        "All thrusters give {gain:gain| thrust than the model} (or all mass and damping are larger: no log can tell).",
+        "All thrusters give {gain:gain| thrust than the model} (or it is all mass and damping: no log can tell).",
         _gain("loss", -1.0),
     ),
     "astern_asymmetry": Entry(
@@ -161,10 +162,13 @@ PUBLIC: dict[str, Entry] = {
         "N/s",
     ),
     "advance_loss": Entry(
-        {"loss_s_m": "s/m"}, "Thrust falls with speed through the water: by a share of {loss_s_m} times the speed."
+        {"loss_s_m": "s/m"},
+        "Thrust falls with speed through the water: the share lost is {loss_s_m:larger/smaller| than the model's}.",
     ),
     "wash": Entry(
-        {"loss": "1"}, "The thruster behind another loses {loss:%| of its thrust} while that one pushes with 30 N."
+        {"loss": "1"},
+        "The thruster behind another loses {loss:%more/less| of its thrust than in the model} while that one pushes "
+        "with 30 N.",
     ),
     "hull_fouling": Entry({"gain": "1"}, "The hull has {gain:gain| damping than the model}.", _gain("share")),
     "payload": Entry({"mass_kg": "kg"}, "The boat is {mass_kg:heavier/lighter| than the model}."),
@@ -179,11 +183,15 @@ PUBLIC: dict[str, Entry] = {
         "The centre of gravity lies {x_g_m:further forward/further aft} and {y_g_m:further to "
         "starboard/further to port}.",
     ),
-    "cross_flow": Entry({"C_d": "1"}, "There is cross-flow drag that the model has not: C_d {C_d}."),
+    "cross_flow": Entry({"C_d": "1"}, "Cross-flow drag has a C_d that is {C_d:larger/smaller| than the model's}."),
     "yaw_sway_coupling": Entry(
-        {"Y_r_N_s": "N s", "N_v_N_s": "N s"}, "Yaw and sway are coupled more: Y_r by {Y_r_N_s}, N_v by {N_v_N_s}."
+        {"Y_r_N_s": "N s", "N_v_N_s": "N s"},
+        "Yaw and sway are coupled otherwise than in the model: Y_r differs by {Y_r_N_s}, N_v by {N_v_N_s}.",
     ),
-    "munk_moment": Entry({"N_uv_kg": "kg"}, "Drifting at speed turns the boat: a Munk moment of {N_uv_kg}."),
+    "munk_moment": Entry(
+        {"N_uv_kg": "kg"},
+        "Drifting at speed turns the boat by a Munk moment that is {N_uv_kg:larger/smaller| than the model's}.",
+    ),
     "accel_bias": Entry(
         {"b_x_m_s2": "m/s^2", "b_y_m_s2": "m/s^2"},
         "The accelerometers read {b_x_m_s2:too much/too little} ahead and {b_y_m_s2:too much/too little} to "
@@ -211,7 +219,7 @@ PUBLIC: dict[str, Entry] = {
     "uwb_latency": Entry({"latency_s": "s"}, "Positions are {latency_s:older/younger| than the model has it}."),
     "clock_drift": Entry(
         {"drift": "1"},
-        "Positions come later and later: by a share of {drift} of the time since the log began.",
+        "The clock of the positions drifts: they come {drift:s later/s earlier| with every second of the log}.",
         _renamed(drift="drift"),
     ),
     "uwb_lever_arm": Entry(

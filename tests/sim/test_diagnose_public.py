@@ -1,11 +1,12 @@
 """Public names, units, signs and intervals; against the hidden benchmark's words and by properties."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from boats import boat
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from run_logs import clean_run
 
@@ -13,7 +14,7 @@ from companion.core.terms import RHO_AIR
 from sim.diagnose.catalogue import catalogue, chance
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.public import Place, Told, family, point, public, sentence, smallest
-from sim.diagnose.public_table import PUBLIC
+from sim.diagnose.public_table import DIRECTIONS, PUBLIC
 from tests.hidden.names import FAMILIES
 
 VESSEL = boat("aritra")
@@ -145,7 +146,9 @@ def test_a_users_effect_keeps_its_names():
         (0.73, (0.71, 0.75), "gain| thrust", "27 % less thrust (95 %: 25 to 29)"),
         (1.2, (1.1, 1.3), "gain", "20 % more (95 %: 10 to 30)"),
         (-5.0, (-6.0, -4.0), "heavier/lighter", "5 kg lighter (95 %: 4 to 6)"),
-        (-1.0, (-3.0, 1.0), "heavier/lighter", "-1 kg lighter (95 %: -3 to 1)"),
+        (-1.0, (-3.0, 1.0), "heavier/lighter", "1 kg lighter (95 %: between 3 lighter and 1 heavier)"),
+        (-0.002, (-0.004, 0.0), "to starboard/to port", "0.002 kg to port (95 %: 0 to 0.004)"),
+        (0.97, (0.92, 1.02), "gain| thrust", "3 % less thrust (95 %: between 8 less and 2 more)"),
     ],
 )
 def test_numbers_in_words(value, ci95, spec, text):
@@ -156,3 +159,30 @@ def test_a_dead_and_a_reversed_thruster_in_words():
     for gain, words in ((0.01, "gives no thrust"), (-0.9, "pushes the wrong way round")):
         told = {"gain": Told(gain, 0.01, (gain - 0.02, gain + 0.02), "1")}
         assert words in sentence("thruster_gain:rear_port", told)
+
+
+NEVER_NEGATIVE = {
+    "V_c_m_s", "V_w_m_s", "F_w_N", "T_p_s", "gustiness", "gust_time_s", "k_N_m", "radius_m", "amplitude_deg",
+    "rate_limit_N_s", "share", "extra_m", "anchor",
+}  # fmt: skip
+SIGNED = {*DIRECTIONS, "north_m", "east_m", "anchor_north_m", "anchor_east_m", "x_t_m", "Y_r_N_s", "N_v_N_s"}
+"""Directions, coordinates and two coefficients are told with their signs; of all else a word tells the sign."""
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"), [(n, k) for n, e in PUBLIC.items() for k in e.units if k not in NEVER_NEGATIVE | SIGNED]
+)
+@settings(max_examples=30)
+@given(size=st.floats(0.01, 0.3), share=st.floats(0.1, 3.0))
+def test_a_word_tells_the_sign_of_every_number(name, parameter, size, share):
+    """And nothing but the word: a number and its mirror image have the same digits, none of them with a minus."""
+    units, nil = PUBLIC[name].units, 1.0 if parameter == "gain" else 0.0
+    others = {k: Told(1.2, 0.1, (1.1, 1.3), unit) for k, unit in units.items()}
+    said = []
+    for sign in (1.0, -1.0):
+        ends = sorted(sign * size * (1 + d * share) for d in (-1, 1))
+        number = Told(nil + sign * size, size * share, (nil + ends[0], nil + ends[1]), units[parameter])
+        said.append(sentence(name, others | {parameter: number}))
+    digits = [sorted(float(number) for number in re.findall(r"[\d.e+-]*\d", text)) for text in said]
+    assert said[0] != said[1] and digits[0] == pytest.approx(digits[1], rel=0.02), "but for rounding"
+    assert digits[0][0] >= 0

@@ -19,6 +19,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.identify.run import Run
+from sim.identify.unwrapped import unwrapped
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
@@ -131,17 +132,17 @@ def _columns(values: np.ndarray) -> np.ndarray:
 
 def _smooth_yaw(run: Run, noise: SmootherNoise, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """[psi r r_dot b_g], shape (k, 4), and its covariance (k, 4, 4)."""
-    t_psi, psi = run.samples("psi_rad")
+    t_psi, psi = unwrapped(run)
     if not len(psi):
         raise ValueError(f"{run.meta.source}: no heading (psi_rad) to smooth")
-    heading = binned(t_psi, np.unwrap(psi), grid)
+    heading = binned(t_psi, psi, grid)
     gyro = binned(*run.samples("r_rad_s"), grid)
     h = grid[1] - grid[0]
     kf = _kalman_filter(4, 1)
     kf.F, kf.Q = np.eye(4), np.zeros((4, 4))
     kf.F[:3, :3], kf.Q[:3, :3] = _random_walk(h, noise.yaw_jerk)
     kf.Q[3, 3] = noise.gyro_bias_walk**2 * h + 1e-18
-    kf.x = np.array([np.unwrap(psi)[0], 0.0, 0.0, 0.0])
+    kf.x = np.array([psi[0], 0.0, 0.0, 0.0])
     bias = noise.gyro_bias_rad_s if gyro.count.any() else 1e-6
     kf.P = np.diag(np.square([10 * noise.psi_rad, _START["r"], _START["r_dot"], bias]))
 

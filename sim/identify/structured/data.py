@@ -18,6 +18,7 @@ from sim.identify.run import Run
 from sim.identify.structured.battery import commands_of, pulses_of
 from sim.identify.structured.thrust import Commands
 from sim.identify.thin import Thinned
+from sim.identify.unwrapped import unwrapped
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 PSI, RATE, SURGE, SWAY = range(4)
@@ -147,7 +148,7 @@ def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tupl
     if not run.known("psi_rad") or not run.known("north_m"):
         raise StructuredFitError(f"{name}: the fit needs psi_rad and north_m, east_m; at least one is blank")
     channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
-    channels = [(t, np.unwrap(v)) if i == PSI else (t, v) for i, (t, v) in enumerate(channels)]
+    channels[PSI] = unwrapped(run)
     channels = _levelled(run, channels)
     begin = max(run.commands()[0][0] + SETTLE_S, channels[PSI][0][0]) + offset_s
     channels = [(t[t >= begin], v[t >= begin]) for t, v in channels]

@@ -1,0 +1,56 @@
+"""Headings over a dropout of the compass: as many turns as the yaw rate tells, else the short way round."""
+
+import numpy as np
+import polars as pl
+import pytest
+from boats import boat
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from run_logs import clean_run
+
+from sim.identify.run import Run
+from sim.identify.smoothing import SmootherNoise, smooth
+from sim.identify.structured.data import PSI, cut
+from sim.identify.teleop import teleop_run
+from sim.identify.unwrapped import unwrapped
+
+VESSEL = boat("aritra")
+CLEAN = clean_run(60.0)
+
+
+def turning(run: Run, rate_rad_s: float, begin_s: float, end_s: float, *silent: str) -> Run:
+    """`run` with a boat that turns steadily; columns `silent` are blank from `begin_s` to `end_s`."""
+    t = pl.col("t_s")
+    psi = rate_rad_s * t + 0.002 * (40 * t).sin()
+    table = run.table.with_columns(psi_rad=pl.arctan2(psi.sin(), psi.cos()), r_rad_s=rate_rad_s + 0.01 * (30 * t).sin())
+    there = t.is_between(begin_s, end_s, closed="none")
+    return Run(table.with_columns(pl.when(~there).then(pl.col(c)).alias(c) for c in silent), run.meta)
+
+
+@settings(max_examples=40, deadline=None)
+@given(rate=st.floats(-1.0, 1.0), begin=st.floats(2.0, 30.0), length=st.floats(0.1, 25.0))
+def test_a_dropout_of_the_compass_does_not_lose_a_turn(rate, begin, length):
+    t_s, psi = unwrapped(turning(CLEAN, rate, begin, begin + length, "psi_rad"))
+    assert psi - psi[0] == pytest.approx(rate * (t_s - t_s[0]), abs=0.01)
+
+
+def test_where_the_rate_is_silent_too_it_is_the_short_way_round():
+    there = turning(CLEAN, 0.5, 20.0, 40.0, "psi_rad", "r_rad_s")
+    never = Run(there.table.with_columns(r_rad_s=pl.lit(None, pl.Float64)), there.meta)
+    for blind in (there, never):
+        assert np.array_equal(unwrapped(blind)[1], np.unwrap(blind.samples("psi_rad")[1]))
+
+
+def test_without_a_dropout_it_is_the_short_way_round_whatever_the_gyro_says():
+    biased = Run(CLEAN.table.with_columns(pl.col("r_rad_s") * 1.1 + 0.05), CLEAN.meta)
+    assert np.array_equal(unwrapped(biased)[1], np.unwrap(CLEAN.samples("psi_rad")[1]))
+
+
+def test_the_fit_and_the_smoother_see_all_the_turns():
+    """Ten radians within the dropout: 30 in a minute."""
+    run = turning(teleop_run(VESSEL, 6, 60.0), 0.5, 20.0, 40.0, "psi_rad")
+    seen = cut([run], VESSEL, 2.0).y[..., PSI]
+    first, *_, last = seen[np.isfinite(seen)]
+    assert last - first == pytest.approx(0.5 * 59.0, abs=0.1)
+    psi = smooth(run, SmootherNoise.of(VESSEL)).eta[:, 2]
+    assert psi[-1] - psi[0] == pytest.approx(0.5 * 60.0, abs=0.2)

@@ -25,7 +25,7 @@ from sim.diagnose.held_out import Believed, HeldOutScore, score
 from sim.diagnose.linear import Point
 from sim.diagnose.mended import Files, Named, cause_of, mend, place, refit
 from sim.diagnose.mistaken import refuse_mistaken
-from sim.diagnose.pauses import unbroken
+from sim.diagnose.pauses import pieces, unbroken, without_pauses
 from sim.diagnose.physics import Physics
 from sim.diagnose.public import public, smallest
 from sim.diagnose.search import Found, search
@@ -33,7 +33,6 @@ from sim.diagnose.select import Model, Selection, Selector, stated_noise
 from sim.diagnose.spread import spread
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
-from sim.identify.blocks import parts
 from sim.identify.job_split import Log, Split, split, usable
 from sim.identify.problems import problems
 from sim.identify.run import Problem, Run
@@ -185,13 +184,12 @@ def diagnose(
 
 
 def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
-    whole = split(_logs(runs), _logs(held_out), vessel, block_s)
+    whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
     parted, clock = spread(whole), Clock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:
         refuse_mistaken(used.log.run)
-    outside = [run for part in parted.held_out for run in (parts(part.run, part.inside) if part.inside else [part.run])]
-    fitted, judged = ([piece for run in some for piece in unbroken(run)] for some in (parted.fitted, outside))
-    return Data(parted, fitted, judged, clock)
+    outside = [run for out in parted.held_out for run in (pieces(out.run, out.inside) if out.inside else [out.run])]
+    return Data(parted, list(parted.fitted), outside, clock)
 
 
 def _logs(runs: Sequence[Run]) -> list[Log]:

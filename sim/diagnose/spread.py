@@ -8,8 +8,9 @@ from math import floor
 
 import numpy as np
 
-from sim.identify.blocks import Interval, parts
-from sim.identify.job_split import Split
+from sim.diagnose.pauses import NEEDED, enough, pieces
+from sim.identify.blocks import Interval
+from sim.identify.job_split import JobError, Split
 
 LONGEST_S = 1000.0  # of all fitted logs together: a quarter of an hour tells nearly every cause; assumed
 PIECE_S = 50.0  # long against every time constant of a boat, short against drift and draining batteries; assumed
@@ -22,15 +23,17 @@ def spread(found: Split) -> Split:
         return found
     share, seen, kept = LONGEST_S / total_s, 0, []
     for used in found.used:
-        pieces: list[Interval] = []
+        taken: list[Interval] = []
         for interval in used.fitted_s:
-            for piece in _pieces(interval):
+            for piece in enough(used.log.run, _pieces(interval)):
                 seen += 1
                 if floor(seen * share) > floor((seen - 1) * share):
-                    begun = pieces.pop()[0] if pieces and pieces[-1][1] == piece[0] else piece[0]
-                    pieces.append((begun, piece[1]))  # one with its neighbour
-        kept.append(replace(used, fitted_s=tuple(pieces)))
-    fitted = tuple(run for used in kept for run in parts(used.log.run, used.fitted_s))
+                    begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
+                    taken.append((begun, piece[1]))  # one with its neighbour
+        kept.append(replace(used, fitted_s=tuple(taken)))
+    fitted = tuple(run for used in kept for run in pieces(used.log.run, used.fitted_s))
+    if not fitted:
+        raise JobError(f"{total_s / 60:.0f} minutes to fit, but no piece of {PIECE_S:g} s can be used: {NEEDED}")
     rule = f"{found.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"
     return replace(found, fitted=fitted, used=tuple(kept), rule=rule)
 

@@ -20,6 +20,7 @@ from sim.identify.run_columns import HELD
 
 HISTORY_S = 2.0
 """Commands kept from before a part: dead time and lag of small thrusters are over by then (validation looks as far)."""
+PAUSE_S, PERIODS = 2.0, 3.5  # a longer silence of all columns, commands too, and of so many rows, is a pause; assumed
 Interval = tuple[float, float]
 """From, to [s] on the run's clock."""
 
@@ -52,16 +53,37 @@ def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S)
     return [part(run, low_s, high_s, history_s) for low_s, high_s in intervals]
 
 
-def block_intervals(run: Run, block_s: float) -> list[Interval]:
-    """Blocks of `block_s` from the first row on; what is left at the end joins the last if it is less than half of one.
+def recorded(run: Run) -> list[Interval]:
+    """From one pause of the recording to the next; all of it where it never paused."""
+    t_s = run.table["t_s"].to_numpy()
+    since = t_s[t_s >= run.measured_s()[0]]  # before are commands only, those that changed
+    steps = np.diff(since)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    pauses = np.flatnonzero(steps > max(PAUSE_S, PERIODS * usual))
+    if not len(pauses):
+        return [(float(t_s[0]), float(t_s[-1]))]
+    begins, ends = [since[0], *since[pauses + 1]], [*since[pauses], since[-1]]
+    return [(float(a), float(b)) for a, b in zip(begins, ends, strict=True)]
 
-    RunError for a run that is shorter than one block.
+
+def block_intervals(run: Run, block_s: float) -> list[Interval]:
+    """Blocks of `block_s` from the first row on, and anew after each pause of the recording.
+
+    What is left at an end joins the last if it is less than half of one, and is left out if there is none; so is a
+    block in which nothing is measured. RunError for a run that is shorter than one block.
     """
-    t_s = run.table["t_s"]
-    begin, end = float(t_s[0]), float(t_s[-1])
+    begin, end = float(run.table["t_s"][0]), float(run.table["t_s"][-1])
     if not 0 < block_s <= end - begin:
         raise RunError(f"{run.meta.source}: {end - begin:g} s cannot be cut into blocks of {block_s:g} s")
+    measured = run.measured_s()
+    laid = [block for low, high in recorded(run) for block in _blocks(low, high, block_s)]
+    return [(low, high) for low, high in laid if ((measured >= low) & (measured <= high)).any()]
+
+
+def _blocks(begin: float, end: float, block_s: float) -> list[Interval]:
     count = int(np.floor((end - begin) / block_s + 0.5))
+    if not count:
+        return []
     edges = [*(begin + block_s * np.arange(count)).tolist(), end]
     return [(low, before(high) if high < end else high) for low, high in pairwise(edges)]
 
@@ -73,7 +95,9 @@ def alternate(run: Run, block_s: float) -> tuple[list[Interval], list[Interval]]
     """
     blocks = block_intervals(run, block_s)
     if len(blocks) < 2:
-        raise RunError(f"{run.meta.source}: {run.duration_s:g} s hold no two blocks of {block_s:g} s")
+        pauses = len(recorded(run)) - 1
+        between = f" between {pauses} pauses of the recording" if pauses else ""
+        raise RunError(f"{run.meta.source}: {run.duration_s:g} s{between} hold no two blocks of {block_s:g} s")
     return blocks[::2], blocks[1::2]
 
 

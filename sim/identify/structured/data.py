@@ -27,6 +27,7 @@ G = 9.80665  # m/s^2, standard gravity
 LEVEL_S = 0.3  # roll and pitch are averaged over so long before they level specific force: their noise would add to it
 SETTLE_S = 1.0  # after the first command: what the thrusters did before is not in the log, and forgotten by then
 EDGE_S = 0.5  # fixes so near an end of a run are left out, whatever the latency turns out to be
+LEAST_FIXES = 4
 
 
 class StructuredFitError(ValueError):
@@ -200,8 +201,10 @@ def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:
         known, _ = run.samples("psi_rad")
         first = max(known[0], run.commands()[0][0] + SETTLE_S) + offset_s
         inside = (t > first + EDGE_S) & (t < known[-1] - EDGE_S)
-        if inside.sum() < 4:
-            raise StructuredFitError(f"{run.meta.source}: {inside.sum()} positions; the fit needs at least 4")
+        if inside.sum() < LEAST_FIXES:
+            raise StructuredFitError(
+                f"{run.meta.source}: {inside.sum()} positions; the fit needs at least {LEAST_FIXES}"
+            )
         stamps.append(t[inside])
         places.append(place[inside])
         owners.append(np.full(int(inside.sum()), i))

@@ -36,6 +36,7 @@ from sim.diagnose.visible import visible_from
 from sim.identify.job_split import Log, Split, split, usable
 from sim.identify.problems import problems
 from sim.identify.run import Problem, Run
+from sim.identify.structured.data import fixes_of
 from sim.identify.structured.noise import Noise
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
@@ -189,6 +190,8 @@ def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, bloc
     for used in parted.used:
         refuse_mistaken(used.log.run)
     outside = [run for out in parted.held_out for run in (pieces(out.run, out.inside) if out.inside else [out.run])]
+    for run in outside:
+        fixes_of(run)  # they are looked at last, after a long search
     return Data(parted, list(parted.fitted), outside, clock)
 
 

@@ -60,7 +60,7 @@ def split(logs: Sequence[Log], held_out: Sequence[Log], vessel: VesselFile, bloc
     seen: dict[str, str] = {}
     for log in (*logs, *held_out):
         if other := seen.get(log.run.data_hash):
-            raise JobError(f"{log.name}: holds the same data as {other}")
+            raise JobError(f"{log.name}: holds the same data as {other}; name each log once")
         seen[log.run.data_hash] = log.name
     if held_out:
         used = [Used(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ()) for log in logs]
@@ -87,7 +87,7 @@ def usable(log: Log, vessel: VesselFile) -> Log:
         )
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
-            hint = "; a UWB log beside it can be given (--uwb)" if column == "north_m" else ""
+            hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
             raise JobError(f"{log.name}: {column}: blank throughout; nothing can be identified without {what}{hint}")
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return Log(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
@@ -110,7 +110,7 @@ def _alternate(log: Log, block_s: float) -> Used:
     try:
         fitted, out = alternate(log.run, block_s)
     except RunError as error:
-        raise JobError(str(error)) from None
+        raise JobError(f"{error}; choose shorter blocks, {LEAST_HELD_OUT_S:g} s at least, or hold out a log") from None
     return Used(log, tuple(fitted), tuple(out))
 
 

@@ -192,6 +192,46 @@ def test_bad_input_is_named(tmp_path, capsys, more, words):
     assert not (tmp_path / "out" / "findings.json").exists()
 
 
+@pytest.fixture(scope="module")
+def drive() -> Run:
+    return unlabelled(teleop_run(VESSEL, 8, 60.0))
+
+
+def silent(run: Run, begin_s: float, end_s: float, *columns: str) -> Run:
+    there = pl.col("t_s").is_between(begin_s, end_s)
+    return Run(run.table.with_columns(pl.when(~there).then(pl.col(c)).alias(c) for c in columns), run.meta)
+
+
+PLACES = ("north_m", "east_m")
+PULSES = tuple(f"pwm_{thruster.name}" for thruster in VESSEL.thrusters)
+
+
+@pytest.mark.parametrize(
+    ("alter", "more", "words"),
+    [
+        (lambda run: Run(run.table[:5], run.meta), "--reference {bad}", "0.0 s with heading and commands is too short"),
+        (lambda run: silent(run, 2.0, 60.0, *PLACES), "--held-out {bad}", "0 positions while heading and commands"),
+        (lambda run: silent(run, 0.0, 50.0, *PULSES), "{bad}", "the fit needs commands; at no time all of pwm_front_"),
+        (lambda run: silent(run, 40.0, 60.0, *PLACES), "{bad}", "39.97 to 59.97 s: the fit needs psi_rad and north_m"),
+        (lambda run: run, "{bad} --block 50", "no two blocks of 50 s; choose shorter blocks"),
+    ],
+)
+def test_a_log_that_holds_too_little_is_named_before_the_search(
+    tmp_path, capsys, monkeypatch, drive, alter, more, words
+):
+    def searched(*_):
+        raise AssertionError("the search is long")
+
+    monkeypatch.setattr(job, "search", searched)
+    good, bad = tmp_path / "drive.csv", tmp_path / "bad.csv"
+    write_run(drive, good)
+    write_run(alter(drive), bad)
+    logs = more.format(bad=bad) if more.startswith("{bad}") else f"{good} {more.format(bad=bad)}"
+    assert main(shlex.split(f"diagnose {logs} --vessel {BOATS}/aritra.toml --out {tmp_path}/out")) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"aritra diagnose: {bad}") and words in error
+
+
 def test_the_page_of_the_documents_has_every_effect_as_it_is():
     text = PAGE.read_text()
     for row in rows(VESSEL, (*catalogue(VESSEL, [clean_run(60.0)]), *chance.effects())):

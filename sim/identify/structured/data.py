@@ -145,17 +145,17 @@ def cut(
 
 def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stamps, measurements (n, 4) and the starts of windows of one run."""
-    name = run.meta.source
-    if not run.known("psi_rad") or not run.known("north_m"):
-        raise StructuredFitError(f"{name}: the fit needs psi_rad and north_m, east_m; at least one is blank")
+    name, begin = run.meta.source, _begin_s(run) + offset_s
     channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
     channels[PSI] = unwrapped(run)
     channels = _levelled(run, channels)
-    begin = max(run.commands()[0][0] + SETTLE_S, channels[PSI][0][0]) + offset_s
     channels = [(t[t >= begin], v[t >= begin]) for t, v in channels]
     stamps = np.unique(np.concatenate([t for t, _ in channels]))
-    if stamps[-1] - stamps[0] < 2 * window_s:
-        raise StructuredFitError(f"{name}: {stamps[-1] - stamps[0]:.1f} s is too short: two windows of {window_s} s")
+    lasts_s = float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
+    if lasts_s < 2 * window_s:
+        raise StructuredFitError(
+            f"{name}: {lasts_s:.1f} s with heading and commands is too short; two windows of {window_s:g} s are needed"
+        )
     extra = [np.linspace(a, b, int(np.ceil((b - a) / max_step_s)) + 1)[1:-1] for a, b in _gaps(stamps, max_step_s)]
     t = np.unique(np.concatenate([stamps, *extra]))
     y = np.full((len(t), len(CHANNELS)), np.nan)
@@ -195,17 +195,33 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
 
 def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:
     """Position samples of all runs, but for those at the very ends."""
-    stamps, places, owners = [], [], []
-    for i, (run, offset_s) in enumerate(laid):
-        t, place = run.samples("north_m", "east_m")
-        known, _ = run.samples("psi_rad")
-        first = max(known[0], run.commands()[0][0] + SETTLE_S) + offset_s
-        inside = (t > first + EDGE_S) & (t < known[-1] - EDGE_S)
-        if inside.sum() < LEAST_FIXES:
-            raise StructuredFitError(
-                f"{run.meta.source}: {inside.sum()} positions; the fit needs at least {LEAST_FIXES}"
-            )
-        stamps.append(t[inside])
-        places.append(place[inside])
-        owners.append(np.full(int(inside.sum()), i))
-    return Fixes(np.concatenate(stamps), np.concatenate(places), np.concatenate(owners))
+    found = [fixes_of(run, offset_s) for run, offset_s in laid]
+    owners = [np.full(len(t), i) for i, (t, _) in enumerate(found)]
+    return Fixes(np.concatenate([t for t, _ in found]), np.concatenate([p for _, p in found]), np.concatenate(owners))
+
+
+def fixes_of(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and places (m, 2) of the positions of a run that a fit can use. Raises StructuredFitError for too few."""
+    first, (t, place) = _begin_s(run) + offset_s, run.samples("north_m", "east_m")
+    inside = (t > first + EDGE_S) & (t < run.samples("psi_rad")[0][-1] - EDGE_S)
+    if inside.sum() < LEAST_FIXES:
+        raise StructuredFitError(
+            f"{run.meta.source}: {inside.sum()} positions while heading and commands are known; "
+            f"the fit needs at least {LEAST_FIXES}"
+        )
+    return t[inside], place[inside]
+
+
+def _begin_s(run: Run) -> float:
+    """When heading is known and commands have been for long enough."""
+    name = run.meta.source
+    if not run.known("psi_rad") or not run.known("north_m"):
+        raise StructuredFitError(f"{name}: the fit needs psi_rad and north_m, east_m; at least one is blank")
+    commands = run.commands()[0]
+    if not len(commands):
+        raise StructuredFitError(f"{name}: the fit needs commands; at no time all of {_pulses(run)} are known")
+    return float(max(commands[0] + SETTLE_S, run.samples("psi_rad")[0][0]))
+
+
+def _pulses(run: Run) -> str:
+    return ", ".join(f"pwm_{name}" for name in run.thrusters)

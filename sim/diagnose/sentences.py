@@ -11,6 +11,7 @@ from sim.diagnose.job import Diagnosis
 from sim.diagnose.public import sentence
 
 SHOWN_S = 10
+ROUGH, QUIET_M_S2 = 2.0, 0.01  # a reference log so many times as rough as the logs, or as this, is none; assumed
 WORDS = {
     "time": "time",
     "position": "the place in the basin",
@@ -44,9 +45,22 @@ def sentences(found: Diagnosis) -> list[str]:
         lines += [_gain(found.held_out, len(found.causes)), *_outside(found)]
     if found.verdict == "none":
         lines += _could_have_seen(found)
+    if _rough_reference(found):
+        lines.append(
+            f"The reference log {found.reference} holds more force that nobody can foretell than the logs themselves: "
+            "it was not calm, or something was wrong already. Faults may hide behind its noise; record another, or "
+            "leave it out."
+        )
     if found.identifiability is not None and found.identifiability.record.manoeuvre:
         lines.append(found.identifiability.record.manoeuvre)
     return lines
+
+
+def _rough_reference(found: Diagnosis) -> bool:
+    if found.ambient is None:
+        return False
+    logs = np.maximum(np.array(found.refit.noise.latent), QUIET_M_S2)
+    return bool((np.array(found.ambient.latent) > ROUGH * logs).any())
 
 
 def _verdict(found: Diagnosis) -> str:

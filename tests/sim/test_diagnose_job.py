@@ -134,6 +134,14 @@ def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
     assert "<h2>The causes" not in report(found)
 
 
+def test_a_reference_log_that_was_not_calm_is_said(weak):
+    noise = weak[2].refit.noise
+    for latent, said_so in (((0.5, 0.001, 0.001), True), (noise.latent, False)):
+        ambient = dataclasses.replace(noise, latent=latent)
+        lines = sentences(dataclasses.replace(weak[2], ambient=ambient, reference="calm.csv"))
+        assert any("The reference log calm.csv holds more force" in line for line in lines) == said_so
+
+
 def test_what_cannot_be_told_apart_is_said(weak):
     """Of two causes the one that is in doubt, also where that one is not named for it."""
     told = {"ambiguous": weak[2].causes * 2, "partial": weak[2].causes}

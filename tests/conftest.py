@@ -7,10 +7,13 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from stalls import watched
 
 ROOT = Path(__file__).resolve().parents[1]
 TRIES_MORE = 2
+settings.register_profile("shared machine", deadline=None)
+settings.load_profile("shared machine")
 
 
 class OnlyAStall:

@@ -25,11 +25,12 @@ from sim.diagnose.held_out import Believed, HeldOutScore, score
 from sim.diagnose.linear import Point
 from sim.diagnose.mended import Files, Named, cause_of, mend, place, refit
 from sim.diagnose.mistaken import refuse_mistaken
+from sim.diagnose.noise import stated_noise
 from sim.diagnose.pauses import pieces, unbroken, without_pauses
 from sim.diagnose.physics import Physics
 from sim.diagnose.public import public, smallest
 from sim.diagnose.search import Found, search
-from sim.diagnose.select import Model, Selection, Selector, stated_noise
+from sim.diagnose.select import Model, Selection, Selector
 from sim.diagnose.spread import spread
 from sim.diagnose.told_apart import ToldApart, told_apart
 from sim.diagnose.visible import visible_from
@@ -143,7 +144,7 @@ def diagnose(
     data = _data(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
     entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
-    fit = Fit(Physics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, ambient))
+    fit = Fit(Physics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient))
     found = search(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
@@ -206,14 +207,14 @@ def _ambient(reference: Run, vessel: VesselFile, say: Say) -> Noise:
     refuse_mistaken(run)
     calm = unbroken(run)
     everyday = [e for e in catalogue(vessel, calm) if e.everyday]
-    model = Selector(Fit(Physics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel))).base()
+    model = Selector(Fit(Physics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel, calm))).base()
     say(STEPS[0], "", 1.0)
     return model.noise
 
 
-def _stated(vessel: VesselFile, ambient: Noise | None) -> Noise:
+def _stated(vessel: VesselFile, runs: Sequence[Run], ambient: Noise | None) -> Noise:
     """Noise to begin with: the file's, or the reference log's."""
-    noise = stated_noise(vessel)
+    noise = stated_noise(vessel, runs)
     return noise if ambient is None else replace(noise, white=ambient.white, fix_m=ambient.fix_m)
 
 

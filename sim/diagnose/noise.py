@@ -1,16 +1,18 @@
-"""The noise card: white noise of the sensors from the residuals, the latent acceleration by evidence."""
+"""The noise card: what the file states; white noise as the residuals show it, the latent acceleration by evidence."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from companion.core.vessel_file import VesselFile
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
+from sim.identify.run import Run
 from sim.identify.structured.fit import with_latent
-from sim.identify.structured.noise import Noise
+from sim.identify.structured.noise import Noise, noise_of
 
 Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
 WITHIN = (0.2, 10.0)  # of the stated noise: the residuals may say so much less or more; assumed
@@ -19,6 +21,23 @@ FLOOR = (5e-4, 5e-4, 5e-4)  # ambient: below this nothing is to be told [same un
 LATENTS = (1.0, 0.3, 0.1)  # a cause that was found takes over what latent acceleration stood in for; assumed
 REACH = 1.0  # how far the first parabola reaches, of the logarithm
 SWEEPS, SETTLED = 5, 0.15
+OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
+SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
+
+
+def stated_noise(vessel: VesselFile, runs: Sequence[Run] = ()) -> Noise:
+    """Noise as the vessel file has it, with a latent acceleration to begin with.
+
+    What nobody can foretell also varies within a window, for which the latent acceleration stands as a mean: states may
+    jump by so much more from one window to the next. An offset of the heading is an effect, not noise.
+
+    `runs`: what is fitted. Pieces of a log begin with biases and offsets of their own: these are taken for so much
+    larger that all pieces together tell no more of what they have in common than their one log does.
+    """
+    share = np.sqrt(len(runs) / len({id(run.whole) for run in runs})) if runs else 1.0
+    noise = noise_of(vessel)
+    x, y, n = (share * sigma for sigma in noise.bias)
+    return replace(with_latent(noise, np.array(START)), slack=SLACK, bias=(x, y, n), offset_rad=share * OFFSET_RAD)
 
 
 def shares_of(noise: Noise) -> list[Noise]:

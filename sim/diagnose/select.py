@@ -19,7 +19,7 @@ from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
 from sim.diagnose.noise import START, shares_of, tuned_latent, whitened
 from sim.identify.structured.fit import with_latent
-from sim.identify.structured.noise import Noise, noise_of
+from sim.identify.structured.noise import Noise
 
 REFIT = 3  # how many candidates a round refits
 HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
@@ -31,8 +31,6 @@ ROUNDS = 6  # of four steps each, in a refit
 SAME = 0.1  # of the logarithm of the latent acceleration: so small a change asks for no further round
 ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
 SHARES = (2.0, 1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
-OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
-SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 Say = Callable[[str, float], None]
 
 
@@ -300,12 +298,3 @@ class Selector:
 def makes_room(before: Model, after: Model) -> bool:
     """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
     return before.believed <= after.believed or after.evidence - before.evidence >= NATS
-
-
-def stated_noise(vessel) -> Noise:
-    """Noise as the vessel file has it, with a latent acceleration to begin with.
-
-    What nobody can foretell also varies within a window, for which the latent acceleration stands as a mean: states may
-    jump by so much more from one window to the next. An offset of the heading is an effect, not noise.
-    """
-    return replace(with_latent(noise_of(vessel), np.array(START)), slack=SLACK, offset_rad=OFFSET_RAD)

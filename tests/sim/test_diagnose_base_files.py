@@ -17,9 +17,9 @@ from sim.diagnose.catalogue import catalogue
 from sim.diagnose.extend import extended
 from sim.diagnose.fit import Fit
 from sim.diagnose.mended import cause_of
+from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics, State
 from sim.diagnose.public import smallest
-from sim.diagnose.select import stated_noise
 from sim.diagnose.theta import Theta
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.noise import STATE, L

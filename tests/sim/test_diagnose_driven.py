@@ -15,7 +15,7 @@ from companion.core.vessel_load import load_vessel
 from companion.setup import EXAMPLES, load_setup
 from sim.diagnose.driven import GOALS, TRUTH, Trip, away_m, imperfect, mended, off_leg_m, pooled, teleop_logs, trips
 from sim.diagnose.extend import trusted
-from sim.diagnose.select import stated_noise
+from sim.diagnose.noise import stated_noise
 from sim.identify.structured.fit import with_latent
 from sim.identify.structured.vessel_out import vessel_toml
 from sim.world.score import Track

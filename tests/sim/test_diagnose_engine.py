@@ -23,9 +23,11 @@ from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, Scene, slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
+from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics
 from sim.diagnose.search import search
-from sim.diagnose.select import Model, Selection, Selector, makes_room, stated_noise
+from sim.diagnose.select import Model, Selection, Selector, makes_room
+from sim.identify.blocks import parts
 from sim.identify.run import Run
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.rows import Pushes, sensitivities
@@ -264,6 +266,17 @@ def test_what_lies_between_the_places_that_are_tried_seems_small_and_is_refitted
     best, behind = searching(nothing, gains)._best(nothing, small)
     assert best is not None and best.believed == {"lag"} and not behind
     assert searching(nothing, gains)._best(nothing, [hopeful("lag", size=0.5)]) == (None, [])
+
+
+def test_pieces_of_a_log_tell_no_more_of_a_bias_than_the_log():
+    """What one log's accelerometers may have is no cause: its standard error is nearly that of a bias as drawn."""
+    sigma, errors = VESSEL.sensors.imu.accel_bias_sigma_m_s2, []
+    for runs in ([short()], parts(short(), [(10.0 * k, 10.0 * k + 8.0) for k in range(4)])):
+        fit = Fit(Physics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL, runs))
+        selector = Selector(fit)
+        (bias,) = selector.of(selector.base(), ["accel_bias"]).causes
+        errors.append(np.sqrt(np.diag(bias.covariance)))
+    assert errors[1] == pytest.approx(errors[0], rel=0.03) and (errors[0] > 0.85 * sigma).all()
 
 
 def test_what_does_not_stand_without_a_cause_that_is_taken_back_goes_too():

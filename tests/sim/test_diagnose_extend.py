@@ -17,10 +17,11 @@ from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import Effect, Parameter, Scene
 from sim.diagnose.extend import NoPlaceError, extended, numbers_beside, refitted, with_causes
 from sim.diagnose.fit import Fit
+from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, point
-from sim.diagnose.select import Selector, stated_noise
+from sim.diagnose.select import Selector
 from sim.excite.information import true_nodes
 from sim.identify.structured.noise import STATE, L
 from sim.identify.structured.vessel_out import vessel_toml

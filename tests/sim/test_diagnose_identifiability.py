@@ -30,9 +30,9 @@ from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
 from sim.diagnose.identifiability import MEDIUM, Apart, apart
 from sim.diagnose.manoeuvre import NOTHING, Plan, Planner, _at_rates
+from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics
 from sim.diagnose.pictures_confusion import confusion
-from sim.diagnose.select import stated_noise
 from sim.diagnose.told_apart import ToldApart, sentence, told_apart
 from sim.excite.information import true_nodes
 from sim.excite.nominal import fly_nominal

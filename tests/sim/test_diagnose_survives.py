@@ -23,10 +23,10 @@ from sim.diagnose.effect import Effect, Parameter, Sight
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import MODELS, Believed, score
 from sim.diagnose.mistaken import SLIPS, refuse_mistaken
+from sim.diagnose.noise import stated_noise
 from sim.diagnose.pauses import unbroken
 from sim.diagnose.physics import Physics, State
 from sim.diagnose.readings import Readings
-from sim.diagnose.select import stated_noise
 from sim.identify.blocks import part, parts
 from sim.identify.job_split import JobError
 from sim.identify.run import Run

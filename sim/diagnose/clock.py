@@ -32,8 +32,10 @@ class Clock:
 
     def ahead_s(self, run: Run) -> float:
         """What to add to t_s of a log, or of a part of it [s]."""
-        begin = next(begin for log, begin in zip(self.logs, self.begins_s, strict=True) if log is run.whole)
-        return begin - _first_s(run.whole)
+        for log, begin_s in zip(self.logs, self.begins_s, strict=True):
+            if log is run.whole:
+                return begin_s - _first_s(log)
+        raise ValueError(f"{run.meta.source}: part of no log of this clock")
 
     def start_s(self, run: Run) -> float:
         """When the first row of a log, or of a part of it, is [s]."""

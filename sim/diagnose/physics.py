@@ -152,17 +152,19 @@ class Physics:
         now = self._pass(effects, theta, z, None, None)
         for _ in range(MOST_PASSES):
             before, now = now, self._pass(effects, theta, z, now, None)
+            if not np.isfinite(now.x).all():
+                return self.move(effects, theta, z, None)
             if np.abs(now.x - before.x).max() < STILL:
                 return now
             if large:
                 now = self._nearer(large, theta, before, now)
-        return now if np.isfinite(now.x).all() else self.move(effects, theta, z, None)
+        return now
 
     def _nearer(self, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
         """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
         feedback, (W, K) = self._feedback(effects, theta, now), self.windows.size
         old, new = (self.extra(effects, theta, self.scene(state), now.forces.f)[0] for state in (before, now))
-        a, A = (new - old) @ now.M_inv.T @ feedback.react.T, _with_feedback(now, feedback).A
+        a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.react.T, _with_feedback(now, feedback).A
         pushes = Pushes.of(a[..., None], np.zeros((W, K, 3, 1)))
         dx = sensitivities(A, pushes, self.windows.h_s)[..., X0_D]
         nu_dot = now.nu_dot + a + (A[..., 3:, :] @ dx[..., None])[..., 0]

@@ -74,15 +74,29 @@ class Propelled:
         return {e.id: theta[e.id] for e, _ in values_of(effects, theta, "pwm", "maps") if e.size(theta[e.id]) >= 1}
 
     def _from_nil(self, effects: Sequence[Effect], large: Theta, effect: Effect, step: np.ndarray) -> Forces:
-        """What `step` changes of the forces with no other effect about but those that are there as a whole."""
+        """What `step` changes of the forces with no other effect about but those that are there as a whole.
+
+        Of the force that large gains leave to each thruster, where these are in the file's own maps.
+        """
         about = [e for e in effects if e.id in large and e.whole]
         wholly = {e.id: e.believed()[1] for e in about}
-        return self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
+        unit = self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
+        left = self._left(effects, large)
+        return unit if (left == 1).all() else Forces(left * unit.f, left * unit.middle)
 
-    def _exact(self, effects: Sequence[Effect], theta: Theta) -> Forces:
+    def _left(self, effects: Sequence[Effect], large: Theta) -> np.ndarray:
+        """Share of each thruster's gain that effects on the maps leave, (n,)."""
+        vessel = self._mapped(effects, large)
+        return np.array([now.gain / was.gain for now, was in zip(vessel.thrusters, self.vessel.thrusters, strict=True)])
+
+    def _mapped(self, effects: Sequence[Effect], theta: Theta) -> VesselFile:
         vessel = self.vessel
         for effect, p in values_of(effects, theta, "maps"):
             vessel = effect.hooks["maps"](p, vessel)
+        return vessel
+
+    def _exact(self, effects: Sequence[Effect], theta: Theta) -> Forces:
+        vessel = self._mapped(effects, theta)
         pulses = values_of(effects, theta, "pwm")
         key = (tuple(vessel.force_maps.items()), vessel.thrusters, tuple((e.id, *p.values()) for e, p in pulses))
         return self._driven((key, vessel.propulsion), key, vessel, pulses)

@@ -53,7 +53,7 @@ class Told:
             interval = f"between {_digits(-low)} {words[1]} and {_digits(high)} {words[0]}"
         elif high <= 0:
             interval = f"{_digits(abs(high))} to {_digits(abs(low))}"
-        return f"{_digits(abs(value))}{unit} {words[value <= 0]}{tail} (95 %: {interval})"
+        return f"{_digits(abs(value))}{unit} {words[value < 0 or (value == 0 and high <= 0)]}{tail} (95 %: {interval})"
 
 
 def _digits(value: float) -> str:

@@ -205,7 +205,7 @@ def _apart(found: Diagnosis) -> list[Section]:
             "What these logs can tell apart",
             (*lines, told.record.manoeuvre)
             if told.record.manoeuvre
-            else tuple(lines) or ("These logs tell every pair apart.",),
+            else tuple(lines) or ("These logs tell apart every pair of causes that they show well.",),
             figures=((figure, "Red: these logs cannot tell the two apart."),) if figure is not None else (),
             note=f"Each cause as if it were there with {MEDIUM:g} times the smallest size worth a name, in the "
             "direction that shows least; every other within its tolerance band.",

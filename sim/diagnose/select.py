@@ -240,7 +240,7 @@ class Selector:
         """
         tried = self._refitted(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
         if not any(self._judged(m, id_).accepted for m, id_ in tried):
-            located = [c for c in ranking if self.by_id[c.id].origin and c.nats >= NATS]
+            located = [c for c in ranking if self.by_id[c.id].of and c.nats >= NATS]
             tried += self._refitted(model, [c for c in located if SIZED >= c.size > LOCATED])
         if not tried:
             return None, []

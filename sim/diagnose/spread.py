@@ -21,20 +21,23 @@ def spread(found: Split) -> Split:
     total_s = sum(high - low for used in found.used for low, high in used.fitted_s)
     if total_s <= LONGEST_S:
         return found
-    share, seen, kept = LONGEST_S / total_s, 0, []
-    for used in found.used:
+    usable = [enough(used.log.run, [p for one in used.fitted_s for p in _pieces(one)]) for used in found.used]
+    usable_s = sum(high - low for some in usable for low, high in some)
+    share, seen, kept = min(LONGEST_S / max(usable_s, PIECE_S), 1.0), 0, []
+    for used, some in zip(found.used, usable, strict=True):
         taken: list[Interval] = []
-        for interval in used.fitted_s:
-            for piece in enough(used.log.run, _pieces(interval)):
-                seen += 1
-                if floor(seen * share) > floor((seen - 1) * share):
-                    begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
-                    taken.append((begun, piece[1]))  # one with its neighbour
+        for piece in some:
+            seen += 1
+            if floor(seen * share) > floor((seen - 1) * share):
+                begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
+                taken.append((begun, piece[1]))  # one with its neighbour
         kept.append(replace(used, fitted_s=tuple(taken)))
     fitted = tuple(run for used in kept for run in pieces(used.log.run, used.fitted_s))
     if not fitted:
         raise JobError(f"{total_s / 60:.0f} minutes to fit, but no piece of {PIECE_S:g} s can be used: {NEEDED}")
     rule = f"{found.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"
+    if usable_s < total_s - PIECE_S:
+        rule += f", over the {usable_s / 60:.0f} that can be used: {NEEDED}"
     return replace(found, fitted=fitted, used=tuple(kept), rule=rule)
 
 

@@ -69,8 +69,8 @@ def recorded(run: Run) -> list[Interval]:
 def block_intervals(run: Run, block_s: float) -> list[Interval]:
     """Blocks of `block_s` from the first row on, and anew after each pause of the recording.
 
-    What is left at an end joins the last if it is less than half of one, and is left out if there is none; so is a
-    block in which nothing is measured. RunError for a run that is shorter than one block.
+    What is left at an end joins the last if it is less than half of one. Left out is what lies between pauses closer
+    than a block, and a block in which nothing is measured. RunError for a run that is shorter than one block.
     """
     begin, end = float(run.table["t_s"][0]), float(run.table["t_s"][-1])
     if not 0 < block_s <= end - begin:
@@ -81,9 +81,9 @@ def block_intervals(run: Run, block_s: float) -> list[Interval]:
 
 
 def _blocks(begin: float, end: float, block_s: float) -> list[Interval]:
-    count = int(np.floor((end - begin) / block_s + 0.5))
-    if not count:
+    if end - begin < block_s:
         return []
+    count = int(np.floor((end - begin) / block_s + 0.5))
     edges = [*(begin + block_s * np.arange(count)).tolist(), end]
     return [(low, before(high) if high < end else high) for low, high in pairwise(edges)]
 

@@ -11,15 +11,20 @@ SILENT_S = 1.5  # yaw, the fastest motion, has a time constant of about 2 s: a l
 
 
 def unwrapped(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps [s] and headings [rad]. Where the yaw rate is known, it tells how many turns lie between samples."""
+    """Stamps [s] and headings [rad]. Where the yaw rate is known, it tells how many turns lie between samples.
+
+    The rate less its bias: the median of what it says beyond the heading.
+    """
     t_s, psi = run.samples("psi_rad")
     psi = np.unwrap(psi)
     t_r, r = run.samples("r_rad_s")
-    if len(t_r) < 2:
+    if len(t_r) < 2 or len(t_s) < 2:
         return t_s, psi
     steps = np.diff(t_r, prepend=t_r[0])
     silence_s = np.interp(t_s, t_r, np.cumsum(np.where(steps > SILENT_S, steps, 0.0)))
     turned = np.interp(t_s, t_r, cumulative_trapezoid(r, t_r, initial=0.0))
     told = (np.diff(silence_s) == 0) & (t_s[:-1] >= t_r[0] - SILENT_S) & (t_s[1:] <= t_r[-1] + SILENT_S)
-    turns = np.where(told, np.rint((np.diff(turned) - np.diff(psi)) / (2 * np.pi)), 0.0)
+    lasts_s, beyond = np.diff(t_s), np.diff(turned) - np.diff(psi)
+    bias = float(np.median((beyond / lasts_s)[told])) if told.any() else 0.0
+    turns = np.where(told, np.rint((beyond - bias * lasts_s) / (2 * np.pi)), 0.0)
     return t_s, psi + 2 * np.pi * np.append(0.0, np.cumsum(turns))

@@ -24,6 +24,7 @@ from sim.diagnose.theta import Theta
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.noise import STATE, L
 from sim.identify.structured.rows import Pushes, sensitivities
+from sim.identify.structured.start import first_nodes
 from sim.identify.teleop import teleop_run
 
 PLAIN = in_still_air(boat("aritra"))
@@ -99,6 +100,32 @@ def test_columns_know_what_the_file_takes_off(name):
         expected = (ahead.x[:, -1] - behind.x[:, -1]) / (2 * parameter.step)
         off = np.abs(S[:, -1, :, 9 + j] - expected).max(axis=0)
         assert (off[3:] <= 0.06 * np.abs(expected).max(axis=0)[3:] + 1e-9).all()
+
+
+@pytest.mark.parametrize("theta", [{"thruster_gain:front_port": [-0.6]}, {"tether@+0.0": [5.0, 3.0, -2.0, 0.0]}])
+def test_an_open_loop_settles_where_the_file_weakens_thrust(theta):
+    """Forces are those along the motion itself."""
+    fit, theta = weakened_in_a_current(), {name: np.array(values) for name, values in theta.items()}
+    physics = Physics([RUN], fit.physics.vessel, 12.0)
+    state = physics.settled(fit.effects, theta, first_nodes(physics.windows, physics.parameters))
+    more, _ = physics.extra(fit.effects, theta, physics.scene(state), state.forces.f)
+    np.testing.assert_allclose(state.tau, physics.drive(state.forces.f) + more, atol=0.05)
+
+
+@pytest.mark.parametrize("name", ["base:trim:front_port", "lag", "common_loss"])
+def test_beside_a_thruster_that_is_all_but_dead_a_rate_limited_file_moves_only_the_others(name):
+    """Oracle: all the same without a limit, where the gain acts on the forces. Here it lies far above what is asked."""
+    beside = {"thruster_gain:front_port": np.array([-0.9])}
+    found = []
+    for vessel in (with_propulsion(slew_N_s=1e4), PLAIN):
+        fit = engine(vessel)
+        effect = next(e for e in fit.effects if e.id == name)
+        step = np.array([0.25 * p.smallest for p in effect.parameters])
+        state = fit.physics.move(fit.effects, beside | {name: step}, fit.z0, None)
+        columns = fit.physics.accelerations(fit.effects, beside | {name: step}, state, [effect])
+        found.append((columns.nodes, state.nu_dot))
+    for limited, plain in zip(*found, strict=True):
+        assert np.sqrt(((limited - plain) ** 2).mean()) < 0.02 * np.sqrt((plain**2).mean())
 
 
 @pytest.mark.parametrize(("name", "value"), [("munk_moment", 40.0), ("cross_flow", 0.5), ("advance_loss", 0.4)])

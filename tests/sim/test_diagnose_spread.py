@@ -129,6 +129,14 @@ def test_minutes_without_positions_or_heading_are_left_out(silent):
     assert "are not used" in notes(blocks)[0]
 
 
+@pytest.mark.parametrize("known_s", [120.0, 300.0, 1800.0])
+def test_of_a_long_log_in_which_little_can_be_used_all_of_that_is_fitted(known_s):
+    run = blank(thin(3600.0), known_s, 3600.0, "north_m", "east_m")
+    found = whole(run, held_out=thin(60.0, "other"))
+    assert lasting(found) == pytest.approx(min(known_s, LONGEST_S), abs=1.5 * PIECE_S)
+    assert f"over the {known_s / 60:.0f} that can be used" in found.rule
+
+
 @settings(max_examples=8, deadline=None)
 @given(begin=st.floats(20.0, 200.0), length=st.floats(3.0, 100.0))
 def test_blocks_are_laid_between_pauses(begin, length):

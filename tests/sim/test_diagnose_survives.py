@@ -276,6 +276,13 @@ def test_logs_of_two_days_get_no_more_entries_than_logs_of_one():
     assert onsets and all(t <= run.duration_s or 86400 <= t <= 86400 + run.duration_s for t in onsets)
 
 
+def test_starts_of_an_onset_in_a_short_piece_are_entries_of_their_own():
+    runs = [part(good(), 0.0, 60.0), part(Run(good().table, replace(good().meta, zero_ns=int(36e11))), 0.0, 10.5)]
+    for entry in (e for e in catalogue(boat("aritra"), runs) if e.starts):
+        starts = entry.starts()
+        assert len({e.id for e in starts}) == len(starts)
+
+
 @pytest.mark.parametrize(
     ("begins_s", "length_s"), [((0.0, 86400.0), 100.0), (tuple(180.0 * k for k in range(20)), 50.0)]
 )

@@ -34,6 +34,13 @@ def test_a_dropout_of_the_compass_does_not_lose_a_turn(rate, begin, length):
     assert psi - psi[0] == pytest.approx(rate * (t_s - t_s[0]), abs=0.01)
 
 
+@pytest.mark.parametrize("bias", [-0.2, 0.1])
+def test_a_bias_of_the_gyro_adds_no_turn_over_a_dropout(bias):
+    still = turning(CLEAN, 0.0, 10.0, 55.0, "psi_rad")
+    biased = Run(still.table.with_columns(pl.col("r_rad_s") + bias), still.meta)
+    assert np.abs(unwrapped(biased)[1]).max() < 0.01
+
+
 def test_where_the_rate_is_silent_too_it_is_the_short_way_round():
     there = turning(CLEAN, 0.5, 20.0, 40.0, "psi_rad", "r_rad_s")
     never = Run(there.table.with_columns(r_rad_s=pl.lit(None, pl.Float64)), there.meta)

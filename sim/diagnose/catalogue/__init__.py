@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.catalogue import chance, environment, hull, propulsion, sensors
-from sim.diagnose.catalogue.propulsion import Onset
+from sim.diagnose.catalogue.propulsion import STARTS, Onset
 from sim.diagnose.clock import Clock
 from sim.diagnose.effect import Effect
 from sim.identify.run import Run
@@ -63,7 +63,8 @@ def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -
     if counts.sum() <= LONG_S / ONSET_STEP_S:
         apart = np.repeat(lengths / counts, counts)
         within = np.concatenate([np.arange(n) + 0.5 for n in counts]) * apart
-        return tuple(sorted(zip((np.repeat(begins, counts) + within).tolist(), (apart / 2).tolist(), strict=True)))
+        reach = np.maximum(apart / 2, STARTS)  # a second or more between two starts
+        return tuple(sorted(zip((np.repeat(begins, counts) + within).tolist(), reach.tolist(), strict=True)))
     ends = np.cumsum(lengths)
     count = int(min(LONG_S, ends[-1]) // ONSET_STEP_S) or 1
     at = (np.arange(count) + 0.5) / count * ends[-1]

@@ -26,9 +26,10 @@ from sim.diagnose.findings import RIVAL_NATS, Adequacy, Check
 from sim.diagnose.fit import Fit
 from sim.diagnose.generic import Group, groups_at, widened
 from sim.diagnose.linear import Point
+from sim.diagnose.model import Model
 from sim.diagnose.noise import FLOOR, shares_of
 from sim.diagnose.residue import correlation
-from sim.diagnose.select import Model, Selection
+from sim.diagnose.select import Selection
 from sim.identify.structured.noise import Noise
 
 BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases

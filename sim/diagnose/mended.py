@@ -17,10 +17,10 @@ from sim.diagnose.extend import FOLDED, numbers_beside, refitted, trusted, with_
 from sim.diagnose.fit import Fit
 from sim.diagnose.held_out import Believed
 from sim.diagnose.linear import Point
+from sim.diagnose.model import Model
 from sim.diagnose.noise import tuned_latent
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, Told, family, point
-from sim.diagnose.select import Model
 from sim.diagnose.theta import Theta
 
 OF_THE_DAY = ("sensors", "environment")

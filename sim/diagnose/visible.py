@@ -16,9 +16,9 @@ import numpy as np
 from sim.diagnose.candidate import NAMED, Z95
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
+from sim.diagnose.model import Model
 from sim.diagnose.public import family
 from sim.diagnose.public_table import PUBLIC
-from sim.diagnose.select import Model
 
 BLIND = 1000.0  # times the smallest size worth a name
 

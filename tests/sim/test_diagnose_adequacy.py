@@ -26,9 +26,10 @@ from sim.diagnose.echoes import Echoes
 from sim.diagnose.effect import Effect, Parameter
 from sim.diagnose.fit import Fit
 from sim.diagnose.generic import Group, groups_at, widened
+from sim.diagnose.model import Model
 from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics
-from sim.diagnose.select import Model, Selection, Selector
+from sim.diagnose.select import Selection, Selector
 from sim.diagnose.sentences import WORDS
 from sim.identify.readers_table import write_run
 from sim.identify.run import Run

@@ -23,10 +23,11 @@ from sim.diagnose.catalogue import catalogue
 from sim.diagnose.effect import ABSENT, TOLERANCE, Effect, Parameter, Scene, slices
 from sim.diagnose.evidence import Prior, Reduced
 from sim.diagnose.fit import Fit
+from sim.diagnose.model import Model
 from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics
 from sim.diagnose.search import search
-from sim.diagnose.select import Model, Selection, Selector, makes_room
+from sim.diagnose.select import Selection, Selector, makes_room
 from sim.identify.blocks import parts
 from sim.identify.run import Run
 from sim.identify.structured.boats import in_still_air
@@ -266,6 +267,50 @@ def test_what_lies_between_the_places_that_are_tried_seems_small_and_is_refitted
     best, behind = searching(nothing, gains)._best(nothing, small)
     assert best is not None and best.believed == {"lag"} and not behind
     assert searching(nothing, gains)._best(nothing, [hopeful("lag", size=0.5)]) == (None, [])
+
+
+def test_an_impossible_value_at_one_of_many_places_hides_no_cause_that_explains_nearly_as_much():
+    """A shallow that would weaken the damping, 3 nats before a scale of the gyro, which could be named."""
+    zone = next(e.id for e in bench()[0].effects if e.name == "shallow_zone")
+    nothing, ranking = before(), [hopeful(zone), hopeful("gyro_scale")]
+
+    def best(scale: float, lower: float) -> frozenset[str]:
+        selector = searching(nothing, {zone: 42.0, "gyro_scale": scale})
+        selector._judged = lambda _model, id_: hopeful(id_, lower if id_ == zone else 8.0)
+        found, _ = selector._best(nothing, ranking)
+        return found.believed if found else frozenset()
+
+    assert best(39.0, -np.inf) == {"gyro_scale"}
+    assert best(29.0, -np.inf) == frozenset(), "12 nats and more are no chance: there is something"
+    assert best(39.0, 0.5) == frozenset(), "possible, but perhaps too small: nothing else may stand in for it"
+
+
+def weighing(evidence: dict[frozenset[str], float]) -> Selector:
+    """A search in which believing in a set is worth what `evidence` says, for all who stand a test."""
+    selector = Selector(bench()[0])
+    selector.refit = lambda _start, believed, _values: replace(before(*believed), evidence=evidence[believed])
+    selector.screen = lambda _model: [hopeful("payload"), hopeful("dead_time")]
+    selector.complete = lambda _model: None
+    selector._start = lambda _model, _candidate: np.zeros(1)
+    selector._judged = lambda _model, id_: hopeful(id_)
+    return selector
+
+
+def test_rivals_are_judged_beside_what_was_found_later():
+    """Dead time was 1 nat behind a lag when that was taken; beside the wash it is 30 behind."""
+    selector = weighing({frozenset({"wash"}): 20.0, frozenset({"dead_time", "wash"}): 70.0})
+    final = replace(before("lag", "wash"), evidence=100.0)
+    rivals = {"lag": [("dead_time", 1.0), ("payload", 8.0)]}
+    assert selector._in_place(final, rivals) == {"lag": [("dead_time", 30.0), ("payload", 8.0)]}
+
+
+def test_rivals_are_judged_without_what_was_taken_back():
+    """Dead time was 5 nats behind a lag beside a wash that is gone; now it explains as much."""
+    pairs = {("lag",): 60.0, ("dead_time",): 61.0, (): 0.0}
+    selector = weighing({frozenset(k): v for k, v in pairs.items()})
+    causes = [hopeful("lag"), hopeful("wash")]
+    whole = Selection(before(), before("lag", "wash"), causes, [], {"lag": [("dead_time", 5.0)]})
+    assert selector.without(whole, {"wash"}).rivals == {"lag": [("dead_time", 0.0)]}
 
 
 def test_pieces_of_a_log_tell_no_more_of_a_bias_than_the_log():

@@ -8,7 +8,7 @@ import pytest
 from boats import boat
 
 from companion.core.config import ConfigError
-from sim.diagnose import job
+from sim.diagnose import verdict
 from sim.diagnose.adequacy import Judgement
 from sim.diagnose.candidate import Candidate
 from sim.diagnose.echoes import SILENCE, Echoes
@@ -97,12 +97,39 @@ def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_w
     monkeypatch.setattr(Found, "without", without)
     none: Any = None
     causes = (cause("gusty_wind", "wind"), *(cause(name, name) for name in ("wash", "lag", "tether")))
-    sound, found, withdrawn = job._standing(none, Found(none, causes), None, adequate, False)
+    sound, found, withdrawn = verdict.standing(none, Found(none, causes), None, adequate, False)
     assert [c.effect.name for c in found.causes] == ["lag"] and not sound.adequacy.passed
-    assert withdrawn == {"gusty_wind": job.UNNEEDED, "wash": job.FALLEN, "tether": job.UNNEEDED}
+    assert withdrawn == {"gusty_wind": verdict.UNNEEDED, "wash": verdict.FALLEN, "tether": verdict.UNNEEDED}
     assert asked == [Echoes.of(["gusty_wind"]), SILENCE], (
         "and no more: a tether has no echoes, and nothing fell with it"
     )
+
+
+def judged(**gains: tuple[float, float]) -> Any:
+    """Intervals of the gain by channel, at the horizon by which causes are judged."""
+    return SimpleNamespace(
+        errors=[SimpleNamespace(horizon_s=verdict.TOLD_S, channel=k, gain_ci95=v) for k, v in gains.items()]
+    )
+
+
+@pytest.mark.parametrize(
+    ("said", "causes", "gains", "why"),
+    [
+        ("named", [("lag", True)], {"position": (-0.3, -0.1), "heading": (-0.2, 0.1)}, verdict.HARMFUL),
+        ("named", [("lag", True)], {"position": (-0.3, -0.1), "heading": (0.1, 0.2)}, ""),
+        ("partial", [("lag", True)], {"position": (-0.46, 0.24), "heading": (-0.38, 0.35)}, verdict.UNPROVEN),
+        ("partial", [("lag", True)], {"position": (-0.46, 0.24), "heading": (0.01, 0.35)}, ""),
+        ("partial", [("lag", True), ("wash", False)], {"position": (-0.46, 0.24)}, ""),
+        ("named", [("lag", True)], {"position": (-0.46, 0.24)}, ""),
+        ("partial", [("", True)], {"position": (-0.46, 0.24)}, ""),
+    ],
+    ids=["harm", "help beside harm", "in doubt", "helps", "one is sure", "nothing left over", "chance helps nobody"],
+)
+def test_held_out_readings_take_causes_back(said, causes, gains, why):
+    there: Any = SimpleNamespace(
+        verdict=said, causes=[SimpleNamespace(fitted=id_, form_doubtful=doubt) for id_, doubt in causes]
+    )
+    assert verdict.refuted(there, judged(**gains)) == why
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from sim.diagnose.identifiability import Apart
 from sim.diagnose.report import report
 from sim.diagnose.sentences import sentences
 from sim.diagnose.told_apart import ToldApart
+from sim.diagnose.verdict import HARMFUL
 from sim.identify.readers_table import write_run
 from sim.identify.run import Run
 from sim.identify.teleop import teleop_run
@@ -268,11 +269,11 @@ def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak
 
 def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monkeypatch):
     """As if the held-out readings had become worse: no name is left, and the files are those of the refitted base."""
-    monkeypatch.setattr(job, "_harmful", lambda _judged: True)
+    monkeypatch.setattr(job, "refuted", lambda _verdict, _judged: HARMFUL)
     run = weak[2].split.used[0].log.run
     found = job.diagnose([run], VESSEL, identifiability=None)
     assert found.verdict == "unknown" and not found.causes and not found.selection.causes
-    assert found.withdrawn == {"thruster_gain:front_port": job.HARMFUL}
+    assert found.withdrawn == {"thruster_gain:front_port": HARMFUL}
     assert found.files.extended == found.files.refitted and found.selection.final is found.selection.base
     assert any("thruster_gain:front_port was found in the fitted logs" in line for line in sentences(found))
     assert found.adequacy is not None and not found.adequacy.passed, "the base alone leaves the thruster over"

@@ -20,7 +20,7 @@ from sim.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.diagnose.catalogue.parts import wind_force
 from sim.diagnose.effect import Effect, Scene
 from sim.diagnose.fit import Fit
-from sim.diagnose.select import Model
+from sim.diagnose.model import Model
 from sim.diagnose.stochastic import gusts as gusty
 from sim.diagnose.stochastic import nlos, waves
 from sim.diagnose.stochastic.left_over import LeftOver, left_over

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.diagnose.fit import Fit
-from sim.diagnose.select import Model
+from sim.diagnose.model import Model
 from sim.identify.structured.data import RATE, SURGE, SWAY
 from sim.identify.structured.noise import LATENT
 

@@ -27,7 +27,9 @@ UNNEEDED = "small faults of other kinds, together, explain the same"
 OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
 FALLEN = "beside the causes that are left it is not sure, or not large, enough"
 HARMFUL = "it makes the readings of the held-out logs worse"
-UNPROVEN = "its form is in doubt, and the readings of the held-out logs become no better, for sure"
+UNPROVEN = (
+    "its form, or that of a cause beside it, is in doubt, and it makes no reading of the held-out logs surely better"
+)
 Adequate = Callable[[Fit, Selection, Noise | None, Echoes, bool], Judgement]
 """What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 
@@ -100,16 +102,17 @@ def taken_back(fit: Fit, verdict: Verdict, why: str, ambient: Noise | None, adeq
 def refuted(verdict: Verdict, judged: HeldOutScore) -> str:
     """Why none of the causes can be right, seen from the held-out logs, whose readings none makes surely better.
 
-    They make them surely worse; or something is left over beside them and all are in doubt by their form, so that
-    nothing but held-out readings could speak for them. Empty: nothing is against them.
+    They make them surely worse; or something is left over beside them and one is in doubt by its form, so that evidence
+    in nats, which believes in the forms, says little. Empty: nothing is against them.
     """
     told = [e for e in judged.errors if e.horizon_s == TOLD_S]
     if any(e.gain_ci95[0] > 0 for e in told):
         return ""
     if any(e.channel == "position" and e.gain_ci95[1] < 0 for e in told):
         return HARMFUL
-    doubted = verdict.verdict == "partial" and all(n.form_doubtful and n.fitted for n in verdict.causes)
-    return UNPROVEN if doubted else ""
+    foretold = all(n.fitted for n in verdict.causes)  # what chance does next no reading tells
+    doubted = verdict.verdict == "partial" and any(n.form_doubtful for n in verdict.causes)
+    return UNPROVEN if doubted and foretold else ""
 
 
 def _named(fit: Fit, found: Found, seed: int) -> tuple[Named, ...]:

@@ -119,11 +119,12 @@ def judged(**gains: tuple[float, float]) -> Any:
         ("named", [("lag", True)], {"position": (-0.3, -0.1), "heading": (0.1, 0.2)}, ""),
         ("partial", [("lag", True)], {"position": (-0.46, 0.24), "heading": (-0.38, 0.35)}, verdict.UNPROVEN),
         ("partial", [("lag", True)], {"position": (-0.46, 0.24), "heading": (0.01, 0.35)}, ""),
-        ("partial", [("lag", True), ("wash", False)], {"position": (-0.46, 0.24)}, ""),
+        ("partial", [("lag", True), ("wash", False)], {"position": (-0.46, 0.24)}, verdict.UNPROVEN),
+        ("partial", [("wash", False)], {"position": (-0.46, 0.24)}, ""),
         ("named", [("lag", True)], {"position": (-0.46, 0.24)}, ""),
-        ("partial", [("", True)], {"position": (-0.46, 0.24)}, ""),
+        ("partial", [("", False), ("lag", True)], {"position": (-0.46, 0.24)}, ""),
     ],
-    ids=["harm", "help beside harm", "in doubt", "helps", "one is sure", "nothing left over", "chance helps nobody"],
+    ids=["harm", "helps too", "doubt", "helps", "doubt of one", "no doubt", "nothing left over", "chance beside it"],
 )
 def test_held_out_readings_take_causes_back(said, causes, gains, why):
     there: Any = SimpleNamespace(

@@ -24,6 +24,7 @@ from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
 from sim.diagnose.physics import Physics
 from sim.diagnose.readings import Readings
+from sim.diagnose.settled import settled
 from sim.diagnose.theta import Theta
 from sim.identify.blocks import part
 from sim.identify.run import Run
@@ -175,7 +176,7 @@ def _open_loop(
     """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
     physics, windows = lines.physics, lines.windows
     with np.errstate(all="ignore"):
-        state = physics.settled(effects, model.theta, z)
+        state = settled(physics, effects, model.theta, z)
         error = lines.imu(effects, model.theta, state) - windows.y
         said = lines.tag(effects, model.theta, state)
     off = said - windows.fixes.place_m

@@ -9,7 +9,6 @@ trajectory, for accelerations; the motion's own Jacobian then carries them on (`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from dataclasses import replace as dataclass_replace
 
 import casadi as ca
@@ -22,73 +21,22 @@ from companion.core.vessel_file import VesselFile
 from sim.diagnose.clock import Clock
 from sim.diagnose.compiled import compiled
 from sim.diagnose.effect import Effect, Scene, Values
-from sim.diagnose.propelled import Forces, Propelled
+from sim.diagnose.propelled import Propelled
+from sim.diagnose.state import Accelerations, Feedback, State
 from sim.diagnose.theta import Theta, among, secants, values_of
 from sim.identify.calibrated import first_fix_s
 from sim.identify.run import Run
 from sim.identify.structured.data import Windows, cut
-from sim.identify.structured.kernels import X0_D
 from sim.identify.structured.model import N_HULL
 from sim.identify.structured.noise import LATENT, STATE
 from sim.identify.structured.parameters import HULL, Parameters, file_values
-from sim.identify.structured.rows import Pushes, columns_last, sensitivities
+from sim.identify.structured.rows import columns_last
 from sim.identify.thin import thinned
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
-WATER, PUSHES = frozenset({"water"}), frozenset({"thrust", "force"})  # stages of hooks
-STILL, MOST_PASSES = 1e-3, 20  # of x y psi u v r in their units, and passes until then; assumed
+WATER, THRUST = frozenset({"water"}), frozenset({"thrust"})  # stages of hooks
+PUSHES = THRUST | {"force"}
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
-
-
-@dataclass(frozen=True)
-class Accelerations:
-    """Of surge, sway and yaw: at nodes (W, K+1, 3, ..), and what mid-steps have beyond the mean of both ends
-
-    (W, K, 3, ..); the rest may be parameters.
-    """
-
-    nodes: np.ndarray
-    bump: np.ndarray
-
-    def along(self, step: np.ndarray) -> Accelerations:
-        """Of a step (P,) of the parameters."""
-        return Accelerations(self.nodes @ step, self.bump @ step)
-
-    def with_(self, other: Accelerations) -> Accelerations:
-        """Both together."""
-        return Accelerations(self.nodes + other.nodes, self.bump + other.bump)
-
-
-@dataclass(frozen=True)
-class Feedback:
-    """Of forces on the motion that they depend on: slopes to x y psi u v r (W, K+1, 3, 6), and M'^-1 M (3, 3).
-
-    M': M less the mean slope of the forces to u_dot v_dot r_dot.
-    """
-
-    slopes: np.ndarray
-    react: np.ndarray
-
-
-@dataclass(frozen=True)
-class State:
-    """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them (`drive`).
-
-    `feedback`: what the effects' forces add to A; `given`: accelerations that came from outside the effects, see
-    `Physics.move`; `by`: ids of these.
-    """
-
-    x: np.ndarray
-    nu_dot: np.ndarray
-    A: np.ndarray
-    M_inv: np.ndarray
-    tau: np.ndarray
-    water: np.ndarray
-    forces: Forces
-    hull: np.ndarray
-    feedback: Feedback | None
-    given: Accelerations | None
-    by: frozenset[str]
 
 
 class Physics:
@@ -133,45 +81,16 @@ class Physics:
 
         `given`: of what is not among `effects`; `feedback`: of a motion so near that it will do.
         """
-        settle = any(values_of(effects, theta, "thrust", "force", "water"))
-        felt = _pushing(effects, theta)
-        large = any(e.size(theta[e.id]) >= 1 for e in felt)
-        for _ in range(3 if large else 2 if settle else 1):
-            before = self._pass(effects, theta, z, before, given)
+        felt = acting(effects, theta, PUSHES)
+        passes = 3 if large(felt, theta) else 2 if acting(effects, theta, WATER | PUSHES) else 1
+        for _ in range(passes):
+            before = self.one_pass(effects, theta, z, before, given)
         assert before is not None
-        feedback = feedback or (self._feedback(felt, theta, before) if felt else None)
-        return before if feedback is None else _with_feedback(before, feedback)
+        feedback = feedback or (self.feedback(felt, theta, before) if felt else None)
+        return before if feedback is None else before.with_feedback(feedback)
 
-    def settled(self, effects: Sequence[Effect], theta: Theta, z: np.ndarray) -> State:
-        """As `move`, but passes go on until the motion stands still: for windows of many seconds.
-
-        Of effects of some size each pass takes what it changes of their forces along, to first order (Newton's step).
-        Where the motion is thrown out of bounds on the way, as `move` has it.
-        """
-        large = [e for e in _pushing(effects, theta) if e.size(theta[e.id]) >= 1]
-        now = self._pass(effects, theta, z, None, None)
-        for _ in range(MOST_PASSES):
-            before, now = now, self._pass(effects, theta, z, now, None)
-            if not np.isfinite(now.x).all():
-                return self.move(effects, theta, z, None)
-            if np.abs(now.x - before.x).max() < STILL:
-                return now
-            if large:
-                now = self._nearer(large, theta, before, now)
-        return now
-
-    def _nearer(self, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
-        """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
-        feedback, (W, K) = self._feedback(effects, theta, now), self.windows.size
-        old, new = (self.extra(effects, theta, self.scene(state), now.forces.f)[0] for state in (before, now))
-        a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.react.T, _with_feedback(now, feedback).A
-        pushes = Pushes.of(a[..., None], np.zeros((W, K, 3, 1)))
-        dx = sensitivities(A, pushes, self.windows.h_s)[..., X0_D]
-        nu_dot = now.nu_dot + a + (A[..., 3:, :] @ dx[..., None])[..., 0]
-        return dataclass_replace(now, x=now.x + dx, nu_dot=nu_dot)
-
-    def _feedback(self, effects: Sequence[Effect], theta: Theta, state: State) -> Feedback:
-        """Of the forces of `effects`."""
+    def feedback(self, effects: Sequence[Effect], theta: Theta, state: State) -> Feedback:
+        """Of the forces of `effects` on the motion `state`."""
         scene, motion = self.scene(state), np.concatenate([state.x, state.nu_dot], axis=2)
         now = self.extra(effects, theta, scene, state.forces.f)[0][..., :3]
         slopes = np.empty((*now.shape, len(NUDGES)))
@@ -183,14 +102,15 @@ class Physics:
         M = np.linalg.inv(state.M_inv)
         return Feedback(slopes[..., :6], np.linalg.inv(M - slopes[..., 6:].mean(axis=(0, 1))) @ M)
 
-    def _pass(
+    def one_pass(
         self,
         effects: Sequence[Effect],
         theta: Theta,
         z: np.ndarray,
         before: State | None,
-        given: Accelerations | None,
+        given: Accelerations | None = None,
     ) -> State:
+        """As `move`, with what depends on the motion as it is along `before` (None: without)."""
         W, K = self.windows.size
         forces, hull = self.thrusters.forces(effects, theta), self.hull(effects, theta)
         tau, water = self.drive(forces.f), np.zeros((W, K + 1, 2))
@@ -278,10 +198,10 @@ class Physics:
         scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
         react = np.eye(3) if state.feedback is None else state.feedback.react
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
-        large = [e for e in effects if e.id in theta and "thrust" in e.hooks and e.size(theta[e.id]) >= 1]
-        others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in large}}
+        hooked = large(acting(effects, theta, THRUST), theta)
+        others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in hooked}}
         f = state.forces.f
-        changed = self.extra(large, theta, scene, f)[0]
+        changed = self.extra(hooked, theta, scene, f)[0]
 
         def felt(push: np.ndarray) -> np.ndarray:
             by = push.reshape(flat, -1)
@@ -297,7 +217,7 @@ class Physics:
                 there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
                     unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ turn
-                    more = self.drive(unit.f) + self.extra(large, theta, scene, f + unit.f)[0] - changed
+                    more = self.drive(unit.f) + self.extra(hooked, theta, scene, f + unit.f)[0] - changed
                     nodes[at] += felt(more) @ turn
                     bump[at] += unit.bump().reshape(W * K, -1) @ share
                 if old is not None:
@@ -314,22 +234,22 @@ class Physics:
         return Accelerations(columns_last(nodes).reshape(W, K + 1, 3, P), columns_last(bump).reshape(W, K, 3, P))
 
 
-def _pushing(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
-    return [e for e in effects if e.id in theta and not PUSHES.isdisjoint(e.hooks)]
+def acting(effects: Sequence[Effect], theta: Theta, stages: frozenset[str]) -> list[Effect]:
+    """Effects of `theta` that have a hook of `stages`."""
+    return [e for e in effects if e.id in theta and not stages.isdisjoint(e.hooks)]
+
+
+def large(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
+    """Those large enough for a name."""
+    return [e for e in effects if e.size(theta[e.id]) >= 1]
 
 
 def _in_water(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
     """What moving water is made of, and forces of some size, which may go by the motion through it."""
-    moving, pushing = ([e for e in effects if e.id in theta and not s.isdisjoint(e.hooks)] for s in (WATER, PUSHES))
-    return [*moving, *(e for e in pushing if e not in moving and e.size(theta[e.id]) >= 1)]
+    moving, pushing = acting(effects, theta, WATER), large(acting(effects, theta, PUSHES), theta)
+    return [*moving, *(e for e in pushing if e not in moving)]
 
 
 def _times(values: np.ndarray, G: np.ndarray) -> np.ndarray:
     """Sum of values (k, ..) times G (k, n, 3), most of them nil."""
     return sum((v * g for v, g in zip(values, G, strict=True) if np.any(v)), start=np.zeros(G.shape[1:]))
-
-
-def _with_feedback(state: State, feedback: Feedback) -> State:
-    A = state.A.copy()
-    A[..., 3:, :] = feedback.react @ (A[..., 3:, :] + state.M_inv @ feedback.slopes)
-    return dataclass_replace(state, A=A, feedback=feedback)

@@ -18,8 +18,10 @@ from sim.diagnose.extend import extended
 from sim.diagnose.fit import Fit
 from sim.diagnose.mended import cause_of
 from sim.diagnose.noise import stated_noise
-from sim.diagnose.physics import Physics, State
+from sim.diagnose.physics import Physics
 from sim.diagnose.public import smallest
+from sim.diagnose.settled import settled
+from sim.diagnose.state import State
 from sim.diagnose.theta import Theta
 from sim.identify.structured.boats import in_still_air
 from sim.identify.structured.noise import STATE, L
@@ -72,7 +74,7 @@ def test_thrust_that_moving_water_takes_off_is_taken_off_as_the_plant_does():
     assert (missed(RUN, WEAKENED) < 0.1 * missed(RUN, PLAIN)).all()
 
 
-def settled(fit: Fit, theta: Theta) -> State:
+def along_itself(fit: Fit, theta: Theta) -> State:
     """The motion once what goes by it is along itself."""
     state = None
     for _ in range(4):
@@ -107,7 +109,7 @@ def test_an_open_loop_settles_where_the_file_weakens_thrust(theta):
     """Forces are those along the motion itself."""
     fit, theta = weakened_in_a_current(), {name: np.array(values) for name, values in theta.items()}
     physics = Physics([RUN], fit.physics.vessel, 12.0)
-    state = physics.settled(fit.effects, theta, first_nodes(physics.windows, physics.parameters))
+    state = settled(physics, fit.effects, theta, first_nodes(physics.windows, physics.parameters))
     more, _ = physics.extra(fit.effects, theta, physics.scene(state), state.forces.f)
     np.testing.assert_allclose(state.tau, physics.drive(state.forces.f) + more, atol=0.05)
 
@@ -134,9 +136,9 @@ def test_what_goes_by_the_motion_through_the_water_knows_the_current_of_the_file
     angle, there = np.radians(FLOWING["beta_c_deg"]), {name: np.array([value])}
     flow = FLOWING["V_c_m_s"] * np.array([np.cos(angle), np.sin(angle)])
     told, found = engine(replace(PLAIN, terms=PLAIN.terms | {"current": FLOWING})), engine(PLAIN)
-    one, other = settled(told, there), settled(found, {**there, "current": flow})
+    one, other = along_itself(told, there), along_itself(found, {**there, "current": flow})
     np.testing.assert_allclose(one.x, other.x, atol=1e-6)
-    assert np.abs(one.x - settled(found, there).x).max() > 1e-3
+    assert np.abs(one.x - along_itself(found, there).x).max() > 1e-3
 
 
 def test_thrusters_that_are_slow_in_the_file_are_as_slow_as_in_the_plant():

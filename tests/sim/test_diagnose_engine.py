@@ -28,6 +28,7 @@ from sim.diagnose.noise import stated_noise
 from sim.diagnose.physics import Physics
 from sim.diagnose.search import search
 from sim.diagnose.select import Selection, Selector, makes_room
+from sim.diagnose.settled import settled
 from sim.identify.blocks import parts
 from sim.identify.run import Run
 from sim.identify.structured.boats import in_still_air
@@ -91,7 +92,7 @@ def test_a_shallow_zone_that_is_everywhere_is_a_fouled_hull_also_in_an_open_loop
     z = first_nodes(physics.windows, physics.parameters)
     everywhere = {"shallow_zone@4": np.array([1.0, 0.0, 0.0, 1e3])}
     expected = physics.move(fit.effects, {"hull_fouling": np.array([1.0])}, z, None).x
-    assert np.abs(physics.settled(fit.effects, everywhere, z).x - expected).max() < 0.01
+    assert np.abs(settled(physics, fit.effects, everywhere, z).x - expected).max() < 0.01
     assert np.abs(physics.move(fit.effects, everywhere, z, None).x - expected)[..., :2].max() > 1.0
 
 
@@ -108,11 +109,11 @@ def test_an_open_loop_goes_on_until_forces_are_those_along_its_own_motion(theta)
     fit, _ = bench()
     physics = Physics([short()], VESSEL, 15.0)
     theta = {name: np.array(values) for name, values in theta.items()}
-    settled = physics.settled(fit.effects, theta, first_nodes(physics.windows, physics.parameters))
-    scene = physics.scene(settled)
-    more, water = physics.extra(fit.effects, theta, scene, settled.forces.f)
-    np.testing.assert_allclose(settled.tau, settled.forces.f @ physics.B.T + more, atol=0.05)
-    np.testing.assert_allclose(settled.water, water, atol=1e-3)
+    state = settled(physics, fit.effects, theta, first_nodes(physics.windows, physics.parameters))
+    scene = physics.scene(state)
+    more, water = physics.extra(fit.effects, theta, scene, state.forces.f)
+    np.testing.assert_allclose(state.tau, state.forces.f @ physics.B.T + more, atol=0.05)
+    np.testing.assert_allclose(state.water, water, atol=1e-3)
 
 
 @pytest.mark.parametrize("trim_us", [0.0, 3.0])

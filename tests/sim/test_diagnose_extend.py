@@ -22,6 +22,7 @@ from sim.diagnose.physics import Physics
 from sim.diagnose.places import Cause
 from sim.diagnose.public import Place, point
 from sim.diagnose.select import Selector
+from sim.diagnose.settled import settled
 from sim.excite.information import true_nodes
 from sim.identify.structured.noise import STATE, L
 from sim.identify.structured.vessel_out import vessel_toml
@@ -112,8 +113,8 @@ def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():
     states = true_nodes(physics.windows, run)
     z = np.zeros((len(states), L))
     z[:, STATE] = states
-    settled = physics.settled([one.effect], {one.effect.id: np.array([4.0, 0.0, 0.0, 0.0])}, z)
-    off_m = np.linalg.norm(settled.x[:-1, -1, :2] - states[1:, :2], axis=1)
+    there = settled(physics, [one.effect], {one.effect.id: np.array([4.0, 0.0, 0.0, 0.0])}, z)
+    off_m = np.linalg.norm(there.x[:-1, -1, :2] - states[1:, :2], axis=1)
     assert len(off_m) and off_m.max() < 0.05
 
 

@@ -25,8 +25,9 @@ from sim.diagnose.held_out import MODELS, Believed, score
 from sim.diagnose.mistaken import SLIPS, refuse_mistaken
 from sim.diagnose.noise import stated_noise
 from sim.diagnose.pauses import unbroken
-from sim.diagnose.physics import Physics, State
+from sim.diagnose.physics import Physics
 from sim.diagnose.readings import Readings
+from sim.diagnose.state import State
 from sim.identify.blocks import part, parts
 from sim.identify.job_split import JobError
 from sim.identify.run import Run

@@ -85,9 +85,9 @@ class Propelled:
         return unit if (left == 1).all() else Forces(left * unit.f, left * unit.middle)
 
     def _left(self, effects: Sequence[Effect], large: Theta) -> np.ndarray:
-        """Share of each thruster's gain that effects on the maps leave, (n,)."""
-        vessel = self._mapped(effects, large)
-        return np.array([now.gain / was.gain for now, was in zip(vessel.thrusters, self.vessel.thrusters, strict=True)])
+        """Share of each thruster's gain that effects on the maps leave, (n,): all of a dead one's nothing."""
+        both = zip(self._mapped(effects, large).thrusters, self.vessel.thrusters, strict=True)
+        return np.array([now.gain / was.gain if was.gain else 1.0 for now, was in both])
 
     def _mapped(self, effects: Sequence[Effect], theta: Theta) -> VesselFile:
         vessel = self.vessel

@@ -130,6 +130,20 @@ def test_beside_a_thruster_that_is_all_but_dead_a_rate_limited_file_moves_only_t
         assert np.sqrt(((limited - plain) ** 2).mean()) < 0.02 * np.sqrt((plain**2).mean())
 
 
+@pytest.mark.parametrize("slew_N_s", [None, 25.0])
+def test_a_thruster_that_is_dead_in_the_file_is_the_limit_of_one_that_is_all_but_dead(slew_N_s):
+    found = []
+    for gain in (0.0, 1e-9):
+        thrusters = (replace(PLAIN.thrusters[0], gain=gain), *PLAIN.thrusters[1:])
+        fit = engine(replace(with_propulsion(slew_N_s=slew_N_s), thrusters=thrusters))
+        commanded = [e for e in fit.effects if e.everyday and "maps" in e.hooks]
+        there = {"common_loss": np.array([0.3]), "lag": np.array([0.01])}
+        state = fit.physics.move(fit.effects, there, fit.z0, None)
+        found.append((state.x, fit.physics.accelerations(fit.effects, there, state, commanded).nodes))
+    for dead, all_but in zip(*found, strict=True):
+        np.testing.assert_allclose(dead, all_but, atol=1e-6)
+
+
 @pytest.mark.parametrize(("name", "value"), [("munk_moment", 40.0), ("cross_flow", 0.5), ("advance_loss", 0.4)])
 def test_what_goes_by_the_motion_through_the_water_knows_the_current_of_the_file(name, value):
     """Oracle: the same current as an effect."""

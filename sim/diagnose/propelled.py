@@ -36,6 +36,14 @@ class Forces:
         """Without those of `other`."""
         return Forces(self.f - other.f, self.middle - other.middle)
 
+    def plus(self, other: Forces) -> Forces:
+        """With those of `other`."""
+        return Forces(self.f + other.f, self.middle + other.middle)
+
+    def times(self, share: float | np.ndarray) -> Forces:
+        """A share of all, or of each thruster's (n,)."""
+        return Forces(share * self.f, share * self.middle)
+
 
 class Propelled:
     """The thrusters of `vessel` under the commands of `runs`. `means_s`: by run, over how long samples are averaged."""
@@ -57,8 +65,7 @@ class Propelled:
         for each in secants(small, {}):
             for step in each.steps.values():
                 share = float(theta[each.effect.id] @ (step != 0)) / float(step.sum())
-                unit = self._from_nil(effects, large, each.effect, step)
-                forces = Forces(forces.f + share * unit.f, forces.middle + share * unit.middle)
+                forces = forces.plus(self._from_nil(effects, large, each.effect, step).times(share))
         return forces
 
     def change(self, effects: Sequence[Effect], theta: Theta, effect: Effect, step: np.ndarray) -> Forces:
@@ -81,8 +88,7 @@ class Propelled:
         about = [e for e in effects if e.id in large and e.whole]
         wholly = {e.id: e.believed()[1] for e in about}
         unit = self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
-        left = self._left(effects, large)
-        return unit if (left == 1).all() else Forces(left * unit.f, left * unit.middle)
+        return unit.times(self._left(effects, large))
 
     def _left(self, effects: Sequence[Effect], large: Theta) -> np.ndarray:
         """Share of each thruster's gain that effects on the maps leave, (n,): all of a dead one's nothing."""

@@ -17,7 +17,7 @@ Hooks work on whole logs at once (numpy arrays), so an entry is as quick as the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -107,6 +107,10 @@ class Effect:
     def believed(self) -> tuple[np.ndarray, np.ndarray]:
         """Sigma and mean of each parameter while the effect is believed in, (k,)."""
         return np.array([p.prior for p in self.parameters]), np.array([p.mean for p in self.parameters])
+
+    def by_name(self, values: Iterable[Any]) -> dict[str, Any]:
+        """Values (k, ..) by the names of the parameters, origin added."""
+        return {p.name: v + self.origin.get(p.name, 0.0) for p, v in zip(self.parameters, values, strict=True)}
 
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest value of each parameter, (k,)."""

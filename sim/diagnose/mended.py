@@ -70,8 +70,7 @@ def place(fit: Fit) -> Place:
 
 def cause_of(fit: Fit, effect: Effect, values: np.ndarray, note: str) -> Cause:
     """An entry with its values, for the files."""
-    own = {p.name: float(v) + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
-    return Cause(effect, own, point(effect, values, place(fit)), note)
+    return Cause(effect, effect.by_name(map(float, values)), point(effect, values, place(fit)), note)
 
 
 def refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
@@ -80,10 +79,7 @@ def refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
     And where that stands on the fitted logs.
     """
     few = [_within(e) for e in fit.effects if e.family == "base" or e.name.startswith("thruster_gain:")]
-    theta = {
-        e.id: np.clip(base.point.theta[e.id], [p.lower for p in e.parameters], [p.upper for p in e.parameters])
-        for e in few
-    }
+    theta = {e.id: np.clip(base.point.theta[e.id], *e.limits()) for e in few}
     fit.noise = base.noise
     found = fit.solve(theta, base.point.z, few, frozenset(), steps=2, before=base.point)
     fit.noise = tuned_latent(fit, found)

@@ -77,7 +77,7 @@ def public(
         raise ValueError(f"effect {effect.id}: public form gives {sorted(point)}, units are of {sorted(entry.units)}")
     rng = np.random.default_rng(seed)
     draws = rng.multivariate_normal(values, (covariance + covariance.T) / 2, DRAWS, method="eigh")
-    draws = np.clip(draws, [p.lower for p in effect.parameters], [p.upper for p in effect.parameters])
+    draws = np.clip(draws, *effect.limits())
     spread = _formed(effect, entry.form, draws.T, place)
     out = {}
     for name, value in point.items():
@@ -128,18 +128,18 @@ def family(name: str) -> str:
 
 def _plain(effect: Effect, values: np.ndarray, covariance: np.ndarray, entry: Entry | None) -> dict[str, Told]:
     """The engine's own names."""
-    names = [p.name for p in effect.parameters]
-    if entry is not None and set(names) != set(entry.units):
-        raise ValueError(f"effect {effect.id}: has {sorted(names)}, its public entry expects {sorted(entry.units)}")
+    own = effect.by_name(map(float, values))
+    if entry is not None and set(own) != set(entry.units):
+        raise ValueError(f"effect {effect.id}: has {sorted(own)}, its public entry expects {sorted(entry.units)}")
     out = {}
     for i, p in enumerate(effect.parameters):
-        value, se = float(values[i]) + effect.origin.get(p.name, 0.0), float(np.sqrt(covariance[i, i]))
+        value, se = own[p.name], float(np.sqrt(covariance[i, i]))
         out[p.name] = Told(value, se, (value - Z975 * se, value + Z975 * se), p.unit)
     return out
 
 
 def _formed(effect: Effect, form: Form, values: np.ndarray, place: Place) -> dict[str, np.ndarray]:
-    named = {p.name: v + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
+    named = effect.by_name(values)
     try:
         return form(named, place)
     except KeyError as missing:

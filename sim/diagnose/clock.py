@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from sim.identify.blocks import wholes
 from sim.identify.run import Run
 
 
@@ -22,12 +23,10 @@ class Clock:
     @classmethod
     def of(cls, fitted: Sequence[Run], held_out: Sequence[Run] = ()) -> Clock:
         """By the stamps, else one after the other. `held_out` move nothing of the others."""
-        logs = _wholes(fitted)
-        others = [log for log in _wholes(held_out) if all(log is not one for one in logs)]
-        both = [*logs, *others]
+        logs, both = wholes(fitted), wholes([*fitted, *held_out])
         begins = _stamps_s(logs) if _by_stamps(logs) else _in_turn_s(logs, 0.0)
         end = max(begin + log.duration_s for begin, log in zip(begins, logs, strict=True))
-        later = _stamps_s(both)[len(logs) :] if _by_stamps(both) else _in_turn_s(others, end)
+        later = _stamps_s(both)[len(logs) :] if _by_stamps(both) else _in_turn_s(both[len(logs) :], end)
         return cls(tuple(both), tuple(begin - min(begins) for begin in [*begins, *later]))
 
     def ahead_s(self, run: Run) -> float:
@@ -50,11 +49,6 @@ def _by_stamps(logs: Sequence[Run]) -> bool:
     measured = zip(_zeros_s(logs), (log.measured_s() for log in logs), strict=True)
     spans = sorted((zero_s + t_s[0], zero_s + t_s[-1]) for zero_s, t_s in measured)
     return len({log.meta.clock for log in logs}) == 1 and all(a[1] <= b[0] for a, b in pairwise(spans))
-
-
-def _wholes(runs: Sequence[Run]) -> list[Run]:
-    """The logs that `runs` are parts of, each once."""
-    return list({id(run.whole): run.whole for run in runs}.values())
 
 
 def _zeros_s(logs: Sequence[Run]) -> list[float]:

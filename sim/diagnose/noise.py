@@ -10,6 +10,7 @@ import numpy as np
 from companion.core.vessel_file import VesselFile
 from sim.diagnose.fit import Fit
 from sim.diagnose.linear import Point
+from sim.identify.blocks import wholes
 from sim.identify.run import Run
 from sim.identify.structured.fit import with_latent
 from sim.identify.structured.noise import Noise, noise_of
@@ -34,7 +35,7 @@ def stated_noise(vessel: VesselFile, runs: Sequence[Run] = ()) -> Noise:
     `runs`: what is fitted. Pieces of a log begin with biases and offsets of their own: these are taken for so much
     larger that all pieces together tell no more of what they have in common than their one log does.
     """
-    share = np.sqrt(len(runs) / len({id(run.whole) for run in runs})) if runs else 1.0
+    share = np.sqrt(len(runs) / len(wholes(runs))) if runs else 1.0
     noise = noise_of(vessel)
     x, y, n = (share * sigma for sigma in noise.bias)
     return replace(with_latent(noise, np.array(START)), slack=SLACK, bias=(x, y, n), offset_rad=share * OFFSET_RAD)

@@ -53,6 +53,11 @@ def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S)
     return [part(run, low_s, high_s, history_s) for low_s, high_s in intervals]
 
 
+def wholes(runs: Sequence[Run]) -> list[Run]:
+    """The logs that `runs` are parts of, each once."""
+    return list({id(run.whole): run.whole for run in runs}.values())
+
+
 def recorded(run: Run) -> list[Interval]:
     """From one pause of the recording to the next; all of it where it never paused."""
     t_s = run.table["t_s"].to_numpy()

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from sim.identify.blocks import HeldOut, Interval, part, parts, recorded
 from sim.identify.job_split import JobError, Log, Split, Used
 from sim.identify.run import Problem, Run
-from sim.identify.structured.data import EDGE_S, LEAST_FIXES, SETTLE_S
+from sim.identify.structured.data import LEAST_FIXES, SETTLE_S, off_the_ends
 
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
@@ -17,12 +19,7 @@ NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positi
 def unbroken(run: Run) -> list[Run]:
     """`run` cut where its recording paused; the run itself where it never did. JobError where nothing long is left."""
     spans = recorded(run)
-    if len(spans) == 1:
-        return [run]
-    kept = enough(run, spans)
-    if not kept:
-        raise _nothing_left(run, spans, "used")
-    return pieces(run, kept)
+    return [run] if len(spans) == 1 else pieces(run, _left(run, spans, spans, "used"))
 
 
 def without_pauses(found: Split) -> Split:
@@ -32,11 +29,10 @@ def without_pauses(found: Split) -> Split:
     """
     used = tuple(_without_pauses(one) for one in found.used)
     fitted = tuple(run for one in used for run in pieces(one.log.run, one.fitted_s))
-    was = [one for one in found.used if one.held_out_s]
-    now = [one for one in used if one.held_out_s]
+    both = [(was, now) for was, now in zip(found.used, used, strict=True) if was.held_out_s]
     held_out = tuple(
-        out if before is after else HeldOut(after.log.run, after.held_out_s)
-        for out, before, after in zip(found.held_out, was, now, strict=True)
+        out if now is was else HeldOut(now.log.run, now.held_out_s)
+        for out, (was, now) in zip(found.held_out, both, strict=True)
     )
     return replace(found, fitted=fitted, used=used, held_out=held_out)
 
@@ -55,16 +51,16 @@ def enough(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
     """Those of the intervals that are long enough and hold what a fit needs."""
     pulses = [f"pwm_{name}" for name in run.thrusters]
     known = [run.samples(*columns)[0] for columns in (pulses, ("psi_rad",), ("north_m", "east_m"))]
-    kept = []
-    for low, high in intervals:
-        commands, heading, fixes = (t_s[(t_s >= low) & (t_s <= high)] for t_s in known)
-        if high - low < PIECE_S or len(fixes) < FIXES or not len(commands) or not len(heading):
-            continue
-        begin, end = max(heading[0], commands[0] + SETTLE_S), heading[-1]
-        inside = (fixes > begin + EDGE_S) & (fixes < end - EDGE_S)
-        if end - begin >= PIECE_S / 2 and inside.sum() >= LEAST_FIXES:
-            kept.append((low, high))
-    return kept
+    long = [(low, high) for low, high in intervals if high - low >= PIECE_S]
+    return [(low, high) for low, high in long if _fits(*(t_s[(t_s >= low) & (t_s <= high)] for t_s in known))]
+
+
+def _fits(commands_s: np.ndarray, heading_s: np.ndarray, fixes_s: np.ndarray) -> bool:
+    """Whether stamps of one piece hold what a fit needs."""
+    if len(fixes_s) < FIXES or not len(commands_s) or not len(heading_s):
+        return False
+    begin_s, end_s = max(heading_s[0], commands_s[0] + SETTLE_S), heading_s[-1]
+    return bool(end_s - begin_s >= PIECE_S / 2 and off_the_ends(fixes_s, begin_s, end_s).sum() >= LEAST_FIXES)
 
 
 def _without_pauses(used: Used) -> Used:
@@ -72,10 +68,8 @@ def _without_pauses(used: Used) -> Used:
     spans = recorded(run)
     if len(spans) == 1 and len(used.fitted_s) <= 1 and len(used.held_out_s) <= 1:
         return used
-    fitted_s, held_out_s = (_within(run, some, spans) for some in (used.fitted_s, used.held_out_s))
-    for some, kept, what in ((used.fitted_s, fitted_s, "fitted"), (used.held_out_s, held_out_s, "held out")):
-        if some and not kept:
-            raise _nothing_left(run, spans, what)
+    fitted_s = _left(run, used.fitted_s, spans, "fitted")
+    held_out_s = _left(run, used.held_out_s, spans, "held out")
     left_s = _length_s(spans) - _length_s(fitted_s) - _length_s(held_out_s)
     if left_s > 1.0:
         text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
@@ -83,14 +77,14 @@ def _without_pauses(used: Used) -> Used:
     return Used(Log(used.log.name, run), fitted_s, held_out_s)
 
 
-def _within(run: Run, some: Sequence[Interval], spans: Sequence[Interval]) -> tuple[Interval, ...]:
-    return tuple(enough(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
+def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
+    """What the pauses between `spans` leave of intervals and is `enough`. JobError where nothing is left of any."""
+    left = tuple(enough(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
+    if some and not left:
+        pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
+        raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")
+    return left
 
 
 def _length_s(some: Sequence[Interval]) -> float:
     return sum(high - low for low, high in some)
-
-
-def _nothing_left(run: Run, spans: Sequence[Interval], what: str) -> JobError:
-    pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
-    return JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")

@@ -203,13 +203,18 @@ def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:
 def fixes_of(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and places (m, 2) of the positions of a run that a fit can use. Raises StructuredFitError for too few."""
     first, (t, place) = _begin_s(run) + offset_s, run.samples("north_m", "east_m")
-    inside = (t > first + EDGE_S) & (t < run.samples("psi_rad")[0][-1] - EDGE_S)
+    inside = off_the_ends(t, first, run.samples("psi_rad")[0][-1])
     if inside.sum() < LEAST_FIXES:
         raise StructuredFitError(
             f"{run.meta.source}: {inside.sum()} positions while heading and commands are known; "
             f"the fit needs at least {LEAST_FIXES}"
         )
     return t[inside], place[inside]
+
+
+def off_the_ends(fixes_s: np.ndarray, begin_s: float, end_s: float) -> np.ndarray:
+    """Which positions lie between these by more than `EDGE_S`."""
+    return (fixes_s > begin_s + EDGE_S) & (fixes_s < end_s - EDGE_S)
 
 
 def _begin_s(run: Run) -> float:

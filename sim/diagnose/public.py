@@ -39,21 +39,21 @@ class Told:
     unit: str
 
     def __format__(self, spec: str) -> str:
-        value, (low, high), unit = self.value, self.ci95, "" if self.unit == "1" else f" {self.unit}"
-        if spec.startswith("gain"):
-            value, low, high, spec = value - 1, low - 1, high - 1, spec.replace("gain", "%more/less", 1)
-        if spec.startswith("%"):
-            value, low, high, unit = 100 * value, 100 * low, 100 * high, " %"
-        spec, _, tail = spec.partition("|")
-        if "/" not in spec:
+        form, _, tail = spec.partition("|")
+        nil, form = (1.0, "%more/less") if form == "gain" else (0.0, form)
+        scale, unit = 1.0, "" if self.unit == "1" else f" {self.unit}"
+        if form.startswith("%"):
+            scale, unit, form = 100.0, " %", form[1:]
+        value, low, high = (scale * (number - nil) for number in (self.value, *self.ci95))
+        if not form:
             return f"{_digits(value)}{unit}{tail} (95 %: {_digits(low)} to {_digits(high)})"
-        words = spec.removeprefix("%").split("/")
-        interval = f"{_digits(abs(low))} to {_digits(abs(high))}"
+        more, less = form.split("/")
+        word = less if value < 0 or (value == 0 and high <= 0) else more
+        near, far = sorted((abs(low), abs(high)))
+        limits = f"{_digits(near)} to {_digits(far)}"
         if low < 0 < high:
-            interval = f"between {_digits(-low)} {words[1]} and {_digits(high)} {words[0]}"
-        elif high <= 0:
-            interval = f"{_digits(abs(high))} to {_digits(abs(low))}"
-        return f"{_digits(abs(value))}{unit} {words[value < 0 or (value == 0 and high <= 0)]}{tail} (95 %: {interval})"
+            limits = f"between {_digits(-low)} {less} and {_digits(high)} {more}"
+        return f"{_digits(abs(value))}{unit} {word}{tail} (95 %: {limits})"
 
 
 def _digits(value: float) -> str:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from companion.core.inflow import jet_sign
 from companion.core.vessel_file import RotorMap, VesselFile
 from sim.diagnose.catalogue.parts import number, share
-from sim.diagnose.effect import Effect, Parameter, Scene, Values
+from sim.diagnose.effect import Effect, Hook, Parameter, Scene, Values
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
 WHOLE = 0.02  # sigma of the share of pulses that change places, where two do: all of them; assumed
@@ -32,7 +32,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
             "f_i (1 + gain)",
             "pulls to one side in proportion to this thruster's command",
             number("gain", "1", 0.5, 0.05, -3.0, 2.0),
-            {"maps": _regained(lambda p: 1 + p["gain"], i)} if vessel.propulsion.slew_N_s else {"thrust": _gain(i)},
+            _scaled(vessel, lambda p: 1 + p["gain"], i),
         )
         for onset_s, reach_s in onsets:
             yield _fouling(i, name, onset_s, partial(_between, i, name, onset_s, reach_s))
@@ -68,24 +68,24 @@ def _trimmed(i: int) -> Callable[[Values, VesselFile], VesselFile]:
     return hook
 
 
-def _gain(i: int) -> Callable[[Values, Scene, np.ndarray], np.ndarray]:
-    def hook(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
-        out = f.copy()
-        out[..., i] *= 1 + p["gain"]
-        return out
+def _scaled(vessel: VesselFile, share: Callable[[Values], float], *which: int) -> dict[str, Hook]:
+    """The hook by which some thrusters, or all, give a share of their force.
 
-    return hook
+    Where the file has a rate limit by gains in the file itself: the limit acts on what is left of the force.
+    """
+    mine = which or tuple(range(len(vessel.thrusters)))
 
-
-def _regained(share: Callable[[Values], float], *which: int) -> Callable[[Values, VesselFile], VesselFile]:
-    """Gains of some thrusters, or of all, in the file itself: its rate limit acts on what is left of their force."""
-
-    def hook(p: Values, vessel: VesselFile) -> VesselFile:
-        mine, all_ = which or range(len(vessel.thrusters)), enumerate(vessel.thrusters)
+    def maps(p: Values, vessel: VesselFile) -> VesselFile:
+        all_ = enumerate(vessel.thrusters)
         thrusters = tuple(replace(t, gain=t.gain * share(p)) if i in mine else t for i, t in all_)
         return replace(vessel, thrusters=thrusters)
 
-    return hook
+    def thrust(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
+        out = f.copy()
+        out[..., mine] *= share(p)
+        return out
+
+    return {"maps": maps} if vessel.propulsion.slew_N_s else {"thrust": thrust}
 
 
 def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Effect]] | None = None) -> Effect:
@@ -129,9 +129,7 @@ def _common(vessel: VesselFile) -> Iterator[Effect]:
         "all f (1 - loss)",
         "slower in every direction and slower to start; the same as all mass and damping larger",
         number("loss", "1", 0.4, 0.05, -2.0, 0.95),
-        {"maps": _regained(lambda p: 1 - p["loss"])}
-        if vessel.propulsion.slew_N_s
-        else {"thrust": lambda p, scene, f: f * (1 - p["loss"])},
+        _scaled(vessel, lambda p: 1 - p["loss"]),
         same_as=("mass_damping_scale",),
     )
     if not any(isinstance(m, RotorMap) for m in vessel.force_maps.values()):

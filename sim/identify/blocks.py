@@ -39,12 +39,11 @@ def part(run: Run, low_s: float, high_s: float, history_s: float = HISTORY_S) ->
     first, last = np.searchsorted(t_s, low_s), np.searchsorted(t_s, high_s, side="right")
     begin = max(int(np.searchsorted(t_s, low_s - history_s, side="right")) - 1, 0)
     source = f"{run.meta.source}, {low_s:g} to {high_s:g} s"
-    sampled = [c for c in run.table.columns if c != "t_s" and not c.startswith(HELD)]
     inside = run.table[int(first) : int(last)]
-    if not any(inside[c].null_count() < len(inside) for c in sampled):
+    if not any(inside[c].null_count() < len(inside) for c in run.sampled):
         raise RunError(f"{source}: nothing is measured there; the run is from {t_s[0]:g} to {t_s[-1]:g} s")
     before = run.table[begin : int(first)]
-    before = before.filter(_changed(before)).with_columns(pl.lit(None, pl.Float64).alias(c) for c in sampled)
+    before = before.filter(_changed(before)).with_columns(pl.lit(None, pl.Float64).alias(c) for c in run.sampled)
     return Run(pl.concat([before, inside]), replace(run.meta, source=source), run.whole)
 
 

@@ -102,10 +102,14 @@ class Run:
             digest.update(column.fill_null(0.0).to_numpy().astype("<f8").tobytes())
         return digest.hexdigest()
 
+    @property
+    def sampled(self) -> list[str]:
+        """Names of the sampled columns, in their order."""
+        return [c for c in self.table.columns if c != "t_s" and not c.startswith(HELD)]
+
     def measured_s(self) -> np.ndarray:
         """Stamps of the rows in which anything sampled is known, shape (k,) [s]."""
-        sampled = [c for c in self.table.columns if c != "t_s" and not c.startswith(HELD)]
-        return self.table.filter(pl.any_horizontal(pl.col(sampled).is_not_null()))["t_s"].to_numpy()
+        return self.table.filter(pl.any_horizontal(pl.col(self.sampled).is_not_null()))["t_s"].to_numpy()
 
     def samples(self, *columns: str) -> tuple[np.ndarray, np.ndarray]:
         """Stamps (n,) [s] and values of the rows in which all `columns` are known: (n,), or (n, k) for k > 1."""
@@ -128,9 +132,7 @@ class Run:
     def rates_hz(self) -> dict[str, float]:
         """Median rate of each sampled column that has two samples or more."""
         rates = {}
-        for name in self.table.columns:
-            if name == "t_s" or name.startswith(HELD):
-                continue
+        for name in self.sampled:
             t_s, _ = self.samples(name)
             if len(t_s) > 1:
                 rates[name] = 1.0 / float(np.median(np.diff(t_s)))

@@ -109,29 +109,28 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
         moved = {key: getattr(now, key) + scale * cause.told[public] for key, public in keys.items()}
         if "latency_s" in moved:
             moved["latency_s"] = float(np.clip(moved["latency_s"], 0.0, MOST_LATENCY_S))
-        new = replace(now, **moved, source=noted(now.source, cause.note))
-        return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
+        return _sensed(vessel, cause, table, **moved)
 
     return place
 
 
-def _imu(vessel: VesselFile, cause: Cause, **keys: float) -> VesselFile:
-    imu = vessel.sensors.imu
-    new = replace(imu, **keys, source=noted(imu.source, cause.note))
-    return replace(vessel, sensors=replace(vessel.sensors, imu=new))
+def _sensed(vessel: VesselFile, cause: Cause, table: str, **keys: float) -> VesselFile:
+    now = getattr(vessel.sensors, table)
+    new = replace(now, **keys, source=noted(now.source, cause.note))
+    return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
 
 
 def _accel_bias(vessel: VesselFile, cause: Cause) -> VesselFile:
     """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
     x, y, _ = imu_applied(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
-    return _imu(vessel, cause, accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
+    return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
 
 
 def _iron(vessel: VesselFile, cause: Cause) -> VesselFile:
     imu = vessel.sensors.imu
     more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.own[f"{k}_deg"]))
             for k in ("cos", "sin")}  # fmt: skip
-    return _imu(vessel, cause, **more)
+    return _sensed(vessel, cause, "imu", **more)
 
 
 def _propulsion(vessel: VesselFile, cause: Cause, **keys: object) -> VesselFile:

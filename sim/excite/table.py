@@ -9,7 +9,7 @@ from rich.table import Table
 
 from sim.excite.design import Advice, Candidate, worth
 from sim.excite.information import Knowledge, of_interest
-from sim.identify.structured.parameters import unit_of
+from sim.identify.structured.units import unit_of
 
 FEW = 5
 

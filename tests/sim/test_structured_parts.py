@@ -16,9 +16,10 @@ from sim.identify.structured.chain import Chain, Ties
 from sim.identify.structured.data import StructuredFitError, cut
 from sim.identify.structured.fit import Fit, Settings
 from sim.identify.structured.noise import STATE, L, noise_of, whiten
-from sim.identify.structured.parameters import Parameters, file_values, unit_of
+from sim.identify.structured.parameters import Parameters, file_values
 from sim.identify.structured.start import local_lines
 from sim.identify.structured.thrust import Commands, ThrustHistory
+from sim.identify.structured.units import unit_of
 from sim.identify.teleop import teleop_run
 from sim.world.environment import Environment, Weather
 from sim.world.plant import Plant

@@ -53,21 +53,6 @@ _LOG = (0, 1, 2, 4, 5, 6, 9, 10, 11)  # hull entries with a logarithm
 _M23, _SUM, _DIFF = 3, 7, 8
 EITHER_SHARE = 0.02  # of a term's bounds: sigma of a parameter that may have either sign; assumed
 LEAST_TERM = 1e-3  # of a parameter of one sign that the file has at nil: a start nevertheless
-_UNITS = (
-    "_N_s2_m2",
-    "_N_s2",
-    "_N_m_s2",
-    "_N_m_s",
-    "_N_s_m",
-    "_kg_m2",
-    "_kg_m",
-    "_N_s",
-    "_kg",
-    "_us",
-    "_deg",
-    "_s",
-    "_m",
-)
 
 
 @dataclass(frozen=True)
@@ -89,27 +74,6 @@ class PriorSigmas:
     azimuth_deg: float = 15.0
     curve: float = 0.3
     term: float = 1.0
-
-
-def unit_of(name: str) -> str:
-    """Unit of a parameter, from its name; gains and warps have none.
-
-    >>> unit_of("Y_vv_N_s2_m2"), unit_of("gain_bow")
-    ('N s2/m2', '1')
-    """
-    if name.startswith(("gain_", "warp_", "curve_")):
-        return "1"
-    suffix = next(s for s in _UNITS if name.endswith(s))
-    return {
-        "_N_s2_m2": "N s2/m2",
-        "_N_s2": "N s2",
-        "_N_m_s2": "N m s2",
-        "_N_m_s": "N m s",
-        "_N_s_m": "N s/m",
-        "_kg_m2": "kg m2",
-        "_kg_m": "kg m",
-        "_N_s": "N s",
-    }.get(suffix, suffix[1:])
 
 
 def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, Parameter], ...]:

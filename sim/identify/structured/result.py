@@ -15,7 +15,8 @@ from sim.identify.structured.fit import WINDOWS_S, Fit, Point, Say, Settings, so
 from sim.identify.structured.horizon import CHANNELS as ERROR_NAMES
 from sim.identify.structured.horizon import HORIZON_S, HorizonFit, held_fixed
 from sim.identify.structured.horizon import solve as solve_horizon
-from sim.identify.structured.parameters import Parameters, unit_of
+from sim.identify.structured.parameters import Parameters
+from sim.identify.structured.units import unit_of
 
 Z95 = 1.959964
 COLOURED = 0.2  # lag-1 correlation of whitened residuals beyond which something within a window is not described

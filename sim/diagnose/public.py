@@ -98,14 +98,14 @@ def point(effect: Effect, values: Sequence[float] | np.ndarray, place: Place) ->
     return {name: float(v) for name, v in _formed(effect, entry.form, np.asarray(values), place).items()}
 
 
-def smallest(effect: Effect) -> tuple[float, str]:
-    """The smallest size worth a name in public units, and the unit."""
+def smallest(effect: Effect, times: float = 1.0) -> tuple[float, str]:
+    """The smallest size worth a name, or so many times as much, in public units, and the unit."""
     parameter = effect.parameters[0]
     entry = PUBLIC.get(family(effect.name))
     if entry is None:
-        return parameter.smallest, parameter.unit
-    size = parameter.smallest + effect.origin.get(parameter.name, 0.0)
-    return entry.smallest(size), entry.smallest_unit or parameter.unit
+        return times * parameter.smallest, parameter.unit
+    size = times * parameter.smallest + effect.origin.get(parameter.name, 0.0)
+    return float(entry.smallest(size)), entry.smallest_unit or parameter.unit
 
 
 def sentence(name: str, numbers: Mapping[str, Told]) -> str:

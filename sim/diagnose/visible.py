@@ -17,8 +17,7 @@ from sim.diagnose.candidate import NAMED, Z95
 from sim.diagnose.effect import Effect, slices
 from sim.diagnose.fit import Fit
 from sim.diagnose.model import Model
-from sim.diagnose.public import family
-from sim.diagnose.public_table import PUBLIC
+from sim.diagnose.public import smallest
 
 BLIND = 1000.0  # times the smallest size worth a name
 
@@ -35,7 +34,7 @@ def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
     for effect, share in _shares(fit, model, C, at):
         if effect.name not in found or share < found[effect.name][0]:
             found[effect.name] = (share, effect)
-    return {name: _public(effect, share) for name, (share, effect) in found.items() if share < BLIND}
+    return {name: smallest(effect, share) for name, (share, effect) in found.items() if share < BLIND}
 
 
 def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iterator[tuple[Effect, float]]:
@@ -45,17 +44,10 @@ def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iter
             continue
         sure = np.flatnonzero([np.isfinite(p.smallest) for p in effect.parameters])
         index = np.arange(at[effect.id].start, at[effect.id].stop)[sure]
-        smallest = np.array([effect.parameters[i].smallest for i in sure])
+        least = np.array([effect.parameters[i].smallest for i in sure])
         prior = np.array([effect.parameters[i].prior for i in sure])
         J = np.linalg.inv(C[np.ix_(index, index)]) - np.diag(1 / effect.tolerance()[sure] ** 2)
-        J = np.outer(smallest, smallest) * J
+        J = np.outer(least, least) * J
         se = 1 / np.sqrt(max(float(np.linalg.eigvalsh(J).min()), 1e-12))
-        price = NAMED + float(np.maximum(np.log(prior / smallest / se), 0.0).sum())
+        price = NAMED + float(np.maximum(np.log(prior / least / se), 0.0).sum())
         yield effect, max(1 + Z95 * se, se * float(np.sqrt(2 * price)))
-
-
-def _public(effect: Effect, share: float) -> tuple[float, str]:
-    entry, parameter = PUBLIC.get(family(effect.name)), effect.parameters[0]
-    if entry is None:
-        return share * parameter.smallest, parameter.unit
-    return float(entry.smallest(share * parameter.smallest)), entry.smallest_unit or parameter.unit

@@ -44,18 +44,24 @@ def tie(
 
 
 @kernel
-def _factorised(A: np.ndarray) -> bool:
-    """Cholesky's factor in the lower triangle of A (L, L), in place; False where there is none."""
-    for j in range(len(A)):
-        for m in range(j):
-            A[j, j] -= A[j, m] ** 2
-        if not A[j, j] > 0.0:  # or NaN
+def _factorised(rows: np.ndarray, factor: np.ndarray) -> bool:
+    """Cholesky's factor (L, L), its lower triangle, of the first L columns of rows, which are used up for it.
+
+    False where there is none.
+    """
+    L = len(factor)
+    column = np.empty(L)
+    for j in range(L):
+        if not rows[j, j] > 0.0:  # or NaN
             return False
-        A[j, j] = math.sqrt(A[j, j])
-        for i in range(j + 1, len(A)):
-            for m in range(j):
-                A[i, j] -= A[i, m] * A[j, m]
-            A[i, j] /= A[j, j]
+        root = math.sqrt(rows[j, j])
+        for i in range(j + 1, L):
+            column[i] = factor[i, j] = rows[i, j] / root
+        factor[j, j] = root
+        for i in range(j + 1, L):
+            value = column[i]
+            for c in range(j + 1, L):  # beyond the triangle too: whole rows are quicker
+                rows[i, c] -= value * column[c]
     return True
 
 
@@ -65,27 +71,34 @@ def eliminate(
 ) -> int:
     """Cholesky factors (W, L, L) of the nodes in their order and solved (W, L, L + P + 1) = factor^-1 [following B g].
 
-    What comes before is eliminated. Returns the first node whose block is not positive definite, else -1.
+    What comes before is eliminated. Returns the first node whose block is not positive definite, else -1. Loops along
+    columns stand here in full: of few columns, `add_times` costs more than the sums.
     """
     W, L, P = B.shape
+    columns = L + P + 1
+    rows = np.empty((L, columns))  # [A B g]
     for w in range(W):
         factor, right = factors[w], solved[w]
-        factor[:] = A[w]
-        right[:, :L] = following[w]
-        right[:, L : L + P] = B[w]
-        right[:, L + P] = g[w]
+        rows[:, :L] = A[w]
+        rows[:, L : L + P] = B[w]
+        rows[:, L + P] = g[w]
         if w > 0:
             before = solved[w - 1]
             for m in range(L):
                 for i in range(L):
-                    if before[m, i] != 0.0:
-                        add_times(-before[m, i], before[m, : i + 1], factor[i, : i + 1])
-                        add_times(-before[m, i], before[m, L:], right[i, L:])
-        if not _factorised(factor):
+                    value = before[m, i]
+                    if value != 0.0:
+                        for c in range(columns):
+                            rows[i, c] -= value * before[m, c]
+        right[:, :L] = following[w]
+        right[:, L:] = rows[:, L:]
+        if not _factorised(rows, factor):
             return w
         for i in range(L):
             for m in range(i):
-                add_times(-factor[i, m], right[m], right[i])
+                value = factor[i, m]
+                for c in range(columns):
+                    right[i, c] -= value * right[m, c]
             right[i] *= 1 / factor[i, i]
     return -1
 

@@ -13,12 +13,12 @@ diagnosis would blame the boat for it.
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from sim.identify.job_split import JobError
 from sim.identify.problems import problems
 from sim.identify.run import Run
 from sim.identify.structured.data import G
+from sim.identify.unwrapped import integrated
 
 NEEDED = ("psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
 SPAN_S = 2.0  # T, or two fixes if that is longer: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
@@ -113,8 +113,7 @@ def _turned(psi: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _twice(t_s: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Integrated twice over time from rest at nought, (n, 2)."""
-    once = cumulative_trapezoid(a, t_s, axis=0, initial=0.0)
-    return cumulative_trapezoid(once, t_s, axis=0, initial=0.0)
+    return integrated(integrated(a, t_s), t_s)
 
 
 def _second(t_s: np.ndarray, x: np.ndarray, at_s: np.ndarray, span_s: float) -> np.ndarray:

@@ -7,12 +7,13 @@ from boats import boat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from run_logs import clean_run
+from scipy.integrate import cumulative_trapezoid
 
 from sim.identify.run import Run
 from sim.identify.smoothing import SmootherNoise, smooth
 from sim.identify.structured.data import PSI, cut
 from sim.identify.teleop import teleop_run
-from sim.identify.unwrapped import unwrapped
+from sim.identify.unwrapped import integrated, unwrapped
 
 VESSEL = boat("aritra")
 CLEAN = clean_run(60.0)
@@ -61,3 +62,10 @@ def test_the_fit_and_the_smoother_see_all_the_turns():
     assert last - first == pytest.approx(0.5 * 59.0, abs=0.1)
     psi = smooth(run, SmootherNoise.of(VESSEL)).eta[:, 2]
     assert psi[-1] - psi[0] == pytest.approx(0.5 * 60.0, abs=0.2)
+
+
+@pytest.mark.parametrize("shape", [(1,), (2,), (500,), (500, 2)])
+def test_integrals_over_time_are_those_of_scipy(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(5)
+    t_s, values = np.sort(rng.uniform(0.0, 60.0, shape[0])), rng.normal(size=shape)
+    np.testing.assert_array_equal(integrated(values, t_s), cumulative_trapezoid(values, t_s, axis=0, initial=0.0))

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from sim.diagnose.stochastic.ambient import SCALE as NUISANCE_SCALE
 from sim.diagnose.stochastic.ambient import beside, calm, nats_over, rough
@@ -73,6 +72,8 @@ def gusts(data: LeftOver, force: np.ndarray) -> Gusts:
 
 def _shown(data: LeftOver, acts: np.ndarray, white: np.ndarray) -> float:
     """Standard deviation of the left-over force along the pattern, white noise taken off; by the pattern's square."""
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow, and few logs have a wind
+
     p, known = acts[:, :2], np.isfinite(data.y[:, :2])
     square = uniform_filter1d((p**2 * known).sum(axis=1), MEAN, axis=0)
     along = uniform_filter1d((p * np.nan_to_num(data.y[:, :2])).sum(axis=1), MEAN, axis=0)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from companion.core.vessel_file import VesselFile
 from sim.identify.calibrated import calibrated
@@ -183,6 +182,8 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
     """Specific force with gravity taken out by roll and pitch; a boat heels by a share of what accelerates it."""
     if not (run.known("phi_rad") and run.known("theta_rad")):
         return channels
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow, and few logs tell roll and pitch
+
     t_tilt, tilt = run.samples("phi_rad", "theta_rad")
     across = max(1, round(LEVEL_S / float(np.median(np.diff(t_tilt)))))
     tilt = uniform_filter1d(tilt, across, axis=0, mode="nearest")

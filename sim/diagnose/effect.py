@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -178,14 +179,16 @@ class Scene:
         """Yaw rate."""
         return self.x[..., 5]
 
-    @property
+    @cached_property
     def nu_r(self) -> np.ndarray:
         """Surge, sway and yaw rate through the water, (W, k, 3): u v r less R^T `water`."""
         if self.water is None:
             return self.x[..., 3:]
         c, s = np.cos(self.psi_rad), np.sin(self.psi_rad)
         north, east = self.water[..., 0], self.water[..., 1]
-        return self.x[..., 3:] - np.stack([c * north + s * east, c * east - s * north, 0 * c], axis=-1)
+        through = self.x[..., 3:] - np.stack([c * north + s * east, c * east - s * north, 0 * c], axis=-1)
+        through.flags.writeable = False  # it is handed out again
+        return through
 
 
 @dataclass(frozen=True)

@@ -80,11 +80,13 @@ class Lineariser:
         a = self.physics.accelerations(effects, theta, state, chosen)
         imu, tag = (np.zeros((*shape, a.nodes.shape[3])) for shape in ((W, K, 4), (len(self.readings.window), 2)))
         read = self.readings
+        now = {"imu": read.imu(effects, theta, state), "tag": read.tag(effects, theta, state)}
+        known = {e.id for e in effects} & theta.keys()
         for each in secants(chosen, theta):
             name, every = each.effect.id, among(effects, each.effect)
             for hook, reading, out in (("imu", read.imu, imu), ("tag", read.tag, tag)):
                 if hook in each.effect.hooks:
-                    without = reading(every, {**theta, name: each.now}, state)
+                    without = now[hook] if name in known else reading(every, {**theta, name: each.now}, state)
                     for at, step in each.steps.items():
                         there = reading(every, {**theta, name: each.now + step}, state)
                         out[..., at] = (there - without) / step.sum()

@@ -156,7 +156,8 @@ class Physics:
 
     def drive(self, f: np.ndarray) -> np.ndarray:
         """Body force (W, k, 3) of thruster forces (W, k, n); these after it where the file weakens them: `compiled`."""
-        return np.concatenate([f @ self.B.T, f], axis=2) if self._weakened else f @ self.B.T
+        tau = (f.reshape(-1, f.shape[2]) @ self.B.T).reshape(*f.shape[:2], 3)  # one product, not one for each window
+        return np.concatenate([tau, f], axis=2) if self._weakened else tau
 
     def extra(
         self, effects: Sequence[Effect], theta: Theta, scene: Scene, f: np.ndarray
@@ -166,6 +167,7 @@ class Physics:
         f: forces before them. The water is beside that of the file, which hooks see too.
         """
         hooked, water = f, np.zeros((*f.shape[:2], 2))
+        tau = np.zeros((*f.shape[:2], 3 + self._weakened * f.shape[2]))
         flows = values_of(effects, theta, "water")
         for effect, p in flows:
             water += effect.hooks["water"](p, scene)
@@ -173,7 +175,8 @@ class Physics:
             scene = dataclass_replace(scene, water=water + self.flow)
         for effect, p in values_of(effects, theta, "thrust"):
             hooked = effect.hooks["thrust"](p, scene, hooked)
-        tau = self.drive(hooked - f)
+        if hooked is not f:
+            tau = self.drive(hooked - f)
         for effect, p in values_of(effects, theta, "force"):
             tau[..., :3] += effect.hooks["force"](p, scene)
         return tau, water

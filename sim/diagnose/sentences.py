@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -37,8 +37,7 @@ def sentences(found: Diagnosis) -> list[str]:
     lines += [sentence(n.effect.name, n.numbers) for n in found.causes]
     if found.verdict in ("partial", "unknown"):
         lines += [_left_over(found), *_doubtful(found)]
-    lines += [f"{name} was found in the fitted logs and is not named all the same: {why}."
-              for name, why in found.withdrawn.items()]  # fmt: skip
+    lines += _withdrawn(found.withdrawn)
     lines += [f"These logs cannot tell {name} from {', '.join(others)}." for name, others in found.confused.items()]
     lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
     if found.causes:
@@ -98,6 +97,16 @@ def _left_over(found: Diagnosis) -> str:
     others = f", perhaps on {' or '.join(depends(w) for w in words[1:3])}" if len(words) > 1 else ""
     see = " (see the map)" if words[0] == "position" else ""
     return f"What is left over depends on {depends(words[0])}{see}{others}."
+
+
+def _withdrawn(withdrawn: Mapping[str, str]) -> list[str]:
+    """What was found and taken back, those of one reason together."""
+    said = []
+    for why in dict.fromkeys(withdrawn.values()):
+        *others, last = (name for name, reason in withdrawn.items() if reason == why)
+        what = f"{', '.join(others)} and {last} were" if others else f"{last} was"
+        said.append(f"{what} found in the fitted logs, but {'are' if others else 'is'} not named: {why}.")
+    return said
 
 
 def _doubtful(found: Diagnosis) -> list[str]:

@@ -25,8 +25,8 @@ FORM_DOUBT = 0.1
 """Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
 UNNEEDED = "small faults of other kinds, together, explain the same"
 OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
-FALLEN = "beside the causes that are left it is not sure, or not large, enough"
-HARMFUL = "it makes the readings of the held-out logs worse"
+FALLEN = "too small, or too unsure, beside the causes that are left"
+HARMFUL = "readings of the held-out logs become worse"
 UNPROVEN = (
     "its form, or that of a cause beside it, is in doubt, and it makes no reading of the held-out logs surely better"
 )

@@ -275,6 +275,14 @@ def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monk
     assert found.verdict == "unknown" and not found.causes and not found.selection.causes
     assert found.withdrawn == {"thruster_gain:front_port": HARMFUL}
     assert found.files.extended == found.files.refitted and found.selection.final is found.selection.base
-    assert any("thruster_gain:front_port was found in the fitted logs" in line for line in sentences(found))
+    told = (
+        "thruster_gain:front_port was found in the fitted logs, but is not named: readings of the held-out logs become"
+    )
+    assert any(line.startswith(told) for line in sentences(found))
+    many = dataclasses.replace(found, withdrawn={"lag": HARMFUL, "wash": "of chance", "cg_shift": HARMFUL})
+    assert any(
+        line.startswith("lag and cg_shift were found in the fitted logs, but are not") for line in sentences(many)
+    )
+    assert "wash was found in the fitted logs, but is not named: of chance." in sentences(many)
     assert found.adequacy is not None and not found.adequacy.passed, "the base alone leaves the thruster over"
     assert found.held_out.nats["extended"] == pytest.approx(found.held_out.nats["refit"]), "as in the files"

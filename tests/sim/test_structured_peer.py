@@ -9,7 +9,7 @@ from boats import boat
 from sim.identify.structured.boats import draw_boat, in_still_air
 from sim.identify.structured.fit import Fit, Point, Settings, solve
 from sim.identify.structured.peer_casadi import CasadiProblem
-from sim.identify.structured.peer_fit import casadi_fit
+from sim.identify.structured.peer_fit import casadi_fit, plain_fit
 from sim.identify.teleop import teleop_run
 
 TRUE = draw_boat(boat("aritra"), np.random.default_rng(11))
@@ -61,3 +61,11 @@ def test_scipy_ends_where_the_fit_does(fitted: tuple[Fit, Point, CasadiProblem])
     found = casadi_fit(problem)
     assert found.cost == pytest.approx(cost, abs=0.1)
     assert np.abs((found.w - point.w) / se).max() < 0.2
+
+
+def test_a_plain_call_comes_nearer_and_is_given_up(fitted: tuple[Fit, Point, CasadiProblem]) -> None:
+    fit, point, problem = fitted
+    start = 0.5 * float(np.sum(problem.residual(problem.start) ** 2))
+    none, some = plain_fit(problem, 0.0), plain_fit(problem, 2.0)
+    assert not none.ended and none.residuals == 1 and none.cost == pytest.approx(start)
+    assert fit.assemble(point, fit.noise)[1] - 1e-3 < some.cost < start and some.residuals > 1

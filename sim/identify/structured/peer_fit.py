@@ -1,7 +1,8 @@
 """scipy's least_squares on `peer_casadi`: from the structured fit's own start to its optimum, to compare times.
 
-Trust region, steps by LSMR on the sparse Jacobian ("exact" would be a singular value decomposition of 68,000 x 9,700
-numbers for 13,840 samples). Two things are done for it, without which it takes many times as long:
+`plain_fit` is the call that anybody would write. `casadi_fit` is the quickest that we could make of it: trust region,
+steps by LSMR on the sparse Jacobian ("exact" would be a singular value decomposition of 68,000 x 9,700 numbers for
+13,840 samples), and two things without which it takes many times as long:
 
 - Ties are stiff: with `x_scale="jac"` LSMR needs 250 to 1,300 products a step. So unknowns are y = R x with
   R^T R = J^T J by Cholesky where a call of `least_squares` begins, and there is a call every two steps.
@@ -89,6 +90,42 @@ class Whitened(LinearOperator):
 
     def _rmatvec(self, x: np.ndarray) -> np.ndarray:
         return self._white.transposed(self._J.T @ np.ravel(x))
+
+
+@dataclass(frozen=True)
+class PlainFit:
+    """Where a plain call came to: least cost [nats], processor time [s], residuals; whether it ended by itself."""
+
+    cost: float
+    processor_s: float
+    residuals: int
+    ended: bool
+
+
+class _OverError(Exception):
+    """Time is over."""
+
+
+def plain_fit(problem: CasadiProblem, most_s: float) -> PlainFit:
+    """`least_squares` with the residual and its sparse Jacobian, in the Jacobian's own scale and otherwise by default.
+
+    Given up at the first residual after `most_s` of processor time.
+    """
+    began, costs = time.process_time(), []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        r = problem.residual(x)
+        costs.append(float(r @ r) / 2)
+        if time.process_time() - began > most_s:
+            raise _OverError
+        return r
+
+    ended = True
+    try:
+        least_squares(residual, problem.start, jac=problem.jacobian, x_scale="jac")  # pyright: ignore[reportArgumentType]
+    except _OverError:
+        ended = False
+    return PlainFit(min(costs), time.process_time() - began, len(costs), ended)
 
 
 def casadi_fit(problem: CasadiProblem, *, enough: float = ENOUGH, most: int = 50) -> CasadiFit:

@@ -27,9 +27,7 @@ UNNEEDED = "small faults of other kinds, together, explain the same"
 OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
 FALLEN = "too small, or too unsure, beside the causes that are left"
 HARMFUL = "readings of the held-out logs become worse"
-UNPROVEN = (
-    "its form, or that of a cause beside it, is in doubt, and it makes no reading of the held-out logs surely better"
-)
+UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
 Adequate = Callable[[Fit, Selection, Noise | None, Echoes, bool], Judgement]
 """What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 

@@ -208,13 +208,12 @@ class Selector(Refitter):
 
     def _behind(self, model: Model, id_: str, other: str) -> float:
         """How many nats less `model` explains with the effect named `other` in the place of `id_`, at least nil."""
-        left = self.refit(model, model.believed - {id_}, self._nil([id_]))
-        best = next((c for c in self.screen(left) if self.by_id[c.id].name == other), None)
-        if best is None:
-            return np.inf
         with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
-            instead = self.refit(left, left.believed | {best.id}, {best.id: self._start(left, best)})
-            return max(model.evidence - instead.evidence, 0.0)
+            left = self.refit(model, model.believed - {id_}, self._nil([id_]))
+            best = next((c for c in self.screen(left) if self.by_id[c.id].name == other), None)
+            if best is not None:
+                instead = self.refit(left, left.believed | {best.id}, {best.id: self._start(left, best)})
+                return max(model.evidence - instead.evidence, 0.0)
         return np.inf
 
     def _nil(self, ids: Collection[str]) -> dict[str, np.ndarray]:

@@ -305,6 +305,16 @@ def test_rivals_are_judged_beside_what_was_found_later():
     assert selector._in_place(final, rivals) == {"lag": [("dead_time", 30.0), ("payload", 8.0)]}
 
 
+def test_a_rival_without_which_the_boat_is_thrown_out_of_bounds_is_none():
+    selector = weighing({})
+
+    def thrown(_start: Model, _believed: frozenset[str], _values: dict[str, np.ndarray]) -> Model:
+        raise np.linalg.LinAlgError
+
+    selector.refit = thrown
+    assert selector._in_place(before("lag", "wash"), {"lag": [("dead_time", 1.0)]}) == {"lag": [("dead_time", np.inf)]}
+
+
 def test_rivals_are_judged_without_what_was_taken_back():
     """Dead time was 5 nats behind a lag beside a wash that is gone; now it explains as much."""
     pairs = {("lag",): 60.0, ("dead_time",): 61.0, (): 0.0}

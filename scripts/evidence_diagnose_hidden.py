@@ -51,7 +51,7 @@ DEPENDS = {
 
 def cases(full: bool) -> Iterator[Line]:
     """Hidden-effect cases of every kind"""
-    results = _scored(_nonce(), CASES if full else FEW)
+    results = scored(nonce(), CASES if full else FEW)
     of = lambda kind: [r for r in results if r["kind"] == kind]  # noqa: E731
     exact = lambda r: r["exact"]  # noqa: E731
     medium, small = of("medium"), of("small")
@@ -89,7 +89,7 @@ def cases(full: bool) -> Iterator[Line]:
 
 def nothing(full: bool) -> Iterator[Line]:
     """Cases in which nothing is hidden"""
-    yield from _clean(_scored(_nonce() + "-nothing", CLEAN if full else FEW_CLEAN, "--kind", "none", command=VERDICT))
+    yield from _clean(scored(nonce() + "-nothing", CLEAN if full else FEW_CLEAN, "--kind", "none", command=VERDICT))
 
 
 def removed(full: bool) -> Iterator[Line]:
@@ -104,7 +104,7 @@ def removed(full: bool) -> Iterator[Line]:
     def judged(i: int) -> dict[str, Any]:
         out = [word for name in TOGETHER.get(chosen[i], (chosen[i],)) for word in ("--without", name)]
         words = ("--kind", "medium", "--family", chosen[i], "--first", str(i))
-        return _scored(_nonce() + "-removed", 1, *words, command=shlex.join([*shlex.split(VERDICT), *out]))[0]
+        return scored(nonce() + "-removed", 1, *words, command=shlex.join([*shlex.split(VERDICT), *out]))[0]
 
     with ThreadPool(AT_ONCE) as pool:
         for i, r in enumerate(pool.imap(judged, range(wanted))):
@@ -142,12 +142,12 @@ def _share(
     return judge(what, _part(results, test), float(goal), "%", f"{hits} of {len(results)}")
 
 
-def _nonce() -> str:
+def nonce() -> str:
     told = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
     return told.stdout.strip()[:12]
 
 
-def _scored(nonce: str, count: int, *words: str, command: str = COMMAND) -> list[dict[str, Any]]:
+def scored(nonce: str, count: int, *words: str, command: str = COMMAND) -> list[dict[str, Any]]:
     print(f"  nonce {nonce}, {count} cases {' '.join(words)}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         call = [sys.executable, "-m", "tests.hidden.score", "--nonce", nonce, "--cases", str(count), "--out", folder]

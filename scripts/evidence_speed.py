@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 
 import evidence_speed_campaign
+import evidence_speed_diagnose
 import evidence_speed_fit
 import evidence_speed_simulate
 import msgspec
@@ -227,4 +228,5 @@ def start(full: bool) -> Iterator[Line]:
 
 
 PARTS = (production, paper, cadence, closed_loop, stress, start)
-PARTS += (*evidence_speed_simulate.PARTS, *evidence_speed_fit.PARTS, *evidence_speed_campaign.PARTS)
+PARTS += (*evidence_speed_simulate.PARTS, *evidence_speed_fit.PARTS, *evidence_speed_diagnose.PARTS)
+PARTS += evidence_speed_campaign.PARTS

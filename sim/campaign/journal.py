@@ -56,8 +56,8 @@ class Journal:
         """Keep it, on disk. Raises ConfigError where another program than this one computed it."""
         if outcome.program and outcome.program != self._program:
             raise ConfigError(f"worker {outcome.worker}: {_difference(outcome.program, self._program)}")
+        self.outcomes[outcome.id] = outcome  # first: Ctrl-C while it is written must not leave it out of the tables
         self._write(msgspec.json.encode(msgspec.structs.replace(outcome, program={})))
-        self.outcomes[outcome.id] = outcome
 
     def _read(self, kind: str) -> None:
         data = self.path.read_bytes()

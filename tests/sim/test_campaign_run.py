@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import re
 from types import SimpleNamespace
 
@@ -98,6 +99,22 @@ def test_a_torn_last_line_is_dropped_and_its_case_run_again(tmp_path):
     again = pretend()
     call(out, path, again)
     assert len(again.ran) == 1 and (out / NAME).read_bytes() == whole
+
+
+def test_ctrl_c_while_a_line_is_put_on_disk_leaves_no_case_out_of_the_tables(tmp_path, monkeypatch):
+    put, calls = os.fsync, []
+
+    def interrupted(file) -> None:
+        calls.append(file)
+        if len(calls) == 4:  # the head, and three cases
+            raise KeyboardInterrupt
+        put(file)
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    done = call(tmp_path / "out", campaign_file(tmp_path), pretend())
+    monkeypatch.undo()
+    with journal(tmp_path / "out") as kept:
+        assert len(calls) == 4 and set(done.results["case"]) == set(kept.outcomes) and len(kept.outcomes) == 3
 
 
 @pytest.mark.parametrize("keep", range(1, 120, 7))

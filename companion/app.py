@@ -42,7 +42,7 @@ from companion.guard import Guard
 from companion.position_feed import PositionFeed
 from companion.process_stats import ProcessMeter
 from companion.recorder import Recorder
-from companion.solver_thread import Solver, SolverThread
+from companion.solver_thread import REHEARSAL_S, Solver, SolverThread
 from drivers.link import Link, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
@@ -176,7 +176,7 @@ class App:
     # --- the loop ----------------------------------------------------------------------------------
 
     async def _ticks(self) -> None:
-        """The control period: a tick, then the deadline of its plan."""
+        """The control period: a tick, then the deadline of its plan, then a rehearsal for the next."""
         period_ns = round(self._control.period_s * 1e9)
         deadline_ns = round(self._control.plan_deadline_s * 1e9)
         due_ns = self._clock.now_ns() + period_ns
@@ -191,6 +191,8 @@ class App:
                 now = self._clock.now_ns()
                 self._step([PlanDeadline(t_ns=now, index=index)], now)
             due_ns = max(due_ns + period_ns + self._nudge_ns(), self._clock.now_ns())
+            await self._clock.sleep_until(due_ns - round(REHEARSAL_S * 1e9))
+            self._solver.rehearse()
 
     def _nudge_ns(self) -> int:
         """Moves the next tick towards `IMU_AGE_NS` after an IMU sample, so that it plans from a fresh one."""

@@ -93,13 +93,15 @@ def paper(full: bool) -> Iterator[Line]:
 
 
 def cadence(full: bool) -> Iterator[Line]:
-    """At a true 10 Hz, asleep between the solves"""
+    """At a true 10 Hz, asleep between the solves; shortly before each the one before is rehearsed, as on the boat"""
     order = _order(full)
     for name in STEP_S:
         asked = control.recorded(order.world(name), order.seed, order.cadence_solves)
-        slow, hot = control.at_cadence(order.world(name), asked)
-        note = f"p50 {slow.median(50) * 1e3:.3f} ms, {slow.count} solves; hot {hot.median(50) * 1e6:.0f} us"
-        yield at_most(f"{name}: solve at 10 Hz, p99", slow.median(99) * 1e3, 0.2, "ms", note)
+        found = control.at_cadence(order.world(name), asked)
+        hot, with_it, without = ([t.median(p) * 1e3 for p in (50, 99)] for t in found)
+        note = f"p50 {with_it[0]:.3f} ms, {len(asked)} solves; hot {hot[0] * 1e3:.0f} us"
+        yield at_most(f"{name}: solve at 10 Hz, p99", with_it[1], 0.2, "ms", note)
+        yield information(f"{name}: the same without rehearsal, p99", without[1], "ms", f"p50 {without[0]:.3f} ms")
 
 
 def _drive(case: tuple[str, int]) -> tuple[float, float, float, float]:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from companion.solver_thread import REHEARSAL_S
 from sim.bench.solvers import Planner
 from sim.bench.worlds import STEPS, TICK_S, World
 
@@ -52,13 +53,20 @@ def _undisturbed() -> Iterator[None]:
         gc.enable()
 
 
-def times_of(calls: Iterable[Callable[[], Any]], *, every_s: float = 0.0) -> Iterator[tuple[float, Any]]:
-    """Seconds and result of each call. `every_s`: at that cadence, asleep in between, so that caches are cold."""
+def times_of(
+    calls: Iterable[Callable[[], Any]], *, every_s: float = 0.0, rehearse: Callable[[], object] | None = None
+) -> Iterator[tuple[float, Any]]:
+    """Seconds and result of each call. `every_s`: at that cadence, asleep in between, so that caches are cold;
+    `rehearse` is called as long before as the boat does, and asleep again after.
+    """
     with _undisturbed():
         due = time.monotonic()
         for call in calls:
             if every_s:
                 due += every_s
+                if rehearse:
+                    time.sleep(max(0.0, due - REHEARSAL_S - time.monotonic()))
+                    rehearse()
                 time.sleep(max(0.0, due - time.monotonic()))
             started = time.perf_counter()
             result = call()
@@ -73,11 +81,13 @@ class Replayed(NamedTuple):
     solved: np.ndarray
 
 
-def replay(planner: Planner, asked: Sequence[Asked], *, every_s: float = 0.0) -> Replayed:
-    """What a planner does with recorded states, from its own plans; `every_s` as in `times_of`."""
+def replay(
+    planner: Planner, asked: Sequence[Asked], *, every_s: float = 0.0, rehearse: Callable[[], object] | None = None
+) -> Replayed:
+    """What a planner does with recorded states, from its own plans; `every_s`, `rehearse` as in `times_of`."""
     planner.begin(*asked[0])
     seconds, first, solved = [], [], []
-    for took, plan in times_of((partial(planner.solve, *one) for one in asked), every_s=every_s):
+    for took, plan in times_of((partial(planner.solve, *one) for one in asked), every_s=every_s, rehearse=rehearse):
         seconds.append(took)
         first.append(plan.c[0].copy())
         solved.append(plan.solved)

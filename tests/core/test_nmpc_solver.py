@@ -244,3 +244,18 @@ def test_without_machine_code_the_plans_are_the_same(method, apart_n):
         theirs, _ = other.solve(asked, warm)
         assert ours.status == theirs.status == "ok" and ours.iterations == theirs.iterations, tick
         assert np.array(ours.f_n) == pytest.approx(np.array(theirs.f_n), abs=apart_n)
+
+
+def test_what_was_solved_in_between_changes_no_digit():
+    """The boat rehearses the last request before each tick: the controller itself must keep nothing."""
+    nmpc, rng, plans = controller(), np.random.default_rng(13), []
+    x, rows, d, _ = random_problem(rng)
+    first, warm = nmpc.solve(request(x, rows, d=d), None)
+    later = request(np.array(first.x[1]), rows, d=d, f_prev=first.f_n[0], tick=1)
+    for others in (0, 3):
+        for _ in range(others):
+            nmpc.solve(request(*random_problem(rng)[:2]), None)
+            nmpc.solve(later, warm)
+        result, after = nmpc.solve(later, warm)
+        plans.append((result.f_n, result.x, result.cost, after.x.tolist()))
+    assert first.status == result.status == "ok" and plans[0] == plans[1]

@@ -17,11 +17,13 @@ from companion.setup import EXAMPLES
 from sim.bench import control
 from sim.bench.growth import with_thrusters
 from sim.bench.machine import cpu_model, machine
+from sim.bench.nlp import Nlp
 from sim.bench.order import Order
 from sim.bench.power import bend, exponent
 from sim.bench.result import Bench, Refused, Row, Settings, read, write
 from sim.bench.rounds import Solved, Timed, interleaved, replay, times_of
 from sim.bench.simulation import SIMULATED_S, STEP_S, commands, runners
+from sim.bench.solvers import RealTime
 from sim.bench.table import quantity, times
 
 BOAT = EXAMPLES / "boats" / "aritra.toml"
@@ -72,6 +74,29 @@ def test_calls_at_a_cadence_are_that_far_apart():
     found = list(times_of([lambda: at.append(time.monotonic())] * 6, every_s=0.02))
     assert len(found) == 6 and all(took < 0.02 for took, _ in found)
     assert at[-1] - at[0] >= 5 * 0.02 - 0.005
+
+
+@pytest.mark.alone
+def test_a_rehearsal_lies_before_its_call_and_is_not_in_its_time():
+    told = []
+    calls = [lambda: told.append(("call", time.monotonic()))] * 4
+    found = list(times_of(calls, every_s=0.02, rehearse=lambda: told.append(("again", time.monotonic()))))
+    assert [word for word, _ in told] == ["again", "call"] * 4 and all(took < 0.001 for took, _ in found)
+    assert all(0.001 <= b - a <= 0.01 for (_, a), (_, b) in zip(told[::2], told[1::2], strict=True))
+
+
+def test_a_rehearsal_changes_no_plan():
+    world = order().world("paper")
+    planner, asked = RealTime("RTI", Nlp(world.ocp), 0.1), control.recorded(world, 1, 20)
+    plans = []
+    for rehearse in (lambda: None, planner.rehearse):
+        planner.begin(*asked[0])
+        plans.append([])
+        for one in asked:
+            rehearse()
+            plan = planner.solve(*one)
+            plans[-1].append((plan.c.tolist(), plan.cost))
+    assert plans[0] == plans[1]
 
 
 def test_a_replay_gives_time_command_and_success_of_every_state():

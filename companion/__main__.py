@@ -8,18 +8,16 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
-from companion.core.config import ConfigError
+from companion.core.configuration.tables import ConfigError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
 COMMANDS = {
-    name: "companion.log_cli" if name == "log" else f"companion.commands.{name}"
-    for name in (
-        "demo", "check", "provision", "run", "teleop", "shore", "sim", "replay", "log", "identify", "diagnose",
-        "campaign", "excite", "bench",
-    )
+    "demo": "simulator.demo", "check": "boat.check", "provision": "boat.provision", "run": "boat.run",
+    "teleop": "boat.teleop", "shore": "shore", "sim": "simulator.sim", "replay": "boat.replay", "log": "log",
+    "identify": "identify", "diagnose": "diagnose", "campaign": "campaign", "excite": "excite", "bench": "bench",
 }  # fmt: skip
-"""By name: the module that adds it, which is loaded for that command only: some bring slow libraries."""
+"""By name: its module in `companion.cli`, which is loaded for that command only: some bring slow libraries."""
 
 
 def parser(names: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
@@ -32,7 +30,7 @@ def parser(names: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"aritra {version('aritra')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name in names:
-        import_module(COMMANDS[name]).add_parser(commands)
+        import_module(f"companion.cli.{COMMANDS[name]}").add_parser(commands)
     return top
 
 

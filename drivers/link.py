@@ -18,7 +18,7 @@ from typing import Protocol
 
 from companion.core.messages import LinkState, LinkStatus, Message
 from drivers.link_state import LinkTiming, Seen, Verdict, backoff_s, link_state
-from drivers.port import Port
+from drivers.ports.port import Port
 
 __all__ = ["Codec", "Link", "LinkTiming", "link_state"]
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from stalls import watched
+
+from tests.support.stalls import watched
 
 ROOT = Path(__file__).resolve().parents[1]
 TRIES_MORE = 2

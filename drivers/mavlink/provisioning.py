@@ -29,7 +29,7 @@ from mavsdk.plugins.log_files import LogFilesResult
 
 from drivers.mavlink.signing import GREETING_NS, Signing
 from drivers.mavlink.signing_relay import HOST, signing_relay
-from drivers.port_url import PortUrlError, open_port_from_url
+from drivers.ports.url import PortUrlError, open_port_from_url
 
 SYSTEM, COMPONENT = 255, 190
 HEARD_S, HEARTBEAT_S = 10.0, 4.0

@@ -16,7 +16,7 @@ from drivers.mavlink.streams import WANTED_HZ, Streams
 
 HEARTBEAT_NS = 1_000_000_000
 TIMESYNC_NS = 250_000_000
-"""How soon a link that is late is seen to be (`companion.core.round_trip`); 28 bytes each way."""
+"""How soon a link that is late is seen to be (`companion.core.pilot.monitors.link_latency`); 28 bytes each way."""
 SILENCE_NS = 5_000_000_000
 """Heartbeats come at 1 Hz; after this long without one the autopilot may have been another (assumed)."""
 VERSION_RETRY_NS = 2_000_000_000

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.signing import Signing
-from drivers.port import Port
+from drivers.ports.port import Port
 
 HOST = "127.0.0.1"
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core.frames import R2, point_position, rotate, ssa
+from companion.core.geometry.frames import R2, point_position, rotate, ssa
 from companion.core.messages import StateEstimate
 
 JUMP_SIGMAS = 3.0

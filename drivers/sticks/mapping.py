@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 AT_REST = 0.05
-"""Shares below this are a stick that nobody holds (as companion.core.sticks has it); assumed."""
+"""Shares below this are a stick that nobody holds (as companion.core.pilot.manual_control has it); assumed."""
 
 
 class Shares(NamedTuple):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.bench.order import Found, Order
+from sim.bench.controller.rounds import Timed
+from sim.bench.request import Found, Order
 from sim.bench.result import Refused, Row
-from sim.bench.rounds import Timed
 
 LOG_S = 60.0
 SEED = 4000
@@ -20,9 +20,9 @@ def fit(order: Order) -> Found:
     except ImportError:
         yield Refused(part="fit", problem=f"{LOG_S:.0f} s of log", name=OURS, why="needs the extra `analysis`")
         return
-    from sim.identify.structured.peer import scipy_fit  # noqa: PLC0415 - needs polars
-    from sim.identify.structured.result import fit_structured  # noqa: PLC0415
-    from sim.identify.teleop import teleop_run  # noqa: PLC0415
+    from sim.bench.scipy_fit import scipy_fit  # noqa: PLC0415 - needs polars
+    from sim.fitting.identify.result import fit_structured  # noqa: PLC0415
+    from sim.world.teleop_log import teleop_run  # noqa: PLC0415
 
     order.told("fit: making a log")
     run = teleop_run(order.vessel, SEED, LOG_S)

@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 
-from sim.bench import growth
-from sim.bench.control import cadence, solvers
+from sim.bench.controller.compare import cadence, solvers
+from sim.bench.controller.starting import start
 from sim.bench.fitting import fit
+from sim.bench.growth import measure
 from sim.bench.machine import load, machine
-from sim.bench.order import Found, Order
+from sim.bench.request import Found, Order
 from sim.bench.result import SCHEMA, Bench, Growth, Refused, Row, Settings
 from sim.bench.simulation import simulation
-from sim.bench.starting import start
 
 PARTS: dict[str, Callable[[Order], Found]] = {
     "solvers": solvers,
@@ -23,9 +23,9 @@ PARTS: dict[str, Callable[[Order], Found]] = {
     "start": start,
 }
 GROWTH: dict[str, Callable[[Order], Found]] = {
-    "horizon": growth.horizon,
-    "thrusters": growth.thrusters,
-    "logs": growth.logs,
+    "horizon": measure.horizon,
+    "thrusters": measure.thrusters,
+    "logs": measure.logs,
 }
 
 

@@ -8,13 +8,13 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from companion.core.dynamics import ETA, FORCES, NU, BufferedStep, rk4, step_function
-from companion.core.thrusters import configuration_matrix
-from companion.core.vessel import StructuredModel, mass_matrix
-from companion.core.vessel_file import VesselFile
-from sim.bench.order import Found, Order
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.integrate import ETA, FORCES, NU, BufferedStep, rk4, step_function
+from companion.core.model.manoeuvring import StructuredModel, mass_matrix
+from companion.core.model.thrusters import configuration_matrix
+from sim.bench.controller.rounds import interleaved, times_of
+from sim.bench.request import Found, Order
 from sim.bench.result import Refused, Row
-from sim.bench.rounds import interleaved, times_of
 from sim.trajectory import simulate_forces
 
 STEP_S = 0.01

@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sim.bench.control import AT_CADENCE
+from sim.bench.controller.compare import AT_CADENCE
+from sim.bench.controller.worlds import TICK_S
 from sim.bench.result import Bench, Growth, Machine, Refused, Row
-from sim.bench.worlds import TICK_S
 
 HEADS = {
     "solvers": "Solvers, hot, in turn on the same recorded states",

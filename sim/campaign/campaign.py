@@ -10,8 +10,8 @@ from sim.campaign.cases import Case
 from sim.campaign.inputs import Inputs
 from sim.campaign.journal import Journal
 from sim.campaign.report import summary
+from sim.campaign.runners.job import Outcome, Runner
 from sim.campaign.tables import REPORT, outputs
-from sim.campaign.work import Outcome, Runner
 
 
 def to_do(cases: Sequence[Case], journal: Journal, retry: bool) -> list[Case]:

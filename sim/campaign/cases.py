@@ -16,8 +16,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from sim.campaign.dotted_keys import Value, of_head
 from sim.campaign.file import Campaign, Draw, Settings
-from sim.campaign.keys import Value, of_head
 
 FORM = {"missions": 1, "identify": 1, "diagnose": 1}
 """Raised when figures of a kind come to mean something else: then what was kept is no longer taken for done."""

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from companion.core.config import ConfigError, Table, parse_toml
-from sim.campaign.keys import Value, flat
+from companion.core.configuration.tables import ConfigError, Table, parse_toml
+from sim.campaign.dotted_keys import Value, flat
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 LARGEST = 2**53

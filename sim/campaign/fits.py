@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.config import ConfigError
-from companion.core.site import Site, load_site
-from companion.core.vessel_file import VesselFile
+from companion.core.configuration.site_file import Site, load_site
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.runs.run import Run
+from sim.campaign.case_files import Told
 from sim.campaign.file import Diagnose, Identify
-from sim.campaign.told import Told
-from sim.campaign.work import Figure, Work
-from sim.diagnose import job as diagnosis
-from sim.identify import job as identification
-from sim.identify.job_split import Log
-from sim.identify.readers import Beside, read_run
-from sim.identify.run import Run
-from sim.identify.structured.parameters import file_values
-from sim.identify.teleop import teleop_run
+from sim.campaign.runners.job import Figure, Work
+from sim.fitting.diagnose import job as diagnosis
+from sim.fitting.engine.parameters import file_values
+from sim.fitting.engine.split import Log
+from sim.fitting.identify import job as identification
 from sim.world.environment import Weather
+from sim.world.teleop_log import teleop_run
 
 TRUTH = "true_"
 REFERENCE_SEED = 1_000_003

@@ -11,12 +11,12 @@ from typing import Any
 
 import msgspec
 
-from companion.core.config import ConfigError
-from companion.core.run_file import load_run
+from companion.core.configuration.run_file import load_run
+from companion.core.configuration.tables import ConfigError
+from sim.campaign.case_files import HEADS, told
 from sim.campaign.cases import Case, expand, settings_of
 from sim.campaign.file import LOGS, ROLES, Campaign, load_campaign
-from sim.campaign.told import HEADS, told
-from sim.campaign.work import Work
+from sim.campaign.runners.job import Work
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import TypeVar
 
 import msgspec
 
-from companion.core.config import ConfigError
-from sim.campaign.work import Outcome
+from companion.core.configuration.tables import ConfigError
+from sim.campaign.runners.job import Outcome
 
 NAME = "journal.jsonl"
 T = TypeVar("T")

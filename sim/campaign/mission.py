@@ -9,15 +9,15 @@ from functools import lru_cache
 import numpy as np
 from msgspec.structs import replace
 
-from companion.code_store import CodeStore
+from companion.boat.load_run import Setup, setup_of
+from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
-from companion.core.nmpc import Actuation, Nmpc
-from companion.core.pilot import Pilot
-from companion.core.vessel import StructuredModel
-from companion.setup import Setup, setup_of
+from companion.core.model.manoeuvring import StructuredModel
+from companion.core.pilot.pilot import Pilot
+from companion.jit.cache import CodeStore
+from sim.campaign.case_files import Told
 from sim.campaign.file import Missions
-from sim.campaign.told import Told
-from sim.campaign.work import Figure
+from sim.campaign.runners.job import Figure
 from sim.world.score import Track, estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sim.identify.validation.figures import COLOURS, INK
+from sim.fitting.validate.figures import COLOURS, INK
 
 ACROSS = 3
 FEW = 8

@@ -12,10 +12,10 @@ from sim.campaign import pictures
 from sim.campaign.cases import Case
 from sim.campaign.file import Campaign
 from sim.campaign.inputs import Inputs
+from sim.campaign.runners.job import Outcome
 from sim.campaign.tables import failures, results
-from sim.campaign.work import Outcome
-from sim.identify.validation.report import Section, page
-from sim.identify.validation.table import Table
+from sim.fitting.validate.report import Section, page
+from sim.fitting.validate.table import Table
 
 MAIN = {
     "missions": (

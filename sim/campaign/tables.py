@@ -10,7 +10,7 @@ import msgspec
 import polars as pl
 
 from sim.campaign.cases import Case
-from sim.campaign.work import Outcome
+from sim.campaign.runners.job import Outcome
 
 RESULTS, TIMINGS, FAILED, REPORT = "results.parquet", "timings.parquet", "failed.json", "summary.html"
 

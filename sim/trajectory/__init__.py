@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.vessel_file import VesselFile
+from companion.core.configuration.vessel_file import VesselFile
 from sim.trajectory.arguments import Surroundings, Task, delayed, forces, task
 from sim.trajectory.run import states
 from sim.trajectory.step import parameters_of

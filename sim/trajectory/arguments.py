@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.thrusters import NEUTRAL_US
-from companion.core.vessel_file import VesselFile
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.thrusters import NEUTRAL_US
 from sim.trajectory.step import GONE, TURNED, Drive, Kind, parameters_of
 
 STABLE = 2.5

@@ -8,9 +8,9 @@ import casadi as ca
 import msgspec
 import numpy as np
 
-from companion.core.vessel_file import VesselFile
-from sim.loops import Interpreted, loop
+from companion.core.configuration.vessel_file import VesselFile
 from sim.trajectory.arguments import Task
+from sim.trajectory.loops import Interpreted, loop
 from sim.trajectory.step import Kind, step_function
 
 

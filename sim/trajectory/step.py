@@ -4,7 +4,7 @@
     F     = force map(pwm, V)         with dead band, trim and gain, held over the sample
     dx/dt = state_rate(model, x, F, force_n)       `substeps` of Runge-Kutta; current and wind held over the sample
 
-Nothing of the model is written here: `companion.core.vessel`, `dynamics` and `thrusters` have it.
+Nothing of the model is written here: `companion.core.model.manoeuvring`, `dynamics` and `thrusters` have it.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import casadi as ca
 import numpy as np
 from msgspec.structs import replace as replace_fields
 
-from companion.core.dynamics import FORCES, rk4, state_rate
-from companion.core.thrusters import steady_forces
-from companion.core.vessel import StructuredModel, coefficients
-from companion.core.vessel_file import VesselFile
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.integrate import FORCES, rk4, state_rate
+from companion.core.model.manoeuvring import StructuredModel, coefficients
+from companion.core.model.thrusters import steady_forces
 from sim.world.plant import HOTEL_A, R_BATTERY_OHM, WATTS_PER_N15, in_weather
 
 GONE = 1e3

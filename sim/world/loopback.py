@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from companion.core.messages import GroundTruth
-from drivers.pty_port import PtyPort
-from sim.world.autopilot.files import Files
+from drivers.ports.pseudo_terminal import PtyPort
+from sim.world.autopilot.mavlink.files import Files
 from sim.world.mavlink_server import Address, MavlinkServer
 from sim.world.world import STEP_NS, World, WorldSetup
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core.frames import ssa
+from companion.core.geometry.frames import ssa
 from companion.core.messages import GroundTruth, GuidanceReference, StateEstimate
 
 CORNER_M = 1.5  # a boat's length: where the course is rounded, "on the leg" means nothing

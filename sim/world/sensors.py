@@ -5,7 +5,7 @@ IMU       a = nu_dot + omega x nu at the IMU's place, minus gravity, tilted by r
 attitude  true heading + slow Gauss-Markov wander (compass and autopilot filter) + white noise
 UWB       |tag - anchor| + bias per anchor + white noise; at random an anchor is silent or reads far (NLOS)
 
-Errors that the vessel file knows of (`companion.core.calibration`) come first, noise and drawn biases on top.
+Errors that the vessel file knows of (`companion.core.model.sensor_errors`) come first, noise and drawn biases on top.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core.calibration import heading_applied, imu_applied, place_applied, stamp_applied
-from companion.core.site import Anchor
-from companion.core.vessel_file import Imu, Uwb
+from companion.core.configuration.site_file import Anchor
+from companion.core.configuration.vessel_file import Imu, Uwb
+from companion.core.model.sensor_errors import heading_applied, imu_applied, place_applied, stamp_applied
 from sim.world.environment import Moment
 from sim.world.plant import Motion
 

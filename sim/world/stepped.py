@@ -23,7 +23,7 @@ from companion.core.messages import (
     Tick,
     VehicleRequest,
 )
-from companion.core.pilot import Pilot
+from companion.core.pilot.pilot import Pilot
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
 from drivers.uwb import uwb_codec

@@ -18,10 +18,10 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import GroundTruth
-from companion.core.site import Site
-from companion.core.terms import values
-from companion.core.vessel_file import VesselFile
+from companion.core.model.loads import values
 from sim.world.autopilot import SensorFrame
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
 from sim.world.autopilot.rover import Rover

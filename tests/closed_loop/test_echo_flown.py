@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from voyage import driving, voyage
 
 from companion.core.messages import Alert, OverrideLease, VehicleRequest
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
+from tests.support.drive_fixture import driving, voyage
 
 STICKS = (1500,) * 16
 SCALED = {f"SERVO{n}_FUNCTION": 147.0 + n for n in range(1, 5)} | {"SERVO8_FUNCTION": 109.0}

@@ -4,24 +4,24 @@ from functools import cache
 
 import numpy as np
 import pytest
-from boats import boat
-from excitation_bench import BASIN, LIBRARY, of
 
+from companion.boat.load_run import EXAMPLES, load_setup, setup_of
 from companion.core.excitation.file import Idle, Steps, excitation_toml
 from companion.core.messages import OverrideLease, Tick
-from companion.setup import EXAMPLES, load_setup, setup_of
-from sim.excite.design import candidates, choose, design
-from sim.excite.fly import fly, write_logs
-from sim.excite.information import Knowledge
-from sim.identify.readers import Beside, read_run
-from sim.identify.structured.boats import draw_boat, in_still_air
-from sim.identify.structured.campaign import scale_free
-from sim.identify.structured.parameters import Parameters, file_values
-from sim.identify.structured.result import fit_structured
-from sim.identify.teleop import Habits, teleop_run
+from companion.logs.readers.read_run import Beside, read_run
+from sim.fitting.engine.parameters import Parameters, file_values
+from sim.fitting.excite.design import candidates, choose, design
+from sim.fitting.excite.fly import fly, write_logs
+from sim.fitting.excite.information import Knowledge
+from sim.fitting.identify.result import fit_structured
+from sim.studies.boats.campaign import scale_free
+from sim.studies.boats.draw import draw_boat, in_still_air
 from sim.world.environment import Weather
 from sim.world.sensors import UwbFaults
+from sim.world.teleop_log import Habits, teleop_run
 from sim.world.world import WorldSetup
+from tests.support.excitation_fixture import BASIN, LIBRARY, of
+from tests.support.vessel_fixtures import boat
 
 WILD = of(
     Steps(name="run", X=0.5, levels=(1.0, -1.0), hold_s=9.0),

@@ -4,15 +4,15 @@ from dataclasses import replace as replace_settings
 
 import pytest
 from msgspec.structs import replace
-from voyage import CORNER, START, figures, settled, setup
 
+from companion.core.configuration.vessel_file import Wash
+from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import OverrideLease
-from companion.core.nmpc import Actuation, Nmpc
-from companion.core.pilot import Pilot
-from companion.core.vessel import StructuredModel
-from companion.core.vessel_file import Wash
+from companion.core.model.manoeuvring import StructuredModel
+from companion.core.pilot.pilot import Pilot
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
+from tests.support.drive_fixture import CORNER, START, figures, settled, setup
 
 BASE = setup(CORNER).pilot.vessel
 

@@ -1,11 +1,11 @@
 """A late link under way: the whole App, its own TIMESYNC questions, the simulated autopilot's answers."""
 
 import pytest
-from fault_bench import FaultBench
-from fault_oracle import judge
-from faults import Fault, Sequence
 
 from companion.core.messages import Alert, ModeStatus, TimeSync
+from tests.support.fault_fixture import FaultBench
+from tests.support.fault_oracle import judge
+from tests.support.faults import Fault, Sequence
 
 S = 1_000_000_000
 

@@ -8,15 +8,16 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from fault_bench import FaultBench
-from fault_oracle import judge
-from faults import Fault, Sequence, sequences
 from hypothesis import HealthCheck, given, seed, settings
 
-from companion.app import _DISPATCH, App
-from companion.core import echo, lookout, pack, sticks, vehicle
+from companion.boat.app import _DISPATCH, App
 from companion.core.messages import ModeStatus, OverrideLease
+from companion.core.pilot import annunciator, autopilot_state, manual_control
+from companion.core.pilot.monitors import battery, override_monitor
 from drivers.mavlink.encode import MavlinkEncoder
+from tests.support.fault_fixture import FaultBench
+from tests.support.fault_oracle import judge
+from tests.support.faults import Fault, Sequence, sequences
 
 SEED = 20261
 
@@ -55,27 +56,27 @@ def test_the_same_story_is_the_same_run(tmp_path):
 
 
 def no_patience_limit(patch):
-    patch.setattr(vehicle, "HEARTBEAT_LOST_NS", 10**11)
+    patch.setattr(autopilot_state, "HEARTBEAT_LOST_NS", 10**11)
 
 
 def no_ears_for_disarming(patch):
-    patch.setattr(vehicle, "hear", lambda known, beat: (dataclasses.replace(known, heartbeat=beat), []))
+    patch.setattr(autopilot_state, "hear", lambda known, beat: (dataclasses.replace(known, heartbeat=beat), []))
 
 
 def no_eyes_for_hands(patch):
-    patch.setattr(echo, "MOVED_US", 10**6)
+    patch.setattr(override_monitor, "MOVED_US", 10**6)
 
 
 def sticks_for_ever(patch):
-    patch.setattr(sticks, "silent", lambda *_: None)
+    patch.setattr(manual_control, "silent", lambda *_: None)
 
 
 def packs_for_ever(patch):
-    patch.setattr(pack, "LIMIT_NS", 10**12)
+    patch.setattr(battery, "LIMIT_NS", 10**12)
 
 
 def blind_for_ever(patch):
-    patch.setattr(lookout, "blind", lambda *_: None)
+    patch.setattr(annunciator, "blind", lambda *_: None)
 
 
 def another_channel(patch):

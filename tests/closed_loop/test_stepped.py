@@ -3,12 +3,12 @@
 import msgspec
 import numpy as np
 import pytest
-from voyage import CORNER, driving, figures, settled, setup, track, voyage
 
 from companion.core.messages import Alert, OperatorCommand, OverrideLease, StateEstimate, Tick, VehicleRequest
 from sim.world.environment import Weather
 from sim.world.sensors import UwbFaults
 from sim.world.stepped import PEER
+from tests.support.drive_fixture import CORNER, driving, figures, settled, setup, track, voyage
 
 ROUGH = {"weather": Weather(V_c_m_s=0.1, beta_c_deg=70.0, V_w_m_s=3.0, beta_w_deg=200.0, gustiness=0.2),
          "mismatch": 0.1}  # fmt: skip

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from companion.boat.recorder import Recorder
 from companion.core import messages as m
-from companion.log_metadata import log_metadata
-from companion.recorder import Recorder
+from companion.logs.metadata import log_metadata
 
 ANCHORS = {"A1": (-2.0, -2.0), "A2": (12.0, -2.0), "A3": (12.0, 12.0), "A4": (-2.0, 12.0)}
 SITE = """

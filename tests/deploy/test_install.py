@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.setup import load_setup
+from companion.boat.load_run import load_setup
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "deploy" / "install.sh"

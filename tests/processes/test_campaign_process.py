@@ -13,10 +13,10 @@ from pathlib import Path
 import polars as pl
 import psutil
 import pytest
-from campaign_bench import SHORT, campaign_file
 
 from companion.__main__ import main
 from sim.campaign.journal import NAME
+from tests.support.campaign_fixture import SHORT, campaign_file
 
 ARITRA = [sys.executable, "-m", "companion", "campaign"]
 DEADLINE_S = 120.0

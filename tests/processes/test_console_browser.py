@@ -8,8 +8,9 @@ import time
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from console_bench import KEY, Page, TapedBoat, chromium, served
-from zenoh_bench import free_port
+
+from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
+from tests.support.zenoh_fixture import free_port
 
 pytestmark = pytest.mark.alone
 

@@ -9,13 +9,13 @@ import sys
 import time
 
 import pytest
-from test_telemetry_process import router
-from zenoh_bench import console, free_port, wait_for
 
-from companion.core import shore_messages as shore
-from companion.core.shore_orders import Sender, read_outcome
-from companion.setup import EXAMPLES
-from companion.signing_key import load_secret
+from companion.boat.load_run import EXAMPLES
+from companion.boat.signing_key import load_secret
+from companion.core.telemetry import structs as shore
+from companion.core.telemetry.orders import Sender, read_outcome
+from tests.processes.test_telemetry_process import router
+from tests.support.zenoh_fixture import console, free_port, wait_for
 
 pytestmark = pytest.mark.alone
 

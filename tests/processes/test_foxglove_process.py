@@ -14,9 +14,9 @@ pytest.importorskip("foxglove", reason="the extra `shore` is not installed")
 
 import aiohttp
 import zenoh
-from console_bench import served, state
 
-from companion.core import shore_messages as shore
+from companion.core.telemetry import structs as shore
+from tests.support.console_fixture import served, state
 
 pytestmark = pytest.mark.alone
 

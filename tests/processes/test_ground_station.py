@@ -7,9 +7,9 @@ import pytest
 from mcap.reader import make_reader
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as wire
-from test_loopback import DRIVING_S, free_port, process, wait_for
 
-from companion.setup import EXAMPLES
+from companion.boat.load_run import EXAMPLES
+from tests.processes.test_loopback import DRIVING_S, free_port, process, wait_for
 
 pytestmark = pytest.mark.alone
 

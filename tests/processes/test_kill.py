@@ -4,18 +4,14 @@ Times in the everyday rows count from the last override that reached the autopil
 that a busy machine may hold a datagram up; the evidence counts from the fault.
 """
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-
-from evidence_safe_cases import CASES, COMPANION_S, UNSEEN_S
-from evidence_safe_kill import tried
-from evidence_safe_trial import ALL_RULES, Override, Pen, Step, Trial
-from evidence_safe_wire import delayed, duplicated, garbled, reordered, silent
+from tests.evidence.safe.cases import CASES, COMPANION_S, UNSEEN_S
+from tests.evidence.safe.kill import tried
+from tests.evidence.safe.trial import ALL_RULES, Override, Pen, Step, Trial
+from tests.evidence.safe.wire import delayed, duplicated, garbled, reordered, silent
 
 pytestmark = pytest.mark.alone
 

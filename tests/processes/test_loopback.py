@@ -16,8 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from companion.__main__ import main
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, Tick
-from companion.log_recover import recover
-from companion.logfile import LogFile
+from companion.logs.log_file import LogFile
+from companion.logs.recover import recover
 
 pytestmark = pytest.mark.alone
 

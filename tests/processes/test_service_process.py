@@ -15,9 +15,9 @@ from itertools import pairwise
 
 import pytest
 
+from companion.boat.load_run import EXAMPLES
 from companion.core.messages import LoopTiming, OverrideLease, VehicleRequest
-from companion.logfile import LogFile
-from companion.setup import EXAMPLES
+from companion.logs.log_file import LogFile
 
 pytestmark = pytest.mark.alone
 

@@ -11,15 +11,15 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from test_loopback import DRIVING_S, GroundStation, free_port, process, wait_for
-from zenoh_bench import console
 
 from companion.__main__ import main
-from companion.core import shore_messages as shore
+from companion.boat.load_run import EXAMPLES
 from companion.core.messages import LoopTiming, OperatorCommand
-from companion.core.shore_orders import MissionFile, Sender, read_outcome
-from companion.logfile import LogFile
-from companion.setup import EXAMPLES
+from companion.core.telemetry import structs as shore
+from companion.core.telemetry.orders import MissionFile, Sender, read_outcome
+from companion.logs.log_file import LogFile
+from tests.processes.test_loopback import DRIVING_S, GroundStation, free_port, process, wait_for
+from tests.support.zenoh_fixture import console
 
 pytestmark = pytest.mark.alone
 

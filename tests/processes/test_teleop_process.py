@@ -10,11 +10,11 @@ import threading
 import time
 
 import pytest
-from test_loopback import ARITRA, DRIVING_S, ENV, GroundStation, free_port, process, wait_for
 
 from companion.__main__ import main
 from companion.core.messages import Alert, ManualInput, ModeStatus, OverrideLease
-from companion.logfile import LogFile
+from companion.logs.log_file import LogFile
+from tests.processes.test_loopback import ARITRA, DRIVING_S, ENV, GroundStation, free_port, process, wait_for
 
 pytestmark = pytest.mark.alone
 

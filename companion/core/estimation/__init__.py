@@ -1,1 +1,1 @@
-"""The rooms of the estimator. `companion.core.estimator` is the door."""
+"""The rooms of the estimator. `companion.core.estimation.estimator` is the door."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from companion.core.config import Table
+from companion.core.configuration.tables import Table
 
 Verdict = Literal["accepted", "rejected", "reopened"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.core.estimation.belief import LAYOUT, Belief
+from companion.core.estimation.filter_state import LAYOUT, Belief
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Health
 

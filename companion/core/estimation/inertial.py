@@ -11,15 +11,15 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.estimation.algebra import Algebra
-from companion.core.estimation.belief import B_PSI, DYNAMIC, IMU_BIAS, Belief, Result, Tilt, report
+from companion.core.configuration.vessel_file import Imu
+from companion.core.estimation.filter_state import B_PSI, DYNAMIC, IMU_BIAS, Belief, Result, Tilt, report
 from companion.core.estimation.gates import judge
+from companion.core.estimation.kalman import Algebra
 from companion.core.estimation.process import Process
-from companion.core.estimation.ranges import widen
+from companion.core.estimation.ranging.ranges import widen
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.frames import ssa
+from companion.core.geometry.frames import ssa
 from companion.core.messages import Attitude, ImuSample
-from companion.core.vessel_file import Imu
 
 GRAVITY_M_S2 = 9.80665
 

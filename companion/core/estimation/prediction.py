@@ -12,14 +12,14 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.dynamics import Model
-from companion.core.estimation.actuation import Command, active, lagged
-from companion.core.estimation.algebra import Algebra
-from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, Belief
+from companion.core.configuration.vessel_file import Imu
+from companion.core.estimation.command_history import Command, active, lagged
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, Belief
+from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
-from companion.core.estimation.trust import is_in_doubt
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.vessel_file import Imu
+from companion.core.model.integrate import Model
 
 Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 

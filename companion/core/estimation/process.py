@@ -17,7 +17,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from companion.core.dynamics import BufferedStep, Model, eta_dot, rk4
+from companion.core.model.integrate import BufferedStep, Model, eta_dot, rk4
 
 STATES = 9
 

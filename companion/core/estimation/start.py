@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from companion.core.calibration import place_corrected
-from companion.core.estimation.belief import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, Belief, Fusible, Tilt
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import Sensors
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, Belief, Fusible, Tilt
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.inertial import levelled
-from companion.core.estimation.initial import locate
-from companion.core.estimation.ranges import PLACE_SIGMA_M, Seen, fresh
+from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, Seen, fresh
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.frames import origin_position
+from companion.core.geometry.frames import origin_position
 from companion.core.messages import Attitude, UwbPosition, UwbRanges
-from companion.core.site import Site
-from companion.core.vessel_file import Sensors
+from companion.core.model.sensor_errors import place_corrected
 
 MIRROR_COST = 6.0
 """A second place that costs so much more than the best is out of the question; assumed (log of weights)."""

@@ -1,15 +1,15 @@
 """What the estimator needs beyond the vessel file's sensor noise. All assumed or tuned, none measured.
 
-"Tuned" means: chosen on the test world of tests/core/estimator_world.py, so that position, speed and heading
-errors agree with the filter's own covariance both with an exact model and with current, wind and a model off
-by up to 10 %.
+"Tuned" means: chosen on the test world (tests/companion/core/estimation/estimator_world.py), so that position, speed
+and heading errors agree with the filter's own covariance both with an exact model and with current, wind and a
+model off by up to 10 %.
 """
 
 from __future__ import annotations
 
-from companion.core.config import Table
+from companion.core.configuration.tables import Table
+from companion.core.configuration.vessel_file import ModelError
 from companion.core.estimation.gates import GateRule
-from companion.core.vessel_file import ModelError
 
 RANGE_GATE = GateRule(limit=3.29, floor=0.10, ceiling=0.50, reopen_count=3, reopen_span_s=1.5, agreement=1.0)
 """Ranges [m]. 3.29 sigma: 99.9 % of a Gaussian. Ceiling and agreement: assumed (outliers of 0.5-46 m)."""

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from companion.core.config import ConfigError, Table, parse_toml
+from companion.core.configuration.tables import ConfigError, Table, parse_toml
 
 Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 Amplitude = Annotated[float, msgspec.Meta(ge=0, le=1)]

@@ -17,16 +17,16 @@ from typing import Literal
 
 import numpy as np
 
-from companion.core.allocation import allocate, force_limits
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.control.allocation import allocate, force_limits
 from companion.core.excitation.file import Excitation
 from companion.core.excitation.pen import Pen, stopping_distance_m
 from companion.core.excitation.signal import axis_reach, signals
-from companion.core.frames import rotate, ssa, unrotate
+from companion.core.geometry.frames import rotate, ssa, unrotate
 from companion.core.messages import ExcitationStatus
-from companion.core.site import Site
-from companion.core.thrusters import configuration_matrix
-from companion.core.vessel import mass_matrix
-from companion.core.vessel_file import VesselFile
+from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.thrusters import configuration_matrix
 
 CAUTION = 1.5
 """The boat may be so much heavier, its drag and thrust so much weaker, than the file says; assumed."""

@@ -14,9 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from companion.core.config import ConfigError
-from companion.core.fence import clearance
-from companion.core.site import Site
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError
+from companion.core.geometry.fence import clearance
 
 _CELLS = 60  # of the grid on which the middle is looked for
 _TIE = 1e-3  # a metre nearer to the centroid counts as much as a millimetre of clearance

@@ -18,8 +18,9 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import linprog
 
-from companion.core.allocation import allocate, force_limits
-from companion.core.config import ConfigError
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.control.allocation import allocate, force_limits
 from companion.core.excitation.file import (
     Excitation,
     Idle,
@@ -32,8 +33,7 @@ from companion.core.excitation.file import (
     axes_count,
     harmonics_count,
 )
-from companion.core.thrusters import configuration_matrix
-from companion.core.vessel_file import VesselFile
+from companion.core.model.thrusters import configuration_matrix
 
 GRID = 2048
 """Instants of a period at which a multisine's peak is looked for."""

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 
-from sim.world.autopilot.files import Files
 from sim.world.autopilot.firmware import FIRMWARE
-from sim.world.autopilot.link import Link
-from sim.world.autopilot.logs import Logs
+from sim.world.autopilot.mavlink.files import Files
+from sim.world.autopilot.mavlink.link import Link
+from sim.world.autopilot.mavlink.logs import Logs
+from sim.world.autopilot.mavlink.received import HANDLERS, is_for
+from sim.world.autopilot.mavlink.signing import SigningKey
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS, CHANNELS
-from sim.world.autopilot.received import HANDLERS, is_for
-from sim.world.autopilot.signing import SigningKey
 from sim.world.autopilot.vehicle import SensorFrame, Vehicle
 
 GATE_CHANNELS = (9, 10, 11, 12)

@@ -1,0 +1,149 @@
+"""From the run file to everything a run needs: read, checked, named by its hash. Errors name file and key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import deploy
+from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
+from companion.core.configuration.site_file import Site, load_site
+from companion.core.configuration.tables import ConfigError, digest
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.excitation.file import load_excitation
+from companion.core.excitation.flight import Flight
+from companion.core.geometry.frames import Origin
+from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
+from companion.core.model.load_vessel import load_vessel
+from companion.core.pilot.pilot import PilotSettings
+from drivers.uwb import uwb_codec
+
+EXAMPLES = Path(deploy.__file__).parent
+"""The boats, sites, missions and the run file that come with the package."""
+
+
+UNFIT_CHANNELS = {
+    1: "can arm the autopilot (rudder arming)",
+    3: "is the autopilot's radio failsafe",
+    8: "is the autopilot's mode channel",
+}
+"""RC channels that mean something to ArduPilot Rover by default."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One run. `files`: the texts it was made from: run.toml, vessel.toml, site.toml, mission.*, excitation.toml."""
+
+    run: RunFile
+    pilot: PilotSettings
+    files: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """Name of this configuration."""
+        return digest("".join(self.files[name] for name in sorted(self.files)))
+
+
+def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | None = None) -> Setup:
+    """Read a run file and what it names (relative to itself); `mission`, `excitation` instead. Raises ConfigError."""
+    run = load_run(_read(path), name=str(path))
+    paths = {"vessel.toml": path.parent / run.vessel, "site.toml": path.parent / run.site}
+    plan = mission or path.parent / run.mission
+    paths[f"mission{plan.suffix}"] = plan
+    if excitation or run.excitation:
+        paths["excitation.toml"] = excitation or path.parent / (run.excitation or "")
+    texts = {"run.toml": _read(path), **{role: _read(p) for role, p in paths.items()}}
+    return setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
+
+
+def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
+    """Setup from the texts of its files; `names`: what to call each in errors. Raises ConfigError."""
+    run = load_run(texts["run.toml"], name=names["run.toml"])
+    vessel = load_vessel(texts["vessel.toml"], name=names["vessel.toml"])
+    site = load_site(texts["site.toml"], name=names["site.toml"])
+    (role,) = (role for role in texts if role.startswith("mission"))
+    mission = _mission(texts[role], names[role], site)
+    for problem in _problems(run, vessel, names):
+        raise ConfigError(problem)
+    excitation = None
+    if role := next((role for role in texts if role == "excitation.toml"), None):
+        excitation = load_excitation(texts[role], name=names[role])
+        Flight(excitation, vessel, site, name=names[role])  # says what does not fit
+    return Setup(
+        run,
+        PilotSettings(
+            vessel,
+            site,
+            mission,
+            run.control,
+            excitation=excitation,
+            battery=run.battery,
+            system_id=run.mavlink.system_id,
+        ),
+        texts,
+    )
+
+
+def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Iterator[str]:
+    """What no single file can know to be wrong."""
+    of_run, of_vessel, control = names["run.toml"], names["vessel.toml"], run.control
+    still = control.neutral_channels
+    for thruster in vessel.thrusters:
+        if thruster.channel in still:
+            both = f"channel {thruster.channel} drives thruster {thruster.name} of {of_vessel}"
+            yield f"{of_run}: control.neutral_channels: {both}"
+    if run.log.quota_MB and run.log.folder is None:
+        yield f"{of_run}: log.quota_MB: needs log.folder: nothing is deleted from the current folder"
+    if len(set(still)) < len(still):
+        yield f"{of_run}: control.neutral_channels: a channel is there twice"
+    if control.plan_deadline_s >= control.period_s:
+        yield f"{of_run}: control.plan_deadline_s: expected less than control.period_s = {control.period_s}"
+    if control.lease_s <= control.period_s:
+        yield f"{of_run}: control.lease_s: expected more than control.period_s = {control.period_s}"
+    if 8 in still:
+        yield f"{of_run}: control.neutral_channels: channel 8 is the autopilot's mode channel: leave it alone"
+    for i, thruster in enumerate(vessel.thrusters):
+        if why := UNFIT_CHANNELS.get(thruster.channel):
+            yield f"{of_vessel}: thrusters[{i}].channel: {thruster.channel} {why}; 9 to 16 are free"
+    try:
+        uwb_codec(vessel.sensors.uwb.wire_format, run.uwb.tag, vessel.sensors.uwb.rate_Hz)
+    except ValueError as error:
+        yield f"{of_vessel}: sensors.uwb (wire_format, rate_Hz): {error}"
+
+
+def warnings(setup: Setup) -> list[str]:
+    """What is allowed, but a person should know before the boat moves."""
+    fence, margin_m, told = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m, list[str]()
+    for i, w in enumerate(setup.pilot.mission.path.waypoints):
+        room_m = fence.clearance(w.north_m, w.east_m)
+        where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
+        if room_m < 0:
+            told.append(
+                f"{where} lies beyond the fence: the boat will keep off it, or stop in neutral once it is across"
+            )
+        elif room_m < margin_m:
+            told.append(
+                f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
+            )
+    if setup.run.battery == BatteryLimits():
+        told.append("no [battery] limits in the run file: an empty battery will not stop the boat")
+    return told
+
+
+def _mission(text: str, name: str, site: Site) -> Mission:
+    origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
+    try:
+        return parse(text, kind_of(name), origin=origin, name=Path(name).stem)
+    except MissionErrors as errors:
+        raise ConfigError("\n".join(f"{name}: {error}" for error in errors.errors)) from None
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+        raise ConfigError(f"{path}: {reason}") from None

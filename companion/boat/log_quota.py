@@ -1,0 +1,117 @@
+"""A folder of logs that does not outgrow its quota: names for new logs, and which old ones go.
+
+Only files with the names that `new_log` gives (and their parts) are ever deleted: a log that was renamed stays.
+Age alone deletes nothing: on a boat the date can be wrong, and then every log would look old.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from time import strftime as format_time
+from time import struct_time
+from typing import NamedTuple
+
+from companion.boat.clock import Clock
+from companion.core.messages import Alert
+
+NAME = re.compile(r"(aritra-\d{8}-\d{6}(?:-\d+)?)(?:\.part(\d+))?\.mcap")
+FRESH_S = 60.0
+"""A log written to so lately belongs to a process that runs (the recorder writes every 0.25 s)."""
+PERIOD_NS = 60_000_000_000
+MB = 1_000_000
+
+
+class Stored(NamedTuple):
+    """One file in the folder. `modified_s`: wall clock."""
+
+    name: str
+    size_bytes: int
+    modified_s: float
+
+
+class Swept(NamedTuple):
+    """What one look at the folder did: names deleted, what is left, and what could not be done."""
+
+    deleted: tuple[str, ...]
+    left_bytes: int
+    problem: str | None
+
+
+def new_log(folder: Path, now: struct_time) -> Path:
+    """A name that is not taken: `aritra-DATE-TIME.mcap`, then `-2`, `-3` (a clock may show a time again)."""
+    stem = format_time("aritra-%Y%m%d-%H%M%S", now)
+    path, number = folder / f"{stem}.mcap", 1
+    while path.exists():
+        number += 1
+        path = folder / f"{stem}-{number}.mcap"
+    return path
+
+
+def to_delete(files: Iterable[Stored], *, quota_bytes: float, running: str, now_s: float) -> list[Stored]:
+    """Files to delete so that the rest fits into the quota, in this order: oldest log first, its parts in order.
+
+    A log is as old as its newest part. Never any part of the log `running` (its first file's name), of one
+    written to within `FRESH_S`, or a file with another name; so what is left may still exceed the quota.
+    """
+    ours = [(match, file) for file in files if (match := NAME.fullmatch(file.name))]
+    newest: dict[str, float] = {}
+    for match, file in ours:
+        newest[match[1]] = max(newest.get(match[1], file.modified_s), file.modified_s)
+    spared = {match[1] for match, file in ours if abs(now_s - file.modified_s) < FRESH_S}
+    if match := NAME.fullmatch(running):
+        spared.add(match[1])
+    excess = sum(file.size_bytes for _, file in ours) - quota_bytes
+    doomed = []
+    for match, file in sorted(ours, key=lambda pair: (newest[pair[0][1]], pair[0][1], int(pair[0][2] or 0))):
+        if excess > 0 and match[1] not in spared:
+            doomed.append(file)
+            excess -= file.size_bytes
+    return doomed
+
+
+def sweep(folder: Path, *, quota_bytes: float, running: str, now_s: float) -> Swept:
+    """Delete what `to_delete` says. Waits for the disk; what the disk refuses is told, never raised."""
+    try:
+        files = [Stored(p.name, p.stat().st_size, p.stat().st_mtime) for p in folder.glob("aritra-*.mcap")]
+    except OSError as error:  # also a file that another process deleted meanwhile: the next look sees it right
+        return Swept((), 0, f"logs in {folder}: {error.strerror}")
+    deleted, refused = [], []
+    for file in to_delete(files, quota_bytes=quota_bytes, running=running, now_s=now_s):
+        try:
+            (folder / file.name).unlink(missing_ok=True)
+            deleted.append(file)
+        except OSError as error:
+            refused.append(f"{file.name}: {error.strerror}")
+    ours = sum(file.size_bytes for file in files if NAME.fullmatch(file.name))
+    left = ours - sum(file.size_bytes for file in deleted)
+    problem = None
+    if refused:
+        problem = f"logs in {folder}: cannot delete {refused[0]}"
+    elif left > quota_bytes:
+        problem = f"logs in {folder}: the one being written needs more than log.quota_MB = {quota_bytes / MB:g}"
+    return Swept(tuple(file.name for file in deleted), left, problem)
+
+
+async def keep_within(look: Callable[[], Swept], clock: Clock, tell: Callable[[Alert], None]) -> None:
+    """`look` every minute, in a thread, for ever; tells what was deleted, and a problem once while it lasts."""
+    told: str | None = None
+    while True:
+        await clock.sleep_until(clock.now_ns() + PERIOD_NS)
+        swept = await asyncio.to_thread(look)
+        for alert in alerts(swept, told, clock.now_ns()):
+            tell(alert)
+        told = swept.problem
+
+
+def alerts(swept: Swept, told: str | None, t_ns: int) -> list[Alert]:
+    """What a person should know. `told`: the problem that is known already."""
+    found = []
+    if swept.deleted:
+        text = f"old logs deleted for log.quota_MB: {', '.join(swept.deleted)}"
+        found.append(Alert(t_ns=t_ns, level="info", text=text))
+    if swept.problem and swept.problem != told:
+        found.append(Alert(t_ns=t_ns, level="warning", text=swept.problem))
+    return found

@@ -1,0 +1,250 @@
+"""The shell of the pre-flight check: opens the boat's wires, listens, asks for parameters, and never moves anything.
+
+What goes out to the autopilot: heartbeats, TIMESYNC, message intervals, AUTOPILOT_VERSION, MAV_CMD_RUN_PREARM_CHECKS
+and PARAM_REQUEST_READ. No override, no arming, no mode, no parameter is ever set. The tag's shell is woken as in a run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import random
+import shutil
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from msgspec.structs import replace as struct_replace
+
+from companion.boat.app import uwb_timing
+from companion.boat.clock import Clock
+from companion.boat.load_run import Setup, warnings
+from companion.boat.log_quota import MB, NAME
+from companion.boat.start_interlock import companion_of
+from companion.core.estimation.estimator import Estimator, EstimatorState
+from companion.core.geometry.frames import ssa
+from companion.core.messages import (
+    Attitude,
+    AutopilotInfo,
+    Battery,
+    Heartbeat,
+    Innovation,
+    LinkStatus,
+    Message,
+    RcChannels,
+    ServoOutput,
+    StatusText,
+    TimeSync,
+    UwbPosition,
+    UwbRanges,
+)
+from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
+from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
+from companion.core.preflight.link import link_rows, rest_rows
+from companion.core.preflight.observations import Disk, Heard, RoundTrip
+from companion.core.preflight.rows import Parameters, Row
+from drivers.link import Link, LinkTiming
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.parameter_reader import ParameterReader
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.streams import WANTED_HZ
+from drivers.ports.port import Port
+from drivers.uwb import UwbCodec
+
+STEP_NS = 50_000_000
+SETTLE_S = 1.0
+"""Streams that were just asked for take a moment to begin; assumed."""
+HEARD_S = 8.0
+"""Heartbeats come at 1 Hz; opening a port may take some seconds (assumed)."""
+TAG_S = 20.0
+"""A DWM1001 takes 5 to 20 s from opening its port to its first range."""
+PARAMETERS_S = 15.0
+"""Longest wait for parameters: some 150 questions at 12 at a time; assumed."""
+RUN_PREARM_CHECKS = 401
+"""MAV_CMD: the autopilot says in STATUSTEXTs why it would refuse to arm."""
+
+
+def all_rows(setup: Setup, heard: Heard, told: Parameters) -> list[Row]:
+    """The whole table."""
+    companion, vessel, battery = companion_of(setup), setup.pilot.vessel, setup.run.battery
+    asked = parameter_rows(told, companion) if heard.heartbeat else []
+    what = f"{setup.digest}: vessel {vessel.name}, site {setup.pilot.site.name}, mission {setup.pilot.mission.name}"
+    return [
+        *configuration_rows(heard.notes, what),
+        *link_rows(heard, companion),
+        *asked,
+        *rest_rows(heard, told, companion),
+        *estimator_rows(heard),
+        *uwb_rows(heard, setup.pilot.site, vessel),
+        *battery_rows(heard, vessel.propulsion.nominal_voltage_V, battery.low_V, battery.critical_V),
+        *disk_rows(heard),
+    ]
+
+
+class Listener:
+    """One check. `say` is told what it is at, in words."""
+
+    def __init__(
+        self,
+        setup: Setup,
+        *,
+        mavlink: tuple[Port, MavlinkCodec],
+        uwb: tuple[Port, UwbCodec],
+        clock: Clock,
+        say: Callable[[str], None],
+    ) -> None:
+        self._setup, self._clock, self._say = setup, clock, say
+        self._codec, self._uwb_codec = mavlink[1], uwb[1]
+        self._session = MavlinkSession(self._codec)
+        self._reader = ParameterReader(self._codec.encoder)
+        self._estimator = Estimator(setup.pilot.vessel, setup.pilot.site)
+        self._state: EstimatorState = self._estimator.initial()
+        self._rotation_rad = math.radians(setup.pilot.site.rotation_deg)
+        self._latest: dict[type[Message], Any] = {}
+        self._links: dict[str, LinkStatus] = {}
+        self._kept: dict[type[Message], list[Any]] = {k: [] for k in (StatusText, UwbRanges, UwbPosition)}
+        self._innovations: list[Innovation] = []
+        self._round_trips: list[RoundTrip] = []
+        self._mavlink = self._link("mavlink", *mavlink, LinkTiming(), self._hear)
+        timing = uwb_timing(setup.pilot.vessel.sensors.uwb.rate_Hz)
+        self._uwb = self._link("uwb", *uwb, timing, self._take)
+        self._uwb_open = False
+
+    async def run(self, listen_s: float, disk: Disk) -> tuple[Heard, Parameters]:
+        """Listen for `listen_s` [s] once an autopilot is heard, then read its parameters."""
+        tasks = [asyncio.create_task(work) for work in (self._mavlink.run(), self._uwb.run(), self._talk())]
+        try:
+            self._say("waiting for autopilot and UWB tag")
+            await self._until(lambda: Heartbeat in self._latest, max(listen_s, HEARD_S))
+            await self._until(lambda: bool(self._cycles()) or not self._uwb.is_open, TAG_S)
+            await self._wait(SETTLE_S)
+            if Heartbeat in self._latest:
+                self._mavlink.send(self._codec.encoder.command_long(RUN_PREARM_CHECKS))
+            self._say(f"listening for {listen_s:g} s")
+            before, start_ns = (self._counts(), self._cycles()), self._clock.now_ns()
+            await self._wait(listen_s)
+            heard = self._heard((self._clock.now_ns() - start_ns) * 1e-9, before, disk)
+            if heard.heartbeat:
+                self._say("reading the autopilot's parameters")
+                await self._read_parameters()
+            return heard, Parameters(self._reader.told)
+        finally:
+            for task in tasks:
+                task.cancel()
+            ended = await asyncio.gather(*tasks, return_exceptions=True)
+            for result in ended:
+                if isinstance(result, Exception):  # a link or its codec must not raise: that is a bug
+                    raise result
+
+    async def _read_parameters(self) -> None:
+        self._reader.ask(wanted(companion_of(self._setup)))
+        await self._until(lambda: self._reader.done, PARAMETERS_S)
+        self._reader.ask(wanted_more(Parameters(self._reader.told)))
+        await self._until(lambda: self._reader.done, PARAMETERS_S)
+
+    # --- time --------------------------------------------------------------------------------------
+
+    async def _wait(self, seconds: float) -> None:
+        await self._clock.sleep_until(self._clock.now_ns() + round(seconds * 1e9))
+
+    async def _until(self, condition: Callable[[], bool], seconds: float) -> None:
+        end_ns = self._clock.now_ns() + round(seconds * 1e9)
+        while not condition() and self._clock.now_ns() < end_ns:
+            await self._clock.sleep_until(self._clock.now_ns() + STEP_NS)
+
+    async def _talk(self) -> None:
+        """What is said in silence: heartbeats, questions again, the tag's shell."""
+        while True:
+            now_ns = self._clock.now_ns()
+            self._answer((), now_ns)
+            opened, self._uwb_open = self._uwb.is_open and not self._uwb_open, self._uwb.is_open
+            for data in (self._uwb_codec.start_bytes() if opened else []) + self._uwb_codec.step(now_ns):
+                self._uwb.send(data)
+            await self._clock.sleep_until(now_ns + STEP_NS)
+
+    # --- messages ----------------------------------------------------------------------------------
+
+    def _link(self, name: str, port: Port, codec, timing: LinkTiming, hear) -> Link:
+        sleep: Callable[[int], Awaitable[None]] = self._clock.sleep_until
+        return Link(
+            name, port, codec, now_ns=self._clock.now_ns, sleep_until=sleep, rng=random.Random(), on_messages=hear,
+            timing=timing,
+        )  # fmt: skip
+
+    def _hear(self, messages: Sequence[Message], t_ns: int) -> None:
+        self._answer(messages, t_ns)
+        self._take(messages, t_ns)
+
+    def _answer(self, messages: Sequence[Message], t_ns: int) -> None:
+        for frame in (*self._session.step(messages, t_ns), *self._reader.step(messages, t_ns)):
+            self._mavlink.send(frame)
+        self._session.take_alerts()
+
+    def _take(self, messages: Sequence[Message], t_ns: int) -> None:
+        for message in messages:
+            self._latest[type(message)] = message
+            if isinstance(message, LinkStatus):
+                self._links[message.link] = message
+            elif type(message) in self._kept:
+                self._kept[type(message)].append(message)
+            elif isinstance(message, TimeSync) and message.tc1_ns:
+                took_ns = t_ns - message.ts1_ns
+                offset_ns = message.ts1_ns + took_ns // 2 - message.tc1_ns
+                self._round_trips.append(RoundTrip(took_ns * 1e-9, offset_ns * 1e-9))
+            self._estimate(message)
+
+    def _estimate(self, message: Message) -> None:
+        """The boat's filter, with headings in site axes as the pilot turns them."""
+        if isinstance(message, Attitude):
+            message = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
+        self._state, innovations = self._estimator.step(self._state, message)
+        self._innovations += innovations
+
+    # --- what came of it ---------------------------------------------------------------------------
+
+    def _counts(self) -> dict[str, int]:
+        return {name: self._codec.counters.from_target(name) for name in WANTED_HZ}
+
+    def _cycles(self) -> int:
+        return len(self._kept[UwbRanges]) + len(self._kept[UwbPosition])
+
+    def _heard(self, listened_s: float, then: tuple[dict[str, int], int], disk: Disk) -> Heard:
+        before, after, counters = then[0], self._counts(), self._codec.counters
+
+        def latest(kind):
+            return self._latest.get(kind)
+
+        return Heard(
+            listened_s=listened_s, disk=disk, wall_s=time.time(), mavlink=self._links.get("mavlink"),
+            uwb=self._links.get("uwb"), heartbeat=latest(Heartbeat), info=latest(AutopilotInfo),
+            rates_hz={name: (after[name] - before[name]) / listened_s for name in WANTED_HZ}, wanted_hz=WANTED_HZ,
+            received=counters.received.total(), lost=counters.lost.total(), round_trips=tuple(self._round_trips),
+            battery=latest(Battery), servo=latest(ServoOutput), rc=latest(RcChannels),
+            texts=tuple(self._kept[StatusText]),
+            estimate=self._estimator.estimate(self._state, self._clock.now_ns()),
+            innovations=tuple(self._innovations),
+            ranges=tuple(self._kept[UwbRanges]),
+            positions=tuple(self._kept[UwbPosition]),
+            uwb_hz=(self._cycles() - then[1]) / listened_s, notes=tuple(warnings(self._setup)),
+        )  # fmt: skip
+
+
+def look_at_disk(folder: Path, quota_MB: float | None) -> Disk:
+    """The log folder as it is; nothing is written or made."""
+    there = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
+    quota = None if quota_MB is None else quota_MB * MB
+    name = str(folder) if str(folder) != "." else str(Path.cwd())
+    try:
+        free = shutil.disk_usage(there).free
+        logs = [p.stat() for p in folder.glob("aritra-*.mcap") if NAME.fullmatch(p.name)] if folder.is_dir() else []
+    except OSError as error:
+        return Disk(name, 0, problem=error.strerror)
+    problem = None
+    if not there.is_dir():
+        problem = f"{there} is not a folder"
+    elif not os.access(there, os.W_OK | os.X_OK):
+        problem = "may not be written to"
+    newest_s = max((s.st_mtime for s in logs), default=None)
+    return Disk(name, free, problem, quota, sum(s.st_size for s in logs), newest_s)

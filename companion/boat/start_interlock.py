@@ -1,0 +1,132 @@
+"""Before the boat is let loose: the parameters that decide whether it stops, read while it lies in neutral.
+
+A `start`, `hold`, `excite` or `manual` waits until the autopilot has told them, and is dropped where one of them
+refuses; `stop` never waits. Read anew after the autopilot's reboot and after its silence. The rows are those of
+`aritra check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from companion.boat.load_run import Setup
+from companion.core.messages import Alert, Heartbeat, Message, OperatorCommand
+from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
+from companion.core.preflight.rows import Parameters, Row
+from companion.core.preflight.wiring import Companion
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.parameter_reader import ParameterReader
+
+SILENCE_NS = 3_000_000_000
+"""Heartbeats come at 1 Hz; after this long without one the autopilot may have been set up anew (assumed)."""
+
+
+class Guard:
+    """One run's. `refused`: why nothing may start, row by row; `clear`: all was read and nothing refuses.
+
+    `rows`: the whole table as last judged.
+    """
+
+    def __init__(self, codec: MavlinkCodec, companion: Companion) -> None:
+        self.refused: list[Row] = []
+        self.clear = False
+        self.rows: list[Row] = []
+        self._codec, self._companion = codec, companion
+        self._reader: ParameterReader | None = None
+        self._more = False
+        self._reboots = codec.clock.reboots
+        self._heard_ns: int | None = None
+        self._held: OperatorCommand | None = None
+        self._alerts: list[Alert] = []
+
+    def passes(self, command: OperatorCommand) -> bool:
+        """Whether a command may go to the pilot now. One that may not yet is kept: see `take_command`."""
+        if command.command == "stop" or self.clear:
+            self._held = None
+            return True
+        if self.refused:
+            self._say(command.t_ns, "error", f"{command.command} refused: {self._why()}")
+        else:
+            self._held = command
+            self._say(command.t_ns, "info", f"{command.command} waits for the check of the autopilot's parameters")
+        return False
+
+    def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
+        """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
+        beat = any(isinstance(message, Heartbeat) for message in messages)
+        silent = beat and self._heard_ns is not None and t_ns - self._heard_ns > SILENCE_NS
+        self._heard_ns = t_ns if beat else self._heard_ns
+        if silent or self._codec.clock.reboots != self._reboots:
+            self._reboots = self._codec.clock.reboots
+            self._reader, self.refused, self.rows, self.clear = None, [], [], False
+        if self._reader is None:
+            if not beat:
+                return []
+            self._reader, self._more = ParameterReader(self._codec.encoder, wanted(self._companion)), False
+        if self.clear or self.refused:
+            return []
+        frames = self._reader.step(messages, t_ns)
+        if self._reader.done:
+            frames += self._judge(self._reader, t_ns)
+        return frames
+
+    @property
+    def refusal(self) -> str | None:
+        """Why nothing may start, in a sentence; None: nothing speaks against it so far."""
+        return self._why() if self.refused else None
+
+    def take_command(self) -> OperatorCommand | None:
+        """The command that waited, once it may go."""
+        if not self.clear:
+            return None
+        command, self._held = self._held, None
+        return command
+
+    def take_alerts(self) -> list[Alert]:
+        """Alerts since the last call."""
+        alerts, self._alerts = self._alerts, []
+        return alerts
+
+    def _judge(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
+        told = Parameters(reader.told)
+        if not self._more:
+            self._more = True
+            reader.ask(wanted_more(told))
+            if not reader.done:
+                return reader.step((), t_ns)
+        if told.get("SERVO1_FUNCTION") is None:
+            self._reader = None  # nothing was told: ask again with the next heartbeat
+            if self._held:
+                self._say(t_ns, "warning", "the autopilot does not tell its parameters: still waiting, not starting")
+            return []
+        self.rows = rows = list(parameter_rows(told, self._companion))
+        self.refused = [row for row in rows if row.level == "refuse"]
+        self.clear = not self.refused
+        for row in rows:
+            if row.level != "ok":
+                level = "error" if row.level == "refuse" else "warning"
+                self._say(t_ns, level, f"{row.name} = {row.found}: {row.why} -> {row.fix}")
+        if self.refused and self._held:
+            self._say(t_ns, "error", f"{self._held.command} refused: {self._why()}")
+            self._held = None
+        return []
+
+    def _why(self) -> str:
+        names = ", ".join(row.name for row in self.refused)
+        return f"the boat might not stop, or not follow ({names}); `aritra check` says what to do"
+
+    def _say(self, t_ns: int, level, text: str) -> None:
+        self._alerts.append(Alert(t_ns=t_ns, level=level, text=text))
+
+
+def companion_of(setup: Setup) -> Companion:
+    """What the configured companion overrides."""
+    control = setup.run.control
+    return Companion(
+        thrusters=tuple((t.name, t.channel) for t in setup.pilot.vessel.thrusters),
+        still=control.neutral_channels,
+        system_id=setup.run.mavlink.system_id,
+        lease_s=control.lease_s,
+        latency_s=control.latency_s,
+        vision=setup.run.vision is not None,
+    )

@@ -1,0 +1,1 @@
+"""The service manager: what it is told, and the wire to it."""

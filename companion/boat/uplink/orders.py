@@ -1,0 +1,200 @@
+"""Orders from shore: from zenoh's thread through the gate to the pilot, and the answer back.
+
+    zenoh's thread   Gate.judge (signature, run, counter, age), the mission's text parsed; refused at once, or
+    loop thread      call_soon_threadsafe: App.command / App.load, what the boat does now as an Outcome
+    answer thread    query.reply, which may wait for a bad network
+
+So a stop reaches the pilot as soon as the loop is free, nothing that the shore sends costs the loop time before it is
+believed, and no reply can hold up an order behind it. What is refused is counted, and told at the 1st, 2nd, 4th, 8th.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import queue
+import threading
+from collections import Counter
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from companion.boat.app import App
+from companion.boat.clock import Clock
+from companion.core.geometry.frames import Origin
+from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
+from companion.core.messages import Alert, NewMission, OperatorCommand
+from companion.core.pilot.state import PilotSettings
+from companion.core.telemetry import structs as shore
+from companion.core.telemetry.orders import MAX_BYTES, Gate, MissionFile, Order, Outcome, Refused, Repeated
+from companion.core.telemetry.topics import points_of
+
+PENDING = 8
+"""Orders on their way to the loop; more are refused as busy, but for a stop."""
+ANSWERS = 64
+"""Answers on their way back; more are not given."""
+
+
+class ShoreCommands:
+    """The boat's ear. `refused`: how many orders, by code; `obeyed`: how many the pilot was given."""
+
+    def __init__(
+        self,
+        app: App,
+        settings: PilotSettings,
+        gate: Gate,
+        clock: Clock,
+        tell: Callable[[Alert], None],
+    ) -> None:
+        self.refused: Counter[str] = Counter()
+        self.obeyed = 0
+        self._app, self._settings, self._gate = app, settings, gate
+        self._key, self._clock, self._tell = shore.command_key(gate.boat), clock, tell
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._pending = 0
+        self._ended = False
+        self._answers: queue.Queue[tuple[zenoh.Query, Outcome] | None] = queue.Queue(ANSWERS)
+        self._thread = threading.Thread(target=self._reply, name="shore-answers", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """From now on nothing is obeyed: the run ends, in neutral."""
+        self._ended = True
+
+    def close(self) -> None:
+        """End the thread; what was not answered by then is not."""
+        self.end()
+        with contextlib.suppress(queue.Full):
+            self._answers.put_nowait(None)
+        self._thread.join(1.0)
+
+    # --- zenoh's thread ----------------------------------------------------------------------------
+
+    def __call__(self, query: zenoh.Query) -> None:
+        """One query on the command key."""
+        try:
+            self._judge(query)
+        except Refused as no:
+            self._refuse(query, no.code, no.text)
+        except Repeated as again:
+            self._again(query, again.outcome)
+        except Exception as error:  # a stranger's bytes must not silence the ear
+            self._refuse(query, "malformed", f"not an order: {type(error).__name__}")
+
+    def _judge(self, query: zenoh.Query) -> None:
+        told, sealed = query.payload, query.attachment
+        if told is None:
+            raise Refused("malformed", "not an order: no payload")
+        if len(told) > MAX_BYTES or (sealed is not None and len(sealed) > MAX_BYTES):
+            raise Refused("too_long", f"longer than {MAX_BYTES} bytes")
+        with self._lock:
+            order = self._gate.judge(bytes(told), None if sealed is None else bytes(sealed), self._clock.now_ns())
+            if self._pending >= PENDING and order.command != "stop":
+                raise Refused("busy", f"{PENDING} orders wait already")
+            self._pending += 1
+        try:
+            mission = self._mission(order.mission) if order.mission else None
+            self._loop.call_soon_threadsafe(self._obey, query, order, mission)
+        except (Refused, RuntimeError) as error:
+            with self._lock:
+                self._pending -= 1
+            if isinstance(error, Refused):
+                self._finish(order, self._outcome("refused", error.code, error.text))
+                raise
+            query.drop()  # the loop is gone, and the run with it
+
+    def _mission(self, file: MissionFile) -> Mission:
+        """The mission in a file. Raises Refused with everything that is wrong with it."""
+        site, fence = self._settings.site, self._settings.fence
+        origin = Origin(site.lat_deg, site.lon_deg, math.radians(site.rotation_deg))
+        try:
+            mission = parse(file.text, kind_of(file.name), origin=origin, name=file.name.rsplit(".", 1)[0])
+        except MissionErrors as errors:
+            raise Refused("bad_mission", "; ".join(f"{file.name}: {e}" for e in errors.errors)[:1000]) from None
+        if any(f not in self._settings.mission.fences for f in mission.fences):
+            text = "its fences are not those that this run was started with: put it into the run file and start anew"
+            raise Refused("bad_mission", f"{file.name}: {text}")
+        for i, w in enumerate(mission.path.waypoints):
+            if (room_m := fence.clearance(w.north_m, w.east_m)) < 0:
+                raise Refused("bad_mission", f"{file.name}: waypoint {i} lies {-room_m:.1f} m beyond the fence")
+        return mission
+
+    def _refuse(self, query: zenoh.Query, code, text: str) -> None:
+        with self._lock:
+            self.refused[code] += 1
+            times = self.refused[code]
+        if times & (times - 1) == 0:
+            so_far = f" ({times} so far)" if times > 1 else ""
+            alert = Alert(t_ns=self._clock.now_ns(), level="warning", text=f"order from shore refused: {text}{so_far}")
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._tell, alert)
+        self._send(query, self._outcome("refused", code, text))
+
+    def _again(self, query: zenoh.Query, outcome: Outcome | None) -> None:
+        if outcome is None:
+            outcome = self._outcome("waiting", "busy", "the same order is on its way to the pilot")
+        self._send(query, msgspec.structs.replace(outcome, repeated=True))
+
+    # --- the loop's thread -------------------------------------------------------------------------
+
+    def _obey(self, query: zenoh.Query, order: Order, mission: Mission | None) -> None:
+        """Give a believed order to the App, and say what came of it."""
+        with self._lock:
+            self._pending -= 1
+        try:
+            outcome = self._given(order, mission)
+        except Exception as error:  # the App looks after its own; this is ours, and no reason to stop the boat
+            outcome = self._outcome("refused", "not_now", f"{order.command}: {error}")
+        self._finish(order, outcome)
+        text = f"shore ({order.sender}): {order.command}: {outcome.status}: {outcome.text}"
+        self._tell(Alert(t_ns=self._clock.now_ns(), level="info", text=text))
+        self._send(query, outcome)
+
+    def _given(self, order: Order, mission: Mission | None) -> Outcome:
+        if self._ended:
+            return self._outcome("refused", "not_now", "the run ends: thrusters are neutral")
+        now = self._clock.now_ns()
+        if order.command != "load_mission":
+            self.obeyed += 1
+            if self._app.command(OperatorCommand(t_ns=now, command=order.command)):
+                return self._with_mode("done", "ok", f"{order.command}: the pilot has it")
+            if why := self._app.refusal:
+                return self._with_mode("refused", "not_now", f"{order.command}: {why}")
+            return self._with_mode("waiting", "waiting", f"{order.command} waits for the check of the autopilot")
+        assert mission is not None
+        self.obeyed += 1
+        new = NewMission(
+            t_ns=now, name=mission.name, waypoints=points_of(mission), end_heading_rad=mission.end_heading_rad
+        )
+        if self._app.load(new):
+            n = len(new.waypoints)
+            return self._with_mode("done", "ok", f"mission {new.name} with {n} waypoints loaded: start begins it")
+        return self._with_mode("refused", "not_now", "a mission is being driven: hold or stop first")
+
+    def _with_mode(self, status, code, text: str) -> Outcome:
+        helm = self._app.state.helm
+        return msgspec.structs.replace(self._outcome(status, code, text), mode=helm.mode, why=helm.why)
+
+    def _outcome(self, status, code, text: str) -> Outcome:
+        return Outcome(run=self._gate.run, t_ns=self._clock.now_ns(), status=status, code=code, text=text)
+
+    def _finish(self, order: Order, outcome: Outcome) -> None:
+        with self._lock:
+            self._gate.finish(order, outcome)
+
+    # --- the answer thread -------------------------------------------------------------------------
+
+    def _send(self, query: zenoh.Query, outcome: Outcome) -> None:
+        try:
+            self._answers.put_nowait((query, outcome))
+        except queue.Full:
+            query.drop()
+
+    def _reply(self) -> None:
+        while (answer := self._answers.get()) is not None:
+            query, outcome = answer
+            with contextlib.suppress(zenoh.ZError), query:
+                query.reply(self._key, msgspec.json.encode(outcome), encoding=zenoh.Encoding.APPLICATION_JSON)

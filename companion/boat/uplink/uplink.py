@@ -1,0 +1,84 @@
+"""The shore of one run: telemetry out, orders in, both only where the run file has a `[telemetry]` table."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+from companion.boat.app import App
+from companion.boat.clock import Clock
+from companion.boat.load_run import Setup
+from companion.boat.signing_key import load_secret
+from companion.boat.start_interlock import Guard
+from companion.boat.uplink.orders import ShoreCommands
+from companion.boat.uplink.telemetry import Telemetry, boat_name, config_of
+from companion.core.messages import Alert, Message
+from companion.core.pilot.state import PilotSettings
+from companion.core.telemetry.orders import Gate
+from companion.core.telemetry.view import View, Who
+
+RUN_BYTES = 6
+UNSIGNED = "orders from shore need no key: whoever the router lets in may drive the boat (telemetry.command_key)"
+
+
+def shore_of(setup: Setup, path: Path) -> Shore:
+    """The shore that the run file at `path` asks for. Raises ConfigError."""
+    link = setup.run.telemetry
+    if link is None:
+        return Shore(setup.pilot, None)
+    key = None
+    if link.command_key:
+        key = load_secret(path.parent / link.command_key, where=f"{path}: telemetry.command_key")
+    boat, run = boat_name(link, setup.pilot.vessel.name), secrets.token_hex(RUN_BYTES)
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    who = Who(run, setup.digest, f"aritra {version('aritra')}", offset_ns, link.commands)
+    config = config_of(link, path.parent, where=str(path))
+    telemetry = Telemetry(boat, link, config, View(setup.pilot, who, link.rate_Hz))
+    return Shore(setup.pilot, telemetry, Gate(boat, run, key) if link.commands else None)
+
+
+class Shore:
+    """Feed it every message. Orders are obeyed between `open` and `end`. Without telemetry nothing happens."""
+
+    def __init__(self, settings: PilotSettings, telemetry: Telemetry | None, gate: Gate | None = None) -> None:
+        self.telemetry, self.commands = telemetry, None
+        self._settings, self._gate = settings, gate
+
+    def open(self, app: App, guard: Guard | None, clock: Clock, tell: Callable[[Alert], None]) -> None:
+        """Begin, on the loop's thread; `tell` is called on it."""
+        if self.telemetry is None:
+            return
+        loop = asyncio.get_running_loop()
+
+        def tell_loop(alert: Alert) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to be told
+                loop.call_soon_threadsafe(tell, alert)
+
+        if self._gate:
+            self.commands = ShoreCommands(app, self._settings, self._gate, clock, tell)
+            self.telemetry.refused = self.commands.refused.total
+            if not self._gate.signed:
+                tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNSIGNED))
+        self.telemetry.start(tell_loop, lambda: guard.rows if guard else (), self.commands)
+
+    def see(self, message: Message) -> None:
+        """Note one message; never waits."""
+        if self.telemetry:
+            self.telemetry.see(message)
+
+    def end(self) -> None:
+        """The run begins to end: no order is obeyed any more."""
+        if self.commands:
+            self.commands.end()
+
+    def close(self) -> None:
+        """Tell what is left, and end; waits for 3 s at most."""
+        if self.telemetry:
+            self.telemetry.close()
+        if self.commands:
+            self.commands.close()

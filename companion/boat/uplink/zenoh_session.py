@@ -1,0 +1,50 @@
+"""What boat and shore do alike with zenoh: its configuration from a file and settings over it, and a session's end."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import zenoh
+
+from companion.core.configuration.tables import ConfigError
+
+CALLBACK_THREAD = "pyo3-closure"
+"""What zenoh's Python package (1.10) calls its threads that run our callbacks."""
+JOIN_S = 0.5
+"""How long each of them is waited for."""
+
+
+class Setting(NamedTuple):
+    """One value over zenoh's own. `source`: what the user wrote it in, for errors: a key or an option."""
+
+    key: str
+    source: str
+    value: object
+
+
+def configured(file: Path | None, source: str, settings: Iterable[Setting]) -> zenoh.Config:
+    """Zenoh's configuration: its own file, if there is one, and settings over it.
+
+    Raises ConfigError that begins with the source of what is wrong; `source`: that of `file`.
+    """
+    try:
+        config = zenoh.Config.from_file(str(file)) if file else zenoh.Config()
+    except (zenoh.ZError, OSError) as error:
+        raise ConfigError(f"{source}: {file}: {error}") from None
+    for each in settings:
+        try:
+            config.insert_json5(each.key, json.dumps(each.value))
+        except zenoh.ZError as error:
+            raise ConfigError(f"{each.source}: {each.value}: {error}") from None
+    return config
+
+
+def join_callbacks(before: set[threading.Thread]) -> None:
+    """Wait for zenoh's threads that are not of `before`: one alive at the interpreter's end aborts the process."""
+    for thread in set(threading.enumerate()) - before:
+        if CALLBACK_THREAD in thread.name:
+            thread.join(JOIN_S)

@@ -1,0 +1,126 @@
+"""What commands that turn logs into results share: what they open, refusals, progress, versions, arguments."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from companion.core.configuration.site_file import Site, load_site
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.load_vessel import load_vessel
+from companion.logs.log_file import LogError
+from companion.logs.metadata import log_metadata
+
+LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels")
+
+
+REFUSED = (LogError, ValueError, OSError)
+"""What bad input raises: ConfigError, RunError, JobError and StructuredFitError are ValueErrors."""
+BAD_INPUT = 2
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The vessel file as text and as it loads, and the site if one was named."""
+
+    vessel_text: str
+    vessel: VesselFile
+    site: Site | None
+
+
+def opened(args: argparse.Namespace, logs: Sequence[Path], outputs: Sequence[str]) -> Opened:
+    """`--vessel` and `--site`, once it is sure that the logs are there and that `--out` is free for `outputs`."""
+    text = text_of(args.vessel)
+    vessel = load_vessel(text, name=str(args.vessel))
+    site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
+    for path in logs:
+        path.stat()
+    free_folder(args.out, outputs)
+    return Opened(text, vessel, site)
+
+
+def refuse(command: str, why: str | Exception) -> int:
+    """Say on stderr what of the input is bad; the exit code."""
+    if isinstance(why, OSError) and why.filename:
+        why = f"{why.filename}: {why.strerror}"
+    print(f"aritra {command}: {why}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Linear algebra on one thread: the matrices are small, and threads that wait for each other cost more."""
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(limits=1)
+
+
+def text_of(path: Path) -> str:
+    """Of a UTF-8 file; ConfigError where it is none."""
+    try:
+        return path.read_text()
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not UTF-8 text") from None
+
+
+def free_folder(out: Path, names: Sequence[str]) -> None:
+    """Make the folder; ConfigError where it holds results already: they are never overwritten."""
+    taken = [name for name in names if (out / name).exists()]
+    if taken:
+        raise ConfigError(f"{out}: holds {', '.join(taken)} already; choose another folder, or move them away")
+    out.mkdir(parents=True, exist_ok=True)
+
+
+def progress_of(console: Console) -> Progress:
+    """Bars with time and what each is at."""
+    columns = (
+        TextColumn("{task.description:17}"),
+        BarColumn(24),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[what]}"),
+    )
+    return Progress(*columns, console=console)
+
+
+def bars(progress: Progress, steps: Sequence[str]) -> Callable[[str, str, float], None]:
+    """A bar for each step; what it is at stands beside it."""
+    tasks = {step: progress.add_task(step, total=1.0, start=False, what="") for step in steps}
+
+    def say(step: str, text: str, share: float) -> None:
+        task = tasks[step]
+        progress.start_task(task)
+        progress.update(task, completed=share, what=text)
+
+    return say
+
+
+def versions() -> dict[str, str]:
+    """Of this program, its source, the machine, and the libraries that figures depend on."""
+    about = log_metadata("", {})
+    ours = {"aritra": about["version"]} | {k: about[k] for k in ("git_revision", "python", "machine")}
+    return ours | {name: version(name) for name in LIBRARIES}
+
+
+def now_utc() -> str:
+    """ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def seconds(text: str) -> float:
+    """An argument of the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
+    return value

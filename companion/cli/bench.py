@@ -1,0 +1,116 @@
+"""`aritra bench`: does the controller fit on this computer, and how does it stand beside other solvers?"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+
+from companion.boat.load_run import EXAMPLES
+from companion.cli.analysis import REFUSED, refuse, text_of
+from companion.core.configuration.tables import ConfigError
+from companion.core.model.load_vessel import load_vessel
+from companion.logs.metadata import log_metadata
+
+VESSEL = EXAMPLES / "boats" / "aritra.toml"
+PROBLEMS = {"production": ("production",), "paper": ("paper",), "both": ("production", "paper")}
+NOT_ALL = 1
+PLAIN_S = 5.0
+"""Between two lines of progress where there is no terminal."""
+
+
+def add_parser(commands) -> None:
+    """Add `bench` to the command line."""
+    p = commands.add_parser(
+        "bench",
+        help="measure this computer: controller and other solvers, 10 Hz, simulation, fit, start-up",
+        description="Measures in one run, in interleaved rounds, with nothing else to do: the controller beside the "
+        "solvers that CasADi brings along, hot and at a true 10 Hz; simulation; a fit; start-up and memory. Ratios "
+        "are to the fastest round of IPOPT. About two minutes; close other programs before. Exit code 0: done; 1: a "
+        "part did not run; 2: bad input.",
+    )
+    p.add_argument("--vessel", type=Path, default=VESSEL, metavar="FILE", help="vessel file (default: aritra.toml)")
+    p.add_argument("--problem", choices=PROBLEMS, default="production", help="boat's own, the paper's, or both")
+    p.add_argument("--solve", type=_count, default=200, metavar="N", help="recorded states a round and at 10 Hz (200)")
+    p.add_argument("--rounds", type=_count, default=3, metavar="R", help="interleaved rounds (3)")
+    p.add_argument("--seed", type=int, default=1, help="of the drive that is recorded (1)")
+    p.add_argument("--json", type=Path, metavar="FILE", help="write every figure, and the machine, as JSON")
+    p.add_argument("--only", default="", metavar="WORD", help="parts whose name holds WORD: solvers, cadence, "
+                   "simulation, fit, start, growth")  # fmt: skip
+    p.add_argument("--growth", action="store_true", help="instead: how costs grow with horizon, thrusters, logs and "
+                   "catalogue (about five minutes)")  # fmt: skip
+    p.add_argument("--picture", type=Path, metavar="FILE", help="draw growth (.png, .svg; extra `analysis`)")
+    p.set_defaults(function=bench)
+
+
+def bench(args: argparse.Namespace) -> int:
+    """Measure, show, write; the exit code."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for every solver; read when IPOPT is first called
+    from sim.bench import result, run, table
+    from sim.bench.request import Order
+
+    try:
+        vessel = load_vessel(text_of(args.vessel), name=str(args.vessel))
+        if not run.chosen(args.only, args.growth):
+            raise ConfigError(f"--only {args.only}: no such part")
+        for path in (args.json, args.picture):
+            _writable(path)
+    except REFUSED as why:
+        return refuse("bench", why)
+    out = Console(highlight=False)
+    order = Order(
+        vessel, args.vessel, PROBLEMS[args.problem], args.solve, args.rounds, args.solve, args.seed, _progress()
+    )
+    about = log_metadata("", {})
+    program = {"version": about["version"], "git_revision": about["git_revision"]}
+    found = run.run(order, args.only, args.growth, program)
+    order.told("")
+    table.show(out, found)
+    if args.json:
+        result.write(args.json, found)
+        out.print(f"wrote {args.json}")
+    if args.picture:
+        from sim.bench.growth.picture import draw
+
+        draw(found, args.picture)
+        out.print(f"wrote {args.picture}")
+    return NOT_ALL if found.refused else 0
+
+
+def _writable(path: Path | None) -> None:
+    """ConfigError where a file there could not be written: better now than after two minutes."""
+    if path is None:
+        return
+    if path.is_dir() or not path.parent.is_dir():
+        raise ConfigError(f"{path}: is a folder, or its folder does not exist")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise ConfigError(f"{path}: may not be written")
+
+
+def _progress() -> Callable[[str], None]:
+    """What is being measured, on one line of the terminal; where there is none, a line now and then."""
+    live, next_s = sys.stderr.isatty(), 0.0
+
+    def told(text: str) -> None:
+        nonlocal next_s
+        if live:
+            sys.stderr.write(f"\r\x1b[2K{text[:78]}")
+        elif text and time.monotonic() >= next_s:
+            next_s = time.monotonic() + PLAIN_S
+            sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+    return told
+
+
+def _count(text: str) -> int:
+    """An argument of the command line."""
+    value = int(text) if text.isdecimal() else 0
+    if not 1 <= value <= 100_000:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number, 1 at least")
+    return value

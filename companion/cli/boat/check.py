@@ -1,0 +1,110 @@
+"""`aritra check`: the pre-flight table. Listens and asks; never arms, never overrides, never sets anything."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from companion.boat.clock import BoatClock
+from companion.boat.load_run import Setup, load_setup
+from companion.boat.preflight import Listener, all_rows, look_at_disk
+from companion.boat.signing_key import STAMP_FILE
+from companion.cli.analysis import seconds
+from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.core.preflight.rows import Level, Row, worst
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.ports.port import Port
+from drivers.uwb import uwb_codec
+
+FINE, REFUSED = 0, 1
+LISTEN_S = 5.0
+STYLES: dict[Level, str] = {"ok": "green", "warning": "yellow", "refuse": "bold red"}
+
+
+def add_parser(commands) -> None:
+    """Add `check` to the command line."""
+    p = commands.add_parser(
+        "check",
+        help="before the boat moves: wires, sensors, and whether it stops when the companion dies",
+        description="A table of what is found, what is needed and what to do. Propellers off or boat moored: nothing "
+        "is armed, overridden or set. Exit code 0: start (with the warnings read); 1: do not start; 2: bad input.",
+    )
+    add_config(p)
+    add_wires(p)
+    p.add_argument("--listen-s", type=seconds, default=LISTEN_S, metavar="S", help="how long to listen (default: 5)")
+    p.add_argument("--all", action="store_true", help="explain also what is in order")
+    p.add_argument("--json", action="store_true", help="the rows as JSON instead of a table")
+    p.set_defaults(function=check)
+
+
+def check(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Listen, judge, tell; the exit code."""
+    setup = load_setup(args.config)
+    mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
+    uwb = port_of(args, "uwb", setup.run.uwb.url)
+    console, errors = console or Console(), Console(stderr=True)
+    rows = asyncio.run(_look(args, setup, mavlink, uwb, errors))
+    level = worst(rows)
+    if args.json:
+        told = {"verdict": level, "rows": msgspec.to_builtins(rows)}
+        sys.stdout.write(json.dumps(told, indent=2) + "\n")
+    else:
+        show(rows, console, explain_all=args.all)
+    return REFUSED if level == "refuse" else FINE
+
+
+async def _look(args: argparse.Namespace, setup: Setup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
+    folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
+    sensor, link = setup.pilot.vessel.sensors.uwb, setup.run.mavlink
+    signing = signing_of(args, setup, folder / STAMP_FILE)
+    with errors.status("opening the wires") as status:
+        listener = Listener(
+            setup,
+            mavlink=(mavlink, MavlinkCodec(link.system_id, link.component_id, signing=signing)),
+            uwb=(uwb, uwb_codec(sensor.wire_format, setup.run.uwb.tag, sensor.rate_Hz)),
+            clock=BoatClock(),
+            say=status.update,
+        )
+        heard, told = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
+    return all_rows(setup, heard, told)
+
+
+def show(rows: list[Row], console: Console, *, explain_all: bool = False) -> None:
+    """The table; below it a sentence for every row that is not in order, and the verdict."""
+    table = Table(box=None, pad_edge=False)
+    for head in ("", "area", "what", "found", "needed"):
+        table.add_column(head, overflow="fold")
+    for row in rows:
+        table.add_row(
+            Text(row.level, style=STYLES[row.level]), row.area, Text(row.name), Text(row.found), Text(row.needed)
+        )
+    console.print(table)
+    told = [row for row in rows if explain_all or row.level != "ok"]
+    for row in sorted(told, key=lambda row: ("refuse", "warning", "ok").index(row.level)):
+        console.print()
+        console.print(Text(f"{row.level}: {row.name} = {row.found}", style=STYLES[row.level]))
+        console.print(Text(f"  {row.why}"))
+        if row.fix:
+            console.print(Text(f"  -> {row.fix}"))
+    console.print()
+    console.print(_verdict(rows))
+
+
+def _verdict(rows: list[Row]) -> Text:
+    level = worst(rows)
+    count = sum(row.level == level for row in rows)
+    s = "s" if count > 1 else ""
+    words = {
+        "ok": f"ready: {len(rows)} rows, all in order",
+        "warning": f"ready, with {count} warning{s} to read",
+        "refuse": f"DO NOT START: {count} row{s} refuse{'' if s else 's'}",
+    }
+    return Text(words[level], style=STYLES[level])

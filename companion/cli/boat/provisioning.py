@@ -1,0 +1,198 @@
+"""What `aritra provision` does, with MAVSDK: difference, question, writing, reading back; logs."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from companion.boat.load_run import EXAMPLES, load_setup
+from companion.boat.signing_key import STAMP_FILE
+from companion.cli.analysis import progress_of
+from companion.cli.boat.wires import signing_of
+from companion.core.configuration.tables import ConfigError
+from companion.core.preflight.parameter_diff import Change, changes, same, unknown
+from companion.core.preflight.parameter_file import parse_parameters
+from companion.core.preflight.rows import number
+from drivers.mavlink.provisioning import Provisioner, ProvisioningError, StoredLog, mavsdk_url
+from drivers.mavlink.signing import Signing
+
+DONE, FAILED = 0, 1
+FOLDER = EXAMPLES / "ardupilot"
+SCRIPT = FOLDER / "gate.lua"
+SCRIPTS = "/APM/scripts"
+"""Where ArduPilot looks for scripts on its SD card."""
+
+
+def provision(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Connect and do it; the exit code."""
+    setup = load_setup(args.config)
+    url = args.mavlink or setup.run.mavlink.url
+    logs = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
+    signing = None if args.unsigned else signing_of(args, setup, logs / STAMP_FILE)
+    console = console or Console()
+    try:
+        mavsdk_url(url)
+    except ProvisioningError as error:
+        raise ConfigError(f"{'--mavlink' if args.mavlink else f'{args.config}: mavlink.url'}: {error}") from None
+    try:
+        return asyncio.run(_work(args, url, signing, console))
+    except ProvisioningError as error:
+        print(f"aritra provision: {error}", file=sys.stderr)
+        return FAILED
+    except OSError as error:
+        print(f"aritra provision: {error.filename}: {error.strerror}", file=sys.stderr)
+        return FAILED
+
+
+async def _work(args: argparse.Namespace, url: str, signing: Signing | None, console: Console) -> int:
+    console.print(f"waiting for the autopilot on {url}{', signed' if signing else ''}", highlight=False)
+    async with Provisioner.connect(url, signing=signing) as autopilot:
+        if args.logs:
+            return await _fetch_logs(args, autopilot, console)
+        return await _wire(args, autopilot, console)
+
+
+# --- a wiring --------------------------------------------------------------------------------------
+
+
+async def _wire(args: argparse.Namespace, autopilot: Provisioner, console: Console) -> int:
+    name = f"{args.wiring}.param"
+    wanted = parse_parameters((FOLDER / name).read_text(encoding="utf-8"), name=name)
+    console.print("reading the autopilot's parameters")
+    told = await autopilot.parameters()
+    found = changes(told, wanted)
+    if missing := unknown(found):
+        raise ProvisioningError(f"the autopilot does not have {', '.join(missing)}: is it ArduPilot Rover 4.6 or 4.7?")
+    console.print(_difference(found) if found else Text(f"all {len(wanted)} parameters are as {name} has them"))
+    script = args.wiring == "gate"
+    if args.dry_run:
+        console.print(Text("dry run: nothing was changed"))
+        return DONE
+    if found or script:
+        await _refuse_armed(autopilot)
+        if not args.yes and not _agreed(console, found, script):
+            return FAILED
+    if failed := await _write(autopilot, found, console):
+        console.print(Text(f"NOT DONE: {', '.join(failed)}; run it again", style="bold red"))
+        return FAILED
+    sent = await _upload(autopilot, console) if script else True
+    await _end(autopilot, found, script, args.reboot, console)
+    return DONE if sent else FAILED
+
+
+async def _refuse_armed(autopilot: Provisioner) -> None:
+    if await autopilot.armed():
+        raise ProvisioningError("the autopilot is armed: nothing was changed; disarm it first")
+
+
+def _difference(found: list[Change]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for head in ("parameter", "now", "will be", ""):
+        table.add_column(head, justify="left" if head in ("parameter", "") else "right")
+    for c in found:
+        table.add_row(
+            c.name, number(c.found), Text(number(c.wanted), style="bold"), "after a reboot" if c.reboot else ""
+        )
+    return table
+
+
+def _agreed(console: Console, found: list[Change], script: bool) -> bool:
+    """Ask; without a terminal to answer on, no."""
+    what = " and ".join([f"{len(found)} parameters"] * bool(found) + ["gate.lua"] * script)
+    try:
+        answer = console.input(f"write {what} to the autopilot? (y/N) ")
+    except EOFError:
+        answer = ""
+    if answer.strip().lower() in ("y", "yes"):
+        return True
+    console.print("nothing was changed")
+    return False
+
+
+async def _write(autopilot: Provisioner, found: list[Change], console: Console) -> list[str]:
+    """Write and read back; what is not as it should be."""
+    failed = []
+    for c in found:
+        try:
+            now = await autopilot.write(c.name, c.wanted)
+        except ProvisioningError as error:
+            console.print(Text(f"{error}", style="red"))
+            failed.append(c.name)
+            continue
+        if not same(now, c.wanted):
+            console.print(Text(f"{c.name}: is {number(now)} after writing {number(c.wanted)}", style="red"))
+            failed.append(c.name)
+    if found:
+        console.print(f"wrote and read back {len(found) - len(failed)} of {len(found)} parameters")
+    return failed
+
+
+async def _upload(autopilot: Provisioner, console: Console) -> bool:
+    try:
+        await autopilot.upload(SCRIPT, SCRIPTS)
+    except ProvisioningError as error:
+        console.print(Text(f"the script could not be sent: {error}", style="yellow"))
+        console.print(
+            Text(f"by hand: copy {SCRIPT} to {SCRIPTS[1:]}/ on the autopilot's SD card. Without it nothing moves."),
+            soft_wrap=True,
+        )
+        return False
+    console.print(f"gate.lua is in {SCRIPTS} and reads back the same")
+    return True
+
+
+async def _end(autopilot: Provisioner, found: list[Change], script: bool, reboot: bool, console: Console) -> None:
+    late = [c.name for c in found if c.reboot]
+    if reboot and (late or script):
+        await _refuse_armed(autopilot)
+        await autopilot.reboot()
+        console.print("the autopilot restarts; then: aritra check", highlight=False)
+    elif late or script:
+        what = ", ".join([*late, *["gate.lua"] * script])
+        console.print(Text(f"REBOOT the autopilot now, for: {what}; then: aritra check", style="bold"))
+    else:
+        console.print("then: aritra check")
+
+
+# --- logs ------------------------------------------------------------------------------------------
+
+
+async def _fetch_logs(args: argparse.Namespace, autopilot: Provisioner, console: Console) -> int:
+    logs = await autopilot.logs()
+    console.print(f"{len(logs)} logs, {sum(log.size_bytes for log in logs) / 1e6:.1f} MB")
+    if args.dry_run:
+        for log in logs:
+            console.print(Text(f"{log.number:5d}  {log.date}  {log.size_bytes / 1e6:8.2f} MB"))
+        return DONE
+    await _refuse_armed(autopilot)
+    args.logs.mkdir(parents=True, exist_ok=True)
+    with progress_of(console) as progress:
+        for log in logs:
+            await _fetch(autopilot, log, args.logs, progress)
+    return DONE
+
+
+async def _fetch(autopilot: Provisioner, log: StoredLog, folder: Path, progress) -> None:
+    path = folder / file_name(log)
+    task = progress.add_task(f"log {log.number}", total=1.0, what=path.name)
+    if path.exists() and path.stat().st_size == log.size_bytes:
+        progress.update(task, completed=1.0, what=f"{path.name} is there already")
+        return
+    part = path.with_suffix(".part")
+    part.unlink(missing_ok=True)
+    await autopilot.download(log, part, lambda share: progress.update(task, completed=share))
+    part.replace(path)
+    progress.update(task, completed=1.0)
+
+
+def file_name(log: StoredLog) -> str:
+    """`log-0007-2026-01-01T000000Z.bin`: number and the autopilot's date, so that a card that was emptied does not
+    overwrite older ones.
+    """
+    return f"log-{log.number:04d}-{log.date.replace(':', '')}.bin"

@@ -1,0 +1,285 @@
+"""`aritra run`: the boat's program, on real or simulated wires."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import gc
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from companion.boat.app import App
+from companion.boat.clock import BoatClock, Clock
+from companion.boat.gcs_forward import Forward
+from companion.boat.load_run import Setup, load_setup, warnings
+from companion.boat.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
+from companion.boat.recorder import Recorder
+from companion.boat.signing_key import STAMP_FILE, keep_timestamp
+from companion.boat.start_interlock import Guard, companion_of
+from companion.boat.systemd.notify import SdNotify
+from companion.boat.systemd.status import Service
+from companion.boat.uplink.uplink import Shore, shore_of
+from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.cli.progress import Progress
+from companion.core.configuration.tables import ConfigError
+from companion.core.control.nmpc import Actuation, Nmpc
+from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
+from companion.core.model.manoeuvring import StructuredModel
+from companion.core.pilot.pilot import Pilot
+from companion.jit.cache import CodeStore
+from companion.logs.metadata import log_metadata
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.gcs_firewall import StationGate
+from drivers.mavlink.signing import Signing
+from drivers.ports.port import Port
+from drivers.ports.url import PortUrlError, open_port_from_url
+from drivers.uwb import uwb_codec
+
+RUN_FILES = Path()
+"""`--excite` without a file."""
+REFUSED = 1
+"""Exit code of a run that was to start by itself on an autopilot that the check refuses."""
+UNCHECKED = "UNCHECKED: nobody knows whether the thrusters stop when this program dies (--unchecked)"
+PRIORITY = -10
+"""Nice value asked for: the control loop goes before a ground station or a build on the same machine; assumed."""
+GIL_S = 0.0001
+"""How long a thread may keep the interpreter from the other: at the default of 5 ms the solver waits for the filter."""
+
+
+def add_parser(commands) -> None:
+    """Add `run` to the command line."""
+    p = commands.add_parser(
+        "run",
+        help="drive the boat: sensors in, RC override out",
+        description="Estimate, guide and control at 10 Hz until interrupted; Ctrl-C ends in neutral and disarm. "
+        "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
+    )
+    add_config(p)
+    p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
+    add_wires(p)
+    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
+    p.add_argument(
+        "--excite",
+        nargs="?",
+        type=Path,
+        const=RUN_FILES,
+        metavar="FILE",
+        help="fly an excitation instead of the mission: FILE, or without one the run file's",
+    )
+    p.add_argument("--start", action="store_true", help="begin by itself, without an operator")
+    p.add_argument("--unchecked", action="store_true", help="DANGER: do not check how the autopilot is wired")
+    p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after mission or excitation is done")
+    p.set_defaults(function=run)
+
+
+class Desk(Protocol):
+    """A person's place at a run: sees every message, and may command the App. `run` ends with the run."""
+
+    def see(self, message: Message) -> None:
+        """Note one message."""
+        ...
+
+    def close(self) -> None:
+        """The run is over."""
+        ...
+
+    async def run(
+        self, app: App, setup: Setup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
+    ) -> None:
+        """Work until cancelled; `tell` logs and shows an alert, `end` ends the run."""
+        ...
+
+
+def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
+    """Run until interrupted or done; the exit code. `desk`: a person who drives by hand."""
+    excitation = None if args.excite == RUN_FILES else args.excite
+    setup = load_setup(args.config, mission=args.mission, excitation=excitation)
+    if args.excite and setup.pilot.excitation is None:
+        raise ConfigError(f"{args.config}: excitation: missing key: --excite needs one, or a FILE")
+    mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
+    uwb = port_of(args, "uwb", setup.run.uwb.url)
+    station = _station(args, setup)
+    shore = shore_of(setup, args.config)
+    log, look = _log(args, setup)
+    signing = signing_of(args, setup, log.parent / STAMP_FILE)
+    vessel = setup.pilot.vessel.name
+    print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
+    for text in warnings(setup):
+        print(f"warning: {text}", flush=True)
+    try:
+        recorder = Recorder(
+            log,
+            log_metadata(vessel, setup.files),
+            time.monotonic_ns,
+            wall_offset_ns=time.time_ns() - time.monotonic_ns(),
+            attachments={name: text.encode() for name, text in setup.files.items()},
+        )
+    except OSError as error:
+        print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
+        return 2
+    with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
+        service.starting(f"building the controller of {vessel}")
+        return asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
+
+
+def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swept] | None]:
+    """Path of the log, its folder made and within its quota; and how to look after the quota again."""
+    told = setup.run.log
+    folder = args.config.parent / told.folder if told.folder else Path()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{args.config}: log.folder: {folder}: {error.strerror}") from None
+    log = args.log or new_log(folder, time.localtime())
+    if told.quota_MB is None:
+        return log, None
+    running = log.name if log.parent.resolve() == folder.resolve() else ""
+    quota_bytes = told.quota_MB * MB
+
+    def look() -> Swept:
+        return sweep(folder, quota_bytes=quota_bytes, running=running, now_s=time.time())
+
+    for alert in alerts(look(), None, 0):
+        print(f"{alert.level}: {alert.text}", flush=True)
+    return log, look
+
+
+def _station(args: argparse.Namespace, setup: Setup) -> Port | None:
+    """The port of the ground station, if the run file has one. Raises ConfigError."""
+    if setup.run.forward is None:
+        return None
+    try:
+        return open_port_from_url(setup.run.forward.url)
+    except PortUrlError as error:
+        raise ConfigError(f"{args.config}: forward.url: {error}") from None
+
+
+async def _drive(
+    setup: Setup,
+    mavlink: Port,
+    uwb: Port,
+    station: Port | None,
+    shore: Shore,
+    signing: Signing | None,
+    recorder: Recorder,
+    service: Service,
+    look: Callable[[], Swept] | None,
+    args: argparse.Namespace,
+    desk: Desk | None,
+) -> int:
+    clock, vessel = BoatClock(), setup.pilot.vessel
+    progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
+    finish = _Finish(args.end_after)
+
+    def watch(message: Message) -> None:
+        progress.see(message)
+        service.see(message)
+        shore.see(message)
+        if finish.see(message) or (args.start and guard and guard.refused):
+            end()
+
+    def end() -> None:
+        service.stopping()
+        shore.end()
+        app.stop()
+
+    def tell(alert: Alert) -> None:
+        recorder.record(alert)
+        progress.see(alert)
+        shore.see(alert)
+
+    told, system = setup.run.forward, setup.run.mavlink.system_id
+    codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
+    guard = None if args.unchecked else Guard(codec, companion_of(setup))
+    if not guard:
+        tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
+    gate = StationGate(system) if told and told.writable else None
+    app = App(
+        Pilot(setup.pilot),
+        _controller(setup, tell),
+        mavlink=(mavlink, codec),
+        uwb=(
+            uwb,
+            uwb_codec(vessel.sensors.uwb.wire_format, setup.run.uwb.tag, vessel.sensors.uwb.rate_Hz),
+        ),
+        clock=clock,
+        recorder=recorder,
+        rng=random.Random(),
+        watch=watch,
+        forward=Forward(station, gate, clock) if station else None,
+        vision_hz=setup.run.vision.rate_Hz if setup.run.vision else None,
+        guard=guard,
+    )
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        with contextlib.suppress(NotImplementedError):
+            loop.add_signal_handler(number, end)
+    if args.start:
+        app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"))
+    _hurry()
+    gc.collect()
+    gc.freeze()  # what has been built so far stays: later collections need not look at it
+    chores = [asyncio.create_task(keep_within(look, clock, tell))] if look else []
+    if signing:
+        stamps = recorder.path.parent / STAMP_FILE
+        chores.append(asyncio.create_task(keep_timestamp(stamps, signing, clock, tell)))
+    shore.open(app, guard, clock, tell)
+    if desk:
+        chores.append(asyncio.create_task(desk.run(app, setup, clock, tell, end)))
+    try:
+        await app.run()
+    finally:
+        for chore in chores:
+            chore.cancel()
+        ended = await asyncio.gather(*chores, return_exceptions=True)
+        shore.close()
+        progress.close()
+    for error in ended:
+        if isinstance(error, Exception):
+            raise error
+    return REFUSED if args.start and guard and guard.refused else 0
+
+
+def _controller(setup: Setup, tell: Callable[[Alert], None]) -> Nmpc:
+    """The controller, with machine code from the last run where there is some."""
+
+    def say(text: str) -> None:
+        tell(Alert(t_ns=time.monotonic_ns(), level="info", text=text))
+
+    pilot = setup.pilot
+    nmpc = Nmpc(
+        StructuredModel.of(pilot.vessel), Actuation.of(pilot.vessel), pilot.nmpc,
+        time.perf_counter, pilot.fence, CodeStore.of(tell=say),
+    )  # fmt: skip
+    if nmpc.why_not_compiled:
+        say(f"the controller runs without machine code: {nmpc.why_not_compiled}")
+    return nmpc
+
+
+def _hurry() -> None:
+    """Before other programs where the machine allows it; threads hand the interpreter over quickly."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+    sys.setswitchinterval(GIL_S)
+
+
+class _Finish:
+    """True once mission or excitation has been done for the stated time."""
+
+    def __init__(self, after_s: float | None):
+        self._after_s = after_s
+        self._done_ns: int | None = None
+
+    def see(self, message: Message) -> bool:
+        if self._after_s is None:
+            return False
+        if isinstance(message, GuidanceReference | ExcitationStatus):
+            self._done_ns = (self._done_ns or message.t_ns) if message.phase in ("done", "failed") else None
+        return self._done_ns is not None and message.t_ns - self._done_ns >= self._after_s * 1e9

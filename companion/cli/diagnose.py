@@ -1,0 +1,164 @@
+"""`aritra diagnose LOG...`: what the simulation gets wrong, why, and what is gained by mending it.
+
+polars and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+import deploy
+from companion.cli.analysis import (
+    REFUSED,
+    bars,
+    now_utc,
+    one_thread,
+    opened,
+    progress_of,
+    refuse,
+    seconds,
+    text_of,
+    versions,
+)
+from companion.core.excitation.file import load_excitation
+
+if TYPE_CHECKING:
+    from companion.logs.runs.run import Run
+    from sim.fitting.diagnose.job import Diagnosis
+
+DONE, LOOK = 0, 1
+SETTLED = ("none", "named")
+LIBRARY = Path(deploy.__file__).parent / "excitations" / "library.toml"
+
+
+def add_parser(commands) -> None:
+    """Add `diagnose` to the command line."""
+    p = commands.add_parser(
+        "diagnose",
+        help="say what the simulation gets wrong, why, and what mending it is worth",
+        description="Compares a vessel file with logs of the boat, names what is wrong with it (a thruster, a current, "
+        "a compass ..) with sizes and intervals, and writes extended.toml (the vessel file with the causes), "
+        "refitted.toml, extended_numbers.toml, report.html and findings.json. Existing files are never overwritten. "
+        "Exit code 0: nothing is wrong, or what is wrong is named; 1: done, but something is left unexplained or "
+        "cannot be told apart; 2: bad input.",
+    )
+    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat")
+    p.add_argument("--vessel", type=Path, required=True, metavar="FILE", help="vessel file: what is believed")
+    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    p.add_argument("--reference", type=Path, metavar="LOG", help="log of the same boat while all was well, in calm")
+    held = p.add_mutually_exclusive_group()
+    by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
+    held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
+    held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
+    p.add_argument("--catalogue", type=Path, metavar="FILE.py", help="effects of your own; the file is run")
+    p.add_argument(
+        "--without", action="append", default=[], metavar="ID", help="an effect that shall not be known (repeatable)"
+    )
+    p.add_argument(
+        "--believe", action="append", default=[], metavar="ID", help="a cause that is known to be there (repeatable): "
+        "how large it is is found, and no other is looked for"
+    )  # fmt: skip
+    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--plan", action="store_true", help="write manoeuvre.toml also where no named cause is in doubt")
+    p.add_argument("--no-report", action="store_true", help="findings and vessel files only, which is quicker")
+    p.add_argument("--seed", type=int, default=0, help="of the intervals by resampling")
+    p.set_defaults(function=diagnose)
+
+
+def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Find, judge, write, tell; the exit code."""
+    try:
+        from companion.logs.readers.read_run import Beside, read_run
+        from sim.fitting.diagnose import job
+        from sim.fitting.diagnose.catalogue import user
+        from sim.fitting.diagnose.report import findings, record
+        from sim.fitting.diagnose.selection import distinguishability
+    except ImportError as error:
+        return refuse("diagnose", f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
+    console = console or Console()
+    try:
+        reference = [args.reference] if args.reference else []
+        given = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE))
+        vessel, site = given.vessel, given.site
+        more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
+        library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
+        telling = partial(distinguishability.told_apart, library=library, site=site, always=args.plan)
+        beside = Beside(vessel, site)
+        with progress_of(console) as progress, one_thread():
+            say = bars(progress, ("reading", *job.STEPS, "report"))
+
+            def read(path: Path) -> Run:
+                say("reading", path.name, 0.0)
+                run = read_run(path, beside)
+                return type(run)(run.table, replace(run.meta, source=str(path)))
+
+            logs, held_out, calm = ([read(p) for p in paths] for paths in (args.logs, args.held_out, reference))
+            say("reading", "", 1.0)
+            found = job.diagnose(
+                logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
+                without=args.without, known=args.believe, identifiability=telling, say=say, seed=args.seed,
+                clock=time.monotonic,
+            )  # fmt: skip
+            say("report", "" if args.no_report else "tables and pictures", 0.0)
+            files = record.outputs(found, given.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report)
+            for name, data in files.items():
+                (args.out / name).write_bytes(data)
+            say("report", "", 1.0)
+    except REFUSED as error:
+        return refuse("diagnose", error)
+    _tell(found, args.out, files, console)
+    return DONE if found.verdict in SETTLED else LOOK
+
+
+def _tell(found: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:
+    """The sentences, the causes, the gain, what was written."""
+    from sim.fitting.diagnose.report.sentences import sentences
+
+    console.print()
+    first, *others = sentences(found)
+    console.print(Text(first, style="bold" if found.verdict in SETTLED else "bold yellow"))
+    for line in others:
+        console.print(Text(line))
+    if found.causes:
+        console.print(_causes(found))
+    console.print(_gain(found))
+    for name, data in files.items():
+        console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB)"), soft_wrap=True)
+
+
+def _causes(found: Diagnosis) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for head in ("cause", "parameter", "value", "95 % interval", "unit", "nats"):
+        table.add_column(head, justify="left" if head in ("cause", "parameter") else "right", no_wrap=True)
+    for n in found.causes:
+        for i, (key, number) in enumerate(n.numbers.items()):
+            low, high = number.ci95
+            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
+            table.add_row(n.effect.name if i == 0 else "", key, *told, f"{n.candidate.nats:.0f}" if i == 0 else "")
+        if not n.numbers:
+            table.add_row(n.effect.name, "", "", "", "", f"{n.candidate.nats:.0f}")
+    return table
+
+
+def _gain(found: Diagnosis) -> Table:
+    """Errors on held-out logs after 10 s."""
+    from sim.fitting.diagnose.report.sentences import SHOWN_S
+
+    title = f"Held-out logs, open loop with the same commands: rms errors of readings after {SHOWN_S} s"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for head in ("channel", "as given", "refitted", "with causes", "gain"):
+        table.add_column(head, justify="left" if head == "channel" else "right", no_wrap=True)
+    for e in (e for e in found.held_out.errors if e.horizon_s == SHOWN_S):
+        told = (f"{e.rms[m]:.3g}" for m in ("base", "refit", "extended"))
+        table.add_row(f"{e.channel} [{e.unit}]".replace("[", r"\["), *told, f"{100 * e.gain:.0f} %")
+    return table

@@ -1,0 +1,146 @@
+"""`aritra identify LOG...`: from logs to a vessel file that may drive the boat, and which model to believe.
+
+polars, statsmodels and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from companion.cli.analysis import (
+    REFUSED,
+    bars,
+    now_utc,
+    one_thread,
+    opened,
+    progress_of,
+    refuse,
+    seconds,
+    versions,
+)
+from companion.core.configuration.tables import ConfigError
+
+if TYPE_CHECKING:
+    from companion.logs.readers.read_run import Beside
+    from sim.fitting.engine.split import Log
+    from sim.fitting.identify.job import Found
+
+DONE, LOOK = 0, 1
+UNITS = ("", "[m]", "[rad]", "[m/s]", "[m/s]", "[rad/s]", "[%]")
+
+
+def add_parser(commands) -> None:
+    """Add `identify` to the command line."""
+    p = commands.add_parser(
+        "identify",
+        help="fit the boat's model to logs, and judge it on data that no fit has seen",
+        description="Fits the structured model of a vessel file and the paper's 23-term Taylor series to logs, runs "
+        "both against data that was held out, and writes vessel.toml (identified, loads as it is), taylor.json, "
+        "report.html and identify.json. Existing files are never overwritten. Exit code 0: done; 1: done, but "
+        "something must be looked at before the model is used (the end of the output says what); 2: bad input.",
+    )
+    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat")
+    p.add_argument("--vessel", type=Path, required=True, metavar="FILE", help="vessel file to start from (the prior)")
+    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    held = p.add_mutually_exclusive_group()
+    by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
+    held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
+    held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
+    p.add_argument("--no-taylor", action="store_true", help="leave the Taylor series out")
+    p.add_argument("--peer", action="store_true", help="pysindy on the same samples as an outside peer")
+    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--uwb", type=Path, metavar="LOG", help="UWB log beside a single .bin or .tlog")
+    p.add_argument("--uwb-offset", type=float, metavar="S", help="add to its Unix stamps to have the log's clock")
+    p.add_argument("--seed", type=int, default=0, help="of the noise study and the stability test")
+    p.set_defaults(function=identify)
+
+
+def identify(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Fit, judge, write, tell; the exit code."""
+    try:
+        from companion.logs.readers.read_run import Beside
+        from sim.fitting.identify import (
+            job,
+            record,
+        )
+    except ImportError as error:
+        return refuse("identify", f'{error}; pip install "aritra[analysis]" brings what identification needs')
+    console = console or Console()
+    try:
+        beside_them = [args.uwb] if args.uwb else []
+        given = opened(args, (*args.logs, *args.held_out, *beside_them), record.OUTPUTS)
+        vessel = given.vessel
+        if args.uwb and len(args.logs) + len(args.held_out) > 1:
+            raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
+        beside = Beside(vessel, given.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
+        choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
+        with progress_of(console) as progress, one_thread():
+            say = bars(progress, ("reading", *job.STEPS, "report"))
+            logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)
+            say("reading", "", 1.0)
+            found = job.identify(logs, held_out, vessel, choices, now_utc, say)
+            say("report", "tables and pictures", 0.0)
+            files = record.outputs(found, given.vessel_text, versions(), sys.argv[1:])
+            for name, data in files.items():
+                (args.out / name).write_bytes(data)
+            say("report", "", 1.0)
+    except REFUSED as error:
+        return refuse("identify", error)
+    _tell(found, args.out, files, console)
+    return LOOK if found.verdict.attention else DONE
+
+
+def _read(paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float], None], begin: float) -> list[Log]:
+    from companion.logs.readers.read_run import read_run
+    from sim.fitting.engine.split import Log
+
+    logs = []
+    for i, path in enumerate(paths):
+        say("reading", path.name, begin + 0.5 * i / len(paths))
+        logs.append(Log(str(path), read_run(path, beside)))
+    return logs
+
+
+def _tell(found: Found, out: Path, files: dict[str, bytes], console: Console) -> None:
+    """The verdict, one table, what to look at, what was written."""
+    console.print()
+    for line in found.verdict.lines:
+        console.print(Text(line))
+    console.print(_models(found))
+    for line in found.verdict.attention:
+        console.print(Text(f"look: {line}", style="bold yellow"))
+    for names, manoeuvre in found.verdict.advice:
+        console.print(Text(f"to know more of {', '.join(names)}: {manoeuvre}"))
+    console.print(Text(f"held out: {found.split.rule}"))
+    for name, data in files.items():
+        digest = hashlib.sha256(data).hexdigest()[:12]
+        console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB, {digest})"), soft_wrap=True)
+
+
+def _models(found: Found) -> Table:
+    """A row for each model: its error over the better baseline's, rms errors 10 s ahead, runs that diverge."""
+    from sim.fitting.validate.table import error_rows, stability_rows
+
+    scores, errors = found.validation.scores, found.verdict.relative_error
+    figures = error_rows(scores, (10,))
+    title = "Held-out data, open loop with the same commands: rms errors after 10 s"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("model", no_wrap=True)
+    for head, unit in zip(("error", "position", "heading", "u", "v", "r", "gone"), UNITS, strict=True):
+        table.add_column(f"{head}\n{unit}", justify="right", no_wrap=True)
+    diverged = stability_rows(found.validation)[0]
+    for i, score in enumerate(scores, 1):
+        share = errors.get(score.name)
+        told = "-" if share is None else f"{100 * share:.3g} %" if share < 100 else "gone"
+        cells = [told, *(row[i] for row in figures), diverged[i].removesuffix(" %")]
+        table.add_row(score.name, *(Text(c.strip("*"), style="bold" if c.startswith("**") else "") for c in cells))
+    return table

@@ -1,0 +1,193 @@
+"""`aritra shore`: see boats and give them orders, in a browser, over zenoh. Docs: docs/shore.md."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import getpass
+import re
+import secrets
+import signal
+import socket
+import sys
+import time
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from companion.boat.signing_key import load_secret
+from companion.core.configuration.tables import ConfigError
+
+if TYPE_CHECKING:
+    from companion.shore.console.live import Console
+    from companion.shore.foxglove_live import FoxgloveServer
+
+LISTEN = "tcp/127.0.0.1:7447"
+"""Without `--connect`, `--listen` and `--config`: where `aritra demo --shore` on this machine looks for us."""
+PORT = 8470
+MIN_TOKEN = 8
+KEY_FILE = "command.key"
+
+
+def add_parser(commands) -> None:
+    """Add `shore` to the command line."""
+    p = commands.add_parser(
+        "shore",
+        help="see the boats, and hold, resume or stop them, in a browser",
+        description="A local web console fed by zenoh: map, plots, alerts, pre-flight table, orders. Without a command "
+        "key it only looks. Serves 127.0.0.1 alone unless --host says otherwise; then a token is needed. Runs until "
+        "Ctrl-C. Exit code 2: bad input, or the port is taken.",
+    )
+    p.add_argument("--connect", action="append", default=[], metavar="ENDPOINT", help="zenoh router, tcp/HOST:7447")
+    p.add_argument(
+        "--listen", action="append", default=[], metavar="ENDPOINT",
+        help=f"zenoh endpoint that boats connect to, no router needed (default, where nothing is said: {LISTEN})",
+    )  # fmt: skip
+    p.add_argument("--config", type=Path, metavar="FILE", help="zenoh's own file, for TLS: deploy/zenoh/shore.json5")
+    p.add_argument(
+        "--command-key", action="append", default=[], metavar="[BOAT=]FILE",
+        help="key that orders are signed with: for all boats, for one, or a folder that `aritra demo --shore` made",
+    )  # fmt: skip
+    p.add_argument("--name", default=default_name(), help="who gives the orders, in the boat's log (%(default)s)")
+    p.add_argument("--host", default="127.0.0.1", help="address to serve; 0.0.0.0: the whole network, with a token")
+    p.add_argument("--port", type=int, default=PORT, help="port to serve (%(default)s)")
+    p.add_argument("--token", help="the token, instead of a new one each time: an open phone finds back to us")
+    p.add_argument("--foxglove", type=int, metavar="PORT", help="also serve Foxglove, on 127.0.0.1: docs/logs.md")
+    p.add_argument("--open", action="store_true", help="open the page in a browser")
+    p.set_defaults(function=shore)
+
+
+def default_name() -> str:
+    """user@host, in the letters that an order may carry."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = "shore"
+    return re.sub(r"[^A-Za-z0-9_.@ -]+", "-", f"{user}@{socket.gethostname()}")[:40]
+
+
+def shore(args: argparse.Namespace) -> int:
+    """Serve until interrupted; the exit code."""
+    try:
+        return asyncio.run(_serve(args))
+    except ImportError as error:
+        raise ConfigError(f"{error}: the console needs the extra: pip install 'aritra[shore]'") from None
+
+
+async def _serve(args: argparse.Namespace) -> int:
+    from aiohttp import web
+
+    from companion.shore.console.live import Console, Keys
+    from companion.shore.console.request_auth import Guard, is_loopback
+    from companion.shore.console.zenoh_client import Hearing, config_of
+
+    local = is_loopback(args.host)
+    token = _token(args.token, local)
+    keys = Keys(KeyFiles(args.command_key).find if args.command_key else None, args.name)
+    if not re.fullmatch(r"[A-Za-z0-9_.@ -]{1,40}", args.name):
+        raise ConfigError(f"--name: {args.name!r}: expected 1 to 40 letters, digits and _ . @ - or spaces")
+    listen = args.listen or ([] if args.connect or args.config else [LISTEN])
+    config = config_of(args.config, args.connect, listen)
+    names = {"localhost", socket.gethostname().lower(), f"{socket.gethostname().lower()}.local", args.host.lower()}
+    console = Console(Hearing(config), Guard(frozenset(names), token), keys, compress=not local, say=_say)
+    foxglove = _foxglove(console, args.foxglove) if args.foxglove is not None else None
+    runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, args.host, args.port).start()
+    except (OSError, OverflowError) as error:
+        await runner.cleanup()
+        print(f"aritra shore: {args.host}:{args.port}: {error}; another --port?", file=sys.stderr)
+        return 2
+    port = runner.addresses[0][1]
+    for line in _addresses(args.host, port, token):
+        print(line, flush=True)
+    print(f"zenoh: {', '.join([*args.connect, *(f'listening on {x}' for x in listen)]) or args.config}", flush=True)
+    print("orders: signed with the command key" if keys else "no command key: this console only looks", flush=True)
+    if args.open:
+        await asyncio.to_thread(webbrowser.open, _address("127.0.0.1", port, token))
+    if foxglove:
+        print(f"Foxglove: ws://127.0.0.1:{foxglove.port}", flush=True)
+    try:
+        await _until_told(console.run())
+    finally:
+        await runner.cleanup()
+        if foxglove:
+            foxglove.close()
+    return 0
+
+
+def _foxglove(console: Console, port: int) -> FoxgloveServer:
+    """A server for Foxglove that hears what the console hears. Raises ConfigError."""
+    from companion.shore.foxglove_live import FoxgloveServer
+
+    server = FoxgloveServer(port)
+    console.also.append(lambda sample: server.see(sample.boat, sample.topic, sample.data, time.time_ns()))
+    return server
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+async def _until_told(work) -> None:
+    """Until SIGINT or SIGTERM: an orderly end."""
+    task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        with contextlib.suppress(NotImplementedError):
+            loop.add_signal_handler(number, task.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def _token(given: str | None, local: bool) -> str | None:
+    if given is not None:
+        if not re.fullmatch(rf"[A-Za-z0-9_-]{{{MIN_TOKEN},100}}", given):
+            raise ConfigError(f"--token: expected {MIN_TOKEN} to 100 letters, digits, _ or -")
+        return given
+    return None if local else secrets.token_urlsafe(12)
+
+
+class KeyFiles:
+    """Command keys: `FILE` for all boats, `BOAT=FILE` for one, or a folder as `aritra demo --shore` makes it, whose
+    `command.key` or `BOAT/command.key` may come later than we. Raises ConfigError for a file that cannot be used.
+    """
+
+    def __init__(self, given: list[str]) -> None:
+        self._keys: dict[str, bytes] = {}
+        self._folders: list[Path] = []
+        for each in given:
+            boat, _, file = each.rpartition("=")
+            if boat in self._keys:
+                raise ConfigError(f"--command-key: given twice for {boat or 'all boats'}")
+            if not boat and (Path(file).is_dir() or file.endswith("/")):
+                self._folders.append(Path(file))
+            else:
+                self._keys[boat] = load_secret(Path(file), where="--command-key")
+
+    def find(self, boat: str) -> bytes | None:
+        """The key of a boat."""
+        if (key := self._keys.get(boat, self._keys.get(""))) is not None:
+            return key
+        for folder in self._folders:
+            for file in (folder / boat / KEY_FILE, folder / KEY_FILE):
+                if file.exists():
+                    return load_secret(file, where="--command-key")
+        return None
+
+
+def _address(host: str, port: int, token: str | None) -> str:
+    name = f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _addresses(host: str, port: int, token: str | None) -> list[str]:
+    if host not in ("0.0.0.0", "::"):
+        return [f"console: {_address(host, port, token)}"]
+    mine = sorted({str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)})
+    return [
+        f"console: {_address('127.0.0.1', port, token)}",
+        *(f"  from the network: {_address(a, port, token)}" for a in mine if not a.startswith("127.")),
+        "  whoever has this address may give orders; it travels unencrypted: see docs/shore.md",
+    ]

@@ -1,0 +1,191 @@
+"""`aritra demo`: simulator and companion as two processes on real wires, one mission, and how it went."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO
+
+from companion.boat.load_run import EXAMPLES, Setup, load_setup
+from companion.cli.simulator.fleet import Boat
+from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
+from companion.cli.simulator.sim import add_world_arguments, world_arguments
+
+STATION_S = 5.0
+"""How long the boat keeps station after the mission before the demo ends."""
+LIMIT_S = 300.0
+"""A demo that has not ended by then has failed."""
+
+
+def add_parser(commands) -> None:
+    """Add `demo` to the command line."""
+    p = commands.add_parser(
+        "demo",
+        help="drive a mission in the simulator, no boat needed",
+        description="Starts a simulated boat and the companion, two processes that talk MAVLink over UDP and UWB "
+        "bytes over a pty, and drives a mission. Writes summary.json, picture.png, run.mcap and truth.mcap. "
+        "With --boats several pairs, each with results of its own in OUT/NAME. "
+        "Exit code 0: every waypoint passed; 1: not; 2: bad input.",
+    )
+    p.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for the results")
+    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    add_world_arguments(p)
+    add_fleet_arguments(p).add_argument(
+        "--stagger", type=_seconds, default=5.0, metavar="S", help="between the starts of two boats"
+    )
+    p.set_defaults(function=demo)
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Drive, score, show; the exit code."""
+    setup = load_setup(args.config)
+    boats = boats_of(args, setup, {}) or [Boat("", args.out, args.config)]
+    try:
+        for boat in boats:
+            boat.folder.mkdir(parents=True, exist_ok=True)
+            for log in (_run_log(boat), _truth_log(boat)):
+                log.unlink(missing_ok=True)
+    except OSError as error:
+        print(f"aritra demo: {args.out}: {error.strerror}", file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory(prefix="aritra-") as wires:
+        failures = _drive(args, boats, Path(wires))
+    for boat, failure in zip(boats, failures, strict=True):
+        if failure:
+            print(f"aritra demo: {_of(boat)}{failure}", file=sys.stderr)
+    told = [boat for boat, failure in zip(boats, failures, strict=True) if failure is None]
+    passed = [_score(boat, setup) for boat in told]
+    return 0 if len(passed) == len(boats) and all(passed) else 1
+
+
+def _score(boat: Boat, setup: Setup) -> bool:
+    """How it went: summary, table, picture; whether every waypoint was passed."""
+    from companion.cli.simulator import summary
+
+    score = summary.summarise(_run_log(boat), _truth_log(boat), setup.pilot)
+    (boat.folder / "summary.json").write_text(json.dumps(summary.finite(score.figures), indent=2) + "\n")
+    summary.show(score, boat.folder)
+    try:
+        from companion.cli.simulator import picture
+    except ImportError as error:
+        print(f"no picture: {error}; `pip install aritra[analysis]` brings what draws it")
+    else:
+        picture.draw(score, setup.pilot, boat.folder / "picture.png")
+    return score.figures["waypoints_passed"] == score.figures["waypoints_total"]
+
+
+class _Pair:
+    """A boat's two processes, simulator and companion. `name`: what their lines begin with."""
+
+    def __init__(self, boat: Boat, simulator: list[str], companion: list[str], name: str) -> None:
+        self._boat, self._stack = boat, contextlib.ExitStack()
+        self._simulator = self._stack.enter_context(_process(simulator, name))
+        self._companion = self._stack.enter_context(_process(companion, name))
+        self._deadline = time.monotonic() + LIMIT_S
+        self.failure: str | None = None
+
+    def goes_on(self) -> bool:
+        """Whether the mission is still under way; if not, both have ended, and `failure` says what went wrong."""
+        if (code := self._companion.poll()) is not None:
+            self.failure = f"the companion ended with exit code {code}" if code else None
+        elif (code := self._simulator.poll()) is not None:
+            self.failure = f"the simulator ended with exit code {code}"
+        elif time.monotonic() > self._deadline:
+            self.failure = f"the mission was not done after {LIMIT_S:.0f} s; see {_run_log(self._boat)}"
+        else:
+            return True
+        self.close()
+        return False
+
+    def close(self) -> None:
+        """End what still runs."""
+        self._stack.close()
+
+
+def _drive(args: argparse.Namespace, boats: Sequence[Boat], wires: Path) -> list[str | None]:
+    """All boats, one started after the other, until each is done; what went wrong, or None, for each."""
+    pairs: list[_Pair] = []
+    with contextlib.ExitStack() as stack:
+        under_way, next_s = list[_Pair](), time.monotonic()
+        while under_way or len(pairs) < len(boats):
+            if len(pairs) < len(boats) and time.monotonic() >= next_s:
+                next_s += args.stagger
+                pairs.append(_start(args, boats, len(pairs), wires))
+                stack.callback(pairs[-1].close)
+                under_way.append(pairs[-1])
+            under_way = [pair for pair in under_way if pair.goes_on()]
+            time.sleep(0.2)
+    return [pair.failure for pair in pairs]
+
+
+def _start(args: argparse.Namespace, boats: Sequence[Boat], k: int, wires: Path) -> _Pair:
+    """Both processes of boat k, in a world with a seed of its own."""
+    boat, port, uwb = boats[k], _free_port(), wires / f"uwb-{k}"
+    aritra = [sys.executable, "-m", "companion"]
+    config = ["--config", str(boat.config)]
+    own = world_arguments(argparse.Namespace(**vars(args) | {"seed": args.seed + k}))
+    world = ["--udp-to", f"127.0.0.1:{port}", "--uwb", str(uwb), "--truth", str(_truth_log(boat))]
+    urls = ["--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{uwb}:115200", "--log", str(_run_log(boat))]
+    drive = [*aritra, "run", *config, *urls, "--start", "--end-after", str(STATION_S)]
+    return _Pair(boat, [*aritra, "sim", *config, *world, *own], drive, boat.name if len(boats) > 1 else "")
+
+
+def _run_log(boat: Boat) -> Path:
+    return boat.folder / "run.mcap"
+
+
+def _truth_log(boat: Boat) -> Path:
+    return boat.folder / "truth.mcap"
+
+
+def _of(boat: Boat) -> str:
+    return f"{boat.name}: " if boat.name else ""
+
+
+@contextlib.contextmanager
+def _process(command: list[str], name: str) -> Iterator[subprocess.Popen]:
+    """A child that is asked to end, and made to after 10 s; its lines begin with `name`, where it has one."""
+    pipe = subprocess.PIPE if name else None
+    child = subprocess.Popen(command, stdout=pipe, stderr=pipe and subprocess.STDOUT, text=True)
+    if child.stdout:
+        threading.Thread(target=_retell, args=(child.stdout, name), daemon=True).start()
+    try:
+        yield child
+    finally:
+        child.terminate()
+        try:
+            child.wait(10)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def _retell(lines: IO[str], name: str) -> None:
+    for line in lines:
+        print(f"{name}: {line}", end="", flush=True)
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 <= seconds <= LIMIT_S:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected 0 to {LIMIT_S:g}")
+    return seconds

@@ -1,0 +1,150 @@
+"""Several boats on one machine: what each is called, and a run file for each, made from the one that they share.
+
+A boat's folder gets `aritra.toml`, complete and with absolute paths, so that the boat can be run by hand as well, and
+where orders from shore are to be signed `command.key`, another for every boat. No boat sees another: each has a world
+of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import secrets
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from companion.boat.load_run import Setup
+from companion.boat.uplink.telemetry import boat_name
+from companion.core.configuration.run_file import RunFile, TelemetryLink
+from companion.core.configuration.tables import ConfigError
+
+SHORE = "tcp/127.0.0.1:7447"
+"""Where a shore on the same machine is looked for: zenoh's own port."""
+MOST = 100
+KEY_FILE, RUN_FILE = "command.key", "aritra.toml"
+KEY_BYTES = 32
+HEADER = "# Written by aritra for boat {name}, from {source}; the next start of the fleet writes it anew.\n"
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,40}")
+
+
+@dataclass(frozen=True)
+class Wires:
+    """Where a boat's devices are: URLs as in a run file."""
+
+    mavlink: str
+    uwb: str
+
+
+@dataclass(frozen=True)
+class Boat:
+    """One of a fleet. `name`: in keys and in what is printed; `folder`: for its run file, logs and results."""
+
+    name: str
+    folder: Path
+    config: Path
+
+
+def names_of(text: str, one: str) -> tuple[str, ...]:
+    """Boats' names of `--boats`: a number of them, called after `one`, or their names, separated by commas.
+
+    Raises ConfigError.
+    """
+    if text.isdigit():
+        if not 1 <= int(text) <= MOST:
+            raise ConfigError(f"--boats: {text}: expected 1 to {MOST}")
+        return tuple(f"{one}-{k}" for k in range(1, int(text) + 1))
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if not _NAME.fullmatch(name) or set(name) == {"."}:
+            raise ConfigError(f"--boats: {name!r}: expected 1 to 40 letters, digits or _.-, or a number of boats")
+        if names.count(name) > 1:
+            raise ConfigError(f"--boats: {name!r} is there twice: on shore the two would be one, and share its orders")
+    return names
+
+
+def fleet(
+    folders: Mapping[str, Path], setup: Setup, config: Path, shore: str | None, wires: Mapping[str, Wires]
+) -> list[Boat]:
+    """Make folders, run files and keys of the boats. `folders`, `wires` (others than the run file's): by name.
+
+    `shore`: endpoint that telemetry goes to, instead of the run file's. Raises ConfigError.
+    """
+    if setup.run.forward and len(folders) > 1:
+        raise ConfigError(f"{config}: forward: several boats cannot share one ground station's port: leave it out")
+    return [_boat(name, setup.run, config, folder, shore, wires.get(name)) for name, folder in folders.items()]
+
+
+def default_name(setup: Setup) -> str:
+    """What a boat alone would be called."""
+    return boat_name(setup.run.telemetry or TelemetryLink(connect=(SHORE,)), setup.pilot.vessel.name)
+
+
+def _boat(name: str, run: RunFile, config: Path, folder: Path, shore: str | None, wires: Wires | None) -> Boat:
+    boat = Boat(name, folder, folder / RUN_FILE)
+    run = absolute(run, config.parent)
+    telemetry = _telemetry(run.telemetry, name, shore, where=str(config))
+    if wires:
+        run = replace(run, mavlink=replace(run.mavlink, url=wires.mavlink), uwb=replace(run.uwb, url=wires.uwb))
+    run = replace(run, telemetry=telemetry, log=replace(run.log, folder=str(folder.resolve())))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if telemetry and telemetry.command_key == KEY_FILE:
+            _make_key(folder / KEY_FILE)
+        boat.config.write_text(HEADER.format(name=name, source=config) + toml_of(run))
+    except OSError as error:
+        raise ConfigError(f"{error.filename or folder}: {error.strerror}") from None
+    return boat
+
+
+def _telemetry(link: TelemetryLink | None, name: str, shore: str | None, *, where: str) -> TelemetryLink | None:
+    """The run file's with the boat's own name; without one, to `shore` with signed orders."""
+    if link is None:
+        return TelemetryLink(connect=(shore,), boat=name, commands=True, command_key=KEY_FILE) if shore else None
+    if shore:
+        return replace(link, connect=(shore,), listen=(), boat=name)
+    if link.listen:
+        raise ConfigError(f"{where}: telemetry.listen: boats of a fleet connect to a router (--shore ENDPOINT)")
+    return replace(link, boat=name)
+
+
+def _make_key(path: Path) -> None:
+    """A key that only its owner may read; one that is there stays, as shore may have it already."""
+    with contextlib.suppress(FileExistsError):
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(file, "wb") as opened:
+            opened.write(secrets.token_bytes(KEY_BYTES))
+
+
+def absolute(run: RunFile, folder: Path) -> RunFile:
+    """The run file with paths that hold from everywhere; `folder`: the one that it lies in."""
+
+    def whole(path: str | None) -> Any:
+        return path and str((folder / path).resolve())
+
+    made = replace(run, vessel=whole(run.vessel), site=whole(run.site), mission=whole(run.mission))
+    made = replace(made, excitation=whole(run.excitation))
+    made = replace(made, mavlink=replace(run.mavlink, signing_key=whole(run.mavlink.signing_key)))
+    if link := run.telemetry:
+        made = replace(made, telemetry=replace(link, config=whole(link.config), command_key=whole(link.command_key)))
+    return made
+
+
+def toml_of(run: RunFile) -> str:
+    """A run file's text. Scalars and lists in JSON are TOML, too."""
+    return "\n".join(_lines(msgspec.to_builtins(run))) + "\n"
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    tables = {key: value for key, value in values.items() if isinstance(value, dict)}
+    for key, value in values.items():
+        if value is not None and key not in tables:
+            yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
+    for key, table in tables.items():
+        yield from ("", f"[{key}]", *_lines(table))

@@ -1,0 +1,47 @@
+"""What `aritra demo` and `aritra sim` share of several boats: their options, and what those mean."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+from companion.boat.load_run import Setup
+from companion.cli.simulator.fleet import SHORE, Boat, Wires, default_name, fleet, names_of
+
+PORTS = 10
+"""Between the ports of two boats: ArduPilot's own step from one instance to the next."""
+
+
+def add_fleet_arguments(p: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """How many boats, and which shore they tell; the group, for options of a command's own."""
+    f = p.add_argument_group("fleet", "docs/telemetry.md says what shore sees of several boats")
+    f.add_argument(
+        "--boats", metavar="N|NAME,...", help="several boats, each in a world of its own; OUT/NAME is theirs"
+    )
+    f.add_argument(
+        "--shore",
+        nargs="?",
+        const=SHORE,
+        metavar="ENDPOINT",
+        help=f"telemetry to a zenoh router there ({SHORE}), and orders from it: signed, with the key in OUT",
+    )
+    return f
+
+
+def folders_of(args: argparse.Namespace, setup: Setup) -> dict[str, Path]:
+    """Folder of each boat by its name; empty: one boat, as the run file says. Raises ConfigError."""
+    if args.boats is not None:
+        return {name: args.out / name for name in names_of(args.boats, default_name(setup))}
+    return {default_name(setup): args.out} if args.shore else {}
+
+
+def boats_of(args: argparse.Namespace, setup: Setup, wires: Mapping[str, Wires]) -> list[Boat]:
+    """The boats asked for, with a run file each; none: one boat, as the run file says. Raises ConfigError."""
+    return fleet(folders_of(args, setup), setup, args.config, args.shore, wires)
+
+
+def place_of(path: str, name: str) -> str:
+    """A boat's own path for one that is given for all: `-NAME` before the suffix."""
+    given = Path(path)
+    return str(given.with_name(f"{given.stem}-{name}{given.suffix}"))

@@ -1,0 +1,107 @@
+"""What a demo run was like, in figures: from the companion's log and the simulator's truth, nothing else."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from companion.core.messages import (
+    GroundTruth,
+    GuidanceReference,
+    LoopTiming,
+    Message,
+    OverrideLease,
+    PlanResult,
+    ProcessStats,
+    StateEstimate,
+    Tick,
+    UwbRanges,
+)
+from companion.core.pilot.pilot import PilotSettings
+from companion.logs.log_file import LogFile
+from sim.world.score import Track, estimation, station, track_of, tracking
+
+KINDS = (
+    GuidanceReference, LoopTiming, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
+)  # fmt: skip
+UNITS = {"_m": "m", "_m_s": "m/s", "_deg": "deg", "_ms": "ms", "_percent": "%", "_mb": "MB"}
+
+
+@dataclass(frozen=True)
+class Score:
+    """`figures` go to summary.json; the rest is for the picture."""
+
+    figures: dict[str, float | int]
+    track: Track
+    messages: dict[type[Message], list[Any]]
+    truths: list[GroundTruth]
+
+
+def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> Score:
+    """Read both logs and compute every figure."""
+    messages: dict[type[Message], list[Any]] = {kind: [] for kind in KINDS}
+    for message in LogFile(run_log).messages(*KINDS):
+        messages[type(message)].append(message)
+    truths = [m for m in LogFile(truth_log).messages(GroundTruth) if isinstance(m, GroundTruth)]
+    track = track_of(messages[StateEstimate], messages[GuidanceReference], truths)
+    points = np.array(settings.mission.path.points)
+    passed = max((r.waypoints_passed for r in messages[GuidanceReference]), default=0)
+    figures: dict[str, float | int] = {"waypoints_total": len(points), "waypoints_passed": passed}
+    if len(track.t_s):
+        pose = (*points[-1], end_heading(settings))
+        figures |= tracking(track, points) | station(track, pose) | estimation(track)
+    return Score(figures | _timing(messages), track, messages, truths)
+
+
+def end_heading(settings: PilotSettings) -> float:
+    """Heading to hold at the end [rad]: the mission's, else the last leg's; NaN where there is neither."""
+    asked, legs = settings.mission.end_heading_rad, settings.mission.path.angles_rad
+    return asked if asked is not None else (legs[-1] if legs else math.nan)
+
+
+def _timing(messages: dict[type[Message], list[Any]]) -> dict[str, float | int]:
+    timing: list[LoopTiming] = messages[LoopTiming]
+    plans = [m.solve_time_s * 1e3 for m in messages[PlanResult]]
+    latency = [m.imu_to_override_ms for m in timing if m.imu_to_override_ms is not None]
+    stats: list[ProcessStats] = messages[ProcessStats][1:]
+    return {
+        "ticks": len(messages[Tick]),
+        "leases": len(messages[OverrideLease]),
+        "leases_from_plan": sum(m.source == "plan" for m in messages[OverrideLease]),
+        "lateness_p99_ms": _percentile([m.lateness_ms for m in timing], 99),
+        "latency_p99_ms": _percentile(latency, 99),
+        "nmpc_p50_ms": _percentile(plans, 50),
+        "nmpc_p99_ms": _percentile(plans, 99),
+        "cpu_percent": float(np.mean([m.cpu_percent for m in stats])) if stats else float("nan"),
+        "rss_mb": max((m.rss_mb for m in stats), default=float("nan")),
+    }
+
+
+def _percentile(values: list[float], share: float) -> float:
+    return float(np.percentile(values, share)) if values else float("nan")
+
+
+def finite(figures: dict[str, float | int]) -> dict[str, float | int | None]:
+    """For JSON, which has no NaN: what was not measured is null."""
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}
+
+
+def show(score: Score, folder: Path) -> None:
+    """The figures as a table on the terminal."""
+    table = Table(title="How it went", title_justify="left")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    for name, value in score.figures.items():
+        unit = next((u for suffix, u in reversed(UNITS.items()) if name.endswith(suffix)), "")
+        text = str(value) if isinstance(value, int) else f"{value:.3f}"
+        table.add_row(name, text, unit)
+    console = Console()
+    console.print(table)
+    console.print(f"written to {folder}: summary.json, picture.png, run.mcap (opens in Foxglove), truth.mcap")

@@ -1,0 +1,240 @@
+"""The vessel file: what one boat is made of. Reference: docs/vessel-file.md.
+
+Body axes: x forward, y starboard, z down; origin where `hull` says. Hydrodynamic derivatives carry SNAME
+signs, so added mass and damping coefficients of a stable hull are negative (X_udot < 0, X_u < 0).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from companion.core.configuration.tables import SourcedTable, Table
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+NonPositive = Annotated[float, msgspec.Meta(le=0)]
+Pulse = Annotated[int, msgspec.Meta(ge=1100, le=1900)]
+
+
+class Hull(SourcedTable, frozen=True, kw_only=True):
+    """Outer size [m] and the areas above water that wind sees [m^2], 0 where nobody measured: then wind
+    does nothing. `origin` says where the axes sit.
+    """
+
+    length_m: Positive
+    beam_m: Positive
+    draft_m: Positive
+    origin: str
+    frontal_area_m2: NonNegative = 0.0
+    lateral_area_m2: NonNegative = 0.0
+
+
+class Inertia(SourcedTable, frozen=True, kw_only=True):
+    """Rigid body and added mass. I_z about the body origin's CG; x_g, y_g: CG from the origin [m]."""
+
+    mass_kg: Positive
+    I_z_kg_m2: Positive
+    x_g_m: float = 0.0
+    y_g_m: float = 0.0
+    X_udot_kg: NonPositive
+    Y_vdot_kg: NonPositive
+    Y_rdot_kg_m: float = 0.0
+    N_rdot_kg_m2: NonPositive
+
+
+class Damping(SourcedTable, frozen=True, kw_only=True):
+    """D(nu) = -[X_u + X_uu |u|, ...]: linear with yaw-sway coupling, quadratic on the diagonal."""
+
+    X_u_N_s_m: NonPositive
+    Y_v_N_s_m: NonPositive
+    Y_r_N_s: float = 0.0
+    N_v_N_s: float = 0.0
+    N_r_N_m_s: NonPositive
+    X_uu_N_s2_m2: NonPositive
+    Y_vv_N_s2_m2: NonPositive
+    N_rr_N_m_s2: NonPositive
+
+
+class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="kind"):
+    """Propeller behind an ESC: n(pwm, V) [rev/s], then F = k n |n| [N]. Equations in `thrusters`."""
+
+    dead_band_us: Annotated[float, msgspec.Meta(ge=0, le=100)]
+    V_ref_V: Positive
+    k_ahead_N_s2: Positive
+    k_astern_N_s2: Positive
+    ahead: RotorCurve
+    astern: RotorCurve
+
+
+class RotorCurve(Table, frozen=True, kw_only=True):
+    """n = (V / V_ref)^(a0 + a1 e) (c1 e^q + c2 e^2) [rev/s] over the command e beyond the dead band."""
+
+    a0: float
+    a1: float
+    q: Positive
+    c1_rps: Positive
+    c2_rps: NonNegative
+
+
+class LinearMap(SourcedTable, frozen=True, kw_only=True, tag="linear", tag_field="kind"):
+    """Force proportional to the command in -1..1 (1500 us is 0, 1900 us is 1); voltage plays no part."""
+
+    ahead_N: Positive
+    astern_N: Positive
+
+
+class PitchMap(SourcedTable, frozen=True, kw_only=True, tag="pitch", tag_field="kind"):
+    """Propeller of controllable pitch (Voith-Schneider) at a speed that is set apart: force by the command in -1..1,
+    bent by `curve`, and by the setting's power. Forces stand at `nominal_setting`, which is what counts where no log
+    says what was set; `setting` is its name in logs (`setting_<name>`). Equations in `thrusters`.
+    """
+
+    setting: str
+    nominal_setting: Positive
+    exponent: Annotated[float, msgspec.Meta(ge=0, le=4)] = 2.0
+    curve: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
+    ahead_N: Positive
+    astern_N: Positive
+
+
+ForceMap = RotorMap | LinearMap | PitchMap
+
+
+class Wash(Table, frozen=True, kw_only=True):
+    """The jet of thruster `ahead` takes `share` of the thrust of `behind` when `ahead` gives all it can."""
+
+    behind: str
+    ahead: str
+    share: Annotated[float, msgspec.Meta(ge=0, le=1)]
+
+
+class Propulsion(SourcedTable, frozen=True, kw_only=True):
+    """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force.
+
+    `rate_limit_N_s`: what control asks for at most; `slew_N_s`: what the thrusters can do (None: the lag alone).
+    `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations in `inflow`.
+    """
+
+    dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
+    lag_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)]
+    nominal_voltage_V: Positive
+    rate_limit_N_s: Positive
+    slew_N_s: Positive | None = None
+    advance_loss_sqrt_N_s_m: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    wash: tuple[Wash, ...] = ()
+
+
+class Thruster(SourcedTable, frozen=True, kw_only=True):
+    """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y.
+
+    `gain`: 0 is a dead thruster, below 0 one that is wired or turned the wrong way round.
+    `gain_sigma`: how well `gain` is known, as a share; None: as fits assume of thrusters of one make.
+    """
+
+    name: str
+    x_m: float
+    y_m: float
+    azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)]
+    channel: Annotated[int, msgspec.Meta(ge=1, le=16)]
+    force_map: str
+    gain: Annotated[float, msgspec.Meta(ge=-10, le=10)] = 1.0
+    gain_sigma: Annotated[float, msgspec.Meta(ge=0, le=2)] | None = None
+    trim_us: Annotated[int, msgspec.Meta(ge=-200, le=200)] = 0
+    pwm_min_us: Pulse = 1100
+    pwm_max_us: Pulse = 1900
+    force_min_N: NonPositive
+    force_max_N: NonNegative
+
+
+class Imu(SourcedTable, frozen=True, kw_only=True):
+    """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`.
+
+    The keys with a default of 0 behind the noise are known errors; equations in `calibration`.
+    """
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+    accel_sigma_m_s2: Positive
+    accel_bias_sigma_m_s2: NonNegative
+    accel_bias_walk_m_s2_sqrt_s: NonNegative
+    gyro_sigma_rad_s: Positive
+    gyro_bias_sigma_rad_s: NonNegative
+    gyro_bias_walk_rad_s_sqrt_s: NonNegative
+    heading_sigma_rad: Positive
+    heading_wander_sigma_rad: NonNegative
+    heading_wander_time_s: Positive
+    accel_bias_x_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    accel_bias_y_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    gyro_bias_rad_s: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
+    gyro_scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    misalignment_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
+    heading_offset_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
+    hard_iron_cos_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    hard_iron_sin_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+
+
+class Uwb(SourcedTable, frozen=True, kw_only=True):
+    """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
+    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `calibration`.
+    """
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+    range_sigma_m: Positive
+    range_bias_sigma_m: NonNegative
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
+    clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
+    scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    wire_format: str
+
+
+class Sensors(Table, frozen=True, kw_only=True):
+    """What the boat measures with."""
+
+    imu: Imu
+    uwb: Uwb
+
+
+class ModelError(SourcedTable, frozen=True, kw_only=True):
+    """What model and thrusters leave out, as one sigma of a slowly changing body force [N, N, N m]."""
+
+    X_sigma_N: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+    Y_sigma_N: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+    N_sigma_N_m: Annotated[float, msgspec.Meta(gt=0, le=1000)]
+
+
+class VesselFile(Table, frozen=True, kw_only=True):
+    """One boat. `terms`: optional model terms by name with their parameters (`terms.REGISTRY`).
+
+    `model_error`: how far the filter may trust the model; None: as its own tuning has it.
+    """
+
+    format: Literal[1]
+    name: str
+    hull: Hull
+    inertia: Inertia
+    damping: Damping
+    propulsion: Propulsion
+    force_maps: dict[str, RotorMap | LinearMap | PitchMap]
+    thrusters: Annotated[tuple[Thruster, ...], msgspec.Meta(min_length=1)]
+    sensors: Sensors
+    terms: dict[str, dict[str, float | str]] = msgspec.field(default_factory=dict)
+    model_error: ModelError | None = None
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Settings that the force maps name, each with its nominal value."""
+        maps = [m for m in self.force_maps.values() if isinstance(m, PitchMap)]
+        return {m.setting: m.nominal_setting for m in maps}
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Thruster places and azimuths, shape (n, 3): x [m], y [m], azimuth [rad]."""
+        return np.array([(t.x_m, t.y_m, np.deg2rad(t.azimuth_deg)) for t in self.thrusters])

@@ -1,0 +1,1 @@
+"""From a reference to thruster forces: optimal control problem, solvers, allocation, fallback."""

@@ -1,0 +1,7 @@
+"""Nonlinear model predictive control: the production problem, and the paper's (`paper`)."""
+
+from companion.core.control.nmpc.settings import Actuation, NmpcSettings
+from companion.core.control.nmpc.solver import Nmpc
+from companion.core.control.nmpc.warm_start import WarmStart
+
+__all__ = ["Actuation", "Nmpc", "NmpcSettings", "WarmStart"]

@@ -1,0 +1,117 @@
+"""The real-time iteration on the production problem: from the last plan, or from a roll-out until it stands still."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.core.control.nmpc.problem import Problem
+from companion.core.control.nmpc.production import production
+from companion.core.control.nmpc.settings import Actuation
+from companion.core.control.nmpc.warm_start import PSI, WarmStart, rolled_out, shifted, usable
+from companion.core.control.rti.iteration import Came, Rti
+from companion.core.geometry.fence import Fence
+from companion.core.model.integrate import FORCES, Model
+from companion.jit import Store
+
+STILL = 1e-4
+"""Share of the cost by which the last step of a cold start may still have changed it."""
+CLOSED = 1e-3
+"""Largest gap of the dynamics at the end of a cold start, scaled."""
+FULL_STEPS, HALF_STEPS = 6, 16
+"""Of a cold start, up to which step; quarters after: where full ones go to and fro, the middle is near the solution."""
+FORGET_S = 0.5
+"""Active limits of an older plan say nothing any more; assumed."""
+
+
+class Ended(NamedTuple):
+    """Where the iterations ended: states (N + 1, nx), commands (N, nu), cost, largest gap of the dynamics (scaled),
+    largest excess over a limit [N], active limits (N, nu) for the next start.
+    """
+
+    x: np.ndarray
+    c: np.ndarray
+    cost: float
+    defect: float
+    excess: float
+    active: np.ndarray | None = None
+
+
+class RealTime:
+    """For one vessel. Belongs to one thread at a time."""
+
+    def __init__(self, problem: Problem, model: Model, actuation: Actuation, fence: Fence | None, store: Store | None):
+        self._problem = problem
+        settings = problem.settings
+        self.rti = Rti(
+            production(model, actuation, settings, fence),
+            iterations=settings.iterations,
+            interpreted=settings.interpreted_iterations,
+            store=store,
+            compiled=settings.method == "rti",
+        )
+
+    def warm(self, warm: WarmStart, t_ns: int, x0: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Came, int]:
+        """From the plan before: `Rti.iterations` steps, more while the dynamics do not close."""
+        s, rti = self._problem.settings, self.rti
+        share = (t_ns - warm.t_ns) * 1e-9 / s.step_s
+        if not usable(self._problem, warm, t_ns):
+            return NOTHING, 0
+        if share <= 1.0:
+            rti.X[:], rti.C[:], rti.shift[0] = warm.x, warm.c, share
+            rti.X[:, PSI] += 2 * np.pi * np.round((x0[PSI] - warm.x[0, PSI]) / (2 * np.pi))
+        else:
+            w = shifted(self._problem, warm, t_ns, x0)
+            assert w is not None, "usable says so"
+            rti.X[:], rti.C[:] = self._problem.split(w)
+            rti.shift[0] = 0.0
+        rti.active[:] = warm.active if warm.active is not None and share * s.step_s < FORGET_S else 0.0
+        rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
+        rti.solve()
+        came, count = rti.came(), rti.iterations
+        while count < s.most_iterations and came.sane and came.defect > s.defect_tolerance:
+            rti.iterate()
+            came, count = rti.came(), count + 1
+        return came, count
+
+    def cold(self, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Ended | None, int]:
+        """From a roll-out by full steps, and from standing still by half steps; the cheaper plan of the two.
+
+        Each until cost and dynamics stand still; None where neither does. One in a hundred problems thrown at random
+        has another minimum, and the two ways seldom fall into the same.
+        """
+        p, rti = self._problem, self.rti
+        rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
+        rolled = p.split(rolled_out(p, x0, f_prev, rows, d))
+        held = np.tile(x0, (p.stages + 1, 1)), np.tile(x0[FORCES], (p.stages, 1))
+        best, steps = None, 0
+        for (X, C), full_steps in ((rolled, FULL_STEPS), (held, 0)):
+            rti.X[:], rti.C[:], rti.active[:] = X, C, 0.0
+            came, count = self._until_still(full_steps)
+            steps += count
+            if came is not None and (best is None or came.cost < best.cost):
+                best = self.ended(came)
+        return best, steps
+
+    def _until_still(self, full_steps: int) -> tuple[Came | None, int]:
+        """From the guess in memory."""
+        last, most = np.inf, self._problem.settings.cold_iterations
+        for count in range(1, most + 1):
+            self.rti.damped(1.0 if count <= full_steps else 0.5 if count <= HALF_STEPS else 0.25)
+            came = self.rti.came()
+            if not came.sane:
+                return None, count
+            if came.settled and came.defect < CLOSED and abs(last - came.cost) <= STILL * came.cost:
+                return came, count
+            last = came.cost
+        return None, most
+
+    def ended(self, came: Came) -> Ended:
+        """The plan, copied out of the solver's memory."""
+        rti = self.rti
+        return Ended(rti.X.copy(), rti.C.copy(), came.cost, came.defect, came.excess, rti.active.copy())
+
+
+NOTHING = Came(np.inf, np.inf, np.inf, np.inf, np.inf)
+"""No plan came of it."""

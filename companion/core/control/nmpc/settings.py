@@ -1,0 +1,98 @@
+"""Numbers of the production NMPC, and what a vessel's thrusters allow.
+
+Cost of one stage, each bracket squared and weighted (path frame of the stage's reference row):
+
+    cross_track [y_e] + along_track station [x_e] + heading [psi - psi_ref]
+    + surge [u - u_ref] + sway [v - v_ref] + yaw_rate [r - r_ref]
+    + effort [c - c_ss] + null_space [(I - B^+ B) c] + rate [c - f] + soft limits + fence [margin - l]
+
+c_ss = B^+ tau_ss is the steady thrust that the reference needs against drag, terms and disturbance: taking
+the effort from there and not from zero is what makes the controller offset-free. `preset "production"`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from companion.core.configuration.tables import Table
+from companion.core.configuration.vessel_file import NonNegative, Positive, VesselFile
+from companion.core.model.thrusters import force_limits
+
+Count = Annotated[int, msgspec.Meta(ge=1, le=200)]
+
+
+class NmpcSettings(Table, frozen=True, kw_only=True):
+    """Horizon, weights and limits of effort. All tuned in closed loop on the structured model of
+    `deploy/boats/aritra.toml` (tests/companion/core/control/test_nmpc_closed_loop.py); none is a physical constant.
+    """
+
+    stages: Count = 20
+    step_s: Positive = 0.2
+
+    cross_track: NonNegative = 4.0
+    """1/m^2."""
+    along_track: NonNegative = 4.0
+    """1/m^2, times the row's `station`."""
+    heading: NonNegative = 4.0
+    """1/rad^2."""
+    surge: NonNegative = 10.0
+    """s^2/m^2."""
+    sway: NonNegative = 6.0
+    """s^2/m^2."""
+    yaw_rate: NonNegative = 3.0
+    """s^2/rad^2."""
+    effort: NonNegative = 2e-4
+    """1/N^2 on c - c_ss."""
+    null_space: NonNegative = 2e-2
+    """1/N^2: thrusters that push against each other waste power and chatter."""
+    rate: NonNegative = 1e-2
+    """1/N^2 on c - f = T_lag f_dot."""
+    terminal: Positive = 4.0
+    """Factor on the state cost of the last row, for the cost beyond the horizon."""
+    speed_limit_m_s: Positive | None = None
+    """Soft limit on |u| and |v|."""
+    yaw_rate_limit_rad_s: Positive | None = 1.0
+    """Soft limit on |r|."""
+    fence: NonNegative = 100.0
+    """1/m^2 on what is nearer to the fence than the margin, of each of its levels (`fence.levels`): a half-plane with
+    a slack s >= 0 of cost w s^2, the slack solved for. Soft, so that the problem stays feasible beyond the fence."""
+    fence_margin_m: NonNegative = 0.5
+    """About the error of the position plus half the beam; assumed."""
+    soft: NonNegative = 100.0
+    """Weight on what exceeds a soft limit, s^2/m^2 and s^2/rad^2."""
+
+    method: Literal["rti", "interpreted", "hpipm"] = "rti"
+    """Who takes the steps: our kernel as machine code where it can be, our kernel by CasADi's interpreter, or hpipm."""
+    iterations: Count = 2
+    """Newton-type steps on a usable warm start."""
+    interpreted_iterations: Count = 1
+    """The same where CasADi's interpreter takes them: half the time, and 0.02 % more cost in closed loop."""
+    most_iterations: Count = 6
+    """Steps allowed until the dynamics close to `defect_tolerance`, before the rescue."""
+    defect_tolerance: Positive = 0.1
+    """Largest |F(x_k, c_k) - x_{k+1}| of a usable plan, in m, rad, m/s, rad/s and units of 10 N."""
+    cold_iterations: Count = 50
+    """Steps of each of the two cold starts until cost and dynamics stand still, before the rescue."""
+    rescue_iterations: Count = 60
+    """Interior-point iterations of the rescue."""
+    rescue_time_s: Positive = 0.25
+    """Wall time after which the rescue stops where it is."""
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """What the thrusters allow: force limits, shape (n,) [N], and rate limit [N/s]. Equal limits: a dead thruster."""
+
+    force_min_n: np.ndarray
+    force_max_n: np.ndarray
+    rate_limit_n_s: float
+
+    @classmethod
+    def of(cls, vessel: VesselFile) -> Actuation:
+        """Limits from a vessel file. What the thrusters cannot do, the plan does not ask: then the lag is exact."""
+        p = vessel.propulsion
+        return cls(*force_limits(vessel), min(p.rate_limit_N_s, p.slew_N_s or p.rate_limit_N_s))

@@ -1,0 +1,229 @@
+"""Solving the production problem again and again: always a result with a status, never an exception.
+
+    warm start there  ->  real-time iteration (`rti`): 2 steps, more while the plan does not close
+    that went wrong   ->  the same by hpipm
+    none, or unusable ->  real-time iteration from a roll-out, until it stands still
+    that went wrong   ->  rescue by IPOPT from the roll-out, bounded
+
+`ok`: finite, within its limits, and the dynamics close to `defect_tolerance`. `not_converged`: finite and
+within limits only. `failed`: no plan. Whatever is not ok leaves no warm start behind. An instance belongs to
+one thread at a time.   Source of the scheme: Diehl, Bock, Schloeder (2005), SIAM J. Control Optim. 43(5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from companion.core.control.nmpc.hpipm_step import QpStep, Step
+from companion.core.control.nmpc.problem import Problem, build
+from companion.core.control.nmpc.real_time import Ended, RealTime
+from companion.core.control.nmpc.settings import Actuation, NmpcSettings
+from companion.core.control.nmpc.warm_start import LARGEST, PSI, WarmStart, rolled_out, shifted
+from companion.core.geometry.fence import Fence
+from companion.core.guidance.reference_row import COLUMNS, Column, near
+from companion.core.messages import PlanResult, SolveRequest
+from companion.core.model.integrate import FORCES, Model
+from companion.jit import Store
+
+BOUND_TOLERANCE = 1e-6
+"""[N] by which a planned command may exceed a limit before it is clipped; more is a failure."""
+
+
+class Asked(NamedTuple):
+    """A request as arrays: x0 (nx,), rows (N + 1, 8), disturbance (3,), last command (nu,)."""
+
+    x0: np.ndarray
+    rows: np.ndarray
+    d: np.ndarray
+    f_prev: np.ndarray
+
+
+class Nmpc:
+    """The production NMPC of one vessel, which keeps off `fence`. `clock` gives seconds; it only times the solves."""
+
+    def __init__(
+        self,
+        model: Model,
+        actuation: Actuation,
+        settings: NmpcSettings,
+        clock: Callable[[], float],
+        fence: Fence | None = None,
+        store: Store | None = None,
+    ):
+        """`store` keeps machine code between runs of the program."""
+        self.problem: Problem = build(model, actuation, settings, fence)
+        self._actuation, self._clock = actuation, clock
+        self._step = QpStep(self.problem)
+        kernel = settings.method != "hpipm"
+        self._real_time = RealTime(self.problem, model, actuation, fence, store) if kernel else None
+        self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))
+        self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, 10.0)])
+
+    def solve(self, request: SolveRequest, warm: WarmStart | None) -> tuple[PlanResult, WarmStart | None]:
+        """Plan for `request`, and what to start the next one from. Never raises, never returns NaN."""
+        started = self._clock()
+        asked = self._read(request)
+        if isinstance(asked, str):
+            return self._failed(request, asked, started, 0)
+        ended, how, steps = self._warm(request, asked, warm) if warm else (None, "cold start", 0)
+        if ended is None:
+            ended, more = self._cold(asked)
+            steps += more
+        if ended is None:
+            return self._failed(request, f"{how}; rescue failed", started, steps)
+        return self._finish(request, asked, ended, how, started, steps)
+
+    @property
+    def why_not_compiled(self) -> str:
+        """Why the steps are not machine code; empty where they are."""
+        return self._real_time.rti.why_not_compiled if self._real_time else "hpipm takes the steps"
+
+    def _warm(self, request: SolveRequest, asked: Asked, warm: WarmStart) -> tuple[Ended | None, str, int]:
+        """From the last plan: our kernel, then hpipm. None where neither ends in a plan that closes; why; steps."""
+        steps, tolerance = 0, self.problem.settings.defect_tolerance
+        if self._real_time:
+            came, steps = self._real_time.warm(warm, request.t_ns, asked.x0, asked.rows, asked.d)
+            if came.sane and came.settled and came.defect <= tolerance and came.excess <= BOUND_TOLERANCE:
+                return self._real_time.ended(came), "", steps
+        first = shifted(self.problem, warm, request.t_ns, asked.x0)
+        if first is None:
+            return None, "warm start not usable", steps
+        step, more = self._iterate(first, asked)
+        if step is None:
+            return None, "real-time iteration did not close", steps + more
+        return self._of(step), "hpipm took over" if self._real_time else "", steps + more
+
+    def _cold(self, asked: Asked) -> tuple[Ended | None, int]:
+        """From a roll-out: our kernel, then IPOPT."""
+        steps = 0
+        if self._real_time:
+            ended, steps = self._real_time.cold(asked.x0, asked.f_prev, asked.rows, asked.d)
+            if ended is not None and ended.excess <= BOUND_TOLERANCE:
+                return ended, steps
+        step, more = self._rescued(asked)
+        return self._of(step) if step else None, steps + more
+
+    def _of(self, step: Step) -> Ended:
+        """What hpipm or IPOPT ended in."""
+        return Ended(*self.problem.split(step.w), step.cost, self._defect(step), self._excess(step))
+
+    def _read(self, request: SolveRequest) -> Asked | str:
+        """The request as arrays, or what is wrong with it. Forces in x0 are brought within their limits."""
+        p, low, high = self.problem, self._actuation.force_min_n, self._actuation.force_max_n
+        sizes = {"x0": p.nx, "disturbance_n": 3, "f_prev_n": p.nu}
+        for name, size in sizes.items():
+            if len(getattr(request, name)) != size:
+                return f"{name}: expected {size} numbers, found {len(getattr(request, name))}"
+        rows = request.reference
+        if len(rows) != p.stages + 1 or any(len(row) != len(COLUMNS) for row in rows):
+            return f"reference: expected {p.stages + 1} rows of {len(COLUMNS)}"
+        given = (request.x0, rows, request.disturbance_n, request.f_prev_n)
+        x0, table, d, f_prev = (np.array(numbers, dtype=float) for numbers in given)
+        asked = Asked(x0, table, d, f_prev)
+        for name, array in zip(("x0", "reference", "disturbance_n", "f_prev_n"), asked, strict=True):
+            if not (np.abs(array) <= LARGEST).all():
+                return f"{name}: not finite, or beyond {LARGEST:g}"
+        asked.x0[FORCES] = np.clip(asked.x0[FORCES], low, high)
+        asked.rows[:, Column.PSI] = near(asked.rows[:, Column.PSI], asked.x0[PSI])
+        return asked._replace(f_prev=np.clip(asked.f_prev, low, high))
+
+    def _iterate(self, w: np.ndarray, asked: Asked) -> tuple[Step | None, int]:
+        """Real-time iteration from `w`; None where it does not end in a plan that closes."""
+        s = self.problem.settings
+        step = None
+        for count in range(1, max(s.iterations, s.most_iterations) + 1):
+            step = self._step(w, asked.rows, asked.d)
+            if step is None or not step.solved:
+                return None, count
+            if count >= s.iterations and self._defect(step) <= s.defect_tolerance:
+                return step, count
+            w = step.w
+        return None, max(s.iterations, s.most_iterations)
+
+    def _rescued(self, asked: Asked) -> tuple[Step | None, int]:
+        """IPOPT from a roll-out; None where it ends without finite numbers."""
+        p = self.problem
+        w = rolled_out(p, asked.x0, asked.f_prev, asked.rows, asked.d)
+        low, high = p.w_min.copy(), p.w_max.copy()
+        low[: p.nx] = high[: p.nx] = asked.x0
+        try:
+            answer = self._rescue(
+                x0=w,
+                p=np.concatenate([asked.rows.ravel(), asked.d]),
+                lbx=low, ubx=high, lbg=p.g_min, ubg=p.g_max,
+            )  # fmt: skip
+        except RuntimeError:  # CasADi's only exception: a function that could not be evaluated
+            return None, 0
+        w, count = np.array(answer["x"]).ravel(), int(self._rescue.stats().get("iter_count", 0))
+        w[: p.nx] = asked.x0
+        step = Step(w, 0.0, float(answer["f"]), np.array(answer["g"]).ravel())
+        return (step if step.solved else None), count
+
+    def _defect(self, step: Step) -> float:
+        """Largest gap of the dynamics, scaled."""
+        p = self.problem
+        gaps = step.g.reshape(p.stages, p.nx + p.nu)[:, : p.nx]
+        return float(np.max(np.abs(gaps) / self._scale))
+
+    def _excess(self, step: Step) -> float:
+        """Largest violation of force and rate limits [N]."""
+        p = self.problem
+        rates = step.g.reshape(p.stages, p.nx + p.nu)[:, p.nx :]
+        _, c = p.split(step.w)
+        low, high = self._actuation.force_min_n - c, c - self._actuation.force_max_n
+        return float(max(low.max(), high.max(), np.abs(rates).max() - p.g_max[-1]))
+
+    def _finish(
+        self, request: SolveRequest, asked: Asked, ended: Ended, how: str, started: float, steps: int
+    ) -> tuple[PlanResult, WarmStart | None]:
+        """Judge the plan by its residuals and pack it."""
+        x, c, defect = ended.x, ended.c, ended.defect
+        x[0] = asked.x0
+        if not (np.isfinite(ended.cost) and np.isfinite(x).all()) or not ended.excess <= BOUND_TOLERANCE:
+            return self._failed(request, f"{how}; limits exceeded by {ended.excess:.3g} N", started, steps)
+        c = np.clip(c, self._actuation.force_min_n, self._actuation.force_max_n)
+        ok = defect <= self.problem.settings.defect_tolerance
+        result = PlanResult(
+            t_ns=request.t_ns,
+            index=request.index,
+            status="ok" if ok else "not_converged",
+            reason=how if ok else f"{how}; dynamics open by {defect:.3g}".removeprefix("; "),
+            solve_time_s=self._clock() - started,
+            iterations=steps,
+            cost=ended.cost,
+            f_n=tuple(map(tuple, c.tolist())),
+            x=tuple(map(tuple, x.tolist())),
+        )
+        return result, WarmStart(request.t_ns, x, c, ended.active) if ok else None
+
+    def _failed(self, request: SolveRequest, reason: str, started: float, steps: int) -> tuple[PlanResult, None]:
+        """A result without a plan; the warm start is thrown away."""
+        return PlanResult(
+            t_ns=request.t_ns,
+            index=request.index,
+            status="failed",
+            reason=reason.removeprefix("; "),
+            solve_time_s=self._clock() - started,
+            iterations=steps,
+            cost=None,
+            f_n=(),
+            x=(),
+        ), None
+
+
+def ipopt_options(settings: NmpcSettings) -> dict[str, Any]:
+    """Silent, bounded, expanded to scalar operations; without mu strategy or scaling of its own."""
+    return {
+        "expand": True,
+        "error_on_fail": False,
+        "print_time": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.tol": 1e-6,
+        "ipopt.max_iter": settings.rescue_iterations,
+        "ipopt.max_wall_time": settings.rescue_time_s,
+    }

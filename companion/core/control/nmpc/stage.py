@@ -1,0 +1,121 @@
+"""One stage of the optimal control problem: dynamics over one step, and the residuals of the cost.
+
+    x = [x y psi | u v r | f_1..f_n],  c = [c_1..c_n] thruster force commands [N], constant over the step
+    f(t) = c + (f - c) exp(-t / T_lag)                       exact
+    [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d       B f: `Model.thrust`
+
+The lag is solved exactly because it is five times quicker than the step; the hull needs one step of 0.2 s.
+d [N, N, N m] is a constant body force, the disturbance that the filter estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.core.control.nmpc.settings import NmpcSettings
+from companion.core.geometry.fence import Level
+from companion.core.guidance.reference_row import Column as ref
+from companion.core.model.integrate import ETA, FORCES, NU, Model, eta_dot
+
+STATE_RESIDUALS = 6
+
+
+def advance(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
+    """State after `h` seconds, shape (6 + n,)."""
+
+    def force(t: float) -> Any:
+        return c + (x[FORCES] - c) * float(np.exp(-t / model.lag_s))
+
+    def rate(y: Any, t: float) -> Any:
+        tau = model.thrust(y[ETA], y[NU], force(t)) + d
+        return ca.vertcat(eta_dot(y[ETA], y[NU]), model.nu_dot(y[ETA], y[NU], tau))
+
+    y = x[:6]
+    k1 = rate(y, 0.0)
+    k2 = rate(y + h / 2 * k1, h / 2)
+    k3 = rate(y + h / 2 * k2, h / 2)
+    k4 = rate(y + h * k3, h)
+    return ca.vertcat(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), force(h))
+
+
+def advance_jacobian(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
+    """Derivative of `advance` by [x c], shape (6 + n, 6 + 2 n): the Runge-Kutta steps differentiated one by one.
+
+    The same as CasADi's own of the whole step, in two thirds of the operations.
+    """
+    n = x.numel() - 6
+    y, f, unit = ca.SX.sym("y", 6), ca.SX.sym("f", n), ca.SX.eye(n)
+    rate = ca.cse(ca.vertcat(eta_dot(y[ETA], y[NU]), model.nu_dot(y[ETA], y[NU], model.thrust(y[ETA], y[NU], f) + d)))
+    slopes = ca.Function("slopes", [y, f, d], ca.cse([rate, ca.jacobian(rate, y), ca.jacobian(rate, f)]))
+
+    def force(t: float) -> tuple[Any, Any]:
+        left = float(np.exp(-t / model.lag_s))
+        return c + (x[FORCES] - c) * left, ca.horzcat(ca.SX(n, 6), left * unit, (1 - left) * unit)
+
+    def step(at: Any, by: Any, t: float) -> tuple[Any, Any]:
+        f_t, f_by = force(t)
+        k, by_y, by_f = slopes(at, f_t, d)
+        return k, by_y @ by + by_f @ f_by
+
+    start, by = x[:6], ca.horzcat(ca.SX.eye(6), ca.SX(6, 2 * n))
+    k1, K1 = step(start, by, 0.0)
+    k2, K2 = step(start + h / 2 * k1, by + h / 2 * K1, h / 2)
+    k3, K3 = step(start + h / 2 * k2, by + h / 2 * K2, h / 2)
+    _, K4 = step(start + h * k3, by + h * K3, h)
+    return ca.vertcat(by + h / 6 * (K1 + 2 * K2 + 2 * K3 + K4), force(h)[1])
+
+
+def _excess(value: Any, limit: float) -> Any:
+    return ca.fmax(ca.fabs(value) - limit, 0.0)
+
+
+def state_residual(s: NmpcSettings, x: Any, row: Any, levels: Sequence[Level] = ()) -> Any:
+    """Weighted residuals of a state against its reference row, and the fence; their squares sum to the state cost."""
+    sin, cos = ca.sin(row[ref.PATH_ANGLE]), ca.cos(row[ref.PATH_ANGLE])
+    north, east = x[0] - row[ref.NORTH], x[1] - row[ref.EAST]
+    weighted = [
+        (s.cross_track, -sin * north + cos * east),
+        (s.along_track, row[ref.STATION] * (cos * north + sin * east)),
+        (s.heading, x[2] - row[ref.PSI]),
+        (s.surge, x[3] - row[ref.U]),
+        (s.sway, x[4] - row[ref.V]),
+        (s.yaw_rate, x[5] - row[ref.R]),
+    ]
+    if s.speed_limit_m_s is not None:
+        weighted += [(s.soft, _excess(x[3], s.speed_limit_m_s)), (s.soft, _excess(x[4], s.speed_limit_m_s))]
+    if s.yaw_rate_limit_rad_s is not None:
+        weighted.append((s.soft, _excess(x[5], s.yaw_rate_limit_rad_s)))
+    weighted += [(s.fence, ca.fmax(s.fence_margin_m - level(x[0], x[1]), 0.0)) for level in levels]
+    return ca.vertcat(*(np.sqrt(w) * residual for w, residual in weighted))
+
+
+def steady_force(model: Model, B: np.ndarray, row: Any, d: Any) -> Any:
+    """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
+
+    Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau. `B`: of the thrusters that
+    work, columns of the others nil. Where moving water weakens thrust, the part lost of a first guess is added.
+    """
+    eta, nu, tau = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("tau", 3)
+    slope_of = ca.Function("slope", [eta, nu, tau], [ca.jacobian(model.nu_dot(eta, nu, tau), tau)])
+    slope = np.array(slope_of(0, 0, 0))
+    held = ca.vertcat(row[ref.NORTH], row[ref.EAST], row[ref.PSI])
+    wanted = ca.vertcat(row[ref.U], row[ref.V], row[ref.R])
+    tau_ss = -ca.mtimes(ca.DM(np.linalg.pinv(slope)), model.nu_dot(held, wanted, d))
+    B_plus = ca.DM(np.linalg.pinv(B))
+    c_ss = ca.mtimes(B_plus, tau_ss)
+    return c_ss if model.is_linear_in_f else c_ss + ca.mtimes(B_plus, tau_ss - model.thrust(held, wanted, c_ss))
+
+
+def control_residual(s: NmpcSettings, model: Model, B: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
+    """Weighted residuals of the command: effort beyond c_ss, null space of B, rate. `B` as in `steady_force`."""
+    n = B.shape[1]
+    projector = ca.DM(np.eye(n) - np.linalg.pinv(B) @ B)
+    return ca.vertcat(
+        np.sqrt(s.effort) * (c - steady_force(model, B, row, d)),
+        np.sqrt(s.null_space) * ca.mtimes(projector, c),
+        np.sqrt(s.rate) * (c - x[FORCES]),
+    )

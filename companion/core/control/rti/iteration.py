@@ -1,0 +1,87 @@
+"""Real-time iteration: Gauss-Newton steps on one problem, by machine code where it can be had.
+
+    load -> solve (shift, `iterations` times prepare and feedback, look) -> what came of it
+
+`prepare` needs no state: it may run before the state is known; `feedback` then costs a roll-out. Neither allocates,
+and both end after a bounded number of operations. Source: Diehl, Bock, Schloeder (2005), SIAM J. Control Optim. 43(5).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from companion.core.control.ocp import Ocp
+from companion.core.control.rti.compiled import CompiledRti
+from companion.core.control.rti.interpreted import InterpretedRti
+from companion.core.control.rti.stage_functions import parts
+from companion.jit import NotCompiled, Store
+
+ITERATIONS = 2
+"""Of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
+
+
+class Came(NamedTuple):
+    """What came of it: cost, largest gap of the dynamics over its scale, largest excess over a limit [N], sum of the
+    squared gaps, and how many active limits the last quadratic program still wanted to change.
+    """
+
+    cost: float
+    defect: float
+    excess: float
+    squares: float
+    changed: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last quadratic program was solved exactly."""
+        return self.changed == 0.0
+
+    @property
+    def sane(self) -> bool:
+        """Every number finite; `defect`, a largest value, does not tell of gaps that are none."""
+        return math.isfinite(self.cost + self.squares)
+
+
+class Rti:
+    """One problem, ready to be solved again and again. Belongs to one thread at a time.
+
+    Arrays to write before and to read after: X (N + 1, nx), C (N, nu) the guess and the plan, x0 (nx,), p (N + 1, .),
+    q, active (N, nu) the limits thought active, shift (1,) in stages.
+    """
+
+    def __init__(
+        self, ocp: Ocp, *,
+        iterations: int = ITERATIONS, interpreted: int | None = None, store: Store | None = None, compiled: bool = True,
+    ):  # fmt: skip
+        """`iterations` of a solve; `interpreted`: of a solve without machine code, None: as many."""
+        self.ocp = ocp
+        made = parts(ocp)
+        self.why_not_compiled = "" if compiled else "not asked for"
+        self._way: CompiledRti | InterpretedRti | None = None
+        if compiled:
+            try:
+                self._way = CompiledRti(made, iterations, store)
+            except NotCompiled as reason:
+                self.why_not_compiled = str(reason)
+        self.iterations = iterations if self._way or interpreted is None else interpreted
+        way = self._way = self._way or InterpretedRti(made, self.iterations)
+        view = way.view
+        self.X, self.C, self.x0, self.p, self.q = (view[name] for name in ("X", "C", "x0", "p", "q"))
+        self.active, self.shift, self.dx, self.dc = (view[name] for name in ("active", "shift", "dx", "dc"))
+        self._told = view["told"]
+        self.prepare, self.feedback, self.solve, self.iterate = way.prepare, way.feedback, way.solve, way.iterate
+        self.look = way.look
+
+    def damped(self, share: float) -> None:
+        """One iteration of which only that share is gone; limits still hold, as both ends are within them."""
+        X, C = self.X.copy(), self.C.copy()
+        self.prepare()
+        self.feedback()
+        self.X[:] = X + share * (self.X - X)
+        self.C[:] = C + share * (self.C - C)
+        self.look()
+
+    def came(self) -> Came:
+        """Of the last solve or iteration."""
+        return Came(*self._told.tolist())

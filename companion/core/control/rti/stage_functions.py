@@ -1,0 +1,85 @@
+"""The SX functions of the real-time iteration, for one problem: what both ways to evaluate them share.
+
+Sparse matrices travel as the list of their entries that are no constants (`varying`); the constants stay in the
+expressions. `D` = [A B], shape (nx, nx + nu); `H`, the Gauss-Newton Hessian of one stage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from companion.core.control.ocp import Ocp
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Which entries of a matrix vary: rows, columns; and the constant rest as numbers."""
+
+    shape: tuple[int, int]
+    rows: np.ndarray
+    columns: np.ndarray
+    rest: np.ndarray
+
+    @classmethod
+    def of(cls, matrix: ca.SX) -> tuple[Pattern, ca.SX]:
+        """The pattern, and the varying entries, shape (n,)."""
+        sparse = ca.sparsify(matrix)
+        rows, columns = (np.array(i, dtype=int) for i in sparse.sparsity().get_triplet())
+        entries = [sparse.nz[k] for k in range(sparse.nnz())]
+        varies = np.array([not e.is_constant() for e in entries], dtype=bool)
+        rest = np.zeros(sparse.shape)
+        for k in np.flatnonzero(~varies):
+            rest[rows[k], columns[k]] = float(entries[k])
+        chosen = [entries[k] for k in np.flatnonzero(varies)]
+        return cls(sparse.shape, rows[varies], columns[varies], rest), ca.vertcat(ca.SX(0, 1), *chosen)
+
+    @property
+    def count(self) -> int:
+        """How many entries vary."""
+        return len(self.rows)
+
+    def filled(self, entries: ca.SX) -> ca.SX:
+        """The matrix, sparse, from its varying entries."""
+        matrix = ca.sparsify(ca.SX(ca.DM(self.rest)))
+        for k in range(self.count):
+            matrix[int(self.rows[k]), int(self.columns[k])] = entries[k]
+        return matrix
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Functions of one stage. `linear`: (x, c, ahead, p, q) -> D, b, H, g; `end`: (x, p, q) -> H, g;
+    `look`: (x, c, ahead, p, q) -> gap, cost; `end_cost`: (x, p, q) -> cost. D, H as varying entries.
+    """
+
+    ocp: Ocp
+    D: Pattern
+    H: Pattern
+    H_end: Pattern
+    linear: ca.Function
+    end: ca.Function
+    look: ca.Function
+    end_cost: ca.Function
+
+
+def parts(ocp: Ocp) -> Parts:
+    """Differentiate one stage."""
+    x, c, p, q = ocp.x, ocp.c, ocp.p, ocp.q
+    z, ahead = ca.vertcat(x, c), ca.SX.sym("ahead", ocp.nx)
+    D, D_entries = Pattern.of(ocp.jacobian)
+    J, J_end = ca.jacobian(ocp.residual, z), ca.jacobian(ocp.last, x)
+    H, H_entries = Pattern.of(2 * J.T @ J)
+    H_end, H_end_entries = Pattern.of(2 * J_end.T @ J_end)
+    g, g_end = ca.densify(2 * J.T @ ocp.residual), ca.densify(2 * J_end.T @ ocp.last)
+    gap = ca.densify(ocp.following - ahead)
+    stage = [x, c, ahead, p, q]
+    return Parts(
+        ocp, D, H, H_end,
+        ca.Function("linear", stage, ca.cse([D_entries, gap, H_entries, g])),
+        ca.Function("end", [x, p, q], ca.cse([H_end_entries, g_end])),
+        ca.Function("look", stage, ca.cse([gap, ca.sumsqr(ocp.residual)])),
+        ca.Function("end_cost", [x, p, q], [ca.sumsqr(ocp.last)]),
+    )  # fmt: skip

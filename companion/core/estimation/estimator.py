@@ -1,0 +1,261 @@
+"""The boat's extended Kalman filter: sensor messages in, StateEstimate out; pure in its state.
+
+    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | b_1 .. b_m]
+
+The vessel model, driven by the thruster forces that the commands produce, predicts; what it leaves out (wind,
+current, wrong coefficients) is the latent body force d. Every measurement is fused at its own stamp: one that
+comes late is put in its place among the messages of the last second, and what followed is fused again.
+
+    estimator = Estimator(vessel, site)
+    state = estimator.initial()
+    state, innovations = estimator.step(state, message)      # any sensor message, in any order
+    state = estimator.command(state, t_ns, f_command_n)      # what was sent to the thrusters
+    estimate = estimator.estimate(state, t_ns)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.command_history import Command, active, later, trimmed
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_RANGE, LATENT, Belief, Entry, Fusible, Result
+from companion.core.estimation.health import assess
+from companion.core.estimation.inertial import Inertial
+from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.model_confidence import weighed
+from companion.core.estimation.plausibility import screened
+from companion.core.estimation.prediction import Predictor
+from companion.core.estimation.process import Process
+from companion.core.estimation.ranging.uwb_fusion import UwbFusion
+from companion.core.estimation.start import Start, Starter
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.geometry.frames import ssa
+from companion.core.messages import (
+    Attitude,
+    ImuSample,
+    Innovation,
+    Message,
+    StateEstimate,
+    UwbPosition,
+    UwbRanges,
+)
+from companion.core.model.manoeuvring import StructuredModel
+from companion.core.model.sensor_errors import corrected, is_exact, stamp_corrected
+
+UNKNOWN_VARIANCE = 1e6
+"""Diagonal of the covariance reported before the filter runs: nothing is known."""
+
+
+class EstimatorState(msgspec.Struct, frozen=True):
+    """Everything the estimator remembers, as a value.
+
+    `history`: messages of the last second with the belief after each, oldest first; empty before the start.
+    `refused`: how many messages never entered, by reason. `restarts`, `restart_reason`: starts afresh.
+    `uwb_zero_ns`: arrival of the first UWB message, from which a drifting stamp drifts.
+    """
+
+    start: Start
+    commands: tuple[Command, ...]
+    history: tuple[Entry, ...] = ()
+    refused: Mapping[str, int] = msgspec.field(default_factory=dict)
+    restarts: int = 0
+    restart_reason: str = ""
+    uwb_zero_ns: int | None = None
+
+
+class Estimator:
+    """Constant parts of the filter for one vessel at one site. Methods are pure in the state they get."""
+
+    def __init__(self, vessel: VesselFile, site: Site, tuning: EstimatorTuning | None = None):
+        self.tuning = tuning or EstimatorTuning(model_error=vessel.model_error)
+        self.vessel, self.anchors = vessel, tuple(a.id for a in site.anchors)
+        model = StructuredModel.of(vessel)
+        sensors = vessel.sensors
+        self._exact = is_exact(sensors)
+        process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
+        algebra = Algebra(B_RANGE + len(self.anchors))
+        self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, len(self.anchors))
+        self._inertial = Inertial(process, sensors.imu, self.tuning, algebra)
+        self._uwb = UwbFusion(site, sensors.uwb, self.tuning, algebra)
+        self._starter = Starter(site, sensors, self.tuning)
+
+    def initial(self) -> EstimatorState:
+        """State before any message; no force commanded yet."""
+        neutral = Command(-(1 << 62), np.zeros(len(self.vessel.thrusters)))
+        return EstimatorState(self._starter.initial(), (neutral,))
+
+    def command(self, state: EstimatorState, t_ns: int, f_command_n: tuple[float, ...]) -> EstimatorState:
+        """State after thruster forces [N], in the vessel file's order, were commanded at t_ns."""
+        if not all(map(math.isfinite, f_command_n)):
+            return _refuse(state, "command: not finite")
+        commands = later(state.commands, t_ns, f_command_n, self.vessel.propulsion)
+        return replace(state, commands=commands if state.history else trimmed(commands, t_ns))
+
+    def step(self, state: EstimatorState, message: Message) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+        """State after one message, and what each of its numbers did. Other kinds of message change nothing.
+
+        Never raises on what a sensor may send: what is not finite, a duplicate or too late is counted.
+        """
+        if not isinstance(message, (ImuSample, Attitude, UwbRanges, UwbPosition)):
+            return state, ()
+        good, problem = screened(message)
+        if problem:
+            state = _refuse(state, problem)
+        if good is None:
+            return state, ()
+        if not self._exact:
+            good = corrected(self.vessel.sensors, good)
+        if _is_uwb(good) and state.uwb_zero_ns is None:
+            state = replace(state, uwb_zero_ns=good.t_ns)
+        t_ns = self.instant_ns(good, state.uwb_zero_ns)
+        if state.history and t_ns - state.history[-1].t_ns > self.tuning.restart_gap_s * 1e9:
+            silence_s = (t_ns - state.history[-1].t_ns) * 1e-9
+            state = self._restart(state, f"no sensor message for {silence_s:.0f} s")
+        if not state.history:
+            return self._begin(state, t_ns, good)
+        return self._insert(state, t_ns, good)
+
+    def instant_ns(self, m: Fusible, uwb_zero_ns: int | None = None) -> int:
+        """When a message was measured: never after its arrival; UWB tags stamp nothing, hence the latency.
+
+        `uwb_zero_ns`: as in EstimatorState; None: this is the first UWB message.
+        """
+        t_ns = min(m.t_ns, m.t_rx_ns)
+        if not _is_uwb(m):
+            return t_ns
+        return stamp_corrected(self.vessel.sensors.uwb, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
+
+    def estimate(self, state: EstimatorState, t_ns: int) -> StateEstimate:
+        """Pose of the body origin, velocities, biases, disturbance and health at t_ns."""
+        belief = self.belief(state, t_ns)
+        if belief is None:
+            return self._nothing(state, t_ns)
+        x, (health, reason) = belief.x, assess(belief, t_ns, self.tuning)
+        return StateEstimate(
+            t_ns=t_ns, north_m=float(x[0]), east_m=float(x[1]), psi_rad=ssa(float(x[2])),
+            u_m_s=float(x[3]), v_m_s=float(x[4]), r_rad_s=float(x[5]),
+            covariance=tuple(belief.P[:6, :6].ravel().tolist()), accel_bias_m_s2=tuple(x[B_ACCEL].tolist()),
+            gyro_bias_rad_s=float(x[B_GYRO]),
+            anchor_bias_m=dict(zip(self.anchors, x[B_RANGE:].tolist(), strict=True)),
+            disturbance_n=tuple(x[LATENT].tolist()), health=health, reason=reason,
+        )  # fmt: skip
+
+    def belief(self, state: EstimatorState, t_ns: int) -> Belief | None:
+        """The whole belief carried to t_ns (delivered forces included); None before the start."""
+        if not state.history:
+            return None
+        entry = next((e for e in reversed(state.history) if e.t_ns <= t_ns), state.history[0])
+        horizon_ns = entry.t_ns + round(self.tuning.restart_gap_s * 1e9)
+        return self._predictor.to(entry.belief, min(t_ns, horizon_ns), state.commands)
+
+    def _begin(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+        """Give one message to the starter; with the first belief comes the first entry of the history."""
+        start, belief = self._starter.take(state.start, t_ns, m, active(state.commands, t_ns)[0])
+        state = replace(state, start=start)
+        if belief is None:
+            return state, ()
+        belief, innovations = self._fuse(belief, m)
+        return replace(state, history=(Entry(t_ns, m, belief),)), innovations
+
+    def _insert(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+        """Fuse at t_ns (UWB after all else of that instant), then fuse again what comes after it."""
+        old = state.history
+        place = len(old)
+        while place > 0 and (old[place - 1].t_ns, _is_uwb(old[place - 1].message)) > (t_ns, _is_uwb(m)):
+            place -= 1
+        if place == 0:
+            return _refuse(state, "too late"), ()
+        if _known(old[:place], t_ns, m):
+            return _refuse(state, "duplicate"), ()
+        try:
+            new, innovations = self._replay(old[place - 1].belief, [(t_ns, m), *(e[:2] for e in old[place:])], state)
+        except ValueError:  # numpy's and filterpy's word for numbers that are not finite or S not invertible
+            new, innovations = (), ()
+        if not (new and _sound(new[-1].belief)):
+            return self._restart(state, "the filter's numbers were no longer finite"), innovations
+        history = self._young((*old[:place], *new))
+        return replace(state, history=history, commands=trimmed(state.commands, history[0].t_ns)), innovations
+
+    def _replay(
+        self, belief: Belief, messages: Sequence[tuple[int, Fusible]], state: EstimatorState
+    ) -> tuple[tuple[Entry, ...], tuple[Innovation, ...]]:
+        """Entries for messages in order of time, and the innovations of the first."""
+        entries, first = [], None
+        for t_ns, m in messages:
+            belief, innovations = self._fuse(self._predictor.to(belief, t_ns, state.commands), m)
+            entries.append(Entry(t_ns, m, belief))
+            first = innovations if first is None else first
+        return tuple(entries), first or ()
+
+    def _fuse(self, belief: Belief, m: Fusible) -> Result:
+        """Belief after a message whose instant is the belief's own."""
+        match m:
+            case ImuSample():
+                return self._inertial.fuse_imu(belief, m)
+            case Attitude():
+                return self._inertial.fuse_heading(belief, m)
+            case UwbRanges():
+                belief, innovations = self._uwb.fuse_ranges(belief, m)
+            case UwbPosition():
+                belief, innovations = self._uwb.fuse_position(belief, m)
+        return weighed(belief, innovations, self.tuning), innovations
+
+    def _young(self, history: tuple[Entry, ...]) -> tuple[Entry, ...]:
+        """History without what is older than `history_s`, but for one entry to start a replay from."""
+        oldest_ns = history[-1].t_ns - round(self.tuning.history_s * 1e9)
+        first = 0
+        while first + 1 < len(history) and history[first + 1].t_ns <= oldest_ns:
+            first += 1
+        return history[first:]
+
+    def _restart(self, state: EstimatorState, reason: str) -> EstimatorState:
+        """Forget what was believed, keep what was commanded and counted."""
+        begun, count = self._starter.initial(), state.restarts + 1
+        return EstimatorState(begun, state.commands, (), state.refused, count, reason, state.uwb_zero_ns)
+
+    def _nothing(self, state: EstimatorState, t_ns: int) -> StateEstimate:
+        """The estimate before the start: zeros that say they mean nothing."""
+        again = f" (started afresh: {state.restart_reason})" if state.restarts else ""
+        return StateEstimate(
+            t_ns=t_ns, north_m=0.0, east_m=0.0, psi_rad=0.0, u_m_s=0.0, v_m_s=0.0, r_rad_s=0.0,
+            covariance=tuple((UNKNOWN_VARIANCE * np.eye(6)).ravel().tolist()), accel_bias_m_s2=(0.0, 0.0),
+            gyro_bias_rad_s=0.0, anchor_bias_m=dict.fromkeys(self.anchors, 0.0),
+            disturbance_n=(0.0, 0.0, 0.0), health="initialising", reason=state.start.reason + again,
+        )  # fmt: skip
+
+
+def _sound(belief: Belief) -> bool:
+    """Whether all numbers are finite and no variance is negative."""
+    return bool(np.isfinite(belief.x.sum() + belief.P.sum()) and (np.diagonal(belief.P) >= 0).all())
+
+
+def _refuse(state: EstimatorState, reason: str) -> EstimatorState:
+    """One more message refused for this reason."""
+    return replace(state, refused={**state.refused, reason: state.refused.get(reason, 0) + 1})
+
+
+def _is_uwb(m: Fusible) -> bool:
+    """Whether a message comes from the UWB tag."""
+    return isinstance(m, (UwbRanges, UwbPosition))
+
+
+def _known(history: tuple[Entry, ...], t_ns: int, m: Fusible) -> bool:
+    """Whether a message of the same kind and origin already stands at this instant."""
+    for entry in reversed(history):
+        if entry.t_ns < t_ns:
+            return False
+        if type(entry.message) is type(m) and _origin(entry.message) == _origin(m):
+            return True
+    return False
+
+
+def _origin(m: Fusible) -> str:
+    """Which device of its kind a message comes from."""
+    return m.source if isinstance(m, ImuSample) else getattr(m, "tag", "")

@@ -1,0 +1,72 @@
+"""What the filter believes at one instant, as a value: states, covariance, forces, gates.
+
+x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | b_1 .. b_m]
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from companion.core.estimation.gates import Gate
+from companion.core.estimation.ranging.ranges import Layout, Seen
+from companion.core.messages import Attitude, ImuSample, Innovation, UwbPosition, UwbRanges
+
+ETA, NU, LATENT = slice(0, 3), slice(3, 6), slice(6, 9)
+DYNAMIC = slice(0, 9)
+B_ACCEL, B_GYRO, B_PSI, B_RANGE = slice(9, 11), 11, 12, 13
+IMU_BIAS = slice(9, 12)
+LAYOUT = Layout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
+
+Fusible = ImuSample | Attitude | UwbRanges | UwbPosition
+
+
+class Tilt(NamedTuple):
+    """Roll and pitch [rad] from the autopilot."""
+
+    phi_rad: float = 0.0
+    theta_rad: float = 0.0
+
+
+class Belief(msgspec.Struct, frozen=True, kw_only=True):
+    """State x (13 + m,) with covariance P at t_ns; arrays are never changed in place.
+
+    `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health. `doubt`: of what
+    the vessel file says of its model's error (`trust`).
+    """
+
+    t_ns: int
+    x: np.ndarray
+    P: np.ndarray
+    f_n: np.ndarray
+    tilt: Tilt
+    anchor_gates: tuple[Gate, ...]
+    heading_gate: Gate
+    position_gates: tuple[Gate, ...]
+    latest: tuple[Seen | None, ...]
+    imu_ns: int | None
+    uwb_ns: int
+    ranges_ns: int | None
+    doubt: float = 0.0
+
+
+class Entry(NamedTuple):
+    """One message at its own stamp, and the belief after it."""
+
+    t_ns: int
+    message: Fusible
+    belief: Belief
+
+
+Result = tuple[Belief, tuple[Innovation, ...]]
+
+
+def report(t_ns: int, sensor: str, nu: np.ndarray, S: np.ndarray, accepted: bool) -> Innovation:
+    """The message for one measurement, d2 = nu^T S^-1 nu."""
+    d2 = float(nu[0] ** 2 / S[0, 0]) if len(nu) == 1 else float(nu @ np.linalg.solve(S, nu))
+    return Innovation(
+        t_ns=t_ns, sensor=sensor, innovation=tuple(nu.tolist()), S=tuple(S.ravel().tolist()), d2=d2,
+        accepted=accepted,
+    )  # fmt: skip

@@ -1,0 +1,165 @@
+"""One UWB range into a filter, whatever else that filter estimates: gate, bias per anchor, re-opening.
+
+    h(x) = |p_tag - a_i| + b_i
+
+Shared by the vessel's filter and by the range-only filter: each says with a `Layout` where its state keeps
+position, velocity and the anchors' biases.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.core.estimation.gates import Gate, GateRule, Verdict, judge
+from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.ranging.multilateration import locate
+
+VELOCITY_SIGMA_M_S = 0.5
+"""How unsure of its speed a filter is that finds itself in the wrong place; assumed."""
+PLACE_SIGMA_M = 2.0
+"""How unsure a fix is before the ranges it came from are fused; wide, so that they decide."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Indices into the state: north and east at `position`, two velocities, first anchor bias."""
+
+    position: tuple[int, int]
+    velocity: tuple[int, int]
+    bias: int
+
+
+class Seen(NamedTuple):
+    """The latest range of an anchor."""
+
+    t_ns: int
+    range_m: float
+
+
+class RangeModel(NamedTuple):
+    """h [m] and its row of the Jacobian (n,) for one range."""
+
+    h: float
+    row: np.ndarray
+
+
+class Fused(NamedTuple):
+    """What became of one range."""
+
+    x: np.ndarray
+    P: np.ndarray
+    gate: Gate
+    verdict: Verdict
+    innovation: float
+    S: float
+
+
+def line_of_sight(tag_m: np.ndarray, anchor_m: np.ndarray) -> tuple[float, np.ndarray]:
+    """Distance [m] and the unit vector from the anchor to the tag, shape (3,)."""
+    delta = tag_m - anchor_m
+    distance = max(float(np.sqrt(delta @ delta)), 1e-3)
+    return distance, delta / distance
+
+
+def fuse_range(
+    algebra: Algebra,
+    layout: Layout,
+    x: np.ndarray,
+    P: np.ndarray,
+    *,
+    model: Callable[[np.ndarray], RangeModel],
+    find: Callable[[np.ndarray], tuple[float, float] | None],
+    anchor: int,
+    range_m: float,
+    sigma_m: float,
+    gates: Sequence[Gate],
+    rule: GateRule,
+    spread_m: float,
+    t_ns: int,
+) -> Fused:
+    """Judge one range and, unless it is rejected, update with it.
+
+    When the gate re-opens, the surprise has one of two owners. `find` is asked for the place nearest to x
+    that three or more of the ranges at hand explain. If it explains this range too (within `spread_m`), the
+    position was wrong and moves there. If not, or if there is none but two other anchors are content, this
+    anchor's bias becomes unsure by the innovation; else the position does.
+    """
+    at, R = model(x), np.array([[sigma_m**2]])
+    nu, S = range_m - at.h, float(at.row @ P @ at.row) + sigma_m**2
+    verdict, gate = judge(gates[anchor], rule, t_ns, nu, math.sqrt(S))
+    if verdict == "rejected":
+        return Fused(x, P, gate, verdict, nu, S)
+    correction = nu
+    if verdict == "reopened":
+        place = find(x)
+        moved = relocate(layout, x, P, place) if place else (x, P)
+        if place and abs(range_m - model(moved[0]).h) <= spread_m:
+            x, P = moved
+            at = model(x)
+            correction = range_m - at.h
+        elif place or _trusted(gates, anchor, rule, t_ns):
+            P = widen(forget(P, (layout.bias + anchor,)), (layout.bias + anchor,), abs(nu))
+        else:
+            P = widen(widen(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
+    x, P = algebra.update(x, P, np.array([correction]), at.row[None, :], R)
+    return Fused(x, P, gate, verdict, nu, S)
+
+
+def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> bool:
+    """Whether two anchors beside this one were accepted of late."""
+    of_late = [g.starved_s(t_ns) < 2 * rule.reopen_span_s for i, g in enumerate(gates) if i != anchor]
+    return sum(of_late) >= 2
+
+
+def nearest_place(
+    anchors_m: np.ndarray, latest: Sequence[Seen | None], biases_m: np.ndarray, t_ns: int, *,
+    window_s: float, down_m: float, spread_m: float, near_m: tuple[float, float],
+) -> tuple[float, float] | None:  # fmt: skip
+    """Place of the tag [m] closest to `near_m` among those that three or more recent ranges explain."""
+    use = fresh(latest, t_ns, window_s)
+    if len(use) < 3:
+        return None
+    ranges = np.array([seen.range_m for i in use if (seen := latest[i])]) - biases_m[use]
+    good = [f for f in locate(anchors_m[use], ranges, down_m, spread_m) if f.inliers.sum() >= 3]
+    places = [(f.north_m, f.east_m) for f in good]
+    return min(places, key=lambda p: math.dist(p, near_m), default=None)
+
+
+def fresh(latest: Sequence[Seen | None], t_ns: int, window_s: float) -> list[int]:
+    """Numbers of the anchors whose latest range is no older than `window_s`."""
+    oldest = t_ns - round(window_s * 1e9)
+    return [i for i, seen in enumerate(latest) if seen and seen.t_ns >= oldest]
+
+
+def relocate(
+    layout: Layout, x: np.ndarray, P: np.ndarray, place_m: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """State put at `place_m` with a wide position, decorrelated from the rest; velocities made unsure."""
+    P, x = forget(P, layout.position), x.copy()
+    for i, value in zip(layout.position, place_m, strict=True):
+        x[i], P[i, i] = value, PLACE_SIGMA_M**2
+    return x, widen(P, layout.velocity, VELOCITY_SIGMA_M_S)
+
+
+def widen(P: np.ndarray, indices: tuple[int, ...], sigma: float) -> np.ndarray:
+    """P with `sigma` squared added to the variances at `indices`."""
+    P = P.copy()
+    for i in indices:
+        P[i, i] += sigma**2
+    return P
+
+
+def forget(P: np.ndarray, indices: tuple[int, ...]) -> np.ndarray:
+    """P with the given states' correlations removed, their variances kept."""
+    P = P.copy()
+    variances = [P[i, i] for i in indices]
+    for i, variance in zip(indices, variances, strict=True):
+        P[i, :] = 0.0
+        P[:, i] = 0.0
+        P[i, i] = variance
+    return P

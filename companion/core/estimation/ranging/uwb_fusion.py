@@ -1,0 +1,126 @@
+"""What a UWB tag measures, into a belief: ranges first, positions where no ranges are to be had.
+
+range     |k (p + R(psi) l) - a_i| + b_i      l: lever arm of the tag in level axes, a_i: anchor, k = 1 + `scale`
+position  p + R(psi) l                        north and east judged one by one; corrected for k before
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import Uwb
+from companion.core.estimation.filter_state import B_RANGE, LAYOUT, Belief, Result, report
+from companion.core.estimation.gates import judge
+from companion.core.estimation.inertial import levelled
+from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.ranging.ranges import (
+    PLACE_SIGMA_M,
+    VELOCITY_SIGMA_M_S,
+    RangeModel,
+    Seen,
+    forget,
+    fuse_range,
+    line_of_sight,
+    nearest_place,
+    widen,
+)
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.geometry.frames import rotate
+from companion.core.messages import UwbPosition, UwbRanges
+from companion.core.model.sensor_errors import place_applied, place_corrected
+
+
+class UwbFusion:
+    """Constant parts of the UWB equations; the methods are pure."""
+
+    def __init__(self, site: Site, uwb: Uwb, tuning: EstimatorTuning, algebra: Algebra):
+        self._uwb, self._tuning, self._algebra = uwb, tuning, algebra
+        self.number = {a.id: i for i, a in enumerate(site.anchors)}
+        self.anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
+
+    def arm(self, belief: Belief) -> tuple[float, float, float]:
+        """Lever arm of the tag in level axes [m]."""
+        return levelled(belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
+
+    def fuse_ranges(self, belief: Belief, m: UwbRanges) -> Result:
+        """One cycle of the tag, range by range; anchors that the site file does not know are left out."""
+        known = [(self.number[r.anchor], r) for r in m.ranges if r.anchor in self.number]
+        latest = list(belief.latest)
+        for i, r in known:
+            latest[i] = Seen(belief.t_ns, r.range_m)
+        x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
+        uwb_ns = belief.uwb_ns
+        arm = self.arm(belief)
+        for i, r in known:
+            fused = fuse_range(
+                self._algebra, LAYOUT, x, P,
+                model=partial(self.range_model, i, arm),
+                find=partial(self._find, tuple(latest), belief.t_ns, arm),
+                anchor=i, range_m=r.range_m, sigma_m=self._uwb.range_sigma_m, gates=gates,
+                rule=self._tuning.range_gate, spread_m=self._tuning.fix_spread_m, t_ns=belief.t_ns,
+            )  # fmt: skip
+            x, P, gates[i] = fused.x, fused.P, fused.gate
+            accepted = fused.verdict != "rejected"
+            uwb_ns = belief.t_ns if accepted else uwb_ns
+            nu, S = np.array([fused.innovation]), np.array([[fused.S]])
+            innovations.append(report(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
+        after = replace(
+            belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), uwb_ns=uwb_ns,
+            ranges_ns=belief.t_ns if known else belief.ranges_ns,
+        )  # fmt: skip
+        return after, tuple(innovations)
+
+    def range_model(self, anchor: int, arm: tuple[float, float, float], x: np.ndarray) -> RangeModel:
+        """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""
+        dx, dy = rotate(x[2], arm[0], arm[1])
+        north, east = place_applied(self._uwb, x[0] + dx, x[1] + dy)
+        distance, e = line_of_sight(np.array([north, east, arm[2]]), self.anchors_m[anchor])
+        e = (1 + self._uwb.scale) * e
+        row = np.zeros(len(x))
+        row[0], row[1], row[2], row[B_RANGE + anchor] = e[0], e[1], -e[0] * dy + e[1] * dx, 1.0
+        return RangeModel(distance + x[B_RANGE + anchor], row)
+
+    def _find(
+        self, latest: tuple[Seen | None, ...], t_ns: int, arm: tuple[float, float, float], x: np.ndarray
+    ) -> tuple[float, float] | None:
+        """Place of the body origin nearest to x that the ranges at hand explain."""
+        dx, dy = rotate(x[2], arm[0], arm[1])
+        place = nearest_place(
+            self.anchors_m, latest, x[B_RANGE:], t_ns, window_s=self._tuning.fix_window_s, down_m=arm[2],
+            spread_m=self._tuning.fix_spread_m, near_m=place_applied(self._uwb, x[0] + dx, x[1] + dy),
+        )  # fmt: skip
+        if place is None:
+            return None
+        north, east = place_corrected(self._uwb, *place)
+        return north - dx, east - dy
+
+    def fuse_position(self, belief: Belief, m: UwbPosition) -> Result:
+        """The tag's own position, site ENU; left out while ranges come, which say the same and more."""
+        silent_ns = round(self._tuning.uwb_timeout_s * 1e9)
+        if belief.ranges_ns is not None and belief.t_ns - belief.ranges_ns < silent_ns:
+            return belief, ()
+        arm = self.arm(belief)
+        x, P, gates, innovations, uwb_ns = belief.x, belief.P, list(belief.position_gates), [], belief.uwb_ns
+        R = np.array([[self._uwb.range_sigma_m**2]])
+        for axis, (name, z) in enumerate((("north", m.y_m), ("east", m.x_m))):
+            dx, dy = rotate(x[2], arm[0], arm[1])
+            H = np.zeros((1, len(x)))
+            H[0, axis], H[0, 2] = 1.0, (-dy, dx)[axis]
+            nu = np.array([z - x[axis] - (dx, dy)[axis]])
+            S = H @ P @ H.T + R
+            rule = self._tuning.position_gate
+            verdict, gates[axis] = judge(gates[axis], rule, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0]))
+            innovations.append(report(belief.t_ns, f"position {name}", nu, S, verdict != "rejected"))
+            if verdict == "rejected":
+                continue
+            if verdict == "reopened":
+                P = widen(forget(P, (axis,)), (axis,), max(PLACE_SIGMA_M, abs(float(nu[0]))))
+                P = widen(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
+            x, P = self._algebra.update(x, P, nu, H, R)
+            uwb_ns = belief.t_ns
+        return replace(belief, x=x, P=P, position_gates=tuple(gates), uwb_ns=uwb_ns), tuple(innovations)

@@ -1,0 +1,1 @@
+"""Angles, frames (NED, site, body) and the fence."""

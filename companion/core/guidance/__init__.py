@@ -1,0 +1,1 @@
+"""Guidance: paths, rounded courses, LOS and ILOS, speed profile, station keeping."""

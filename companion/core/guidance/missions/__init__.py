@@ -1,0 +1,1 @@
+"""Mission files in four spellings: TOML, GeoJSON, QGroundControl plan, waypoints."""

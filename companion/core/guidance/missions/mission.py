@@ -1,0 +1,95 @@
+"""Mission text -> Mission, or all that is wrong with it, each with its place.
+
+    toml        our own: metres in site axes (keys below); an unknown key is refused
+    plan        QGroundControl plan           waypoints   QGC WPL 110           geojson   RFC 7946
+
+The last three hold latitudes and longitudes and need the site's origin. TOML keys: name, end_heading_deg
+(from the site's first axis), [[waypoints]] north_m, east_m, speed_m_s (of the leg that leads there),
+acceptance_m, and [[fences]] inclusion, polygon = [[north_m, east_m], ...].
+"""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Literal, get_args
+
+import msgspec
+
+from companion.core.configuration.tables import Table
+from companion.core.geometry.frames import Origin
+from companion.core.guidance.missions.draft import Draft, Fence, Mission, MissionError, MissionErrors
+from companion.core.guidance.missions.geojson import read_geojson
+from companion.core.guidance.missions.mavlink_items import read_plan, read_waypoints
+from companion.core.guidance.path import Waypoint
+
+__all__ = ["Fence", "Kind", "Mission", "MissionError", "MissionErrors", "kind_of", "parse"]
+
+Kind = Literal["toml", "plan", "waypoints", "geojson"]
+
+
+class _Waypoint(Table, frozen=True, kw_only=True):
+    north_m: float
+    east_m: float
+    speed_m_s: float | None = None
+    acceptance_m: float | None = None
+
+
+class _Fence(Table, frozen=True, kw_only=True):
+    inclusion: bool
+    polygon: list[tuple[float, float]]
+
+
+class _File(Table, frozen=True, kw_only=True):
+    name: str | None = None
+    end_heading_deg: float | None = None
+    waypoints: tuple[dict, ...]
+    fences: tuple[dict, ...] = ()
+
+
+def kind_of(file_name: str) -> Kind:
+    """Format by the end of the file's name (.json is GeoJSON). Raises MissionErrors."""
+    suffix = file_name.rsplit(".", 1)[-1].lower()
+    suffix = "geojson" if suffix == "json" else suffix
+    for kind in get_args(Kind):
+        if suffix == kind:
+            return kind
+    known = ", ".join(f".{kind}" for kind in get_args(Kind))
+    raise MissionErrors([MissionError(file_name, f"is not a mission file: expected one of {known}")])
+
+
+def parse(text: str, kind: Kind, *, origin: Origin | None = None, name: str = "mission") -> Mission:
+    """Mission text -> Mission, called `name` where the file gives none. Raises MissionErrors."""
+    draft = Draft(origin)
+    if kind == "toml":
+        name = _read_toml(draft, text) or name
+    else:
+        {"plan": read_plan, "waypoints": read_waypoints, "geojson": read_geojson}[kind](draft, text)
+    return draft.finish(name)
+
+
+def _read_toml(draft: Draft, text: str) -> str | None:
+    """Our own format into the draft; returns the mission's name, if it has one."""
+    try:
+        file = msgspec.convert(tomllib.loads(text), _File)
+    except tomllib.TOMLDecodeError as error:
+        draft.error("(file)", f"not valid TOML: {error}")
+        return None
+    except msgspec.ValidationError as error:
+        draft.schema_error("", error)
+        return None
+    draft.heading("end_heading_deg", file.end_heading_deg, from_north=False)
+    for i, table in enumerate(file.waypoints):
+        try:
+            w = msgspec.convert(table, _Waypoint)
+        except msgspec.ValidationError as error:
+            draft.schema_error(f"waypoints[{i}]", error)
+            continue
+        draft.waypoint(f"waypoints[{i}]", Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m))
+    for i, table in enumerate(file.fences):
+        try:
+            fence = msgspec.convert(table, _Fence)
+        except msgspec.ValidationError as error:
+            draft.schema_error(f"fences[{i}]", error)
+            continue
+        draft.fence(f"fences[{i}]", fence.inclusion, fence.polygon)
+    return file.name

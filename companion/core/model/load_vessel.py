@@ -1,0 +1,83 @@
+"""Reading a vessel file, with the checks that span several of its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from companion.core.configuration.tables import ConfigError, parse_toml
+from companion.core.configuration.vessel_file import RotorMap, VesselFile
+from companion.core.model import loads
+from companion.core.model import manoeuvring as model
+
+
+def load_vessel(text: str, *, name: str) -> VesselFile:
+    """Vessel file text -> VesselFile, checked across tables. Raises ConfigError naming file and key."""
+    vessel = parse_toml(text, VesselFile, name=name)
+    for problem in _problems(vessel):
+        raise ConfigError(f"{name}: {problem}")
+    return vessel
+
+
+def _problems(vessel: VesselFile) -> Iterator[str]:
+    """Yield what no single table can know to be wrong."""
+    for i, t in enumerate(vessel.thrusters):
+        at = f"thrusters[{i}]"
+        if t.force_map not in vessel.force_maps:
+            yield f"{at}.force_map: no table force_maps.{t.force_map}; there are {sorted(vessel.force_maps)}"
+        if not t.pwm_min_us < 1500 < t.pwm_max_us:
+            yield f"{at}.pwm_min_us: expected pwm_min_us < 1500 < pwm_max_us"
+        if not t.force_min_N < t.force_max_N:
+            yield f"{at}.force_min_N: expected force_min_N < force_max_N"
+        fmap = vessel.force_maps.get(t.force_map)
+        if isinstance(fmap, RotorMap) and t.trim_us and abs(t.trim_us) >= fmap.dead_band_us:
+            yield f"{at}.trim_us: expected less than the dead band of {fmap.dead_band_us:g} us: 1500 us must be neutral"
+        if t.name in [other.name for other in vessel.thrusters[:i]]:
+            yield f"{at}.name: {t.name!r} is there twice"
+        if t.channel in [other.channel for other in vessel.thrusters[:i]]:
+            yield f"{at}.channel: channel {t.channel} is there twice"
+    if np.linalg.eigvalsh(model.mass_matrix(vessel)).min() <= 0:
+        yield "inertia: M_RB + M_A is not positive definite; look at Y_rdot_kg_m, x_g_m and y_g_m"
+    D = model.linear_damping(vessel)
+    if np.linalg.eigvalsh(D + D.T).min() < 0:
+        yield "damping: the linear part feeds energy into the hull; |Y_r_N_s + N_v_N_s| is too large"
+    if "wind" in vessel.terms:
+        for key in ("frontal_area_m2", "lateral_area_m2"):
+            if not getattr(vessel.hull, key):
+                yield f"hull.{key}: missing key: terms.wind needs it"
+    yield from loads.problems(vessel.terms)
+    yield from _wash_problems(vessel)
+    yield from _munk_problems(vessel)
+
+
+def _wash_problems(vessel: VesselFile) -> Iterator[str]:
+    names = [t.name for t in vessel.thrusters]
+    for i, wash in enumerate(vessel.propulsion.wash):
+        for key in ("behind", "ahead"):
+            if getattr(wash, key) not in names:
+                yield f"propulsion.wash[{i}].{key}: no thruster {getattr(wash, key)!r}; there are {', '.join(names)}"
+        if wash.behind == wash.ahead:
+            yield f"propulsion.wash[{i}].ahead: a thruster does not lie in its own jet"
+
+
+MUNK_SPEED_M_S = 3.0
+"""Speed up to which linear damping alone may have to hold a Munk moment; assumed: twice what such boats do."""
+
+
+def _munk_problems(vessel: VesselFile) -> Iterator[str]:
+    """k u v r feeds nothing while damping takes as much: the quadratic part at any speed, or the linear one up to U.
+
+    X_uu |u|^3 + Y_vv |v|^3 + N_rr |r|^3 >= 3 (X_uu Y_vv N_rr)^(1/3) |u v r|;   Y_v v^2 + (Y_r + N_v) v r + N_r r^2 >=
+    (2 sqrt(Y_v N_r) - |Y_r + N_v|) |v r|.
+    """
+    k = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0)
+    if not isinstance(k, int | float):
+        return
+    d = vessel.damping
+    quadratic = 3 * abs(d.X_uu_N_s2_m2 * d.Y_vv_N_s2_m2 * d.N_rr_N_m_s2) ** (1 / 3)
+    coupling = abs(d.Y_r_N_s + d.N_v_N_s) / 2
+    linear = 2 * ((d.Y_v_N_s_m * d.N_r_N_m_s) ** 0.5 - coupling)
+    most = max(quadratic, linear / MUNK_SPEED_M_S)
+    if abs(k) > most:
+        yield f"terms.munk_moment.k_kg: feeds energy into the hull; this damping holds at most {most:.3g} kg"

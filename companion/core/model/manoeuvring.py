@@ -1,0 +1,155 @@
+"""The 3-DOF manoeuvring model, written once in CasADi for plant, filter, NMPC and fits.
+
+    M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r = B f + tau_terms + tau_ext
+    nu = nu_r + R(psi)^T V_c,   eta_dot = R(psi) nu
+
+in body axes (x forward, y starboard, z down) about the body origin, which need not be the CG. M is
+symmetric (N_vdot = Y_rdot); C does no work; D + D^T >= 0 is checked on loading: without thrust, in still
+water, T = nu^T M nu / 2 can only fall.   Source: Fossen (2011), chapters 6 and 8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model import loads as term_registry
+from companion.core.model.thrust_losses import is_weakened, weakened
+from companion.core.model.thrusters import configuration_matrix
+
+Coefficients = Mapping[str, Any]
+
+
+def coefficients(vessel: VesselFile) -> dict[str, float]:
+    """Inertia and damping of a vessel file by name; any entry may be replaced by a CasADi symbol."""
+    tables = (vessel.inertia, vessel.damping)
+    return {k: getattr(t, k) for t in tables for k in t.__struct_fields__ if k != "source"}
+
+
+def _mass_rows(c: Coefficients) -> list[list[Any]]:
+    m, x_g, y_g = c["mass_kg"], c["x_g_m"], c["y_g_m"]
+    m13 = -m * y_g
+    m23 = m * x_g - c["Y_rdot_kg_m"]
+    m33 = c["I_z_kg_m2"] + m * (x_g**2 + y_g**2) - c["N_rdot_kg_m2"]
+    return [[m - c["X_udot_kg"], 0.0, m13], [0.0, m - c["Y_vdot_kg"], m23], [m13, m23, m33]]
+
+
+def mass_matrix(vessel: VesselFile) -> np.ndarray:
+    """M = M_RB + M_A about the body origin, shape (3, 3) [kg, kg m, kg m^2]."""
+    return np.array(_mass_rows(coefficients(vessel)))
+
+
+def linear_damping(vessel: VesselFile) -> np.ndarray:
+    """D_L, shape (3, 3), positive diagonal."""
+    d = vessel.damping
+    return -np.array([[d.X_u_N_s_m, 0, 0], [0, d.Y_v_N_s_m, d.Y_r_N_s], [0, d.N_v_N_s, d.N_r_N_m_s]], dtype=float)
+
+
+def coriolis_force(c: Coefficients, nu: Any) -> Any:
+    """C(nu) nu, shape (3,): from the momentum p = M nu; nu^T C nu = 0 for every nu."""
+    p = ca.mtimes(_matrix(_mass_rows(c)), nu)
+    return ca.vertcat(-p[1] * nu[2], p[0] * nu[2], p[1] * nu[0] - p[0] * nu[1])
+
+
+def damping_force(c: Coefficients, nu: Any) -> Any:
+    """D(nu) nu, shape (3,) [N, N, N m]: linear with yaw-sway coupling, plus quadratic."""
+    u, v, r = nu[0], nu[1], nu[2]
+    return -ca.vertcat(
+        c["X_u_N_s_m"] * u + c["X_uu_N_s2_m2"] * ca.fabs(u) * u,
+        c["Y_v_N_s_m"] * v + c["Y_r_N_s"] * r + c["Y_vv_N_s2_m2"] * ca.fabs(v) * v,
+        c["N_v_N_s"] * v + c["N_r_N_m_s"] * r + c["N_rr_N_m_s2"] * ca.fabs(r) * r,
+    )
+
+
+def _matrix(rows: list[list[Any]]) -> Any:
+    """Rows of numbers or symbols as one CasADi matrix."""
+    return ca.vertcat(*(ca.horzcat(*row) for row in rows))
+
+
+@dataclass(frozen=True)
+class StructuredModel:
+    """The model above for one vessel. `c` and `term_values` may hold symbols where a fit wants them."""
+
+    vessel: VesselFile
+    c: Coefficients = field(default_factory=dict)
+    term_values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, vessel: VesselFile) -> StructuredModel:
+        """Model with every number from the vessel file."""
+        chosen = {name: term_registry.values(name, given) for name, given in vessel.terms.items()}
+        return cls(vessel, coefficients(vessel), chosen)
+
+    @property
+    def B(self) -> np.ndarray:
+        """Thruster configuration matrix, shape (3, n)."""
+        return configuration_matrix(self.vessel)
+
+    @property
+    def lag_s(self) -> float:
+        """First-order lag of thruster force [s]."""
+        return self.vessel.propulsion.lag_s
+
+    @property
+    def slew_N_s(self) -> float | None:
+        """How fast thruster force can change at most [N/s]; None: as fast as the lag lets it."""
+        return self.vessel.propulsion.slew_N_s
+
+    @property
+    def is_linear_in_f(self) -> bool:
+        """Whether tau = B f: water that moves past the thrusters does not weaken them."""
+        return not is_weakened(self.vessel)
+
+    def water_velocity(self, eta: Any) -> Any:
+        """nu_c in body axes, shape (3,): what the terms say of moving water."""
+        north = east = 0.0
+        for name, p in self.term_values.items():
+            if flow := term_registry.REGISTRY[name].water_velocity:
+                dn, de = flow(p, eta)
+                north, east = north + dn, east + de
+        c, s = ca.cos(eta[2]), ca.sin(eta[2])
+        return ca.vertcat(c * north + s * east, -s * north + c * east, 0.0)
+
+    def term_force(self, eta: Any, nu: Any) -> Any:
+        """Sum of the terms' body forces, shape (3,) [N, N, N m]."""
+        total = ca.vertcat(0.0, 0.0, 0.0)
+        for name, p in self.term_values.items():
+            if force := term_registry.REGISTRY[name].force:
+                total += ca.vertcat(*force(p, self.vessel, eta, nu))
+        return total
+
+    def term_hull_force(self, nu_r: Any) -> Any:
+        """Sum of the terms' forces of the water on the hull, shape (3,) [N, N, N m]."""
+        total = ca.vertcat(0.0, 0.0, 0.0)
+        for name, p in self.term_values.items():
+            if force := term_registry.REGISTRY[name].hull_force:
+                total += ca.vertcat(*force(p, nu_r))
+        return total
+
+    def damping(self, eta: Any, nu_r: Any) -> Any:
+        """D(nu_r) nu_r here, shape (3,): the file's damping, times what the terms say of the place."""
+        force = damping_force(self.c, nu_r)
+        for name, p in self.term_values.items():
+            if factor := term_registry.REGISTRY[name].damping_factor:
+                force = factor(p, eta) * force
+        return force
+
+    def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
+        """tau [N, N, N m] of thruster forces f (n,) [N] on the boat as it moves: B f', f' by `inflow`."""
+        if self.is_linear_in_f:
+            return ca.mtimes(ca.DM(self.B), f)
+        return ca.mtimes(ca.DM(self.B), weakened(self.vessel, nu - self.water_velocity(eta), f))
+
+    def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
+        """Acceleration of the body velocities over ground, shape (3,) [m/s^2, m/s^2, rad/s^2]."""
+        nu_c = self.water_velocity(eta)
+        nu_r = nu - nu_c
+        hull = self.term_hull_force(nu_r) - coriolis_force(self.c, nu_r) - self.damping(eta, nu_r)
+        rhs = tau + self.term_force(eta, nu) + hull
+        nu_r_dot = ca.mtimes(ca.inv(_matrix(_mass_rows(self.c))), rhs)
+        return nu_r_dot + ca.vertcat(nu[2] * nu_c[1], -nu[2] * nu_c[0], 0.0)

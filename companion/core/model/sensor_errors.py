@@ -1,0 +1,120 @@
+"""Known errors of the sensors: what they say of a true value, and the true value of what they say.
+
+Each pair undoes the other: corrected(applied(y)) = y. The simulator's sensors apply them, the filter and the fits
+correct for them, with the numbers of `[sensors.imu]` and `[sensors.uwb]`. All zero: nothing changes, to the last bit.
+
+IMU      [a_x a_y] = R(m)^T a + b      m: `misalignment_rad`, by which its axes are turned about z, from x towards y
+         r         = (1 + `gyro_scale`) r + `gyro_bias_rad_s`
+heading  psi       = psi + `heading_offset_rad` + `hard_iron_cos_rad` cos psi + `hard_iron_sin_rad` sin psi
+place    p         = (1 + `scale`) p   of the tag, horizontal, about the site's origin; ranges as measured from there
+stamp    t         = t + `latency_s` + `clock_drift_s_s` (t - t_0)      t_0: the first UWB message
+
+Heading in the axes of the site. A constant heading offset and UWB anchors surveyed in a frame that is turned the other
+way look the same in every log: one number stands for both. Arrays or numbers alike.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import Imu, Sensors, Uwb
+from companion.core.geometry.frames import ssa
+from companion.core.messages import Attitude, ImuSample, UwbPosition, UwbRanges
+
+NEWTON_STEPS = 8
+"""Of the heading with hard iron; amplitudes of 0.5 rad need six to reach rounding."""
+
+
+def imu_applied(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
+    """What the IMU says of specific force [m/s^2] along its x and y and of yaw rate [rad/s]."""
+    c, s = np.cos(imu.misalignment_rad), np.sin(imu.misalignment_rad)
+    return (
+        c * a_x + s * a_y + imu.accel_bias_x_m_s2,
+        c * a_y - s * a_x + imu.accel_bias_y_m_s2,
+        (1 + imu.gyro_scale) * r + imu.gyro_bias_rad_s,
+    )
+
+
+def imu_corrected(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
+    """Specific force along the body's x and y, and yaw rate, of what the IMU says."""
+    c, s = np.cos(imu.misalignment_rad), np.sin(imu.misalignment_rad)
+    a_x, a_y = a_x - imu.accel_bias_x_m_s2, a_y - imu.accel_bias_y_m_s2
+    return c * a_x - s * a_y, s * a_x + c * a_y, rate_corrected(imu, r)
+
+
+def rate_corrected(imu: Imu, r: Any) -> Any:
+    """Yaw rate of what the gyroscope says [rad/s]."""
+    return (r - imu.gyro_bias_rad_s) / (1 + imu.gyro_scale)
+
+
+def heading_applied(imu: Imu, psi: Any) -> Any:
+    """What the compass says of a heading [rad], not wrapped."""
+    return psi + imu.heading_offset_rad + imu.hard_iron_cos_rad * np.cos(psi) + imu.hard_iron_sin_rad * np.sin(psi)
+
+
+def heading_corrected(imu: Imu, psi_said: Any) -> Any:
+    """The heading [rad] of which the compass says `psi_said`: unique, as hard iron turns it by less than a radian."""
+    a, b = imu.hard_iron_cos_rad, imu.hard_iron_sin_rad
+    psi = psi_said - imu.heading_offset_rad
+    if a or b:
+        for _ in range(NEWTON_STEPS):
+            psi = psi + (psi_said - heading_applied(imu, psi)) / (1 - a * np.sin(psi) + b * np.cos(psi))
+    return psi
+
+
+def place_applied(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
+    """Where the tag appears to be [m]."""
+    return (1 + uwb.scale) * north, (1 + uwb.scale) * east
+
+
+def place_corrected(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
+    """Where the tag is [m] that appears there."""
+    return north / (1 + uwb.scale), east / (1 + uwb.scale)
+
+
+def stamp_applied(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
+    """When what was measured at `t_ns` arrives; `zero_ns`: t_0 above. Never before it was measured."""
+    since = t_ns - zero_ns
+    return t_ns + max(0, round(uwb.latency_s * 1e9) + round(uwb.clock_drift_s_s * since))
+
+
+def stamp_corrected(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
+    """When it was measured that arrived at `t_ns`."""
+    since = t_ns - zero_ns - round(uwb.latency_s * 1e9)
+    return zero_ns + since - round(since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s))
+
+
+Sensed = ImuSample | Attitude | UwbRanges | UwbPosition
+IMU_KEYS = (
+    "accel_bias_x_m_s2",
+    "accel_bias_y_m_s2",
+    "gyro_bias_rad_s",
+    "gyro_scale",
+    "misalignment_rad",
+    "heading_offset_rad",
+    "hard_iron_cos_rad",
+    "hard_iron_sin_rad",
+)
+
+
+def is_exact(sensors: Sensors) -> bool:
+    """Whether the file knows of no error that `corrected` could take out."""
+    return not (sensors.uwb.scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
+
+
+def corrected(sensors: Sensors, m: Sensed) -> Sensed:
+    """A sensor's message as a perfect one would have sent it; ranges and stamps are left to the filter's equations."""
+    imu = sensors.imu
+    if isinstance(m, ImuSample):
+        a_x, a_y, r = imu_corrected(imu, m.ax_m_s2, m.ay_m_s2, m.r_rad_s)
+        return replace(m, ax_m_s2=float(a_x), ay_m_s2=float(a_y), r_rad_s=float(r))
+    if isinstance(m, Attitude):
+        psi, r = heading_corrected(imu, m.psi_rad), rate_corrected(imu, m.r_rad_s)
+        return replace(m, psi_rad=ssa(float(psi)), r_rad_s=float(r))
+    if isinstance(m, UwbPosition):
+        north, east = place_corrected(sensors.uwb, m.y_m, m.x_m)
+        return replace(m, y_m=float(north), x_m=float(east))
+    return m

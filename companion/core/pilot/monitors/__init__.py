@@ -1,0 +1,1 @@
+"""What watches one thing each: overrides, link latency, battery, stuck sensors."""

@@ -1,0 +1,71 @@
+"""How late the link to the autopilot is, from TIMESYNC answers; a condition of the mode table (`modes`).
+
+    round trip = arrival of the answer - ts1 (when it was asked, our clock)
+
+The median of the last `ENOUGH` answers counts, so that one that was held up stops nobody, and of answers that arrive
+together the quickest: what waited together was held up together, and the last one asked tells how the line is now.
+An autopilot that has never answered (old firmware) is not judged; `aritra check` says so. One that has, and does so
+no more though its heartbeats come, is late beyond measure.
+
+A value and pure functions, like `echo` beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from statistics import median
+
+from companion.core.messages import TimeSync
+from companion.core.pilot.modes import Event
+from companion.core.preflight.link import LATE_NS
+
+PROMPT_NS = 300_000_000
+"""Late until the median is below; assumed. Serial and USB take 1 to 20 ms, radios (57600 baud) 100 to 200 ms."""
+SILENT_NS = 5_000_000_000
+"""So long without a fresh answer, twenty questions, is silence; assumed. A parameter download delays, not silences."""
+ENOUGH = 5
+"""Answers: three late ones in a row, at 4 Hz, are a second and a quarter and their own delay."""
+TOGETHER_NS = 125_000_000
+"""Half the time between two questions."""
+
+
+@dataclass(frozen=True)
+class RoundTrips:
+    """`took_ns` of the last answers, newest last; `asked_ns`, `heard_ns`: of the newest; `late`: at the last tick."""
+
+    took_ns: tuple[int, ...] = ()
+    asked_ns: int | None = None
+    heard_ns: int = 0
+    late: bool = False
+
+
+NO_ANSWER = RoundTrips()
+
+
+def hear(trips: RoundTrips, answer: TimeSync) -> RoundTrips:
+    """One TIMESYNC. Questions (tc1 is 0) and repeated answers change nothing; the codec drops answers to others."""
+    took_ns = answer.t_ns - answer.ts1_ns
+    repeated = trips.asked_ns is not None and answer.ts1_ns <= trips.asked_ns
+    if answer.tc1_ns == 0 or repeated or took_ns < 0:
+        return trips
+    before = trips.took_ns
+    if before and answer.t_ns - trips.heard_ns < TOGETHER_NS:
+        took_ns, before = min(took_ns, before[-1]), before[:-1]
+    took = (*before, took_ns)[-ENOUGH:]
+    return replace(trips, took_ns=took, asked_ns=answer.ts1_ns, heard_ns=answer.t_ns)
+
+
+def at_tick(trips: RoundTrips, t_ns: int, *, heard: bool) -> tuple[RoundTrips, dict[Event, str]]:
+    """The condition at `t_ns`. `heard`: heartbeats come; without them what was known is of another link."""
+    if not heard or trips.asked_ns is None:
+        return NO_ANSWER, {}
+    if (silent_ns := t_ns - trips.asked_ns) > SILENT_NS:
+        text = f"the autopilot has not answered TIMESYNC for {silent_ns * 1e-9:.0f} s, though its heartbeats come"
+        return replace(trips, took_ns=(), late=True), {"link_late": text}
+    if len(trips.took_ns) == ENOUGH:
+        middle_ns = median(trips.took_ns)
+        trips = replace(trips, late=middle_ns > (PROMPT_NS if trips.late else LATE_NS))
+    if not trips.late:
+        return trips, {}
+    shown = f" ({median(trips.took_ns) * 1e-6:.0f} ms)" if trips.took_ns else ""
+    return trips, {"link_late": f"what is sent to the autopilot and back arrives late{shown}"}

@@ -1,0 +1,91 @@
+"""What a run is configured with, and what the boat remembers between steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from companion.core.configuration.run_file import BatteryLimits, Control
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.control.nmpc import NmpcSettings
+from companion.core.estimation.estimator import EstimatorState
+from companion.core.excitation.file import Excitation
+from companion.core.excitation.flight import BEGINNING, FlightState
+from companion.core.geometry.fence import Fence
+from companion.core.guidance import guidance
+from companion.core.guidance.guidance import GuidanceSettings, GuidanceState
+from companion.core.guidance.missions.mission import Mission
+from companion.core.messages import Message, Mode, PlanResult, StateEstimate
+from companion.core.pilot import autopilot_state as vehicle
+from companion.core.pilot import manual_control as sticks
+from companion.core.pilot import modes
+from companion.core.pilot.annunciator import Lookout
+from companion.core.pilot.autopilot_state import Vehicle
+from companion.core.pilot.conditions import Watch
+from companion.core.pilot.manual_control import Sticks
+from companion.core.pilot.modes import Helm
+from companion.core.pilot.monitors.battery import Pack
+from companion.core.pilot.monitors.link_latency import NO_ANSWER, RoundTrips
+from companion.core.pilot.monitors.override_monitor import NOTHING_SENT, Echo
+from companion.core.pilot.monitors.stuck_sensor import Repeats
+
+NOTHING_SEEN, NOTHING_WATCHED = Lookout(), Watch()
+
+Outputs = list[Message]
+"""What the boat's rooms want done, said or logged, in this order."""
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """Everything that a run is configured with."""
+
+    vessel: VesselFile
+    site: Site
+    mission: Mission
+    control: Control = field(default_factory=Control)
+    guidance: GuidanceSettings = field(default_factory=GuidanceSettings)
+    nmpc: NmpcSettings = field(default_factory=NmpcSettings)
+    excitation: Excitation | None = None
+    """Flown on the operator's `excite`."""
+    battery: BatteryLimits = field(default_factory=BatteryLimits)
+    system_id: int = 1
+    """Ours on the MAVLink wire: alerts name it."""
+
+    @property
+    def fence(self) -> Fence:
+        """The site's fence and the mission's."""
+        within = (self.site.fence, *(f.polygon for f in self.mission.fences if f.inclusion))
+        return Fence(within, tuple(f.polygon for f in self.mission.fences if not f.inclusion))
+
+
+@dataclass(frozen=True)
+class PilotState:
+    """Everything the boat remembers between steps."""
+
+    estimator: EstimatorState
+    pack: Pack
+    f_command_n: tuple[float, ...]
+    helm: Helm = modes.AT_REST
+    vehicle: Vehicle = vehicle.UNKNOWN
+    guidance: GuidanceState = guidance.IDLE
+    flight: FlightState = BEGINNING
+    passed: tuple[guidance.Passage, ...] = ()
+    mission: Mission | None = None
+    """One that came under way (NewMission), instead of the configured one."""
+    sticks: Sticks = sticks.NOBODY
+    inertial: Mapping[str, Repeats] = field(default_factory=dict)
+    """By message: what a sensor keeps saying."""
+    lookout: Lookout = NOTHING_SEEN
+    watch: Watch = NOTHING_WATCHED
+    echo: Echo = NOTHING_SENT
+    round_trips: RoundTrips = NO_ANSWER
+    open_tick: int | None = None
+    asked: tuple[tuple[int, int], ...] = ()
+    """Tick and instant [ns] of the latest SolveRequests."""
+    estimate: StateEstimate | None = None
+    row: tuple[float, ...] | None = None
+    plan: PlanResult | None = None
+    plan_ns: int = 0
+    told: tuple[Mode, int | None] = ("idle", None)
+    """Mode and instant [ns] of the latest ModeStatus."""

@@ -1,0 +1,209 @@
+"""What the thrusters do at a tick, and the one lease in which it ends.
+
+    controller                    guidance and a SolveRequest; the lease follows
+    sticks, excitation, neutral   the lease at once
+    PlanResult                    lease from the plan, if its tick is still open and the plan is sound
+    PlanDeadline                  lease from the fallback ladder, if its tick is still open
+
+The state predicted to when a command acts (dead time ahead, under the commands already sent) is what the NMPC plans
+from.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from companion.core.control.allocation import allocate, force_limits, pulse_widths
+from companion.core.control.fallback import FallbackSettings, command
+from companion.core.estimation.estimator import Estimator
+from companion.core.excitation.flight import BEGINNING, Flight
+from companion.core.guidance import guidance
+from companion.core.messages import (
+    Alert,
+    GuidanceReference,
+    OverrideLease,
+    PlanDeadline,
+    PlanResult,
+    SolveRequest,
+    StateEstimate,
+)
+from companion.core.model.thrusters import NEUTRAL_US
+from companion.core.pilot import annunciator, manual_control, transitions
+from companion.core.pilot.modes import THRUSTERS
+from companion.core.pilot.monitors import override_monitor
+from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+
+SPREAD_SIGMAS = 2.0
+"""An excitation stays so many sigmas of its position farther from the fence; assumed."""
+REMEMBERED_TICKS = 20
+"""Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
+
+
+class Driving:
+    """Settings, estimator and what is compiled for them; all that changes is in PilotState."""
+
+    def __init__(self, settings: PilotSettings, estimator: Estimator, channels: tuple[int, ...]):
+        self.settings, self._estimator, self._channels = settings, estimator, channels
+        vessel = settings.vessel
+        self._n = len(vessel.thrusters)
+        self._still = (NEUTRAL_US,) * (len(channels) - self._n)
+        self._flight: Flight | None = None
+        if told := settings.excitation:
+            self._flight = Flight(told, vessel, settings.site, name=told.name)
+        self._sticks, self._limits = manual_control.StickForce(vessel), force_limits(vessel)
+        self._latency_ns = round(settings.control.latency_s * 1e9)
+        self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
+        self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
+        self._times_s = [k * settings.nmpc.step_s for k in range(settings.nmpc.stages + 1)]
+
+    def drive(self, state: PilotState, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
+        """What the thrusters of this mode do at this tick."""
+        thrusters = THRUSTERS[state.helm.mode]
+        if thrusters == "excitation" and self._flight:
+            return self._excite(state, self._flight, estimate, t_ns)
+        if thrusters == "sticks":
+            return self._by_hand(state, t_ns)
+        if thrusters != "controller" or state.open_tick is None:
+            return self.choose(state, t_ns, "")
+        eta, nu = _pose(estimate), _velocity(estimate)
+        state = self._begin(state, eta, nu, t_ns)
+        state, reference = self._guide(state, eta, nu, t_ns)
+        assert state.open_tick is not None
+        request = self._request(state, estimate, state.open_tick, t_ns)
+        asked = (*state.asked, (state.open_tick, t_ns))[-REMEMBERED_TICKS:]
+        return replace(state, asked=asked, row=request.reference[0]), [reference, request]
+
+    def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
+        """The sticks' forces, no faster than the thrusters may change."""
+        last, propulsion = np.array(state.f_command_n), self.settings.vessel.propulsion
+        most = propulsion.rate_limit_N_s * self.settings.control.period_s
+        wanted = allocate(self._sticks.tau(state.sticks), self.settings.vessel)
+        f = np.clip(np.clip(wanted, last - most, last + most), *self._limits)
+        source = state.sticks.last.source if state.sticks.last else ""
+        return self._lease(state, f, "manual", source, t_ns)
+
+    def _begin(self, state: PilotState, eta, nu, t_ns: int) -> PilotState:
+        """Start what is wanted, once driving is allowed; a mission goes on where it was left."""
+        if state.guidance.phase != "idle":
+            return state
+        g, mission = self.settings.guidance, state.mission or self.settings.mission
+        if state.helm.mode == "hold":
+            return replace(state, guidance=guidance.hold(g, eta, nu, t_ns))
+        passed = state.passed if len(state.passed) < len(mission.path.waypoints) else ()
+        end = mission.end_heading_rad
+        begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=end, passed=passed)
+        return replace(state, guidance=begun)
+
+    def _excite(
+        self, state: PilotState, flight: Flight, estimate: StateEstimate, t_ns: int
+    ) -> tuple[PilotState, Outputs]:
+        """One tick of the excitation, and its lease; neutral when it is over."""
+        eta, nu = np.array(_pose(estimate)), np.array(_velocity(estimate))
+        spread_m = SPREAD_SIGMAS * math.sqrt(estimate.covariance[0] + estimate.covariance[7])
+        at, f, note = flight.step(state.flight, eta, nu, t_ns, spread_m=spread_m)
+        status = flight.status(at, t_ns)
+        outputs: Outputs = [status]
+        if note:
+            level = "warning" if at.phase == "failed" else "info"
+            outputs.append(Alert(t_ns=t_ns, level=level, text=note))
+        state = replace(state, flight=at)
+        if flight.is_over(at):
+            state, more = transitions.event(replace(state, flight=BEGINNING), "finished", note, t_ns)
+            state, lease = self.choose(state, t_ns, "")
+            outputs += more
+        else:
+            state, lease = self._lease(state, f, "excitation", f"{status.phase} {status.name}", t_ns)
+        return state, [*outputs, *lease]
+
+    def _guide(self, state: PilotState, eta, nu, t_ns: int) -> tuple[PilotState, GuidanceReference]:
+        moved, reference = guidance.step(state.guidance, self.settings.guidance, eta, nu, t_ns)
+        passed = moved.passed if state.helm.mode == "auto" else state.passed
+        return replace(state, guidance=moved, passed=passed), reference
+
+    def _request(self, state: PilotState, estimate: StateEstimate, index: int, t_ns: int) -> SolveRequest:
+        x0 = self._ahead(state, t_ns)
+        rows = guidance.horizon(state.guidance, self.settings.guidance, tuple(x0[:3]), tuple(x0[3:6]), self._times_s)
+        return SolveRequest(
+            t_ns=t_ns,
+            index=index,
+            x0=tuple(map(float, x0)),
+            reference=tuple(tuple(map(float, row)) for row in rows),
+            disturbance_n=estimate.disturbance_n,
+            f_prev_n=state.f_command_n,
+        )
+
+    def _ahead(self, state: PilotState, t_ns: int) -> np.ndarray:
+        """[x y psi u v r f] when a command sent now begins to act, under those already sent."""
+        belief = self._estimator.belief(state.estimator, t_ns + self._ahead_ns)
+        assert belief is not None  # a healthy estimate has one
+        return np.concatenate([belief.x[:6], belief.f_n])
+
+    def planned(self, state: PilotState, plan: PlanResult, t_ns: int) -> tuple[PilotState, Outputs]:
+        """A plan has come: of use if it is sound, and the open tick's lease if it answers that."""
+        problem, asked_ns = _unsound(plan, self._n), dict(state.asked).get(plan.index)
+        if problem is None and asked_ns is not None and (state.plan is None or asked_ns >= state.plan_ns):
+            state = replace(state, plan=plan, plan_ns=asked_ns)
+        if plan.index != state.open_tick:
+            return state, []
+        return self.choose(state, t_ns, problem or "")
+
+    def deadline(self, state: PilotState, late: PlanDeadline, t_ns: int) -> tuple[PilotState, Outputs]:
+        """The plan of the open tick did not come in time."""
+        if late.index != state.open_tick:
+            return state, []
+        return self.choose(state, t_ns, "no plan in time")
+
+    def choose(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
+        """The lease of the open tick: the highest rung that holds; neutral where the boat may not drive."""
+        if THRUSTERS[state.helm.mode] != "controller":
+            return self._lease(state, np.zeros(self._n), "neutral", state.helm.why, t_ns)
+        age_s = (t_ns - state.plan_ns) * 1e-9
+        f, source, why = command(
+            state.plan,
+            age_s,
+            state.estimate,
+            state.row,
+            self.settings.vessel,
+            step_s=self.settings.nmpc.step_s,
+            settings=self._ladder,
+        )
+        return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
+
+    def _lease(self, state: PilotState, f_n, source, reason: str, t_ns: int) -> tuple[PilotState, Outputs]:
+        assert state.open_tick is not None
+        f = tuple(map(float, f_n))
+        lease = OverrideLease(
+            t_ns=t_ns,
+            index=state.open_tick,
+            channels=self._channels,
+            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.pack.voltage_v) + self._still,
+            valid_for_s=self.settings.control.lease_s,
+            source=source,
+            reason=reason,
+            f_command_n=f,
+        )
+        told = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
+        seen, alerts = annunciator.at_lease(state.lookout, lease)
+        state = replace(state, estimator=told, f_command_n=f, open_tick=None, lookout=seen)
+        return replace(state, echo=override_monitor.at_lease(state.echo, lease)), [lease, *alerts]
+
+
+def _unsound(plan: PlanResult, n: int) -> str | None:
+    """Why a plan cannot be used at all."""
+    if plan.status != "ok":
+        return f"plan {plan.status}: {plan.reason}"
+    f = [value for row in plan.f_n for value in row]
+    if not plan.f_n or any(len(row) != n for row in plan.f_n) or not np.isfinite(f).all():
+        return f"plan {plan.index} is not sound: expected rows of {n} finite forces"
+    return None
+
+
+def _pose(estimate: StateEstimate) -> tuple[float, float, float]:
+    return estimate.north_m, estimate.east_m, estimate.psi_rad
+
+
+def _velocity(estimate: StateEstimate) -> tuple[float, float, float]:
+    return estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s

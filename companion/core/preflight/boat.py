@@ -1,0 +1,236 @@
+"""The rest of the boat as it was heard: estimate, UWB, battery, disk, configuration. Pure.
+
+Thresholds without a source are assumed.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.ranging.multilateration import locate
+from companion.core.messages import Innovation
+from companion.core.preflight.observations import Heard
+from companion.core.preflight.rows import Level, Row
+
+START_ANCHORS = 3
+"""The filter starts with three."""
+ENOUGH = 0.65
+"""Share of the tag's rate that is good enough."""
+GOOD_HDOP, POOR_HDOP = 2.0, 5.0
+SPREAD_M = 0.6
+"""A range's residual beyond which it plays no part in a fix (as in the filter's tuning)."""
+ACCEPTED, SURPRISE = 0.9, 4.0
+"""Share of measurements that a filter in order accepts, and their mean squared Mahalanobis distance a dimension."""
+LOW_SHARE, EMPTY_SHARE, NO_PACK_SHARE = 0.93, 0.85, 0.5
+"""Of the nominal voltage. 4S lithium polymer, 14.8 V nominal: about 3.45 and 3.15 V a cell."""
+NO_ROOM_BYTES, LITTLE_ROOM_BYTES = 50e6, 1e9
+"""A log takes some 0.26 GB an hour (measured, docs/logs.md)."""
+
+
+def estimator_rows(heard: Heard) -> Iterator[Row]:
+    """Did the boat's own filter start, and do its sensors agree with it?"""
+    e = heard.estimate
+    health = e.health if e else "initialising"
+    levels: dict[str, Level] = {"healthy": "ok", "degraded": "warning"}
+    found = "nothing to estimate from"
+    if e and health in ("healthy", "degraded"):
+        found = f"{health}: north {e.north_m:.2f} m, east {e.east_m:.2f} m, heading {math.degrees(e.psi_rad):.0f} deg"
+    elif e:
+        found = f"{health}: {e.reason}"
+    level = levels.get(health, "refuse")
+    yield Row(
+        area="estimator", name="state", level=level, found=found, needed=f"healthy after {heard.listened_s:.0f} s",
+        why="without it the boat does not know where it is",
+        fix="" if level == "ok" else "see the rows on UWB and streams; listen longer (--listen-s 30)",
+    )  # fmt: skip
+    groups: dict[str, list[Innovation]] = {}
+    for i in heard.innovations:
+        groups.setdefault(i.sensor.partition(" ")[0], []).append(i)
+    for name, group in groups.items():
+        accepted = sum(i.accepted for i in group) / len(group)
+        surprise = statistics.fmean(i.d2 / len(i.innovation) for i in group)
+        fine = accepted >= ACCEPTED and surprise <= SURPRISE
+        yield Row(
+            area="estimator", name=f"innovations: {name}", level="ok" if fine else "warning",
+            found=f"{100 * accepted:.0f} % accepted, d2 {surprise:.1f} a dimension",
+            needed=f"{100 * ACCEPTED:.0f} %, at most {SURPRISE:g}",
+            why="what the sensor says fits what the filter expects",
+            fix="" if fine else "noise, lever arms, offsets of the vessel file; anchors of the site file",
+        )  # fmt: skip
+
+
+# --- UWB -------------------------------------------------------------------------------------------
+
+
+def uwb_rows(heard: Heard, site: Site, vessel: VesselFile) -> Iterator[Row]:
+    """Anchors heard, where they stand as seen from the boat, and how well their ranges agree."""
+    if not heard.ranges and not heard.positions:
+        yield Row(
+            area="uwb", name="tag", level="refuse", found=heard.uwb.reason if heard.uwb else "nothing was opened",
+            needed="ranges or positions", why="there is no other position",
+            fix="uwb.url of the run file, or --uwb; sensors.uwb.wire_format; a DWM1001 needs up to 20 s: --listen-s 30",
+        )  # fmt: skip
+        return
+    if not heard.ranges:
+        yield _positions(heard, site)
+        return
+    medians = _medians(heard)
+    yield from _anchors(heard, site, medians, vessel.sensors.uwb.rate_Hz)
+    known = [a for a in site.anchors if a.id in medians]
+    if len(known) >= START_ANCHORS:
+        anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in known])
+        ranges_m = np.array([medians[a.id] for a in known])
+        yield from _geometry(anchors_m, ranges_m, [a.id for a in known], vessel)
+
+
+def _medians(heard: Heard) -> dict[str, float]:
+    told: dict[str, list[float]] = {}
+    for cycle in heard.ranges:
+        for r in cycle.ranges:
+            told.setdefault(r.anchor, []).append(r.range_m)
+    return {anchor: statistics.median(values) for anchor, values in told.items()}
+
+
+def _anchors(heard: Heard, site: Site, medians: Mapping[str, float], rate_hz: float) -> Iterator[Row]:
+    mine = [a.id for a in site.anchors]
+    silent, strangers = [a for a in mine if a not in medians], sorted(set(medians) - set(mine))
+    known = len(mine) - len(silent)
+    level: Level = "refuse" if known < START_ANCHORS else "warning" if silent or strangers else "ok"
+    found = f"{known} of {len(mine)}" + (f", not {', '.join(silent)}" if silent else "")
+    found += f"; unknown: {', '.join(strangers)}" if strangers else ""
+    yield Row(
+        area="uwb", name="anchors", level=level, found=found, needed="all of the site file, at least 3",
+        why="three are needed to start; ranges to unknown ones are not used",
+        fix="" if level == "ok" else "power, line of sight, ids in the site file as the tag prints them",
+    )  # fmt: skip
+    level = "ok" if heard.uwb_hz >= ENOUGH * rate_hz else "warning"
+    seen = statistics.fmean(len(cycle.ranges) for cycle in heard.ranges)
+    yield Row(
+        area="uwb", name="cycles", level=level, found=f"{heard.uwb_hz:.1f} Hz, {seen:.1f} ranges each",
+        needed=f"{rate_hz:g} Hz", why="how often the position is renewed",
+        fix="" if level == "ok" else "the tag's own settings; sensors.uwb.rate_Hz of the vessel file; range and sight",
+    )  # fmt: skip
+
+
+def hdop(anchors_m: np.ndarray, north_m: float, east_m: float, down_m: float) -> float:
+    """sqrt(trace((H^T H)^-1)), H: rows of unit vectors from anchors (m, 3) to the tag, north and east only. It is the
+    position's sigma over a range's; infinite where the anchors leave a direction open.
+    """
+    away = np.array([north_m, east_m, down_m]) - anchors_m
+    H = (away / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, None])[:, :2]
+    A = H.T @ H
+    if np.linalg.matrix_rank(A, tol=1e-6) < 2:
+        return math.inf
+    return float(np.sqrt(np.trace(np.linalg.inv(A))))
+
+
+def _geometry(anchors_m: np.ndarray, ranges_m: np.ndarray, ids: list[str], vessel: VesselFile) -> Iterator[Row]:
+    uwb = vessel.sensors.uwb
+    fixes = locate(anchors_m, ranges_m, uwb.z_m, SPREAD_M)
+    if not fixes:
+        yield Row(
+            area="uwb", name="geometry", level="refuse", found="no place explains the ranges", needed="one",
+            why="the anchors of the site file lie on one another", fix="correct the site file",
+        )  # fmt: skip
+        return
+    best = fixes[0]
+    dop = hdop(anchors_m, best.north_m, best.east_m, uwb.z_m)
+    level: Level = "ok" if dop <= GOOD_HDOP else "warning" if dop <= POOR_HDOP else "refuse"
+    yield Row(
+        area="uwb", name="geometry", level=level,
+        found=f"HDOP {dop:.2f} at north {best.north_m:.2f} m, east {best.east_m:.2f} m",
+        needed=f"at most {GOOD_HDOP:g}",
+        why="by so much a range's error grows in the position",
+        fix="" if level == "ok" else "spread the anchors around the water",
+    )  # fmt: skip
+    away = np.linalg.norm(np.array([best.north_m, best.east_m, uwb.z_m]) - anchors_m, axis=1)
+    residuals = {anchor: float(r) for anchor, r in zip(ids, ranges_m - away, strict=True)}
+    limit_m = 3.0 * math.hypot(uwb.range_sigma_m, uwb.range_bias_sigma_m)
+    bad = [anchor for anchor, r in residuals.items() if abs(r) > limit_m]
+    yield Row(
+        area="uwb", name="residuals", level="warning" if bad else "ok",
+        found=", ".join(f"{anchor} {100 * r:+.0f} cm" for anchor, r in residuals.items()),
+        needed=f"within {100 * limit_m:.0f} cm (3 sigma of the vessel file)",
+        why="ranges and the site file's anchors agree on one place",
+        fix=f"measure again where {', '.join(bad)} stands; look for what blocks its sight" if bad else "",
+    )  # fmt: skip
+
+
+def _positions(heard: Heard, site: Site) -> Row:
+    """A tag that computes positions itself (site ENU)."""
+    norths, easts = [m.y_m for m in heard.positions], [m.x_m for m in heard.positions]
+    north, east = statistics.median(norths), statistics.median(easts)
+    spread = math.hypot(statistics.pstdev(norths), statistics.pstdev(easts))
+    inside = site.inside(north, east)
+    return Row(
+        area="uwb", name="positions", level="ok" if inside else "warning",
+        found=f"north {north:.2f} m, east {east:.2f} m, scatter {100 * spread:.0f} cm", needed="inside the fence",
+        why="the tag computes its place in the frame that its anchors were set up in (site: x east, y north)",
+        fix="" if inside else "set up the tag's anchors in the site's frame",
+    )  # fmt: skip
+
+
+# --- battery, disk, configuration ------------------------------------------------------------------
+
+
+def battery_rows(heard: Heard, nominal_v: float, low_v: float | None, critical_v: float | None) -> Iterator[Row]:
+    """Voltage at rest. `low_v`, `critical_v`: the run file's limits where it has some."""
+    b = heard.battery
+    empty_v, low_v = critical_v or EMPTY_SHARE * nominal_v, low_v or LOW_SHARE * nominal_v
+    needed = f"{low_v:.1f} V or more"
+    if b is None or b.voltage_v < NO_PACK_SHARE * nominal_v:
+        yield Row(
+            area="battery", name="voltage", level="warning", found=f"{b.voltage_v:.1f} V" if b else "not told",
+            needed=needed, why="thrust depends on it, and nobody would see the pack run empty",
+            fix="set BATT_MONITOR and its pins; until then measure by hand",
+        )  # fmt: skip
+        return
+    level: Level = "refuse" if b.voltage_v < empty_v else "warning" if b.voltage_v < low_v else "ok"
+    left = "" if b.remaining_percent is None else f", {b.remaining_percent} % left"
+    yield Row(
+        area="battery", name="voltage", level=level, found=f"{b.voltage_v:.2f} V{left}", needed=needed,
+        why=f"at rest; below {empty_v:.1f} V it counts as empty", fix="" if level == "ok" else "charge it",
+    )  # fmt: skip
+
+
+def disk_rows(heard: Heard) -> Iterator[Row]:
+    """Can a log be written, and for how long?"""
+    d = heard.disk
+    if d.problem:
+        yield Row(
+            area="disk", name="log folder", level="refuse", found=f"{d.folder}: {d.problem}",
+            needed="a folder to write to",
+            why="`aritra run` does not start without a log", fix="log.folder of the run file; its owner and rights",
+        )  # fmt: skip
+        return
+    short = d.quota_bytes is not None and d.quota_bytes - d.used_bytes > d.free_bytes
+    level: Level = "refuse" if d.free_bytes < NO_ROOM_BYTES else "warning" if d.free_bytes < LITTLE_ROOM_BYTES else "ok"
+    found = f"{d.folder}: {d.free_bytes / 1e9:.1f} GB free"
+    if d.quota_bytes is not None:
+        found += f", logs take {d.used_bytes / 1e9:.1f} of {d.quota_bytes / 1e9:.1f} GB"
+    yield Row(
+        area="disk", name="log folder", level="warning" if short and level == "ok" else level, found=found,
+        needed="1 GB free" + (", and room for log.quota_MB" if d.quota_bytes is not None else ""),
+        why="a log takes some 0.26 GB an hour; a full disk ends it",
+        fix="" if level == "ok" and not short else "delete or move old logs; a smaller log.quota_MB",
+    )  # fmt: skip
+
+
+def configuration_rows(notes: Iterable[str], what: str) -> Iterator[Row]:
+    """The configuration that was read, `what`, and what it warns of."""
+    yield Row(
+        area="configuration", name="files", level="ok", found=what, needed="readable, and fitting together",
+        why="run, vessel, site and mission file were read and checked",
+    )  # fmt: skip
+    for note in notes:
+        yield Row(
+            area="configuration", name="warning", level="warning", found=note, needed="none",
+            why="a person should know",
+            fix="correct it if it is not meant so",
+        )  # fmt: skip

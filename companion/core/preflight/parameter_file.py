@@ -1,0 +1,46 @@
+"""ArduPilot parameter files: `NAME,VALUE` a line, as Mission Planner, MAVProxy and the firmware read them.
+
+    # a comment
+    SERVO1_FUNCTION,94
+
+The number may also follow a space, a tab or `=`. An error names file and line.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from companion.core.configuration.tables import ConfigError
+
+_LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15})[ \t]*[,= \t][ \t]*(\S+)")
+
+
+def parse_parameters(text: str, *, name: str) -> dict[str, float]:
+    """Values by parameter name, in the file's order. Raises ConfigError for the first line that is wrong."""
+    values: dict[str, float] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        stripped = line.partition("#")[0].strip()
+        if not stripped:
+            continue
+        place = f"{name}: line {number}"
+        found = _LINE.fullmatch(stripped)
+        if not found:
+            raise ConfigError(f"{place}: expected NAME,VALUE (a name has at most 16 capitals, digits and _)")
+        key, value = found[1], _number(found[2])
+        if value is None:
+            raise ConfigError(f"{place}: {key}: {found[2]!r} is not a finite number")
+        if key in values:
+            raise ConfigError(f"{place}: {key} is there twice")
+        values[key] = value
+    if not values:
+        raise ConfigError(f"{name}: no parameters in it")
+    return values
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

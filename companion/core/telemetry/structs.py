@@ -1,0 +1,325 @@
+"""What the boat tells the shore: one struct a topic, as JSON under `aritra/<boat>/telemetry/<topic>`.
+
+Every struct begins with `v`, `run` and `t_ns`. `v`: version of the struct; a new optional field does not raise it, a
+changed or removed one does, and readers ignore fields that they do not know. `run`: names this run of the boat's
+program; `t_ns`: the boat's monotonic clock [ns], the instant it speaks of. Units are in the names, frames those of
+`messages`. A missing number is null. JSON because a browser, a notebook and `jq` read it as it is; numbers are rounded
+to what a person or a plot can use, which makes it as short as msgpack with its eight bytes for every number.
+Reference for people: docs/telemetry.md.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from companion.core.messages import Health, LinkState, MissionPoint, Mode
+from companion.core.preflight.rows import Level, Row
+
+VERSION = 1
+KEYSPACE = "aritra"
+
+Place = tuple[float, float]
+"""(north, east) [m], site axes."""
+Pose = tuple[float, float, float]
+"""(north [m], east [m], heading [rad])."""
+
+
+class Told(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of all: see above."""
+
+    v: int = VERSION
+    run: str
+    t_ns: int
+
+
+class ThrusterAbout(msgspec.Struct, frozen=True, kw_only=True):
+    """One thruster: name, RC channel, place (forward, starboard), direction of positive thrust, forces it can give."""
+
+    name: str
+    channel: int
+    x_m: float
+    y_m: float
+    azimuth_deg: float
+    force_min_n: float
+    force_max_n: float
+
+
+class AnchorAbout(msgspec.Struct, frozen=True, kw_only=True):
+    """A UWB anchor."""
+
+    id: str
+    north_m: float
+    east_m: float
+
+
+class About(Told, frozen=True, kw_only=True):
+    """Topic `about`, once a run: what does not change.
+
+    `unix_minus_t_ns`: added to a `t_ns` gives the boat's idea of Unix time, which may be wrong. `within`: polygons the
+    boat must stay inside of; `without`: outside of. `configuration`: name of run, vessel, site and mission texts.
+    `length_m`, `beam_m`: of the hull, about the origin of the body axes; null from boats that do not tell.
+    """
+
+    vessel: str
+    site: str
+    configuration: str
+    software: str
+    unix_minus_t_ns: int
+    period_s: float
+    lat_deg: float
+    lon_deg: float
+    rotation_deg: float
+    thrusters: tuple[ThrusterAbout, ...]
+    anchors: tuple[AnchorAbout, ...]
+    within: tuple[tuple[Place, ...], ...]
+    without: tuple[tuple[Place, ...], ...]
+    commands: bool
+    length_m: float | None = None
+    beam_m: float | None = None
+
+
+class StateNow(Told, frozen=True, kw_only=True):
+    """Topic `state`, at the full rate: the estimate. Pose, body velocities over ground, disturbance [N, N, N m].
+
+    `covariance`: upper triangle, row by row, of the 6 x 6 of [x y psi u v r]: 21 numbers (`square` unfolds them).
+    """
+
+    north_m: float
+    east_m: float
+    psi_rad: float
+    u_m_s: float
+    v_m_s: float
+    r_rad_s: float
+    covariance: tuple[float, ...]
+    disturbance_n: tuple[float, ...]
+    health: Health
+    reason: str
+
+
+class ThrustersNow(Told, frozen=True, kw_only=True):
+    """Topic `thrusters`, at the full rate: the lease. In the order of `About.thrusters`.
+
+    `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`: what the
+    autopilot says leaves its first outputs, null before it told.
+    """
+
+    pwm_us: tuple[int, ...]
+    force_n: tuple[float, ...]
+    source: str
+    reason: str
+    output_us: tuple[int, ...] | None
+
+
+class ReferenceNow(Told, frozen=True, kw_only=True):
+    """Topic `reference`, at half the rate while guidance steers: leg, errors to it, and what is asked for now."""
+
+    phase: str
+    leg: int
+    waypoints_passed: int
+    x_e_m: float
+    y_e_m: float
+    psi_ref_rad: float
+    u_ref_m_s: float
+    north_ref_m: float
+    east_ref_m: float
+
+
+class PathNow(Told, frozen=True, kw_only=True):
+    """Topic `path`, at the start and when another mission was loaded: the reference path, in straight legs.
+
+    `end_heading_rad`: null: that of the last leg. `origin`: where the mission came from.
+    """
+
+    name: str
+    waypoints: tuple[MissionPoint, ...]
+    end_heading_rad: float | None
+    origin: Literal["run file", "shore"]
+
+
+class HorizonNow(Told, frozen=True, kw_only=True):
+    """Topic `horizon`, at half the rate: what the NMPC expects, from where a command sent at `t_ns` begins to act.
+
+    `poses`: predicted, `step_s` apart; `reference`: places of the path that belong to them. `status`: the solver's.
+    """
+
+    status: str
+    step_s: float
+    poses: tuple[Pose, ...]
+    reference: tuple[Place, ...]
+
+
+class RangeNow(msgspec.Struct, frozen=True, kw_only=True):
+    """Newest range to one anchor; `residual_m`: measured minus expected, null while nothing is expected.
+
+    `accepted`: whether the filter used it.
+    """
+
+    anchor: str
+    range_m: float
+    residual_m: float | None
+    accepted: bool | None
+
+
+class RangesNow(Told, frozen=True, kw_only=True):
+    """Topic `ranges`, each tag cycle, twice a second at most: its UWB ranges."""
+
+    ranges: tuple[RangeNow, ...]
+
+
+class ModeNow(Told, frozen=True, kw_only=True):
+    """Topic `mode`, at every change and once a second. `driving`: the thrusters may turn.
+
+    `armed`, `autopilot_mode`: of the last heartbeat (Rover: 0 MANUAL, 4 HOLD), null before the first.
+    """
+
+    mode: Mode
+    why: str
+    driving: bool
+    armed: bool | None
+    autopilot_mode: int | None
+
+
+class AlertTold(Told, frozen=True, kw_only=True):
+    """Topic `alert`, each: something a person should know."""
+
+    level: Literal["info", "warning", "error"]
+    text: str
+
+
+class ChecksNow(Told, frozen=True, kw_only=True):
+    """Topic `checks`, once the autopilot's parameters were judged: the rows of `aritra check` known on the boat."""
+
+    level: Level
+    rows: tuple[Row, ...]
+
+
+class ExcitationNow(Told, frozen=True, kw_only=True):
+    """Topic `excitation`, twice a second while one is flown."""
+
+    phase: str
+    segment: int
+    segments: int
+    name: str
+    elapsed_s: float
+
+
+class Spread(msgspec.Struct, frozen=True, kw_only=True):
+    """Of the last second: median and largest; null where there was none."""
+
+    median_ms: float | None
+    max_ms: float | None
+
+
+class TimingNow(Told, frozen=True, kw_only=True):
+    """Topic `timing`, once a second: loop, solver, process, and this telemetry itself.
+
+    `leases`: how many by source; `solves`: by status. `cpu_percent` of one core, `rss_mb` in 1e6 bytes, null before
+    the first. `dropped`: messages, since the start, that telemetry had no room for; `refused`: orders from shore.
+    """
+
+    lateness: Spread
+    imu_to_override: Spread
+    solve: Spread
+    solves: dict[str, int]
+    leases: dict[str, int]
+    cpu_percent: float | None
+    rss_mb: float | None
+    dropped: int
+    refused: int
+
+
+class LinkNow(msgspec.Struct, frozen=True, kw_only=True):
+    """One device link and the reason for its state."""
+
+    link: str
+    state: LinkState
+    reason: str
+
+
+class LinksNow(Told, frozen=True, kw_only=True):
+    """Topic `links`, once a second. `ages_s`: since the last heartbeat, imu, attitude and uwb; null: never."""
+
+    links: tuple[LinkNow, ...]
+    ages_s: dict[str, float | None]
+
+
+class BatteryNow(Told, frozen=True, kw_only=True):
+    """Topic `battery`, once a second. `age_s`: of the autopilot's last word on it."""
+
+    voltage_v: float
+    current_a: float | None
+    remaining_percent: int | None
+    age_s: float
+
+
+TOPICS: dict[str, type[Told]] = {
+    "about": About,
+    "state": StateNow,
+    "thrusters": ThrustersNow,
+    "reference": ReferenceNow,
+    "path": PathNow,
+    "horizon": HorizonNow,
+    "ranges": RangesNow,
+    "mode": ModeNow,
+    "alert": AlertTold,
+    "checks": ChecksNow,
+    "excitation": ExcitationNow,
+    "timing": TimingNow,
+    "links": LinksNow,
+    "battery": BatteryNow,
+}
+_NAMES = {kind: name for name, kind in TOPICS.items()}
+_DECODERS = {name: msgspec.json.Decoder(kind) for name, kind in TOPICS.items()}
+_ENCODER = msgspec.json.Encoder()
+
+
+def topic_of(told: Told) -> str:
+    """Name of a struct's topic."""
+    return _NAMES[type(told)]
+
+
+def telemetry_key(boat: str, topic: str) -> str:
+    """Zenoh key of a topic. `*` for boat or topic stands for all."""
+    return f"{KEYSPACE}/{boat}/telemetry/{topic}"
+
+
+def command_key(boat: str) -> str:
+    """Zenoh key under which the boat answers orders (`shore_orders`)."""
+    return f"{KEYSPACE}/{boat}/command"
+
+
+def alive_key(boat: str) -> str:
+    """Zenoh key of the liveliness token: there while the boat's program runs and can be reached."""
+    return f"{KEYSPACE}/{boat}/alive"
+
+
+def encode(told: Told) -> bytes:
+    """Struct -> JSON."""
+    return _ENCODER.encode(told)
+
+
+def decode(topic: str, data: bytes) -> Told:
+    """JSON of a topic -> struct. Raises ValueError: unknown topic, newer version, or not what the topic promises."""
+    if topic not in _DECODERS:
+        raise ValueError(f"unknown telemetry topic {topic!r}: this program is older than the boat's")
+    try:
+        told = _DECODERS[topic].decode(data)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"{topic}: {error}") from None
+    if told.v > VERSION:
+        raise ValueError(f"{topic}: version {told.v}, this program knows {VERSION}: update it")
+    return told
+
+
+def square(triangle: tuple[float, ...], n: int = 6) -> tuple[tuple[float, ...], ...]:
+    """Upper triangle, row by row -> the symmetric n x n matrix. Raises ValueError for another length."""
+    if len(triangle) != n * (n + 1) // 2:
+        raise ValueError(f"expected {n * (n + 1) // 2} numbers, got {len(triangle)}")
+    rows = [[0.0] * n for _ in range(n)]
+    values = iter(triangle)
+    for i in range(n):
+        for j in range(i, n):
+            rows[i][j] = rows[j][i] = next(values)
+    return tuple(map(tuple, rows))

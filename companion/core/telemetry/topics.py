@@ -1,0 +1,219 @@
+"""One struct a topic, from the messages that it speaks of; numbers as fine as a plot can use (`telemetry_figures`).
+
+`run`: the name of this run, in every struct. When each is told is the view's business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from companion.core.guidance.missions.mission import Mission
+from companion.core.messages import (
+    AnchorRange,
+    Battery,
+    ExcitationStatus,
+    GuidanceReference,
+    Heartbeat,
+    Innovation,
+    LinkStatus,
+    MissionPoint,
+    ModeStatus,
+    NewMission,
+    OverrideLease,
+    PlanResult,
+    ServoOutput,
+    SolveRequest,
+    StateEstimate,
+    UwbRanges,
+)
+from companion.core.pilot.state import PilotSettings
+from companion.core.telemetry import structs as shore
+from companion.core.telemetry.rounding import angle, centimetres, cut, metres, triangle
+
+
+class Who(NamedTuple):
+    """Which run this is. `run`: its name in every struct."""
+
+    run: str
+    configuration: str
+    software: str
+    unix_minus_t_ns: int
+    commands: bool
+
+
+def about(who: Who, settings: PilotSettings, t_ns: int) -> shore.About:
+    """What does not change in a run."""
+    site, fence, vessel = settings.site, settings.fence, settings.vessel
+    return shore.About(
+        run=who.run,
+        t_ns=t_ns,
+        vessel=vessel.name,
+        site=site.name,
+        configuration=who.configuration,
+        software=who.software,
+        unix_minus_t_ns=who.unix_minus_t_ns,
+        period_s=settings.control.period_s,
+        lat_deg=site.lat_deg,
+        lon_deg=site.lon_deg,
+        rotation_deg=site.rotation_deg,
+        thrusters=tuple(
+            shore.ThrusterAbout(
+                name=t.name,
+                channel=t.channel,
+                x_m=t.x_m,
+                y_m=t.y_m,
+                azimuth_deg=t.azimuth_deg,
+                force_min_n=t.force_min_N,
+                force_max_n=t.force_max_N,
+            )
+            for t in vessel.thrusters
+        ),
+        anchors=tuple(shore.AnchorAbout(id=a.id, north_m=a.north_m, east_m=a.east_m) for a in site.anchors),
+        within=tuple(tuple((n, e) for n, e in polygon) for polygon in fence.within),
+        without=tuple(tuple((n, e) for n, e in polygon) for polygon in fence.without),
+        commands=who.commands,
+        length_m=vessel.hull.length_m,
+        beam_m=vessel.hull.beam_m,
+    )
+
+
+def state(run: str, e: StateEstimate) -> shore.StateNow:
+    """The estimate."""
+    return shore.StateNow(
+        run=run,
+        t_ns=e.t_ns,
+        north_m=metres(e.north_m),
+        east_m=metres(e.east_m),
+        psi_rad=angle(e.psi_rad),
+        u_m_s=metres(e.u_m_s),
+        v_m_s=metres(e.v_m_s),
+        r_rad_s=angle(e.r_rad_s),
+        covariance=triangle(e.covariance),
+        disturbance_n=tuple(map(metres, e.disturbance_n)),
+        health=e.health,
+        reason=cut(e.reason),
+    )
+
+
+def thrusters(run: str, lease: OverrideLease, output: ServoOutput | None, n: int) -> shore.ThrustersNow:
+    """The lease, and what the autopilot says of its first `n` outputs."""
+    return shore.ThrustersNow(
+        run=run,
+        t_ns=lease.t_ns,
+        pwm_us=lease.pwm_us[:n],
+        force_n=tuple(map(metres, lease.f_command_n)),
+        source=lease.source,
+        reason=cut(lease.reason),
+        output_us=output.pwm_us[:n] if output else None,
+    )
+
+
+def reference(run: str, g: GuidanceReference) -> shore.ReferenceNow:
+    """What guidance asks for."""
+    return shore.ReferenceNow(
+        run=run,
+        t_ns=g.t_ns,
+        phase=g.phase,
+        leg=g.leg,
+        waypoints_passed=g.waypoints_passed,
+        x_e_m=metres(g.x_e_m),
+        y_e_m=metres(g.y_e_m),
+        psi_ref_rad=angle(g.psi_ref_rad),
+        u_ref_m_s=metres(g.u_ref_m_s),
+        north_ref_m=metres(g.north_ref_m),
+        east_ref_m=metres(g.east_ref_m),
+    )
+
+
+def horizon(run: str, plan: PlanResult, request: SolveRequest, step_s: float) -> shore.HorizonNow:
+    """A plan, and the places of the path that belong to it."""
+    return shore.HorizonNow(
+        run=run,
+        t_ns=request.t_ns,
+        status=plan.status,
+        step_s=step_s,
+        poses=tuple((centimetres(x[0]), centimetres(x[1]), centimetres(x[2])) for x in plan.x),
+        reference=tuple((centimetres(row[0]), centimetres(row[1])) for row in request.reference),
+    )
+
+
+def ranges(run: str, heard: UwbRanges, residuals: Mapping[str, Innovation]) -> shore.RangesNow:
+    """A tag's cycle. `residuals`: what the filter made of it, by anchor."""
+    return shore.RangesNow(
+        run=run, t_ns=heard.t_ns, ranges=tuple(_range(each, residuals.get(each.anchor)) for each in heard.ranges)
+    )
+
+
+def _range(heard: AnchorRange, judged: Innovation | None) -> shore.RangeNow:
+    return shore.RangeNow(
+        anchor=heard.anchor,
+        range_m=metres(heard.range_m),
+        residual_m=metres(judged.innovation[0]) if judged else None,
+        accepted=judged.accepted if judged else None,
+    )
+
+
+def path(run: str, told: NewMission | Mission, t_ns: int) -> shore.PathNow:
+    """The reference path: of an order from shore, or the run file's."""
+    loaded = isinstance(told, NewMission)
+    return shore.PathNow(
+        run=run,
+        t_ns=t_ns,
+        name=told.name,
+        waypoints=told.waypoints if loaded else points_of(told),
+        end_heading_rad=told.end_heading_rad,
+        origin="shore" if loaded else "run file",
+    )
+
+
+def points_of(mission: Mission) -> tuple[MissionPoint, ...]:
+    """Waypoints of a mission as messages carry them."""
+    return tuple(
+        MissionPoint(north_m=w.north_m, east_m=w.east_m, speed_m_s=w.speed_m_s, acceptance_m=w.acceptance_m)
+        for w in mission.path.waypoints
+    )
+
+
+def excitation(run: str, x: ExcitationStatus) -> shore.ExcitationNow:
+    """How far an excitation is."""
+    return shore.ExcitationNow(
+        run=run,
+        t_ns=x.t_ns,
+        phase=x.phase,
+        segment=x.segment,
+        segments=x.segments,
+        name=x.name,
+        elapsed_s=round(x.elapsed_s, 1),
+    )
+
+
+def mode(run: str, told: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow:
+    """The pilot's mode, and the autopilot's with it."""
+    return shore.ModeNow(
+        run=run,
+        t_ns=told.t_ns,
+        mode=told.mode,
+        why=cut(told.why),
+        driving=told.driving,
+        armed=beat.armed if beat else None,
+        autopilot_mode=beat.custom_mode if beat else None,
+    )
+
+
+def links(run: str, told: Iterable[LinkStatus], ages_s: Mapping[str, float | None], t_ns: int) -> shore.LinksNow:
+    """Devices, and how old their last words are."""
+    each = tuple(shore.LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in told)
+    return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=dict(ages_s))
+
+
+def battery(run: str, b: Battery, t_ns: int) -> shore.BatteryNow:
+    """The pack, as the autopilot last told."""
+    return shore.BatteryNow(
+        run=run,
+        t_ns=t_ns,
+        voltage_v=round(b.voltage_v, 2),
+        current_a=None if b.current_a is None else round(b.current_a, 2),
+        remaining_percent=b.remaining_percent,
+        age_s=round((t_ns - b.t_ns) * 1e-9, 1),
+    )

@@ -1,0 +1,80 @@
+"""Machine code kept in a folder between runs: one file for each key, written whole or not at all.
+
+The folder is `$ARITRA_CACHE`, else systemd's `$CACHE_DIRECTORY`, else `$XDG_CACHE_HOME/aritra` or `~/.cache/aritra`.
+Where it cannot be written nothing is kept, and the code is made anew at each start (a second or two). A file holds the
+code behind its SHA-256: one that was cut short or changed is not run but replaced. What is not there yet is made in a
+process of its own (`code_child`): 30 MB of compiler that the companion would keep for ever.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from companion.jit.checksummed import Damaged, opened, sealed
+from companion.jit.worker import ChildFailed, compiled_apart
+
+KEPT = 200
+"""Files kept, some 50 kB each; the oldest go first. One boat needs a dozen; assumed enough for a desk with many."""
+
+
+def cache_folder(environment: Mapping[str, str]) -> Path:
+    """Where to keep it, by the environment's variables."""
+    if named := environment.get("ARITRA_CACHE"):
+        return Path(named)
+    if given := environment.get("CACHE_DIRECTORY"):
+        return Path(given.split(":")[0])
+    home = environment.get("XDG_CACHE_HOME") or str(Path(environment.get("HOME", tempfile.gettempdir())) / ".cache")
+    return Path(home) / "aritra"
+
+
+class CodeStore:
+    """A `compiled.Store` in a folder. `make` compiles elsewhere; where it cannot, `tell` hears why."""
+
+    def __init__(
+        self,
+        folder: Path,
+        make: Callable[[str], bytes] = compiled_apart,
+        tell: Callable[[str], None] = lambda _: None,
+    ):
+        self._folder, self._make, self._tell = folder, make, tell
+
+    @classmethod
+    def of(cls, environment: Mapping[str, str] = os.environ, tell: Callable[[str], None] = lambda _: None) -> CodeStore:
+        """The store that the environment names."""
+        return cls(cache_folder(environment), tell=tell)
+
+    def get(self, key: str) -> bytes | None:
+        """The code, or None where there is none or it is damaged."""
+        try:
+            return opened(self._path(key).read_bytes())
+        except (OSError, Damaged):
+            return None
+
+    def put(self, key: str, code: bytes) -> None:
+        """Keep it where the folder can be written."""
+        with contextlib.suppress(OSError):
+            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
+                file.write(sealed(code))
+            os.replace(file.name, self._path(key))
+            self._forget_the_oldest()
+
+    def made(self, text: str) -> bytes | None:
+        """Object code of a module's text by a process of its own; None where that failed."""
+        try:
+            return self._make(text)
+        except ChildFailed as error:
+            self._tell(f"machine code is compiled in this process, not in one of its own: {error}")
+            return None
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{key}.o"
+
+    def _forget_the_oldest(self) -> None:
+        files = sorted(self._folder.glob("*.o"), key=lambda f: f.stat().st_mtime)
+        for file in files[:-KEPT]:
+            file.unlink(missing_ok=True)

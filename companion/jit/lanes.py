@@ -1,0 +1,95 @@
+"""A body of lanes whose results depend on nothing but the expression: not on width, processor or compiler."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Sequence
+
+import casadi as ca
+
+from companion.jit.elementary import OF_LANES, Lines, direction, doubled
+from companion.jit.emit import Body, Value, constant
+
+
+class Lanes(Body):
+    """A body with its own sin, cos, exp, log, pow and atan2, that leaves nothing to the compiler's choice.
+
+    A sum with a product in it is one fused operation, written so; a division by what does not change (a number, or one
+    of `steady`) is a product with its reciprocal. So results do not depend on the width, and are the same on every
+    processor. Sine and cosine of an angle from atan2 are shares of its arguments: then nobody needs the angle.
+    """
+
+    def __init__(self, width: int, steady: Collection[str] = ()):
+        super().__init__(width)
+        self._steady = steady
+        self._products: dict[str, tuple[str, str]] = {}
+        self._reciprocals: dict[str, Value] = {}
+        self._angles: dict[str, tuple[str, str]] = {}
+        self.never_negative: set[str] = set()
+
+    def operation(self, op: int, args: Sequence[Value]) -> Value:
+        """As `Body`, but for these functions."""
+        names, lane = self.alike(*args)
+        if not lane:
+            return super().operation(op, args)
+        known = self._angles.get(names[0])
+        if known and op in (ca.OP_SIN, ca.OP_COS):
+            return known[op == ca.OP_COS], True
+        rule, at = OF_LANES.get(op), Lines(self)
+        value = (rule(at, *names), True) if rule else super().operation(op, args)
+        if op == ca.OP_ATAN2:
+            self._angles[value[0]] = direction(at, *names)
+        elif known and op == ca.OP_NEG:
+            self._angles[value[0]] = self._negative(at.double, known[0]), known[1]
+        elif known and op == ca.OP_TWICE:
+            self._angles[value[0]] = doubled(at, *known)
+        if op in (ca.OP_FABS, ca.OP_SQRT, ca.OP_SQ) or (op == ca.OP_FMAX and any(map(self._is_sure, args))):
+            self.never_negative.add(value[0])
+        return value
+
+    def _is_sure(self, value: Value) -> bool:
+        """Whether it is never negative; NaN is not."""
+        name = value[0]
+        return number(name) >= 0 if name.startswith("0x") else name in self.never_negative
+
+    def binary(self, op: str, a: Value, b: Value) -> Value:
+        """As `Body`."""
+        if op == "fdiv" and (reciprocal := self._reciprocal(b)):
+            op, b = "fmul", reciprocal
+        (left, right), lane = self.alike(a, b)
+        kind = self.type_of(lane)
+        if op == "fmul":
+            name = self.add(f"fmul {kind} {left}, {right}")
+            self._products[name] = left, right
+            if self._is_sure(a) and self._is_sure(b):
+                self.never_negative.add(name)
+            return name, lane
+        if op in ("fadd", "fsub") and right in self._products:
+            x, y = self._products[right]
+            return self._fused(lane, self._negative(kind, x) if op == "fsub" else x, y, left), lane
+        if op in ("fadd", "fsub") and left in self._products:
+            x, y = self._products[left]
+            return self._fused(lane, x, y, self._negative(kind, right) if op == "fsub" else right), lane
+        return self.add(f"{op} {kind} {left}, {right}"), lane
+
+    def _reciprocal(self, b: Value) -> Value | None:
+        """1 / b where b does not change, else None."""
+        name, lane = b
+        if name.startswith("0x"):
+            return (constant(1 / value), False) if (value := number(name)) else None
+        if name in self._steady and name not in self._reciprocals:
+            one, kind = self.alike((constant(1.0), False), b)[0][0], self.type_of(lane)
+            self._reciprocals[name] = self.add(f"fdiv {kind} {one}, {name}"), lane
+        return self._reciprocals.get(name)
+
+    def _fused(self, lane: bool, x: str, y: str, z: str) -> str:
+        """x y + z, rounded once."""
+        return self.call("fma", (x, lane), (y, lane), (z, lane))[0]
+
+    def _negative(self, kind: str, x: str) -> str:
+        return self.add(f"fneg {kind} {x}")
+
+
+def number(text: str) -> float:
+    """What `constant` wrote."""
+    return struct.unpack("<d", int(text, 16).to_bytes(8, "little"))[0]

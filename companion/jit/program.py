@@ -1,0 +1,234 @@
+"""Loops of SX functions over one block of doubles, as one LLVM module.
+
+A `Kernel` is an SX function with the places of its arguments; a `Loop` runs kernels for k = 0, 1, .. or backwards;
+`Repeat` runs a body while a flag in memory is not nil, up to a count. An entry is a list of them:
+
+    operand of nonzero i, loop index k, lane l:   memory[base + step k + offsets[i] + lane l]
+
+Nothing is allocated while such a program runs, and its time is bounded by its counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from companion.jit.emit import Body, Value, walk
+
+
+@dataclass(frozen=True)
+class Operand:
+    """Where the nonzeros of one argument are. `lane`: distance between lanes; None: the same for all of them."""
+
+    base: int
+    step: int
+    offsets: Sequence[int]
+    lane: int | None = None
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """An SX function, where its inputs and outputs are, and how many lanes it works on at once."""
+
+    function: ca.Function
+    inputs: Sequence[Operand]
+    outputs: Sequence[Operand]
+    width: int = 1
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The kernels, in their order, for each k of `indices`, which are `first`, `first + by`, .. `count` of them.
+
+    A last step that would go beyond `last` is drawn back to it: lanes that overlap compute the same twice.
+    """
+
+    kernels: Sequence[Kernel]
+    count: int
+    first: int = 0
+    by: int = 1
+    last: int | None = None
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """The body while memory[flag] is not nil, at most `most` times."""
+
+    body: Sequence[Step]
+    flag: int
+    most: int
+
+
+@dataclass(frozen=True)
+class Fetch:
+    """Call the module's code into the cache, up to but without `end`, all lines at once, where they would come one
+    after the other after a sleep. What that is worth: docs/benchmarks/speed.md.
+    """
+
+    end: Kernel
+
+
+Step = Loop | Repeat | Fetch
+LINE = 64
+"""Bytes of a cache line; x86-64 and aarch64."""
+
+
+def over(kernels: Sequence[Kernel], stages: int) -> Loop:
+    """A loop over stages for kernels whose lanes are stages."""
+    width = kernels[0].width
+    return Loop(kernels, -(-stages // width), 0, width, stages - width)
+
+
+def module(entries: Mapping[str, Sequence[Step]]) -> str:
+    """Text of a module with one function `void name(double *memory)` for each entry."""
+    writer = _Writer()
+    for name, steps in entries.items():
+        writer.entry(name, steps)
+    return "\n".join([*sorted(writer.intrinsics), *writer.functions]) + "\n"
+
+
+@dataclass
+class _Writer:
+    functions: list[str] = field(default_factory=list)
+    intrinsics: set[str] = field(default_factory=set)
+    _kernels: dict[int, tuple[str, Kernel]] = field(default_factory=dict)
+    _labels: int = 0
+
+    def entry(self, name: str, steps: Sequence[Step]) -> None:
+        lines = [f"define void @{name}(ptr noalias %memory) {{", "entry:"]
+        before = "entry"
+        self._steps(lines, steps, before)
+        self.functions.append("\n".join([*lines, "  ret void", "}"]))
+
+    def _steps(self, lines: list[str], steps: Sequence[Step], before: str) -> str:
+        """Append them; the label that control comes from afterwards."""
+        for step in steps:
+            match step:
+                case Loop():
+                    before = self._loop(lines, step, before)
+                case Repeat():
+                    before = self._repeat(lines, step, before)
+                case Fetch():
+                    before = self._fetch(lines, step, before)
+        return before
+
+    def _fetch(self, lines: list[str], fetch: Fetch, before: str) -> str:
+        """Of the functions that were written so far; LLVM keeps their order."""
+        n, end = self._label(), self._kernel(fetch.end)
+        self.intrinsics.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+        lines += [
+            f"  %b{n} = ptrtoint ptr @kernel0 to i64",
+            f"  %e{n} = ptrtoint ptr @{end} to i64",
+            f"  br label %line{n}",
+            f"line{n}:",
+            f"  %a{n} = phi i64 [ %b{n}, %{before} ], [ %z{n}, %line{n} ]",
+            f"  %p{n} = inttoptr i64 %a{n} to ptr",
+            f"  call void @llvm.prefetch.p0(ptr %p{n}, i32 0, i32 2, i32 1)",
+            f"  %z{n} = add i64 %a{n}, {LINE}",
+            f"  %more{n} = icmp slt i64 %z{n}, %e{n}",
+            f"  br i1 %more{n}, label %line{n}, label %fetched{n}",
+            f"fetched{n}:",
+        ]
+        return f"fetched{n}"
+
+    def _label(self) -> int:
+        self._labels += 1
+        return self._labels
+
+    def _loop(self, lines: list[str], loop: Loop, before: str) -> str:
+        n = self._label()
+        lines += [
+            f"  br label %loop{n}",
+            f"loop{n}:",
+            f"  %i{n} = phi i64 [ 0, %{before} ], [ %next{n}, %loop{n} ]",
+            f"  %s{n} = mul i64 %i{n}, {loop.by}",
+            f"  %f{n} = add i64 %s{n}, {loop.first}",
+        ]
+        k = f"%f{n}"
+        if loop.last is not None:
+            lines += [f"  %c{n} = icmp sgt i64 {k}, {loop.last}"]
+            lines += [f"  %k{n} = select i1 %c{n}, i64 {loop.last}, i64 {k}"]
+            k = f"%k{n}"
+        lines += [f"  call void @{self._kernel(kernel)}(ptr %memory, i64 {k})" for kernel in loop.kernels]
+        lines += [
+            f"  %next{n} = add i64 %i{n}, 1",
+            f"  %more{n} = icmp slt i64 %next{n}, {loop.count}",
+            f"  br i1 %more{n}, label %loop{n}, label %done{n}",
+            f"done{n}:",
+        ]
+        return f"done{n}"
+
+    def _repeat(self, lines: list[str], repeat: Repeat, before: str) -> str:
+        n = self._label()
+        inner: list[str] = []
+        end = self._steps(inner, repeat.body, f"again{n}")
+        lines += [
+            f"  br label %test{n}",
+            f"test{n}:",
+            f"  %t{n} = phi i64 [ 0, %{before} ], [ %u{n}, %{end} ]",
+            f"  %p{n} = getelementptr double, ptr %memory, i64 {repeat.flag}",
+            f"  %g{n} = load double, ptr %p{n}",
+            f"  %open{n} = fcmp une double %g{n}, 0.0",
+            f"  %few{n} = icmp slt i64 %t{n}, {repeat.most}",
+            f"  %go{n} = and i1 %open{n}, %few{n}",
+            f"  br i1 %go{n}, label %again{n}, label %settled{n}",
+            f"again{n}:",
+            *inner,
+            f"  %u{n} = add i64 %t{n}, 1",
+            f"  br label %test{n}",
+            f"settled{n}:",
+        ]
+        return f"settled{n}"
+
+    def _kernel(self, kernel: Kernel) -> str:
+        if id(kernel) not in self._kernels:
+            name = f"kernel{len(self._kernels)}"
+            self._kernels[id(kernel)] = name, kernel
+            self.functions.append(self._text(name, kernel))
+        return self._kernels[id(kernel)][0]
+
+    def _text(self, name: str, kernel: Kernel) -> str:
+        """One kernel as a function of (memory, k). Inputs are read where first used, outputs written at the end."""
+        body = Body(kernel.width)
+        bases = {}
+
+        def place(operand: Operand, offset: int) -> str:
+            key = (operand.base, operand.step)
+            if key not in bases:
+                far = body.add(f"mul i64 %k, {operand.step}")
+                there = body.add(f"add i64 {far}, {operand.base}")
+                bases[key] = body.add(f"getelementptr double, ptr %memory, i64 {there}")
+            return body.add(f"getelementptr double, ptr {bases[key]}, i64 {offset}")
+
+        def load(index: int, nonzero: int) -> Value:
+            operand = kernel.inputs[index]
+            offset, kind = operand.offsets[nonzero], body.type_of(True)
+            if operand.lane is None or kernel.width == 1:
+                return body.add(f"load double, ptr {place(operand, offset)}, align 8"), False
+            if operand.lane == 1:
+                return body.add(f"load {kind}, ptr {place(operand, offset)}, align 8"), True
+            lane = "poison"
+            for i in range(kernel.width):
+                one = body.add(f"load double, ptr {place(operand, offset + i * operand.lane)}, align 8")
+                lane = body.add(f"insertelement {kind} {lane}, double {one}, i32 {i}")
+            return lane, True
+
+        written: list[tuple[Operand, int, Value]] = []
+        walk(kernel.function, body, load, lambda i, nz, v: written.append((kernel.outputs[i], nz, v)))
+        for operand, nonzero, value in written:
+            offset, kind = operand.offsets[nonzero], body.type_of(True)
+            if operand.lane is None or kernel.width == 1:
+                body.lines.append(f"  store double {value[0]}, ptr {place(operand, offset)}, align 8")
+            elif operand.lane == 1:
+                lane, there = body.spread(value), place(operand, offset)
+                body.lines.append(f"  store {kind} {lane}, ptr {there}, align 8")
+            else:
+                for i in range(kernel.width):
+                    one = body.add(f"extractelement {kind} {value[0]}, i32 {i}") if value[1] else value[0]
+                    there = place(operand, offset + i * operand.lane)
+                    body.lines.append(f"  store double {one}, ptr {there}, align 8")
+        self.intrinsics |= body.intrinsics
+        head = f"define internal void @{name}(ptr noalias %memory, i64 %k) {{"
+        return "\n".join([head, *body.lines, "  ret void", "}"])

@@ -1,0 +1,50 @@
+"""Machine code made in a short-lived process of its own, so that a compiler's memory never belongs to the companion.
+
+The child reads a module's text on its standard input and writes the SHA-256 of the object code and the code. It has a
+bounded time; one that fails, hangs or answers nonsense raises `ChildFailed`, and the caller compiles by itself.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+
+from companion.jit.checksummed import Damaged, opened, sealed
+
+LIMIT_S = 30.0
+"""Twenty times what it takes on a desk; assumed enough for a small board that starts up."""
+COMMAND = (sys.executable, "-P", "-m", "companion.jit.worker")
+
+
+class ChildFailed(Exception):
+    """No code came of it; the text says why."""
+
+
+def compiled_apart(text: str, command: Sequence[str] = COMMAND, limit_s: float = LIMIT_S) -> bytes:
+    """Object code of a module's text for this processor. Raises ChildFailed after `limit_s` at the latest."""
+    try:
+        done = subprocess.run(command, input=text.encode(), capture_output=True, timeout=limit_s, check=False)
+    except subprocess.TimeoutExpired:
+        raise ChildFailed(f"no answer within {limit_s:g} s") from None
+    except OSError as error:
+        raise ChildFailed(str(error)) from None
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ChildFailed(f"exit code {done.returncode}{': ' + said[-1] if said else ''}")
+    try:
+        return opened(done.stdout)
+    except Damaged:
+        raise ChildFailed(f"answered {len(done.stdout)} bytes that are no object code") from None
+
+
+def main() -> None:
+    """The child: text in, digest and code out."""
+    from companion.jit.machine import object_code  # noqa: PLC0415 - the parent has no use for it here
+
+    code = object_code(sys.stdin.buffer.read().decode())
+    sys.stdout.buffer.write(sealed(code))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Logs: what is in an MCAP file, read, recovered, summarised, replayed."""

@@ -1,0 +1,32 @@
+"""The configuration that a log was driven with, from its own metadata; and where its time begins."""
+
+from __future__ import annotations
+
+from companion.boat.load_run import Setup, setup_of
+from companion.core.configuration.site_file import Site, load_site
+from companion.core.configuration.tables import ConfigError
+from companion.logs.log_file import LogError, LogFile
+
+CONFIGURATION = ("run.toml", "vessel.toml", "site.toml", "mission.")
+
+
+def setup_in(log: LogFile) -> Setup:
+    """Everything the run was made from. Raises LogError where the log does not hold all of it, ConfigError."""
+    texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
+    missing = [name for name in CONFIGURATION if not any(text.startswith(name) for text in texts)]
+    if missing:
+        raise LogError(f"{log.path}: holds no configuration ({', '.join(missing)}): not a log of `aritra run`")
+    return setup_of(texts, {name: f"{log.path}: {name}" for name in texts})
+
+
+def site_in(log: LogFile) -> Site | None:
+    """The site file that the log holds; None where it has none, or one of another version."""
+    try:
+        return load_site(log.metadata["config/site.toml"], name="site.toml")
+    except (KeyError, ConfigError):
+        return None
+
+
+def zero_ns_of(log: LogFile) -> int:
+    """`t_ns` of the first message: t_s = 0 in everything that is made of the log; 0 where it has none."""
+    return next((message.t_ns for message in log.messages()), 0)

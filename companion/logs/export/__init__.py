@@ -1,0 +1,1 @@
+"""Logs as tables, as GeoJSON, as pictures for screen and print."""

@@ -1,0 +1,122 @@
+"""`aritra log page`: a log in a browser, as the live console would have shown it; one file, no network."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from companion.cli.analysis import seconds
+from companion.core.configuration.tables import ConfigError
+from companion.core.model.load_vessel import load_vessel
+from companion.logs.configuration import setup_in
+from companion.logs.log_file import LogError, LogFile
+
+if TYPE_CHECKING:
+    from sim.fitting.validate.ghost import Overlay
+
+OK, DAMAGED = 0, 1
+EVERY_S = 5.0
+"""Until a ghost is put back. Longer pieces tell of errors at their start: with the simulated boat's very model they
+ended 0.04 m and 4 degrees off after 5 s, 0.35 m and 26 degrees after 10 s (`aritra demo`, seed 0)."""
+NEEDS = 'ghosts need polars: pip install "aritra[analysis]", or leave them out with --no-ghosts'
+Command = Callable[[argparse.Namespace], int]
+
+
+def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
+    """Add `page` to the commands of `aritra log`."""
+    p = commands.add_parser(
+        "page",
+        help="one HTML file: map and plots over time, as the live console shows them, with the simulation as a ghost",
+        description="Beside what the boat did the page shows what its model says: open loop under the logged commands, "
+        "put back onto the boat every few seconds. A second vessel file makes a second ghost.",
+        epilog=exit_codes,
+    )
+    p.add_argument("log", type=Path, metavar="LOG", help="first file of a log of aritra run (NAME.mcap)")
+    p.add_argument("--out", "-o", type=Path, metavar="FILE", help="default: LOG.html beside it")
+    p.add_argument("--vessel", type=Path, metavar="FILE", help="base vessel file (default: the one in the log)")
+    p.add_argument("--extended", type=Path, metavar="FILE", help="second vessel file, for example of aritra diagnose")
+    every = "seconds until a ghost is put back onto the boat (default: %(default)g)"
+    p.add_argument("--every", type=seconds, metavar="S", default=EVERY_S, help=every)
+    p.add_argument("--no-ghosts", action="store_true", help="leave the simulation out")
+    p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's log: ghosts start from the truth")
+    rate = "samples a second (default: 10, fewer in logs of more than 20 minutes)"
+    p.add_argument("--rate", type=_rate, metavar="HZ", help=rate)
+    p.set_defaults(function=guarded(_run))
+
+
+def _rate(text: str) -> float:
+    try:
+        rate_hz = float(text)
+    except ValueError:
+        rate_hz = 0.0
+    if not 1.0 <= rate_hz <= 10.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected 1 to 10 samples a second")
+    return rate_hz
+
+
+def _run(args: argparse.Namespace) -> int:
+    from companion.logs.page import (
+        html,
+        view,
+    )
+
+    console, log = Console(), LogFile(args.log)
+    given = {"--vessel": args.vessel, "--extended": args.extended, "--truth": args.truth}
+    if args.no_ghosts and (odd := [name for name, value in given.items() if value]):
+        raise LogError(f"{odd[0]} says nothing with --no-ghosts: leave one of them out")
+    out = args.out or args.log.with_suffix(".html")
+    with console.status(f"reading {args.log}") as status:
+        duration_s = _duration_s(log)
+        rate_hz = args.rate or view.rate_of(duration_s)
+        told = view.samples(log, rate_hz)
+        overlay, zero_ns = None, 0
+        if not args.no_ghosts:
+            overlay, zero_ns = _overlay(log, args, lambda text, _share: status.update(f"ghosts: {text}"))
+        status.update("writing")
+        data = view.page_data(log, told, overlay, zero_ns)
+        written = html.page(args.log.name, data)
+        try:
+            out.write_bytes(written)
+        except OSError as error:
+            raise LogError(f"{out}: {error.strerror}") from None
+    ghosts = ", ".join(g.name for g in overlay.ghosts) if overlay else "none"
+    size = f"{len(written) / 1e6:.1f} MB, {duration_s:.0f} s at {rate_hz:.2g} Hz, ghosts: {ghosts}"
+    for line in (f"wrote {out}: {size}", *log.damage):
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    return DAMAGED if log.damage else OK
+
+
+def _duration_s(log: LogFile) -> float:
+    times = [entry.publish_time_ns for entry in log.entries()]
+    return (max(times) - min(times)) * 1e-9 if times else 0.0
+
+
+def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float], None]) -> tuple[Overlay, int]:
+    """Ghosts, and the stamp at which their clock begins."""
+    try:
+        from companion.logs.readers.read_run import Beside, read_run
+        from sim.fitting.validate.ghost import Believed, overlay
+    except ImportError:
+        raise LogError(NEEDS) from None
+    try:
+        own = setup_in(log).pilot.vessel
+        base = load_vessel(args.vessel.read_text(), name=str(args.vessel)) if args.vessel else own
+        Believed.of(str(args.vessel), base, own)
+        models = [Believed.of("simulated (base)", base, base)]
+        if args.extended:
+            extended = load_vessel(args.extended.read_text(), name=str(args.extended))
+            Believed.of(str(args.extended), extended, base)
+            models.append(Believed.of("simulated (extended)", extended, base))
+        say("reading what was measured", 0.0)
+        run = read_run(log.path, Beside(vessel=base, truth=args.truth))
+        return overlay(run, base, models, every_s=args.every, say=say), run.meta.zero_ns
+    except OSError as error:
+        raise LogError(f"{error.filename}: {error.strerror}") from None
+    except ConfigError:
+        raise
+    except ValueError as error:  # RunError and JobError: the run lacks what a simulation needs
+        raise LogError(f"{error}; without ghosts: --no-ghosts") from None

@@ -1,0 +1,220 @@
+"""Our own log (MCAP) -> run: what was commanded, what was measured, and the truth where there is one.
+
+Commands are the override leases, later by the run file's `control.latency_s`: what reaches the autopilot's outputs. A
+lease that ran out before the next began is followed by neutral, as the boat does. Where the autopilot's outputs say
+that it did not obey (disarmed, HOLD, failsafe), a note says when.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.core.configuration.run_file import load_run
+from companion.core.configuration.site_file import Site, load_site
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.messages import (
+    Attitude,
+    Battery,
+    GroundTruth,
+    ImuSample,
+    Message,
+    OverrideLease,
+    ServoOutput,
+    UwbPosition,
+    UwbRanges,
+)
+from companion.core.model.load_vessel import load_vessel
+from companion.logs.log_file import LogFile
+from companion.logs.readers.join import Stream, join
+from companion.logs.readers.uwb import uwb_streams
+from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+
+NEUTRAL_US = 1500.0
+OBEY_S = 0.6
+"""An output follows a lease within this: 0.5 s of override timeout, and the latency of its telemetry (observed)."""
+OBEY_US = 10.0  # assumed
+_TRUTH = ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
+_WANTED = (ImuSample, Attitude, Battery, OverrideLease, ServoOutput, UwbRanges, UwbPosition, GroundTruth)
+
+
+def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: Path | None) -> Run:
+    """Run of a log of `aritra run`. `vessel`, `site`: instead of those in the log; `truth`: the simulator's log.
+
+    Raises LogError, RunError.
+    """
+    log = LogFile(path)
+    vessel, site = vessel or _vessel(log), site or _site(log)
+    found: dict[type[Message], list[Any]] = defaultdict(list)
+    for message in log.messages(*_WANTED):
+        row = _ROWS.get(type(message))
+        found[type(message)].append(row(message) if row else message)
+    notes = [Problem(kind="damaged", text=text) for text in log.damage]
+    if truth:
+        simulator = LogFile(truth)
+        found[GroundTruth] = list(simulator.messages(GroundTruth))
+        notes += [Problem(kind="damaged", text=text) for text in simulator.damage]
+    if not found[OverrideLease]:
+        raise RunError(f"{path}: no thruster commands (/override_lease) in it")
+    names = thruster_names(vessel, found[OverrideLease])
+    down_m = vessel.sensors.uwb.z_m if vessel else 0.0
+    tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
+    streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude])]
+    streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
+    last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag) if len(s.t_ns)), default=0)
+    link_ns = _link_ns(log)
+    streams += [_commands(found[OverrideLease], names, last_ns, link_ns), *tag, _truth(found[GroundTruth], names)]
+    meta = RunMeta(
+        vessel=vessel.name if vessel else log.metadata.get("vessel", "not stated"),
+        source=str(path.name),
+        clock="companion, monotonic",
+        columns={
+            "pwm": f"commanded: override leases {link_ns / 1e9:g} s later (control.latency_s)",
+            "r_rad_s": "gyroscope",
+            **places,
+        },
+        notes=tuple(notes),
+        **described(vessel, site),
+    )
+    run = join(streams, meta)
+    return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], len(names), run.meta.zero_ns))
+
+
+def described(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
+    """Fields of RunMeta that the vessel file and the site file know."""
+    fields: dict[str, Any] = {}
+    if vessel:
+        uwb = vessel.sensors.uwb
+        fields["latency_s"], fields["tag_arm_m"] = uwb.latency_s, (uwb.x_m, uwb.y_m)
+        fields["pwm_limits_us"] = {t.name: (float(t.pwm_min_us), float(t.pwm_max_us)) for t in vessel.thrusters}
+    if site:
+        fields["site"] = site.name
+        fields["anchors_m"] = {a.id: (a.north_m, a.east_m, a.down_m) for a in site.anchors}
+    return fields
+
+
+def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tuple[str, ...]:
+    """Names by the vessel file; without one ch<channel> of as many as the leases have forces for."""
+    if vessel:
+        return tuple(t.name for t in vessel.thrusters)
+    widest = max(leases, key=lambda lease: len(lease.f_command_n))
+    return tuple(f"ch{channel}" for channel in widest.channels[: len(widest.f_command_n) or None])
+
+
+def attitude_row(a: Attitude) -> tuple[float, ...]:
+    """Stamp, heading, roll, pitch."""
+    return a.t_ns, a.psi_rad, a.phi_rad, a.theta_rad
+
+
+def attitude_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
+    """Of rows as above; the heading becomes wrapped to [-pi, pi)."""
+    stream = Stream.of("attitude", ("psi_rad", "phi_rad", "theta_rad"), rows, near="IMU")
+    stream.columns["psi_rad"][:] = wrapped(stream.columns["psi_rad"])
+    return stream
+
+
+def wrapped(angle_rad: np.ndarray) -> np.ndarray:
+    """Angles in [-pi, pi)."""
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+def imu_row(m: ImuSample) -> tuple[float, ...]:
+    """Stamp, yaw rate, specific force along x and y."""
+    return m.t_ns, m.r_rad_s, m.ax_m_s2, m.ay_m_s2
+
+
+def imu_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
+    """Of rows as above."""
+    return Stream.of("IMU", ("r_rad_s", "ax_m_s2", "ay_m_s2"), rows)
+
+
+def _imu(rows: list[tuple[Any, ...]], notes: list[Problem]) -> Stream:
+    sources = sorted({row[-1] for row in rows})
+    if len(sources) > 1:
+        notes.append(Problem(kind="mixed", text=f"inertial samples of {', '.join(sources)} follow one another"))
+    return imu_stream([row[:-1] for row in rows])
+
+
+_ROWS: dict[type[Message], Callable[[Any], tuple[Any, ...]]] = {
+    ImuSample: lambda m: (*imu_row(m), m.source),
+    Attitude: attitude_row,
+    Battery: lambda m: (m.t_ns, m.voltage_v),
+}
+"""What is kept of the most frequent messages: tuples of numbers, which the garbage collector forgets."""
+
+
+def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int, link_ns: int) -> Stream:
+    """Leases as they reach the output, `link_ns` later, and neutral from where one ran out.
+
+    `last_ns`: when the last sample came.
+    """
+    rows: list[tuple[float, ...]] = []
+    end_ns: int | None = None
+    for lease in leases:
+        t_ns = lease.t_ns + link_ns
+        if end_ns is not None and t_ns > end_ns:
+            rows.append((end_ns, *(NEUTRAL_US for _ in names)))
+        given = lease.pwm_us[: len(names)]
+        rows.append((t_ns, *given, *(np.nan for _ in range(len(names) - len(given)))))
+        end_ns = t_ns + round(lease.valid_for_s * 1e9)
+    if end_ns is not None and end_ns <= last_ns:
+        rows.append((end_ns, *(NEUTRAL_US for _ in names)))
+    return Stream.of("commands", [f"pwm_{name}" for name in names], rows, held=True)
+
+
+def _truth(truths: list[GroundTruth], names: tuple[str, ...]) -> Stream:
+    rows = []
+    for m in truths:
+        forces = m.f_n if len(m.f_n) == len(names) else (np.nan,) * len(names)
+        rows.append((m.t_ns, m.north_m, m.east_m, wrapped(np.array(m.psi_rad)), m.u_m_s, m.v_m_s, m.r_rad_s, *forces))
+    columns = [f"true_{name}" for name in _TRUTH] + [f"true_f_{name}_n" for name in names]
+    return Stream.of("truth", columns, rows, outside=True)
+
+
+def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, zero_ns: int) -> list[Problem]:
+    """Stretches in which the first `n` outputs are none of the leases of the last OBEY_S."""
+    stamps = np.array([lease.t_ns for lease in leases])
+    pwm = np.array([(*lease.pwm_us[:n], *(0,) * (n - len(lease.pwm_us))) for lease in leases], dtype=float)
+    stretches: list[list[float]] = []
+    told = [o for o in outputs if stamps[0] + OBEY_S * 1e9 <= o.t_ns <= stamps[-1]]
+    odd = False
+    for output in told:
+        first, last = np.searchsorted(stamps, (output.t_ns - OBEY_S * 1e9, output.t_ns + 1))
+        given = np.array(output.pwm_us[:n], dtype=float)
+        near = last > first and (np.abs(pwm[first:last] - given).max(axis=1) <= OBEY_US).any()
+        t_s = (output.t_ns - zero_ns) / 1e9
+        if not near and not odd:
+            stretches.append([t_s, t_s])
+        elif not near:
+            stretches[-1][1] = t_s
+        odd = not near
+    text = "the autopilot's outputs are not what was commanded (disarmed, other mode, failsafe?)"
+    return [Problem(kind="not obeyed", text=text, t_s=a, length_s=b - a) for a, b in stretches if b - a >= OBEY_S]
+
+
+def _link_ns(log: LogFile) -> int:
+    """From an override to the autopilot's output, as the run file in the log has it; nil without one."""
+    try:
+        run = load_run(log.metadata["config/run.toml"], name=f"{log.path}: run.toml")
+    except (KeyError, ConfigError):
+        return 0
+    return round(run.control.latency_s * 1e9)
+
+
+def _vessel(log: LogFile) -> VesselFile | None:
+    try:
+        return load_vessel(log.metadata["config/vessel.toml"], name=f"{log.path}: vessel.toml")
+    except (KeyError, ConfigError):
+        return None
+
+
+def _site(log: LogFile) -> Site | None:
+    try:
+        return load_site(log.metadata["config/site.toml"], name=f"{log.path}: site.toml")
+    except (KeyError, ConfigError):
+        return None

@@ -1,0 +1,87 @@
+"""C/S Enterprise I (NTNU basin, motion capture, 20 Hz): its CSV -> run.
+
+Commands u1..u5 in -1..1 become 1500 + 400 u [us], as deploy/boats/cse1.toml reads them back. Rows with
+tracking_lost keep their commands; their pose, which is zeros, is left blank, and so is one with the ship on its side:
+there the tracker took markers for one another. The propellers' speed is setting_vsp_speed; bt_power, height and
+set-points are kept as extra_ columns; nu1..nu6 are not: they are raw differences of the pose.
+Source: github.com/NTNU-MCS/CS_EnterpriseI_archive.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from companion.logs.readers.join import Stream, join
+from companion.logs.readers.table import csv_lines, numbers, text_columns
+from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+
+THRUSTERS = ("port_surge", "port_sway", "starboard_surge", "starboard_sway", "bow")
+NEUTRAL_US, SPAN_US = 1500.0, 400.0
+BEYOND = 1.01  # the joystick's counts end at 1.0028 (observed)
+_NEEDED = ("t", "x", "y", "phi", "theta", "psi", "u1", "u2", "u3", "u4", "u5", "tracking_lost")
+CAPSIZED_RAD = 0.5  # the ship rolls by 0.06 rad at most (observed); beyond this she would not float
+_EXTRA = ("z", "bt_power", "eta_d1", "eta_d2", "eta_d3")
+
+
+def is_cse1(header: str) -> bool:
+    """Does a CSV with this first line come from there?"""
+    return {"t", "u1", "u5", "tracking_lost"} <= set(header.split(","))
+
+
+def read_cse1(path: Path) -> Run:
+    """Run of one recording. Raises RunError naming file, line and column, OSError."""
+    texts = text_columns(csv_lines(path), 0, str(path))
+    if missing := [name for name in _NEEDED if name not in texts.columns]:
+        raise RunError(f"{path}: line 1: column {', '.join(missing)}: missing")
+    table = numbers(texts, str(path), 2)
+    blank = table.select(pl.any_horizontal(pl.col(_NEEDED).is_null())).to_series()
+    if blank.any():
+        raise RunError(f"{path}: line {int(blank.arg_true()[0]) + 2}: a field is blank")
+    data = {name: table[name].to_numpy() for name in table.columns}
+    beyond = np.abs(np.column_stack([data[f"u{i}"] for i in range(1, 6)])).max(axis=1) > BEYOND
+    if beyond.any():
+        raise RunError(
+            f"{path}: line {int(beyond.argmax()) + 2}: u1..u5: expected -1 to 1, or up to {BEYOND} beyond by rounding"
+        )
+    t_ns = np.rint(data["t"] * 1e9).astype(np.int64)
+    tracked = data["tracking_lost"] == 0
+    upright = np.maximum(np.abs(data["phi"]), np.abs(data["theta"])) < CAPSIZED_RAD
+    seen = tracked & upright
+    pose = {
+        "psi_rad": (data["psi"][seen] + np.pi) % (2 * np.pi) - np.pi,
+        "north_m": data["x"][seen], "east_m": data["y"][seen],
+        "phi_rad": data["phi"][seen], "theta_rad": data["theta"][seen],
+    }  # fmt: skip
+    pwm = {f"pwm_{name}": NEUTRAL_US + SPAN_US * data[f"u{i}"] for i, name in enumerate(THRUSTERS, 1)}
+    extra = {f"extra_{name}": data[name] for name in _EXTRA if name in data}
+    mocap = "motion capture, basin axes; the point that it tracks stands for the body origin"
+    meta = RunMeta(
+        vessel="cse1",
+        source=path.name,
+        clock="recording, from its beginning",
+        site="NTNU Marine Cybernetics basin",
+        latency_s=None,
+        tag_arm_m=(0.0, 0.0),
+        columns={
+            "pwm": "commands u1..u5 as 1500 + 400 u; 20 Hz, logged value of each instant",
+            **dict.fromkeys(("psi_rad", "north_m", "east_m"), mocap),
+        },
+    )
+    streams = [
+        Stream("motion capture", t_ns[seen], pose),
+        Stream("commands", t_ns, pwm, held=True),
+        Stream("others", t_ns, extra),
+    ]
+    if "vsp_speed" in data:
+        streams.append(Stream("settings", t_ns, {"setting_vsp_speed": data["vsp_speed"]}, held=True))
+    return join(streams, meta).with_notes(_capsized(data["t"], tracked & ~upright))
+
+
+def _capsized(t_s: np.ndarray, wrong: np.ndarray) -> list[Problem]:
+    if not wrong.any():
+        return []
+    text = f"{wrong.sum()} poses with the ship on her side or back: markers taken for one another; left blank"
+    return [Problem(kind="not a number", text=text, t_s=float(t_s[wrong.argmax()] - t_s[0]), length_s=0.0)]

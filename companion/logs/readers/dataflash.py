@@ -1,0 +1,161 @@
+"""ArduPilot dataflash log (.BIN) -> run: RCOU, IMU, ATT, BAT, and BCN or GPS, or a UWB log beside it.
+
+The clock is the autopilot's, since boot. A UWB log is stamped by its host: the two are joined by the Unix time
+that GPS messages carry (GPS week and ms), or by an offset that the caller states. Outputs 1..n drive the
+thrusters in the vessel file's order. Source: https://ardupilot.org/rover/docs/logmessages.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pymavlink import DFReader
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.readers.aritra import NEUTRAL_US, attitude_stream, described, imu_stream
+from companion.logs.readers.join import Stream, join
+from companion.logs.readers.positions import from_geodetic
+from companion.logs.readers.uwb import UwbLog
+from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+
+_MAGIC = b"\xa3\x95"
+_KINDS = ("RCOU", "IMU", "ATT", "BAT", "BCN", "GPS")
+_GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix seconds
+LEAP_S = 18
+"""GPS time minus UTC since 2017 (IERS Bulletin C)."""
+_WEEK_S = 604_800
+_FIX_3D = 3
+LATEST_US = 10 * 365 * 86_400 * 1_000_000
+"""No autopilot has been on for ten years; assumed."""
+
+Joined = Callable[[int], UwbLog]
+"""Offset [ns] to add to Unix stamps -> the UWB log on the run's clock."""
+
+
+def read_dataflash_run(
+    path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joined | None, offset_s: float | None
+) -> Run:
+    """Run of a dataflash log. Raises RunError naming the file, OSError."""
+    with path.open("rb") as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise RunError(f"{path}: not a dataflash log: it does not begin with the bytes A3 95")
+    notes: list[Problem] = []
+    try:
+        rows, unix_ns = _messages(path, notes)
+    except OSError:
+        raise
+    except Exception as error:  # pymavlink raises a plain Exception, struct's and index errors on damaged formats
+        raise RunError(f"{path}: cannot be read as a dataflash log, its format records are damaged: {error}") from None
+    if not rows["RCOU"]:
+        raise RunError(f"{path}: no servo outputs (RCOU) in it")
+    streams = [
+        output_stream(rows["RCOU"], vessel, notes),
+        imu_stream(rows["IMU"]),
+        attitude_stream(rows["ATT"]),
+        Stream.of("battery", ("battery_v",), rows["BAT"], held=True),
+    ]
+    columns = {"pwm": "RCOU: what left the autopilot", "r_rad_s": "gyroscope of IMU 0"}
+    known = described(vessel, site)
+    if uwb:
+        if offset_s is None and unix_ns is None:
+            raise RunError(f"{path}: no GPS time in it: state the offset from the UWB log's clock to this log's")
+        log = uwb(round(offset_s * 1e9) if offset_s is not None else -(unix_ns or 0))
+        streams, columns, notes = streams + log.streams, columns | log.columns, notes + list(log.notes)
+    elif rows["BCN"]:
+        streams.append(_beacon(rows["BCN"]))
+        columns["north_m"] = columns["east_m"] = "BCN: the autopilot's beacon position, from the beacons' origin"
+        known["latency_s"] = None
+    elif rows["GPS"]:
+        stream, said = gps_stream(rows["GPS"], site)
+        streams.append(stream)
+        columns["north_m"] = columns["east_m"] = f"GPS antenna, {said}"
+        known["latency_s"] = known["tag_arm_m"] = None
+    clock = "autopilot, since boot"
+    name = vessel.name if vessel else "not stated"
+    meta = RunMeta(vessel=name, source=path.name, clock=clock, columns=columns, notes=tuple(notes), **known)
+    return join(streams, meta)
+
+
+def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, notes: list[Problem]) -> Stream:
+    """Outputs 1..n as commands: named by the vessel file, or out1.. of those that ever had a pulse.
+
+    No pulse (0) is written as neutral: the speed controller stops its motor. It is said in `notes`.
+    """
+    table = np.array(rows, dtype=float)
+    t_ns = np.array([row[0] for row in rows], dtype=np.int64)
+    pulses = table[:, 1:]
+    if vessel:
+        picked = {t.name: i for i, t in enumerate(vessel.thrusters)}
+    else:
+        picked = {f"out{i + 1}": i for i in range(pulses.shape[1]) if (pulses[:, i] > 0).any()}
+    columns = {}
+    for name, i in picked.items():
+        pwm_us = pulses[:, i] if i < pulses.shape[1] else np.zeros(len(pulses))
+        dead = pwm_us == 0
+        if dead.any():
+            text = f"pwm_{name}: output {i + 1} had no pulse in {int(dead.sum())} of {len(dead)} records: neutral"
+            notes.append(Problem(kind="no pulse", text=text))
+        columns[f"pwm_{name}"] = np.where(dead, NEUTRAL_US, pwm_us)
+    return Stream("outputs", t_ns, columns, held=True)
+
+
+def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[Stream, str]:
+    """Rows (t_ns, latitude, longitude [deg]) as positions, and from which origin."""
+    table = np.array([row[1:3] for row in rows], dtype=float)
+    north, east, said = from_geodetic(table[:, 0], table[:, 1], site)
+    t_ns = np.array([row[0] for row in rows], dtype=np.int64)
+    return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), said
+
+
+def _messages(path: Path, notes: list[Problem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
+    """Rows (t_ns, values) by message type, SI units; Unix time minus the log's clock [ns], where GPS tells it.
+
+    A record without the columns of its type, or stamped after `LATEST_US`, is damaged: left out, and in `notes`.
+    """
+    rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in _KINDS}
+    unix_ns, damaged = None, 0
+    with DFReader.DFReader_binary(str(path)) as log:
+        while (m := log.recv_match(type=list(_KINDS))) is not None:
+            kind = m.get_type()
+            try:
+                row, t_us = _DECODE[kind](m), m.TimeUS
+                gps = (m.GWk, m.GMS) if kind == "GPS" else (0, 0)
+            except (AttributeError, TypeError):  # a damaged format record gives its type other columns
+                damaged += 1
+                continue
+            if not 0 <= t_us <= LATEST_US:
+                damaged += 1
+                continue
+            if row is not None:
+                rows[kind].append((t_us * 1000, *row))
+            if gps[0] and unix_ns is None:
+                week_ns = (_GPS_EPOCH_S - LEAP_S + gps[0] * _WEEK_S) * 1_000_000_000
+                unix_ns = week_ns + gps[1] * 1_000_000 - t_us * 1000
+    if damaged:
+        notes.append(Problem(kind="damaged", text=f"{damaged} damaged records are left out"))
+    return rows, unix_ns
+
+
+def _beacon(rows: list[tuple[float, ...]]) -> Stream:
+    names = ("north_m", "east_m", *(f"range_{i}_m" for i in range(4)))
+    return Stream.of("beacon", names, rows)
+
+
+def _bcn(m: Any) -> tuple[float, ...] | None:
+    ranges = (d if d > 0 else np.nan for d in (m.D0, m.D1, m.D2, m.D3))
+    return (m.PosX, m.PosY, *ranges) if m.Health else None
+
+
+_DECODE: dict[str, Callable[[Any], tuple[float, ...] | None]] = {
+    "RCOU": lambda m: tuple(getattr(m, name) for name in m.get_fieldnames() if name.startswith("C")),
+    "IMU": lambda m: (m.GyrZ, m.AccX, m.AccY) if getattr(m, "I", 0) == 0 else None,
+    "ATT": lambda m: (radians(m.Yaw), radians(m.Roll), radians(m.Pitch)),
+    "BAT": lambda m: (m.Volt,) if getattr(m, "Instance", getattr(m, "Inst", 0)) == 0 else None,
+    "BCN": _bcn,
+    "GPS": lambda m: (m.Lat, m.Lng) if m.Status >= _FIX_3D and getattr(m, "I", 0) == 0 else None,
+}

@@ -1,0 +1,145 @@
+"""Streams with stamps of their own -> one run. What had to be left out on the way is said in its notes.
+
+The rows are the union of all stamps. An attitude within 1 ms of an inertial sample takes that sample's row
+(ATTITUDE is stamped in whole ms, the IMU in us: the difference is the stamp's, not the boat's).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+import polars as pl
+
+from companion.logs.runs.columns import REQUIRED
+from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+
+BACK_NS = 1_000_000_000
+"""A stamp that goes back by more than this is a clock that was set, not a packet that was late (assumed)."""
+NEAR_NS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one sensor. `t_ns` (n,) int; `columns`: name -> (n,), NaN where unknown.
+
+    `held`: in force until the next. `near`: name of the stream whose rows it takes where within 1 ms.
+    `outside`: may begin before and end after the log proper, and is cut to it.
+    """
+
+    name: str
+    t_ns: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    held: bool = False
+    near: str = ""
+    outside: bool = False
+
+    @classmethod
+    def of(cls, name: str, columns: Sequence[str], rows: Sequence[tuple[float, ...]], **options) -> Stream:
+        """From rows (t_ns, value of each of `columns`)."""
+        t_ns = np.array([row[0] for row in rows], dtype=np.int64)
+        values = np.array([row[1:] for row in rows], dtype=float).reshape(len(rows), len(columns))
+        return cls(name, t_ns, dict(zip(columns, values.T, strict=True)), **options)
+
+
+def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
+    """One run of all streams that have samples; `meta.zero_ns` and the notes are filled in here.
+
+    Raises RunError where nothing was commanded.
+    """
+    notes: list[tuple[int, Problem]] = []
+    kept = [cleaned for s in streams if len((cleaned := _clean(s, notes)).t_ns)]
+    if not any(name.startswith("pwm_") for s in kept for name in s.columns):
+        raise RunError(f"{meta.source}: no thruster commands in it")
+    proper = [s for s in kept if not s.outside]
+    zero_ns, end_ns = min(int(s.t_ns[0]) for s in proper), max(int(s.t_ns[-1]) for s in proper)
+    kept = [_cut(s, zero_ns, end_ns, notes) for s in kept]
+    by_name = {s.name: s for s in kept}
+    kept = [_moved(s, by_name[s.near]) if s.near in by_name else s for s in kept]
+    rows = np.unique(np.concatenate([s.t_ns for s in kept]))
+    table = pl.DataFrame({"t_ns": rows})
+    for s in kept:
+        frame = pl.DataFrame({"t_ns": s.t_ns, **s.columns}).fill_nan(None)
+        table = table.join_asof(frame, on="t_ns") if s.held else table.join(frame, on="t_ns", how="left")
+    table = table.sort("t_ns").drop("t_ns").with_columns(t_s=pl.Series((rows - zero_ns) / 1e9))
+    blank = pl.lit(None, pl.Float64)
+    table = table.with_columns(blank.alias(name) for name in REQUIRED if name not in table.columns)
+    told = [
+        msgspec.structs.replace(note, t_s=(at_ns - zero_ns) / 1e9) if note.t_s is not None else note
+        for at_ns, note in notes
+    ]
+    meta = msgspec.structs.replace(meta, zero_ns=zero_ns, notes=(*meta.notes, *told))
+    return Run(table.select(_order(table.columns)).cast(pl.Float64), meta)
+
+
+def _order(columns: Sequence[str]) -> list[str]:
+    pwm = [name for name in columns if name.startswith("pwm_")]
+    rest = [name for name in columns if name not in REQUIRED and name not in pwm]
+    return [REQUIRED[0], *pwm, *REQUIRED[1:], *rest]
+
+
+def _clean(s: Stream, notes: list[tuple[int, Problem]]) -> Stream:
+    """Increasing, single stamps: late ones sorted in, repeated ones dropped, all after a set-back clock left out."""
+
+    def note(kind: str, at: int, text: str) -> None:
+        notes.append((int(s.t_ns[at]), Problem(kind=kind, text=f"{s.name}: {text}", t_s=0.0, length_s=0.0)))
+
+    keep = np.arange(len(s.t_ns))
+    back = np.flatnonzero(s.t_ns[1:] < np.maximum.accumulate(s.t_ns)[:-1] - BACK_NS) + 1
+    if len(back):
+        at = int(back[0])
+        step_s = (s.t_ns[at - 1] - s.t_ns[at]) / 1e9
+        left = len(keep) - at
+        note("clock jump", at - 1, f"the clock goes back by {step_s:.3f} s; {left} samples after it are left out")
+        keep = keep[:at]
+    order = np.argsort(s.t_ns[keep], kind="stable")
+    if moved := int((np.diff(s.t_ns[keep]) < 0).sum()):
+        at = int((np.diff(s.t_ns[keep]) < 0).argmax()) + 1
+        note("out of order", at, f"{moved} samples came after later ones; sorted in")
+    keep = keep[order]
+    t_ns = s.t_ns[keep]
+    again = np.zeros(len(keep), dtype=bool)
+    if s.held:
+        again[:-1] = t_ns[1:] == t_ns[:-1]  # of two commands at one instant the last one counts
+    else:
+        again[1:] = t_ns[1:] == t_ns[:-1]
+    if again.any() and not s.held:
+        note("duplicate", int(keep[again.argmax()]), f"{int(again.sum())} samples repeat a stamp; the first is kept")
+    keep = keep[~again]
+    columns = {}
+    for name, values in s.columns.items():
+        infinite = np.isinf(values[keep])
+        if infinite.any():
+            note("not a number", int(keep[infinite.argmax()]), f"{name}: {int(infinite.sum())} infinite values; blank")
+        columns[name] = np.where(infinite, np.nan, values[keep])
+    return Stream(s.name, s.t_ns[keep], columns, s.held, s.near, s.outside)
+
+
+def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, Problem]]) -> Stream:
+    inside = (s.t_ns >= zero_ns) & (s.t_ns <= end_ns)
+    if not s.outside or inside.all():
+        return s
+    if not inside.any():
+        away_s = (s.t_ns[0] - zero_ns) / 1e9
+        text = (
+            f"{s.name}: none of its {len(inside)} samples falls into the log: it begins {away_s:+.1f} s from its start"
+        )
+        notes.append((zero_ns, Problem(kind="missing", text=text)))
+    columns = {name: values[inside] for name, values in s.columns.items()}
+    return Stream(s.name, s.t_ns[inside], columns, s.held, s.near, s.outside)
+
+
+def _moved(s: Stream, to: Stream) -> Stream:
+    """Stamps of `to` where within 1 ms, each taken once."""
+    if not len(to.t_ns) or not len(s.t_ns):
+        return s
+    after = np.clip(np.searchsorted(to.t_ns, s.t_ns), 1, max(len(to.t_ns) - 1, 1)) % len(to.t_ns)
+    nearest = np.where(s.t_ns - to.t_ns[after - 1] < to.t_ns[after] - s.t_ns, after - 1, after)
+    t_ns = np.where(np.abs(to.t_ns[nearest] - s.t_ns) <= NEAR_NS, to.t_ns[nearest], s.t_ns)
+    again = np.append(False, np.diff(t_ns) == 0)
+    t_ns = np.where(again, s.t_ns, t_ns)
+    order = np.argsort(t_ns, kind="stable")
+    columns = {name: values[order] for name, values in s.columns.items()}
+    return Stream(s.name, t_ns[order], columns, s.held, s.near, s.outside)

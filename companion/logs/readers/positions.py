@@ -1,0 +1,74 @@
+"""Tag positions for a run: from the ranges of a cycle, and from latitude and longitude.
+
+    min over p of sum_i rho(z_i - |p - a_i|),   rho Cauchy's, by re-weighted Gauss-Newton
+
+for all cycles at once, started in the middle of the anchors that answered. Where not all ranges agree with the
+result, the cycle is solved from every pair of its anchors (`multilateration.locate`, 1.5 ms);
+a cycle is left blank where fewer than three ranges agree with its best fix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.core.configuration.site_file import Site
+from companion.core.estimation.ranging.multilateration import locate
+from companion.core.geometry.frames import Origin, site_from_geodetic
+
+SPREAD_M = 0.5  # residual of a good range; assumed
+PLAIN_STEPS, STEPS = 8, 16
+
+
+def fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """North and east (n,) [m] of cycles with ranges (n,) by anchor, NaN where there is no sound fix."""
+    anchors = [a for a in site.anchors if a.id in ranges_m]
+    count = len(next(iter(ranges_m.values()), ()))
+    if len(anchors) < 3:
+        return np.full(count, np.nan), np.full(count, np.nan)
+    places = np.array([(a.north_m, a.east_m, a.down_m) for a in anchors])
+    z = np.column_stack([ranges_m[a.id] for a in anchors])
+    p = _together(places, z, tag_down_m)
+    heard = np.isfinite(z)
+    distance = np.sqrt(((p[:, None, :] - places[:, :2]) ** 2).sum(axis=2) + (places[:, 2] - tag_down_m) ** 2)
+    odd = (heard & ~(np.abs(z - distance) < SPREAD_M)).any(axis=1)
+    for row in np.flatnonzero(odd):
+        found = locate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
+        sound = found and found[0].inliers.sum() >= 3
+        p[row] = (found[0].north_m, found[0].east_m) if sound else (np.nan, np.nan)
+    p[heard.sum(axis=1) < 3] = np.nan
+    return p[:, 0], p[:, 1]
+
+
+def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarray:
+    """Places (n, 2) of all cycles with ranges (n, m), NaN where unheard, to anchors (m, 3)."""
+    heard = np.isfinite(z)
+    z = np.where(heard, z, 0.0)
+    drop2 = (places[:, 2] - tag_down_m) ** 2
+    p = (heard @ places[:, :2]) / np.maximum(heard.sum(axis=1), 1)[:, None]
+    for step in range(STEPS):
+        away = p[:, None, :] - places[:, :2]
+        distance = np.sqrt((away**2).sum(axis=2) + drop2)
+        residual = z - distance
+        weight = heard / (1.0 + (residual / (SPREAD_M / 2)) ** 2) if step >= PLAIN_STEPS else heard.astype(float)
+        H = away / distance[:, :, None]
+        A = np.einsum("nij,nik,ni->njk", H, H, weight) + 1e-9 * np.eye(2)
+        b = np.einsum("nij,ni->nj", H, weight * residual)
+        p = p + np.linalg.solve(A, b[:, :, None])[:, :, 0]
+    return p
+
+
+def from_geodetic(
+    latitude_deg: np.ndarray, longitude_deg: np.ndarray, site: Site | None
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """North, east (n,) [m] in site axes, and in words from which origin: the site's, or the first fix."""
+    if site is not None:
+        origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
+        said = f"origin of site {site.name}"
+    else:
+        origin = Origin(float(latitude_deg[0]), float(longitude_deg[0]))
+        said = f"origin at the first fix, {latitude_deg[0]:.7f} {longitude_deg[0]:.7f}, axes to true north"
+    places = [site_from_geodetic(origin, float(a), float(o)) for a, o in zip(latitude_deg, longitude_deg, strict=True)]
+    north, east = np.array(places).reshape(-1, 2).T
+    return north, east, said

@@ -1,0 +1,63 @@
+"""Any log -> run, by the name of the file: .mcap, .csv, .csv.gz, .parquet, .bin, .tlog."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.readers.aritra import read_mcap
+from companion.logs.readers.cse1 import is_cse1, read_cse1
+from companion.logs.readers.table import csv_lines, read_csv, read_parquet
+from companion.logs.readers.uwb import read_uwb
+from companion.logs.runs.run import Run, RunError
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What a log does not hold itself.
+
+    `vessel`, `site`: instead of those in the log. `truth`: the simulator's log, for .mcap. `uwb`: a UWB log
+    (.mcap or text) for .bin and .tlog; `uwb_format`: wire format of its lines (default: the vessel's);
+    `uwb_offset_s`: what to add to its Unix stamps to have the log's clock (.bin: needed without GPS; .tlog: 0).
+    """
+
+    vessel: VesselFile | None = None
+    site: Site | None = None
+    truth: Path | None = None
+    uwb: Path | None = None
+    uwb_format: str | None = None
+    uwb_offset_s: float | None = None
+
+
+def read_run(path: Path, beside: Beside | None = None) -> Run:
+    """The run in `path`. Raises RunError or LogError naming file and place, OSError where it cannot be read."""
+    given = beside or Beside()
+    kind = path.name.lower().removesuffix(".gz").rpartition(".")[2]
+    if given.truth and kind != "mcap":
+        raise RunError(f"{path}: a log with the truth goes with a .mcap log only")
+    if given.uwb and kind not in ("bin", "tlog"):
+        raise RunError(f"{path}: a UWB log is joined to a .bin or .tlog only")
+    if kind == "mcap":
+        return read_mcap(path, given.vessel, given.site, given.truth)
+    if kind == "parquet":
+        return read_parquet(path)
+    if kind == "csv":
+        lines = csv_lines(path)
+        return read_cse1(path) if is_cse1(lines[0].decode(errors="replace")) else read_csv(path)
+    uwb = None
+    if given.uwb:
+        uwb_spec = given.vessel.sensors.uwb if given.vessel else None
+        wire_format = given.uwb_format or (uwb_spec.wire_format if uwb_spec else None)
+        uwb = partial(read_uwb, given.uwb, wire_format, given.site, uwb_spec.z_m if uwb_spec else 0.0)
+    if kind == "bin":
+        from companion.logs.readers.dataflash import read_dataflash_run  # noqa: PLC0415 - pymavlink is slow to load
+
+        return read_dataflash_run(path, given.vessel, given.site, uwb, given.uwb_offset_s)
+    if kind == "tlog":
+        from companion.logs.readers.tlog import read_tlog  # noqa: PLC0415
+
+        return read_tlog(path, given.vessel, given.site, uwb, given.uwb_offset_s or 0.0)
+    raise RunError(f"{path}: expected .mcap, .csv, .csv.gz, .parquet, .bin or .tlog")

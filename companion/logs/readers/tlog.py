@@ -1,0 +1,202 @@
+"""Telemetry log of a ground station (.tlog) -> run: SERVO_OUTPUT_RAW, IMU, ATTITUDE, SYS_STATUS, GPS or a UWB log.
+
+Every record has the host's stamp (Unix) of its arrival; what has the autopilot's own stamp is moved to the
+host's clock by the line below all delays,
+
+    t_host = t_autopilot + a + b t_autopilot,   a, b: the largest line with t_host <= arrival for every record
+
+so that the jitter of the link is gone and a constant least delay remains, unknown.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.messages import Attitude, Battery, ImuSample, Message
+from companion.logs.readers.aritra import attitude_row, attitude_stream, described, imu_row, imu_stream
+from companion.logs.readers.dataflash import Joined, gps_stream, output_stream
+from companion.logs.readers.join import Stream, join
+from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
+from drivers.mavlink.imu_source import IMU_PREFERENCE
+
+_MARKER = re.compile(rb"[\xfd\xfe]")
+_WANTED = frozenset(
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}")
+    for name in ("ATTITUDE", "SYS_STATUS", "SERVO_OUTPUT_RAW", "GPS_RAW_INT", *IMU_PREFERENCE)
+)
+_HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_V2, _STAMP_LEN = 0xFD, 8
+_YEAR_US = 31_557_600_000_000
+_SLOW_S = 0.125  # outputs slower than 8 Hz hide what happened between them; assumed
+
+
+def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joined | None, offset_s: float) -> Run:
+    """Run of a telemetry log. Raises RunError naming the file, OSError."""
+    log = _Records(path)
+    rows: dict[str, list[tuple[int, int, Any]]] = defaultdict(list)
+    for t_rx_ns, m in log.of_autopilot():
+        rows[m.get_type()].append((t_rx_ns, _device_ns(m), m))
+    if not rows["SERVO_OUTPUT_RAW"]:
+        raise RunError(f"{path}: no servo outputs (SERVO_OUTPUT_RAW) in it")
+    notes = log.notes()
+    stamps = _host_stamps(rows)
+    outputs = [
+        (t_ns, *pulses(m, "servo{}_raw", 16))
+        for t_ns, (_, _, m) in zip(stamps["SERVO_OUTPUT_RAW"], rows["SERVO_OUTPUT_RAW"], strict=True)
+        if m.port == 0
+    ]
+    period_s = float(np.median(np.diff([row[0] for row in outputs]))) / 1e9 if len(outputs) > 1 else np.inf
+    if period_s > _SLOW_S:
+        text = f"servo outputs every {period_s:.2f} s only: what was commanded between them is not known"
+        notes.append(Problem(kind="coarse commands", text=text))
+    source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, stamps, ImuSample))), "IMU")
+    voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, stamps, Battery)]
+    streams = [
+        output_stream(outputs, vessel, notes),
+        imu_stream([imu_row(m) for m in _decoded(source, rows, stamps, ImuSample)]),
+        attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, stamps, Attitude)]),
+        Stream.of("battery", ("battery_v",), voltages, held=True),
+    ]
+    columns = {"pwm": "SERVO_OUTPUT_RAW: what left the autopilot", "r_rad_s": f"gyroscope, {source}"}
+    known = described(vessel, site)
+    fixes = [(t, m.lat / 1e7, m.lon / 1e7) for t, _, m in rows["GPS_RAW_INT"] if m.fix_type >= 3]
+    if uwb:
+        joined = uwb(round(offset_s * 1e9))
+        streams, columns, notes = streams + joined.streams, columns | joined.columns, notes + list(joined.notes)
+    elif fixes:
+        stream, said = gps_stream(fixes, site)
+        streams.append(stream)
+        columns["north_m"] = columns["east_m"] = f"GPS antenna at the arrival of GPS_RAW_INT, {said}"
+        known["latency_s"] = known["tag_arm_m"] = None
+    clock = "ground station, Unix; records of the autopilot by its own clock, moved by the least delay"
+    name = vessel.name if vessel else "not stated"
+    meta = RunMeta(vessel=name, source=path.name, clock=clock, columns=columns, notes=tuple(notes), **known)
+    return join(streams, meta)
+
+
+class _Records:
+    """Records of a tlog: big-endian u64 stamp [us] and a raw frame. Unwanted ones are passed over undecoded."""
+
+    def __init__(self, path: Path):
+        self._path, self._data = path, path.read_bytes()
+        self._mav = dialect.MAVLink(None)
+        self.skipped, self.broken = 0, Counter[str]()
+
+    def of_autopilot(self) -> Iterator[tuple[int, Any]]:
+        """Arrival [ns] and message, from the first autopilot that sends a heartbeat."""
+        target = next((sender for _, sender, m in self._decoded(frozenset({_HEARTBEAT})) if is_autopilot(m)), None)
+        self.skipped = 0
+        self.broken.clear()
+        for t_us, sender, m in self._decoded(_WANTED):
+            if sender == target:
+                yield t_us * 1000, m
+
+    def _decoded(self, wanted: frozenset[int]) -> Iterator[tuple[int, bytes, Any]]:
+        """Stamp [us], system and component, and message of each sound frame with a wanted id."""
+        for t_us, at, end in self._frames():
+            v2 = self._data[at] == _V2
+            ident = int.from_bytes(self._data[at + 7 : at + 10], "little") if v2 else self._data[at + 5]
+            if ident not in wanted:
+                continue
+            first = at + (5 if v2 else 3)
+            try:
+                yield t_us, self._data[first : first + 2], self._mav.decode(bytearray(self._data[at:end]))
+            except dialect.MAVError:
+                self.broken[f"message {ident}"] += 1
+
+    def notes(self) -> list[Problem]:
+        """What could not be read."""
+        notes = []
+        if self.skipped:
+            notes.append(Problem(kind="damaged", text=f"{self._path.name}: {self.skipped} bytes passed over"))
+        if self.broken:
+            which = ", ".join(f"{name} {count}" for name, count in sorted(self.broken.items()))
+            notes.append(Problem(kind="damaged", text=f"{self._path.name}: frames with a bad checksum: {which}"))
+        return notes
+
+    def _frames(self) -> Iterator[tuple[int, int, int]]:
+        """Stamp [us], begin and end of every frame; after damage on from the next plausible record."""
+        data, at, first_us = self._data, 0, None
+        if len(data) < _STAMP_LEN + 1 or not _MARKER.match(data, _STAMP_LEN):
+            raise RunError(f"{self._path}: not a telemetry log: no MAVLink frame after the first stamp")
+        while at + _STAMP_LEN + 8 <= len(data):
+            (t_us,) = struct.unpack_from(">Q", data, at)
+            begin = at + _STAMP_LEN
+            end = begin + _frame_length(data, begin)
+            first_us = t_us if first_us is None else first_us
+            if end > begin and end <= len(data) and abs(t_us - first_us) < _YEAR_US:
+                yield t_us, begin, end
+                at = end
+                continue
+            marker = _MARKER.search(data, begin + 1)
+            following = marker.start() - _STAMP_LEN if marker else len(data)
+            self.skipped += following - at
+            at = following
+        self.skipped += max(len(data) - at, 0)
+
+
+def _frame_length(data: bytes, at: int) -> int:
+    """Length of the frame at `at` by its header; 0 where there is no marker."""
+    if data[at] == _V2:
+        return data[at + 1] + 12 + (dialect.MAVLINK_SIGNATURE_BLOCK_LEN if data[at + 2] & 1 else 0)
+    return data[at + 1] + 8 if data[at] == 0xFE else 0
+
+
+def _device_ns(m: Any) -> int:
+    """The autopilot's own stamp [ns since boot, may have wrapped]; -1 where the message has none."""
+    if (stamp := STAMPS.get(m.get_type())) is None:
+        return -1
+    return getattr(m, stamp[0]) * stamp[1]
+
+
+def _host_stamps(rows: dict[str, list[tuple[int, int, Any]]]) -> dict[str, list[int]]:
+    """Stamps on the host's clock [ns] by message type."""
+    stamped = {name: np.array([(rx, dev) for rx, dev, _ in found], dtype=np.int64).reshape(-1, 2)
+               for name, found in rows.items()}  # fmt: skip
+    reference = np.concatenate([t for name, t in stamped.items() if name in STAMPS])
+    offset = int(np.median(reference[:, 0] - reference[:, 1]))
+    for name, t in stamped.items():
+        wrap = STAMPS[name][2] if name in STAMPS else None
+        if wrap is not None:
+            t[:, 1] += np.rint((t[:, 0] - t[:, 1] - offset) / wrap).astype(np.int64) * wrap
+    whole = np.concatenate([t for name, t in stamped.items() if name in STAMPS])
+    zero = whole[0]
+    line = _least_delay((whole[:, 1] - zero[1]) / 1e9, (whole[:, 0] - whole[:, 1] - zero[0] + zero[1]) / 1e9)
+    moved = {}
+    for name, t in stamped.items():
+        delay_s = np.polynomial.polynomial.polyval((t[:, 1] - zero[1]) / 1e9, line)
+        own = t[:, 1] - zero[1] + zero[0] + np.rint(delay_s * 1e9).astype(np.int64)
+        moved[name] = (own if name in STAMPS else t[:, 0]).tolist()
+    return moved
+
+
+def _least_delay(t_s: np.ndarray, delay_s: np.ndarray) -> tuple[float, float]:
+    """a, b of the highest line a + b t under all delays, through the least one of either half of the time."""
+    middle = (t_s.min() + t_s.max()) / 2
+    points = []
+    for half in (t_s <= middle, t_s > middle):
+        if half.any():
+            at = np.flatnonzero(half)[delay_s[half].argmin()]
+            points.append((t_s[at], delay_s[at]))
+    (t0, d0), (t1, d1) = points[0], points[-1]
+    b = (d1 - d0) / (t1 - t0) if t1 - t0 > 60.0 else 0.0  # a drift from less than a minute would be jitter
+    return float((delay_s - b * t_s).min()), float(b)
+
+
+def _decoded(name: str, rows: dict, stamps: dict[str, list[int]], kind: type[Message]) -> Iterator[Any]:
+    """Messages of type `name` in SI units, with the host's stamps."""
+    for t_ns, (t_rx_ns, _, m) in zip(stamps.get(name, ()), rows[name], strict=True):
+        message = DECODERS[name](m, t_ns, t_rx_ns)
+        if isinstance(message, kind):
+            yield message

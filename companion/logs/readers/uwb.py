@@ -1,0 +1,127 @@
+"""UWB measurements as streams of a run: from messages, from our log of another process, from a text log.
+
+A text log has one record a line: the host's stamp (Unix seconds, or ISO 8601 with its offset), white space or
+a comma, and the tag's line as it came. The tag's line goes through the codec of its wire format.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from companion.core.configuration.site_file import Site
+from companion.core.messages import Message, UwbPosition, UwbRanges
+from companion.logs.log_file import LogFile
+from companion.logs.readers.join import Stream
+from companion.logs.readers.positions import fixes
+from companion.logs.readers.table import csv_lines
+from companion.logs.runs.run import Problem, RunError
+from drivers.uwb import uwb_codec
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_STAMPED = re.compile(rb"\s*(\S+?)(?:\s*,\s*|\s+)(.+)")
+
+
+@dataclass(frozen=True)
+class UwbLog:
+    """Streams with stamps on the Unix clock [ns], where positions come from, and what is wrong."""
+
+    streams: list[Stream]
+    columns: dict[str, str]
+    notes: tuple[Problem, ...] = ()
+
+
+def uwb_streams(
+    messages: Iterable[Message], site: Site | None, tag_down_m: float, *, outside: bool = False
+) -> tuple[list[Stream], dict[str, str]]:
+    """Positions and ranges of one tag, and in words where the positions come from.
+
+    The tag's own positions (x east, y north) are taken where it gives any; else each cycle of ranges gives one.
+    """
+    positions: list[tuple[float, ...]] = []
+    cycles: list[UwbRanges] = []
+    for message in messages:
+        if isinstance(message, UwbPosition):
+            positions.append((message.t_ns, message.y_m, message.x_m))
+        elif isinstance(message, UwbRanges):
+            cycles.append(message)
+    names = sorted({r.anchor for cycle in cycles for r in cycle.ranges})
+    ranges = {name: np.full(len(cycles), np.nan) for name in names}
+    for row, cycle in enumerate(cycles):
+        for r in cycle.ranges:
+            ranges[r.anchor][row] = r.range_m
+    t_ns = np.array([cycle.t_ns for cycle in cycles], dtype=np.int64)
+    streams = [Stream("UWB ranges", t_ns, {f"range_{_word(k)}_m": v for k, v in ranges.items()}, outside=outside)]
+    said = "the UWB tag's own positions, as set up in the site's axes"
+    if positions:
+        streams.append(Stream.of("UWB positions", ("north_m", "east_m"), positions, outside=outside))
+    elif site is not None and cycles:
+        north, east = fixes(ranges, site, tag_down_m)
+        found = np.isfinite(north)
+        columns = {"north_m": north[found], "east_m": east[found]}
+        streams.append(Stream("UWB positions", t_ns[found], columns, outside=outside))
+        said = f"least squares from the ranges of each cycle ({int(found.sum())} of {len(cycles)} gave a fix)"
+    else:
+        return streams, {}
+    return streams, {"north_m": said, "east_m": said}
+
+
+def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m: float, offset_ns: int) -> UwbLog:
+    """UWB of a log (.mcap) or of a text log, `offset_ns` added to its Unix stamps. Raises RunError, LogError."""
+    if path.suffix == ".mcap":
+        log = LogFile(path)
+        messages = list(log.messages(UwbRanges, UwbPosition))
+        notes = tuple(Problem(kind="damaged", text=text) for text in log.damage)
+        offset_ns += log.wall_offset_ns
+    else:
+        messages, notes = _text_log(path, wire_format)
+    if not messages:
+        raise RunError(f"{path}: no UWB measurement in it")
+    streams, columns = uwb_streams(messages, site, tag_down_m, outside=True)
+    moved = [Stream(s.name, s.t_ns + offset_ns, s.columns, outside=True) for s in streams]
+    return UwbLog(moved, columns, notes)
+
+
+def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple[Problem, ...]]:
+    if wire_format is None:
+        raise RunError(f"{path}: its wire format is not known: give the vessel file")
+    codec = uwb_codec(wire_format, "tag", 1.0)
+    messages: list[Message] = []
+    unstamped: list[int] = []
+    lines = csv_lines(path)
+    for number, line in enumerate(lines, 1):
+        match = _STAMPED.fullmatch(line)
+        t_ns = _stamp(match[1]) if match else None
+        if match is None or t_ns is None:
+            unstamped.append(number)
+        else:
+            messages += codec.feed(match[2] + b"\n", t_ns)
+    if unstamped and len(unstamped) == len(lines):
+        raise RunError(f"{path}: line 1: expected a stamp (Unix seconds or ISO 8601), then the tag's line")
+    notes = []
+    if unstamped:
+        notes.append(Problem(kind="garbage", text=f"{path}: {len(unstamped)} lines without stamp; line {unstamped[0]}"))
+    if codec.counters.garbage:
+        why = ", ".join(f"{name} {count}" for name, count in sorted(codec.counters.reasons.items()))
+        notes.append(Problem(kind="garbage", text=f"{path}: {codec.counters.garbage} damaged UWB lines ({why})"))
+    return messages, tuple(notes)
+
+
+def _stamp(text: bytes) -> int | None:
+    """Unix ns of a stamp; decimal seconds are read digit by digit, so that ns survive."""
+    if match := re.fullmatch(rb"(\d+)(?:\.(\d{1,9})\d*)?", text):
+        return int(match[1]) * 1_000_000_000 + int((match[2] or b"0").ljust(9, b"0"))
+    try:
+        when = datetime.fromisoformat(text.decode())
+    except (ValueError, UnicodeDecodeError):
+        return None
+    return (when - _EPOCH) // timedelta(microseconds=1) * 1000 if when.tzinfo else None
+
+
+def _word(anchor: str) -> str:
+    return re.sub(r"\W", "_", anchor)

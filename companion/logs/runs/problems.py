@@ -1,0 +1,201 @@
+"""What in a run a fit should know of before it trusts it. Everything is told, nothing is repaired.
+
+Thresholds are assumed unless they name a source; each is far from what good logs show (docs/run-format.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from companion.logs.runs.run import Problem, Run
+
+GAP_PERIODS, GAP_S, END_S = 3.5, 0.2, 1.0
+IDLE_US, IDLE_S = 25.0, 5.0
+"""Dead band of the ESCs (T200 table: 24 us), and how long all thrusters rest in it."""
+SATURATED_US, SATURATED_S = 1.0, 0.3
+PWM_LIMITS_US = (1100.0, 1900.0)
+STUCK = ((20, 1.0), (8, 5.0))
+"""So many equal samples over so long [s]; a heading in steps of 0.01 deg rests for ten at 10 Hz (observed)."""
+VOLTAGE_GAP_S = 10.0
+SLOW_UWB_HZ = 0.9
+"""The paper's UWB gives 1 Hz; slower says little about surge and sway."""
+LOST_SHARE = 0.1
+JUMP_M_S, JUMP_M = 3.0, 1.0
+"""No small boat moves so fast between two fixes."""
+NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
+"""Sampled channels whose last digit never rests, and which a fit lives on."""
+WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
+
+
+def problems(run: Run) -> list[Problem]:
+    """The reader's notes first, then what the data shows, by time within each kind."""
+    found = list(run.meta.notes)
+    for look in (_missing, _gaps, _positions, _saturated, _idle, _stuck, _disagreeing):
+        found += look(run)
+    return found
+
+
+def grouped(found: Iterable[Problem]) -> dict[str, list[Problem]]:
+    """Problems by kind, in the order of their first appearance."""
+    kinds: dict[str, list[Problem]] = {}
+    for problem in found:
+        kinds.setdefault(problem.kind, []).append(problem)
+    return kinds
+
+
+def _stretches(marked: np.ndarray, t_s: np.ndarray, least_s: float) -> Iterator[tuple[float, float, int]]:
+    """Begin, length [s] and first index of each run of marked rows; a row lasts until the next one."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], marked.astype(np.int8), [0]))))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        length_s = float(t_s[min(last, len(t_s) - 1)] - t_s[first])
+        if length_s >= least_s:
+            yield float(t_s[first]), length_s, int(first)
+
+
+def _missing(run: Run) -> Iterator[Problem]:
+    for column, what in (
+        ("battery_v", "no battery voltage: thrust at a pulse width is then known at one voltage only"),
+        ("psi_rad", "no heading"),
+        ("r_rad_s", "no yaw rate"),
+        ("ax_m_s2", "no accelerations"),
+        ("north_m", "no positions: surge and sway rest on accelerations alone"),
+    ):
+        if not run.known(column):
+            yield Problem(kind="missing", text=f"{column}: {what}")
+    t_s = run.table["t_s"].to_numpy()
+    for column in (f"pwm_{name}" for name in run.thrusters):
+        blank = run.table[column].is_null().to_numpy()
+        if blank.all():
+            yield Problem(kind="missing", text=f"{column}: no commands")
+        else:
+            for at_s, length_s, _ in _stretches(blank, t_s, 1.0):
+                yield Problem(kind="missing", text=f"{column}: commands not known", t_s=at_s, length_s=length_s)
+    if run.known("battery_v"):
+        changes = np.append(True, np.diff(run.table["battery_v"].fill_null(-1.0).to_numpy()) != 0)
+        for a, b in zip(t_s[changes], np.append(t_s[changes][1:], t_s[-1]), strict=True):
+            if b - a > VOLTAGE_GAP_S:
+                text = "battery_v: blank, or the same for so long that it may be stale"
+                yield Problem(kind="voltage", text=text, t_s=float(a), length_s=float(b - a))
+
+
+def _gaps(run: Run) -> Iterator[Problem]:
+    """Silence of a channel; told once as of all channels where the whole log is silent."""
+    t_s = run.table["t_s"].to_numpy()
+    whole = _holes(t_s, t_s)
+    for at_s, length_s in whole:
+        text = "nothing at all: the recording paused, or the clock jumped"
+        yield Problem(kind="gap", text=text, t_s=at_s, length_s=length_s)
+    for column in NOISY:
+        if run.known(column):
+            for at_s, length_s in _holes(run.samples(column)[0], t_s):
+                if not any(a <= at_s + length_s and at_s <= a + n for a, n in whole):
+                    yield Problem(kind="gap", text=f"{column}: silent", t_s=at_s, length_s=length_s)
+
+
+def _holes(t_s: np.ndarray, run_t_s: np.ndarray) -> list[tuple[float, float]]:
+    """Begin and length [s] of silences of stamps `t_s`, those at the two ends of the run included."""
+    if len(t_s) < 3:
+        return []
+    steps = np.diff(t_s)
+    limit_s = max(GAP_PERIODS * float(np.median(steps)), GAP_S)
+    ends = [(run_t_s[0], t_s[0] - run_t_s[0]), (t_s[-1], run_t_s[-1] - t_s[-1])]
+    inner = zip(t_s[:-1][steps > limit_s], steps[steps > limit_s], strict=True)
+    return sorted((float(a), float(n)) for a, n in (*inner, *(e for e in ends if e[1] > max(limit_s, END_S))))
+
+
+def _positions(run: Run) -> Iterator[Problem]:
+    if not run.known("north_m"):
+        return
+    t_s, places = run.samples("north_m", "east_m")
+    if len(t_s) < 3:
+        yield Problem(kind="positions", text=f"only {len(t_s)} positions")
+        return
+    nominal, mean = 1.0 / float(np.median(np.diff(t_s))), (len(t_s) - 1) / float(t_s[-1] - t_s[0])
+    if nominal < SLOW_UWB_HZ:
+        yield Problem(kind="positions", text=f"positions at {nominal:.2f} Hz only")
+    if mean < (1 - LOST_SHARE) * nominal:
+        share = 100 * (1 - mean / nominal)
+        yield Problem(kind="positions", text=f"{share:.0f} % of the positions at {nominal:.1f} Hz did not come")
+    step_m, step_s = np.linalg.norm(np.diff(places, axis=0), axis=1), np.diff(t_s)
+    for i in np.flatnonzero((step_m > JUMP_M) & (step_m > JUMP_M_S * step_s)):
+        text = f"the position jumps by {step_m[i]:.1f} m in {step_s[i]:.2f} s"
+        yield Problem(kind="jump", text=text, t_s=float(t_s[i]), length_s=float(step_s[i]))
+
+
+def _saturated(run: Run) -> Iterator[Problem]:
+    t_s = run.table["t_s"].to_numpy()
+    for name in run.thrusters:
+        low, high = run.meta.pwm_limits_us.get(name, PWM_LIMITS_US)
+        pwm_us = run.table[f"pwm_{name}"].to_numpy()
+        with np.errstate(invalid="ignore"):
+            full = (pwm_us <= low + SATURATED_US) | (pwm_us >= high - SATURATED_US)
+        for at_s, length_s, first in _stretches(full, t_s, SATURATED_S):
+            text = f"pwm_{name}: at its limit, {pwm_us[first]:.0f} us"
+            yield Problem(kind="saturated", text=text, t_s=at_s, length_s=length_s)
+
+
+def _idle(run: Run) -> Iterator[Problem]:
+    t_s = run.table["t_s"].to_numpy()
+    pwm_us = run.table.select(f"pwm_{name}" for name in run.thrusters).to_numpy()
+    with np.errstate(invalid="ignore"):
+        rest = np.all(np.abs(pwm_us - 1500.0) <= IDLE_US, axis=1)
+    for at_s, length_s, _ in _stretches(rest, t_s, IDLE_S):
+        yield Problem(kind="idle", text="all thrusters rest", t_s=at_s, length_s=length_s)
+    for i, name in enumerate(run.thrusters):
+        known = pwm_us[~np.isnan(pwm_us[:, i]), i]
+        if len(known) and (known == known[0]).all():
+            text = f"pwm_{name}: never changes ({known[0]:.0f} us): nothing can be said of this thruster"
+            yield Problem(kind="constant", text=text)
+
+
+def _stuck(run: Run) -> Iterator[Problem]:
+    for column in (*NOISY, *(name for name in run.table.columns if name.startswith("range_"))):
+        if not run.known(column):
+            continue
+        t_s, values = run.samples(column)
+        same = np.append(np.diff(values) == 0, False)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], same.astype(np.int8), [0]))))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            length_s = float(t_s[last] - t_s[first])
+            if any(last - first + 1 >= count and length_s >= least_s for count, least_s in STUCK):
+                text = f"{column}: {last - first + 1} samples are {values[first]:.6g} exactly"
+                yield Problem(kind="stuck", text=text, t_s=float(t_s[first]), length_s=length_s)
+
+
+def _disagreeing(run: Run) -> Iterator[Problem]:
+    """Heading against the integral of the yaw rate, over windows: their ratio tells units and signs."""
+    if not (run.known("psi_rad") and run.known("r_rad_s")):
+        return
+    slope = _slope(run)
+    if slope is None or abs(slope - 1.0) <= SLOPE_OFF:
+        return
+    hints: dict[str, Callable[[float], bool]] = {
+        "; is r_rad_s in deg/s?": lambda k: abs(k * 57.3 - 1.0) < SLOPE_OFF,
+        "; is one of them positive to port?": lambda k: abs(k + 1.0) < SLOPE_OFF,
+    }
+    hint = next((text for text, fits in hints.items() if fits(slope)), "")
+    text = f"psi_rad turns {slope:.3g} times as far as r_rad_s says{hint}"
+    yield Problem(kind="disagree", text=text)
+
+
+def _slope(run: Run) -> float | None:
+    """Least-squares ratio of heading change to integrated yaw rate; None where the boat hardly turns."""
+    t_psi, psi = run.samples("psi_rad")
+    t_r, r = run.samples("r_rad_s")
+    if len(t_psi) < 10 or len(t_r) < 10:
+        return None
+    turned = np.concatenate(([0.0], np.cumsum((r[1:] + r[:-1]) / 2 * np.diff(t_r))))
+    windows = np.arange(max(t_psi[0], t_r[0]), min(t_psi[-1], t_r[-1]), WINDOW_S)
+    if len(windows) < 3:
+        return None
+    heading = np.diff(np.interp(windows, t_psi, np.unwrap(psi)))
+    rate = np.diff(np.interp(windows, t_r, turned))
+    sound = np.abs(heading) < np.pi * 0.9
+    heading, rate = heading[sound], rate[sound]
+    if len(rate) < 3 or np.sqrt(np.mean(heading**2)) < TURN_RAD or np.sqrt(np.mean(rate**2)) < TURN_RAD / 2:
+        return None
+    rate, heading = rate - rate.mean(), heading - heading.mean()  # a gyroscope's bias is no disagreement
+    weight = float(rate @ rate)
+    return float(heading @ rate / weight) if weight > 0 else None

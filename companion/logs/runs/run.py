@@ -1,0 +1,224 @@
+"""Run: one log in one form, whatever it came from. Reference of columns and clocks: docs/run-format.md.
+
+A run is a table with one row per instant `t_s` at which something was known, and what is known about it. Two
+kinds of columns:
+
+    held      pwm_<thruster>, battery_v: in force from their own stamp until the next; they stand in every row
+    sampled   all others: a value stands in the row of its own stamp and nowhere else (blank = null)
+
+No value is interpolated, filtered or shifted; that is `resampled`, for those who want a grid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import msgspec
+import numpy as np
+import polars as pl
+
+from companion.logs.runs.columns import HELD, LIMITS, column_error
+
+PAIRS = (("north_m", "east_m"), ("V_w_m_s", "beta_w_deg"), ("true_north_m", "true_east_m"))
+
+
+class RunError(ValueError):
+    """A file cannot be taken as a run: file, place in it, and why."""
+
+
+class Problem(msgspec.Struct, frozen=True, kw_only=True):
+    """Something in the data that a fit should know of. `length_s` 0: at one instant; both None: all of the run."""
+
+    kind: str
+    text: str
+    t_s: float | None = None
+    length_s: float | None = None
+
+
+class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the table itself cannot say.
+
+    `zero_ns`: the source's own stamp at t_s = 0. `latency_s`: by how much a position is older than its stamp,
+    not removed (None: unknown). `tag_arm_m`: forward, starboard from the body origin to the tag, not removed.
+    `anchors_m`: north, east, down. `pwm_limits_us`: by thruster. `columns`: where each came from.
+    `notes`: what the reader met on its way.
+    """
+
+    vessel: str = "not stated"
+    source: str = "not stated"
+    zero_ns: int = 0
+    clock: str = "not stated"
+    site: str = "not stated"
+    anchors_m: dict[str, tuple[float, float, float]] = {}
+    latency_s: float | None = None
+    tag_arm_m: tuple[float, float] | None = None
+    pwm_limits_us: dict[str, tuple[float, float]] = {}
+    columns: dict[str, str] = {}
+    notes: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True)
+class Run:
+    """One log. `table`: float columns as in docs/run-format.md, `t_s` strictly increasing, no NaN.
+
+    `of`: the log that this one is a part of, or was made from, on the same clock. Raises RunError where the table
+    breaks the form.
+    """
+
+    table: pl.DataFrame
+    meta: RunMeta = field(default_factory=RunMeta)
+    of: Run | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check(self.table, self.meta.source, lambda row: f"row {row}")
+
+    @property
+    def thrusters(self) -> tuple[str, ...]:
+        """Names of the thrusters, in the order of the columns."""
+        return tuple(c.removeprefix("pwm_") for c in self.table.columns if c.startswith("pwm_"))
+
+    @property
+    def whole(self) -> Run:
+        """The log that this one is a part of, or this one."""
+        return self.of or self
+
+    @property
+    def duration_s(self) -> float:
+        """From the first row to the last [s]."""
+        t_s = self.table["t_s"]
+        return float(t_s[-1] - t_s[0]) if len(t_s) else 0.0
+
+    @cached_property
+    def data_hash(self) -> str:
+        """SHA-256 of names, blanks and values: the same for the same data in whatever file."""
+        digest = hashlib.sha256()
+        for name in sorted(self.table.columns):
+            column = self.table[name]
+            digest.update(f"{name} {len(column)}\n".encode())
+            digest.update(np.packbits(column.is_null().to_numpy()).tobytes())
+            digest.update(column.fill_null(0.0).to_numpy().astype("<f8").tobytes())
+        return digest.hexdigest()
+
+    @property
+    def sampled(self) -> list[str]:
+        """Names of the sampled columns, in their order."""
+        return [c for c in self.table.columns if c != "t_s" and not c.startswith(HELD)]
+
+    def measured_s(self) -> np.ndarray:
+        """Stamps of the rows in which anything sampled is known, shape (k,) [s]."""
+        return self.table.filter(pl.any_horizontal(pl.col(self.sampled).is_not_null()))["t_s"].to_numpy()
+
+    def samples(self, *columns: str) -> tuple[np.ndarray, np.ndarray]:
+        """Stamps (n,) [s] and values of the rows in which all `columns` are known: (n,), or (n, k) for k > 1."""
+        t_s, *values = (self.table[name].to_numpy() for name in ("t_s", *columns))
+        known = np.ones(len(t_s), dtype=bool)
+        for column in values:
+            known &= ~np.isnan(column)  # a blank
+        kept = [column[known] for column in values]
+        return t_s[known], kept[0] if len(kept) == 1 else np.stack(kept, axis=1) if kept else np.empty((known.sum(), 0))
+
+    def commands(self) -> tuple[np.ndarray, np.ndarray]:
+        """When pulse widths changed [s], shape (k,), and to what [us], (k, thrusters): zero-order hold between."""
+        names = [f"pwm_{name}" for name in self.thrusters]
+        t_s, pwm_us = self.samples(*names)
+        pwm_us = pwm_us.reshape(len(t_s), len(names))
+        changed = np.ones(len(t_s), dtype=bool)
+        changed[1:] = (np.diff(pwm_us, axis=0) != 0).any(axis=1)
+        return t_s[changed], pwm_us[changed]
+
+    def rates_hz(self) -> dict[str, float]:
+        """Median rate of each sampled column that has two samples or more."""
+        rates = {}
+        for name in self.sampled:
+            t_s, _ = self.samples(name)
+            if len(t_s) > 1:
+                rates[name] = 1.0 / float(np.median(np.diff(t_s)))
+        return rates
+
+    def known(self, column: str) -> bool:
+        """Is there a single value in `column`?"""
+        return column in self.table.columns and self.table[column].null_count() < len(self.table)
+
+    def with_notes(self, notes: Iterable[Problem]) -> Run:
+        """The same run with more of what a reader has to say."""
+        return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)), self.of)
+
+    def resampled(self, rate_hz: float, *, max_gap_s: float = 0.5) -> pl.DataFrame:
+        """Columns on a grid of `rate_hz` from the first row on.
+
+        Held ones as in force; headings the short way round and all others on the straight line between their
+        neighbours; blank where these are further apart than `max_gap_s`, or on one side only. Nothing is
+        filtered: what is faster than half the rate aliases.
+        """
+        t = self.table["t_s"].to_numpy()
+        grid = t[0] + np.arange(int(np.floor((t[-1] - t[0]) * rate_hz + 1e-9)) + 1) / rate_hz
+        out = {"t_s": grid}
+        for name in self.table.columns[1:]:
+            t_s, values = self.samples(name)
+            if name.startswith(HELD):
+                out[name] = _held(grid, t_s, values)
+            elif name.endswith("psi_rad"):
+                on_grid = _linear(grid, t_s, np.unwrap(values), max_gap_s)
+                out[name] = (on_grid + np.pi) % (2 * np.pi) - np.pi
+            else:
+                out[name] = _linear(grid, t_s, values, max_gap_s)
+        return pl.DataFrame(out).fill_nan(None)
+
+
+def _held(grid: np.ndarray, t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    at = np.searchsorted(t_s, grid, side="right") - 1
+    return np.where(at >= 0, np.append(values, np.nan)[at], np.nan)
+
+
+def _linear(grid: np.ndarray, t_s: np.ndarray, values: np.ndarray, max_gap_s: float) -> np.ndarray:
+    if not len(t_s):
+        return np.full(len(grid), np.nan)
+    after = np.searchsorted(t_s, grid)
+    before = np.searchsorted(t_s, grid, side="right") - 1
+    inside = (before >= 0) & (after < len(t_s))
+    gap = t_s[np.minimum(after, len(t_s) - 1)] - t_s[np.maximum(before, 0)]
+    return np.where(inside & (gap <= max_gap_s), np.interp(grid, t_s, values), np.nan)
+
+
+def check(table: pl.DataFrame, name: str, place: Callable[[int], str]) -> None:
+    """Raise RunError naming `name`, the place of a row (0-based) and the column where the form is broken."""
+    if wrong := column_error(table.columns):
+        raise RunError(f"{name}: {wrong}")
+    if not table.height:
+        raise RunError(f"{name}: no rows")
+    for column in table.columns:
+        if table[column].dtype != pl.Float64:
+            raise RunError(f"{name}: column {column}: expected numbers, found {table[column].dtype}")
+    t_s = table["t_s"].to_numpy()  # a blank becomes NaN here
+    bad = ~np.isfinite(t_s)
+    if bad.any():
+        raise RunError(f"{name}: {place(int(bad.argmax()))}: t_s: every row needs a time")
+    late = np.diff(t_s) <= 0
+    if late.any():
+        row = int(late.argmax()) + 1
+        raise RunError(f"{name}: {place(row)}: t_s: {t_s[row]} follows {t_s[row - 1]}; time must increase")
+    for column in table.columns:
+        _check_limits(table[column], name, place)
+    for one, other in PAIRS:
+        if one in table.columns and other in table.columns:
+            half = (table[one].is_null() != table[other].is_null()).to_numpy()
+            if half.any():
+                where = place(int(half.argmax()))
+                raise RunError(f"{name}: {where}: {one}, {other}: one is there without the other")
+
+
+def _check_limits(column: pl.Series, name: str, place: Callable[[int], str]) -> None:
+    limits = next((found for pattern, found in LIMITS if pattern.fullmatch(column.name)), None)
+    if limits is None:
+        limits = (-np.inf, np.inf, "")
+    low, high, hint = limits
+    values = column.to_numpy()
+    with np.errstate(invalid="ignore"):
+        outside = ~column.is_null().to_numpy() & ~((values >= low) & (values <= high) & np.isfinite(values))
+    if outside.any():
+        row = int(outside.argmax())
+        expected = f"expected {low:g} to {high:g}" + (f": {hint}" if hint else "")
+        raise RunError(f"{name}: {place(row)}: {column.name}: {values[row]:g}; {expected}")

@@ -1,0 +1,126 @@
+"""Parts of a run as runs: blocks of time, alternate blocks, the last share. What is fitted, and what is held out.
+
+A part knows its run, keeps its clock (t_s is not moved) and, before it begins, the rows in which pulse widths or
+voltage changed within `HISTORY_S`, with every sampled column blank: dead time and lag of the thrusters then start from
+what was really commanded, and no measurement from outside the part is in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import polars as pl
+from msgspec.structs import replace
+
+from companion.logs.runs.columns import HELD
+from companion.logs.runs.run import Run, RunError
+
+HISTORY_S = 2.0
+"""Commands kept from before a part: dead time and lag of small thrusters are over by then (validation looks as far)."""
+PAUSE_S, PERIODS = 2.0, 3.5  # a longer silence of all columns, commands too, and of so many rows, is a pause; assumed
+Interval = tuple[float, float]
+"""From, to [s] on the run's clock."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A run that no fit has seen, or the intervals `inside` [s] of one that none has; None: all of it."""
+
+    run: Run
+    inside: tuple[Interval, ...] | None = None
+
+
+def part(run: Run, low_s: float, high_s: float, history_s: float = HISTORY_S) -> Run:
+    """Rows of low_s <= t_s <= high_s, with the commands of `history_s` before. RunError where nothing is measured."""
+    t_s = run.table["t_s"].to_numpy()
+    first, last = np.searchsorted(t_s, low_s), np.searchsorted(t_s, high_s, side="right")
+    begin = max(int(np.searchsorted(t_s, low_s - history_s, side="right")) - 1, 0)
+    source = f"{run.meta.source}, {low_s:g} to {high_s:g} s"
+    inside = run.table[int(first) : int(last)]
+    if not any(inside[c].null_count() < len(inside) for c in run.sampled):
+        raise RunError(f"{source}: nothing is measured there; the run is from {t_s[0]:g} to {t_s[-1]:g} s")
+    before = run.table[begin : int(first)]
+    before = before.filter(_changed(before)).with_columns(pl.lit(None, pl.Float64).alias(c) for c in run.sampled)
+    return Run(pl.concat([before, inside]), replace(run.meta, source=source), run.whole)
+
+
+def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S) -> list[Run]:
+    """`part` of each interval."""
+    return [part(run, low_s, high_s, history_s) for low_s, high_s in intervals]
+
+
+def wholes(runs: Sequence[Run]) -> list[Run]:
+    """The logs that `runs` are parts of, each once."""
+    return list({id(run.whole): run.whole for run in runs}.values())
+
+
+def recorded(run: Run) -> list[Interval]:
+    """From one pause of the recording to the next; all of it where it never paused."""
+    t_s = run.table["t_s"].to_numpy()
+    since = t_s[t_s >= run.measured_s()[0]]  # before are commands only, those that changed
+    steps = np.diff(since)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    pauses = np.flatnonzero(steps > max(PAUSE_S, PERIODS * usual))
+    if not len(pauses):
+        return [(float(t_s[0]), float(t_s[-1]))]
+    begins, ends = [since[0], *since[pauses + 1]], [*since[pauses], since[-1]]
+    return [(float(a), float(b)) for a, b in zip(begins, ends, strict=True)]
+
+
+def block_intervals(run: Run, block_s: float) -> list[Interval]:
+    """Blocks of `block_s` from the first row on, and anew after each pause of the recording.
+
+    What is left at an end joins the last if it is less than half of one. Left out is what lies between pauses closer
+    than a block, and a block in which nothing is measured. RunError for a run that is shorter than one block.
+    """
+    begin, end = float(run.table["t_s"][0]), float(run.table["t_s"][-1])
+    if not 0 < block_s <= end - begin:
+        raise RunError(f"{run.meta.source}: {end - begin:g} s cannot be cut into blocks of {block_s:g} s")
+    measured = run.measured_s()
+    laid = [block for low, high in recorded(run) for block in _blocks(low, high, block_s)]
+    return [(low, high) for low, high in laid if ((measured >= low) & (measured <= high)).any()]
+
+
+def _blocks(begin: float, end: float, block_s: float) -> list[Interval]:
+    if end - begin < block_s:
+        return []
+    count = int(np.floor((end - begin) / block_s + 0.5))
+    edges = [*(begin + block_s * np.arange(count)).tolist(), end]
+    return [(low, before(high) if high < end else high) for low, high in pairwise(edges)]
+
+
+def alternate(run: Run, block_s: float) -> tuple[list[Interval], list[Interval]]:
+    """Blocks to fit (the first, the third ..) and blocks to hold out (the second, the fourth ..).
+
+    RunError where there are not two.
+    """
+    blocks = block_intervals(run, block_s)
+    if len(blocks) < 2:
+        pauses = len(recorded(run)) - 1
+        between = f" between {pauses} pauses of the recording" if pauses else ""
+        raise RunError(f"{run.meta.source}: {run.duration_s:g} s{between} hold no two blocks of {block_s:g} s")
+    return blocks[::2], blocks[1::2]
+
+
+def tail(run: Run, held_out_s: float) -> tuple[Interval, Interval]:
+    """What to fit, and the last `held_out_s` to hold out. RunError where nothing would be left to fit."""
+    t_s = run.table["t_s"]
+    begin, end = float(t_s[0]), float(t_s[-1])
+    if not 0 < held_out_s < end - begin:
+        raise RunError(f"{run.meta.source}: cannot hold out {held_out_s:g} s of {end - begin:g} s")
+    return (begin, before(end - held_out_s)), (end - held_out_s, end)
+
+
+def before(t_s: float) -> float:
+    """The last instant before `t_s`, so that no row is in two parts."""
+    return float(np.nextafter(t_s, -np.inf))
+
+
+def _changed(rows: pl.DataFrame) -> pl.Series:
+    """The first row, and those whose held values differ from the row before."""
+    held = rows.select(c for c in rows.columns if c.startswith(HELD)).to_numpy()
+    same = (held[1:] == held[:-1]) | (np.isnan(held[1:]) & np.isnan(held[:-1]))
+    return pl.Series(np.append(True, ~same.all(axis=1))[: len(rows)])

@@ -1,0 +1,174 @@
+"""A log as arrays for plots and reports: one pass, every time in seconds since the first message's `t_ns`.
+
+Positions that the tag computed are in the site's ENU axes (x east, y north: see `core.site`). Where the tag
+gives only ranges, and the log holds its site file, each set of three or more gives a least-squares fix.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from companion.core.configuration.site_file import Site
+from companion.core.estimation.ranging.multilateration import locate
+from companion.core.messages import (
+    GroundTruth,
+    GuidanceReference,
+    Innovation,
+    LoopTiming,
+    Message,
+    OverrideLease,
+    PlanResult,
+    StateEstimate,
+    Tick,
+    UwbPosition,
+    UwbRanges,
+)
+from companion.logs.configuration import site_in
+from companion.logs.log_file import LogFile
+
+MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
+FIX_SPREAD_M = 0.5  # residual of a good range in such a fix; assumed
+KNOWN = ("healthy", "degraded")
+"""Health of an estimate that says where the boat is."""
+
+_SCALARS: dict[type[Message], tuple[str, ...]] = {
+    StateEstimate: ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"),
+    GroundTruth: ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"),
+    GuidanceReference: ("north_ref_m", "east_ref_m", "psi_ref_rad", "u_ref_m_s", "x_e_m", "y_e_m"),
+    PlanResult: ("solve_time_s", "iterations"),
+    Tick: ("index", "lateness_ns"),
+    LoopTiming: ("lateness_ms", "imu_to_override_ms"),
+}
+
+
+@dataclass
+class Columns:
+    """Arrays of one message class: `t_s` (n,) and one array (n,) per field, NaN where unknown."""
+
+    t_s: np.ndarray
+    values: dict[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
+
+@dataclass
+class Series:
+    """All that a plot needs. `pwm_us`: (n, thrusters); `innovations`: sensor -> (t_s, sqrt(d2), accepted).
+
+    `uwb_ne_m`: (n, 2) north, east of the tag by UWB alone. `site` is None where the log does not hold it.
+    """
+
+    columns: dict[type[Message], Columns]
+    lease_t_s: np.ndarray
+    pwm_us: np.ndarray
+    channels: tuple[int, ...]
+    sources: list[str]
+    phases: list[str]
+    innovations: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    uwb_ne_m: np.ndarray
+    site: Site | None
+    duration_s: float
+
+    def __getitem__(self, kind: type[Message]) -> Columns:
+        return self.columns[kind]
+
+
+@dataclass
+class _Rows:
+    scalars: dict[type[Message], list[tuple[Any, ...]]] = field(default_factory=lambda: defaultdict(list))
+    leases: list[OverrideLease] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
+    innovations: dict[str, list[tuple[int, float, bool]]] = field(default_factory=lambda: defaultdict(list))
+    positions: list[tuple[float, float]] = field(default_factory=list)
+    ranges: list[UwbRanges] = field(default_factory=list)
+
+
+def collect(log: LogFile, truth: LogFile | None = None) -> Series:
+    """One pass over `log`; ground truth also from `truth`, the simulator's log of the same run."""
+    rows, zero_ns, last_ns = _Rows(), None, 0
+    for message in log.messages(*_SCALARS, OverrideLease, Innovation, UwbPosition, UwbRanges):
+        zero_ns = message.t_ns if zero_ns is None else zero_ns
+        last_ns = max(last_ns, message.t_ns)
+        _add(rows, message)
+    zero_ns = zero_ns or 0
+    for message in truth.messages(GroundTruth) if truth else ():
+        if zero_ns <= message.t_ns <= last_ns:
+            _add(rows, message)
+    return _arrays(rows, zero_ns, last_ns, site_in(log))
+
+
+def _add(rows: _Rows, message: Message) -> None:
+    match message:
+        case OverrideLease():
+            rows.leases.append(message)
+        case Innovation(sensor=sensor):
+            rows.innovations[sensor].append((message.t_ns, max(message.d2, 0.0) ** 0.5, message.accepted))
+        case UwbPosition():
+            rows.positions.append((message.y_m, message.x_m))
+        case UwbRanges():
+            rows.ranges.append(message)
+        case _:
+            names = _SCALARS[type(message)]
+            values = tuple(getattr(message, name) for name in names)
+            if isinstance(message, StateEstimate) and message.health not in KNOWN:
+                values = (np.nan,) * len(names)  # the filter's first guess, or one that it has lost faith in
+            rows.scalars[type(message)].append((message.t_ns, *values))
+            if isinstance(message, GuidanceReference):
+                rows.phases.append(message.phase)
+
+
+def _arrays(rows: _Rows, zero_ns: int, last_ns: int, site: Site | None) -> Series:
+    def seconds(t_ns: Any) -> np.ndarray:
+        return (np.asarray(t_ns, dtype=float) - zero_ns) / 1e9
+
+    columns = {}
+    for kind, names in _SCALARS.items():
+        table = np.array(rows.scalars[kind], dtype=float).reshape(-1, len(names) + 1)
+        columns[kind] = Columns(seconds(table[:, 0]), dict(zip(names, table[:, 1:].T, strict=True)))
+    innovations = {}
+    for sensor, points in sorted(rows.innovations.items()):
+        t_ns, sigma, accepted = zip(*points, strict=True)
+        innovations[sensor] = (seconds(t_ns), np.array(sigma), np.array(accepted, dtype=bool))
+    return Series(
+        columns=columns,
+        lease_t_s=seconds([lease.t_ns for lease in rows.leases]),
+        pwm_us=_thruster_pwm(rows.leases),
+        channels=max((lease.channels for lease in rows.leases), key=len, default=()),
+        sources=[lease.source for lease in rows.leases],
+        phases=rows.phases,
+        innovations=innovations,
+        uwb_ne_m=np.array([*rows.positions, *_fixes(rows.ranges, site)]).reshape(-1, 2),
+        site=site,
+        duration_s=max((last_ns - zero_ns) / 1e9, 0.0),
+    )
+
+
+def _thruster_pwm(leases: list[OverrideLease]) -> np.ndarray:
+    """Pulse widths (n, thrusters) [us]: thrusters come first, channels held at neutral after them."""
+    width = max((len(lease.f_command_n) for lease in leases), default=0)
+    width = width or max((len(lease.pwm_us) for lease in leases), default=0)
+    pwm_us = np.full((len(leases), width), np.nan)
+    for row, lease in zip(pwm_us, leases, strict=True):
+        given = lease.pwm_us[:width]
+        row[: len(given)] = given
+    return pwm_us
+
+
+def _fixes(cycles: list[UwbRanges], site: Site | None) -> list[tuple[float, float]]:
+    """Least-squares places of the tag (north, east) [m] at the height of the water, at most MAX_FIXES."""
+    place = {a.id: (a.north_m, a.east_m, a.down_m) for a in site.anchors} if site else {}
+    fixes = []
+    for cycle in cycles[:: max(len(cycles) // MAX_FIXES, 1)]:
+        seen = [(place[r.anchor], r.range_m) for r in cycle.ranges if r.anchor in place]
+        if len(seen) >= 3:
+            anchors_m, ranges_m = (np.array(column) for column in zip(*seen, strict=True))
+            fixes += [(fix.north_m, fix.east_m) for fix in locate(anchors_m, ranges_m, 0.0, FIX_SPREAD_M)[:1]]
+    return fixes

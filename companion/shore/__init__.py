@@ -1,0 +1,1 @@
+"""The shore's side: subscriber, web console, live Foxglove."""

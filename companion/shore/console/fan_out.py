@@ -1,0 +1,100 @@
+"""What each browser is due: everything of the boat that it chose, of the others what a list and a map need. Pure.
+
+A frame is one text message, every 0.1 s at most:
+
+    {"type": "samples", "now_ms": t, "missed": n,
+     "clocks": {boat: [ahead_ms, alive, twin]}, "samples": [{boat, topic, sample}]}
+
+`now_ms` is the console's monotonic clock, `ahead_ms` a boat's minus it: so the page knows how old a sample is, and
+goes on counting when no frame comes; `twin`: two programs call themselves by that name. `missed`: samples that a slow
+browser was spared since the last frame.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+
+import msgspec
+
+from companion.shore.console.store import Boat, Sample
+
+OVERVIEW = ("about", "state", "mode")
+"""Topics of boats that were not chosen, of each the newest in a frame."""
+QUEUE = 2000
+"""Samples that wait for a slow browser; then the oldest go (assumed)."""
+QUIET_MS = 1000.0
+"""A frame without samples goes out this often, so that the page knows that the console lives."""
+_ENCODER = msgspec.json.Encoder()
+
+
+Clock = tuple[float, bool, bool]
+
+
+def clocks(boats: Mapping[str, Boat], now_ms: float) -> dict[str, Clock]:
+    """Boat -> (its clock minus ours [ms], whether its token is there, whether another program has its name)."""
+    now_ns = round(now_ms * 1e6)
+    return {name: (round(b.ahead_ns * 1e-6, 1), b.alive, b.twin(now_ns)) for name, b in boats.items()}
+
+
+def entry(sample: Sample) -> dict[str, object]:
+    """One sample as the page reads it."""
+    return {"boat": sample.boat, "topic": sample.topic, "sample": msgspec.Raw(sample.data)}
+
+
+class Watcher:
+    """One browser. `chosen`: the boat that it looks at closely."""
+
+    def __init__(self) -> None:
+        self.chosen: str | None = None
+        self._all: deque[Sample] = deque(maxlen=QUEUE)
+        self._newest: dict[tuple[str, str], Sample] = {}
+        self._missed = 0
+        self._told: dict[str, Clock] = {}
+        self._last_ms = float("-inf")
+
+    def note(self, sample: Sample) -> None:
+        """One new sample of any boat."""
+        if sample.boat == self.chosen or sample.topic == "alert":
+            self._missed += len(self._all) == QUEUE
+            self._all.append(sample)
+        elif sample.topic in OVERVIEW:
+            key = sample.boat, sample.topic
+            known = self._newest.get(key)
+            if known is None or known.t_ns <= sample.t_ns:
+                self._newest[key] = sample
+
+    def choose(self, boats: Mapping[str, Boat], boat: str) -> None:
+        """Look at `boat` from now on: everything that is kept of it becomes due."""
+        self.chosen = boat
+        if known := boats.get(boat):
+            for sample in known.samples():
+                self.note(sample)
+
+    def begin(self, boats: Iterable[Boat]) -> None:
+        """A new browser: of each boat what the list needs, and its alerts."""
+        for boat in boats:
+            for topic in OVERVIEW:
+                if newest := boat.newest(topic):
+                    self.note(newest)
+            for alert in boat.kept.get("alert", ()):
+                self.note(alert)
+
+    def frame(self, boats: Mapping[str, Boat], now_ms: float) -> bytes | None:
+        """The frame that is due, or None."""
+        new = {name: clock for name, clock in clocks(boats, now_ms).items() if self._told.get(name) != clock}
+        samples = [*self._newest.values(), *self._all]
+        if not samples and not new and now_ms - self._last_ms < QUIET_MS:
+            return None
+        told = {
+            "type": "samples",
+            "now_ms": round(now_ms, 1),
+            "missed": self._missed,
+            "clocks": new,
+            "samples": [entry(s) for s in samples],
+        }
+        self._told.update(new)
+        self._all.clear()
+        self._newest.clear()
+        self._missed, self._last_ms = 0, now_ms
+        return _ENCODER.encode(told)

@@ -1,0 +1,200 @@
+"""The live console: what is heard goes into the store and out to every browser; orders go to the boats."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import time
+from collections.abc import Callable
+from typing import Annotated
+
+import msgspec
+from aiohttp import WSMsgType, web
+
+from companion.core.telemetry.orders import MAX_BYTES, Command, MissionFile, Sender
+from companion.shore.console.fan_out import Watcher
+from companion.shore.console.orders import Given, Orders
+from companion.shore.console.request_auth import Guard
+from companion.shore.console.store import NAME, Sample, Store
+from companion.shore.console.web_server import base_app
+from companion.shore.console.zenoh_client import Hearing
+
+FRAME_S = 0.1
+BROWSERS = 32
+"""Open pages at a time (assumed)."""
+EVENTS = 200
+LOOK_S = 2.0
+"""Between looks for a boat's key that is not there yet."""
+HOME = "/web/console.html"
+_ENCODER = msgspec.json.Encoder()
+
+
+class Asked(msgspec.Struct, forbid_unknown_fields=True):
+    """Body of POST /order."""
+
+    boat: Annotated[str, msgspec.Meta(pattern=NAME)]
+    command: Command
+    mission: MissionFile | None = None
+
+
+class Choice(msgspec.Struct):
+    """What a page says over its WebSocket: the boat that it shows."""
+
+    choose: str
+
+
+class Browser:
+    """One open page: what it is due, and a bell that rings when there is something."""
+
+    def __init__(self) -> None:
+        self.watcher = Watcher()
+        self.events: list[bytes] = []
+        self.bell = asyncio.Event()
+
+    def tell(self, event: bytes) -> None:
+        """Something that must not wait for the next frame."""
+        if len(self.events) < EVENTS:
+            self.events.append(event)
+        self.bell.set()
+
+
+class Keys:
+    """Who makes orders for which boat. `find`: the boat's key or None, asked again now and then; `sender`: the name
+    under which orders are given.
+    """
+
+    def __init__(self, find: Callable[[str], bytes | None] | None, sender: str) -> None:
+        self._find, self._sender = find, sender
+        self._senders: dict[str, Sender] = {}
+        self._looked_s: dict[str, float] = {}
+
+    def __bool__(self) -> bool:
+        return self._find is not None
+
+    def of(self, boat: str) -> Sender | None:
+        """Who makes orders for a boat; None: there is no key for it."""
+        now_s = time.monotonic()
+        if boat in self._senders or self._find is None or now_s - self._looked_s.get(boat, -LOOK_S) < LOOK_S:
+            return self._senders.get(boat)
+        self._looked_s[boat] = now_s
+        if (key := self._find(boat)) is not None:
+            self._senders[boat] = Sender(boat, secrets.token_hex(8), self._sender, key, time.monotonic_ns)
+        return self._senders.get(boat)
+
+
+class Console:
+    """Wires hearing, store, browsers and orders. `run` works until cancelled; `app` is the web server's."""
+
+    def __init__(
+        self, hearing: Hearing, guard: Guard, keys: Keys, *, compress: bool, say: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self.store, self.browsers = Store(), set[Browser]()
+        self._hearing, self._keys, self._compress = hearing, keys, compress
+        self._orders = Orders(keys.of, hearing.ask, self._told)
+        self.also: list[Callable[[Sample], None]] = []
+        """Who else hears every sample that was believed; must not wait."""
+        self._waiting: set[asyncio.Task] = set()
+        self._started, self._say, self._network = secrets.token_hex(4), say, hearing.problem
+        self._said: dict[str, int] = {}
+        self.app = base_app(guard, HOME)
+        self.app.router.add_get("/ws", self._watch)
+        self.app.router.add_post("/order", self._order)
+
+    async def run(self) -> None:
+        """Hear, and pass on, until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._hearing.run())
+            while True:
+                begun_s = time.monotonic()
+                self._pump()
+                await asyncio.sleep(max(FRAME_S - (time.monotonic() - begun_s), 0.01))
+
+    def _pump(self) -> None:
+        for heard in self._hearing.take():
+            if heard.topic is None:
+                self.store.alive(heard.boat, heard.there)
+                continue
+            sample = self.store.take(heard.boat, heard.topic, heard.data, heard.heard_ns)
+            if sample is None:
+                continue
+            if sender := self._keys.of(heard.boat):
+                sender.hear(self.store.boats[heard.boat].run, sample.t_ns)
+            for browser in self.browsers:
+                browser.watcher.note(sample)
+            for hear in self.also:
+                hear(sample)
+        if (network := self._hearing.problem) != self._network:
+            self._network = network
+            self._say(f"zenoh: {network or 'ready'}")
+            for browser in self.browsers:
+                browser.tell(self._about())
+        for why, count in self.store.refused.items():
+            if count >= 2 * self._said.get(why, 0.5):
+                self._said[why] = count
+                self._say(f"telemetry left out: {why} ({count} so far)")
+        for browser in self.browsers:
+            browser.bell.set()
+
+    def _told(self, given: Given) -> None:
+        event = _ENCODER.encode(given)
+        for browser in self.browsers:
+            browser.tell(event)
+
+    def _about(self) -> bytes:
+        """What a page must know of its console."""
+        told = {"started": self._started, "commands": bool(self._keys), "problem": self._hearing.problem}
+        return _ENCODER.encode({"type": "console", **told})
+
+    # --- the web -----------------------------------------------------------------------------------
+
+    async def _order(self, request: web.Request) -> web.StreamResponse:
+        if request.content_type != "application/json":
+            raise web.HTTPUnsupportedMediaType(text="expected application/json")
+        try:
+            asked = msgspec.json.decode(await request.read(), type=Asked)
+        except msgspec.MsgspecError as error:
+            raise web.HTTPBadRequest(text=str(error)) from None
+        if (asked.mission is not None) != (asked.command == "load_mission"):
+            raise web.HTTPBadRequest(text="`mission` belongs to load_mission, and to nothing else")
+        if asked.mission and len(asked.mission.text) > MAX_BYTES:
+            raise web.HTTPBadRequest(text=f"missions are at most {MAX_BYTES} bytes long")
+        task = asyncio.create_task(self._orders.give(asked.boat, asked.command, asked.mission))
+        self._waiting.add(task)  # a page that goes away does not take its order back
+        task.add_done_callback(self._waiting.discard)
+        given = await asyncio.shield(task)
+        return web.Response(body=_ENCODER.encode(given), content_type="application/json")
+
+    async def _watch(self, request: web.Request) -> web.StreamResponse:
+        if len(self.browsers) >= BROWSERS:
+            raise web.HTTPServiceUnavailable(text=f"{BROWSERS} pages are open already")
+        socket = web.WebSocketResponse(heartbeat=5.0, compress=self._compress, max_msg_size=4096)
+        await socket.prepare(request)
+        browser = Browser()
+        browser.watcher.begin(self.store.boats.values())
+        browser.tell(self._about())
+        for given in self._orders.last.values():
+            browser.tell(_ENCODER.encode(given))
+        self.browsers.add(browser)
+        sending = asyncio.create_task(self._send(socket, browser))
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    with contextlib.suppress(msgspec.MsgspecError):
+                        told = msgspec.json.decode(message.data, type=Choice)
+                        browser.watcher.choose(self.store.boats, told.choose)
+        finally:
+            self.browsers.discard(browser)
+            sending.cancel()
+        return socket
+
+    async def _send(self, socket: web.WebSocketResponse, browser: Browser) -> None:
+        with contextlib.suppress(ConnectionError, RuntimeError):
+            while True:
+                await browser.bell.wait()
+                browser.bell.clear()
+                events, browser.events = browser.events, []
+                for event in events:
+                    await socket.send_str(event.decode())
+                if frame := browser.watcher.frame(self.store.boats, time.monotonic() * 1e3):
+                    await socket.send_str(frame.decode())

@@ -1,0 +1,113 @@
+"""Orders from the page to a boat: signed, sent, repeated word for word until the boat answers or time is up.
+
+The boat takes an order once, however often it hears it (docs/telemetry.md), so repeating is safe; a stop is repeated
+for longer than the others. What the page shows is what the boat answered, or that no answer came.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from typing import Literal
+
+import msgspec
+
+from companion.core.telemetry.orders import Command, MissionFile, Outcome, Sender, read_outcome
+
+ANSWER_S = 1.0
+"""How long an answer may take before the order is said again (assumed)."""
+PAUSE_S = 0.2
+"""Between tries where the network says at once that there is nobody (assumed)."""
+PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "load_mission": 5.0}
+"""How long an order is repeated. Others than a stop are not believed when older than 5 s, and should not be."""
+MAX_TOLD = 50
+
+Ask = Callable[[str, bytes, bytes | None, float], Awaitable[bytes | None]]
+"""ask(boat, payload, attachment, timeout [s]) -> the reply's payload, or None: no answer."""
+
+
+class Given(msgspec.Struct, kw_only=True):
+    """One order as the page sees it. `asked_ms`: on the console's clock; `after_ms`: so much later came the answer.
+
+    `state`: `sending`; `answered`, `outcome` is the boat's; `no_answer`; `not_sent`, `why` says the reason.
+    """
+
+    type: Literal["order"] = "order"
+    number: int
+    boat: str
+    command: Command
+    state: Literal["sending", "answered", "no_answer", "not_sent"]
+    asked_ms: float
+    tries: int = 0
+    after_ms: float | None = None
+    why: str = ""
+    outcome: Outcome | None = None
+
+
+class Orders:
+    """Gives orders. `tell` hears of every change of each."""
+
+    def __init__(self, sender: Callable[[str], Sender | None], ask: Ask, tell: Callable[[Given], None]) -> None:
+        self.last: dict[int, Given] = {}
+        self._sender, self._ask, self._tell = sender, ask, tell
+        self._number = 0
+
+    async def give(self, boat: str, command: Command, mission: MissionFile | None = None) -> Given:
+        """One order, until it is answered or given up."""
+        begun_s = time.monotonic()
+        self._number += 1
+        given = Given(number=self._number, boat=boat, command=command, state="sending", asked_ms=begun_s * 1e3)
+        self.last[given.number] = given
+        if len(self.last) > MAX_TOLD:
+            del self.last[next(iter(self.last))]
+        sender = self._sender(boat)
+        if sender is None:
+            return self._end(given, "not_sent", "this console has no command key for this boat")
+        self._tell(given)
+        signed: tuple[bytes, bytes | None] | None = None
+        while (left_s := begun_s + PATIENCE_S[command] - time.monotonic()) > 0:
+            signed = signed or _signed(sender, command, mission)
+            if signed:
+                given.tries += 1
+                reply = await self._ask(boat, *signed, min(ANSWER_S, left_s))
+                if reply is not None and self._read(given, reply, begun_s):
+                    return given
+                signed = None if given.outcome else signed
+                if given.tries > 1:
+                    self._tell(given)
+            await asyncio.sleep(PAUSE_S)
+        if given.outcome:
+            return self._end(given, "answered", "")
+        if signed is None:
+            return self._end(given, "not_sent", f"nothing was heard of {boat}: which run it is in is not known")
+        return self._end(given, "no_answer", f"no answer in {PATIENCE_S[command]:g} s: the boat may not have heard it")
+
+    def _read(self, given: Given, reply: bytes, begun_s: float) -> bool:
+        """Note the boat's answer; False: it is still on its way to the pilot, or is none, or the boat's program was
+        started anew and a stop is to be made out for the new run.
+        """
+        try:
+            outcome = read_outcome(reply)
+        except ValueError:
+            return False
+        if outcome.repeated and outcome.code == "busy":
+            return False
+        given.outcome, given.after_ms = outcome, round((time.monotonic() - begun_s) * 1e3, 1)
+        if outcome.code == "wrong_run" and given.command == "stop":
+            return False
+        self._end(given, "answered", "")
+        return True
+
+    def _end(self, given: Given, state: Literal["answered", "no_answer", "not_sent"], why: str) -> Given:
+        given.state, given.why = state, why
+        self._tell(given)
+        return given
+
+
+def _signed(sender: Sender, command: Command, mission: MissionFile | None) -> tuple[bytes, bytes | None] | None:
+    """Payload and attachment; None: nothing was heard of the boat yet, as just after our own start."""
+    try:
+        return sender.order(command, mission)
+    except ValueError:
+        return None

@@ -1,0 +1,137 @@
+"""What the boats told, checked and kept: newest values, bounded history, and how old each boat's word is. Pure.
+
+Samples come in any order (history and what was missed arrive beside what is new), from runs that ended, from boats
+that started anew, and from strangers; what is not a sample of docs/telemetry.md is counted and left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from companion.core.telemetry import structs as shore
+
+KEPT = {"state": 1200, "thrusters": 1200, "reference": 600, "timing": 300, "battery": 300, "mode": 200, "alert": 200}
+"""Topic -> samples kept: two minutes of those with a rate (assumed). Of the others the newest."""
+BOATS = 200
+"""More names than that are a mistake or an attack (assumed)."""
+RUNS = 16
+"""Former runs of a boat that are remembered, to leave out what still arrives from them."""
+LATE_NS, TWIN_NS = 5_000_000_000, 3_000_000_000
+"""What a former run told may arrive so late; one that still tells counts as a twin for so long (assumed)."""
+MAX_BYTES = 65_536
+DRIFT = 1e-3
+"""More than two clocks run apart: what a boat's clock was thought to show is doubted in time (assumed)."""
+NAME = r"^[A-Za-z0-9_.-]{1,40}\Z"
+"""Names of boats, as in the run file."""
+
+
+class Sample(NamedTuple):
+    """One told struct, checked: `data` is its JSON, written anew."""
+
+    boat: str
+    topic: str
+    t_ns: int
+    data: bytes
+
+
+class Boat:
+    """One boat: its present run, what it told, and its clock.
+
+    `ahead_ns`: its clock minus ours, by the sample that came quickest: no sample can come before it was sent, so the
+    largest difference seen is nearest to the truth, and what it lacks is the quickest trip's time.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name, self.run, self.alive = name, "", False
+        self.kept: dict[str, deque[Sample]] = {}
+        self._newest_ns: dict[str, int] = {}
+        self.newest_ns = self.ahead_ns = self._heard_ns = self._began_ns = 0
+        self.twin_ns: int | None = None
+        self.malformed = 0
+        self._former: deque[str] = deque(maxlen=RUNS)
+
+    def take(self, topic: str, told: shore.Told, heard_ns: int) -> Sample | None:
+        """Note one sample; None: of a former run."""
+        if told.run in self._former:
+            if heard_ns - self._began_ns > LATE_NS:
+                self.twin_ns = heard_ns
+            return None
+        if told.run != self.run:
+            self._begin(told.run, told.t_ns - heard_ns, heard_ns)
+        drifted_ns = self.ahead_ns - round(DRIFT * (heard_ns - self._heard_ns))
+        self.ahead_ns, self._heard_ns = max(told.t_ns - heard_ns, drifted_ns), heard_ns
+        self.newest_ns = max(self.newest_ns, told.t_ns)
+        sample = Sample(self.name, topic, told.t_ns, shore.encode(told))
+        kept = self.kept.setdefault(topic, deque(maxlen=KEPT.get(topic, 1)))
+        self._newest_ns[topic] = max(told.t_ns, self._newest_ns.get(topic, -1))
+        if kept.maxlen != 1 or not kept or kept[-1].t_ns <= told.t_ns:
+            kept.append(sample)
+        return sample
+
+    def knows(self, topic: str, told: shore.Told) -> bool:
+        """Whether it has this very sample: what was kept for latecomers may come twice."""
+        if told.run != self.run or told.t_ns > self._newest_ns.get(topic, -1):
+            return False
+        return Sample(self.name, topic, told.t_ns, shore.encode(told)) in self.kept[topic]
+
+    def newest(self, topic: str) -> Sample | None:
+        """The newest sample of a topic."""
+        return max(self.kept.get(topic, ()), key=lambda s: s.t_ns, default=None)
+
+    def samples(self) -> Iterator[Sample]:
+        """Everything kept."""
+        for kept in self.kept.values():
+            yield from kept
+
+    def twin(self, now_ns: int) -> bool:
+        """Whether a former run goes on telling: two programs call themselves by this name."""
+        return self.twin_ns is not None and now_ns - self.twin_ns < TWIN_NS
+
+    def _begin(self, run: str, ahead_ns: int, heard_ns: int) -> None:
+        if self.run:
+            self._former.append(self.run)
+        self.run, self.newest_ns, self.ahead_ns = run, 0, ahead_ns
+        self._began_ns, self.twin_ns = heard_ns, None
+        self.kept.clear()
+        self._newest_ns.clear()
+
+
+class Store:
+    """All boats. `refused`: why samples were left out, counted."""
+
+    def __init__(self) -> None:
+        self.boats: dict[str, Boat] = {}
+        self.refused: Counter[str] = Counter()
+
+    def take(self, boat: str, topic: str, data: bytes, heard_ns: int) -> Sample | None:
+        """One sample from the wire, heard at `heard_ns` of our clock; None: known already, or left out and counted."""
+        if len(data) > MAX_BYTES:
+            return self._refuse("too long", boat)
+        try:
+            told = shore.decode(topic, data)
+        except (ValueError, RecursionError):
+            return self._refuse("not understood", boat)
+        known = self._boat(boat)
+        if known is None:
+            return self._refuse("too many boats, or a strange name", boat)
+        if known.knows(topic, told):
+            return None
+        return known.take(topic, told, heard_ns) or self._refuse("of a former run", boat)
+
+    def alive(self, boat: str, there: bool) -> None:
+        """The boat's liveliness token came or went."""
+        if known := self._boat(boat):
+            known.alive = there
+
+    def _boat(self, name: str) -> Boat | None:
+        if name not in self.boats and (len(self.boats) >= BOATS or not re.match(NAME, name)):
+            return None
+        return self.boats.setdefault(name, Boat(name))
+
+    def _refuse(self, why: str, boat: str) -> None:
+        self.refused[why] += 1
+        if known := self.boats.get(boat):
+            known.malformed += 1

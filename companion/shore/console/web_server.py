@@ -1,0 +1,89 @@
+"""The console's web server: files of the page, guarded. `base_app` is shared by every page; see `guard`."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+from collections.abc import Awaitable, Callable
+
+from aiohttp import web
+
+from companion.shore.console.assets import Asset, assets
+from companion.shore.console.request_auth import COOKIE, Guard
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+MAX_BODY_BYTES = 200_000
+"""A mission file, quoted as JSON."""
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def base_app(guard: Guard, home: str) -> web.Application:
+    """Serves the page `home` (its path) and all files, to those that `guard` believes. Raises ConfigError."""
+    app = web.Application(middlewares=[_guarded(guard)], client_max_size=MAX_BODY_BYTES)
+    for path, asset in assets().items():
+        app.router.add_get(path, _file(asset))
+        if path == home:
+            app.router.add_get("/", _entrance(guard, _file(asset)))
+    return app
+
+
+def _guarded(guard: Guard):
+    @web.middleware
+    async def guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
+        host, origin = request.headers.get("Host"), request.headers.get("Origin")
+        changes = request.method not in ("GET", "HEAD") or "Upgrade" in request.headers
+        if not guard.host(host):
+            raise web.HTTPForbidden(text="this name is not one of this machine's: use its address")
+        if not guard.origin(origin, host, needed=changes):
+            raise web.HTTPForbidden(text="asked for by a page of another site")
+        if not guard.knows(request.cookies.get(COOKIE)) and request.path != "/":
+            raise web.HTTPForbidden(text="open the address with the token that `aritra shore` printed")
+        try:
+            response = await handler(request)
+        except web.HTTPException as answer:
+            answer.headers.update(HEADERS)
+            raise
+        if not response.prepared:
+            response.headers.update(HEADERS)
+        return response
+
+    return guarded
+
+
+def _entrance(guard: Guard, page: Handler) -> Handler:
+    """The page; with the token in the address: a cookie for it, and the address without it."""
+
+    async def enter(request: web.Request) -> web.StreamResponse:
+        if (token := request.query.get("token")) is not None and guard.knows(token):
+            answer = web.HTTPSeeOther("/")
+            answer.set_cookie(COOKIE, token, httponly=True, samesite="Strict", path="/")
+            raise answer
+        if not guard.knows(request.cookies.get(COOKIE)):
+            return web.Response(status=403, text="open the address with the token that `aritra shore` printed\n")
+        return await page(request)
+
+    return enter
+
+
+def _file(asset: Asset) -> Handler:
+    packed = gzip.compress(asset.data, mtime=0)
+    tag = f'"{hashlib.sha256(asset.data).hexdigest()[:16]}"'
+
+    async def serve(request: web.Request) -> web.StreamResponse:
+        if request.headers.get("If-None-Match") == tag:
+            return web.Response(status=304, headers={"ETag": tag})
+        small = "gzip" in request.headers.get("Accept-Encoding", "")
+        headers = {"ETag": tag, "Vary": "Accept-Encoding"} | ({"Content-Encoding": "gzip"} if small else {})
+        return web.Response(
+            body=packed if small else asset.data, content_type=asset.content_type, charset="utf-8", headers=headers
+        )
+
+    return serve

@@ -1,0 +1,1 @@
+"""Transports: bytes in, bytes out, and a stream that may end. Serial, UDP, TCP, pseudo terminal, memory."""

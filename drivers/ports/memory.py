@@ -1,0 +1,89 @@
+"""Two ports joined by memory: a cable for tests and for a simulator in the same process.
+
+A cable: an end may be opened in any order, what is sent while the other end is closed is dropped and
+counted, and closing one end ends the stream at the other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+
+from drivers.ports.port import Counters, SendBuffer
+
+LIMIT_BYTES = 65536
+
+
+def memory_pair(name: str = "memory", *, limit_bytes: int = LIMIT_BYTES) -> tuple[MemoryPort, MemoryPort]:
+    """Two ends of one cable. `limit_bytes`: what may wait for a slow receiver."""
+    near, far = MemoryPort(f"{name}:a", limit_bytes), MemoryPort(f"{name}:b", limit_bytes)
+    near.other, far.other = far, near
+    return near, far
+
+
+class MemoryPort:
+    """One end; made by `memory_pair`."""
+
+    other: MemoryPort
+
+    def __init__(self, name: str, limit_bytes: int = LIMIT_BYTES) -> None:
+        self.name = name
+        self.counters = Counters()
+        self._inbox = SendBuffer(limit_bytes)
+        self._is_open = False
+        self._ended = False
+        self._waiter: asyncio.Future[None] | None = None
+
+    async def open(self) -> None:
+        """Plug in."""
+        if self._is_open:
+            raise OSError(errno.EISCONN, "already open")
+        self._is_open, self._ended = True, False
+
+    async def receive(self) -> bytes:
+        """The next chunk as it was sent; b"" once the other end has closed."""
+        while self._is_open:
+            if self._inbox:
+                data = bytes(self._inbox.head())
+                self._inbox.consume(len(data))
+                self.counters.received_bytes += len(data)
+                return data
+            if self._ended:
+                break
+            await self._arrival()
+        return b""
+
+    def send(self, data: bytes) -> None:
+        """Put a chunk into the other end's hands. Raises OSError where the port is not open."""
+        if not self._is_open or self._ended:
+            raise OSError(errno.ENOTCONN, f"{self.name} is not open")
+        if not self.other._is_open:
+            self.counters.dropped_bytes += len(data)
+            return
+        dropped = self.other._inbox.push(data)
+        self.counters.dropped_bytes += dropped
+        self.counters.sent_bytes += len(data) - dropped
+        self.other._wake()
+
+    async def close(self) -> None:
+        """Unplug, which ends the other end's stream unless that one ended ours. May be called twice."""
+        if self._is_open:
+            self._is_open = False
+            self._inbox.clear()
+            self._wake()
+            if not self._ended:
+                self.other._ended = True
+                self.other._wake()
+
+    async def _arrival(self) -> None:
+        if self._waiter is not None:
+            raise RuntimeError(f"{self.name}: only one receiver at a time")
+        self._waiter = asyncio.get_running_loop().create_future()
+        try:
+            await self._waiter
+        finally:
+            self._waiter = None
+
+    def _wake(self) -> None:
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_result(None)

@@ -1,0 +1,1 @@
+"""How costs grow with horizon, thrusters, logs and catalogue."""

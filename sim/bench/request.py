@@ -1,0 +1,38 @@
+"""What a benchmark is asked to measure, and what its parts give back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from companion.core.configuration.vessel_file import VesselFile
+from sim.bench.controller.worlds import World, paper_world, production_world
+from sim.bench.result import Growth, Refused, Row
+
+PROBLEMS = {"production": production_world, "paper": paper_world}
+STEP_S = {"production": 0.2, "paper": 0.1}
+"""Of one stage."""
+Found = Iterator[Row | Refused | Growth]
+"""What a part finds, as it finds it."""
+
+
+@dataclass
+class Order:
+    """`solves` recorded states a round, `rounds` rounds, `cadence_solves` at 10 Hz; `told` hears what is going on."""
+
+    vessel: VesselFile
+    vessel_path: Path
+    problems: tuple[str, ...] = ("production",)
+    solves: int = 200
+    rounds: int = 3
+    cadence_solves: int = 200
+    seed: int = 1
+    told: Callable[[str], None] = lambda _: None
+    _worlds: dict[str, World] = field(default_factory=dict)
+
+    def world(self, problem: str) -> World:
+        """A problem with this vessel; built once."""
+        if problem not in self._worlds:
+            self._worlds[problem] = PROBLEMS[problem](self.vessel)
+        return self._worlds[problem]

@@ -1,0 +1,1 @@
+"""From logs to a model of the boat: one engine, identification, diagnosis, validation, excitation."""

@@ -1,0 +1,84 @@
+"""The catalogue: one small entry an effect, in four rooms. `catalogue` gathers them for one boat and its logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from sim.fitting.diagnose.catalogue import chance, environment, hull, propulsion, sensors
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.propulsion import STARTS, Onset
+from sim.fitting.diagnose.posterior.clock import Clock
+
+ONSET_STEP_S = 60.0  # how far apart the starts of the search for an onset are; assumed
+LONG_S = 1200.0
+"""Logs that span more, such as an hour's or those of two days, get no more entries than these: memory; assumed."""
+ACROSS = 3  # places a side at which the search for a zone starts; assumed
+
+
+def catalogue(
+    vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = (), clock: Clock | None = None
+) -> tuple[Effect, ...]:
+    """All entries for one boat and its logs; `more`: a user's own; `clock`: as of `Physics`.
+
+    ValueError where two have one id.
+    """
+    places = np.concatenate([run.samples("north_m", "east_m")[1] for run in runs])
+    low, high = np.quantile(places, (0.05, 0.95), axis=0)
+    share = (np.arange(ACROSS) + 0.5) / ACROSS
+    centres = tuple(
+        (float(n), float(e)) for n in low[0] + share * (high - low)[0] for e in low[1] + share * (high - low)[1]
+    )
+    clock = clock or Clock.of(runs)
+    begins, lengths = np.array([(clock.start_s(run), run.duration_s) for run in runs]).T
+    start, end = float(begins.min()), float((begins + lengths).max())
+    onsets = _onsets(begins, lengths, start, end)
+    entries = (
+        *hull.base(vessel),
+        *sensors.base(),
+        *propulsion.base(vessel),
+        *hull.effects(vessel),
+        *propulsion.effects(vessel, onsets),
+        *environment.effects(vessel, centres, min(end - start, LONG_S)),
+        *sensors.effects(),
+        *more,
+    )
+    ids = [e.id for e in entries]
+    if twice := {i for i in ids if ids.count(i) > 1}:
+        raise ValueError(f"effect {sorted(twice)[0]!r} is in the catalogue twice")
+    return entries
+
+
+def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -> tuple[Onset, ...]:
+    """Where to look for an onset; where logs span more than `LONG_S`, in each log by itself.
+
+    Of more logs than that leaves room for, spread over what was logged.
+    """
+    if end - start <= LONG_S:
+        return tuple((t, ONSET_STEP_S / 2) for t in np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
+    counts = np.maximum(np.rint(lengths / ONSET_STEP_S), 1).astype(int)
+    if counts.sum() <= LONG_S / ONSET_STEP_S:
+        apart = np.repeat(lengths / counts, counts)
+        within = np.concatenate([np.arange(n) + 0.5 for n in counts]) * apart
+        reach = np.maximum(apart / 2, STARTS)  # a second or more between two starts
+        return tuple(sorted(zip((np.repeat(begins, counts) + within).tolist(), reach.tolist(), strict=True)))
+    ends = np.cumsum(lengths)
+    count = int(min(LONG_S, ends[-1]) // ONSET_STEP_S) or 1
+    at = (np.arange(count) + 0.5) / count * ends[-1]
+    log = np.searchsorted(ends, at)
+    return tuple((t, ONSET_STEP_S) for t in sorted((begins[log] + at - (ends - lengths)[log]).tolist()))
+
+
+def unaware(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
+    """`entries` without those of some names, or heads of names (`thruster_gain` of `thruster_gain:rear_port`).
+
+    For the question what a diagnosis would say of something that it did not know. ValueError where there is none such.
+    """
+    there = {e.name for e in (*entries, *chance.effects()) if e.family != "base"}
+    heads = {name.partition(":")[0] for name in there}
+    if strange := [name for name in names if name not in there | heads]:
+        raise ValueError(f"without {strange[0]!r}: no such effect; there are {', '.join(sorted(heads))}")
+    return tuple(e for e in entries if e.family == "base" or not {e.name, e.name.partition(":")[0]} & set(names))

@@ -1,0 +1,57 @@
+"""What pushes or reports at random. No column says it: `stochastic_effects` has a test for each entry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, Parameter
+from sim.fitting.diagnose.catalogue.parts import number
+
+
+def _beside(name: str, unit: str, prior: float) -> Parameter:
+    """A parameter that says where or when, not how much."""
+    return Parameter(name, unit, prior, np.inf, prior)
+
+
+WAVES = Effect(
+    "waves",
+    "environment",
+    "X = a cos q, Y = 1.5 a sin q, N = 0.25 m a sin 2q;  a: narrow band, q = beta + pi - psi",
+    "rocked along one direction over ground, with one period",
+    (
+        *number("F_w_N", "N", 2.0, 0.4, 0.0),
+        _beside("T_p_s", "s", 2.0),
+        _beside("beta_wave_deg", "deg", 180.0),
+    ),
+    {},
+)
+GUSTY_WIND = Effect(
+    "gusty_wind",
+    "environment",
+    "tau += c q(V_rw) A,  V = V_w (1 + gustiness g), g Gauss-Markov",
+    "pushed the same way over ground, now more, now less",
+    (
+        *number("V_w_m_s", "m/s", 5.0, 1.5, 0.0),
+        _beside("beta_w_deg", "deg", 180.0),
+        _beside("gustiness", "1", 0.5),
+        _beside("gust_time_s", "s", 10.0),
+    ),
+    {},
+)
+NLOS = Effect(
+    "nlos",
+    "sensors",
+    "fix = place + extra e, e away from one anchor, extra exponential, in a share of fixes",
+    "some positions lie too far from one anchor, never too near",
+    (
+        *number("share", "1", 0.1, 0.03, 0.0, 1.0),
+        _beside("extra_m", "m", 1.0),
+        _beside("anchor", "1", 10.0),
+    ),
+    {},
+)
+
+
+def effects() -> tuple[Effect, ...]:
+    """All of them."""
+    return WAVES, GUSTY_WIND, NLOS

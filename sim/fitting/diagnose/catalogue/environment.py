@@ -1,0 +1,149 @@
+"""Water, air and what holds the boat."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.loads import RHO_AIR
+from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.parts import (
+    ahead_starboard,
+    air_force,
+    hull_damping,
+    number,
+    vector,
+    wind_force,
+    zone,
+)
+
+FASTEST_DEG_S = 1.2  # of a current that turns; the search starts from rates up to this; assumed
+PHASE_RAD = 1.0  # by how much neighbouring starts differ at the ends of the logs
+PRESSURE = RHO_AIR / 2  # Pa, of a wind of 1 m/s
+PULL_N = 0.75  # of a tether in the middle of its water that is worth a name: the smallest stiffness at 15 m; assumed
+ZONE_RADIUS_M = 4.0  # from which the search for a shallow starts; assumed
+
+
+def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span_s: float) -> Iterator[Effect]:
+    """Entries; `centres_m`: where a zone may lie; `span_s`: of all logs on the shared clock."""
+    yield Effect(
+        "current",
+        "environment",
+        "nu_r = nu - R^T V_c",
+        "drifts the same way over ground whatever the heading, also with thrusters at rest",
+        vector("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
+        {"water": lambda p, scene: _steady(scene, p["north_m_s"], p["east_m_s"])},
+        vector=True,
+    )
+    step = 2 * np.degrees(PHASE_RAD) / span_s
+    for turn in np.arange(step, FASTEST_DEG_S + step, 2 * step):
+        yield from (_turning(float(turn), step), _turning(-float(turn), step))
+    if vessel.hull.frontal_area_m2 > 0 or vessel.hull.lateral_area_m2 > 0:
+        yield Effect(
+            "wind",
+            "environment",
+            "tau += c q(V_rw) A (Fossen 2011, 8.1)",
+            "pushed the same way over ground, most of all broadside on, even at rest",
+            vector("north_Pa", "east_Pa", "Pa", 16 * PRESSURE, PRESSURE),
+            {"force": lambda p, scene: _wind(vessel, scene, p)},
+            vector=True,
+        )
+    for share in (-0.4, 0.0, 0.4):
+        yield _tether(share * vessel.hull.length_m, 0.2 * vessel.hull.length_m)
+    for i, centre in enumerate(centres_m):
+        yield _shallow(vessel, i, centre)
+
+
+def _steady(scene: Scene, north: float, east: float) -> np.ndarray:
+    return np.broadcast_to(np.array([north, east]), (*scene.t_s.shape, 2))
+
+
+def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
+    def water(p: Values, scene: Scene) -> np.ndarray:
+        angle = np.radians(start_deg_s + p["turn_deg_s"]) * (scene.clock_s - scene.middle_s)
+        c, s = np.cos(angle), np.sin(angle)
+        return np.stack([c * p["north_m_s"] - s * p["east_m_s"], s * p["north_m_s"] + c * p["east_m_s"]], axis=-1)
+
+    return Effect(
+        f"turning_current@{start_deg_s:.3f}",
+        "environment",
+        "nu_r = nu - R^T V_c,  V_c turns steadily",
+        "drifts as in a current whose direction changes over minutes",
+        (
+            *vector("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
+            Parameter("turn_deg_s", "deg/s", around_deg_s, np.inf, 0.02),
+        ),
+        {"water": water},
+        vector=True,
+        of="turning_current",
+        origin={"turn_deg_s": start_deg_s},
+        contains="current",
+    )
+
+
+def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
+    """Dynamic pressure as a vector along the wind: the force on a boat at rest is all but linear in it, from nil on.
+
+    The speed is not: its root is vertical at nil. So airs too light for a name are shares of one along each axis, half
+    the difference of those from its two ends: a boat under way feels more of a wind from ahead than of one from astern.
+    """
+    north, east = p["north_Pa"], p["east_Pa"]
+    pressure = float(np.hypot(north, east))
+    whole = float(np.clip(2 * pressure / PRESSURE - 1, 0.0, 1.0)) ** 2
+    force = np.zeros((*scene.t_s.shape, 3))
+    if whole > 0:
+        beta = float(np.degrees(np.arctan2(-east, -north)))
+        force += whole * wind_force(vessel, scene, float(np.sqrt(2 * pressure / RHO_AIR)), beta)
+    if whole < 1:
+        for along, beta in ((north, 180.0), (east, 270.0)):
+            if along:
+                both = air_force(vessel, scene, 1.0, beta) - air_force(vessel, scene, 1.0, beta - 180.0)
+                force += (1 - whole) * along / PRESSURE * both / 2
+    return force
+
+
+def _tether(arm_m: float, around_m: float) -> Effect:
+    def force(p: Values, scene: Scene) -> np.ndarray:
+        arm = arm_m + p["arm_m"]
+        at_north = scene.north_m + arm * np.cos(scene.psi_rad) - scene.centre_m[0]
+        at_east = scene.east_m + arm * np.sin(scene.psi_rad) - scene.centre_m[1]
+        north, east = p["north_N"] - p["k_N_m"] * at_north, p["east_N"] - p["k_N_m"] * at_east
+        X, Y = ahead_starboard(scene.psi_rad, north, east)
+        return np.stack([X, Y, arm * Y], axis=-1)
+
+    return Effect(
+        f"tether@{arm_m:+.1f}",
+        "environment",
+        "tau += (f_0 - k p) at a place on the centreline",
+        "pulled towards one place, harder the further away",
+        (
+            *number("k_N_m", "N/m", 0.5, 0.05, 0.0, 100.0),
+            Parameter("north_N", "N", 5.0, PULL_N, 0.5),
+            Parameter("east_N", "N", 5.0, PULL_N, 0.5),
+            Parameter("arm_m", "m", around_m, np.inf, 0.05),
+        ),
+        {"force": force},
+        of="tether",
+        origin={"arm_m": arm_m},
+    )
+
+
+def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
+    def force(p: Values, scene: Scene) -> np.ndarray:
+        at = (centre[0] + p["north_m"], centre[1] + p["east_m"])
+        inside = zone(scene.north_m, scene.east_m, at, max(ZONE_RADIUS_M + p["radius_m"], 1.0))
+        return -p["share"] * inside[..., None] * hull_damping(vessel, scene)
+
+    where = (Parameter(name, "m", 2.0, np.inf, 0.5) for name in ("north_m", "east_m", "radius_m"))
+    return Effect(
+        f"shallow_zone@{i}",
+        "environment",
+        "D (1 + share) within a circle",
+        "sluggish in one part of the basin",
+        (*number("share", "1", 0.8, 0.15, 0.0, 10.0), *where),
+        {"force": force},
+        of="shallow_zone",
+        origin={"north_m": centre[0], "east_m": centre[1], "radius_m": ZONE_RADIUS_M},
+    )

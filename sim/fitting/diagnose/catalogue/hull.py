@@ -1,0 +1,163 @@
+"""Hull: inertia, damping, coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.manoeuvring import mass_matrix
+from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.parts import number, share, vector
+from sim.fitting.engine.parameters import HULL
+
+BASE_SIGMA = 0.025  # of each number of the vessel file, always: nobody knows them better; assumed
+COUPLED_SIGMA = {"M23_kg_m": 0.005, "Y_r_N_s": 0.01, "N_v_N_s": 0.01}
+"""Of a coupling, as a share of the root of its diagonals: assumed. Most of M23 is `cg_shift`, which has a band too."""
+COUPLED = {
+    "M23_kg_m": ("M22_kg", "M33_kg_m2"),
+    "Y_r_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
+    "N_v_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
+}
+RHO_WATER = 1000.0  # kg/m^3, fresh water
+STRIPS = 12
+DAMPING = ("X_u_N_s_m", "Y_v_N_s_m", "N_r_N_m_s", "X_uu_N_s2_m2", "Y_vv_N_s2_m2", "N_rr_N_m_s2")
+Coefficients = dict[str, float]
+HullHook = Callable[[Values, Coefficients], Coefficients]
+
+
+def scaled(*names: str) -> HullHook:
+    """All of `names` times 1 + share."""
+    return lambda p, c: c | {n: c[n] * (1 + p["share"]) for n in names}
+
+
+def base(vessel: VesselFile) -> Iterator[Effect]:
+    """Each coefficient on its own: never named, always allowed for."""
+    i = vessel.inertia
+    sums = {  # of two numbers of the file, each of which is not quite right
+        "M11_kg": (i.mass_kg, -i.X_udot_kg),
+        "M22_kg": (i.mass_kg, -i.Y_vdot_kg),
+        "M33_kg_m2": (i.I_z_kg_m2 + i.mass_kg * (i.x_g_m**2 + i.y_g_m**2), -i.N_rdot_kg_m2),
+    }
+    for name in HULL:
+        hook = _coupling(name, *COUPLED[name]) if name in COUPLED else scaled(name)
+        sigma = COUPLED_SIGMA.get(name, BASE_SIGMA)
+        if name in sums:
+            sigma = float(BASE_SIGMA * np.hypot(*sums[name]) / abs(sum(sums[name])))
+        parameter = Parameter("share", "1", sigma, sigma, sigma, -0.9, 10.0)
+        yield Effect(f"base:{name}", "base", f"{name} (1 + share)", "", (parameter,), {"hull": hook})
+
+
+def _coupling(name: str, one: str, other: str) -> HullHook:
+    """A coupling may have any sign: its share is of the root of the two diagonal entries."""
+    return lambda p, c: c | {name: c[name] + p["share"] * float(np.sqrt(abs(c[one] * c[other])))}
+
+
+def effects(vessel: VesselFile) -> Iterator[Effect]:
+    """Entries that are named."""
+    inertia = vessel.inertia
+    added = {"M11_kg": -inertia.X_udot_kg, "M22_kg": -inertia.Y_vdot_kg}
+    M33 = mass_matrix(vessel)[2, 2]
+
+    def entry(id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: HullHook) -> Effect:
+        return Effect(id, "hull", equation, signature, parameters, {"hull": hook})
+
+    def moved(id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: Hook) -> Effect:
+        return Effect(id, "hull", equation, signature, parameters, {"force": hook}, vector=len(parameters) > 1)
+
+    yield entry(
+        "hull_fouling",
+        "all damping (1 + share)",
+        "slower at the same thrust in every direction, stops sooner",
+        share(0.5, 0.08),
+        scaled(*DAMPING, "Y_r_N_s", "N_v_N_s"),
+    )
+    yield entry(
+        "payload",
+        "M + m at the centre of gravity",
+        "slower to start and to stop, same top speed",
+        number("mass_kg", "kg", 0.3 * inertia.mass_kg, 0.06 * inertia.mass_kg, -0.8 * inertia.mass_kg),
+        lambda p, c: c | _payload(c, p["mass_kg"], inertia.x_g_m),
+    )
+    yield entry(
+        "added_mass",
+        "X_udot, Y_vdot (1 + share)",
+        "slower to start and to stop, sideways above all",
+        share(0.6, 0.12),
+        lambda p, c: c | {k: c[k] + p["share"] * m for k, m in added.items()},
+    )
+    yield entry(
+        "yaw_inertia",
+        "I_z + I",
+        "turns begin and end slower",
+        number("I_z_kg_m2", "kg m2", 0.4 * M33, 0.08 * M33, -0.8 * M33),
+        lambda p, c: c | {"M33_kg_m2": c["M33_kg_m2"] + p["I_z_kg_m2"]},
+    )
+    yield moved(
+        "cg_shift",
+        "x_g + x, y_g + y",
+        "turns when it only ought to surge or sway, and the other way round",
+        vector("x_g_m", "y_g_m", "m", 0.1, 0.02),
+        lambda p, scene: _shifted(p, scene, inertia.mass_kg),
+    )
+    yield moved(
+        "cross_flow",
+        "dY = -rho/2 C_d 1.5 T |v_r + x r| (v_r + x r) dx",
+        "more drag in fast sway and fast turns only",
+        number("C_d", "1", 0.6, 0.15),
+        lambda p, scene: _cross_flow(p, scene, vessel),
+    )
+    yield Effect(
+        "yaw_sway_coupling",
+        "hull",
+        "Y_r + a, N_v + b",
+        "a turn pushes sideways, sideways motion turns",
+        vector("Y_r_N_s", "N_v_N_s", "N s", 6.0, 1.5),
+        {"hull": lambda p, c: c | {k: c[k] + p[k] for k in ("Y_r_N_s", "N_v_N_s")}},
+        vector=True,
+    )
+    yield moved(
+        "munk_moment",
+        "N += k u_r v_r",
+        "turns broadside while it drifts at speed",
+        number("N_uv_kg", "kg", 20.0, 4.0),
+        _munk,
+    )
+
+
+def _payload(c: Coefficients, m: float, x_g: float) -> Coefficients:
+    return {
+        "M11_kg": c["M11_kg"] + m,
+        "M22_kg": c["M22_kg"] + m,
+        "M23_kg_m": c["M23_kg_m"] + m * x_g,
+        "M33_kg_m2": c["M33_kg_m2"] + m * x_g**2,
+    }
+
+
+def _shifted(p: Values, scene: Scene, mass_kg: float) -> np.ndarray:
+    """What a centre of gravity elsewhere takes off the left-hand side (Fossen 2011, 3.3), as a force."""
+    u, v, r = scene.u_m_s, scene.v_m_s, scene.r_rad_s
+    u_dot, v_dot, r_dot = (scene.nu_dot[..., i] for i in range(3))
+    x, y = p["x_g_m"], p["y_g_m"]
+    X, Y = x * r**2 + y * r_dot, y * r**2 - x * r_dot
+    return mass_kg * np.stack([X, Y, y * (u_dot - v * r) - x * (v_dot + u * r)], axis=-1)
+
+
+def _cross_flow(p: Values, scene: Scene, vessel: VesselFile) -> np.ndarray:
+    """Strips along the hull; two hulls half in each other's lee count 1.5 (assumed)."""
+    x = (np.arange(STRIPS) + 0.5) / STRIPS * vessel.hull.length_m - vessel.hull.length_m / 2
+    nu_r = scene.nu_r
+    across = nu_r[..., 1:2] + x * nu_r[..., 2:]
+    scale = -0.5 * RHO_WATER * p["C_d"] * 1.5 * vessel.hull.draft_m * vessel.hull.length_m / STRIPS
+    strips = scale * np.abs(across) * across
+    out = np.zeros((*scene.t_s.shape, 3))
+    out[..., 1], out[..., 2] = strips.sum(axis=-1), strips @ x
+    return out
+
+
+def _munk(p: Values, scene: Scene) -> np.ndarray:
+    out = np.zeros((*scene.t_s.shape, 3))
+    nu_r = scene.nu_r
+    out[..., 2] = p["N_uv_kg"] * nu_r[..., 0] * nu_r[..., 1]
+    return out

@@ -1,0 +1,32 @@
+"""The catalogue as rows of a table, for docs/diagnose.md: a test compares them with the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from companion.core.configuration.vessel_file import VesselFile
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.vessel_edits.edits import PLACES
+from sim.fitting.diagnose.vessel_edits.public_form import family, smallest
+from sim.fitting.diagnose.vessel_edits.public_table import PUBLIC
+
+HEAD = ("effect", "equation", "parameters in findings", "smallest size", "looks like", "in a vessel file")
+
+
+def rows(vessel: VesselFile, effects: Iterable[Effect]) -> Iterator[str]:
+    """A row of Markdown for each family that can be named. Smallest sizes: of this boat."""
+    seen: set[str] = set()
+    for effect in effects:
+        name = family(effect.name)
+        if effect.family == "base" or name in seen:
+            continue
+        seen.add(name)
+        size, unit = smallest(effect)
+        own = {p.name: p.unit for p in effect.parameters}
+        units = PUBLIC[name].units if name in PUBLIC else own
+        told = ", ".join(f"`{key}`" + (f" [{u}]" if u != "1" else "") for key, u in units.items()) or "-"
+        said = f"{size:.3g}" + (f" {unit}" if unit != "1" else "")
+        place = "yes" if name in PLACES or set(effect.hooks) in ({"maps"}, {"hull"}) else "no"
+        title = f"`{name}`" + (f" = `{'`, `'.join(effect.same_as)}`" if effect.same_as else "")
+        equation = effect.equation.replace("|", "\\|")
+        yield f"| {title} | {equation} | {told} | {said} | {effect.signature} | {place} |"

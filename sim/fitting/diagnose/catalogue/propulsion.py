@@ -1,0 +1,261 @@
+"""Thrusters, speed controllers and battery."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import RotorMap, VesselFile
+from companion.core.model.thrust_losses import jet_sign
+from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.parts import number, share
+
+TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
+WHOLE = 0.02  # sigma of the share of pulses that change places, where two do: all of them; assumed
+STARTS = 13  # onsets from which a fit may begin, between one entry's neighbours; assumed
+WASH_N = 30.0  # thrust of the one ahead at which the loss is stated
+Onset = tuple[float, float]
+"""When fouling may begin on the common clock, and how far round that to look [s]."""
+
+
+def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
+    """Entries; `onsets`: where the search for the onset of fouling starts."""
+    names = [t.name for t in vessel.thrusters]
+    for i, name in enumerate(names):
+        yield Effect(
+            f"thruster_gain:{name}",
+            "propulsion",
+            "f_i (1 + gain)",
+            "pulls to one side in proportion to this thruster's command",
+            number("gain", "1", 0.5, 0.05, -3.0, 2.0),
+            _scaled(vessel, lambda p: 1 + p["gain"], i),
+        )
+        for onset_s, reach_s in onsets:
+            yield _fouling(i, name, onset_s, partial(_between, i, name, onset_s, reach_s))
+    for i, j in combinations(range(len(names)), 2):
+        yield Effect(
+            f"swapped_pair:{names[i]}+{names[j]}",
+            "propulsion",
+            "pwm_i <-> pwm_j",
+            "answers with the wrong force, opposite in some axis",
+            (Parameter("share", "1", WHOLE, 0.5, 1.0, 0.0, 1.2, mean=1.0),),  # secant of the whole: 0.2 stop some pairs
+            {"pwm": _swap(i, j)},
+            far=True,
+        )
+    yield from _common(vessel)
+    yield from _timing(vessel)
+    yield from _flow(vessel)
+
+
+def base(vessel: VesselFile) -> Iterator[Effect]:
+    """Always allowed for, never named: a neutral that is not quite where the file has it."""
+    for i, thruster in enumerate(vessel.thrusters):
+        parameter = Parameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
+        hook = _trimmed(i)
+        yield Effect(f"base:trim:{thruster.name}", "base", "trim + delta", "", (parameter,), {"maps": hook})
+
+
+def _trimmed(i: int) -> Callable[[Values, VesselFile], VesselFile]:
+    def hook(p: Values, vessel: VesselFile) -> VesselFile:
+        thrusters = list(vessel.thrusters)
+        thrusters[i] = replace(thrusters[i], trim_us=thrusters[i].trim_us + p["trim_us"])
+        return replace(vessel, thrusters=tuple(thrusters))
+
+    return hook
+
+
+def _scaled(vessel: VesselFile, share: Callable[[Values], float], *which: int) -> dict[str, Hook]:
+    """The hook by which some thrusters, or all, give a share of their force.
+
+    Where the file has a rate limit by gains in the file itself: the limit acts on what is left of the force.
+    """
+    mine = which or tuple(range(len(vessel.thrusters)))
+
+    def maps(p: Values, vessel: VesselFile) -> VesselFile:
+        all_ = enumerate(vessel.thrusters)
+        thrusters = tuple(replace(t, gain=t.gain * share(p)) if i in mine else t for i, t in all_)
+        return replace(vessel, thrusters=thrusters)
+
+    def thrust(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
+        out = f.copy()
+        out[..., mine] *= share(p)
+        return out
+
+    return {"maps": maps} if vessel.propulsion.slew_N_s else {"thrust": thrust}
+
+
+def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Effect]] | None = None) -> Effect:
+    def hook(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
+        out = f.copy()
+        since = scene.clock_s - onset_s - p["onset_s"]
+        out[..., i] *= 1 + p["gain"] / (1 + np.exp(-np.clip(since, -50, 50)))  # over a second or two
+        return out
+
+    return Effect(
+        f"thruster_fouling:{name}@{onset_s:.0f}",
+        "propulsion",
+        "f_i (1 + gain) from a time on",
+        "as a loss of this thruster that begins during the log",
+        (*number("gain", "1", 0.5, 0.08, -1.0, 0.0), Parameter("onset_s", "s", 20.0, np.inf, 3.0)),
+        {"thrust": hook},
+        of=f"thruster_fouling:{name}",
+        origin={"onset_s": onset_s},
+        starts=starts,
+    )
+
+
+def _between(i: int, name: str, onset_s: float, reach_s: float) -> list[Effect]:
+    return [_fouling(i, name, onset_s + share * reach_s) for share in np.linspace(-1, 1, STARTS)]
+
+
+def _swap(i: int, j: int) -> Callable[[Values, np.ndarray], np.ndarray]:
+    def hook(p: Values, pwm_us: np.ndarray) -> np.ndarray:
+        out, s = pwm_us.copy(), p["share"]
+        out[:, i] = (1 - s) * pwm_us[:, i] + s * pwm_us[:, j]
+        out[:, j] = (1 - s) * pwm_us[:, j] + s * pwm_us[:, i]
+        return out
+
+    return hook
+
+
+def _common(vessel: VesselFile) -> Iterator[Effect]:
+    yield Effect(
+        "common_loss",
+        "propulsion",
+        "all f (1 - loss)",
+        "slower in every direction and slower to start; the same as all mass and damping larger",
+        number("loss", "1", 0.4, 0.05, -2.0, 0.95),
+        _scaled(vessel, lambda p: 1 - p["loss"]),
+        same_as=("mass_damping_scale",),
+    )
+    if not any(isinstance(m, RotorMap) for m in vessel.force_maps.values()):
+        return
+    yield Effect(
+        "astern_asymmetry",
+        "propulsion",
+        "k_astern (1 + share)",
+        "thrusters that run astern give less (or more) than the map has",
+        share(0.4, 0.06),
+        {"maps": _maps(lambda m, p: replace(m, k_astern_N_s2=m.k_astern_N_s2 * (1 + p["share"])))},
+    )
+    yield Effect(
+        "voltage_exponent",
+        "propulsion",
+        "f (V / V_nominal)^exponent",
+        "too strong with a full battery and too weak with an empty one, or the other way round",
+        number("exponent", "1", 1.2, 0.3),
+        {"maps": _maps(lambda m, p: _exponent(m, p["exponent"] / 2, vessel.propulsion.nominal_voltage_V))},
+    )
+    yield Effect(
+        "dead_band",
+        "propulsion",
+        "dead band + delta",
+        "small commands do less than they should",
+        number("delta_us", "us", 15.0, 4.0, -20.0, 70.0),
+        {"maps": _maps(lambda m, p: replace(m, dead_band_us=min(max(m.dead_band_us + p["delta_us"], 0.0), 100.0)))},
+    )
+
+
+def _exponent(m: RotorMap, delta: float, nominal_V: float) -> RotorMap:
+    """Speed times (V / V_nominal)^delta: exponent, and constant that keeps it at the nominal voltage."""
+    kept = (m.V_ref_V / nominal_V) ** (2 * delta)
+    return replace(
+        m,
+        ahead=replace(m.ahead, a0=m.ahead.a0 + delta),
+        astern=replace(m.astern, a0=m.astern.a0 + delta),
+        k_ahead_N_s2=m.k_ahead_N_s2 * kept,
+        k_astern_N_s2=m.k_astern_N_s2 * kept,
+    )
+
+
+def _maps(edit: Callable[[RotorMap, Values], RotorMap]) -> Callable[[Values, VesselFile], VesselFile]:
+    def hook(p: Values, vessel: VesselFile) -> VesselFile:
+        maps = {k: edit(m, p) if isinstance(m, RotorMap) else m for k, m in vessel.force_maps.items()}
+        return replace(vessel, force_maps=maps)
+
+    return hook
+
+
+def _timing(vessel: VesselFile) -> Iterator[Effect]:
+    slew_N_s = vessel.propulsion.slew_N_s
+    yield Effect(
+        "lag",
+        "propulsion",
+        "T_lag + lag_s",
+        "forces build up and die away slower",
+        number("lag_s", "s", 0.15, 0.03, -0.5, 3.0),
+        {"maps": _propulsion("lag_s", least=0.005)},
+    )
+    yield Effect(
+        "dead_time",
+        "propulsion",
+        "t_d + dead_time_s",
+        "everything begins later after a command",
+        number("dead_time_s", "s", 0.15, 0.04, -0.5, 2.0),
+        {"maps": _propulsion("dead_time_s", least=0.0)},
+    )
+    yield Effect(
+        "rate_limit",
+        "propulsion",
+        "|df/dt| <= 1 / slowness",
+        "large changes of thrust take time in proportion to their size",
+        (Parameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.02, 0.0, 1.0),),
+        {"maps": _limited},
+        origin={"slowness_s_N": 1 / slew_N_s} if slew_N_s else {},
+        far=True,
+    )
+
+
+def _propulsion(key: str, least: float) -> Callable[[Values, VesselFile], VesselFile]:
+    def hook(p: Values, vessel: VesselFile) -> VesselFile:
+        now = vessel.propulsion
+        return replace(vessel, propulsion=replace(now, **{key: max(getattr(now, key) + p[key], least)}))
+
+    return hook
+
+
+def _limited(p: Values, vessel: VesselFile) -> VesselFile:
+    """On top of a limit that the file has; a slowness of nil is no limit."""
+    now = vessel.propulsion
+    slowness = p["slowness_s_N"] + (1 / now.slew_N_s if now.slew_N_s else 0.0)
+    return replace(vessel, propulsion=replace(now, slew_N_s=1 / slowness if slowness > 0 else None))
+
+
+def _flow(vessel: VesselFile) -> Iterator[Effect]:
+    x, y, azimuth = vessel.positions.T
+    fore = [int(i) for i in np.argsort(-x)]
+    behind_one = [(i, j) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]
+    pairs = [(i, j, jet_sign(vessel.thrusters[i], vessel.thrusters[j])) for i, j in behind_one]
+
+    def advance(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
+        u, v, r = np.split(scene.nu_r, 3, axis=-1)
+        along = (u - r * y) * np.cos(azimuth) + (v + r * x) * np.sin(azimuth)
+        return f - p["loss_s_m"] * np.abs(f) * along
+
+    def wash(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
+        out = f.copy()
+        for ahead, behind, sign in pairs:
+            out[..., behind] *= 1 - p["loss"] * np.maximum(sign * f[..., ahead], 0.0) / WASH_N
+        return out
+
+    yield Effect(
+        "advance_loss",
+        "propulsion",
+        "f_i - loss |f_i| u_a,i (T_nu |n| u_a: Fossen 2011, 9.2)",
+        "thrust falls with speed through the water along the thruster",
+        number("loss_s_m", "s/m", 0.4, 0.05),
+        {"thrust": advance},
+    )
+    if pairs:
+        yield Effect(
+            "wash",
+            "propulsion",
+            "f_behind (1 - loss f_ahead / 30 N)",
+            "the thruster behind gives less while the one before it blows at it",
+            number("loss", "1", 0.5, 0.10, -0.5, 2.0),
+            {"thrust": wash},
+        )

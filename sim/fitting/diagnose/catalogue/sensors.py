@@ -1,0 +1,179 @@
+"""What the sensors say beside the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene, Sight, Values
+from sim.fitting.diagnose.catalogue.parts import north_east, number, vector
+
+PSI, RATE, SURGE, SWAY = range(4)
+ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
+
+
+ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale, always: ICM-42688-P data sheet, +-0.5 %, uncalibrated
+
+
+def base() -> Iterator[Effect]:
+    """Always allowed for, never named."""
+    for name, channel in (("x", SURGE), ("y", SWAY)):
+        parameter = Parameter("share", "1", ACCEL_SCALE, ACCEL_SCALE, ACCEL_SCALE)
+        hook = _scaled(channel)
+        text = f"a_{name} (1 + share)"
+        yield Effect(f"base:accel_{name}", "base", text, "", (parameter,), {"imu": hook}, scales=f"a{name}")
+
+
+def _scaled(channel: int) -> ImuHook:
+    def hook(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
+        out = y.copy()
+        out[..., channel] *= 1 + p["share"]
+        return out
+
+    return hook
+
+
+def effects() -> Iterator[Effect]:
+    """Entries that are named."""
+    yield from _inertial()
+    yield from _heading()
+    yield from _tag()
+
+
+def added(**terms: Callable[[Values, Scene, np.ndarray], np.ndarray | float]) -> ImuHook:
+    """Something more on some channels, by name: psi, r, ax, ay."""
+    index = {"psi": PSI, "r": RATE, "ax": SURGE, "ay": SWAY}
+
+    def hook(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
+        out = y.copy()
+        for name, term in terms.items():
+            out[..., index[name]] += term(p, scene, y)
+        return out
+
+    return hook
+
+
+def _inertial() -> Iterator[Effect]:
+    def entry(
+        id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: ImuHook, scales: str = ""
+    ) -> Effect:
+        several = len(parameters) > 1
+        return Effect(id, "sensors", equation, signature, parameters, {"imu": hook}, vector=several, scales=scales)
+
+    yield Effect(
+        "accel_bias",
+        "sensors",
+        "a + b",
+        "specific force that never goes away, the same whatever the boat does",
+        vector("b_x_m_s2", "b_y_m_s2", "m/s^2", 0.1, 0.02),
+        {"imu": added(ax=lambda p, s, y: p["b_x_m_s2"], ay=lambda p, s, y: p["b_y_m_s2"])},
+        vector=True,
+        same_as=("tilt",),
+    )
+    yield entry(
+        "gyro_bias",
+        "r + b",
+        "yaw rate that the heading does not follow, also at rest",
+        number("b_r_rad_s", "rad/s", 0.01, 0.002),
+        added(r=lambda p, s, y: p["b_r_rad_s"]),
+    )
+    yield entry(
+        "gyro_scale",
+        "r (1 + scale)",
+        "yaw rate larger than the change of heading, in proportion",
+        number("scale", "1", 0.1, 0.02),
+        added(r=lambda p, s, y: p["scale"] * y[..., RATE]),
+        scales="r",
+    )
+    yield entry(
+        "imu_misalignment",
+        "a turned by an angle about z",
+        "sideways force in pure surge and the other way round",
+        number("yaw_deg", "deg", 6.0, 1.5),
+        _misaligned,
+    )
+    yield entry(
+        "imu_lever_arm",
+        "a - r^2 l + r_dot x l",
+        "specific force with every turn, as if the sensor sat elsewhere",
+        vector("x_m", "y_m", "m", 0.2, 0.04),
+        added(
+            ax=lambda p, s, y: -p["x_m"] * s.r_rad_s**2 - p["y_m"] * s.nu_dot[..., 2],
+            ay=lambda p, s, y: -p["y_m"] * s.r_rad_s**2 + p["x_m"] * s.nu_dot[..., 2],
+        ),
+    )
+
+
+def _misaligned(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
+    out = y.copy()
+    c, s = np.cos(np.radians(p["yaw_deg"])), np.sin(np.radians(p["yaw_deg"]))
+    out[..., SURGE] = c * y[..., SURGE] + s * y[..., SWAY]
+    out[..., SWAY] = c * y[..., SWAY] - s * y[..., SURGE]
+    return out
+
+
+def _heading() -> Iterator[Effect]:
+    yield Effect(
+        "heading_offset",
+        "sensors",
+        "psi + offset",
+        "goes off to one side of where it points, by a constant angle",
+        number("offset_deg", "deg", 5.0, 1.0),
+        {"imu": added(psi=lambda p, s, y: np.radians(p["offset_deg"]))},
+        same_as=("uwb_rotation",),
+    )
+    yield Effect(
+        "hard_iron",
+        "sensors",
+        "psi + a cos psi + b sin psi",
+        "heading error that depends on the heading",
+        vector("cos_deg", "sin_deg", "deg", 5.0, 1.0),
+        {"imu": added(psi=_iron)},
+        vector=True,
+    )
+
+
+def _iron(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
+    return np.radians(p["cos_deg"] * np.cos(scene.psi_rad) + p["sin_deg"] * np.sin(scene.psi_rad))
+
+
+def _tag() -> Iterator[Effect]:
+    def entry(
+        id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: Callable, scales: str = ""
+    ) -> Effect:
+        several = len(parameters) > 1
+        return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scales=scales)
+
+    def late(sight: Sight, delay_s: np.ndarray) -> np.ndarray:
+        return -delay_s[:, None] * sight.velocity_m_s + (delay_s**2 / 2)[:, None] * sight.acceleration_m_s2
+
+    yield entry(
+        "uwb_latency",
+        "p(t - latency)",
+        "positions lag behind in proportion to speed",
+        number("latency_s", "s", 0.2, 0.04),
+        lambda p, sight, place: place + late(sight, np.full(len(place), p["latency_s"])),
+    )
+    yield entry(
+        "clock_drift",
+        "p(t - drift t)",
+        "positions lag more and more",
+        number("drift", "s/s", 1.5e-3, 3e-4),
+        lambda p, sight, place: place + late(sight, p["drift"] * sight.t_s),
+    )
+    yield entry(
+        "uwb_lever_arm",
+        "p + R l",
+        "positions circle when the boat turns on the spot",
+        vector("x_m", "y_m", "m", 0.15, 0.03),
+        lambda p, sight, place: place + np.stack(north_east(sight.psi_rad, p["x_m"], p["y_m"]), axis=1),
+    )
+    yield entry(
+        "uwb_scale",
+        "(1 + scale) p",
+        "distances over ground too long or too short against speed and inertial sensors",
+        number("scale", "1", 0.05, 0.01),
+        lambda p, sight, place: place + p["scale"] * (place - sight.centre_m),
+        scales="place",
+    )

@@ -1,0 +1,39 @@
+"""A user's own entries of the catalogue, from a Python file with `effects(vessel) -> iterable[Effect]`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from runpy import run_path
+from typing import Any
+
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from sim.fitting.diagnose.catalogue.effect import Effect
+
+
+def user_effects(path: Path) -> Callable[[VesselFile], Sequence[Effect]]:
+    """The file's `effects`, checked as it is called. ConfigError naming the file where it is no such file.
+
+    The file is run: only name one that you trust.
+    """
+    try:
+        made: dict[str, Any] = run_path(str(path))
+    except OSError:
+        raise
+    except Exception as error:  # whatever a user's file does wrong is said with the file's name
+        raise ConfigError(f"{path}: {type(error).__name__}: {error}") from error
+    if not callable(made.get("effects")):
+        raise ConfigError(f"{path}: defines no function effects(vessel)")
+
+    def checked(vessel: VesselFile) -> Sequence[Effect]:
+        try:
+            found = tuple(made["effects"](vessel))
+        except Exception as error:  # as above
+            raise ConfigError(f"{path}: effects: {type(error).__name__}: {error}") from error
+        for one in found:
+            if not isinstance(one, Effect):
+                raise ConfigError(f"{path}: effects: expected Effect, found {type(one).__name__}")
+        return found
+
+    return checked

@@ -1,0 +1,191 @@
+"""One diagnosis from logs to findings: what the simulation gets wrong, why, and what is gained by mending it.
+
+    split -> noise of the reference log -> base refitted, causes by evidence -> what is left over -> files
+          -> held-out logs, by which causes that do harm are taken back -> verdict
+
+No file or random source here: logs are Runs, the seed is an argument, `clock` tells how long it took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.problems import problems
+from companion.logs.runs.run import Problem, Run
+from sim.fitting.diagnose.catalogue import catalogue, unaware
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.posterior.clock import Clock
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.noise import stated_noise
+from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.preparation.gaps import pieces, unbroken, without_pauses
+from sim.fitting.diagnose.preparation.subsampling import spread
+from sim.fitting.diagnose.preparation.swapped_columns import refuse_mistaken
+from sim.fitting.diagnose.report import findings as record
+from sim.fitting.diagnose.report.verdict import Adequate, conclude, refuted, taken_back
+from sim.fitting.diagnose.selection.adequacy import adequacy
+from sim.fitting.diagnose.selection.detectability import visible_from
+from sim.fitting.diagnose.selection.distinguishability import ToldApart, told_apart
+from sim.fitting.diagnose.selection.held_out import Believed, HeldOutScore, score
+from sim.fitting.diagnose.selection.search import search
+from sim.fitting.diagnose.selection.select import Selection, Selector
+from sim.fitting.diagnose.vessel_edits.mended_vessel import Files, Named, mend, refit
+from sim.fitting.engine.noise import Noise
+from sim.fitting.engine.split import Log, Split, split, usable
+from sim.fitting.engine.windows import fixes_of
+
+STEPS = ("reference", "base and causes", "files", "held-out logs")
+"""What `diagnose` says it is at, in this order; shares run from 0 to 1 within each."""
+WINDOW_S = 1.0
+Say = Callable[[str, str, float], None]
+"""Step, what of it, share of it that is done."""
+Effects = Callable[[VesselFile], Sequence[Effect]]
+"""A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """What of the logs is fitted and what is held out, in unbroken pieces. `clock`: of all logs."""
+
+    split: Split
+    fitted: list[Run]
+    held_out: list[Run]
+    clock: Clock
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything. `refit`: the base with coefficients and gains only, against which gain is counted.
+
+    `refit_point`: where it stands on the fitted logs; `ambient`: noise of the reference log; `confused`: see `Verdict`.
+    """
+
+    base: VesselFile
+    split: Split
+    fit: Fit
+    selection: Selection
+    refit: Believed
+    refit_point: Point
+    ambient: Noise | None
+    reference: str
+    causes: tuple[Named, ...]
+    verdict: record.Verdict
+    confused: dict[str, tuple[str, ...]]
+    withdrawn: dict[str, str]
+    adequacy: record.Adequacy | None
+    identifiability: ToldApart | None
+    files: Files
+    held_out: HeldOutScore
+    visible: dict[str, tuple[float, str]]
+    problems: dict[str, list[Problem]]
+    seed: int
+    runtime_s: float
+
+    @property
+    def ambiguous_with(self) -> tuple[str, ...]:
+        """All that one of the causes cannot be told from."""
+        return tuple(dict.fromkeys(other for others in self.confused.values() for other in others))
+
+
+def diagnose(
+    runs: Sequence[Run],
+    vessel: VesselFile,
+    *,
+    reference: Run | None = None,
+    held_out: Sequence[Run] = (),
+    block_s: float | None = None,
+    more: Effects = lambda _vessel: (),
+    without: Sequence[str] = (),
+    known: Sequence[str] = (),
+    adequacy: Adequate | None = adequacy,
+    identifiability: Callable[[Fit, Selection], ToldApart] | None = told_apart,
+    say: Say = lambda _step, _text, _share: None,
+    seed: int = 0,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> Diagnosis:
+    """What `vessel` gets wrong of the logs `runs`. `reference`: a calm log of the boat before anything was wrong.
+
+    `held_out`: logs that no fit shall see; without any the last quarter of each log, or every other block of `block_s`.
+    `without`: names of effects, or their heads, that the catalogue shall not know. `known`: names of the causes that
+    are there for sure: how large they are is found, no others are looked for. `clock`: seconds. Raises JobError,
+    RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
+    """
+    begun = clock()
+    data = _data(runs, held_out, vessel, block_s)
+    ambient = _ambient(reference, vessel, say) if reference is not None else None
+    entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
+    fit = Fit(Physics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient))
+    found = search(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
+    say(STEPS[1], "", 1.0)
+    say(STEPS[2], "refitted base", 0.0)
+    plain, standing = refit(fit, found.selection.base)
+    verdict = conclude(fit, found, ambient, adequacy, seed, bool(known))
+    mended = mend(fit, plain, verdict.selection.final, verdict.causes)
+    say(STEPS[2], "", 1.0)
+    say(STEPS[3], "", 0.0)
+    believed = {"base": Believed({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
+    judged = score(data.held_out, vessel, fit.effects, believed, fit.physics, seed)
+    if verdict.causes and not known and (why := refuted(verdict, judged)):
+        verdict = taken_back(fit, verdict, why, ambient, adequacy)
+        mended = mend(fit, plain, verdict.selection.final, ())
+        judged = score(data.held_out, vessel, fit.effects, believed | {"extended": plain}, fit.physics, seed)
+    apart = identifiability(fit, verdict.selection) if identifiability else None
+    say(STEPS[3], "", 1.0)
+    return Diagnosis(
+        base=vessel,
+        split=data.split,
+        fit=fit,
+        selection=verdict.selection,
+        refit=plain,
+        refit_point=standing,
+        ambient=ambient,
+        reference=reference.meta.source if reference is not None else "",
+        causes=verdict.causes,
+        verdict=verdict.verdict,
+        confused=verdict.confused,
+        withdrawn=verdict.withdrawn,
+        adequacy=verdict.adequacy,
+        identifiability=apart,
+        files=mended.files,
+        held_out=judged,
+        visible=visible_from(fit, verdict.selection.final),
+        problems={used.log.name: problems(used.log.run) for used in data.split.used},
+        seed=seed,
+        runtime_s=clock() - begun,
+    )
+
+
+def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
+    whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
+    parted, clock = spread(whole), Clock.of(whole.fitted, [part.run for part in whole.held_out])
+    for used in parted.used:
+        refuse_mistaken(used.log.run)
+    outside = [run for out in parted.held_out for run in (pieces(out.run, out.inside) if out.inside else [out.run])]
+    for run in outside:
+        fixes_of(run)  # they are looked at last, after a long search
+    return Data(parted, list(parted.fitted), outside, clock)
+
+
+def _logs(runs: Sequence[Run]) -> list[Log]:
+    return [Log(run.meta.source, run) for run in runs]
+
+
+def _ambient(reference: Run, vessel: VesselFile, say: Say) -> Noise:
+    """Noise of sensors and of what nobody can foretell, from a log in which nothing is wrong."""
+    say(STEPS[0], reference.meta.source, 0.0)
+    run = usable(Log(reference.meta.source, reference), vessel).run
+    refuse_mistaken(run)
+    calm = unbroken(run)
+    everyday = [e for e in catalogue(vessel, calm) if e.everyday]
+    model = Selector(Fit(Physics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel, calm))).base()
+    say(STEPS[0], "", 1.0)
+    return model.noise
+
+
+def _stated(vessel: VesselFile, runs: Sequence[Run], ambient: Noise | None) -> Noise:
+    """Noise to begin with: the file's, or the reference log's."""
+    noise = stated_noise(vessel, runs)
+    return noise if ambient is None else replace(noise, white=ambient.white, fix_m=ambient.fix_m)

@@ -1,0 +1,89 @@
+"""The one vessel model, compiled for all windows at once: trajectories, rates with Jacobians, slopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.integrate import eta_dot
+from companion.core.model.manoeuvring import StructuredModel
+from companion.core.model.thrust_losses import is_weakened
+from sim.fitting.engine.batched import Batch, Rollout
+from sim.fitting.engine.model import N_HULL, symbolic_model
+
+
+@dataclass(frozen=True)
+class InWater(StructuredModel):
+    """The model in water that moves over ground with `flow` (north, east) [m/s], beside what the file says."""
+
+    flow: Any = None
+
+    def water_velocity(self, eta: Any) -> Any:
+        """As StructuredModel's, plus R^T flow."""
+        c, s = ca.cos(eta[2]), ca.sin(eta[2])
+        moved = ca.vertcat(c * self.flow[0] + s * self.flow[1], -s * self.flow[0] + c * self.flow[1], 0.0)
+        return super().water_velocity(eta) + moved
+
+
+class Compiled(NamedTuple):
+    """Rollout of all windows; at all nodes rates with Jacobians, and slopes; M^-1.
+
+    Slopes: to coefficients, to water velocity, to the thruster forces after tau.
+    """
+
+    rollout: Rollout
+    rates: Batch
+    slopes: Batch
+    M_inv: ca.Function
+
+
+def compiled(vessel: VesselFile, steps: int, windows: int) -> Compiled:
+    """For `windows` windows of `steps` steps each.
+
+    tau: body force (3,); in a file whose thrusters lose thrust to moving water the forces (n,) of each after it, by
+    which the model takes off what is lost, and by which there are slopes too.
+    """
+    tau = ca.SX.sym("tau", 3 + (len(vessel.thrusters) if is_weakened(vessel) else 0))
+    x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("d", 3)
+    water = ca.SX.sym("water", 2)
+    base = symbolic_model(vessel, p)
+    model = InWater(base.vessel, base.c, base.term_values, water)
+    pushed, f = tau[:3], tau[3:]
+    if f.numel():
+        pushed += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)
+    nu_dot = model.nu_dot(x[:3], x[3:], pushed)
+    x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot + d)
+
+    def flat(expression: Any) -> ca.SX:
+        return ca.densify(ca.vec(expression))
+
+    by_tau = ca.jacobian(nu_dot, tau)
+    A, M_inv = flat(ca.jacobian(x_dot, x)), flat(by_tau[:, :3])
+    rates = ca.Function("rates", [x, p, tau, water, d], ca.cse([A, M_inv, nu_dot + d]))
+    slopes = [flat(ca.jacobian(nu_dot, p)), flat(ca.jacobian(nu_dot, water)), flat(by_tau[:, 3:])]
+    slope = ca.Function("slope", [x, p, tau, water], ca.cse(slopes))
+    rate = ca.Function("rate", [x, p, tau, water, d], [x_dot])
+    nodes = windows * (steps + 1)
+    inverse = ca.Function("M_inv", [x, p, tau, water], [by_tau[:, :3]])
+    rest = [ca.DM.zeros(s) for s in (tau.numel(), 2)]
+    q = ca.SX.sym("q", N_HULL)
+    M_inv = ca.Function("M_inv_of", [q], [inverse(ca.DM.zeros(6), q, *rest)])
+    return Compiled(Rollout(_step(rate, tau.numel())), Batch(rates, nodes), Batch(slope, nodes), M_inv)
+
+
+def _step(rate: ca.Function, pushes: int) -> ca.Function:
+    """(x, [p d], [tau start, middle, end], [water start, end], h) -> x after h, by Runge-Kutta."""
+    sizes = (("x", 6), ("p", N_HULL), ("taus", 3 * pushes), ("flow", 4), ("d", 3), ("h", 1))
+    x, p, taus, flow, d, h = (ca.SX.sym(*s) for s in sizes)
+    start, middle, end = ca.vertsplit(taus, pushes)
+    here, there = flow[:2], flow[2:]
+    half = (here + there) / 2
+    k1 = rate(x, p, start, here, d)
+    k2 = rate(x + h / 2 * k1, p, middle, half, d)
+    k3 = rate(x + h / 2 * k2, p, middle, half, d)
+    k4 = rate(x + h * k3, p, end, there, d)
+    x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function("step", [x, ca.vertcat(p, d), taus, flow, h], ca.cse([x_next]))

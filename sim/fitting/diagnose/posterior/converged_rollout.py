@@ -1,0 +1,47 @@
+"""Windows of many seconds in motion, with forces that are those along the motion itself: open loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.physics import PUSHES, Physics, acting, large
+from sim.fitting.diagnose.posterior.state import State
+from sim.fitting.engine.jacobian_rows import Pushes, sensitivities
+from sim.fitting.engine.kernels.windows import X0_D
+
+STILL, MOST_PASSES = 1e-3, 20  # of x y psi u v r in their units, and passes until then; assumed
+
+
+def settled(physics: Physics, effects: Sequence[Effect], theta: Theta, z: np.ndarray) -> State:
+    """As `Physics.move` from nodes z, but passes go on until the motion stands still.
+
+    Of effects of some size each pass takes what it changes of their forces along, to first order (Newton's step).
+    Where the motion is thrown out of bounds on the way, as `Physics.move` has it.
+    """
+    pushing = large(acting(effects, theta, PUSHES), theta)
+    now = physics.one_pass(effects, theta, z, None)
+    for _ in range(MOST_PASSES):
+        before, now = now, physics.one_pass(effects, theta, z, now)
+        if not np.isfinite(now.x).all():
+            return physics.move(effects, theta, z, None)
+        if np.abs(now.x - before.x).max() < STILL:
+            return now
+        if pushing:
+            now = _nearer(physics, pushing, theta, before, now)
+    return now
+
+
+def _nearer(physics: Physics, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
+    """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
+    feedback, (W, K) = physics.feedback(effects, theta, now), physics.windows.size
+    old, new = (physics.extra(effects, theta, physics.scene(s), now.forces.f)[0] for s in (before, now))
+    a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.react.T, now.with_feedback(feedback).A
+    pushes = Pushes.of(a[..., None], np.zeros((W, K, 3, 1)))
+    dx = sensitivities(A, pushes, physics.windows.h_s)[..., X0_D]
+    nu_dot = now.nu_dot + a + (A[..., 3:, :] @ dx[..., None])[..., 0]
+    return replace(now, x=now.x + dx, nu_dot=nu_dot)

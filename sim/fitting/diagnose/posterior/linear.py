@@ -1,0 +1,211 @@
+"""Everything that the logs say at one point about nodes, and about every effect's parameters, as normal equations.
+
+Residuals are predicted minus measured, whitened. Columns: node (L), then one for each parameter. An effect's column of
+accelerations delta_a(t) moves the state by
+
+    S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A)
+
+(series to third order, A the mean of both ends; delta_a a parabola through both ends and the middle) from nothing at
+each node: what it has done before is the node's business (the ties pass it on).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.posterior.parameter_values import Theta, among, secants
+from sim.fitting.diagnose.posterior.physics import Accelerations, Physics, State
+from sim.fitting.diagnose.posterior.readings import Readings
+from sim.fitting.engine.block_tridiagonal import Chain, Ties
+from sim.fitting.engine.jacobian_rows import BLOCK, Pushes, fade, inertial, places, positions, sensitivities
+from sim.fitting.engine.kernels.windows import X0_D
+from sim.fitting.engine.linearise import HUBER
+from sim.fitting.engine.noise import STATE, L, Noise
+from sim.fitting.engine.windows import RATE, SURGE, SWAY
+
+SCALED = {"r": RATE, "ax": SURGE, "ay": SWAY}  # channels that an effect may scale
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What one unit of each parameter changes: accelerations, IMU (W, K, 4, P), places (m, 2, P)."""
+
+    a: Accelerations
+    imu: np.ndarray
+    tag: np.ndarray
+
+
+@dataclass(frozen=True)
+class Point:
+    """Normal equations of the data at theta, z. `cost`: half the weighted squares of the data [nats].
+
+    `shares`: what the readings that an effect may scale have in the blocks of the nodes, (W, L, L) by name.
+    `residuals` (W, K, 4), `fix_residuals` (m, 2): whitened, NaN where nothing was measured.
+    """
+
+    theta: Theta
+    z: np.ndarray
+    state: State
+    chain: Chain
+    ties: Ties
+    cost: float
+    residuals: np.ndarray
+    fix_residuals: np.ndarray
+    columns: Columns
+    shares: dict[str, np.ndarray]
+
+    def judged_only(self) -> Point:
+        """Without its columns, which take most of the room: for evidence, not for steps."""
+        a = self.columns.a
+        nodes, bump, imu, tag = (part[..., :0].copy() for part in (a.nodes, a.bump, self.columns.imu, self.columns.tag))
+        return replace(self, columns=Columns(Accelerations(nodes, bump), imu, tag))
+
+
+class Lineariser:
+    """Normal equations on the windows of `physics`. `weight` (m,): what each position sample counts."""
+
+    def __init__(self, physics: Physics):
+        self.physics, self.windows = physics, physics.windows
+        self.readings = Readings(physics)
+        self.weight = np.ones(len(self.readings.window))
+        self._by_window = np.argsort(self.readings.window, kind="stable")
+
+    def columns(self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]) -> Columns:
+        """Secants of all parameters of `chosen`; `effects`: those that may be in theta."""
+        W, K = self.windows.size
+        a = self.physics.accelerations(effects, theta, state, chosen)
+        imu, tag = (np.zeros((*shape, a.nodes.shape[3])) for shape in ((W, K, 4), (len(self.readings.window), 2)))
+        read = self.readings
+        now = {"imu": read.imu(effects, theta, state), "tag": read.tag(effects, theta, state)}
+        known = {e.id for e in effects} & theta.keys()
+        for each in secants(chosen, theta):
+            name, every = each.effect.id, among(effects, each.effect)
+            for hook, reading, out in (("imu", read.imu, imu), ("tag", read.tag, tag)):
+                if hook in each.effect.hooks:
+                    without = now[hook] if name in known else reading(every, {**theta, name: each.now}, state)
+                    for at, step in each.steps.items():
+                        there = reading(every, {**theta, name: each.now + step}, state)
+                        out[..., at] = (there - without) / step.sum()
+        return Columns(a, imu, tag)
+
+    def refreshed(
+        self,
+        columns: Columns,
+        effects: Sequence[Effect],
+        theta: Theta,
+        state: State,
+        chosen: Sequence[Effect],
+        which: Sequence[Effect],
+    ) -> Columns:
+        """`columns` of `chosen` with those of `which` computed anew."""
+        if not which:
+            return columns
+        at = slices(chosen)
+        index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in which])
+        fresh = self.columns(effects, theta, state, which)
+
+        def mixed(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+            out = old.copy()
+            out[..., index] = new
+            return out
+
+        a = Accelerations(mixed(columns.a.nodes, fresh.a.nodes), mixed(columns.a.bump, fresh.a.bump))
+        return Columns(a, mixed(columns.imu, fresh.imu), mixed(columns.tag, fresh.tag))
+
+    def point(
+        self,
+        effects: Sequence[Effect],
+        theta: Theta,
+        z: np.ndarray,
+        noise: Noise,
+        chosen: Sequence[Effect],
+        state: State,
+        columns: Columns | None = None,
+    ) -> Point:
+        """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `chosen`.
+
+        `columns`: of a point so near that they will do.
+        """
+        residual, fix = self.readings.residuals(effects, theta, state, z, noise)
+        columns = columns or self.columns(effects, theta, state, chosen)
+        slopes = self.readings.slopes(effects, theta, state)
+        size = np.sqrt((fix**2).sum(axis=1))
+        root = np.sqrt(self.weight * np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
+        W, P = self.windows.size[0], columns.a.nodes.shape[3]
+        pushes = Pushes.of(columns.a.nodes, columns.a.bump)
+        chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, X0_D + P))
+        shares = {name: np.zeros((W, L, L)) for name in (*SCALED, "place")}
+        ordered = self.readings.window[self._by_window]
+        for start in range(0, W, BLOCK):
+            part = slice(start, min(start + BLOCK, W))
+            mine = self._by_window[slice(*np.searchsorted(ordered, (part.start, part.stop)))]
+            S, imu, tag = self._rows(state.A[part], pushes.part(part), columns, slopes, root, noise, part, mine)
+            chain.add(part, imu.reshape(len(imu), -1, L + P), np.nan_to_num(residual[part]).reshape(len(imu), -1))
+            for name, channel in SCALED.items():
+                own = imu[:, :, channel, :L]
+                shares[name][part] = own.transpose(0, 2, 1) @ own
+            before = chain.A[part].copy()
+            chain.add_samples(self.readings.window[mine], tag, fix[mine] * root[mine, None])
+            shares["place"][part] = chain.A[part] - before
+            ends[part] = S[:, -1]
+        ties = self._ties(state, ends, z, noise)
+        return Point(theta, z, state, chain, ties, _cost(residual, fix, self.weight), residual, fix, columns, shares)
+
+    def _rows(
+        self,
+        A: np.ndarray,
+        pushes: Pushes,
+        columns: Columns,
+        slopes: tuple[np.ndarray, np.ndarray],
+        root: np.ndarray,
+        noise: Noise,
+        part: slice,
+        mine: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of windows `part` and their position samples `mine`: sensitivities, rows of the IMU and of the samples.
+
+        `A` and `pushes`: those of the part.
+        """
+        P, read, h_s = columns.imu.shape[3], self.readings, self.windows.h_s[part]
+        S = sensitivities(A, pushes, h_s)
+        known, wander, place = np.isfinite(self.windows.y[part]), fade(self.windows, noise)[part], places(np.arange(P))
+        imu = inertial(S, A, pushes, slopes[0][part], columns.imu[part], known, (h_s, wander), noise, place, L + P)
+        at = read.window[mine] - part.start, read.index[mine]
+        tag = positions(S, at, slopes[1][mine], columns.tag[mine], root[mine] / noise.fix_m, place, L + P)
+        return S, imu, tag
+
+    def cost(
+        self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, state: State
+    ) -> tuple[float, np.ndarray]:
+        """Cost of the data alone [nats] where the boat moves as in `state`, and what the ties leave (T, L)."""
+        residual, fix = self.readings.residuals(effects, theta, state, z, noise)
+        at, decay, _ = self._tied(noise)
+        return _cost(residual, fix, self.weight), _rho(state, z, at, decay)
+
+    def _tied(self, noise: Noise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at, span = self.windows.tied()
+        return at, noise.tie(span)[0], span
+
+    def _ties(self, state: State, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
+        at, decay, span = self._tied(noise)
+        F = np.zeros((len(at), L, L))
+        diagonal = np.arange(L)
+        F[:, diagonal, diagonal] = decay
+        F[:, STATE, :X0_D] = ends[at, :, :X0_D]
+        return Ties(_rho(state, z, at, decay), F, ends[at, :, X0_D:].copy(), at, span)
+
+
+def _rho(state: State, z: np.ndarray, at: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    reached = decay * z[at]
+    reached[:, STATE] = state.x[at, -1]
+    return z[at + 1] - reached
+
+
+def _cost(residual: np.ndarray, fix: np.ndarray, weight: np.ndarray) -> float:
+    size = np.sqrt((fix**2).sum(axis=1))
+    huber = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) @ weight
+    return 0.5 * (float(np.nansum(residual**2)) + float(huber))

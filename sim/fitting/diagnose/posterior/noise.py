@@ -1,0 +1,95 @@
+"""The noise card: what the file states; white noise as the residuals show it, the latent acceleration by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from companion.logs.runs.splits import wholes
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.engine.noise import Noise, noise_of
+from sim.fitting.identify.structured_fit import with_latent
+
+Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
+WITHIN = (0.2, 10.0)  # of the stated noise: the residuals may say so much less or more; assumed
+START = (0.02, 0.02, 0.03)  # latent acceleration to begin with [m/s^2, m/s^2, rad/s^2]; assumed
+FLOOR = (5e-4, 5e-4, 5e-4)  # ambient: below this nothing is to be told [same units]; assumed
+LATENTS = (1.0, 0.3, 0.1)  # a cause that was found takes over what latent acceleration stood in for; assumed
+REACH = 1.0  # how far the first parabola reaches, of the logarithm
+SWEEPS, SETTLED = 5, 0.15
+OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
+SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
+
+
+def stated_noise(vessel: VesselFile, runs: Sequence[Run] = ()) -> Noise:
+    """Noise as the vessel file has it, with a latent acceleration to begin with.
+
+    What nobody can foretell also varies within a window, for which the latent acceleration stands as a mean: states may
+    jump by so much more from one window to the next. An offset of the heading is an effect, not noise.
+
+    `runs`: what is fitted. Pieces of a log begin with biases and offsets of their own: these are taken for so much
+    larger that all pieces together tell no more of what they have in common than their one log does.
+    """
+    share = np.sqrt(len(runs) / len(wholes(runs))) if runs else 1.0
+    noise = noise_of(vessel)
+    x, y, n = (share * sigma for sigma in noise.bias)
+    return replace(with_latent(noise, np.array(START)), slack=SLACK, bias=(x, y, n), offset_rad=share * OFFSET_RAD)
+
+
+def shares_of(noise: Noise) -> list[Noise]:
+    """`noise` with the latent acceleration whole, and with the smaller shares of it that `LATENTS` names."""
+    latent = np.array(noise.latent)
+    return [noise, *(with_latent(noise, np.maximum(share * latent, FLOOR)) for share in LATENTS[1:])]
+
+
+def whitened(noise: Noise, point: Point, stated: Noise) -> Noise:
+    """White noise as the residuals' 90 % quantile shows it, which a few outliers do not move."""
+    white = [
+        _bounded(now, point.residuals[..., c], said)
+        for c, (now, said) in enumerate(zip(noise.white, stated.white, strict=True))
+    ]
+    fix = _bounded(noise.fix_m, point.fix_residuals, stated.fix_m)
+    return replace(noise, white=(white[0], white[1], white[2], white[3]), fix_m=fix)
+
+
+def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
+    known = np.abs(residuals[np.isfinite(residuals)])
+    if not len(known):
+        return sigma
+    return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, WITHIN[0] * stated, WITHIN[1] * stated))
+
+
+def tuned_latent(fit: Fit, point: Point) -> Noise:
+    """The latent acceleration of greatest evidence at a point, by parabolas along each axis of its logarithm."""
+    at = np.log(np.maximum(np.array(fit.noise.latent), FLOOR))
+
+    def evidence(at: np.ndarray) -> float:
+        return fit.nodes_evidence(point, with_latent(fit.noise, np.exp(at)))
+
+    value, reach = evidence(at), REACH
+    for _ in range(SWEEPS):
+        moves = np.array([_vertex(evidence, at, value, axis, reach) for axis in range(3)])
+        trial = np.maximum(at + moves, np.log(FLOOR))
+        new = evidence(trial)
+        if new > value:
+            at, value = trial, new
+        if np.abs(moves).max() < reach:
+            reach /= 2
+        if np.abs(moves).max() < SETTLED or reach < SETTLED:
+            break
+    return with_latent(fit.noise, np.exp(at))
+
+
+def _vertex(evidence: Callable[[np.ndarray], float], at: np.ndarray, value: float, axis: int, reach: float) -> float:
+    """Where a parabola through three values of evidence along one axis is highest, at most twice `reach` away."""
+    step = reach * np.eye(3)[axis]
+    ahead, behind = evidence(at + step) - value, evidence(at - step) - value
+    bend = ahead + behind
+    if bend >= 0:
+        return 2 * reach if ahead > behind else -2 * reach
+    return float(np.clip(reach * (behind - ahead) / (2 * bend), -2 * reach, 2 * reach))

@@ -1,0 +1,1 @@
+"""Logs before a diagnosis: columns that were swapped, gaps, and what of a long log is used."""

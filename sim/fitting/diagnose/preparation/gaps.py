@@ -1,0 +1,90 @@
+"""Logs whose recording paused, as the pieces that they are: nobody knows what was commanded meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from companion.logs.runs.run import Problem, Run
+from companion.logs.runs.splits import HeldOut, Interval, part, parts, recorded
+from sim.fitting.engine.split import JobError, Log, Split, Used
+from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, off_the_ends
+
+PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
+NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
+
+
+def unbroken(run: Run) -> list[Run]:
+    """`run` cut where its recording paused; the run itself where it never did. JobError where nothing long is left."""
+    spans = recorded(run)
+    return [run] if len(spans) == 1 else pieces(run, _left(run, spans, spans, "used"))
+
+
+def without_pauses(found: Split) -> Split:
+    """`found` with intervals that end where the recording pauses, without those that hold too little, which is noted.
+
+    Of a log without pauses that is in one piece, all stays. JobError where nothing is left of a log.
+    """
+    used = tuple(_without_pauses(one) for one in found.used)
+    fitted = tuple(run for one in used for run in pieces(one.log.run, one.fitted_s))
+    both = [(was, now) for was, now in zip(found.used, used, strict=True) if was.held_out_s]
+    held_out = tuple(
+        out if now is was else HeldOut(now.log.run, now.held_out_s)
+        for out, (was, now) in zip(found.held_out, both, strict=True)
+    )
+    return replace(found, fitted=fitted, used=used, held_out=held_out)
+
+
+def pieces(run: Run, intervals: Sequence[Interval]) -> list[Run]:
+    """Intervals without pauses as runs, with the commands just before them, but none from before a pause."""
+    spans, out = recorded(run), []
+    for begin, end in spans:
+        mine = [interval for interval in intervals if begin <= interval[0] <= end]
+        after = begin > spans[0][0] and mine
+        out += parts(replace(part(run, begin, end, 0.0), meta=run.meta) if after else run, mine)
+    return out
+
+
+def enough(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
+    """Those of the intervals that are long enough and hold what a fit needs."""
+    pulses = [f"pwm_{name}" for name in run.thrusters]
+    known = [run.samples(*columns)[0] for columns in (pulses, ("psi_rad",), ("north_m", "east_m"))]
+    long = [(low, high) for low, high in intervals if high - low >= PIECE_S]
+    return [(low, high) for low, high in long if _fits(*(t_s[(t_s >= low) & (t_s <= high)] for t_s in known))]
+
+
+def _fits(commands_s: np.ndarray, heading_s: np.ndarray, fixes_s: np.ndarray) -> bool:
+    """Whether stamps of one piece hold what a fit needs."""
+    if len(fixes_s) < FIXES or not len(commands_s) or not len(heading_s):
+        return False
+    begin_s, end_s = max(heading_s[0], commands_s[0] + SETTLE_S), heading_s[-1]
+    return bool(end_s - begin_s >= PIECE_S / 2 and off_the_ends(fixes_s, begin_s, end_s).sum() >= LEAST_FIXES)
+
+
+def _without_pauses(used: Used) -> Used:
+    run = used.log.run
+    spans = recorded(run)
+    if len(spans) == 1 and len(used.fitted_s) <= 1 and len(used.held_out_s) <= 1:
+        return used
+    fitted_s = _left(run, used.fitted_s, spans, "fitted")
+    held_out_s = _left(run, used.held_out_s, spans, "held out")
+    left_s = _length_s(spans) - _length_s(fitted_s) - _length_s(held_out_s)
+    if left_s > 1.0:
+        text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
+        run = run.with_notes([Problem(kind="left out", text=text)])
+    return Used(Log(used.log.name, run), fitted_s, held_out_s)
+
+
+def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
+    """What the pauses between `spans` leave of intervals and is `enough`. JobError where nothing is left of any."""
+    left = tuple(enough(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
+    if some and not left:
+        pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
+        raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")
+    return left
+
+
+def _length_s(some: Sequence[Interval]) -> float:
+    return sum(high - low for low, high in some)

@@ -1,0 +1,128 @@
+"""Columns that were taken for one another: positions, heading and accelerations of one log against each other.
+
+No model of the boat is asked. Over any 2 T seconds positions p must obey what accelerations a, turned by the heading,
+say:
+
+    p(t + T) - 2 p(t) + p(t - T) = integral of (T - |s|) R(psi) a(t + s) ds
+
+but for lever arms of tag and IMU and biases of the accelerometers, which are free here. If the columns as they are
+explain little of the left side, and explain it well with two of them swapped or one reversed, the log is refused: a
+diagnosis would blame the boat for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.logs.runs.problems import problems
+from companion.logs.runs.run import Run
+from companion.logs.runs.unwrap import integrated
+from sim.fitting.engine.split import JobError
+from sim.fitting.engine.windows import G
+
+NEEDED = ("psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
+SPAN_S = 2.0  # T, or two fixes if that is longer: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
+RATE_HZ = 10.0
+HOLE_S = 1.5  # longer silences of heading or accelerations are not bridged, nor of three positions
+LEAST = 20  # instants to judge by
+POOR, GOOD = 0.2, 0.4  # shares explained, as it is and otherwise, at which a log is refused; good logs show 0.6 to 0.96
+SCALE = (0.33, 3.0)  # of accelerations: beyond, they are in other units; assumed
+SLIPS = {
+    "north_m, east_m: swapped": (np.array([[0, 1], [1, 0]]), np.eye(2)),
+    "ax_m_s2, ay_m_s2: swapped": (np.eye(2), np.array([[0, 1], [1, 0]])),
+    "ay_m_s2: positive to port": (np.eye(2), np.diag([1, -1])),
+    "ax_m_s2: positive astern": (np.eye(2), np.diag([-1, 1])),
+    "east_m: positive to the west": (np.diag([1, -1]), np.eye(2)),
+    "north_m: positive to the south": (np.diag([-1, 1]), np.eye(2)),
+    "ax_m_s2, ay_m_s2: both reversed, or psi_rad half a turn off": (np.eye(2), -np.eye(2)),
+}
+"""What may have happened to columns, with what undoes it: to positions, to accelerations."""
+
+
+def refuse_mistaken(run: Run) -> None:
+    """Raises JobError naming the log and the columns that are swapped, reversed or in other units."""
+    name = run.meta.source
+    for problem in problems(run):
+        if problem.kind == "disagree" and problem.text.endswith("?"):
+            raise JobError(f"{name}: {problem.text}")
+    if not all(run.known(c) for c in NEEDED):
+        return
+    as_it_is = _explained(run, np.eye(2), np.eye(2))
+    if as_it_is is None:
+        return
+    share, scale = as_it_is
+    if share >= GOOD and scale > 0 and not SCALE[0] <= scale <= SCALE[1]:
+        raise JobError(
+            f"{name}: ax_m_s2, ay_m_s2: positions show {scale:.3g} times these accelerations; are they in m/s^2?"
+        )
+    if share >= POOR and scale > 0:
+        return
+    found = {slip: _explained(run, *undone) or (0.0, 0.0) for slip, undone in SLIPS.items()}
+    slip, (better, factor) = max(found.items(), key=lambda item: item[1][0] if item[1][1] > 0 else 0.0)
+    if better >= GOOD and SCALE[0] <= factor <= SCALE[1]:
+        least = 100 * share if scale > 0 else 0.0
+        raise JobError(
+            f"{name}: columns {slip}? The accelerations then explain {100 * better:.0f} % of how the positions move, "
+            f"as they are {least:.0f} %"
+        )
+
+
+def _explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, float] | None:
+    """Share of the left side that accelerations explain beside arms and biases, and by which factor; None: too short.
+
+    `places`, `forces` (2, 2): what is done to positions and accelerations before.
+    """
+    t_fix, fixes = run.samples("north_m", "east_m")
+    t_imu, imu = run.samples("psi_rad", "ax_m_s2", "ay_m_s2")
+    if len(t_fix) < LEAST or len(t_imu) < LEAST:
+        return None
+    span_s = max(SPAN_S, 2 * float(np.median(np.diff(t_fix))))
+    psi = np.unwrap(imu[:, 0])
+    a = imu[:, 1:] @ forces.T + _gravity(run, t_imu)
+    fixes = fixes @ places.T
+    unit = np.eye(2)
+    moved = [_twice(t_imu, _turned(psi, v)) for v in (a, *unit)]  # accelerations, bias ahead, bias to starboard
+    arms = [_turned(psi, v) for v in unit]
+    middle = t_fix[(t_fix > max(t_fix[0], t_imu[0]) + span_s) & (t_fix < min(t_fix[-1], t_imu[-1]) - span_s)]
+    middle = np.array([t for t in middle if _whole(t_fix, t, span_s) and _whole(t_imu, t, span_s)])
+    if len(middle) < LEAST:
+        return None
+    y = _second(t_fix, fixes, middle, span_s).ravel()
+    X = np.column_stack([_second(t_imu, x, middle, span_s).ravel() for x in (*moved, *arms)])
+    free = X[:, 1:]
+    rest = np.column_stack([y, X[:, 0]])
+    y, x = (rest - free @ np.linalg.lstsq(free, rest, rcond=None)[0]).T
+    cross, own, whole = float(x @ y), float(x @ x), float(y @ y)
+    return (cross**2 / (own * whole), cross / own) if own > 0 and whole > 0 else None
+
+
+def _gravity(run: Run, t_s: np.ndarray) -> np.ndarray:
+    """What roll and pitch have taken from specific force (n, 2); nil where they are not known."""
+    if not (run.known("phi_rad") and run.known("theta_rad")):
+        return np.zeros((len(t_s), 2))
+    at, tilt = run.samples("phi_rad", "theta_rad")
+    phi, theta = (np.interp(t_s, at, tilt[:, i]) for i in range(2))
+    return G * np.column_stack([-np.sin(theta), np.sin(phi)])
+
+
+def _turned(psi: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """R(psi) v, (n, 2); v (2,) or (n, 2)."""
+    c, s = np.cos(psi), np.sin(psi)
+    return np.column_stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1]])
+
+
+def _twice(t_s: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Integrated twice over time from rest at nought, (n, 2)."""
+    return integrated(integrated(a, t_s), t_s)
+
+
+def _second(t_s: np.ndarray, x: np.ndarray, at_s: np.ndarray, span_s: float) -> np.ndarray:
+    """x(t + T) - 2 x(t) + x(t - T), (m, 2)."""
+    there = [np.column_stack([np.interp(at_s + d, t_s, x[:, i]) for i in range(2)]) for d in (-span_s, 0.0, span_s)]
+    return there[0] - 2 * there[1] + there[2]
+
+
+def _whole(t_s: np.ndarray, middle_s: float, span_s: float) -> bool:
+    """Whether no silence of more than `HOLE_S`, or half the span, lies within the span of an instant."""
+    first, last = np.searchsorted(t_s, middle_s - span_s, "right") - 1, np.searchsorted(t_s, middle_s + span_s)
+    return bool(np.diff(t_s[first : last + 1]).max(initial=0.0) <= max(HOLE_S, span_s / 2))

@@ -1,0 +1,1 @@
+"""What a diagnosis says: verdict, sentences, findings.json, pictures, the page."""

@@ -1,0 +1,172 @@
+"""What a diagnosis writes: findings.json, three vessel files, the report. Bytes by name; no file is touched here."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+
+from sim.fitting.diagnose.job import Diagnosis
+from sim.fitting.diagnose.report import findings as form
+from sim.fitting.diagnose.report.sentences import sentences
+from sim.fitting.diagnose.vessel_edits.mended_vessel import Named
+from sim.fitting.diagnose.vessel_edits.public_form import sentence
+from sim.fitting.identify.vessel_out import vessel_toml
+
+RANKED = 12
+
+
+def outputs(
+    found: Diagnosis,
+    vessel_text: str,
+    versions: Mapping[str, str],
+    command: Sequence[str],
+    stamp: str,
+    pictured: bool = True,
+) -> dict[str, bytes]:
+    """Every file. `vessel_text`: the vessel file as given; `command`: words of the command line; `stamp`: UTC.
+
+    Without `pictured`: all but the report.
+    """
+    logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
+    head = f"By `aritra diagnose` {stamp} from {logs}; {form.REPORT} and {form.FINDINGS} beside this file.\n"
+    told = {
+        form.REFITTED: "Base numbers refitted, without any cause.",
+        form.NUMBERS: "Base numbers as they fit beside the causes, which are not in this file.",
+        form.EXTENDED: "Base numbers with the causes: the simulation that the logs ask for.",
+    }
+    vessels = dict(zip(told, (found.files.refitted, found.files.numbers, found.files.extended), strict=True))
+    files = {name: vessel_toml(vessel, head + told[name]).encode() for name, vessel in vessels.items()}
+    if found.identifiability is not None and (manoeuvre := found.identifiability.file):
+        files[form.MANOEUVRE] = manoeuvre.encode()
+    if pictured:
+        from sim.fitting.diagnose.report.page import report  # noqa: PLC0415 - matplotlib is slow to load
+
+        files[form.REPORT] = report(found).encode()
+    made = findings(found, vessel_text, versions, command)
+    files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(made, enc_hook=_plain), indent=1) + b"\n"
+    return files
+
+
+def _plain(value: object) -> object:
+    """Numbers of numpy as Python's own."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no place in findings.json")
+
+
+def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]) -> form.Findings:
+    """What goes into findings.json."""
+    used = [u for u in found.split.used if u.fitted_s]
+    return form.Findings(
+        verdict=found.verdict,
+        summary=tuple(sentences(found)),
+        causes=tuple(_cause(named) for named in found.causes),
+        ambiguous_with=found.ambiguous_with,
+        withdrawn=found.withdrawn,
+        depends_on=found.adequacy.depends_on if found.adequacy is not None else (),
+        equivalence_class={n.effect.name: n.effect.same_as for n in found.causes if n.effect.same_as},
+        ranking=tuple(_ranking(found)),
+        adequacy=found.adequacy,
+        identifiability=found.identifiability.record if found.identifiability is not None else None,
+        visible_from={k: form.Visible(size=size, unit=unit) for k, (size, unit) in found.visible.items()},
+        held_out=tuple(_held_out(found)),
+        one_step_nats={name: _number(nats) for name, nats in found.held_out.nats.items()},
+        noise_card=_noise(found),
+        not_in_file=found.files.left,
+        logs=tuple(_log(found, i) for i in range(len(found.split.used))),
+        data_hash=hashlib.sha256("".join(u.log.run.data_hash for u in used).encode()).hexdigest(),
+        base=found.base.name,
+        base_sha256=hashlib.sha256(vessel_text.encode()).hexdigest(),
+        seed=found.seed,
+        runtime_s=found.runtime_s,
+        versions=dict(versions),
+        command=tuple(command),
+    )
+
+
+def _cause(named: Named) -> form.CauseRecord:
+    size, unit = named.smallest
+    return form.CauseRecord(
+        name=named.effect.name,
+        sentence=sentence(named.effect.name, named.numbers),
+        parameters={
+            k: form.ParameterRecord(value=n.value, se=n.se, ci95=n.ci95, unit=n.unit) for k, n in named.numbers.items()
+        },
+        evidence_nats=named.candidate.nats,
+        size=named.candidate.size,
+        size_low=named.candidate.lower,
+        smallest_size=size,
+        smallest_unit=unit,
+        form_doubtful=named.form_doubtful,
+    )
+
+
+def _ranking(found: Diagnosis) -> list[form.RankRecord]:
+    """The best of every name."""
+    names = {e.id: e.name for e in found.fit.effects}
+    best: dict[str, form.RankRecord] = {}
+    for c in found.selection.ranking:
+        one = form.RankRecord(name=names[c.id], evidence_nats=c.nats, size=c.size)
+        if one.name not in best or best[one.name].evidence_nats < c.nats:
+            best[one.name] = one
+    return sorted(best.values(), key=lambda r: -r.evidence_nats)[:RANKED]
+
+
+def _held_out(found: Diagnosis) -> list[form.HeldOutRecord]:
+    return [
+        form.HeldOutRecord(
+            horizon_s=e.horizon_s,
+            channel=e.channel,
+            unit=e.unit,
+            base=_number(e.rms["base"]),
+            refit=_number(e.rms["refit"]),
+            extended=_number(e.rms["extended"]),
+            ci={k: (_number(low), _number(high)) for k, (low, high) in (e.ci95 | {"gain": e.gain_ci95}).items()},
+            gain=_number(e.gain),
+            windows=e.windows,
+        )
+        for e in found.held_out.errors
+    ]
+
+
+def _noise(found: Diagnosis) -> form.NoiseCard:
+    noise = found.selection.final.noise
+    heading, rate, x, y = noise.white
+    return form.NoiseCard(
+        source=f"reference log {found.reference}"
+        if found.ambient
+        else "the logs themselves: no reference log was given",
+        heading_rad=heading,
+        yaw_rate_rad_s=rate,
+        accel_x_m_s2=x,
+        accel_y_m_s2=y,
+        position_m=noise.fix_m,
+        latent=_three(noise.latent),
+        latent_base=_three(found.refit.noise.latent),
+        ambient=_three(found.ambient.latent) if found.ambient else None,
+    )
+
+
+def _log(found: Diagnosis, i: int) -> form.LogRecord:
+    used = found.split.used[i]
+    run = used.log.run
+    return form.LogRecord(
+        name=used.log.name,
+        data_hash=run.data_hash,
+        duration_s=run.duration_s,
+        fitted_s=used.fitted_s,
+        held_out_s=used.held_out_s,
+        problems=tuple(p.text for p in found.problems[used.log.name]),
+    )
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, n = (float(v) for v in values)
+    return x, y, n
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

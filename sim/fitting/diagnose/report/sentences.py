@@ -1,0 +1,165 @@
+"""A diagnosis in plain sentences, for the terminal and the head of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sim.fitting.diagnose.job import Diagnosis
+from sim.fitting.diagnose.selection.held_out import Error, HeldOutScore
+from sim.fitting.diagnose.vessel_edits.public_form import sentence
+
+SHOWN_S = 10
+ROUGH, QUIET_M_S2 = 2.0, 0.01  # a reference log so many times as rough as the logs, or as this, is none; assumed
+WORDS = {
+    "time": "time",
+    "position": "the place in the basin",
+    "heading": "the heading",
+    "speed": "the speed",
+    "thruster": "a thruster",
+    "voltage": "the battery's voltage",
+    "load": "the load of all thrusters",
+}
+"""Words of `depends_on`; `thruster:NAME` where one is meant."""
+CHANNEL_WORDS = {
+    "position": "position",
+    "heading": "heading",
+    "yaw_rate": "yaw rate",
+    "surge_accel": "surge acceleration",
+    "sway_accel": "sway acceleration",
+}
+
+
+def sentences(found: Diagnosis) -> list[str]:
+    """What is wrong, how sure that is, what it is worth, what to do."""
+    lines = [_verdict(found)]
+    lines += [sentence(n.effect.name, n.numbers) for n in found.causes]
+    if found.verdict in ("partial", "unknown"):
+        lines += [_left_over(found), *_doubtful(found)]
+    lines += _withdrawn(found.withdrawn)
+    lines += [f"These logs cannot tell {name} from {', '.join(others)}." for name, others in found.confused.items()]
+    lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
+    if found.causes:
+        lines += [_gain(found.held_out, len(found.causes)), *_outside(found)]
+    if found.verdict == "none":
+        lines += _could_have_seen(found)
+    if _rough_reference(found):
+        lines.append(
+            f"The reference log {found.reference} holds more force that nobody can foretell than the logs themselves: "
+            "it was not calm, or something was wrong already. Faults may hide behind its noise; record another, or "
+            "leave it out."
+        )
+    if found.identifiability is not None and found.identifiability.record.manoeuvre:
+        lines.append(found.identifiability.record.manoeuvre)
+    return lines
+
+
+def _rough_reference(found: Diagnosis) -> bool:
+    if found.ambient is None:
+        return False
+    logs = np.maximum(np.array(found.refit.noise.latent), QUIET_M_S2)
+    return bool((np.array(found.ambient.latent) > ROUGH * logs).any())
+
+
+def _verdict(found: Diagnosis) -> str:
+    count, logs = len(found.causes), _logs(found)
+    are = "one cause is" if count == 1 else f"{count} causes are"
+    they = "it explains" if count == 1 else "they explain"
+    return {
+        "none": f"{logs}: nothing is wrong with {found.base.name} that these logs can show.",
+        "named": f"{logs}: {are} named, and {they} what the "
+        f"simulation of {found.base.name} gets wrong.",
+        "partial": f"{logs}: {are} named, but something is left over.",
+        "ambiguous": f"{logs}: something is wrong, but these logs cannot tell which of several causes it is.",
+        "unknown": f"{logs}: something is wrong that the catalogue cannot explain.",
+    }[found.verdict]  # fmt: skip
+
+
+def _logs(found: Diagnosis) -> str:
+    used = [u for u in found.split.used if u.fitted_s]
+    seconds = sum(high - low for u in used for low, high in u.fitted_s)
+    return f"{len(used)} log{'s' if len(used) > 1 else ''}, {seconds / 60:.1f} minutes"
+
+
+def depends(word: str) -> str:
+    """A word of `depends_on` for people."""
+    head, _, tail = word.partition(":")
+    return f"thruster {tail}" if tail else WORDS.get(head, head)
+
+
+def _left_over(found: Diagnosis) -> str:
+    words = list(found.adequacy.depends_on) if found.adequacy is not None else []
+    which = next((w for w in words if w.startswith("thruster:")), "thruster")
+    words = list(dict.fromkeys(which if w == "thruster" else w for w in words))
+    if not words:
+        return "What is left over does not clearly depend on anything that was logged."
+    others = f", perhaps on {' or '.join(depends(w) for w in words[1:3])}" if len(words) > 1 else ""
+    see = " (see the map)" if words[0] == "position" else ""
+    return f"What is left over depends on {depends(words[0])}{see}{others}."
+
+
+def _withdrawn(withdrawn: Mapping[str, str]) -> list[str]:
+    """What was found and taken back, those of one reason together."""
+    said = []
+    for why in dict.fromkeys(withdrawn.values()):
+        *others, last = (name for name, reason in withdrawn.items() if reason == why)
+        what = f"{', '.join(others)} and {last} were" if others else f"{last} was"
+        said.append(f"{what} found in the fitted logs, but {'are' if others else 'is'} not named: {why}.")
+    return said
+
+
+def _doubtful(found: Diagnosis) -> list[str]:
+    names = [n.effect.name for n in found.causes if n.form_doubtful]
+    return [f"What is left over is of the kind of {name}: it may be there in another form." for name in names]
+
+
+def _same(name: str, others: Sequence[str]) -> str:
+    return f"No log can tell {name} from {', '.join(others)}: they leave the same signature."
+
+
+def error_at(found: HeldOutScore, channel: str, horizon_s: int) -> Error | None:
+    """The figure of a channel at a horizon, if the held-out logs reach it."""
+    return next((e for e in found.errors if e.channel == channel and e.horizon_s == horizon_s), None)
+
+
+def _gain(held_out: HeldOutScore, count: int) -> str:
+    error = error_at(held_out, "position", SHOWN_S)
+    if error is None or not np.isfinite(error.gain):
+        return "What removing this is worth could not be measured on the held-out logs."
+    subject = "this error" if count == 1 else "these errors"
+    before, after = error.rms["refit"], error.rms["extended"]
+    low, high = (100 * g for g in error.gain_ci95)
+    if low <= 0 <= high or abs(error.gain) < 0.01:
+        return (
+            f"Removing {subject} changes the {SHOWN_S} s position error on held-out data by little: {before:.3g} m "
+            f"refitted, {after:.3g} m with the causes."
+        )
+    word, low, high = ("cuts", low, high) if error.gain > 0 else ("raises", -high, -low)
+    doubt = "" if error.gain > 0 else " What explains the fitted logs does not carry over: do not rely on it."
+    return (
+        f"Removing {subject} {word} the {SHOWN_S} s position error on held-out data by {100 * abs(error.gain):.0f} % "
+        f"(95 %: {low:.0f} to {high:.0f}): from {before:.3g} m, refitted within its tolerances, to {after:.3g} m; as "
+        f"given it was {error.rms['base']:.3g} m.{doubt}"
+    )
+
+
+def _outside(found: Diagnosis) -> list[str]:
+    return [f"{name} is not in extended.toml: {why}." for name, why in found.files.left.items()]
+
+
+def _could_have_seen(found: Diagnosis) -> list[str]:
+    """Some of what would have been seen, in words."""
+    wanted = ("thruster_gain", "current", "hull_fouling", "payload", "lag", "heading_offset", "uwb_latency")
+    told = []
+    for head in wanted:
+        sizes = [v for name, v in found.visible.items() if name.partition(":")[0] == head]
+        if sizes:
+            size, unit = max(sizes)
+            told.append(f"{head} from {visible(size, unit)} on")
+    return [f"These logs would have shown {', '.join(told)}."] if told else []
+
+
+def visible(size: float, unit: str) -> str:
+    """A size with its unit; shares in per cent."""
+    return f"{100 * size:.2g} %" if unit == "1" else f"{size:.2g} {unit}".rstrip()

@@ -1,0 +1,137 @@
+"""What is said of the causes: which can stand on the fitted logs, and whether held-out readings speak against them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.report import findings as record
+from sim.fitting.diagnose.selection.adequacy import Judgement
+from sim.fitting.diagnose.selection.held_out import HeldOutScore
+from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
+from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.search import Found
+from sim.fitting.diagnose.selection.select import Selection, Selector
+from sim.fitting.diagnose.vessel_edits.mended_vessel import Named, cause_of, place
+from sim.fitting.diagnose.vessel_edits.public_form import public, smallest
+from sim.fitting.engine.noise import Noise
+
+TOLD_S = 10  # horizon by which causes are judged on held-out logs
+FORM_DOUBT = 0.1
+"""Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
+UNNEEDED = "small faults of other kinds, together, explain the same"
+OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
+FALLEN = "too small, or too unsure, beside the causes that are left"
+HARMFUL = "readings of the held-out logs become worse"
+UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
+Adequate = Callable[[Fit, Selection, Noise | None, Echoes, bool], Judgement]
+"""What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said of the causes. `confused`: by name of a cause, named or not, those that it cannot be told from.
+
+    `withdrawn`: by name of those that were found and then taken back, why.
+    """
+
+    selection: Selection
+    causes: tuple[Named, ...]
+    verdict: record.Verdict
+    confused: dict[str, tuple[str, ...]]
+    adequacy: record.Adequacy | None
+    withdrawn: dict[str, str]
+
+
+def conclude(
+    fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
+) -> Verdict:
+    """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over.
+
+    `known`: the causes are there, and none of them is taken back.
+    """
+    withdrawn: dict[str, str] = {}
+    doubtful: frozenset[str] = frozenset()
+    left: record.Adequacy | None = None
+    if adequate:
+        sound, found, withdrawn = standing(fit, found, ambient, adequate, known)
+        doubtful, left = sound.doubtful, sound.adequacy
+    named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
+    same = {n.effect.name: n.effect.same_as for n in named}
+    verdict, names, confused = record.verdict_of(list(same), found.rivals(fit), same, left)
+    causes = tuple(n for n in named if n.effect.name in names)
+    return Verdict(found.selection, causes, verdict, confused, left, withdrawn)
+
+
+def standing(
+    fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate, known: bool
+) -> tuple[Judgement, Found, dict[str, str]]:
+    """What is left over, the causes that can stand, and by name why the others are taken back.
+
+    Judged anew where it was judged beside a cause that fell with them, or by the echoes of one that is gone.
+    """
+    withdrawn: dict[str, str] = {}
+    while True:
+        before, echoes = found, Echoes.of(c.effect.name for c in found.causes)
+        sound = adequate(fit, found.selection, ambient, echoes, known)
+        if not sound.withdrawn:
+            return sound, found, withdrawn
+        found = before.without(fit, sound.withdrawn)
+        names = {c.effect.name for c in found.causes}
+        why = {id_: OUTDONE if id_ in sound.outdone else UNNEEDED for id_ in sound.withdrawn}
+        gone = {c.effect.name: why.get(c.fitted, FALLEN) for c in before.causes if c.effect.name not in names}
+        withdrawn |= gone
+        if FALLEN not in gone.values() and Echoes.of(names) == echoes:
+            return sound, found, withdrawn
+
+
+def taken_back(fit: Fit, verdict: Verdict, why: str, ambient: Noise | None, adequate: Adequate | None) -> Verdict:
+    """Without any of the causes, as held-out logs ask: unknown, and what the base leaves over."""
+    withdrawn = verdict.withdrawn | {n.effect.name: why for n in verdict.causes}
+    selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
+    left = adequate(fit, selection, ambient, SILENCE, False).adequacy if adequate else None
+    return Verdict(selection, (), "unknown", {}, left, withdrawn)
+
+
+def refuted(verdict: Verdict, judged: HeldOutScore) -> str:
+    """Why none of the causes can be right, seen from the held-out logs, whose readings none makes surely better.
+
+    They make them surely worse; or something is left over beside them and one is in doubt by its form, so that evidence
+    in nats, which believes in the forms, says little. Empty: nothing is against them.
+    """
+    told = [e for e in judged.errors if e.horizon_s == TOLD_S]
+    if any(e.gain_ci95[0] > 0 for e in told):
+        return ""
+    if any(e.channel == "position" and e.gain_ci95[1] < 0 for e in told):
+        return HARMFUL
+    foretold = all(n.fitted for n in verdict.causes)  # what chance does next no reading tells
+    doubted = verdict.verdict == "partial" and any(n.form_doubtful for n in verdict.causes)
+    return UNPROVEN if doubted and foretold else ""
+
+
+def _named(fit: Fit, found: Found, seed: int) -> tuple[Named, ...]:
+    """Accepted causes, the surest first."""
+    out = []
+    for one in found.causes:
+        effect, candidate = one.effect, one.candidate
+        numbers = public(effect, candidate.values, _doubted(effect, candidate.covariance), place(fit), seed)
+        told = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
+        note = f"{effect.name}{f' ({told})' if told else ''} found by aritra diagnose"
+        cause = replace(cause_of(fit, effect, candidate.values, note), forces_n=_forces(found.selection.final))
+        out.append(Named(candidate, effect, numbers, smallest(effect), cause, one.fitted, one.form_doubtful))
+    return tuple(out)
+
+
+def _doubted(effect: Effect, covariance: np.ndarray) -> np.ndarray:
+    """`covariance` with the doubt that the entry's form is quite that of the world, which no log shows."""
+    smallest_sizes = [p.smallest if np.isfinite(p.smallest) else 0.0 for p in effect.parameters]
+    return covariance + np.diag((FORM_DOUBT * np.array(smallest_sizes)) ** 2)
+
+
+def _forces(model: Model) -> np.ndarray:
+    f = model.point.state.forces.f
+    return f.reshape(-1, f.shape[2])

@@ -1,0 +1,119 @@
+"""What functions may depend on, at a fitted point: means over each window, and thruster forces within it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.parts import ahead_starboard, hull_damping, north_east
+from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.residual_basis.group import SIZES, Group, group, means
+from sim.fitting.engine.noise import LATENT, L
+
+Functions = Mapping[str, np.ndarray]
+"""Values of functions in all windows, (W,)."""
+Factors = Mapping[str, np.ndarray]
+"""Changes of the thruster forces at all nodes, (W, K + 1, n)."""
+
+
+class Basis:
+    """Of the windows of `physics` at `point`: W windows of K steps, n thrusters.
+
+    `x` (W, 6), `psi` (W,), `clock` (W,): means over each window; `f` (W, K + 1, n): thruster forces; `accelerations`
+    (W, K + 1, 3): what the model's forces give the boat, with centripetal parts.
+    """
+
+    def __init__(self, physics: Physics, point: Point):
+        self.physics, self.point = physics, point
+        self.names = [t.name for t in physics.vessel.thrusters]
+        state = point.state
+        self.W = len(state.x)
+        self.x = self.mean(state.x)
+        self.psi = self.x[:, 2]
+        self.clock = self.mean(physics.clock_s[..., None])[:, 0]
+        self.f = state.forces.f
+        self.turn, self.M = state.M_inv.T, np.linalg.inv(state.M_inv)
+        self.scene = physics.scene(state)
+        own = state.nu_dot - point.z[:, None, LATENT]
+        turning = state.x[..., 5:] * np.stack([-state.x[..., 4], state.x[..., 3], 0 * state.x[..., 3]], axis=2)
+        self.accelerations = own + turning
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Over each window, (W, K or K + 1, c) -> (W, c)."""
+        return means(self.physics, values)
+
+    def axes(self, letters: str) -> list[np.ndarray]:
+        """Unit accelerations (W, 3): X, Y, K of the boat, N, E of the world."""
+        out = {}
+        for i, letter in enumerate("XYK"):
+            out[letter] = np.tile(np.eye(3)[i], (self.W, 1))
+        for letter, ne in (("N", (1.0, 0.0)), ("E", (0.0, 1.0))):
+            out[letter] = np.column_stack([*ahead_starboard(self.psi, *ne), np.zeros(self.W)])
+        return [out[letter] for letter in letters]
+
+    def velocity(self) -> np.ndarray:
+        """Over ground, north and east, (W, 2)."""
+        return np.stack(north_east(self.psi, self.x[:, 3], self.x[:, 4]), axis=1)
+
+    @cached_property
+    def water(self) -> list[np.ndarray]:
+        """Accelerations (W, 3) of a current of 1 m/s to the north, to the east."""
+
+        def flow(p: Values, scene: Scene) -> np.ndarray:
+            return np.broadcast_to(np.array([p["north"], p["east"]]), (*scene.t_s.shape, 2))
+
+        parameters = tuple(Parameter(n, "m/s", 1.0, np.inf, SIZES["water"]) for n in ("north", "east"))
+        effect = Effect("generic:flow", "generic", "", "", parameters, {"water": flow})
+        out = self.physics.accelerations([effect], {}, self.point.state, [effect]).nodes
+        return [self.mean(out[..., i]) for i in range(2)]
+
+    @cached_property
+    def damping(self) -> np.ndarray:
+        """Accelerations by a share of the hull's damping, (W, 3)."""
+        return -self.mean(hull_damping(self.physics.vessel, self.scene)) @ self.turn
+
+    def on_nodes(
+        self, name: str, words: tuple[str, ...], kind: str, entries: Sequence[int | np.ndarray], functions: Functions
+    ) -> Group:
+        """Each function on each of `entries`: of the node (index), or accelerations (W, 3)."""
+        columns, names = [], []
+        for key, value in functions.items():
+            for i, entry in enumerate(entries):
+                node = np.zeros((self.W, L))
+                if isinstance(entry, int):
+                    node[:, entry] = value
+                else:
+                    node[:, LATENT] = value[:, None] * entry
+                columns.append(node)
+                names.append(f"{key} {i}")
+        return group(name, words, kind, names, np.stack(columns, axis=2))
+
+    def of_thrust(
+        self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share", mine: np.ndarray | float = 1.0
+    ) -> Group:
+        """Changes of the thruster forces. `mine` (n,): what they are multiplied with, one thruster being 1."""
+
+        def thrust(p: Values, _scene: Scene, f: np.ndarray) -> np.ndarray:
+            return f + mine * sum(v * factors[key] for key, v in p.items() if v)
+
+        return group(name, words, kind, list(factors), hooks={"thrust": thrust})
+
+    def of_force(self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share") -> Group:
+        """Forces on the body, (W, K + 1, 3) [N, N, N m]."""
+
+        def force(p: Values, scene: Scene) -> np.ndarray:
+            return sum((v * factors[key] for key, v in p.items() if v), start=np.zeros((*scene.t_s.shape, 3)))
+
+        return group(name, words, kind, list(factors), hooks={"force": force})
+
+    def of_hull(self, name: str, words: tuple[str, ...], coefficients: Mapping[str, Sequence[str]]) -> Group:
+        """Shares of the hull's coefficients, by name of the function."""
+
+        def hull(p: Values, c: Mapping[str, float]) -> Mapping[str, float]:
+            return {**c, **{n: c[n] * (1 + v) for key, v in p.items() for n in coefficients[key]}}
+
+        return group(name, words, "share", list(coefficients), hooks={"hull": hull})

@@ -1,0 +1,73 @@
+"""Functions of how the boat moves: speeds, accelerations, ways."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.parts import north_east
+from sim.fitting.diagnose.residual_basis.basis import Basis
+from sim.fitting.diagnose.residual_basis.group import Group, group
+from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, L
+
+WORD = ("speed",)
+PRODUCTS = ("u", "v", "r", "U", "V", "R", "uU", "vV", "rR", "uv", "ur", "vr", "Uv", "Ur", "uuu", "vvv", "rrr")
+COEFFICIENTS = {
+    "X": ("X_u_N_s_m", "X_uu_N_s2_m2"),
+    "Y": ("Y_v_N_s_m", "Y_vv_N_s2_m2", "Y_r_N_s"),
+    "K": ("N_r_N_m_s", "N_rr_N_m_s2", "N_v_N_s"),
+}
+"""Of the damping of each axis."""
+INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2")
+FEW = ("u", "v", "r", "ur", "rR")
+
+
+def by_speed(basis: Basis) -> Iterator[Group]:
+    """Capitals are moduli."""
+    products = _products(basis.x[:, 3:])
+    within = _products(basis.point.state.x[..., 3:])
+    few = {n: products[n] for n in FEW}
+    yield basis.of_force(
+        "force over speed",
+        WORD,
+        {
+            f"{axis} {n}": value[..., None] * (basis.M @ unit)
+            for n, value in within.items()
+            for axis, unit in zip("XYK", np.eye(3), strict=True)
+        },
+        "force",
+    )
+    yield from _shares(basis)
+    for what, kind, entries in (("heading", "heading", [OFFSET]), ("yaw rate", "rate", [BIAS_R]),
+                                ("specific force", "accel", [BIAS_AX, BIAS_AY])):  # fmt: skip
+        yield basis.on_nodes(f"{what} error over speed", WORD, kind, entries, few)
+    yield group("place error over speed", WORD, "place", ["along", "across", "along 2", "across 2", "x r", "y r"],
+                _ways(basis))  # fmt: skip
+
+
+def _products(nu: np.ndarray) -> dict[str, np.ndarray]:
+    speeds = dict(zip("uvr", np.moveaxis(nu, -1, 0), strict=True))
+    speeds |= {k.upper(): np.abs(v) for k, v in speeds.items()}
+    return {n: np.prod([speeds[c] for c in n], axis=0) for n in PRODUCTS}
+
+
+def _shares(basis: Basis) -> Iterator[Group]:
+    """Damping and inertia, each in proportion to what it is; and inertia of one axis felt on another."""
+    yield basis.of_hull("damping", WORD, {axis: COEFFICIENTS[axis] for axis in "XYK"})
+    yield basis.of_hull("inertia", WORD, {name: (name,) for name in INERTIA})
+    axes = {axis: np.eye(3)[i] for i, axis in enumerate("XYK")}
+    pushes = {f"{to} by {of}": -(basis.accelerations @ unit)[..., None] * (basis.M @ there)
+              for of, unit in axes.items() for to, there in axes.items()}  # fmt: skip
+    yield basis.of_force("force over acceleration", WORD, pushes)
+
+
+def _ways(basis: Basis) -> np.ndarray:
+    """Along and across the way, in proportion to speed and to its square; with yaw rate, ahead and abeam."""
+    along, r = basis.velocity(), basis.x[:, 5]
+    speed = np.hypot(*along.T)[:, None]
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    turning = [np.column_stack(north_east(basis.psi, *one)) for one in ((r, 0 * r), (0 * r, r))]
+    nodes = np.zeros((basis.W, L, 6))
+    nodes[:, :2] = np.stack([along, across, along * speed, across * speed, *turning], axis=2)
+    return nodes

@@ -1,0 +1,1 @@
+"""Which effects the logs ask for, what is left over, and what could be told apart."""

@@ -1,0 +1,213 @@
+"""Whether the model with its causes leaves something over that no cause explains, and what that depends on.
+
+Every group of smooth functions (`generic`) is free within a tolerance band beside the causes and the catalogue's own
+bands, so that many small imperfections do not add up to a large one. One group in its turn is believed in:
+
+    nats = log p(data | this group wide) - log p(data | all within their bands)
+
+each at the latent acceleration that suits it best, the look at several prior scales being paid for. A group whose
+nats reach the limit says that something is left over, and so do more fixes far out than chance explains. Nothing else
+fails the verdict: correlation and size of the residuals and latent accelerations are reported, but change with the
+weather of the day.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import slices
+from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.noise import FLOOR, shares_of
+from sim.fitting.diagnose.report.findings import RIVAL_NATS, Adequacy, Check
+from sim.fitting.diagnose.residual_basis import Group, groups_at, widened
+from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
+from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
+from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.residual_forces import correlation
+from sim.fitting.diagnose.selection.select import Selection
+from sim.fitting.engine.noise import Noise
+
+BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
+SCALES = (0.3, 1.0, 3.0, 10.0)  # of that size: its prior when it is believed in
+ECHO = 0.2  # of the best group's nats: with less, a group is taken for its echo; assumed
+MIMIC = 3.0  # of that size: as far as a group may go to stand in for a cause
+AKIN = 0.5  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
+MANY = 3  # causes for which one group that explains as much is the simpler explanation; assumed
+FAR_OUT, OFTEN = 4.0, 0.02  # sigmas; share of the fixes: logs in which all is well have less than one in a hundred
+WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent over ambient: said, not decisive; assumed
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """Nats of every group, best first, beside some causes. `evidence`: with all groups within their bands [nats].
+
+    By id of the causes, `akin`: the groups whose functions can stand in for it; `support`: nats for it over its absence
+    while all groups are free within their bands. `limit`: nats from which on something is left over.
+    """
+
+    nats: tuple[tuple[Group, float], ...]
+    evidence: float
+    akin: Mapping[str, frozenset[str]]
+    support: Mapping[str, float]
+    limit: float = NATS
+
+    @property
+    def counted(self) -> tuple[Group, ...]:
+        """Groups that reach the limit, best first, without the echoes of the best."""
+        least = max(self.limit, ECHO * self.nats[0][1])
+        return tuple(group for group, nats in self.nats if nats >= least)
+
+    def is_akin(self, cause: str, groups: Sequence[Group]) -> bool:
+        """Whether one of `groups` is of the kind of a cause."""
+        return any(group.effect.id in self.akin.get(cause, frozenset()) for group in groups)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What to report, and ids of causes.
+
+    `doubtful`: of the right kind, their form is in doubt; `withdrawn`: not to be named; `outdone`, of these: because
+    one group stands for all.
+    """
+
+    adequacy: Adequacy
+    doubtful: frozenset[str] = frozenset()
+    withdrawn: frozenset[str] = frozenset()
+    outdone: frozenset[str] = frozenset()
+
+
+def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Echoes = SILENCE) -> LeftOver:
+    """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
+    every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
+    if echoes.within:
+        every = [g.of_means(fit.physics, model.point, fit.effects) for g in every]
+    hooked, on_nodes = ([g for g in every if (g.nodes is None) == whether] for whether in (True, False))
+    groups, within = (*hooked, *on_nodes), [*model.chosen, *(g.effect for g in hooked)]
+    fit.noise = model.noise
+    point = fit.point(model.point.theta, model.point.z, within, model.point).judged_only()
+    point = widened(point, on_nodes)
+    chosen = [*within, *(g.effect for g in on_nodes)]
+    size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
+    own = fit.prior(model.chosen, frozenset(causes))
+    start, nil = len(own.sigma), np.zeros(len(size))
+    prior = Prior(np.concatenate([own.sigma, BAND * size]), np.concatenate([own.mean, nil]))
+    best, before = np.full(len(groups), -np.inf), -np.inf
+    akin: dict[str, frozenset[str]] = {}
+    support: dict[str, float] = {}
+    where = slices(model.chosen)
+    for noise in shares_of(model.noise):
+        reduced = fit.reduced(point, chosen, noise)
+        evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
+        for i, at in enumerate(_at(groups, start)):
+            wide = size[at.start - start : at.stop - start]
+            tried = [posterior.instead(at, Prior.round_nil(scale * wide))[0] for scale in SCALES]
+            gain = max(tried) - np.log(len(SCALES))
+            best[i] = max(best[i], evidence + gain)
+        if evidence > before:
+            before = evidence
+            support = {id_: -posterior.absent(where[id_]) for id_ in causes}
+        akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
+    order = np.argsort(-best)
+    return LeftOver(
+        tuple((groups[i].named(), float(best[i] - before)) for i in order), before, akin, support, echoes.limit
+    )
+
+
+def _at(groups: Sequence[Group], start: int) -> list[slice]:
+    """Where the parameters of each group are."""
+    ends = start + np.cumsum([len(g.effect.parameters) for g in groups])
+    return [slice(int(end) - len(g.effect.parameters), int(end)) for g, end in zip(groups, ends, strict=True)]
+
+
+def _akin(reduced: Reduced, cause: slice, groups: Sequence[Group], start: int) -> frozenset[str]:
+    """Groups that explain most of what the cause at `cause` does to these logs, in the metric of the data."""
+    values = reduced.theta0[cause]
+    whole = float(values @ reduced.H[cause, cause] @ values)
+    mimics = []
+    for group, at in zip(groups, _at(groups, start), strict=True):
+        wide = np.array([MIMIC * p.prior for p in group.effect.parameters])
+        cross = reduced.H[at, cause] @ values
+        if cross @ np.linalg.solve(reduced.H[at, at] + np.diag(1 / wide**2), cross) >= AKIN * whole:
+            mimics.append(group.effect.id)
+    return frozenset(mimics)
+
+
+def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check, ...]:
+    """The best group of every word, which decide, and what is only said."""
+    best: dict[str, tuple[Group, float]] = {}
+    for group, nats in found.nats:
+        best.setdefault(group.words[0].partition(":")[0], (group, nats))
+    out = [
+        Check(name=f"{group.effect.equation} [nats]", value=nats, limit=found.limit, passed=nats < found.limit)
+        for group, nats in best.values()
+    ]
+    alike = {k: v for k, v in correlation(model.point).items() if np.isfinite(v).all()}
+    said = [(f"correlation of residuals, {k}", float(np.abs(v[:3]).max()), WHITE) for k, v in alike.items()]
+    point = model.point
+    for name, values in (("inertial", point.residuals), ("position", point.fix_residuals)):
+        known = np.clip(values[np.isfinite(values)], -5, 5)
+        if len(known):
+            said.append((f"rms of {name} residuals, over one sigma", float(np.sqrt(np.mean(known**2))), UNIT))
+    if ambient is not None:
+        ratio = np.max(np.array(model.noise.latent) / np.maximum(np.array(ambient.latent), FLOOR))
+        said.append(("latent acceleration over that of the reference log", float(ratio), AMBIENT))
+    out += [Check(name=n, value=v, limit=limit, passed=v <= limit, decides=False) for n, v, limit in said]
+    return tuple(out)
+
+
+def adequacy(
+    fit: Fit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE, known: bool = False
+) -> Judgement:
+    """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
+
+    Not to be named is a cause that the groups' bands make unnecessary; and none is where one group alone explains more
+    than all of them together and is akin to none: then they stood in for it. Nor where there are many and one group
+    explains about as much (`RIVAL_NATS`), whatever its kind. Causes that are `known` stand.
+    """
+    model, causes = selection.final, [c.id for c in selection.causes]
+    found = left_over(fit, model, causes, echoes)
+    withdrawn = {id_ for id_, nats in found.support.items() if nats < NAMED and not known}
+    causes = [id_ for id_ in causes if id_ not in withdrawn]
+    if withdrawn:
+        model = model if causes else selection.base
+        found = left_over(fit, model, causes, echoes)
+    first, outdone = found, frozenset()
+    if causes and (found.counted or len(causes) >= MANY):
+        first = left_over(fit, selection.base, [], echoes)
+        if not known and _stand_in(causes, found, first):
+            outdone = frozenset(causes)
+            withdrawn, causes, found, model = withdrawn | outdone, [], first, selection.base
+    said, words = checks(found, model, ambient), depends_on(found, first)
+    if not echoes.far_out:
+        out = far_out(model.point)
+        said, words = (out, *said), words if out.passed else tuple(dict.fromkeys((*words, "position")))
+    report = Adequacy(passed=not any(c.decides and not c.passed for c in said), checks=said, depends_on=words)
+    doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.counted))
+    return Judgement(report, doubtful, frozenset(withdrawn), outdone)
+
+
+def _stand_in(causes: Sequence[str], found: LeftOver, first: LeftOver) -> bool:
+    """Whether `causes`, beside which `found` is left over, stand in for the best group of what the base leaves."""
+    group, nats = first.nats[0]
+    alone = first.evidence + nats - found.evidence
+    akin = any(found.is_akin(id_, [group]) for id_ in causes)
+    return (alone >= NATS and not akin) or (alone > -RIVAL_NATS and len(causes) >= MANY)
+
+
+def far_out(point: Point) -> Check:
+    """How many fixes are further from where they should be than chance explains: something stands in their way."""
+    size = np.linalg.norm(point.fix_residuals, axis=1)
+    share = float(np.mean(size[np.isfinite(size)] > FAR_OUT)) if np.isfinite(size).any() else 0.0
+    return Check(name=f"share of fixes beyond {FAR_OUT:g} sigma", value=share, limit=OFTEN, passed=share < OFTEN)
+
+
+def depends_on(found: LeftOver, first: LeftOver) -> tuple[str, ...]:
+    """Words of what is left over, the most likely first: what explains more of the base, before any cause came."""
+    nats = {group.effect.id: value for group, value in first.nats}
+    groups = sorted(found.counted, key=lambda group: -nats.get(group.effect.id, -np.inf))
+    return tuple(dict.fromkeys(word for group in groups for word in group.words))

@@ -1,0 +1,63 @@
+"""One effect beside those believed in, and whether it may be named.
+
+Accepted is an effect whose evidence against "it is not there" is at least `NAMED`, against "it is within its tolerance
+band" at least `GAIN`, and whose size exceeds the smallest worth a name by its lower 95 % limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.posterior.evidence import Posterior, Prior
+
+NAMED = 9.0  # nats, eight thousand to one: hundreds of cases had nothing false above 5 (ADR 16)
+NATS = 12.0  # for one of two explanations over the other
+GAIN = 1.5  # nats over the tolerance band: four to one
+BEYOND = 2.0  # standard errors by which a value may seem to be beyond its limits
+Z95 = 1.644854  # one-sided
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect beside those believed in: nats over its absence, nats over its tolerance band, values, covariance."""
+
+    id: str
+    nats: float
+    gain: float
+    values: np.ndarray
+    covariance: np.ndarray
+    size: float
+    lower: float
+
+    @property
+    def accepted(self) -> bool:
+        """Large and sure enough to be named, and not as well explained within its tolerance band."""
+        return self.nats >= NAMED and self.gain >= GAIN and self.lower > 1.0
+
+
+def beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
+    """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
+    gain, values, C = posterior.instead(at, Prior(*effect.believed()))
+    size = effect.size(values)
+    lower = size - Z95 * _size_se(effect, values, C) if _possible(effect, values, C) else -np.inf
+    return Candidate(effect.id, gain - posterior.absent(at), gain, values, C, size, lower)
+
+
+def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:
+    """Whether values are within their limits, or beyond them by no more than their error may be."""
+    slack = BEYOND * np.sqrt(np.diag(C))
+    lower, upper = effect.limits()
+    return bool(((values >= lower - slack) & (values <= upper + slack)).all())
+
+
+def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:
+    scale = np.array([p.smallest for p in effect.parameters])
+    v, cov = values / scale, C / np.outer(scale, scale)
+    if effect.vector and np.linalg.norm(v) > 0:
+        direction = v / np.linalg.norm(v)
+        return float(np.sqrt(direction @ cov @ direction))
+    i = int(np.abs(v).argmax())
+    return float(np.sqrt(cov[i, i]))

@@ -1,0 +1,53 @@
+"""From which size on these logs would have shown an effect that is not there.
+
+From the reduced Hessian, the effect's own block of the covariance with all others within their tolerance bands gives
+the information J of the data on its amplitudes. Along the direction that is seen worst, se = lambda_min(J)^-1/2 in
+units of the smallest size worth a name, a true size s is accepted on average when
+
+    s^2 / (2 se^2) - sum log(prior / se) >= 9 nats      and     s - 1.64 se >= 1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.selection.candidate_score import NAMED, Z95
+from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.vessel_edits.public_form import smallest
+
+BLIND = 1000.0  # times the smallest size worth a name
+
+
+def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
+    """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen.
+
+    Left out are those that these logs would not show at any size: of a sensor that is not in them.
+    """
+    assert model.reduced is not None
+    C = model.reduced.posterior(fit.prior(fit.effects, model.believed)).covariance
+    at = slices(fit.effects)
+    found: dict[str, tuple[float, Effect]] = {}
+    for effect, share in _shares(fit, model, C, at):
+        if effect.name not in found or share < found[effect.name][0]:
+            found[effect.name] = (share, effect)
+    return {name: smallest(effect, share) for name, (share, effect) in found.items() if share < BLIND}
+
+
+def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iterator[tuple[Effect, float]]:
+    believed = {e.name for e in fit.effects if e.id in model.believed}
+    for effect in fit.effects:
+        if effect.family == "base" or effect.name in believed or effect.far:
+            continue
+        sure = np.flatnonzero([np.isfinite(p.smallest) for p in effect.parameters])
+        index = np.arange(at[effect.id].start, at[effect.id].stop)[sure]
+        least = np.array([effect.parameters[i].smallest for i in sure])
+        prior = np.array([effect.parameters[i].prior for i in sure])
+        J = np.linalg.inv(C[np.ix_(index, index)]) - np.diag(1 / effect.tolerance()[sure] ** 2)
+        J = np.outer(least, least) * J
+        se = 1 / np.sqrt(max(float(np.linalg.eigvalsh(J).min()), 1e-12))
+        price = NAMED + float(np.maximum(np.log(prior / least / se), 0.0).sum())
+        yield effect, max(1 + Z95 * se, se * float(np.sqrt(2 * price)))

@@ -1,0 +1,181 @@
+"""What a log can tell apart: each cause at medium size put into it, each rival allowed to explain it.
+
+From the reduced Hessian H of all parameters, a cause a of true parameters w gives b = H w. With every other effect
+within its tolerance band (covariance S of those always there),
+
+    K = H - H_:s (H_ss + S^-1)^-1 H_s:          information on each parameter beside the bands
+    nats(D) = -1/2 w^T K (1 + D K)^-1 w - 1/2 log det (1 + D K)     D: prior variances beyond the bands
+
+and nats(a, b) is that of "a is there, b is not" less that of "b is there, a is not", over the parameters of the two
+alone. Noise-free: no new simulation. Limits of parameters are not minded, so a rival may explain more than it really
+could: figures are on the low side. Of a vector the direction is taken that is told worst; of an effect's variants, as a
+truth the one that shows most, as a rival the one that explains best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
+
+MEDIUM = 4.0  # times the smallest size worth a name
+WEAKEST = 5  # pairs above it that are listed all the same
+
+
+@dataclass(frozen=True)
+class Apart:
+    """`nats` (n, n): by which the truth (row) beats each rival (column), NaN for itself and its class; `nothing` (n,):
+
+    by which it beats "nothing is there".
+    """
+
+    names: tuple[str, ...]
+    nats: np.ndarray
+    nothing: np.ndarray
+
+    def pairs(self) -> list[tuple[str, str, float]]:
+        """Truth, rival, nats; the weakest first."""
+        known = np.argwhere(np.isfinite(self.nats))
+        found = [(self.names[i], self.names[j], float(self.nats[i, j])) for i, j in known]
+        return sorted(found, key=lambda p: p[2])
+
+    @property
+    def confused(self) -> list[tuple[str, str, float]]:
+        """Pairs of causes that the log shows by as much as pairs need, and cannot tell apart: the weakest first, each
+
+        two names once.
+        """
+        shown = {n for n, nats in zip(self.names, self.nothing, strict=True) if nats >= NATS}
+        out: dict[frozenset[str], tuple[str, str, float]] = {}
+        for a, b, nats in self.pairs():
+            if nats < NATS and a in shown:
+                out.setdefault(frozenset((a, b)), (a, b, nats))
+        return list(out.values())
+
+    @property
+    def hidden(self) -> list[str]:
+        """Causes of medium size that the log could not have named."""
+        return [n for n, nats in zip(self.names, self.nothing, strict=True) if nats < NAMED]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Parameters of each effect, (n, width): where they are in H, prior and band variances, medium sizes.
+
+    Padding has index 0 and nil elsewhere.
+    """
+
+    index: np.ndarray
+    prior: np.ndarray
+    band: np.ndarray
+    medium: np.ndarray
+    vector: np.ndarray
+
+
+def apart(
+    fit: Fit,
+    H: np.ndarray,
+    believed: frozenset[str] = frozenset(),
+    effects: Sequence[Effect] = (),
+    only: Sequence[str] = (),
+) -> Apart:
+    """What a log tells apart by the Hessian H (P, P) of all parameters of `effects`, nodes eliminated.
+
+    `believed`: effects taken to be there; `effects`: default those of `fit`; `only`: names to look at (default: all).
+    """
+    every = tuple(effects) or fit.effects
+    sigma = fit.prior(every, believed).sigma
+    always = np.concatenate([np.full(len(e.parameters), e.everyday or e.id in believed) for e in every])
+    sigma = np.where(always, sigma, 0.0)
+    mine = [e for e in every if e.family != "base" and (not only or e.name in only)]
+    K, blocks = beside(H, sigma), _blocks(mine, slices(every), sigma)
+    names = tuple(dict.fromkeys(e.name for e in mine))
+    of = np.array([names.index(e.name) for e in mine])
+    alone, nothing = _alone(K, blocks), np.full(len(names), -np.inf)
+    np.maximum.at(nothing, of, alone)
+    shown = [int(np.flatnonzero(of == i)[alone[of == i].argmax()]) for i in range(len(names))]
+    pairs = np.stack([np.repeat(shown, len(mine)), np.tile(np.arange(len(mine)), len(names))])
+    pairs = pairs[:, _distinct(mine, *pairs)]
+    nats = np.full((len(names), len(names)), np.inf)
+    np.minimum.at(nats, (of[pairs[0]], of[pairs[1]]), _between(K, blocks, pairs))
+    return Apart(names, np.where(np.isfinite(nats), nats, np.nan), nothing)
+
+
+def beside(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Information (P, P) beside what varies anyhow with `sigma` (P,); nil: it does not."""
+    there = np.flatnonzero(sigma > 0)
+    factor = np.linalg.cholesky(H[np.ix_(there, there)] + np.diag(1 / sigma[there] ** 2))
+    half = np.linalg.solve(factor, H[there])
+    return H - half.T @ half
+
+
+def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) -> Blocks:
+    """All effects, one row each; `sigma` (P,) of what varies anyhow."""
+    width = max(len(e.parameters) for e in effects)
+    index = np.zeros((len(effects), width), dtype=int)
+    prior, band, medium = (np.zeros((len(effects), width)) for _ in range(3))
+    for i, e in enumerate(effects):
+        k = len(e.parameters)
+        index[i, :k] = np.arange(at[e.id].start, at[e.id].stop)
+        prior[i, :k] = [p.prior**2 + p.mean**2 for p in e.parameters]
+        band[i, :k] = sigma[at[e.id]] ** 2
+        medium[i, :k] = [_medium(p.smallest, p.lower, p.upper) for p in e.parameters]
+    return Blocks(index, prior, band, medium, np.array([e.vector for e in effects]))
+
+
+def _medium(smallest: float, lower: float, upper: float) -> float:
+    """Medium size of a parameter within its limits; nil for one that says where or when."""
+    return min(MEDIUM * smallest, max(upper, -lower)) if np.isfinite(smallest) else 0.0
+
+
+def _distinct(effects: Sequence[Effect], a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Which pairs are of two names, and of two classes."""
+    one = [{e.name, *e.same_as} for e in effects]
+    apart = np.array([[x.name not in other and y.name not in mine for y, other in zip(effects, one, strict=True)]
+                      for x, mine in zip(effects, one, strict=True)])  # fmt: skip
+    return np.flatnonzero(apart[a, b])
+
+
+def _alone(K: np.ndarray, blocks: Blocks) -> np.ndarray:
+    """Each effect against its own absence, (n,)."""
+    Q, price = _gain(_parts(K, blocks.index, blocks.prior > 0), blocks.prior - blocks.band, -blocks.band)
+    return _least(Q, price, blocks.medium, blocks.vector)
+
+
+def _between(K: np.ndarray, blocks: Blocks, pairs: np.ndarray) -> np.ndarray:
+    """The first of each pair (2, m) against the second, (m,)."""
+    a, width = pairs[0], blocks.index.shape[1]
+    index = blocks.index[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
+    there = blocks.prior[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
+    band = blocks.band[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
+    first = np.arange(2 * width) < width
+    Q, price = _gain(_parts(K, index, there > 0), there * first - band, there * ~first - band)
+    return _least(Q[:, :width, :width], price, blocks.medium[a], blocks.vector[a])
+
+
+def _parts(K: np.ndarray, index: np.ndarray, real: np.ndarray) -> np.ndarray:
+    """(m, k, k) of K (P, P); nil where it is padding."""
+    return K[index[:, :, None], index[:, None, :]] * (real[:, :, None] & real[:, None, :])
+
+
+def _gain(K: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of variances `one` over `other`, (m, k): Q (m, k, k) and price (m,) with nats = w^T Q w - price."""
+    found = []
+    for D in (one, other):
+        weight = np.eye(K.shape[1]) + D[:, :, None] * K
+        found.append((K @ np.linalg.inv(weight), np.linalg.slogdet(weight)[1]))
+    (A, log_a), (B, log_b) = found
+    return (B - A) / 2, (log_a - log_b) / 2
+
+
+def _least(Q: np.ndarray, price: np.ndarray, medium: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Nats of the direction, or the parameter, that is told worst, (m,)."""
+    Q = medium[:, :, None] * (Q + Q.swapaxes(1, 2)) / 2 * medium[:, None, :]
+    each = np.where(medium > 0, np.diagonal(Q, axis1=1, axis2=2), np.inf).min(axis=1)
+    round_ = np.linalg.eigvalsh(Q[:, :2, :2])[:, 0]
+    return np.where(vector, round_, each) - price

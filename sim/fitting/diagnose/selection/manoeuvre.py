@@ -1,0 +1,210 @@
+"""The manoeuvre that would tell confused causes apart, by computing what it would tell.
+
+Each segment of an excitation library is flown by the vessel file's own boat (`excite.nominal`) and linearised with
+the columns of the diagnosis at the log's rates and noise; its Hessian adds to the log's, since runs share no nodes.
+Segments are taken one by one, always the one that raises the worst pair most per minute, until all are told apart. What
+the whole plan tells is then computed from a flight of the whole plan.
+
+Estimated: the boat is the file's, current and wind go on as they were, and the water is a square of at least
+`LEAST_WATER_M` (assumed) round the log's positions unless a site is given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.excitation.file import Excitation, Segment, Steps
+from companion.logs.runs.run import Run
+from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
+from sim.fitting.diagnose.selection.identifiability import apart
+from sim.fitting.diagnose.vessel_edits.public_form import family
+from sim.fitting.engine.noise import STATE, L, Noise
+from sim.fitting.excite.information import true_nodes
+from sim.fitting.excite.nominal import fly_nominal
+
+ENOUGH = 2 * NATS  # estimated: the real boat is not quite its model, and noise moves the evidence by a few nats
+LONGEST_S = 600.0
+ENDLESS = 3.0  # times the library: what that does not tell, ten minutes of its best will not either
+MOST = 3  # pairs that a plan is for
+LEAST_WATER_M = 24.0
+SHORTEST_S = 5.0  # of a flight that tells anything
+WINDOW_S = 1.0
+STEP_NS = 50_000_000  # of the plant: half a tick is fine enough to plan by
+AFTER_S = 60.0  # from the end of the logs to the manoeuvre; assumed
+SLOW = ("clock_drift", "turning_current", "voltage_exponent")
+TEN_MINUTES = Steps(
+    name="ten minutes to and fro", why="what grows with time", X=0.16, levels=(1.0, -1.0) * 50, hold_s=6.0
+)
+ANYTHING = 30.0  # times the usual biases of a log: as good as unknown
+NOTHING = ""
+Confused = Sequence[tuple[str, str, float]]
+"""Truth, rival (`NOTHING`: that nothing is there), nats of the logs."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to fly, how long it takes, each pair with nats before and after it; and those that no plan would tell,
+
+    with what the whole library flown `ENDLESS` times over would give.
+    """
+
+    excitation: Excitation | None
+    duration_s: float
+    pairs: tuple[tuple[str, str, float, float], ...]
+    beyond: tuple[tuple[str, str, float, float], ...]
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """`H`: as if the biases of this log were unknown; what they tell comes once, with the whole plan."""
+
+    segment: Segment
+    run: Run
+    H: np.ndarray
+
+    @property
+    def duration_s(self) -> float:
+        return self.run.duration_s
+
+
+class Planner:
+    """Plans for the logs of `fit`, of which H (P, P) of all parameters is known, with what is believed and noise."""
+
+    def __init__(self, fit: Fit, H: np.ndarray, believed: frozenset[str], noise: Noise, site: Site | None = None):
+        self.fit, self.believed, self.noise = fit, believed, noise
+        self._H = H
+        self._site = site or _water(fit)
+        self._vessel = _at_rates(fit)
+
+    def plan(self, library: Excitation, confused: Confused) -> Plan:
+        """For the first `MOST` of these pairs that can be helped."""
+        names = {n for a, b, _ in confused for n in (a, b)}
+        effects = [e for e in self.fit.effects if e.everyday or e.id in self.believed or e.name in names]
+        candidates, H = self._candidates(library, effects, names), self._of(effects)
+        once = self.told(max(candidates, key=lambda c: c.duration_s).run, effects) if candidates else np.zeros_like(H)
+        limit = self._nats(H + once + ENDLESS * sum((c.H for c in candidates), np.zeros_like(H)), effects, confused)
+        helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= needed(pair[1])][:MOST]
+        beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < needed(p[1]))
+        segments = self._chosen(candidates, H + once, effects, helped) if helped else []
+        excitation = replace(library, name="manoeuvre", segments=tuple(segments))
+        run = self._flown(excitation) if segments else None
+        if run is None:
+            return Plan(None, 0.0, (), beyond)
+        after = self._nats(H + self.told(run, effects), effects, helped)
+        pairs = tuple((*pair, float(then)) for pair, then in zip(helped, after, strict=True))
+        helps = any(then >= needed(b) for _, b, _, then in pairs)
+        return Plan(excitation if helps else None, run.duration_s, pairs, beyond)
+
+    def _chosen(
+        self, candidates: Sequence[_Candidate], H: np.ndarray, effects: Sequence[Effect], confused: Confused
+    ) -> list[Segment]:
+        """One by one, until all pairs are told apart or the time is over."""
+        chosen, now, left_s = [], self._nats(H, effects, confused), LONGEST_S
+        while now.min() < ENOUGH and (fits := [c for c in candidates if c.duration_s <= left_s]):
+            worth = [_worth(now, self._nats(H + c.H, effects, confused)) / c.duration_s for c in fits]
+            best = fits[int(np.argmax(worth))]
+            if max(worth) <= 0:
+                break
+            chosen.append(best.segment)
+            H, left_s = H + best.H, left_s - best.duration_s
+            now = self._nats(H, effects, confused)
+        return chosen or [c.segment for c in candidates[:1]]
+
+    def _candidates(self, library: Excitation, effects: Sequence[Effect], names: set[str]) -> list[_Candidate]:
+        slow = any(family(name) in SLOW for name in names)
+        found = []
+        for segment in (*library.segments, *((TEN_MINUTES,) if slow else ())):
+            run = self._flown(replace(library, segments=(segment,), name=segment.name))
+            if run is not None:
+                found.append(_Candidate(segment, run, self.told(run, effects, own=ANYTHING)))
+        return found
+
+    def _flown(self, excitation: Excitation) -> Run | None:
+        """The log that the file's own boat would write; None where it cannot fly this or does not come to its end."""
+        try:
+            flown = fly_nominal(excitation, self._vessel, self._site, limit_s=2 * LONGEST_S, step_ns=STEP_NS)
+        except ConfigError:
+            return None
+        return _commanded(flown.run) if flown.done and flown.duration_s >= SHORTEST_S else None
+
+    def told(self, run: Run, effects: Sequence[Effect], own: float = 1.0) -> np.ndarray:
+        """Hessian (P, P) of a planned run, whose true states are known, in the parameters of `effects`.
+
+        `own`: times the usual biases of gyro and accelerometers that each log may have of its own.
+        """
+        a_x, a_y, r = self.noise.bias
+        noise = dataclasses.replace(self.noise, bias=(own * a_x, own * a_y, own * r))
+        physics, log = Physics([run], self.fit.physics.vessel, WINDOW_S), self.fit.physics
+        wait = float(log.clock_s.max()) + AFTER_S - float(physics.clock_s.min())
+        physics.clock_s, physics.fix_clock_s = physics.clock_s + wait, physics.fix_clock_s + wait
+        physics.centre_m, physics.middle_s = log.centre_m, log.middle_s
+        fit = Fit(physics, effects, noise)
+        z = np.zeros((physics.windows.size[0], L))
+        z[:, STATE] = true_nodes(physics.windows, run)
+        return fit.reduced(fit.point({}, z, effects), effects).H
+
+    def _nats(self, H: np.ndarray, effects: Sequence[Effect], confused: Confused) -> np.ndarray:
+        names = [n for a, b, _ in confused for n in (a, b) if n]
+        found = apart(self.fit, H, self.believed, effects, names)
+        at = {n: i for i, n in enumerate(found.names)}
+        return np.array([found.nothing[at[a]] if b == NOTHING else found.nats[at[a], at[b]] for a, b, _ in confused])
+
+    def _of(self, effects: Sequence[Effect]) -> np.ndarray:
+        at = slices(self.fit.effects)
+        index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in effects])
+        return self._H[np.ix_(index, index)]
+
+
+def needed(rival: str) -> float:
+    """Nats from which on a cause is told from a rival; from nothing, named."""
+    return NAMED if rival == NOTHING else NATS
+
+
+def _worth(now: np.ndarray, then: np.ndarray) -> float:
+    """Nats that the worst pair gains, and a little for all of them; beyond `ENOUGH` nothing counts."""
+    gain = np.minimum(then, ENOUGH) - np.minimum(now, ENOUGH)
+    return float(np.minimum(then, ENOUGH).min() - now.min() + 0.1 * gain.sum())
+
+
+def _water(fit: Fit) -> Site:
+    places = fit.physics.windows.fixes.place_m
+    middle, reach = places.mean(axis=0), np.ptp(places, axis=0).max() / 2
+    half = max(float(reach), LEAST_WATER_M / 2)
+    fence = tuple((float(middle[0] + n * half), float(middle[1] + e * half)) for n, e in
+                  ((-1, -1), (1, -1), (1, 1), (-1, 1)))  # fmt: skip
+    return Site(name="water of the logs", lat_deg=0.0, lon_deg=0.0, fence=fence, source="assumed")
+
+
+def _at_rates(fit: Fit) -> VesselFile:
+    """The vessel with sensors at the rates of the logs as they were fitted, of inertial ones that of the quickest."""
+    vessel, w = fit.physics.vessel, fit.physics.windows
+    known = [w.t_s[:, :-1][channel] for channel in np.moveaxis(np.isfinite(w.y), 2, 0)]
+    step, fix = min(_interval(t) for t in known if len(t) > 1), _interval(w.fixes.t_s)
+    s = vessel.sensors
+    return replace(
+        vessel,
+        sensors=replace(s, imu=replace(s.imu, rate_Hz=1 / step), uwb=replace(s.uwb, rate_Hz=1 / fix)),
+    )
+
+
+def _interval(t_s: np.ndarray) -> float:
+    """Usual time between samples of all logs, one log after the other."""
+    gaps = np.diff(t_s)
+    return float(np.median(gaps[gaps > 0]))
+
+
+def _commanded(run: Run) -> Run:
+    """From the first command on: before it no pulse width is known."""
+    held = [f"pwm_{name}" for name in run.thrusters]
+    return Run(run.table.drop_nulls(held), run.meta)

@@ -1,0 +1,152 @@
+"""Models to choose from: sets of believed effects, refitted to convergence, and the evidence for each.
+
+All other entries of the catalogue are free within their tolerance bands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.posterior.evidence import Reduced
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.noise import START, tuned_latent, whitened
+from sim.fitting.diagnose.selection.candidate_score import Candidate, beside
+from sim.fitting.engine.noise import Noise
+from sim.fitting.identify.structured_fit import with_latent
+
+ROUNDS = 6  # of four steps each, in a refit
+SAME = 0.1  # of the logarithm of the latent acceleration: so small a change asks for no further round
+SHARES = (2.0, 1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
+
+
+@dataclass
+class Model:
+    """A set of believed effects, refitted: where it stands, and its evidence with all tolerance bands.
+
+    `own`: over the parameters of `chosen`; `reduced`, once screened: over those of the whole catalogue.
+    """
+
+    believed: frozenset[str]
+    point: Point
+    noise: Noise
+    chosen: tuple[Effect, ...]
+    own: Reduced
+    evidence: float
+    reduced: Reduced | None = None
+
+
+class Refitter:
+    """Fits sets of effects of the catalogue of `fit`."""
+
+    def __init__(self, fit: Fit):
+        self.fit = fit
+        self.by_id = {e.id: e for e in fit.effects}
+        self.everyday = [e for e in fit.effects if e.everyday]
+
+    def base(self, stated: Noise | None = None) -> Model:
+        """The vessel file's model refitted within the tolerance of its coefficients, and the noise found on the way.
+
+        `stated`: noise to begin with, if not the fit's.
+        """
+        fit = self.fit
+        stated = stated or fit.noise
+        chosen, none = self.everyday, frozenset()
+        point = self._roughly(stated, {})
+        for steps in (2, 1, 2):
+            point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
+            fit.noise = whitened(fit.noise, point, stated)
+            fit.noise = tuned_latent(fit, point)
+            fit.settle(point)
+        return self._finished(frozenset(), point, chosen)
+
+    def _roughly(self, noise: Noise, theta: dict[str, np.ndarray]) -> Point:
+        """From the measured motion towards that of a boat with `theta`, the ties of windows being loose at first."""
+        fit, believed = self.fit, frozenset(theta)
+        few = [e for e in self.fit.effects if e.family == "base" or e.id in believed]
+        fit.noise = replace(noise, slack=100.0)
+        point = fit.solve(theta, fit.z0, few, believed, steps=1)
+        fit.noise = replace(noise, slack=10.0)
+        point = fit.solve(point.theta, point.z, few, believed, steps=1, before=point)
+        fit.noise = noise
+        return point
+
+    def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
+        """`believed` to convergence from `start`, with the latent acceleration found anew."""
+        fit = self.fit
+        fit.noise = start.noise
+        chosen = [*self.everyday, *(self.by_id[i] for i in sorted(believed) if not self.by_id[i].everyday)]
+        ids = {e.id for e in chosen}
+        theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
+        if any(self.by_id[i].whole for i in values):  # another boat, to which this fit's numbers say little
+            point = self._roughly(with_latent(start.noise, np.array(START)), {i: theta[i] for i in believed})
+        else:
+            point = self._first(theta, values, start, chosen, believed)
+        point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=1.0, before=point)
+        fit.noise = tuned_latent(fit, point)
+        for _ in range(ROUNDS):
+            point, there = fit.descend(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
+            was, fit.noise = fit.noise, tuned_latent(fit, point)
+            if there and np.abs(np.log(np.divide(fit.noise.latent, was.latent))).max() < SAME:
+                break
+        return self._finished(believed, point, chosen)
+
+    def _first(
+        self,
+        theta: dict[str, np.ndarray],
+        values: dict[str, np.ndarray],
+        start: Model,
+        chosen: Sequence[Effect],
+        believed: frozenset[str],
+    ) -> Point:
+        """One step from `values`; of a far effect, which secants tell little of, from the best of several shares."""
+        tried = [self.by_id[i] for i in values]
+        shares = SHARES if any(e.far for e in tried) else (1.0,)
+        points = []
+        for share in shares:
+            guess = theta | {i: np.clip(share * v, *self.by_id[i].limits()) for i, v in values.items()}
+            points.append(self.fit.solve(guess, start.point.z, chosen, believed, steps=1, before=start.point))
+        prior = self.fit.prior(chosen, believed)
+        costs = np.nan_to_num([self.fit.cost(p, chosen, prior) for p in points], nan=np.inf)
+        best = int(np.argmin(costs))  # of none that can be reckoned with: from nil
+        return points[best] if np.isfinite(costs[best]) else start.point
+
+    def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
+        """At `point` linearised anew: its steps took small effects as they were along the motion before."""
+        point = self.fit.point(point.theta, point.z, chosen, point).judged_only()
+        reduced = self.fit.reduced(point, chosen)
+        evidence = reduced.evidence(self.fit.prior(chosen, believed))
+        return Model(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)
+
+    def complete(self, model: Model) -> Point:
+        """`model` linearised with the columns of every entry of the catalogue: too large to be kept."""
+        fit = self.fit
+        fit.noise = model.noise
+        point = fit.point(model.point.theta, model.point.z, fit.effects, model.point).judged_only()
+        model.reduced = fit.reduced(point, fit.effects)
+        return point
+
+    def _judged(self, model: Model, id_: str) -> Candidate:
+        """One of those believed in, with the others in place."""
+        within = self.fit.prior(model.chosen, model.believed - {id_})
+        return beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
+
+    def _start(self, model: Model, c: Candidate) -> np.ndarray:
+        """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
+        effect = self.by_id[c.id]
+        return np.clip(self._nearer(model, effect) if effect.starts else c.values, *effect.limits())
+
+    def _nearer(self, model: Model, effect: Effect) -> np.ndarray:
+        assert effect.starts
+        fit, starts = self.fit, effect.starts()
+        fit.noise = model.noise
+        chosen = [*model.chosen, *starts]
+        reduced = fit.reduced(fit.point(model.point.theta, model.point.z, chosen, model.point), chosen)
+        posterior, at = reduced.posterior(fit.prior(chosen, model.believed)), slices(chosen)
+        best = max(starts, key=lambda e: beside(posterior, at[e.id], e).gain)
+        moved = [best.origin.get(p.name, 0.0) - effect.origin.get(p.name, 0.0) for p in effect.parameters]
+        return beside(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)

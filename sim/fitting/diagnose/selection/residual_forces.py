@@ -1,0 +1,125 @@
+"""What the model leaves over, as forces over time and over whatever they might depend on, with the causes beside it.
+
+Latent force of a window = M times its latent acceleration, [X Y N]; its standard error comes from the chain of nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from companion.core.model.manoeuvring import mass_matrix
+from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter, Values
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.engine.noise import LATENT, Noise
+
+LAGS = 20
+
+
+@dataclass(frozen=True)
+class Residue:
+    """Of W windows of all logs: middle times [s] of the log and of the shared clock, log, state (W, 6), latent force
+
+    and its sigma (W, 3) [N, N, N m]; what the model with the causes adds to the force there, (W, 3).
+    """
+
+    t_s: np.ndarray
+    clock_s: np.ndarray
+    log: np.ndarray
+    x: np.ndarray
+    force: np.ndarray
+    sigma: np.ndarray
+    cause: np.ndarray
+
+
+def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence[Effect]) -> Residue:
+    """At `point`, linearised with `noise`; `causes`: effects whose force along this motion is wanted, when `theta` is
+
+    added to what the point has of them.
+    """
+    physics = fit.physics
+    M = mass_matrix(physics.vessel)
+    chain, _, _ = fit.assembled(point, noise)
+    variance = chain.covariance()[:, LATENT, LATENT]
+    windows = physics.windows
+    return Residue(
+        windows.t_s.mean(axis=1),
+        physics.clock_s.mean(axis=1),
+        windows.run,
+        point.state.x.mean(axis=1),
+        point.z[:, LATENT] @ M.T,
+        np.sqrt(np.einsum("ij,wjk,ik->wi", M, variance, M)),
+        caused(physics, fit.effects, point, theta, causes) @ M.T,
+    )
+
+
+def caused(
+    physics: Physics, effects: Sequence[Effect], point: Point, theta: Theta, causes: Sequence[Effect]
+) -> np.ndarray:
+    """Mean acceleration in each window that `theta` of `causes` adds at `point`, (W, 3); nil for sensor effects."""
+    if not causes:
+        return np.zeros((physics.windows.size[0], 3))
+    whole = [_whole(effect, theta[effect.id]) for effect in causes]
+    a = physics.accelerations([*effects, *whole], point.theta, point.state, whole)
+    return a.nodes.sum(axis=3).mean(axis=1)
+
+
+def _whole(effect: Effect, values: np.ndarray) -> Effect:
+    """The effect at once: its one parameter goes from nil to all of `values`."""
+
+    def scaled(hook: Hook) -> Hook:
+        def call(p: Values, *rest: Any) -> Any:
+            return hook({q.name: p["share"] * v for q, v in zip(effect.parameters, values, strict=True)}, *rest)
+
+        return call
+
+    share = Parameter("share", "1", 1.0, 1.0, 1.0)
+    hooks = {stage: scaled(hook) for stage, hook in effect.hooks.items()}
+    return Effect(f"all of {effect.id}", effect.family, effect.equation, "", (share,), hooks)
+
+
+def correlation(point: Point) -> dict[str, np.ndarray]:
+    """Correlation of whitened residuals with those some samples before, by channel, (LAGS,)."""
+    series = {name: point.residuals[..., i].ravel() for i, name in enumerate(("heading", "yaw rate", "a_x", "a_y"))}
+    series |= {"north": point.fix_residuals[:, 0], "east": point.fix_residuals[:, 1]}
+    out = {}
+    for name, values in series.items():
+        known = values[np.isfinite(values)]
+        known = np.clip(known, -5, 5)  # an outlier says nothing of its neighbours
+        known = known - known.mean() if len(known) else known
+        power = float(known @ known)
+        ok = len(known) > 2 * LAGS and power > 0
+        out[name] = np.array([known[k:] @ known[:-k] / power if ok else np.nan for k in range(1, LAGS + 1)])
+    return out
+
+
+def pulses(physics: Physics) -> tuple[np.ndarray, np.ndarray]:
+    """Thruster pulse widths [us] (W, n) and battery voltage [V] (W,) in the middle of each window; NaN: unknown."""
+    names = [f"pwm_{t.name}" for t in physics.vessel.thrusters]
+    middle = physics.windows.t_s.mean(axis=1)
+    pwm = np.full((len(middle), len(names)), np.nan)
+    for run, span in zip(physics.runs, physics.windows.spans, strict=True):
+        t, values = run.samples(*names)
+        pwm[span] = values.reshape(len(t), -1)[_before(t, middle[span])]
+    return pwm, volts(physics, middle)
+
+
+def volts(physics: Physics, t_s: np.ndarray) -> np.ndarray:
+    """Battery voltage [V] as last logged at instants t_s (W, ..) of the windows; NaN: unknown."""
+    out = np.full(t_s.shape, np.nan)
+    for run, span in zip(physics.runs, physics.windows.spans, strict=True):
+        if run.known("battery_v"):
+            t, values = run.samples("battery_v")
+            out[span] = values[_before(t, t_s[span])]
+    return out
+
+
+def _before(samples_s: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Index of the last sample before each instant; of the first where there is none."""
+    return np.maximum(np.searchsorted(samples_s, t_s, side="right") - 1, 0)

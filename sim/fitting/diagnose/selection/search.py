@@ -1,0 +1,104 @@
+"""All causes of one set of logs: those of chance beside those that the linearisation can express.
+
+base -> fixes without line of sight, which from then on count for less -> selection -> waves, gusts
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES, effects
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.selection.candidate_score import Candidate
+from sim.fitting.diagnose.selection.select import Say, Selection, Selector
+from sim.fitting.diagnose.stochastic_effects import Chance, about_nlos, shaken, stochastic
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One accepted cause: its entry, and by what entry of the fit it stands there (empty: by none).
+
+    `form_doubtful`: the family is right, its form is not quite.
+    """
+
+    effect: Effect
+    candidate: Candidate
+    fitted: str
+    form_doubtful: bool = False
+
+
+@dataclass(frozen=True)
+class Found:
+    """The selection and all causes, the surest first."""
+
+    selection: Selection
+    causes: tuple[Cause, ...]
+
+    def rivals(self, fit: Fit) -> dict[str, list[tuple[str, float]]]:
+        """By cause, what explains nearly as much and how far it is behind [nats], all by their names in findings.
+
+        What is part of another cause, or contains it, is there already: that is no rival.
+        """
+        called = {c.fitted: c.effect.name for c in self.causes if c.fitted}
+        found: dict[str, list[tuple[str, float]]] = {}
+        for fitted, rivals in self.selection.rivals.items():
+            name = called.get(fitted, fitted)
+            others = [c.effect for c in self.causes if c.effect.name != name]
+            parts, wholes = {e.contains for e in others}, {e.name for e in others}
+            there = parts | {e.name for e in fit.effects if e.contains in wholes}
+            found[name] = [(called.get(rival, rival), behind) for rival, behind in rivals if rival not in there]
+        return found
+
+    def without(self, fit: Fit, gone: Collection[str]) -> Found:
+        """The causes `gone` (ids of entries of the fit) taken back, and the others as they fit then."""
+        selection = Selector(fit).without(self.selection, gone)
+        now = {c.id: c for c in selection.causes}
+        kept = [c for c in self.causes if not c.fitted or c.fitted in now]
+        return Found(selection, tuple(replace(c, candidate=now[c.fitted]) if c.effect.id == c.fitted else c
+                                      for c in kept))  # fmt: skip
+
+
+def search(
+    fit: Fit, without: Sequence[str] = (), believed: Sequence[str] = (), say: Say = lambda _text, _share: None
+) -> Found:
+    """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
+
+    `believed`: names of causes that are there for sure; no others are looked for. ValueError for one that is none, or
+    that no sensor of these logs shows.
+    """
+    selector = Selector(fit, say)
+    known = _entries(fit, believed)
+    say("base", 0.0)
+    base = selector.base()
+    if not shaken(base) and (blind := [name for name in believed if name in (WAVES.name, GUSTY_WIND.name)]):
+        raise ValueError(f"believe {blind[0]!r}: accelerations alone show it, and these logs have none")
+    blocked = about_nlos(fit, base) if NLOS.name not in without else None
+    if blocked is not None and (blocked.candidate.accepted or NLOS.name in believed) and blocked.fix_weight is not None:
+        fit.lineariser.weight = blocked.fix_weight
+        base = selector.base(base.noise)
+    selection = selector.of(base, known) if believed else selector.run(base)
+    say("waves, gusts, fixes without line of sight", 0.9)
+    by_chance = [c for c in stochastic(fit, selection.final, selection.causes, believed)
+                 if c.effect.name not in without and (not believed or c.effect.name in believed)]  # fmt: skip
+    return Found(selection, _together(fit, selection, by_chance))
+
+
+def _entries(fit: Fit, believed: Sequence[str]) -> list[str]:
+    """Names of the entries of the fit by which `believed` stand there: a gusty wind is a wind, waves have none."""
+    there, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
+    if strange := [name for name in believed if name not in there | chance]:
+        raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(there | chance))}")
+    for both in (e for e in fit.effects if e.contains and {e.name, e.contains} <= set(believed)):
+        raise ValueError(f"believe {both.name!r} or {both.contains!r}, not both: the one contains the other")
+    names = ["wind" if name == GUSTY_WIND.name else name for name in believed]
+    return [name for name in dict.fromkeys(names) if name in there]
+
+
+def _together(fit: Fit, selection: Selection, by_chance: Sequence[Chance]) -> tuple[Cause, ...]:
+    by_id = {e.id: e for e in fit.effects}
+    replaced = {c.replaces for c in by_chance if c.replaces}
+    causes = [Cause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]
+    causes += [Cause(c.effect, c.candidate, c.replaces, c.form_doubtful) for c in by_chance]
+    return tuple(sorted(causes, key=lambda c: -c.candidate.nats))

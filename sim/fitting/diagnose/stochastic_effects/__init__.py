@@ -1,0 +1,146 @@
+"""Causes that push or report at random: waves, gusts, fixes without line of sight. Each has a test of its own.
+
+No column of the linearisation can express them, so the search over the catalogue neither finds them nor, left to
+itself, is safe from them. `stochastic` is to be asked twice:
+
+1. about the base, before any search: fixes without line of sight weigh what they are worth from then on (`fix_weight`);
+2. about the final model with its causes: waves and, where a wind was found, whether it is gusty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.model.loads import RHO_AIR
+from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
+from sim.fitting.diagnose.catalogue.effect import Effect, Scene
+from sim.fitting.diagnose.catalogue.parts import wind_force
+from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.selection.candidate_score import NATS, Z95, Candidate
+from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.stochastic_effects import gusts as gusty
+from sim.fitting.diagnose.stochastic_effects import nlos, waves
+from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver, left_over
+from sim.fitting.engine.windows import SURGE, SWAY
+
+PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
+COMPASS_DEG = 0.7  # sigma of a compass error that nobody would name, and every direction with it; assumed
+DIRECTION_DOUBT_DEG = 1.5  # of a gusty wind, beside what the fit says, which takes gusts for ambient noise; assumed
+
+
+@dataclass(frozen=True)
+class Chance:
+    """One such cause: entry, candidate in its parameters, whether the form is in doubt.
+
+    `replaces`: name of a cause of the search whose place it takes. `fix_weight` (m,): probability that each fix is as
+    good as its noise says; `form_doubtful`: the family is right, but waves are broader than the entry has them.
+    """
+
+    effect: Effect
+    candidate: Candidate
+    form_doubtful: bool = False
+    replaces: str = ""
+    fix_weight: np.ndarray | None = None
+
+
+def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = (), sure: Collection[str] = ()) -> list[Chance]:
+    """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there.
+
+    For 12 nats: what chance does varies more than the search's causes, and its echoes count for nothing from then on.
+    `sure`: names of those that are there, however small.
+    """
+    found = [about_nlos(fit, model)]
+    if shaken(model):
+        wind = [c for c in causes if c.id == "wind"]
+        found.append(about_waves(fit, model, WAVES.name in sure))
+        found += [about_gusts(fit, model, c, GUSTY_WIND.name in sure) for c in wind]
+    named = [c for c in found if c is not None and (c.effect.name in sure or _accepted(c.candidate))]
+    return sorted(named, key=lambda c: -c.candidate.nats)
+
+
+def shaken(model: Model) -> bool:
+    """Whether accelerations were measured: without them nothing shows waves or gusts."""
+    return bool(np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any())
+
+
+def _accepted(candidate: Candidate) -> bool:
+    return candidate.accepted and candidate.nats >= NATS
+
+
+def about_nlos(fit: Fit, model: Model) -> Chance | None:
+    """Fixes without line of sight to the anchor that explains them best."""
+    places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
+    anchors = nlos.anchors_of(fit.physics.runs, places)
+    best = nlos.blocked(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]
+    at, C = best.peak.at[nlos.OWN][:2], best.peak.covariance[nlos.OWN, nlos.OWN][:2, :2]
+    values = np.array([best.share, np.exp(at[1]), best.number])
+    slope = np.array([best.share * (1 - best.share), values[1]])
+    return Chance(NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.sighted)
+
+
+def about_waves(fit: Fit, model: Model, sure: bool = False) -> Chance | None:
+    """Waves, if a quick look shows any worth a name; if they are there for `sure`, what looks most like them."""
+    whole = left_over(fit, model, waves.STEP_S, np.inf)
+    seen = waves.look(whole)
+    if not sure and (seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N):
+        return None
+    found = waves.waves(left_over(fit, model, waves.STEP_S, waves.BLOCK_S), seen)
+    if not sure and found.width > waves.MOST_WIDTH:
+        return None
+    F_w, share = waves.rms_force(whole, found.beta_rad, found.T_p_s)
+    own = found.peak.covariance[[waves.T_P, waves.BETA], [waves.T_P, waves.BETA]]
+    sigma = np.array(
+        [F_w * share, PERIOD_DOUBT * found.T_p_s * np.sqrt(own[0]), np.hypot(np.degrees(np.sqrt(own[1])), COMPASS_DEG)]
+    )
+    values = np.array([F_w, found.T_p_s, np.degrees(found.beta_rad)])
+    nats = min(found.nats, found.over_own)
+    doubt = found.broad or waves.beside_peak(whole, found.beta_rad, found.T_p_s) > waves.OTHER
+    return Chance(WAVES, _candidate(WAVES, nats, values, np.diag(sigma**2)), form_doubtful=doubt)
+
+
+def about_gusts(fit: Fit, model: Model, wind: Candidate, sure: bool = False) -> Chance | None:
+    """Whether the wind that was found comes and goes, or for `sure` how much; nats over a steady wind."""
+    pressure = float(np.hypot(*wind.values))
+    if pressure <= 0:
+        return None
+    speed, beta = (
+        float(np.sqrt(2 * pressure / RHO_AIR)),
+        float(np.degrees(np.arctan2(-wind.values[1], -wind.values[0]))),
+    )
+    data = left_over(fit, model, gusty.STEP_S, gusty.BLOCK_S)
+    found = gusty.gusts(data, _wind_along(fit, data, speed, beta))
+    gustiness, time = gusty.gustiness_of(found.size), found.gust_time_s
+    along = wind.values / pressure
+    across = np.array([-along[1], along[0]])
+    of_engine = float(np.sqrt(along @ wind.covariance @ along)) / pressure / 2
+    of_gusts = gustiness * np.sqrt(2 * time / data.span_s)  # the mean of so few gusts is not the mean of all
+    share = float(np.hypot(of_engine, of_gusts))
+    values = np.array([speed / np.sqrt(1 + gustiness**2), beta % 360, gustiness, time])
+    sigma = np.array([
+        values[0] * share,
+        np.hypot(np.degrees(np.sqrt(across @ wind.covariance @ across)) / pressure, DIRECTION_DOUBT_DEG),
+        gustiness * np.hypot(gusty.size_error(time, data.span_s), 2 * share),
+        time * np.sqrt(found.peak.covariance[gusty.TIME, gusty.TIME]),
+    ])  # fmt: skip
+    candidate = _candidate(GUSTY_WIND, found.nats, values, np.diag(sigma**2))
+    return Chance(GUSTY_WIND, candidate, replaces="wind") if sure or gustiness > gusty.SMALLEST else None
+
+
+def _wind_along(fit: Fit, data: LeftOver, speed: float, beta_deg: float) -> np.ndarray:
+    T, _, B = data.x.shape
+    none = np.zeros((T, B))
+    scene = Scene(none, none, data.x.transpose(0, 2, 1), np.zeros((T, B, 3)), np.zeros(T), np.zeros(2), 0.0)
+    return wind_force(fit.physics.vessel, scene, speed, beta_deg).transpose(0, 2, 1)
+
+
+def _candidate(effect: Effect, nats: float, values: np.ndarray, covariance: np.ndarray) -> Candidate:
+    """The first parameter says how much."""
+    smallest = effect.parameters[0].smallest
+    full = np.zeros((len(values), len(values)))
+    full[: len(covariance), : len(covariance)] = covariance
+    size = float(values[0]) / smallest
+    lower = max(size - Z95 * float(np.sqrt(full[0, 0])) / smallest, 0.0)
+    return Candidate(effect.id, nats, nats, values, full, size, lower)

@@ -1,0 +1,60 @@
+"""Noise of every day in what is left over: where its estimate starts, what is believed of it beforehand, its peak."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.fitting.diagnose.stochastic_effects.estimate import Batch, Peak, climb, normal
+from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.process import AMBIENT, NUISANCE, TIME, WHITE, log_likelihood
+
+AMBIENT_TIME_S = 4.0  # prior, within a factor of 2.7; assumed
+SIZES_SIGMA = 1.5  # of the logarithm of all other parameters, about their rough values
+SCALE = np.array([0.2] * 6 + [0.3])
+
+
+def rough(data: LeftOver) -> np.ndarray:
+    """Nuisance parameters (7,) from differences (white) and from what these leave (ambient)."""
+    quick = np.maximum(_spread(np.diff(data.y, axis=0)) / np.sqrt(2), 1e-6)
+    slow = _spread(data.y)
+    out = np.empty(NUISANCE)
+    out[WHITE] = np.log(0.8 * quick)
+    out[AMBIENT] = np.log(0.7 * np.sqrt(np.maximum(slow**2 - quick**2, (0.3 * quick) ** 2)))
+    out[2] -= np.log(2.0)  # a rate over some 2 s, as an acceleration
+    out[TIME] = np.log(AMBIENT_TIME_S)
+    return out
+
+
+def _spread(y: np.ndarray) -> np.ndarray:
+    """Standard deviation of each channel of y (T, 3, B), (3,); of one that was never measured a small one, assumed."""
+    channels = (values[np.isfinite(values)] for values in np.moveaxis(y, 1, 0))
+    return np.array([values.std() if len(values) else 1e-3 for values in channels])
+
+
+def prior(nuisance: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Log prior (h,) of nuisance parameters (h, 7) about rough values."""
+    sizes = normal(nuisance[:, :TIME], about[:TIME], SIZES_SIGMA).sum(axis=1)
+    return sizes + normal(nuisance[:, TIME], np.log(AMBIENT_TIME_S), 1.0)
+
+
+def calm(data: LeftOver, about: np.ndarray, steps: int = 15) -> tuple[np.ndarray, float]:
+    """Most likely nuisance parameters with nothing else about, and their log posterior [nats]."""
+    T, _, B = data.y.shape
+
+    def f(q: np.ndarray) -> np.ndarray:
+        one = np.ones(len(q))
+        return log_likelihood(data, q, np.zeros((T, 3, len(q), B)), one, one) + prior(q, about)
+
+    return climb(f, about, SCALE, steps)
+
+
+def nats_over(calm_height: float, with_process: Peak) -> float:
+    """Evidence for a process's own parameters, which come after the nuisance: Laplace, noise profiled out."""
+    own = with_process.covariance[NUISANCE:, NUISANCE:]
+    _, log_det = np.linalg.slogdet(2 * np.pi * own)
+    return with_process.height - calm_height + 0.5 * float(log_det)
+
+
+def beside(data: LeftOver, about: np.ndarray, own: Batch) -> Batch:
+    """Log posterior of [nuisance, own parameters]; `own`: of all parameters, without the nuisance's prior."""
+    return lambda q: own(q) + prior(q[:, :NUISANCE], about)

@@ -1,0 +1,83 @@
+"""Gusts: the wind that the model has found comes and goes, V = V_w (1 + gustiness g), g Gauss-Markov of unit size.
+
+Along the motion the force of the wind at its effective speed F(t) is multiplied by V^2 / V_e^2, with
+
+    V_e^2 = V_w^2 (1 + a),   sd of V^2 / V_e^2:  s^2 = (4 a + 2 a^2) / (1 + a)^2,   a = gustiness^2
+
+so the test is for a Gauss-Markov process of size s that acts by the pattern F(t), beside ambient noise in body axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
+from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
+from sim.fitting.diagnose.stochastic_effects.estimate import Peak, normal, peak
+from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, WHITE, log_likelihood
+
+STEP_S, BLOCK_S = 0.5, 100.0
+SIZE, TIME = NUISANCE, NUISANCE + 1  # log s, log s of g
+SIZE_PRIOR, TIME_PRIOR = (float(np.log(0.6)), 0.7), (float(np.log(8.0)), 0.8)  # assumed
+OWN_SCALE = np.array([0.1, 0.2])
+SMALLEST = 0.1  # gustiness; assumed
+MEAN = 4  # steps over which the record is averaged
+SKEW = 1.5  # assumed
+MOST_SIZE = 1.38  # s of a gustiness of 2: more than any wind
+
+
+@dataclass(frozen=True)
+class Gusts:
+    """Peak of [noise, log s, log of gust time]; nats over a steady wind; s as the record shows it."""
+
+    peak: Peak
+    nats: float
+    size: float
+
+    @property
+    def gust_time_s(self) -> float:
+        """Time constant."""
+        return float(np.exp(self.peak.at[TIME]))
+
+
+def gustiness_of(size: float) -> float:
+    """Of the pressure's relative standard deviation s."""
+    s2 = min(size, MOST_SIZE) ** 2
+    return float(np.sqrt(np.sqrt(2 / (2 - s2)) - 1))
+
+
+def size_error(gust_time_s: float, span_s: float) -> float:
+    """Relative standard error of s from a record: sqrt(T_g / 2 T) of a normal process; squared wind is skew."""
+    return SKEW * float(np.sqrt(gust_time_s / (2 * span_s)))
+
+
+def gusts(data: LeftOver, force: np.ndarray) -> Gusts:
+    """`force` (T, 3, B): of the steady wind along the motion [N, N, N m]."""
+    about = rough(data)
+    noise, height = calm(data, about)
+    acts = data.pattern(force)
+
+    def own(q: np.ndarray) -> np.ndarray:
+        pattern = acts[:, :, None] * np.exp(q[:, SIZE])[:, None]
+        nats = log_likelihood(data, q[:, :NUISANCE], pattern, np.exp(-q[:, TIME]), np.zeros(len(q)))
+        return nats + normal(q[:, SIZE], *SIZE_PRIOR) + normal(q[:, TIME], *TIME_PRIOR)
+
+    start = np.concatenate([noise, [SIZE_PRIOR[0], TIME_PRIOR[0]]])
+    top = peak(beside(data, about, own), start, np.concatenate([NUISANCE_SCALE, OWN_SCALE]))
+    return Gusts(top, nats_over(height, top), _shown(data, acts, np.exp(2 * top.at[WHITE])[:2]))
+
+
+def _shown(data: LeftOver, acts: np.ndarray, white: np.ndarray) -> float:
+    """Standard deviation of the left-over force along the pattern, white noise taken off; by the pattern's square."""
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow, and few logs have a wind
+
+    p, known = acts[:, :2], np.isfinite(data.y[:, :2])
+    square = uniform_filter1d((p**2 * known).sum(axis=1), MEAN, axis=0)
+    along = uniform_filter1d((p * np.nan_to_num(data.y[:, :2])).sum(axis=1), MEAN, axis=0)
+    noise = uniform_filter1d((p**2 * known * white[:, None]).sum(axis=1), MEAN, axis=0) / MEAN
+    mean = along.sum() / square.sum()
+    total = ((along - mean * square) ** 2 - noise).sum() / (square**2).sum()
+    return float(np.sqrt(max(total, 1e-6)))

@@ -1,0 +1,215 @@
+"""Waves: a narrow band of force along one direction over ground, by a pattern in body axes.
+
+    X = a cos q,  Y = 1.5 a sin q,  N = 0.25 m a sin 2q,   q = beta_wave + pi - psi
+
+a: rms F_w, a peak at 1 / T_p of relative half width `width`. First a quick look: left-over accelerations are projected
+on the pattern of each direction (|pattern| never vanishes), and one band of the periodogram is compared with its
+neighbours (Whittle: k ordinates whose mean is R times the background's gain k (R - 1 - log R) nats). What stands out is
+then fitted for good (`process`). Tested against ambient noise alone, and against the same band in a direction of its
+own of the boat (an engine or a pilot that oscillates does not know where north is).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
+from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
+from sim.fitting.diagnose.stochastic_effects.estimate import Peak, climb, normal, peak
+from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, log_likelihood
+
+STEP_S, BLOCK_S = 0.2, 30.0
+SWAY_SHARE, YAW_ARM_M = 1.5, 0.25  # of a small catamaran; assumed
+SMALLEST_N = 0.4
+WIDTH = 0.04  # relative half width of the band at half its height
+BROAD = 0.12  # from which waves have another form than assumed here; assumed
+MOST_WIDTH = 0.4  # a wider band is no band: forces that come at once, such as gusts that set in; assumed
+PERIODS_S = (0.9, 8.0)  # within which a small boat's waves lie; assumed
+OTHER = 0.5  # of the power at the peak; assumed
+BESIDE = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 1.2, 1.27, 1.35, 1.43, 1.52, 1.62, 1.75)  # of the peak's frequency
+STEPS = 20  # of each search
+QUICK_NATS = 25.0  # of the quick look, from which the real test is worth its time
+TAPER_LOSS = 1.94  # of a Hann window: ordinates are correlated, as if there were so many times fewer
+MASS_SHARE = 0.04  # sigma of what the boat's mass is known to, and the force with it
+DIRECTIONS = 12  # of the quick look, over half a turn
+F, T_P, BETA, BAND = range(NUISANCE, NUISANCE + 4)  # log N, log s, rad, log
+OWN_SCALE = np.array([0.1, 0.02, 0.1, 0.2])
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the quick look found: F_w [N], T_p [s], direction [rad] but for half a turn, nats."""
+
+    F_w_N: float
+    T_p_s: float
+    beta_rad: float
+    nats: float
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Peak of [noise, log F_w, log T_p, beta, log width]; nats over ambient noise; over a band fixed to the boat."""
+
+    peak: Peak
+    nats: float
+    over_own: float
+
+    @property
+    def T_p_s(self) -> float:
+        """Period of the peak."""
+        return float(np.exp(self.peak.at[T_P]))
+
+    @property
+    def beta_rad(self) -> float:
+        """Where they come from."""
+        return float(self.peak.at[BETA] % (2 * np.pi))
+
+    @property
+    def width(self) -> float:
+        """Relative half width of the band."""
+        return float(np.exp(self.peak.at[BAND]))
+
+    @property
+    def broad(self) -> bool:
+        """Too broad a band to be what is assumed here."""
+        return self.width > BROAD
+
+
+def wave_force(q: np.ndarray) -> np.ndarray:
+    """Body force (T, 3, n) of a = 1 N at angles q (T, n)."""
+    return np.stack([np.cos(q), SWAY_SHARE * np.sin(q), YAW_ARM_M * np.sin(2 * q)], axis=1)
+
+
+def look(data: LeftOver) -> Look:
+    """The best direction and band; `data` in blocks of whole logs."""
+    B = data.y.shape[2]
+    best = Look(0.0, 1.0, 0.0, -np.inf)
+    for beta in np.arange(DIRECTIONS) * np.pi / DIRECTIONS:
+        frequency, power = _projected(data, beta)
+        power = power.mean(axis=1)
+        for period in np.exp(np.arange(np.log(PERIODS_S[0]), np.log(PERIODS_S[1]), WIDTH)):
+            ratio, background, count = _contrast(frequency, power, 1 / period)
+            nats = count * B * (ratio - 1 - np.log(ratio)) / 1.5 if ratio > 1 else 0.0  # a taper correlates neighbours
+            if nats > best.nats:
+                rms = np.sqrt(max(ratio - 1, 0.0) * background * count * frequency[1])
+                best = Look(float(rms), float(period), float(beta), float(nats))
+    return best
+
+
+def _projected(data: LeftOver, beta: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and one-sided spectra (k, B) [N^2/Hz] of the force that acts by the pattern of a direction."""
+    p = data.pattern(wave_force(beta + np.pi - data.x[:, 2]))[:, :2]
+    a = (np.nan_to_num(data.y[:, :2]) * p).sum(axis=1) / (p**2).sum(axis=1)
+    taper = np.hanning(len(a))[:, None] * np.isfinite(data.y[:, 0])
+    power = np.abs(np.fft.rfft(taper * a, axis=0)) ** 2 * 2 * data.step_s / np.maximum((taper**2).sum(axis=0), 1e-9)
+    return np.fft.rfftfreq(len(a), data.step_s), power
+
+
+def rms_force(data: LeftOver, beta: float, period_s: float) -> tuple[float, float]:
+    """F_w [N] from the power in the band, whatever its shape, and its relative standard error.
+
+    Ordinates of a periodogram are exponential: var(sum) = sum of S^2, and S^2 is half the mean of its square. Of next
+    to no power the error is the root of the power's own.
+    """
+    frequency, power = _projected(data, beta)
+    off = frequency * period_s
+    inside = (off > 0.7) & (off < 1.4)
+    background = np.median(power[((off > 0.5) & (off < 0.7)) | ((off > 1.4) & (off < 2.0))]) / np.log(2.0)
+    total = max(float((power[inside] - background).sum()), 1e-12)
+    spread = TAPER_LOSS * float((power[inside] ** 2).sum()) / 2 / total**2
+    rms = np.sqrt(total * frequency[1] / power.shape[1]) / np.sinc(data.step_s / period_s)
+    share = min(np.sqrt(spread) / 2, spread**0.25)
+    return float(rms), float(np.hypot(share, MASS_SHARE))
+
+
+def beside_peak(data: LeftOver, beta: float, period_s: float) -> float:
+    """Highest power beside the peak over that at the peak: above `OTHER` there are two, or the band is broad."""
+    frequency, power = _projected(data, beta)
+    off, power = frequency * period_s, power.mean(axis=1)
+    background = float(np.median(power[(off > 0.4) & (off < 2.5)]))
+
+    def level(at: float) -> float:
+        away = np.abs(off / at - 1)
+        return float(power[(away < 0.05) | (away == away.min())].mean()) - background  # one at least, of a short log
+
+    return max(level(at) for at in BESIDE) / max(level(1.0), 1e-12)
+
+
+def _contrast(frequency: np.ndarray, power: np.ndarray, centre: float) -> tuple[float, float, int]:
+    """Mean power within 10 % of a frequency over that around it; that around it; how many ordinates."""
+    off = frequency / centre
+    inside = np.abs(off - 1) < 0.1
+    around = ((off > 0.6) & (off < 0.8)) | ((off > 1.25) & (off < 1.7))
+    if inside.sum() < 2 or around.sum() < 4:
+        return 1.0, 1.0, 0
+    background = max(float(np.median(power[around])), 1e-30) * 1.05  # mean over median, of a mean of few periodograms
+    return float(power[inside].mean()) / background, background, int(inside.sum())
+
+
+def waves(data: LeftOver, seen: Look) -> Waves:
+    """The real test, from what the quick look saw."""
+    about = rough(data)
+    noise, height = calm(data, about)
+
+    def own(q: np.ndarray) -> np.ndarray:
+        return _nats(data, q) + _prior(q)
+
+    f = beside(data, about, own)
+    scale = np.concatenate([NUISANCE_SCALE, OWN_SCALE])
+    begin = [np.log(max(seen.F_w_N, 0.1)), np.log(seen.T_p_s), seen.beta_rad, np.log(WIDTH)]
+    starts = np.array([[*about, *begin], [*about, *begin], [*noise, *begin], [*noise, *begin]])
+    starts[1::2, BETA] += np.pi
+    top = peak(f, starts[int(f(starts).argmax())], scale, STEPS)
+    _, rival = climb(lambda q: _own_band(data, q) + _rival_prior(data, q, about), *_rival_start(data, top), STEPS)
+    return Waves(top, nats_over(height, top), top.height - rival)
+
+
+def _nats(data: LeftOver, q: np.ndarray) -> np.ndarray:
+    T, _, B = data.y.shape
+    angle = q[:, BETA][None, :, None] + np.pi - data.x[:, 2][:, None, :]
+    period = np.exp(q[:, T_P])
+    size = np.exp(q[:, F]) * np.sinc(data.step_s / period)
+    pattern = data.pattern(wave_force(angle.reshape(T, -1))).reshape(T, 3, len(q), B) * size[:, None]
+    return _banded(data, q, pattern)
+
+
+def _banded(data: LeftOver, q: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+    omega = 2 * np.pi / np.exp(q[:, T_P])
+    return log_likelihood(data, q[:, :NUISANCE], pattern, np.exp(q[:, BAND]) * omega, omega)
+
+
+def _prior(q: np.ndarray) -> np.ndarray:
+    size = normal(q[:, F], float(np.log(3 * SMALLEST_N)), 1.0) - np.log(2 * np.pi)
+    return size + _band_prior(q)
+
+
+def _band_prior(q: np.ndarray) -> np.ndarray:
+    low, high = np.log(PERIODS_S)
+    outside = np.maximum(np.abs(q[:, T_P] - (low + high) / 2) - (high - low) / 2, 0.0)
+    return normal(q[:, BAND], float(np.log(WIDTH)), 0.7) - np.log(high - low) - 0.5 * (outside / 0.02) ** 2
+
+
+def _own_band(data: LeftOver, q: np.ndarray) -> np.ndarray:
+    """The same band with a fixed direction in the boat: columns F, BETA, and one more are its three components."""
+    T, _, B = data.y.shape
+    fixed = np.stack([q[:, F], q[:, BETA], q[:, -1]])
+    pattern = np.broadcast_to(fixed[None, :, :, None], (T, 3, len(q), B))
+    return _banded(data, q, pattern)
+
+
+def _rival_start(data: LeftOver, top: Peak) -> tuple[np.ndarray, np.ndarray]:
+    """Noise and band of the waves; as large a force, shared by the axes."""
+    rms = np.sqrt((data.pattern(wave_force(top.at[BETA] + np.pi - data.x[:, 2])) ** 2).mean(axis=(0, 2)))
+    rms *= np.exp(top.at[F])
+    start = np.append(top.at, rms[2])
+    start[F], start[BETA] = rms[0], rms[1]
+    scale = np.concatenate([NUISANCE_SCALE, OWN_SCALE, [0.2 * rms[2]]])
+    scale[[F, BETA]] = 0.2 * rms[:2]
+    return start, scale
+
+
+def _rival_prior(data: LeftOver, q: np.ndarray, about: np.ndarray) -> np.ndarray:
+    return beside(data, about, _band_prior)(q)

@@ -1,0 +1,273 @@
+"""Where each effect goes in a vessel file: one function a family, from the file without it to the file with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import Thruster, VesselFile, Wash
+from companion.core.model.loads import RHO_AIR, values
+from companion.core.model.sensor_errors import imu_applied
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.hull import RHO_WATER
+from sim.fitting.diagnose.catalogue.propulsion import WASH_N
+from sim.fitting.diagnose.vessel_edits.public_form import family
+
+MOST_LATENCY_S = 1.0
+STAY_AT = ("name", "channel")
+"""What does not go along when two thrusters change places: the command keeps its name and its channel."""
+
+
+class NoPlaceError(ValueError):
+    """A vessel file cannot say this effect; why."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect with values: the engine's by name, origin added; public ones by name; forces of the logs [N], (k, n).
+
+    `note`: for the `source` of the tables that it changes.
+    """
+
+    effect: Effect
+    own: Mapping[str, float]
+    told: Mapping[str, float]
+    note: str
+    forces_n: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def kind(self) -> str:
+        """Family of the effect; `base` for those that are never named."""
+        return "base" if self.effect.family == "base" else family(self.effect.name)
+
+    @property
+    def tail(self) -> str:
+        """Which thruster or pair."""
+        return self.effect.name.partition(":")[2]
+
+
+def noted(source: str, note: str) -> str:
+    """`source` of a table, with what changed it."""
+    return source if note in source else f"{source}; {note}"
+
+
+def _thrusters(vessel: VesselFile, edit: Callable[[Thruster], Thruster]) -> VesselFile:
+    return replace(vessel, thrusters=tuple(edit(t) for t in vessel.thrusters))
+
+
+def _gain(vessel: VesselFile, cause: Cause, name: str | None) -> VesselFile:
+    """Gain of one thruster, or of all."""
+    share = cause.told["gain"]
+    return _thrusters(
+        vessel,
+        lambda t: replace(t, gain=t.gain * share, source=noted(t.source, cause.note)) if name in (None, t.name) else t,
+    )
+
+
+def _swapped(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """The command called A drives what stands at B's place, and the other way round."""
+    one, other = cause.tail.split("+")
+    by_name = {t.name: t for t in vessel.thrusters}
+
+    def edit(t: Thruster) -> Thruster:
+        if t.name not in (one, other):
+            return t
+        there = by_name[other if t.name == one else one]
+        return replace(there, **{k: getattr(t, k) for k in STAY_AT}, source=noted(there.source, cause.note))
+
+    swap = {one: other, other: one}
+    wash = tuple(
+        replace(w, behind=swap.get(w.behind, w.behind), ahead=swap.get(w.ahead, w.ahead))
+        for w in vessel.propulsion.wash
+    )
+    return replace(_thrusters(vessel, edit), propulsion=replace(vessel.propulsion, wash=wash))
+
+
+def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, Cause], VesselFile]:
+    def place(vessel: VesselFile, cause: Cause) -> VesselFile:
+        i = vessel.inertia
+        return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.told[public or key]},
+                                               source=noted(i.source, cause.note)))  # fmt: skip
+
+    return place
+
+
+def _cg(vessel: VesselFile, cause: Cause) -> VesselFile:
+    i, p = vessel.inertia, cause.told
+    moved = replace(i, x_g_m=i.x_g_m + p["x_g_m"], y_g_m=i.y_g_m + p["y_g_m"], source=noted(i.source, cause.note))
+    return replace(vessel, inertia=moved)
+
+
+def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselFile, Cause], VesselFile]:
+    """Public numbers times `scale` added to keys of `[sensors.imu]` or `[sensors.uwb]`: key = public name."""
+
+    def place(vessel: VesselFile, cause: Cause) -> VesselFile:
+        now = getattr(vessel.sensors, table)
+        moved = {key: getattr(now, key) + scale * cause.told[public] for key, public in keys.items()}
+        if "latency_s" in moved:
+            moved["latency_s"] = float(np.clip(moved["latency_s"], 0.0, MOST_LATENCY_S))
+        return _sensed(vessel, cause, table, **moved)
+
+    return place
+
+
+def _sensed(vessel: VesselFile, cause: Cause, table: str, **keys: float) -> VesselFile:
+    now = getattr(vessel.sensors, table)
+    new = replace(now, **keys, source=noted(now.source, cause.note))
+    return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
+
+
+def _accel_bias(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
+    x, y, _ = imu_applied(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
+    return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
+
+
+def _iron(vessel: VesselFile, cause: Cause) -> VesselFile:
+    imu = vessel.sensors.imu
+    more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.own[f"{k}_deg"]))
+            for k in ("cos", "sin")}  # fmt: skip
+    return _sensed(vessel, cause, "imu", **more)
+
+
+def _propulsion(vessel: VesselFile, cause: Cause, **keys: object) -> VesselFile:
+    p = vessel.propulsion
+    return replace(vessel, propulsion=replace(p, **keys, source=noted(p.source, cause.note)))
+
+
+def _slew(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """In place of a limit that the file has, which is in it."""
+    return _propulsion(vessel, cause, slew_N_s=cause.told["rate_limit_N_s"])
+
+
+def _advance(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """k sqrt|f| u of the file for loss |f| u: least squares over the forces of the logs."""
+    f = np.abs(cause.forces_n)
+    if not f.any():
+        raise NoPlaceError("no thrust in the logs to compare with")
+    k = cause.told["loss_s_m"] * float((f**1.5).sum() / f.sum())
+    return _propulsion(vessel, cause, advance_loss_sqrt_N_s_m=vessel.propulsion.advance_loss_sqrt_N_s_m + k)
+
+
+def _wash(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """Of each pair one behind the other on a side, on top of what the file's own jets take."""
+    shares = {(w.behind, w.ahead): w.share for w in vessel.propulsion.wash}
+    blown = False
+    for ahead in vessel.thrusters:
+        for behind in vessel.thrusters:
+            if ahead.x_m > behind.x_m and np.sign(ahead.y_m) == np.sign(behind.y_m):
+                share = cause.told["loss"] * max(ahead.force_max_N, -ahead.force_min_N) / WASH_N
+                pair, blown = (behind.name, ahead.name), True
+                shares[pair] = shares.get(pair, 0.0) + share
+    if not blown or min(shares.values()) < 0:
+        raise NoPlaceError("no thruster lies in another's jet, or the loss is negative")
+    return _propulsion(vessel, cause, wash=tuple(Wash(behind=b, ahead=a, share=s) for (b, a), s in shares.items()))
+
+
+def _cross_flow(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """Pure sway and pure yaw of the strips: Y_vv and N_rr. What both together do beyond that is not in the file."""
+    h, d = vessel.hull, vessel.damping
+    per_m = RHO_WATER / 2 * cause.told["C_d"] * 1.5 * h.draft_m
+    more = {
+        "Y_vv_N_s2_m2": d.Y_vv_N_s2_m2 - per_m * h.length_m,
+        "N_rr_N_m_s2": d.N_rr_N_m_s2 - per_m * h.length_m**4 / 32,
+    }
+    return replace(vessel, damping=replace(d, **more, source=noted(d.source, cause.note)))
+
+
+def _term(vessel: VesselFile, name: str, cause: Cause, **numbers: float) -> VesselFile:
+    table = {k: float(v) for k, v in numbers.items()} | {"source": cause.note}
+    return replace(vessel, terms=vessel.terms | {name: table})
+
+
+def _current(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """On top of a current that the file has."""
+    now = values("current", vessel.terms.get("current", {}))
+    angle = np.radians(now["beta_c_deg"])
+    north, east = (now["V_c_m_s"] * f(angle) + cause.own[k] for f, k in ((np.cos, "north_m_s"), (np.sin, "east_m_s")))
+    return _term(
+        vessel, "current", cause, V_c_m_s=np.hypot(north, east), beta_c_deg=np.degrees(np.arctan2(east, north))
+    )
+
+
+def _wind(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """On top of a wind that the file has: dynamic pressures add as vectors (which is what little wind does)."""
+    now = values("wind", vessel.terms.get("wind", {}))
+    angle = np.radians(now["beta_w_deg"])
+    pressure = RHO_AIR / 2 * now["V_w_m_s"] ** 2
+    north, east = (-pressure * f(angle) + cause.own[k] for f, k in ((np.cos, "north_Pa"), (np.sin, "east_Pa")))
+    speed = float(np.sqrt(2 * np.hypot(north, east) / RHO_AIR))
+    own = {k: now[k] for k in ("c_x", "c_y", "c_n")}
+    return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=np.degrees(np.arctan2(-east, -north)), **own)
+
+
+def _gusty(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """A steady wind of the same mean force; what comes and goes has no place."""
+    p = cause.told
+    pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
+    own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
+    return _wind(vessel, Cause(cause.effect, own, p, cause.note))
+
+
+def _tether(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """The term pulls at the body origin: the moment of a line made fast elsewhere is not in the file.
+
+    Two springs without slack pull as one, from between their anchors.
+    """
+    p, now = cause.told, values("tether", vessel.terms.get("tether", {}))
+    k = now["stiffness_N_m"] + p["k_N_m"]
+    if now["stiffness_N_m"] and now["slack_m"]:
+        raise NoPlaceError("the file has a tether with slack already")
+    share = p["k_N_m"] / k if now["stiffness_N_m"] else 1.0
+    place = {f"{at}_m": (1 - share) * now[f"{at}_m"] + share * p[f"anchor_{at}_m"] for at in ("north", "east")}
+    return _term(vessel, "tether", cause, **place, stiffness_N_m=k)
+
+
+def _zone(vessel: VesselFile, cause: Cause) -> VesselFile:
+    p = cause.told
+    if values("shallow_zone", vessel.terms.get("shallow_zone", {}))["share"]:
+        raise NoPlaceError("the file has a shallow zone already")
+    where = {k: p[k] for k in ("north_m", "east_m")}
+    return _term(vessel, "shallow_zone", cause, **where, radius_m=max(p["radius_m"], 0.01), share=p["gain"] - 1)
+
+
+def _munk(vessel: VesselFile, cause: Cause) -> VesselFile:
+    now = values("munk_moment", vessel.terms.get("munk_moment", {}))
+    return _term(vessel, "munk_moment", cause, k_kg=now["k_kg"] + cause.told["N_uv_kg"])
+
+
+RAD = float(np.pi / 180)
+PLACES: dict[str, Callable[[VesselFile, Cause], VesselFile]] = {
+    "current": _current,
+    "wind": _wind,
+    "gusty_wind": _gusty,
+    "tether": _tether,
+    "shallow_zone": _zone,
+    "thruster_gain": lambda vessel, cause: _gain(vessel, cause, cause.tail),
+    "thruster_fouling": lambda vessel, cause: _gain(vessel, cause, cause.tail),
+    "common_loss": lambda vessel, cause: _gain(vessel, cause, None),
+    "swapped_pair": _swapped,
+    "rate_limit": _slew,
+    "advance_loss": _advance,
+    "wash": _wash,
+    "payload": _inertia("mass_kg"),
+    "yaw_inertia": _inertia("I_z_kg_m2"),
+    "cg_shift": _cg,
+    "cross_flow": _cross_flow,
+    "munk_moment": _munk,
+    "accel_bias": _accel_bias,
+    "gyro_bias": _sensor("imu", gyro_bias_rad_s="b_r_rad_s"),
+    "gyro_scale": _sensor("imu", gyro_scale="scale"),
+    "heading_offset": _sensor("imu", RAD, heading_offset_rad="offset_deg"),
+    "hard_iron": _iron,
+    "imu_misalignment": _sensor("imu", RAD, misalignment_rad="yaw_deg"),
+    "imu_lever_arm": _sensor("imu", x_m="x_m", y_m="y_m"),
+    "uwb_latency": _sensor("uwb", latency_s="latency_s"),
+    "uwb_lever_arm": _sensor("uwb", x_m="x_m", y_m="y_m"),
+    "uwb_scale": _sensor("uwb", scale="scale"),
+    "clock_drift": _sensor("uwb", clock_drift_s_s="drift"),
+}
+"""By family. What is not here goes by its hook (hull coefficients, force maps) or has no place."""

@@ -1,0 +1,173 @@
+"""Causes into the vessel file: where each goes (docs/adr/0015), and what stays outside of what a file can say.
+
+Three files come of a diagnosis, all of which load as they are:
+
+    refitted        base numbers as they fit the logs best without any cause
+    numbers         base numbers as they fit beside the causes; the causes themselves are not in it
+    extended        `numbers` with the causes on top: the simulation that the logs ask for
+
+Base numbers: mass, damping, coupling, gains, force maps, dead time, lag, places and latency of sensors, each within its
+tolerance band. Effects of the day (current, wind) and known errors of sensors are written only if they were named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace as dataclass_replace
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import Damping, ModelError, RotorMap, VesselFile
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.model.manoeuvring import mass_matrix
+from sim.fitting.diagnose.vessel_edits.edits import PLACES, Cause, NoPlaceError, noted
+from sim.fitting.engine.noise import Noise
+from sim.fitting.engine.parameters import DAMPING, HULL, file_values
+from sim.fitting.identify.vessel_out import inertia_of, vessel_toml
+
+FOLDED = (
+    "base", "thruster_gain", "common_loss", "astern_asymmetry", "voltage_exponent", "dead_band", "lag", "dead_time",
+    "hull_fouling", "payload", "added_mass", "yaw_inertia", "cg_shift", "yaw_sway_coupling", "imu_lever_arm",
+    "uwb_latency", "uwb_lever_arm",
+)  # fmt: skip
+"""Effects whose tolerance band is part of a refitted base: they move numbers that every vessel file has."""
+IN_SAMPLE = 2.0
+"""Times the latent force of the fitted logs: what bands took up in them, and what another day brings; assumed."""
+LEAST_SHARE = 0.2
+"""Of the filter's own tuning: what would never have been named (half the smallest size of a few effects) is there
+on another day, some 0.8 N and 0.3 N m; assumed.
+"""
+LAST = ("swapped_pair", "accel_bias")
+"""Into the file after all others: then names change places; and the axes along which a bias lies are as they are."""
+COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
+
+
+def refitted(vessel: VesselFile, nuisances: Sequence[Cause], source: str) -> VesselFile:
+    """`vessel` with the base numbers moved as far as `nuisances` say; those of other kinds are left out.
+
+    Where the file's checks refuse a fitted coupling of yaw and sway, the file's own stays.
+    """
+    mine = [n for n in nuisances if n.kind in FOLDED]
+    before = c = _coefficients(vessel)
+    for cause in mine:
+        if "hull" in cause.effect.hooks:
+            c = cause.effect.hooks["hull"](dict(cause.own), c)
+    moved = _with_hull(vessel, c, source)
+    if not _loads(moved):
+        moved = _with_hull(vessel, c | {k: before[k] for k in COUPLINGS}, source)
+    for cause in mine:
+        if cause.kind == "base" and "maps" in cause.effect.hooks:
+            moved = _rounded(cause.effect.hooks["maps"](dict(cause.own), moved))
+        elif "hull" not in cause.effect.hooks and cause.kind != "base":
+            with suppress(NoPlaceError):
+                moved = extended(moved, cause)
+    return moved
+
+
+def _rounded(vessel: VesselFile) -> VesselFile:
+    """Trims to whole microseconds, as autopilots have them, inside the dead band, as vessel files must have them."""
+    trimmed = []
+    for t in vessel.thrusters:
+        fmap = vessel.force_maps[t.force_map]
+        most = max(math.ceil(fmap.dead_band_us) - 1, 0) if isinstance(fmap, RotorMap) else math.inf
+        trimmed.append(replace(t, trim_us=round(max(-most, min(t.trim_us, most)))))
+    return replace(vessel, thrusters=tuple(trimmed))
+
+
+def extended(vessel: VesselFile, cause: Cause) -> VesselFile:
+    """`vessel` with one cause in it. NoPlaceError where a vessel file cannot say it."""
+    hooks = set(cause.effect.hooks)
+    if cause.kind in PLACES:
+        new = PLACES[cause.kind](vessel, cause)
+    elif hooks == {"maps"}:
+        new = _with_maps(vessel, cause.effect.hooks["maps"](dict(cause.own), vessel), cause.note)
+    elif hooks == {"hull"}:
+        c = cause.effect.hooks["hull"](dict(cause.own), _coefficients(vessel))
+        new = _with_hull(vessel, c, cause.note)
+    else:
+        raise NoPlaceError("no key of a vessel file stands for it")
+    try:
+        vessel_toml(new)
+    except ConfigError as error:
+        raise NoPlaceError(str(error)) from None
+    return new
+
+
+def with_causes(vessel: VesselFile, causes: Sequence[Cause]) -> tuple[VesselFile, dict[str, str]]:
+    """`vessel` with all causes that it can say, and by name why it cannot say the others."""
+    left: dict[str, str] = {}
+    for cause in sorted(_of_the_fouled(causes), key=lambda c: c.kind in LAST):
+        try:
+            vessel = extended(vessel, cause)
+        except NoPlaceError as error:
+            left[cause.effect.name] = str(error)
+    return vessel, left
+
+
+def _of_the_fouled(causes: Sequence[Cause]) -> list[Cause]:
+    """`causes` with shallow zones as a file has them, by shares of the damping of a hull that is fouled, if it is.
+
+    They are found by shares of what the base has.
+    """
+    fouled = math.prod(c.told["gain"] for c in causes if c.kind == "hull_fouling")
+    return [
+        dataclass_replace(c, told={**c.told, "gain": 1 + (c.told["gain"] - 1) / fouled})
+        if c.kind == "shallow_zone"
+        else c
+        for c in causes
+    ]
+
+
+def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[Cause]) -> VesselFile:
+    """Base numbers on top of which the causes' public values give `full`.
+
+    The same as `folded` but for added mass, which is named as a share of a number that takes up all changes of M.
+    """
+    for cause in causes:
+        if cause.effect.name == "added_mass":
+            gain = cause.told["gain"]
+            own = {k: getattr(full.inertia, k) / gain for k in ("X_udot_kg", "Y_vdot_kg")}
+            return replace(folded, inertia=replace(folded.inertia, **own))
+    return folded
+
+
+def trusted(vessel: VesselFile, noise: Noise, source: str) -> VesselFile:
+    """`vessel` with what it leaves out of the logs, for the filter: M times the latent acceleration of a fit."""
+    force = IN_SAMPLE * np.diag(mass_matrix(vessel)) * np.array(noise.latent)
+    X, Y, N = np.maximum(force, LEAST_SHARE * np.array(EstimatorTuning().latent_sigma)).tolist()
+    error = ModelError(X_sigma_N=round(X, 3), Y_sigma_N=round(Y, 3), N_sigma_N_m=round(N, 3), source=source)
+    return replace(vessel, model_error=error)
+
+
+def _loads(vessel: VesselFile) -> bool:
+    try:
+        vessel_toml(vessel)
+    except ConfigError:
+        return False
+    return True
+
+
+def _coefficients(vessel: VesselFile) -> dict[str, float]:
+    """By the names of HULL."""
+    return dict(zip(HULL, file_values(vessel)[: len(HULL)].tolist(), strict=True))
+
+
+def _with_maps(before: VesselFile, after: VesselFile, note: str) -> VesselFile:
+    """`after` with the note in those of its tables that differ."""
+    maps = {
+        name: m if m == before.force_maps[name] else replace(m, source=noted(m.source, note))
+        for name, m in after.force_maps.items()
+    }
+    propulsion = after.propulsion
+    if propulsion != before.propulsion:
+        propulsion = replace(propulsion, source=noted(propulsion.source, note))
+    return replace(after, force_maps=maps, propulsion=propulsion)
+
+
+def _with_hull(vessel: VesselFile, c: Mapping[str, float], note: str) -> VesselFile:
+    damping = Damping(**{name: c[name] for name in DAMPING}, source=noted(vessel.damping.source, note))
+    return replace(vessel, inertia=inertia_of(vessel.inertia, c, noted(vessel.inertia.source, note)), damping=damping)

@@ -1,0 +1,1 @@
+"""Loops over windows, steps and columns that numba compiles."""

@@ -1,0 +1,267 @@
+"""What is estimated of a boat, within which physical limits, and what is believed beforehand.
+
+Two sets of numbers describe the same boat:
+
+    q   file units and signs: M11 M22 M33 M23 | X_u Y_v N_r Y_r N_v X_uu Y_vv N_rr | gains | t_d T_lag |
+        latency arm | warp | trims | azimuths | curves | terms
+    w   free of limits: any w gives positive inertia, positive damping, so a model whose free motion loses energy
+
+    M11, M22, M33 = e^w,  M23 = sqrt(M22 M33) tanh w            M > 0
+    X_u, Y_v, N_r, X_uu, Y_vv, N_rr = -e^w                      damping > 0
+    Y_r + N_v = -2 sqrt(Y_v N_r) tanh w,  Y_r - N_v = -w        D + D^T > 0
+    gains, t_d, T_lag = e^w, gains times the sign that the file has (dead: 0)
+    latency, arm, warp, trims, azimuths = w;  curves = tanh w   force rises with the command
+    terms' parameters: e^w or -e^w where their bounds allow one sign only, else w
+
+Trim and azimuth are free where a thruster has a pitch map (blades are set by linkages), and that map's curve; of the
+terms in the vessel file those parameters that the registry calls fitted.
+The warp is what range biases and surveying leave of the positions: measured = p + W (p - middle), W 2 x 2.
+Mass and added mass enter the motion only through M: the file's mass and I_z cannot be told from a run.
+Every w has a normal prior round the vessel file's value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from companion.core.configuration.vessel_file import PitchMap, VesselFile
+from companion.core.model.loads import REGISTRY, Parameter
+from companion.core.model.loads import values as term_values
+from companion.core.model.manoeuvring import linear_damping, mass_matrix
+
+INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m")
+DAMPING = (
+    "X_u_N_s_m",
+    "Y_v_N_s_m",
+    "N_r_N_m_s",
+    "Y_r_N_s",
+    "N_v_N_s",
+    "X_uu_N_s2_m2",
+    "Y_vv_N_s2_m2",
+    "N_rr_N_m_s2",
+)
+HULL = INERTIA + DAMPING
+SENSORS = ("uwb_latency_s", "tag_x_m", "tag_y_m")
+WARP = ("warp_nn", "warp_ne", "warp_en", "warp_ee")
+REACH_M = 10.0  # biases of anchors change over such distances: a third of the basin
+_LOG = (0, 1, 2, 4, 5, 6, 9, 10, 11)  # hull entries with a logarithm
+_M23, _SUM, _DIFF = 3, 7, 8
+EITHER_SHARE = 0.02  # of a term's bounds: sigma of a parameter that may have either sign; assumed
+LEAST_TERM = 1e-3  # of a parameter of one sign that the file has at nil: a start nevertheless
+
+
+@dataclass(frozen=True)
+class PriorSigmas:
+    """One sigma of each prior; of logarithms (shares) where the quantity is positive. All assumed.
+
+    `gain`: single T200 and ESCs differ by a few per cent from the manufacturer's table. It alone says how large forces
+    are in newtons: motion shows forces only relative to inertia.
+    """
+
+    hull: float = 0.5
+    coupling: float = 0.3
+    gain: float = 0.025
+    dead_time: float = 0.5
+    lag: float = 0.5
+    latency_s: float = 0.05
+    arm_m: float = 0.03
+    trim_us: float = 50.0
+    azimuth_deg: float = 15.0
+    curve: float = 0.3
+    term: float = 1.0
+
+
+def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, Parameter], ...]:
+    """Term and parameter of all that a fit of this vessel estimates of its terms."""
+    return tuple((name, p) for name in vessel.terms for p in REGISTRY[name].parameters if p.fitted)
+
+
+def pitch_maps(vessel: VesselFile) -> tuple[str, ...]:
+    """Names of the pitch maps in use."""
+    return tuple(sorted({vessel.thrusters[i].force_map for i in adjustable(vessel)}))
+
+
+def adjustable(vessel: VesselFile) -> tuple[int, ...]:
+    """Thrusters whose trim and azimuth a fit estimates, by index."""
+    maps = [vessel.force_maps[t.force_map] for t in vessel.thrusters]
+    return tuple(i for i, m in enumerate(maps) if isinstance(m, PitchMap))
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Names, prior and the maps between w and q for one vessel file.
+
+    `overrides`: name -> (centre in file units or None for the file's value, sigma of w). A sigma of 0 fixes it.
+    """
+
+    vessel: VesselFile
+    sigmas: PriorSigmas = PriorSigmas()
+    overrides: Mapping[str, tuple[float | None, float]] | None = None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Parameters in the order of q and w."""
+        gains = tuple(f"gain_{t.name}" for t in self.vessel.thrusters)
+        able = [self.vessel.thrusters[i].name for i in adjustable(self.vessel)]
+        trims = tuple(f"trim_{name}_us" for name in able)
+        azimuths = tuple(f"azimuth_{name}_deg" for name in able)
+        curves = tuple(f"curve_{name}" for name in pitch_maps(self.vessel))
+        terms = tuple(p.name for _, p in fitted_terms(self.vessel))
+        return HULL + gains + ("dead_time_s", "lag_s") + SENSORS + WARP + trims + azimuths + curves + terms
+
+    @property
+    def thrusters(self) -> slice:
+        """Where the gains are in q."""
+        return slice(len(HULL), len(HULL) + len(self.vessel.thrusters))
+
+    @cached_property
+    def warp(self) -> slice:
+        """Where the warp is in q."""
+        first = self.names.index(WARP[0])
+        return slice(first, first + len(WARP))
+
+    @cached_property
+    def trims(self) -> slice:
+        """Where the trims are in q [us], in the order of `adjustable`."""
+        return slice(self.warp.stop, self.warp.stop + len(adjustable(self.vessel)))
+
+    @cached_property
+    def azimuths(self) -> slice:
+        """Where the azimuths are in q [deg], in the order of `adjustable`."""
+        return slice(self.trims.stop, 2 * self.trims.stop - self.trims.start)
+
+    @cached_property
+    def curves(self) -> slice:
+        """Where the curves are in q, in the order of `pitch_maps`."""
+        return slice(self.azimuths.stop, self.azimuths.stop + len(pitch_maps(self.vessel)))
+
+    @cached_property
+    def curve_of(self) -> np.ndarray:
+        """Which of the curves each adjustable thruster has, as rows of a matrix, (a, curves)."""
+        maps, able = pitch_maps(self.vessel), adjustable(self.vessel)
+        return np.array([[self.vessel.thrusters[i].force_map == m for m in maps] for i in able], dtype=float)
+
+    @cached_property
+    def terms(self) -> slice:
+        """Where the terms' parameters are in q, in the order of `fitted_terms`."""
+        return slice(self.curves.stop, len(self.names))
+
+    @property
+    def extras(self) -> int:
+        """How many parameters of the motion come after the warp."""
+        return len(self.names) - self.warp.stop
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """Which parameters move the boat: not those of where and when its position is seen."""
+        return np.r_[0 : self.thrusters.stop + 2, self.warp.stop : len(self.names)]
+
+    @cached_property
+    def _gain_signs(self) -> np.ndarray:
+        """1, -1 (a reversed thruster) or 0 (a dead one), shape (n,)."""
+        return np.sign([t.gain for t in self.vessel.thrusters])
+
+    @cached_property
+    def _term_signs(self) -> np.ndarray:
+        """1, -1 or 0 (either) for each of the terms' parameters."""
+        return np.array([np.sign(p.lower + p.upper) * (p.lower * p.upper >= 0) for _, p in fitted_terms(self.vessel)])
+
+    @cached_property
+    def _maps(self) -> tuple[ca.Function, ca.Function]:
+        w = ca.SX.sym("w", len(self.names))
+        q = self._file_units(w)
+        return ca.Function("q", [w], [q]), ca.Function("dq", [w], [ca.densify(ca.jacobian(q, w))])
+
+    def _file_units(self, w: ca.SX) -> ca.SX:
+        n_log = self.thrusters.stop + 2
+        e = ca.exp(w[:n_log])
+        half_sum = -ca.sqrt(e[5] * e[6]) * ca.tanh(w[_SUM])
+        half_diff = -w[_DIFF] / 2
+        return ca.vertcat(
+            e[:3],
+            ca.sqrt(e[1] * e[2]) * ca.tanh(w[_M23]),
+            -e[4:7],
+            half_sum + half_diff,
+            half_sum - half_diff,
+            -e[9:12],
+            e[self.thrusters] * ca.DM(self._gain_signs),
+            e[self.thrusters.stop :],
+            w[n_log : self.curves.start],
+            ca.tanh(w[self.curves]),
+            *(s * ca.exp(x) if s else x for s, x in zip(self._term_signs, ca.vertsplit(w[self.terms]), strict=True)),
+        )
+
+    def file_units(self, w: np.ndarray) -> np.ndarray:
+        """q of w, shape (P,)."""
+        return self._maps[0](w).full().ravel()
+
+    def jacobian(self, w: np.ndarray) -> np.ndarray:
+        """dq/dw, shape (P, P)."""
+        return self._maps[1](w).full()
+
+    def free(self, q: np.ndarray) -> np.ndarray:
+        """w of q, shape (P,). Damping that is nil or has the wrong sign becomes small, not nil."""
+        w = np.array(q, dtype=float)
+        linear = np.maximum(-q[4:7], 1e-3 * np.abs(q[4:7]).max() + 1e-9)
+        d = np.concatenate([linear, np.maximum(-q[9:12], 0.02 * linear)])
+        w[:3], w[4:7], w[9:12] = np.log(q[:3]), np.log(d[:3]), np.log(d[3:])
+        w[_M23] = np.arctanh(np.clip(q[3] / np.sqrt(q[1] * q[2]), -0.99, 0.99))
+        w[_SUM] = np.arctanh(np.clip(-(q[7] + q[8]) / (2 * np.sqrt(d[1] * d[2])), -0.99, 0.99))
+        w[_DIFF] = -(q[7] - q[8])
+        tail = slice(len(HULL), self.thrusters.stop + 2)
+        w[tail] = np.log(np.maximum(np.abs(q[tail]), 1e-3))
+        w[self.curves] = np.arctanh(np.clip(q[self.curves], -0.99, 0.99))
+        for i, sign in enumerate(self._term_signs, self.terms.start):
+            w[i] = np.log(max(sign * q[i], LEAST_TERM)) if sign else q[i]
+        return w
+
+    @cached_property
+    def prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and sigma of w, each (P,)."""
+        q, s = file_values(self.vessel), self.sigmas
+        sigma = np.full(len(q), s.hull)
+        sigma[[_M23, _SUM]] = s.coupling
+        sigma[_DIFF] = s.coupling * 2 * np.sqrt(q[5] * q[6])
+        sigma[self.thrusters] = [s.gain if t.gain_sigma is None else t.gain_sigma for t in self.vessel.thrusters]
+        at = self.thrusters.stop
+        sigma[at : at + 5] = (s.dead_time, s.lag, s.latency_s, s.arm_m, s.arm_m)
+        sigma[self.warp] = self.vessel.sensors.uwb.range_bias_sigma_m / REACH_M
+        sigma[self.trims], sigma[self.azimuths] = s.trim_us, s.azimuth_deg
+        sigma[self.curves] = s.curve
+        either = np.array([EITHER_SHARE * (p.upper - p.lower) for _, p in fitted_terms(self.vessel)])
+        sigma[self.terms] = np.where(self._term_signs == 0, either, s.term)
+        for name, (centre, own) in (self.overrides or {}).items():
+            i = self.names.index(name)
+            q[i] = q[i] if centre is None else centre
+            sigma[i] = own
+        return self.free(q), np.maximum(sigma, 1e-6)
+
+    def is_positive(self) -> np.ndarray:
+        """Which parameters keep their sign (their intervals are those of a logarithm), shape (P,)."""
+        positive = np.zeros(len(self.names), dtype=bool)
+        positive[list(_LOG)] = True
+        positive[len(HULL) : self.thrusters.stop + 2] = True
+        positive[self.terms] = self._term_signs != 0
+        return positive
+
+
+def file_values(vessel: VesselFile) -> np.ndarray:
+    """q as the vessel file has it, shape (P,)."""
+    M, D, d = mass_matrix(vessel), linear_damping(vessel), vessel.damping
+    uwb, propulsion = vessel.sensors.uwb, vessel.propulsion
+    hull = [M[0, 0], M[1, 1], M[2, 2], M[1, 2], -D[0, 0], -D[1, 1], -D[2, 2], -D[1, 2], -D[2, 1]]
+    quadratic = [d.X_uu_N_s2_m2, d.Y_vv_N_s2_m2, d.N_rr_N_m_s2]
+    gains = [t.gain for t in vessel.thrusters]
+    sensors = [uwb.latency_s, uwb.x_m, uwb.y_m] + [0.0] * len(WARP)
+    able = [vessel.thrusters[i] for i in adjustable(vessel)]
+    extras = [t.trim_us for t in able] + [t.azimuth_deg for t in able]
+    maps = [vessel.force_maps[name] for name in pitch_maps(vessel)]
+    extras += [m.curve for m in maps if isinstance(m, PitchMap)]
+    extras += [term_values(name, vessel.terms[name])[p.name] for name, p in fitted_terms(vessel)]
+    lags = [propulsion.dead_time_s, propulsion.lag_s]
+    return np.array(hull + quadratic + gains + lags + sensors + extras, dtype=float)

@@ -1,0 +1,132 @@
+"""What the sensors should say of a motion: residuals, whitened, and their derivatives to nodes and parameters.
+
+Specific force at the IMU's place as in `companion.core.estimation.process`. A position sample is older than its stamp
+by the latency; between steps the tag's path is taken to second order. Columns: node (L), then q (P) in file units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sim.fitting.engine.jacobian_rows import fade
+from sim.fitting.engine.motion import Motion
+from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, L, Noise, whiten
+from sim.fitting.engine.parameters import Parameters
+from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
+
+TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # omega x: of a unit yaw rate
+
+
+@dataclass(frozen=True)
+class Imu:
+    """Heading, yaw rate and specific force of all windows."""
+
+    windows: Windows
+    arm_m: tuple[float, float]
+
+    def residual(self, motion: Motion, z: np.ndarray, noise: Noise) -> np.ndarray:
+        """Predicted minus measured, whitened, shape (W, K, 4); NaN where nothing was measured."""
+        K = self.windows.size[1]
+        x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
+        u, v, r = x[..., 3], x[..., 4], x[..., 5]
+        lx, ly = self.arm_m
+        psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
+        ax = nd[..., 0] - v * r - lx * r**2 - ly * nd[..., 2] + z[:, None, BIAS_AX]
+        ay = nd[..., 1] + u * r - ly * r**2 + lx * nd[..., 2] + z[:, None, BIAS_AY]
+        error = np.stack([psi, r + z[:, None, BIAS_R], ax, ay], axis=2) - self.windows.y
+        out = error / np.array(noise.white)
+        known = np.isfinite(error[..., PSI])
+        white = whiten(np.where(known, error[..., PSI], 0.0)[..., None], known, self.windows.h_s, noise)
+        out[..., PSI] = np.where(known, white[..., 0], np.nan)
+        return out
+
+    def slopes(self, motion: Motion) -> np.ndarray:
+        """What psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
+        W, K = self.windows.size
+        u, v, r = (motion.x[:, :K, i] for i in (3, 4, 5))
+        lx, ly = self.arm_m
+        C = np.zeros((W, K, 4, 9))
+        C[..., PSI, 2] = C[..., RATE, 5] = C[..., SURGE, 6] = C[..., SWAY, 7] = 1.0
+        C[..., SURGE, 4], C[..., SURGE, 5], C[..., SURGE, 8] = -r, -v - 2 * lx * r, -ly
+        C[..., SWAY, 3], C[..., SWAY, 5], C[..., SWAY, 8] = r, u - 2 * ly * r, lx
+        return C
+
+
+@dataclass(frozen=True)
+class Tag:
+    """Position samples of all runs."""
+
+    windows: Windows
+    parameters: Parameters
+
+    def residual(self, path: Path, q: np.ndarray, noise: Noise) -> np.ndarray:
+        """Predicted minus measured place, whitened, shape (m, 2)."""
+        place = path.x[:, :2] + path.turned(path.shift)
+        warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
+        return (place + warped - self.windows.fixes.place_m) / noise.fix_m
+
+    def slopes(self, path: Path) -> np.ndarray:
+        """What places change with the state at the step before, (m, 2, 6); the warp's share of it is left out."""
+        delta = path.delta_s
+        C = np.zeros((len(delta), 2, 6))
+        C[:, 0, 0] = C[:, 1, 1] = 1.0
+        C[:, :, 2] = path.turned(path.shift @ TURN.T)
+        C[:, :, 3:5] = delta[..., None] * path.R
+        C[:, :, 5] = delta * (path.R @ (TURN @ path.arm))
+        return C
+
+    def add_own(self, rows: np.ndarray, path: Path, scale: np.ndarray) -> None:
+        """Latency, arm and warp in rows (m, 2, L + P), times `scale` (m,)."""
+        at, warp, by = L + self.parameters.thrusters.stop + 2, L + self.parameters.warp.start, scale[:, None]
+        delta = path.delta_s
+        rows[:, :, at] = -by * path.turned(path.velocity + delta * path.gain)
+        away = path.x[:, :2] + path.turned(path.shift) - self._middle
+        rows[:, 0, warp : warp + 2] = rows[:, 1, warp + 2 : warp + 4] = by * away
+        arm = path.R + (delta * path.x[:, 5:6])[..., None] * (path.R @ TURN)
+        rows[:, :, at + 1 : at + 3] = by[:, :, None] * arm
+
+    @property
+    def _middle(self) -> np.ndarray:
+        return self.windows.fixes.place_m.mean(axis=0)
+
+    def path(self, motion: Motion, q: np.ndarray) -> Path:
+        """Where the tag went, near each sample."""
+        at = self.parameters.thrusters.stop + 3
+        when = self.windows.fixes.t_s - q[self.parameters.thrusters.stop + 2]
+        w, k = self.windows.before(when)
+        x, nd, arm = motion.x[w, k], motion.nu_dot[w, k], q[at : at + 2]
+        r = x[:, 5:6]
+        velocity = x[:, 3:5] + r * (TURN @ arm)
+        gain = nd[:, :2] + nd[:, 2:] * (TURN @ arm) + r * (velocity @ TURN.T)
+        return Path(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
+
+
+@dataclass(frozen=True)
+class Path:
+    """The tag near each sample: body-axes velocity and acceleration at the step before, `delta_s` earlier."""
+
+    window: np.ndarray
+    step: np.ndarray
+    x: np.ndarray
+    delta_s: np.ndarray
+    arm: np.ndarray
+    velocity: np.ndarray
+    gain: np.ndarray
+
+    @property
+    def shift(self) -> np.ndarray:
+        """From the body origin at the step before to the tag at the sample, body axes there, (m, 2)."""
+        return self.arm + self.delta_s * self.velocity + self.delta_s**2 / 2 * self.gain
+
+    @cached_property
+    def R(self) -> np.ndarray:
+        """Body to NED, (m, 2, 2)."""
+        c, s = np.cos(self.x[:, 2]), np.sin(self.x[:, 2])
+        return np.stack([np.stack([c, -s], 1), np.stack([s, c], 1)], 1)
+
+    def turned(self, vector: np.ndarray) -> np.ndarray:
+        """R vector, (m, 2)."""
+        return self.R[:, :, 0] * vector[:, :1] + self.R[:, :, 1] * vector[:, 1:]

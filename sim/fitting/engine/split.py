@@ -1,0 +1,121 @@
+"""Which part of which log is fitted and which is held out, and whether the logs can be used at all.
+
+logs named to be held out   every other log is fitted whole
+alternate blocks of S s     the first, third .. of each log are fitted, the second, fourth .. held out
+neither                     the last quarter of each log is held out, 20 s at least
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run, RunError
+from companion.logs.runs.splits import HeldOut, Interval, alternate, parts, tail
+
+SHARE = 0.25
+LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
+"""Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
+
+
+class JobError(ValueError):
+    """Logs and vessel file do not make a job: which log, what of it, and what would help."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """One log by the name that its user gave it."""
+
+    name: str
+    run: Run
+
+
+@dataclass(frozen=True)
+class Used:
+    """What became of one log: intervals [s] on its own clock."""
+
+    log: Log
+    fitted_s: tuple[Interval, ...]
+    held_out_s: tuple[Interval, ...]
+
+
+@dataclass(frozen=True)
+class Split:
+    """`fitted`: runs to fit on; `held_out`: what to judge on; `used`: the same by log; `rule`: in words."""
+
+    fitted: tuple[Run, ...]
+    held_out: tuple[HeldOut, ...]
+    used: tuple[Used, ...]
+    rule: str
+
+
+def split(logs: Sequence[Log], held_out: Sequence[Log], vessel: VesselFile, block_s: float | None = None) -> Split:
+    """Divide the logs. Raises JobError or RunError naming the log where one cannot be used."""
+    if not logs:
+        raise JobError("no log to fit")
+    logs, held_out = [usable(log, vessel) for log in logs], [usable(log, vessel) for log in held_out]
+    seen: dict[str, str] = {}
+    for log in (*logs, *held_out):
+        if other := seen.get(log.run.data_hash):
+            raise JobError(f"{log.name}: holds the same data as {other}; name each log once")
+        seen[log.run.data_hash] = log.name
+    if held_out:
+        used = [Used(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ()) for log in logs]
+        used += [Used(_long(log, LEAST_HELD_OUT_S, "to be held out"), (), (_all(log),)) for log in held_out]
+        rule = "the logs named to be held out; all others were fitted whole"
+    elif block_s:
+        used = [_alternate(log, block_s) for log in logs]
+        rule = f"alternate blocks of {block_s:g} s of each log, the second, fourth and so on"
+    else:
+        used = [_tail(log) for log in logs]
+        rule = f"the last {100 * SHARE:g} % of each log, {LEAST_HELD_OUT_S:g} s at least"
+    fitted = [run for u in used for run in parts(u.log.run, u.fitted_s)]
+    out = [HeldOut(u.log.run, None if u.held_out_s == (_all(u.log),) else u.held_out_s) for u in used if u.held_out_s]
+    return Split(tuple(fitted), tuple(out), tuple(used), rule)
+
+
+def usable(log: Log, vessel: VesselFile) -> Log:
+    """The log under its own name, with its thrusters in the vessel file's order. Raises JobError."""
+    run, names = Run(log.run.table, replace(log.run.meta, source=log.name)), tuple(t.name for t in vessel.thrusters)
+    if set(run.thrusters) != set(names):
+        raise JobError(
+            f"{log.name}: columns pwm_{', pwm_'.join(run.thrusters)}, but the thrusters of {vessel.name} are "
+            f"{', '.join(names)}: another boat's log, or another boat's vessel file"
+        )
+    for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
+        if not run.known(column):
+            hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
+            raise JobError(f"{log.name}: {column}: blank throughout; nothing can be identified without {what}{hint}")
+    others = [c for c in run.table.columns if not c.startswith("pwm_")]
+    return Log(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
+
+
+def _all(log: Log) -> Interval:
+    t_s = log.run.table["t_s"]
+    return float(t_s[0]), float(t_s[-1])
+
+
+def _long(log: Log, least_s: float, what: str) -> Log:
+    if log.run.duration_s < least_s:
+        raise JobError(f"{log.name}: {log.run.duration_s:.1f} s; {least_s:g} s are the least {what}")
+    return log
+
+
+def _alternate(log: Log, block_s: float) -> Used:
+    if block_s < LEAST_HELD_OUT_S:
+        raise JobError(f"blocks of {block_s:g} s: {LEAST_HELD_OUT_S:g} s are the least to be judged by")
+    try:
+        fitted, out = alternate(log.run, block_s)
+    except RunError as error:
+        raise JobError(f"{error}; choose shorter blocks, {LEAST_HELD_OUT_S:g} s at least, or hold out a log") from None
+    return Used(log, tuple(fitted), tuple(out))
+
+
+def _tail(log: Log) -> Used:
+    out_s = max(SHARE * log.run.duration_s, LEAST_HELD_OUT_S)
+    _long(log, LEAST_FIT_S + LEAST_HELD_OUT_S, "when its last part is held out (or hold out another log)")
+    fitted, out = tail(log.run, out_s)
+    return Used(log, (fitted,), (out,))

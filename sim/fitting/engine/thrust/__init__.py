@@ -1,0 +1,1 @@
+"""From pulse widths and volts to thruster forces over whole logs, with their derivatives."""

@@ -1,0 +1,143 @@
+"""Thruster forces over time, exactly, with their derivatives to dead time and lag; and to trims, lagged like them.
+
+    f_dot = (F(pwm(t - t_d), V) - f) / T_lag        one unit of gain per thruster
+
+F holds between changes, so that f is a chain of exponentials; it knows nothing of the hull's motion. From it
+
+    df/dt_d = -f_dot,        df/dT_lag: the same chain, driven by -(F - f) / T_lag^2
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs
+
+from companion.core.model.thrusters import SPAN_US
+from sim.fitting.engine.kernels.thrust import lagged, lagged_slopes, slewed
+
+(_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Steady forces [N] at a gain of one, shape (c, n), in force from `t_s`, shape (c,), until the next.
+
+    `pitch`: what the forces of adjustable thrusters follow from, at any trim.
+    """
+
+    t_s: np.ndarray
+    force_n: np.ndarray
+    pitch: Pitch | None = None
+
+    def at_pitch(self, trim_us: np.ndarray, curve: np.ndarray) -> Commands:
+        """Forces at these trims [us] and curves, each (a,); and, as 2 a columns more, what a microsecond of trim and a
+
+        unit of curve add to each.
+        """
+        if self.pitch is None:
+            return self
+        force, by_trim, by_curve = self.pitch.at(trim_us, curve)
+        everything = self.force_n.copy()
+        everything[:, list(self.pitch.which)] = force
+        return Commands(self.t_s, np.hstack([everything, by_trim, by_curve]))
+
+
+@dataclass(frozen=True)
+class Pitch:
+    """Adjustable thrusters `which` (a,): pulse widths from 1500 us, and forces at full pitch [N] ahead and astern as
+
+    things were set at the time, (c, a) each.
+    """
+
+    which: tuple[int, ...]
+    pulse_us: np.ndarray
+    ahead: np.ndarray
+    astern: np.ndarray
+
+    def at(self, trim_us: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Force [N], its derivatives to the trim [N/us] and to the curve [N], each (c, a): `thrusters`, pitch."""
+        beyond = (self.pulse_us - trim_us) / SPAN_US
+        c = np.clip(beyond, -1.0, 1.0)
+        full = np.where(c >= 0, self.ahead, self.astern)
+        size, inside = np.abs(c), np.abs(beyond) < 1.0
+        slope = full * (1 - curve + 2 * curve * size) / SPAN_US
+        return full * c * (1 - curve + curve * size), -slope * inside, full * c * (size - 1)
+
+
+class ThrustHistory:
+    """Forces of one run at a dead time and lag. The first command is taken to have held for ever before."""
+
+    def __init__(self, commands: Commands, dead_time_s: float, lag_s: float):
+        self._t, self._F, self._lag = commands.t_s + dead_time_s, commands.force_n, lag_s
+        self._dt = np.diff(self._t)[:, None]
+        self._keep = np.exp(-self._dt / lag_s)
+        f = _recursion(self._keep, (1 - self._keep) * self._F[:-1], self._F[0])
+        self._gap = f - self._F  # at each change, before it acts
+
+    @cached_property
+    def _s(self) -> np.ndarray:
+        """df/dT_lag at each change."""
+        fresh = self._gap[:-1] * self._keep * self._dt / self._lag**2
+        return _recursion(self._keep, fresh, np.zeros_like(self._F[0]))
+
+    def force(self, t_s: np.ndarray) -> np.ndarray:
+        """f at `t_s` of any shape, (*shape, n)."""
+        j, since = _place(self._t, t_s)
+        return self._F.take(j, axis=0) + self._gap.take(j, axis=0) * np.exp(-since / self._lag)
+
+    def mean(self, t_s: np.ndarray, around_s: np.ndarray | None = None) -> np.ndarray:
+        """f at `t_s` of any shape, or its mean over instants `around_s` (*shape, m) from there: (*shape, n)."""
+        out = np.empty((t_s.size, self._F.shape[1]))
+        lagged(self._t, self._F, self._gap, self._lag, *_instants(t_s, around_s), out)
+        return out.reshape(*t_s.shape, -1)
+
+    def at(self, t_s: np.ndarray, around_s: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`mean`, and what a second of dead time and of lag adds to it: each (*shape, n)."""
+        by_dead, by_lag = (np.empty((t_s.size, self._F.shape[1])) for _ in range(2))
+        lagged_slopes(self._t, self._gap, self._s, self._lag, *_instants(t_s, around_s), by_dead, by_lag)
+        f = self.mean(t_s, around_s)
+        return f, by_dead.reshape(f.shape), by_lag.reshape(f.shape)
+
+
+class SlewedHistory:
+    """Forces of one run that change no faster than `slew_n_s` [N/s]: f_dot = clip((F - f) / T_lag, -slew, slew)."""
+
+    def __init__(self, commands: Commands, dead_time_s: float, lag_s: float, slew_n_s: float):
+        self._t, self._F = commands.t_s + dead_time_s, commands.force_n
+        self._lag, self._slew = lag_s, slew_n_s
+        self._f = np.empty_like(self._F)
+        slewed(np.diff(self._t), self._F, lag_s, slew_n_s, self._f)
+
+    def _after(self, f: np.ndarray, F: np.ndarray, since: np.ndarray | float) -> np.ndarray:
+        """Steadily until the lag alone is slower, then as the lag has it."""
+        gap, tail = F - f, self._lag * self._slew
+        steady = np.maximum(np.abs(gap) - tail, 0.0) / self._slew
+        left = np.clip(gap, -tail, tail) * np.exp(-np.maximum(since - steady, 0.0) / self._lag)
+        return np.where(since < steady, f + np.sign(gap) * self._slew * since, F - left)
+
+    def force(self, t_s: np.ndarray) -> np.ndarray:
+        """f at `t_s` of any shape, (*shape, n)."""
+        j, since = _place(self._t, t_s)
+        return self._after(self._f.take(j, axis=0), self._F.take(j, axis=0), since)
+
+
+def _instants(t_s: np.ndarray, around_s: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """In one row (size,), with what is around each (size, m)."""
+    around = np.zeros((t_s.size, 1)) if around_s is None else np.ascontiguousarray(around_s)
+    return t_s.ravel(), around.reshape(t_s.size, -1)
+
+
+def _place(changes_s: np.ndarray, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which change was the last at `t_s` (the first, before it), and the time since, (*shape, 1)."""
+    j = np.maximum(np.searchsorted(changes_s, t_s, side="right") - 1, 0)
+    return j, np.maximum(t_s - changes_s[j], 0.0)[..., None]
+
+
+def _recursion(keep: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """y_{j+1} = keep_j y_j + added_j from y_0 = first; shapes (c - 1, 1), (c - 1, n), (n,) -> (c, n)."""
+    bands = np.ones((2, len(keep) + 1))
+    bands[1, :-1] = -keep[:, 0]
+    return _tbtrs(bands, np.vstack([first, added]), uplo="L", diag="U")[0]

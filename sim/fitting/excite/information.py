@@ -1,0 +1,111 @@
+"""What logs, flown or only planned, tell of each parameter: Fisher information with the motion itself unknown.
+
+    I = sum over runs  J^T R^-1 J, nodes (states, biases, latent acceleration) eliminated, in terms of the fit's w
+    C = (P_prior^-1 + I)^-1,      standard error of q:  T C T^T,  T = dq/dw
+
+Runs do not share nodes, so information adds up over them. J and the elimination are those of the structured fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from sim.fitting.engine.noise import STATE, L
+from sim.fitting.engine.parameters import HULL, Parameters
+from sim.fitting.engine.windows import Windows
+from sim.fitting.identify.result import UNDETERMINED
+from sim.fitting.identify.structured_fit import Fit, Settings, solve
+
+TRUTH = tuple(f"true_{name}" for name in ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"))
+PLANNED = Settings(latent=False)
+"""A planned run is one of the model itself."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of a vessel's parameters: the precision of w (P, P), prior included, at the value w (P,)."""
+
+    vessel: VesselFile
+    precision: np.ndarray
+    w: np.ndarray
+
+    @classmethod
+    def prior(cls, vessel: VesselFile) -> Knowledge:
+        """Before any log."""
+        mean, sigma = Parameters(vessel).prior
+        return cls(vessel, np.diag(1 / sigma**2), mean)
+
+    def with_information(self, information: np.ndarray) -> Knowledge:
+        """After a run that tells so much."""
+        return Knowledge(self.vessel, self.precision + information, self.w)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Names and maps."""
+        return Parameters(self.vessel)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Of w, (P, P)."""
+        return np.linalg.inv(self.precision)
+
+    @cached_property
+    def share(self) -> np.ndarray:
+        """Posterior over prior sigma of each w, (P,)."""
+        return np.sqrt(np.diag(self.covariance)) / self.parameters.prior[1]
+
+    @cached_property
+    def value(self) -> np.ndarray:
+        """q, (P,)."""
+        return self.parameters.file_units(self.w)
+
+    @cached_property
+    def se(self) -> np.ndarray:
+        """Standard error of q, (P,)."""
+        T = self.parameters.jacobian(self.w)
+        return np.sqrt(np.diag(T @ self.covariance @ T.T))
+
+    @property
+    def undetermined(self) -> np.ndarray:
+        """Which parameters the data do not determine (more than `UNDETERMINED` of the prior is left), (P,)."""
+        return self.share > UNDETERMINED
+
+
+def of_interest(vessel: VesselFile) -> np.ndarray:
+    """Indices of what a manoeuvre is for: inertia, damping, gains, dead time, lag; not the sensors' places."""
+    return np.arange(len(HULL) + len(vessel.thrusters) + 2)
+
+
+def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
+    """Information (P, P) of a run of the vessel file's own boat, known to the last digit; before noise."""
+    fit = Fit([run], vessel, PLANNED)
+    z = np.zeros((fit.windows.size[0], L))
+    z[:, STATE] = true_nodes(fit.windows, run)
+    return _information(fit, fit.parameters.prior[0], z)
+
+
+def recorded_knowledge(runs: Sequence[Run], vessel: VesselFile) -> Knowledge:
+    """What recorded runs tell: a structured fit, and the information where it ended. Raises StructuredFitError."""
+    fit = Fit(runs, vessel, Settings())
+    point, _ = solve(fit)
+    precision = fit.assemble(point, fit.noise)[0].solve()[2]
+    return Knowledge(vessel, precision, point.w)
+
+
+def _information(fit: Fit, w: np.ndarray, z: np.ndarray) -> np.ndarray:
+    chain = fit.assemble(fit.point(w, z), fit.noise)[0]
+    _, sigma = fit.parameters.prior
+    return chain.solve()[2] - np.diag(1 / sigma**2)
+
+
+def true_nodes(windows: Windows, run: Run) -> np.ndarray:
+    """State at the start of each window, (W, 6)."""
+    t, truth = run.samples(*TRUTH)
+    truth[:, 2] = np.unwrap(truth[:, 2])
+    return np.column_stack([np.interp(windows.t_s[:, 0], t, column) for column in truth.T])

@@ -1,0 +1,1 @@
+"""The report on an identification: one self-contained page."""

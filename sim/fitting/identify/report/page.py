@@ -1,0 +1,171 @@
+"""The report on an identification: one self-contained page, the verdict first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.fitting.identify.job import Found
+from sim.fitting.identify.report.figures import parameters
+from sim.fitting.identify.report.tables import (
+    CAPTION,
+    choices_table,
+    held_out_table,
+    logs_table,
+    parameter_table,
+    problems_table,
+    residual_table,
+    stability_table,
+    stamps_table,
+    taylor_lines,
+    taylor_table,
+    white_table,
+)
+from sim.fitting.identify.result import Direction
+from sim.fitting.identify.verdict import JUDGED_S, NAMES
+from sim.fitting.validate.divergence import divergence_table
+from sim.fitting.validate.figures import divergence, training_log
+from sim.fitting.validate.report import Section, every_figure, page, pictures
+from sim.fitting.validate.table import sentences
+
+
+def identify_report(found: Found) -> str:
+    """The page, as text."""
+    sections = [Section("What to believe", found.verdict.lines)]
+    if found.verdict.attention:
+        sections.append(Section("Look at this first", found.verdict.attention, look=True))
+    sections += [
+        _what_to_drive(found),
+        _parameters(found),
+        *_taylor(found),
+        _held_out(found),
+        pictures(found.validation, _structured(found)),
+        _departures(found),
+        _fitted(found),
+        _whiteness(found),
+        Section(
+            "Stability",
+            ("The energy of a boat without thrust in still water can only fall: a free run that speeds up is wrong.",),
+            tables=(stability_table(found.validation),),
+            note="100 runs each, from random states inside the speeds of the fitted data, 60 s.",
+        ),
+        _logs(found),
+        _choices(found),
+        every_figure(found.validation),
+    ]
+    return page(f"Identification of {found.base.name}", sections)
+
+
+def _structured(found: Found) -> int:
+    return [s.name for s in found.validation.scores].index(NAMES["structured"])
+
+
+def _what_to_drive(found: Found) -> Section:
+    lines = [f"{', '.join(names)}: {manoeuvre}." for names, manoeuvre in found.verdict.advice]
+    return Section("What to drive next", tuple(lines) or ("Every parameter of boat and sensors is determined.",))
+
+
+def _parameters(found: Found) -> Section:
+    open_ones = [d for d in found.structured.directions if not next(iter(d.parts)).startswith("warp_")]
+    lines = [_direction(d) for d in open_ones[:4]]
+    return Section(
+        "Structured model: parameters",
+        tuple(lines),
+        tables=(parameter_table(found.structured, found.base),),
+        note="Prior sigma left: 100 % says that the data told nothing, 0 % that the prior did not matter. Mass and I_z "
+        "cannot be told from added mass by motion: M11, M22, M33 are what counts. warp_*: how range biases and "
+        "surveying bend the positions; a nuisance that is not in the vessel file.",
+        figures=(
+            (
+                parameters(found.structured, found.base),
+                "Identified over believed; couplings, which may change sign, stand in the table only.",
+            ),
+        ),
+    )
+
+
+def _direction(direction: Direction) -> str:
+    parts = ", ".join(f"{value:+.2g} {name}" for name, value in list(direction.parts.items())[:8])
+    more = " .." if len(direction.parts) > 8 else ""
+    share = 100 * min(direction.share_of_prior, 1.0)
+    return f"A combination that the data leave open ({share:.0f} % of its prior sigma is left): {parts}{more}."
+
+
+def _taylor(found: Found) -> list[Section]:
+    return [
+        Section(
+            f"{one.name}: 23 terms for each axis, as the paper's Table 2",
+            tuple(taylor_lines(one)),
+            tables=(taylor_table(one),),
+            note="Coefficient and standard error, SI with forces in kgf and kgf m (1 kgf = 9.80665 N), about 0.5 m/s.",
+        )
+        for one in found.series
+    ]
+
+
+def _held_out(found: Found) -> Section:
+    seconds = sum(high - low for used in found.split.used for low, high in used.held_out_s)
+    few = (
+        f"Runs begin every 5 s and overlap: {seconds:.0f} s hold {seconds / JUDGED_S[-1]:.0f} of {JUDGED_S[-1]} s that "
+        "share nothing. So much the figures below can be trusted."
+    )
+    return Section(
+        "On data that no fit has seen",
+        (*sentences(found.validation), few),
+        tables=(held_out_table(found.validation, found.verdict.relative_error),),
+        note=CAPTION,
+    )
+
+
+def _departures(found: Found) -> Section:
+    return Section(
+        "How runs depart and diverge",
+        preformatted=divergence_table(found.departures),
+        figures=((divergence(found.departures), "Left: share of runs that have diverged. Right: median distance."),),
+        note="Median distance from the true place, and share of runs that have diverged by then.",
+    )
+
+
+def _fitted(found: Found) -> Section:
+    motion = found.motion
+    liveliest = int(np.argmax([np.mean(s.nu**2) for s in motion.smoothed]))
+    paper = motion.paper[liveliest] if motion.paper else None
+    figure = training_log(motion.runs[liveliest], paper, motion.smoothed[liveliest])
+    caption = f"The fitted part with the greatest speeds: {motion.runs[liveliest].meta.source} (Figures 5 and 6)."
+    return Section("The fitted data", figures=((figure, caption),))
+
+
+def _whiteness(found: Found) -> Section:
+    s = found.structured
+    return Section(
+        "Residuals",
+        (
+            f"Structured fit: {s.samples} samples and {s.fixes} positions, {s.iterations} steps, {s.seconds:.1f} s, "
+            f"{'converged' if s.converged else 'not converged'}. Its residuals on the fitted data "
+            f"{'are white' if s.white else 'are not white: its intervals are too narrow'}.",
+        ),
+        tables=(residual_table(s), white_table(found.validation)),
+        note="Ljung-Box p below 0.01 says that an error tells something of the next. With enough data every model of "
+        "a real boat fails this test; it says that there is more to be had, not how much.",
+    )
+
+
+def _logs(found: Found) -> Section:
+    problems = problems_table(found)
+    return Section(
+        "The logs and what is wrong with them",
+        () if problems.rows else ("No problems found.",),
+        tables=(logs_table(found), problems) if problems.rows else (logs_table(found),),
+        text=True,
+    )
+
+
+def _choices(found: Found) -> Section:
+    return Section(
+        "Every choice, and when it was made",
+        (
+            "None was made on the held-out data: these were simulated once, after everything had been fitted.",
+            "Beforehand: it stands in the code or in the vessel file. Fitted parts: the fit found it in its own data.",
+        ),
+        tables=(choices_table(found), stamps_table(found)),
+        text=True,
+    )

@@ -1,0 +1,248 @@
+"""What a structured fit found: values with intervals, what the data do not determine, how the residuals look."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from sim.fitting.engine.parameters import Parameters
+from sim.fitting.engine.units import unit_of
+from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
+from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, held_fixed
+from sim.fitting.identify.horizon import solve as solve_horizon
+from sim.fitting.identify.structured_fit import WINDOWS_S, Fit, Point, Say, Settings, solve
+
+Z95 = 1.959964
+COLOURED = 0.2  # lag-1 correlation of whitened residuals beyond which something within a window is not described
+UNDETERMINED = 0.7  # posterior over prior sigma: at more, half of what is known was known before
+INERTIAL = ("r_rad_s", "ax_m_s2", "ay_m_s2")
+CHANNEL_NAMES = ("psi", "r", "ax", "ay")
+
+
+class Estimate(msgspec.Struct, frozen=True, kw_only=True):
+    """One parameter. `share_of_prior`: posterior over prior sigma; above 0.7 the data do not determine it."""
+
+    name: str
+    value: float
+    se: float
+    ci95: tuple[float, float]
+    unit: str
+    share_of_prior: float
+    determined: bool
+
+
+class Direction(msgspec.Struct, frozen=True, kw_only=True):
+    """A combination that the data do not determine: its share of the prior sigma, and who takes part how much."""
+
+    share_of_prior: float
+    parts: dict[str, float]
+
+
+class Channel(msgspec.Struct, frozen=True, kw_only=True):
+    """Whitened residuals of one channel: how many, white sigma found, rms (1: as believed), lag-1 correlation."""
+
+    name: str
+    count: int
+    sigma: float
+    rms: float
+    lag1: float
+
+
+class FitResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What `fit_structured` found.
+
+    `covariance` (P, P) of the parameters in their order. `latent`: sigma of what the model leaves unexplained of u_dot,
+    v_dot [m/s^2], r_dot [rad/s^2]; `latent_share`: of the commands' rms, 1e-3 where there is nothing. `white`: no
+    channel's residuals hang together, or the intervals allow for it; else they are too narrow. `fixes`: positions.
+    `horizon_s`: of multi-step output error (no latent acceleration then); 0 for the likelihood of windows.
+    """
+
+    parameters: tuple[Estimate, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    directions: tuple[Direction, ...]
+    channels: tuple[Channel, ...]
+    latent: tuple[float, float, float]
+    latent_share: tuple[float, float, float]
+    window_s: float
+    horizon_s: float = 0.0
+    white: bool
+    samples: int
+    fixes: int
+    iterations: int
+    converged: bool
+    seconds: float
+    data_hashes: tuple[str, ...]
+    vessel: str
+
+    @property
+    def q(self) -> np.ndarray:
+        """Values in the order of `Parameters.names`."""
+        return np.array([p.value for p in self.parameters])
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name; KeyError where there is none."""
+        found = next((p for p in self.parameters if p.name == name), None)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+
+def fit_structured(
+    runs: Sequence[Run], vessel: VesselFile, settings: Settings | None = None, say: Say = lambda _text, _share: None
+) -> FitResult:
+    """Fit the model of `vessel` to runs. Raises StructuredFitError where a run cannot be used.
+
+    `say(text, share)` hears of progress.
+    """
+    began, settings = time.perf_counter(), settings or Settings()
+    horizon_s = settings.horizon_s
+    if horizon_s is None:
+        horizon_s = 0.0 if any(run.known(c) for run in runs for c in INERTIAL) else HORIZON_S
+    if horizon_s:
+        found = _fit_horizon(runs, vessel, settings, horizon_s, say)
+        return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
+    first, *finer = (settings.window_s,) if settings.window_s else WINDOWS_S
+    found = _fit_once(runs, vessel, replace(settings, window_s=first), say)
+    for window_s in finer:
+        if not found.white:
+            found = _fit_once(runs, vessel, replace(settings, window_s=window_s), say)
+    return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
+
+
+def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: Settings, say: Say) -> FitResult:
+    fit = Fit(runs, vessel, settings)
+    point, iterations = solve(fit, say)
+    return summary(fit, point, iterations, runs)
+
+
+def _fit_horizon(runs: Sequence[Run], vessel: VesselFile, settings: Settings, horizon_s: float, say: Say) -> FitResult:
+    parameters = held_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
+    fit = HorizonFit(runs, vessel, parameters, horizon_s)
+    point, iterations = solve_horizon(fit, settings.iterations, say)
+    C_w = fit.covariance(point)
+    C_q, share = _spread_of(parameters, point.w, C_w)
+    return FitResult(
+        parameters=_estimates(parameters, parameters.file_units(point.w), C_q, share),
+        covariance=tuple(tuple(map(float, row)) for row in C_q),
+        directions=_directions(C_w, parameters.prior[1], parameters.names),
+        channels=tuple(
+            _channel(name, (point.error[..., i] / fit.sigma[i]).ravel(), float(fit.sigma[i]))
+            for i, name in enumerate(ERROR_NAMES)
+        ),
+        latent=(0.0, 0.0, 0.0),
+        latent_share=(0.0, 0.0, 0.0),
+        window_s=horizon_s,
+        horizon_s=horizon_s,
+        white=True,
+        samples=sum(len(run.samples("psi_rad")[0]) for run in runs),
+        fixes=sum(len(run.samples("north_m", "east_m")[0]) for run in runs),
+        iterations=iterations,
+        seconds=0.0,
+        converged=iterations < settings.iterations,
+        data_hashes=tuple(run.data_hash for run in runs),
+        vessel=parameters.vessel.name,
+    )
+
+
+def summary(fit: Fit, point: Point, iterations: int, runs: Sequence[Run]) -> FitResult:
+    """Values and intervals at a converged point."""
+    parameters = fit.parameters
+    D = fit.assemble(point, fit.noise)[0].solve()[2]
+    C_w = np.linalg.inv(D)
+    C_q, share = _spread_of(parameters, point.w, C_w)
+    channels = _channels(fit, point)
+    return FitResult(
+        parameters=_estimates(parameters, parameters.file_units(point.w), C_q, share),
+        covariance=tuple(tuple(map(float, row)) for row in C_q),
+        directions=_directions(C_w, parameters.prior[1], parameters.names),
+        channels=channels,
+        latent=fit.noise.latent,
+        latent_share=_triple(np.array(fit.noise.latent) / fit.command_rms),
+        window_s=fit.settings.window_s or 0.0,
+        white=all(abs(c.lag1) < COLOURED + 2 / np.sqrt(c.count) for c in channels),
+        samples=fit.windows.samples(),
+        fixes=len(fit.windows.fixes.t_s),
+        iterations=iterations,
+        seconds=0.0,
+        converged=iterations < fit.settings.iterations,
+        data_hashes=tuple(run.data_hash for run in runs),
+        vessel=parameters.vessel.name,
+    )
+
+
+def _spread_of(parameters: Parameters, w: np.ndarray, C_w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance in file units, and posterior over prior sigma of each w."""
+    T = parameters.jacobian(w)
+    return T @ C_w @ T.T, np.sqrt(np.diag(C_w)) / parameters.prior[1]
+
+
+def _estimates(parameters: Parameters, q: np.ndarray, C_q: np.ndarray, share: np.ndarray) -> tuple[Estimate, ...]:
+    positive = parameters.is_positive()
+    estimates = []
+    for i, name in enumerate(parameters.names):
+        se = float(np.sqrt(C_q[i, i]))
+        estimates.append(
+            Estimate(
+                name=name,
+                value=float(q[i]),
+                se=se,
+                ci95=_interval(float(q[i]), se, bool(positive[i])),
+                unit=unit_of(name),
+                share_of_prior=float(share[i]),
+                determined=bool(share[i] <= UNDETERMINED),
+            )
+        )
+    return tuple(estimates)
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, n = map(float, values)
+    return x, y, n
+
+
+def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
+    """95 % interval: that of the logarithm for what cannot change sign, else symmetric."""
+    if not positive or value == 0.0:
+        return value - Z95 * se, value + Z95 * se
+    low, high = sorted((value * np.exp(-Z95 * se / abs(value)), value * np.exp(Z95 * se / abs(value))))
+    return float(low), float(high)
+
+
+def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> tuple[Direction, ...]:
+    """Principal axes of the posterior, in units of the prior, that kept most of their prior width."""
+    values, axes = np.linalg.eigh(C_w / np.outer(spread, spread))
+    found = []
+    for value, axis in sorted(zip(values, axes.T, strict=True), key=lambda pair: -pair[0]):
+        if np.sqrt(value) <= UNDETERMINED:
+            break
+        change = axis * spread
+        change /= change[np.abs(axis).argmax()]
+        order = [int(i) for i in np.argsort(-np.abs(axis)) if abs(axis[i]) > 0.01]
+        parts = {names[i]: round(float(change[i]), 3) for i in order}
+        found.append(Direction(share_of_prior=float(np.sqrt(value)), parts=parts))
+    return tuple(found)
+
+
+def _channels(fit: Fit, point: Point) -> tuple[Channel, ...]:
+    out = []
+    for i, name in enumerate(CHANNEL_NAMES):
+        series = point.at.residuals[..., i].ravel()
+        series = series[np.isfinite(series)]
+        if len(series) > 2:
+            out.append(_channel(name, series, fit.noise.white[i]))
+    for axis, name in enumerate(("fix_north", "fix_east")):
+        out.append(_channel(name, point.at.fix_residuals[:, axis], fit.noise.fix_m))
+    return tuple(out)
+
+
+def _channel(name: str, series: np.ndarray, sigma: float) -> Channel:
+    series = series[np.isfinite(series)]
+    square = float(series @ series)
+    lag1 = float(series[1:] @ series[:-1]) / square
+    return Channel(name=name, count=len(series), sigma=sigma, rms=float(np.sqrt(square / len(series))), lag1=lag1)

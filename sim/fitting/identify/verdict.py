@@ -1,0 +1,206 @@
+"""Which model to believe, why, what must be looked at, and what to drive next: in figures and plain sentences.
+
+relative error of a model = geometric mean, over the five channels at 10 and 20 s, of its rms error on held-out runs
+                            over that of the better baseline there         1: as good as knowing nothing
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.logs.runs.run import Problem
+from sim.fitting.engine.parameters import WARP
+from sim.fitting.identify.result import COLOURED, Direction, FitResult
+from sim.fitting.validate.protocol import CHANNELS
+from sim.fitting.validate.scores import Score, best_baseline
+from sim.fitting.validate.study import BASELINE_NAMES, Validation
+from sim.fitting.validate.table import lost_to_baselines
+
+NAMES = {
+    "base": "base file",
+    "taylor": "Taylor",
+    "smoothed": "Taylor smoothed",
+    "peer": "pysindy",
+    "structured": "structured",
+}
+"""Of the models. Taylor: by the paper's pipeline; smoothed: the same series from the RTS smoother."""
+JUDGED_S = (10, 20)
+SAME = 1.05
+"""Relative errors closer than this factor count as equal; assumed."""
+NEEDED = (
+    ("M11_kg",), ("M22_kg",), ("M33_kg_m2",),
+    ("X_u_N_s_m", "X_uu_N_s2_m2"), ("Y_v_N_s_m", "Y_vv_N_s2_m2"), ("N_r_N_m_s", "N_rr_N_m_s2"),
+    ("dead_time_s", "lag_s"),
+)  # fmt: skip
+"""Of each group the data must determine one: without it the boat's speed or its answer to thrust is only believed."""
+DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
+"""Kinds of problems in a log that can bend a fit unnoticed."""
+MANOEUVRES = (
+    (("M11_kg", "X_u"), "steps ahead and astern from rest, at three strengths at least, each let run out to rest"),
+    (("M22_kg", "Y_v_", "Y_vv"), "strafes: sideways to either hand at three strengths, each let run out to rest"),
+    (("M33_kg", "N_r_N", "N_rr"), "spins on the spot both ways at three strengths, each let run out to rest"),
+    (("M23_kg", "Y_r_", "N_v_"), "circles and zig-zags at speed, and strafes that end in a turn"),
+    (("gain_",), "pulses of one thruster at a time; and a pull at the bollard for the scale common to all of them"),
+    (("dead_time", "lag_"), "short strong pulses and reversals, with the IMU at its highest rate"),
+    (("uwb_latency",), "fast straight runs to and fro, with positions at 5 Hz or more"),
+    (("tag_",), "spins on the spot, with positions at 5 Hz or more"),
+    (("trim_", "azimuth_"), "weak commands to either side of neutral, of one thruster at a time"),
+    (("N_ur_", "k_kg"), "circles and zig-zags at three speeds, ahead and astern"),
+)
+"""By the beginning of a parameter's name: what would tell more of it."""
+ANYTHING = "slow and fast runs, straight and turning, in which these act most"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`believe`: name of a model, or None. `relative_error`: by model. `lines`: the verdict in sentences.
+
+    `attention`: what must be looked at before the model is used; nothing if empty. `advice`: parameters that stayed
+    open, and the manoeuvre that would tell more of them.
+    """
+
+    believe: str | None
+    relative_error: dict[str, float]
+    lines: tuple[str, ...]
+    attention: tuple[str, ...]
+    advice: tuple[tuple[tuple[str, ...], str], ...]
+
+
+def verdict(structured: FitResult, found: Validation, problems: Mapping[str, Sequence[Problem]]) -> Verdict:
+    """Of everything that was found."""
+    errors = {s.name: relative_error(s, found.scores) for s in found.scores if s.name not in BASELINE_NAMES}
+    nearest = min(errors, key=lambda name: errors[name])
+    if errors[NAMES["structured"]] <= SAME * errors[nearest]:
+        nearest = NAMES["structured"]
+    believe = nearest if errors[nearest] < 1 else None
+    lines = [_believe(believe, errors), *_distances(found, errors), *_open(structured)]
+    attention = [*_fit_doubts(structured), *_model_doubts(errors, found), *_log_doubts(problems)]
+    return Verdict(believe, errors, tuple(lines), tuple(attention), tuple(advice(structured)))
+
+
+def judged_horizons(score: Score) -> list[int]:
+    """Of 10 and 20 s those that the held-out runs reach."""
+    return [h for h in JUDGED_S if h in score.horizons_s]
+
+
+def relative_error(score: Score, scores: Sequence[Score]) -> float:
+    """As above; inf where a run is gone."""
+    ratios = [
+        score.rms[channel][score.horizons_s.index(h)] / best_baseline(scores, BASELINE_NAMES, channel, h)
+        for channel in CHANNELS
+        for h in judged_horizons(score)
+    ]
+    return float(np.exp(np.mean(np.log(ratios)))) if np.isfinite(ratios).all() else np.inf
+
+
+def advice(structured: FitResult) -> list[tuple[tuple[str, ...], str]]:
+    """Parameters that the data leave open, by the manoeuvre that would tell more of them."""
+    names = [p.name for p in structured.parameters if not p.determined and p.name not in WARP]
+    found = [(tuple(n for n in names if n.startswith(heads)), text) for heads, text in MANOEUVRES]
+    told = {n for mine, _ in found for n in mine}
+    found.append((tuple(n for n in names if n not in told), ANYTHING))
+    return [(mine, text) for mine, text in found if mine]
+
+
+def common_scale(structured: FitResult) -> Direction | None:
+    """The direction in which all forces and inertias change together, where the data leave it open."""
+    heads = ("M11_kg", "M22_kg")
+    return next((d for d in structured.directions if all(abs(d.parts.get(h, 0.0)) > 0.5 for h in heads)), None)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %" if np.isfinite(share) and share < 100 else "beyond all bounds"
+
+
+def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
+    others = ", ".join(f"{name} {_percent(e)}" for name, e in errors.items() if name != believe)
+    if believe is None:
+        return f"Believe none of the models: on held-out data none is nearer than a guess without a model ({others})."
+    head = {
+        NAMES["structured"]: "Believe the structured model (vessel.toml).",
+        NAMES["base"]: "Keep the vessel file that you started from.",
+    }.get(believe, f"{believe} comes nearest, but `aritra run` drives with vessel files only.")
+    return (
+        f"{head} Its error on held-out data, 10 and 20 s ahead, is {_percent(errors[believe])} of that of the better "
+        f"guess without a model; {others}."
+    )
+
+
+def _distances(found: Validation, errors: Mapping[str, float]) -> list[str]:
+    lines = []
+    for h in (h for h in (10, 30) if h in found.scores[0].horizons_s):
+        at = {s.name: s.rms["position"][s.horizons_s.index(h)] for s in found.scores}
+        told = ", ".join(f"{name} {at[name]:.3g} m" if at[name] < 1e4 else f"{name} gone" for name in errors)
+        idle = best_baseline(found.scores, BASELINE_NAMES, "position", h)
+        count = found.scores[0].count[found.scores[0].horizons_s.index(h)]
+        lines.append(
+            f"Distance from the true place after {h} s without any measurement (rms of {count} runs): {told}; "
+            f"the better guess without a model {idle:.3g} m."
+        )
+    return lines
+
+
+def _open(structured: FitResult) -> list[str]:
+    boat = [p for p in structured.parameters if p.name not in WARP]
+    left = [p.name for p in boat if not p.determined]
+    line = f"The data determine {len(boat) - len(left)} of {len(boat)} parameters of boat and sensors"
+    lines = [f"{line}; open: {', '.join(left)}." if left else f"{line}."]
+    if (scale := common_scale(structured)) is not None and scale.share_of_prior > 0.9:
+        gains = [p for p in structured.parameters if p.name.startswith("gain_")]
+        width = max((p.ci95[1] - p.ci95[0]) / 2 / p.value for p in gains)
+        lines.append(
+            "Motion shows forces only in proportion to inertia. How large both are in newtons and kilograms is as well "
+            f"known as the thruster map of the vessel file, here +- {100 * width:.1f} % (95 %); it makes no difference "
+            "to how the boat moves. A weighing or a pull at the bollard would settle it."
+        )
+    return lines
+
+
+def _fit_doubts(structured: FitResult) -> list[str]:
+    found = []
+    if not structured.converged:
+        found.append(f"The structured fit did not converge in {structured.iterations} steps: its values are not final.")
+    if not structured.white:
+        channels = ", ".join(c.name for c in structured.channels if abs(c.lag1) >= COLOURED)
+        found.append(
+            f"The residuals of the structured fit hang together ({channels or 'slightly'}): the model leaves something "
+            "out, and its intervals are too narrow."
+        )
+    determined = {p.name for p in structured.parameters if p.determined}
+    for group in NEEDED:
+        if not determined & set(group):
+            what = " or ".join(group)
+            found.append(f"The data do not determine {what}, which the controller needs: it stays what was believed.")
+    return found
+
+
+def _model_doubts(errors: Mapping[str, float], found: Validation) -> list[str]:
+    name = NAMES["structured"]
+    doubts, mine = [], errors[name]
+    for other, error in errors.items():
+        if other != name and mine > SAME * error:
+            doubts.append(
+                f"On held-out data {other} is nearer than the structured model: {_percent(error)} against "
+                f"{_percent(mine)} of the better baseline's error."
+            )
+    score = next(s for s in found.scores if s.name == name)
+    if lost := lost_to_baselines(score, found.scores, judged_horizons(score)):
+        doubts.append(f"The structured model does not beat the better baseline in: {', '.join(lost)}.")
+    stable = next(s for s in found.stabilities if s.name == name)
+    if score.diverged[-1] or stable.free_diverged:
+        doubts.append("The structured model runs away from the speeds of the fitted data: see Stability.")
+    return doubts
+
+
+def _log_doubts(problems: Mapping[str, Sequence[Problem]]) -> list[str]:
+    found = []
+    for log, ones in problems.items():
+        for kind in DOUBTFUL:
+            mine = [p for p in ones if p.kind == kind]
+            if mine:
+                more = f" (and {len(mine) - 1} more)" if len(mine) > 1 else ""
+                found.append(f"{log}: {kind}: {mine[0].text}{more}.")
+    return found

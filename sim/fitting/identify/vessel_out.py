@@ -1,0 +1,146 @@
+"""A fitted boat as a vessel file: loads with `load_vessel` as it is, and says where its numbers come from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
+from companion.core.model.load_vessel import load_vessel
+from sim.fitting.engine.parameters import DAMPING, Parameters, fitted_terms
+from sim.fitting.identify.result import FitResult
+
+DIGITS = 6
+TRIM_US = 200  # as the vessel file's bounds
+ROOM = 0.98  # of M that the rigid body may take, where the file's mass would leave no added mass
+
+
+def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, session: bool = False) -> VesselFile:
+    """`vessel` with the fitted inertia, damping, gains, azimuths, dead time, lag, terms, UWB latency and tag place.
+
+    Trims only for the `session` of the fitted logs itself: where blades stand at neutral is another day's another thing
+    (docs/cse1.md). Without it the file's stay, and the fitted ones have kept the rest from bending.
+
+    Only M is known, not how it divides: mass and I_z stay as they are and added mass takes the difference, unless that
+    would be positive; then mass or I_z gives way. Either way the motion is the same.
+    """
+    names = Parameters(vessel).names
+    q = dict(zip(names, (result[name].value for name in names), strict=True))
+    runs = ", ".join(h[:12] for h in result.data_hashes)
+    source = f"identified {date} from {result.samples} samples (run {runs}), prior: vessel file {vessel.name}"
+    thrusters = tuple(_thruster(t, q, source, session) for t in vessel.thrusters)
+    uwb = replace(
+        vessel.sensors.uwb,
+        latency_s=max(0.0, _round(q["uwb_latency_s"])),
+        x_m=_round(q["tag_x_m"]),
+        y_m=_round(q["tag_y_m"]),
+        source=f"{vessel.sensors.uwb.source}; latency and place {source}",
+    )
+    return replace(
+        vessel,
+        inertia=inertia_of(vessel.inertia, q, source),
+        damping=Damping(**{name: _round(q[name]) for name in DAMPING}, source=source),
+        propulsion=replace(
+            vessel.propulsion,
+            dead_time_s=_round(q["dead_time_s"]),
+            lag_s=_round(q["lag_s"]),
+            source=f"{vessel.propulsion.source}; dead time and lag {source}",
+        ),
+        force_maps={name: _map(name, given, q, source) for name, given in vessel.force_maps.items()},
+        thrusters=thrusters,
+        sensors=replace(vessel.sensors, uwb=uwb),
+        terms=_terms(vessel, q, source),
+    )
+
+
+def _map(name: str, given: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
+    """A force map with what was fitted of it, within what a file may say."""
+    if not isinstance(given, PitchMap) or f"curve_{name}" not in q:
+        return given
+    curve = float(np.clip(_round(q[f"curve_{name}"]), -1.0, 1.0))
+    return replace(given, curve=curve, source=f"{given.source}; curve {source}")
+
+
+def _thruster(given: Thruster, q: Mapping[str, float], source: str, session: bool) -> Thruster:
+    """A thruster with what was fitted of it; trims are whole microseconds, within what a file may say."""
+    gain = replace(given, gain=_round(q[f"gain_{given.name}"]), source=f"{given.source}; gain {source}")
+    if (trim := q.get(f"trim_{given.name}_us")) is None:
+        return gain
+    turned = replace(gain, azimuth_deg=_round(q[f"azimuth_{given.name}_deg"]))
+    if not session:
+        return replace(turned, source=f"{given.source}; gain and azimuth {source}")
+    trim_us = int(np.clip(round(trim), -TRIM_US, TRIM_US))
+    return replace(turned, trim_us=trim_us, source=f"{given.source}; gain, azimuth and trim {source}")
+
+
+def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str, dict[str, float | str]]:
+    """The terms with what was fitted of them."""
+    terms = {name: dict(given) for name, given in vessel.terms.items()}
+    for name, p in fitted_terms(vessel):
+        terms[name] |= {p.name: _round(q[p.name]), "source": source}
+    return terms
+
+
+def inertia_of(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
+    """`given` with the mass matrix M11_kg, M22_kg, M33_kg_m2, M23_kg_m of q: added mass takes the difference."""
+    M11, M22, M33, M23 = (q[k] for k in ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m"))
+    mass = min(given.mass_kg, ROOM * min(M11, M22))
+    y_g = given.y_g_m * given.mass_kg / mass  # M13 = -m y_g is not fitted
+    at_origin = mass * (given.x_g_m**2 + y_g**2)
+    I_z = min(given.I_z_kg_m2, ROOM * (M33 - at_origin))
+    kept = (
+        "mass and I_z kept, added mass fitted"
+        if mass == given.mass_kg and I_z == given.I_z_kg_m2
+        else ("only M is determined: mass or I_z lowered so that added mass keeps its sign")
+    )
+    return Inertia(
+        mass_kg=_round(mass),
+        I_z_kg_m2=_round(I_z),
+        x_g_m=given.x_g_m,
+        y_g_m=y_g,
+        X_udot_kg=_round(mass - M11),
+        Y_vdot_kg=_round(mass - M22),
+        Y_rdot_kg_m=_round(mass * given.x_g_m - M23),
+        N_rdot_kg_m2=_round(I_z + at_origin - M33),
+        source=f"{source}; {kept}",
+    )
+
+
+def _round(value: float) -> float:
+    return float(np.format_float_positional(value, DIGITS, unique=False, fractional=False, trim="k"))
+
+
+def vessel_toml(vessel: VesselFile, comment: str = "") -> str:
+    """A vessel file as TOML text; what it says loads back as the same vessel (checked)."""
+    data = msgspec.to_builtins(vessel)
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += _table((), data)
+    text = "\n".join(lines) + "\n"
+    if load_vessel(text, name=vessel.name) != vessel:
+        raise ValueError(f"{vessel.name}: the text does not load back as the vessel it was made from")
+    return text
+
+
+def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
+    """Lines of one table: its own keys, then tables in it, then arrays of tables."""
+    plain = {k: v for k, v in data.items() if v is not None and not isinstance(v, dict | list | tuple)}
+    lists = {k: v for k, v in data.items() if isinstance(v, list | tuple)}
+    lines = [f"\n[{'.'.join(path)}]"] if path and plain else []
+    lines += [f"{k} = {_value(v)}" for k, v in plain.items()]
+    for key, inner in data.items():
+        if isinstance(inner, dict):
+            lines += _table((*path, key), inner)
+    for key, items in lists.items():
+        for item in items:
+            lines.append(f"\n[[{'.'.join((*path, key))}]]")
+            lines += [f"{k} = {_value(v)}" for k, v in item.items() if v is not None]
+    return lines
+
+
+def _value(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

@@ -1,0 +1,106 @@
+"""The paper's 23-term Taylor (Abkowitz) model, behind the interface of `dynamics.Model`.
+
+    nu_dot = C phi(Delta u, v, r, t_x, t_y, t_n),  Delta u = u - 0.5          equation (4), Table 2
+
+It is a reference to hold the paper against, not a simulator. What the printed numbers do when run:
+
+- C_0 = 0: with zero thrust 0.5 m/s is an equilibrium, held for ever; from rest with zero thrust the boat
+  speeds up by itself, 0.30 m/s after 5 s.
+- Sway is unstable below 0.41 m/s. Constant thrust of 2 kgf diverges within 73 s, full thrust within 10 s,
+  a moment of 0.3 kgf m within 66 s, and 94 % of runs of 60 s with random constant thrust within the limits.
+- C_y = 0: sway force has no effect (no sway data was in the fit).
+
+So `outside` says where its own series still is one, and `check_validity` stops a simulation that leaves.
+Units: t is in kgf and kgf m (the paper's thrust limits are kgf of the T200 at 16 V; C_x would mean 112 kg of
+surge inertia were t in N, and 1.1 t in kgf: the paper does not settle it). The interface here takes N, N m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from sim.fitting.taylor import abkowitz_table as table
+
+KGF_N = 9.80665
+"""One kilogram-force [N], by definition."""
+
+C = np.array([table.SURGE, table.SWAY, table.YAW])
+"""Coefficients, shape (3, 23)."""
+
+
+class OutsideValidity(ValueError):
+    """The model was asked about a state or a force that it knows nothing of."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Interval of one quantity within which the model means something, with the reason for its ends."""
+
+    name: str
+    low: float
+    high: float
+    why: str
+
+
+VALIDITY = (
+    Range("u_m_s", 0.43, 0.85, "here a small deviation from straight running shrinks; below 0.41 it grows"),
+    Range("v_m_s", -0.22, 0.22, "sway damping dY/dv changes sign at -0.229 (and at 0.275)"),
+    Range("r_rad_s", -0.57, 0.57, "there the cubic yaw term is as large as the linear one"),
+    Range("X_N", -4 * KGF_N, 4 * KGF_N, "assumed: the thrust of the paper's closed loop on legs, doubled"),
+    Range("Y_N", -0.5 * KGF_N, 0.5 * KGF_N, "no sway force was in the data: 0, and a margin assumed"),
+    Range("N_N_m", -0.75 * KGF_N, 0.75 * KGF_N, "holds r = 0.57 rad/s"),
+)
+"""The validity box over [u v r X Y N]. Defended by tests/sim/studies/test_abkowitz.py; the data is not published."""
+
+
+def outside(nu: Any, tau: Any) -> tuple[str, ...]:
+    """What lies outside the box, in words; empty inside. nu [m/s, m/s, rad/s], tau [N, N, N m]."""
+    values = [*np.asarray(nu, dtype=float), *np.asarray(tau, dtype=float)]
+    return tuple(
+        f"{limit.name} = {value:.3g} is outside {limit.low:.3g} to {limit.high:.3g} ({limit.why})"
+        for limit, value in zip(VALIDITY, values, strict=True)
+        if not limit.low <= value <= limit.high
+    )
+
+
+def check_validity(nu: Any, tau: Any) -> None:
+    """Raise OutsideValidity naming every quantity outside the box."""
+    if problems := outside(nu, tau):
+        raise OutsideValidity("the paper's model does not hold here: " + "; ".join(problems))
+
+
+def regressor(nu: Any, t: Any) -> list[Any]:
+    """phi, 23 terms of equation (4); t = [t_x, t_y, t_n] in kgf and kgf m."""
+    du, v, r = nu[0] - table.NOMINAL_U_M_S, nu[1], nu[2]
+    return [
+        1.0, du, v, r, du**2, v**2, r**2, du * v, du * r, v * r, du**3, v**3, r**3, du**2 * v, du**2 * r,
+        v**2 * du, v**2 * r, r**2 * du, r**2 * v, du * v * r, t[0], t[1], t[2],
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class AbkowitzModel:
+    """Table 2 as a `dynamics.Model`. B (3, n) and the lag come from a vessel file: the paper gives neither
+    the thrusters' places nor their dynamics. `coefficients` (3, 23): another fit of the same terms.
+    """
+
+    B: np.ndarray
+    lag_s: float
+    coefficients: np.ndarray = field(default_factory=C.copy)
+    slew_N_s: float | None = None
+    is_linear_in_f: bool = field(default=True, init=False)
+
+    def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
+        """tau = B f, shape (3,) [N, N, N m]."""
+        del eta, nu
+        return ca.mtimes(ca.DM(self.B), f)
+
+    def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
+        """Acceleration, shape (3,) [m/s^2, m/s^2, rad/s^2], from tau in N, N, N m."""
+        del eta  # calm water: the pose plays no part
+        phi = ca.vertcat(*regressor(nu, [tau[i] / KGF_N for i in range(3)]))
+        return ca.mtimes(ca.DM(self.coefficients), phi)

@@ -1,0 +1,103 @@
+"""From a run to regression samples: the paper's pipeline step by step, and the smoother's instead of it.
+
+    paper     kinematic Kalman filter at 10 Hz, no biases -> Lanczos low-pass of u, v, r -> 7-point differences
+    smoother  RTS smoother with biases; its own accelerations
+
+Forces: pulse widths as they are in force at each instant, through the vessel file's map and B, in kgf. As in the paper
+they act at once: dead time and lag of the thrusters are not in the model.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, binned, rotations
+from sim.fitting.engine.thrust.forces import body_forces, settings_at
+from sim.fitting.taylor.abkowitz import KGF_N
+from sim.fitting.taylor.differences import derivative
+from sim.fitting.taylor.kinematic_filter import KinematicData, KinematicNoise, kinematic_filter
+from sim.fitting.taylor.lanczos import CUTOFF_HZ, HALF_WIDTH_S, lanczos_filter
+from sim.fitting.taylor.regression import Samples
+
+
+@dataclass(frozen=True)
+class PaperMotion:
+    """`nu_raw`: the filter's (k, 3); `nu` after Lanczos; `nu_dot` by differences; `eta` (k, 3) of the filter."""
+
+    t_s: np.ndarray
+    eta: np.ndarray
+    nu_raw: np.ndarray
+    nu: np.ndarray
+    nu_dot: np.ndarray
+
+
+def paper_motion(
+    run: Run, noise: SmootherNoise, cutoff_hz: float = CUTOFF_HZ, half_width_s: float = HALF_WIDTH_S
+) -> PaperMotion:
+    """The paper's three steps. Lever arms and latency are taken out first (the paper does not speak of them)."""
+    data, kept = _kinematic_data(run, noise)
+    per_sample = KinematicNoise(noise.accel_m_s2 / math.sqrt(kept), 0.0, 0.0, noise.position_m)
+    estimate = kinematic_filter(data, per_sample)
+    nu = lanczos_filter(estimate.nu, RATE_HZ, cutoff_hz, half_width_s)
+    return PaperMotion(data.t_s, estimate.eta, estimate.nu, nu, derivative(nu, 1 / RATE_HZ))
+
+
+def paper_samples(run: Run, vessel: VesselFile, noise: SmootherNoise) -> Samples:
+    """Samples for the regression, by the paper's pipeline."""
+    motion = paper_motion(run, noise)
+    return Samples(motion.nu, motion.nu_dot, forces_kgf(run, vessel, motion.t_s), RATE_HZ)
+
+
+def smoother_samples(run: Run, vessel: VesselFile, smoothed: Smoothed) -> Samples:
+    """Samples for the regression, from the smoother; its grid must be uniform."""
+    rate_hz = 1.0 / float(np.median(np.diff(smoothed.t_s)))
+    return Samples(smoothed.nu, smoothed.nu_dot, forces_kgf(run, vessel, smoothed.t_s), rate_hz)
+
+
+def held(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pulse widths (k, n) and volts (k,) in force at each instant; before the first stamp: neutral, first volts."""
+    names = [f"pwm_{name}" for name in run.thrusters]
+    stamps, pwm = run.samples(*names)
+    pwm = np.vstack([np.full((1, len(names)), 1500.0), pwm.reshape(len(stamps), len(names))])
+    volt_stamps, volts = run.samples("battery_v")
+    if not len(volts):
+        volt_stamps, volts = np.zeros(1), np.full(1, np.nan)
+    at = np.searchsorted(volt_stamps, t_s + 1e-9, side="right") - 1
+    return pwm[np.searchsorted(stamps, t_s + 1e-9, side="right")], volts[np.maximum(at, 0)]
+
+
+def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:
+    """t = [t_x t_y t_n] in force at each instant, shape (k, 3) [kgf, kgf, kgf m]. ValueError: other thrusters."""
+    names = tuple(t.name for t in vessel.thrusters)
+    if run.thrusters != names:
+        raise ValueError(f"{run.meta.source}: thrusters {run.thrusters}, but {vessel.name} has {names}")
+    pwm, volts = held(run, t_s)
+    volts = np.where(np.isnan(volts), vessel.propulsion.nominal_voltage_V, volts)
+    return body_forces(vessel, pwm, volts, settings_at(run, t_s)) / KGF_N
+
+
+def _kinematic_data(run: Run, noise: SmootherNoise) -> tuple[KinematicData, float]:
+    """The run on the filter's grid, at the body origin; and how many IMU samples stand behind one instant."""
+    t = run.measured_s()
+    grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
+    t_psi, psi = run.samples("psi_rad")
+    heading = np.interp(grid, t_psi, np.unwrap(psi))
+    t_r, r = run.samples("r_rad_s")
+    rate, at = binned(t_r, r, grid), np.arange(len(grid))
+    yaw_rate = np.interp(at, at[rate.count > 0], rate.z[rate.count > 0, 0])
+    force = binned(*run.samples("ax_m_s2", "ay_m_s2"), grid)
+    (lx, ly), r_dot = noise.imu_arm_m, np.gradient(lanczos_filter(yaw_rate, RATE_HZ), grid)
+    arm = np.column_stack([-(yaw_rate**2) * lx - r_dot * ly, r_dot * lx - yaw_rate**2 * ly])
+    known = force.count > 0
+    accel = np.column_stack([np.interp(at, at[known], column) for column in force.z[known].T]) - arm
+    t_p, tag = run.samples("north_m", "east_m")
+    t_p = t_p - noise.latency_s
+    tag = tag - np.einsum("kij,j->ki", rotations(np.interp(t_p, grid, heading)), noise.tag_arm_m)
+    place = binned(t_p, tag, grid)
+    position = np.where(place.count[:, None] > 0, place.z, np.nan)
+    return KinematicData(grid, heading, yaw_rate, accel, position), max(float(np.median(force.count)), 1.0)

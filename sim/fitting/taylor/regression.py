@@ -1,0 +1,246 @@
+"""The paper's regression: 23 terms per axis, least squares as its equation (7), and what the data says of each number.
+
+    b = A c,   row of A: phi(Delta u, v, r, t_x, t_y, t_n) of equation (4),   c = H A^T b
+
+    least squares   H = (A^T A)^+          minimum norm where a column says nothing (the paper's C_y = 0)
+    ridge           H = (A^T A + alpha D)^-1            D: mean squares of the columns
+    thresholded     least squares on the terms that are left when small ones have been struck out, round after round
+
+Covariance of c: s^2 H A^T A H for white errors; H S H with S = sum over lags of the scores' Bartlett-weighted
+covariances (Newey-West) for errors of any variance that hang together for `hac_s`, as those of smoothed derivatives.
+
+Errors in u, v, r themselves are not in these intervals: they pull coefficients towards zero (attenuation) however long
+the log. `noise_shift` says by how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from sim.fitting.taylor.abkowitz import regressor
+
+TERM_COUNT = 23
+HAC_S = 5.0
+"""Errors further apart count as independent; assumed: the boat's slowest time constant."""
+_NULL = 1e-9  # singular values below this share of the largest count as zero, columns scaled to mean square 1
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One log on a uniform grid: `nu` (k, 3), `nu_dot` (k, 3), `t_kgf` (k, 3) [kgf, kgf, kgf m]."""
+
+    nu: np.ndarray
+    nu_dot: np.ndarray
+    t_kgf: np.ndarray
+    rate_hz: float = 10.0
+
+
+@dataclass(frozen=True)
+class TaylorFit:
+    """Coefficients (3, 23): rows surge, sway, yaw; terms in the order of `abkowitz_table.TERMS`.
+
+    `cov`, `cov_robust` (3, 23, 23). `determined` (3, 23): False where the data leaves a term open or it was struck out.
+    `vif` (23,): variance inflation, 1 if a term goes with no other; inf where undetermined. `condition` of A as it
+    is and of A with columns of mean square 1. `sigma`, `r2` (3,) of the accelerations.
+    """
+
+    method: str
+    C: np.ndarray
+    cov: np.ndarray
+    cov_robust: np.ndarray
+    determined: np.ndarray
+    rank: int
+    condition: float
+    condition_scaled: float
+    vif: np.ndarray
+    sigma: np.ndarray
+    r2: np.ndarray
+    n: int
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def se(self) -> np.ndarray:
+        """Standard errors for white errors, shape (3, 23); inf where undetermined."""
+        return self._errors(self.cov)
+
+    @property
+    def se_robust(self) -> np.ndarray:
+        """Standard errors for correlated errors of changing variance, shape (3, 23); inf where undetermined."""
+        return self._errors(self.cov_robust)
+
+    def half_width(self, level: float = 0.95, robust: bool = True) -> np.ndarray:
+        """Half width of the interval of each coefficient, shape (3, 23)."""
+        errors = self.se_robust if robust else self.se
+        return errors * float(student.ppf(0.5 + level / 2, self.n - self.rank))
+
+    def _errors(self, cov: np.ndarray) -> np.ndarray:
+        return np.where(self.determined, np.sqrt(np.diagonal(cov, axis1=1, axis2=2)), np.inf)
+
+
+def design(nu: np.ndarray, t_kgf: np.ndarray) -> np.ndarray:
+    """A of equation (6a) with the misprint mended (v^2 Delta u, Delta u v r), shape (k, 23)."""
+    return np.stack(np.broadcast_arrays(*regressor(nu.T, t_kgf.T)), axis=1)
+
+
+def least_squares(logs: Sequence[Samples], hac_s: float = HAC_S) -> TaylorFit:
+    """Equation (7) over all logs. ValueError with fewer samples than terms or with values that are not finite."""
+    work = _Work.of(logs, hac_s)
+    return work.fit("least squares", [work.inverse(np.ones(TERM_COUNT, dtype=bool))] * 3)
+
+
+def ridge(logs: Sequence[Samples], alpha: float | None = None, hac_s: float = HAC_S) -> TaylorFit:
+    """Shrunk towards zero. `alpha` in samples, one for all axes; None: by leave-one-out for each axis.
+
+    The intervals hold the scatter of the shrunk estimate, not its bias.
+    """
+    from sklearn.linear_model import RidgeCV  # noqa: PLC0415 - a second to import, needed here alone
+
+    work = _Work.of(logs, hac_s)
+    alphas = np.full(3, alpha)
+    if alpha is None:
+        grid = np.logspace(-3, 4, 15)
+        found = RidgeCV(alphas=grid, fit_intercept=False, alpha_per_target=True).fit(work.A / work.scale, work.b)
+        alphas = np.asarray(found.alpha_)
+    gram = work.A.T @ work.A
+    H = [np.linalg.inv(gram + a * np.diag(work.scale**2)) for a in alphas]
+    return work.fit(f"ridge, alpha {', '.join(f'{a:.3g}' for a in alphas)}", H)
+
+
+def thresholded(logs: Sequence[Samples], threshold: float = 0.02, rounds: int = 20, hac_s: float = HAC_S) -> TaylorFit:
+    """Sequentially thresholded least squares: terms that on average move the axis by less than `threshold` of the
+
+    acceleration's own root mean square are struck out, the rest fitted again, until none goes.
+    """
+    from sklearn.linear_model import LinearRegression  # noqa: PLC0415 - as above
+
+    work = _Work.of(logs, hac_s)
+    inverses = []
+    for axis in range(3):
+        keep = work.columns_alive()
+        smallest = threshold * np.sqrt(np.mean(work.b[:, axis] ** 2))
+        for _ in range(rounds):
+            solver = LinearRegression(fit_intercept=False).fit(work.A[:, keep] / work.scale[keep], work.b[:, axis])
+            small = np.abs(solver.coef_) < smallest
+            if not small.any():
+                break
+            keep[np.flatnonzero(keep)[small]] = False
+        inverses.append(work.inverse(keep))
+    return work.fit(f"thresholded at {threshold:g}", inverses)
+
+
+def noise_shift(
+    logs: Sequence[Samples], nu_sigma: Sequence[np.ndarray], rng: np.random.Generator, draws: int = 10
+) -> np.ndarray:
+    """By how much errors of `nu_sigma` (k, 3) per log in u, v, r move the coefficients, shape (3, 23).
+
+    The shift that the same errors make a second time (the first step of SIMEX: Cook and Stefanski 1994). Errors are
+    drawn white: the shift depends on their size at each sample, not on how they hang together.
+    """
+    first = least_squares(logs).C
+    shift = np.zeros_like(first)
+    for _ in range(draws):
+        noisy = [
+            Samples(log.nu + sigma * rng.standard_normal(log.nu.shape), log.nu_dot, log.t_kgf, log.rate_hz)
+            for log, sigma in zip(logs, nu_sigma, strict=True)
+        ]
+        shift += least_squares(noisy).C - first
+    return shift / draws
+
+
+@dataclass(frozen=True)
+class _Work:
+    """A (n, 23), b (n, 3), the root mean square of each column (1 where it is 0), and where each log ends.
+
+    `R` (23, 23) of A / scale = Q R: has the singular values and right vectors of A at a hundredth of the work.
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+    scale: np.ndarray
+    R: np.ndarray
+    bounds: tuple[tuple[int, int], ...]
+    lags: int
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, logs: Sequence[Samples], hac_s: float) -> _Work:
+        nu, t = np.concatenate([log.nu for log in logs]), np.concatenate([log.t_kgf for log in logs])
+        A, b = design(nu, t), np.concatenate([log.nu_dot for log in logs])
+        if len(A) <= TERM_COUNT:
+            raise ValueError(f"{len(A)} samples cannot determine {TERM_COUNT} terms")
+        if not (np.isfinite(A).all() and np.isfinite(b).all()):
+            raise ValueError("speeds, accelerations and forces must all be finite")
+        rms = np.sqrt(np.mean(A**2, axis=0))
+        ends = np.cumsum([len(log.nu) for log in logs])
+        bounds = tuple(zip([0, *ends[:-1]], ends, strict=True))
+        both = np.column_stack([nu, t])
+        scale = np.where(rms > 0, rms, 1.0)
+        R = np.asarray(np.linalg.qr(A / scale, mode="r"))
+        return cls(A, b, scale, R, bounds, round(hac_s * logs[0].rate_hz), both.min(axis=0), both.max(axis=0))
+
+    def columns_alive(self) -> np.ndarray:
+        """Columns that are not zero throughout, shape (23,)."""
+        return np.asarray(self.A.any(axis=0))
+
+    def inverse(self, keep: np.ndarray) -> np.ndarray:
+        """Pseudo-inverse of A^T A over the terms `keep`, zero elsewhere, shape (23, 23)."""
+        H = np.zeros((TERM_COUNT, TERM_COUNT))
+        _, s, Vt = np.linalg.svd(self.R[:, keep], full_matrices=False)
+        alive = s > _NULL * s[0]
+        half = (Vt[alive].T / s[alive]) / self.scale[keep][:, None]
+        H[np.ix_(keep, keep)] = half @ half.T
+        return H
+
+    def fit(self, method: str, inverses: Sequence[np.ndarray]) -> TaylorFit:
+        """Coefficients and everything said about them, from H of each axis."""
+        A, b = self.A, self.b
+        _, s, Vt = np.linalg.svd(self.R)
+        rank = int((s > _NULL * s[0]).sum())
+        open_terms = np.asarray((np.abs(Vt[rank:]) > 1e-6).any(axis=0))
+        gram = A.T @ A
+        C = np.stack([H @ (A.T @ b[:, i]) for i, H in enumerate(inverses)])
+        residual = b - A @ C.T
+        variance = (residual**2).sum(axis=0) / (len(A) - rank)
+        kept = np.stack([H.any(axis=0) for H in inverses])
+        return TaylorFit(
+            method=method,
+            C=C,
+            cov=np.stack([v * H @ gram @ H for v, H in zip(variance, inverses, strict=True)]),
+            cov_robust=np.stack([H @ self._scores(residual[:, i]) @ H for i, H in enumerate(inverses)]),
+            determined=kept & ~open_terms,
+            rank=rank,
+            condition=float(np.linalg.cond(self.R * self.scale)),
+            condition_scaled=float(s[0] / s[-1]) if s[-1] > 0 else np.inf,
+            vif=self._vif(open_terms),
+            sigma=np.sqrt(variance),
+            r2=1 - (residual**2).sum(axis=0) / ((b - b.mean(axis=0)) ** 2).sum(axis=0),
+            n=len(A),
+            low=self.low,
+            high=self.high,
+        )
+
+    def _scores(self, residual: np.ndarray) -> np.ndarray:
+        """Newey-West S, (23, 23): sums over every window of lags + 1 scores give exactly the Bartlett weights."""
+        S, width = np.zeros((TERM_COUNT, TERM_COUNT)), self.lags + 1
+        for start, end in self.bounds:
+            scores = self.A[start:end] * residual[start:end, None]
+            total = np.concatenate([np.zeros((width, TERM_COUNT)), np.cumsum(scores, axis=0)])
+            total = np.concatenate([total, np.repeat(total[-1:], width - 1, axis=0)])
+            windows = total[width:] - total[:-width]
+            S += windows.T @ windows / width
+        return S
+
+    def _vif(self, open_terms: np.ndarray) -> np.ndarray:
+        """Diagonal of the inverse correlation matrix; NaN for the constant."""
+        vif = np.full(TERM_COUNT, np.inf)
+        vif[0] = np.nan
+        use = ~open_terms
+        use[0] = False
+        vif[use] = np.diag(np.linalg.inv(np.corrcoef(self.A[:, use].T)))
+        return vif

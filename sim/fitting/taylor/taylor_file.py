@@ -1,0 +1,146 @@
+"""The fitted 23-term model: its file, its table, and many simulations of it at once.
+
+    nu_dot = C phi(Delta u, v, r, t_x, t_y, t_n),   eta_dot = R(psi) nu      t in kgf, kgf m (1 kgf = 9.80665 N)
+
+File: JSON, `TaylorFile`. `AbkowitzModel(B, lag_s, coefficients=file.coefficients)` takes it into filter and NMPC.
+"""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from sim.fitting.taylor.abkowitz_table import NOMINAL_U_M_S, TERMS
+from sim.fitting.taylor.regression import TaylorFit, design
+
+AXES = ("surge", "sway", "yaw")
+SAMPLES = ("u_m_s", "v_m_s", "r_rad_s", "X_kgf", "Y_kgf", "N_kgf_m")
+
+
+class TaylorFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Coefficients by axis, in the order of `terms`; None as a standard error: the data leaves the term open.
+
+    `low`, `high`: range of [u v r X Y N] (`SAMPLES`) in the data; outside it the series says nothing.
+    """
+
+    format: int = 1
+    kind: str = "taylor-23"
+    source: str
+    method: str
+    units: str = "m/s^2 and rad/s^2 from m/s, rad/s, kgf, kgf m; 1 kgf = 9.80665 N"
+    nominal_u_m_s: float = NOMINAL_U_M_S
+    terms: tuple[str, ...] = TERMS
+    values: dict[str, tuple[float, ...]]
+    se: dict[str, tuple[float | None, ...]]
+    se_robust: dict[str, tuple[float | None, ...]]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    samples: int
+
+    def __post_init__(self) -> None:
+        if (self.format, self.kind, self.terms, self.nominal_u_m_s) != (1, "taylor-23", TERMS, NOMINAL_U_M_S):
+            raise ValueError(f"expected format 1, kind taylor-23, nominal {NOMINAL_U_M_S} m/s and the terms {TERMS}")
+        for name in AXES:
+            if len(self.values.get(name, ())) != len(TERMS):
+                raise ValueError(f"values.{name}: expected {len(TERMS)} numbers")
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """C, shape (3, 23)."""
+        return np.array([self.values[name] for name in AXES])
+
+
+def taylor_file(fit: TaylorFit, source: str) -> TaylorFile:
+    """The fit as a file. `source`: which logs, which smoothing."""
+
+    def rows(table: np.ndarray) -> dict[str, tuple[float | None, ...]]:
+        return {
+            name: tuple(float(x) if np.isfinite(x) else None for x in row)
+            for name, row in zip(AXES, table, strict=True)
+        }
+
+    return TaylorFile(
+        source=source,
+        method=fit.method,
+        values={name: tuple(map(float, row)) for name, row in zip(AXES, fit.C, strict=True)},
+        se=rows(fit.se),
+        se_robust=rows(fit.se_robust),
+        low=tuple(map(float, fit.low)),
+        high=tuple(map(float, fit.high)),
+        samples=fit.n,
+    )
+
+
+def taylor_json(file: TaylorFile) -> bytes:
+    """The file's text."""
+    return msgspec.json.format(msgspec.json.encode(file), indent=2)
+
+
+def load_taylor(text: bytes | str, name: str) -> TaylorFile:
+    """Read a file's text. ValueError naming the file and the key where it is not one."""
+    try:
+        return msgspec.json.decode(text, type=TaylorFile)
+    except (msgspec.DecodeError, ValueError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def coefficient_table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
+    """Table 2 of the paper in Markdown: value, then standard error (robust), for each axis; what lies open says so.
+
+    `shift` (3, 23) from `noise_shift`: a coefficient that it moves by more than its standard error carries a *.
+    """
+    lines = ["| term | surge | sway | yaw | VIF |", "|---|---|---|---|---|"]
+    for j, term in enumerate(TERMS):
+        cells = []
+        for i in range(3):
+            if not fit.determined[i, j]:
+                cells.append("struck out" if np.isfinite(fit.vif[j]) or j == 0 else "open")
+                continue
+            star = "*" if shift is not None and abs(shift[i, j]) > fit.se_robust[i, j] else ""
+            cells.append(f"{fit.C[i, j]:.4f} ({fit.se_robust[i, j]:.4f}){star}")
+        vif = f"{fit.vif[j]:.1f}" if np.isfinite(fit.vif[j]) else "-"
+        lines.append(f"| C_{term} | {' | '.join(cells)} | {vif} |")
+    return "\n".join([*lines, "", _below(fit, shift is not None)])
+
+
+def _below(fit: TaylorFit, shifted: bool) -> str:
+    """What stands under the table."""
+    text = (
+        f"{fit.method}, {fit.n} samples; rank {fit.rank} of {len(TERMS)}, condition {fit.condition:.3g} "
+        f"({fit.condition_scaled:.3g} with scaled columns). R2 of the accelerations: surge {fit.r2[0]:.3f}, "
+        f"sway {fit.r2[1]:.3f}, yaw {fit.r2[2]:.3f}. In brackets: standard error, errors correlated. Forces in kgf, "
+        f"kgf m. VIF: variance inflation. Errors in u, v, r are not in the standard errors"
+    )
+    return text + (": * marks coefficients that they move by more than one standard error." if shifted else ".")
+
+
+def simulate_taylor(C: np.ndarray, x0: np.ndarray, t_kgf: np.ndarray, h_s: float, substeps: int = 2) -> np.ndarray:
+    """m runs of k + 1 states [x y psi u v r], shape (m, k + 1, 6), by Runge-Kutta, forces held over each step.
+
+    `x0` (m, 6), `t_kgf` (m, k, 3). A run that has gone off beyond 1e3 becomes NaN and stays so.
+    """
+    m, k = t_kgf.shape[:2]
+    out = np.empty((m, k + 1, 6))
+    out[:, 0] = x = np.array(x0, dtype=float)
+    for i in range(k):
+        for _ in range(substeps):
+            x = _step(C, x, t_kgf[:, i], h_s / substeps)
+        x[~(np.abs(x[:, 3:]) < 1e3).all(axis=1)] = np.nan
+        out[:, i + 1] = x
+    return out
+
+
+def _step(C: np.ndarray, x: np.ndarray, t: np.ndarray, h: float) -> np.ndarray:
+    k1 = _rate(C, x, t)
+    k2 = _rate(C, x + h / 2 * k1, t)
+    k3 = _rate(C, x + h / 2 * k2, t)
+    k4 = _rate(C, x + h * k3, t)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _rate(C: np.ndarray, x: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """dx/dt of m states, shape (m, 6)."""
+    nu = np.clip(x[:, 3:], -1e6, 1e6)  # within a step a diverging run may overshoot; it is NaN after it
+    c, s = np.cos(x[:, 2]), np.sin(x[:, 2])
+    ground = [c * nu[:, 0] - s * nu[:, 1], s * nu[:, 0] + c * nu[:, 1], nu[:, 2]]
+    return np.column_stack([*ground, design(nu, t) @ C.T])

@@ -1,0 +1,61 @@
+"""How many open-loop runs of a model diverge on unseen logs, and how far the others depart, second by second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.engine.smoothing import RATE_HZ
+from sim.fitting.validate.protocol import Simulator
+from sim.fitting.validate.scores import Box, errors, simulated
+from sim.fitting.validate.windows import Windows
+
+
+@dataclass(frozen=True)
+class Departure:
+    """One model on m runs, after `t_s` (k,) = 1, 2 .. s, as far as any run reaches.
+
+    `diverged` (k,): share gone by then; `first_s` (m,): when each went, inf: never.
+    `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
+    """
+
+    name: str
+    runs: int
+    t_s: np.ndarray
+    diverged: np.ndarray
+    first_s: np.ndarray
+    position_m: np.ndarray
+
+
+def departure(name: str, states: np.ndarray, windows: Windows, box: Box) -> Departure:
+    """Of a model's `states` (m, k, 6) on the windows.
+
+    `box`: speeds that the training logs held; a run that leaves three times that, or is not finite, has diverged.
+    """
+    gone = np.maximum.accumulate(box.left(states[..., 3:]), axis=1)
+    first = np.where(gone.any(axis=1), gone.argmax(axis=1) / RATE_HZ, np.inf)
+    at = np.arange(round(RATE_HZ), states.shape[1], round(RATE_HZ))
+    at = at[np.isfinite(windows.truth[:, at, 0]).any(axis=0)]
+    distance = errors(states, windows.truth)[:, at, 0]
+    quantiles = np.array([np.nanquantile(d, (0.1, 0.5, 0.9), method="nearest") for d in distance.T])
+    return Departure(name, len(states), at / RATE_HZ, gone[:, at].mean(axis=0), first, quantiles)
+
+
+def divergence_study(models: Sequence[Simulator], windows: Windows, box: Box) -> list[Departure]:
+    """Each model on the same unseen runs."""
+    return [departure(model.name, simulated(model, windows), windows, box) for model in models]
+
+
+def divergence_table(found: Sequence[Departure], horizons_s: Sequence[int] = (1, 5, 10, 20, 30, 60)) -> str:
+    """In Markdown: by horizon, median distance from the true place and share of runs that have diverged by then."""
+    head = "| model | " + " | ".join(f"{h} s" for h in horizons_s) + " |"
+    lines = [head, "|---" * (len(horizons_s) + 1) + "|"]
+    for d in found:
+        cells = [
+            f"{d.position_m[h - 1, 1]:.2f} m, {100 * d.diverged[h - 1]:.0f} %" if h <= len(d.t_s) else "-"
+            for h in horizons_s
+        ]
+        lines.append(f"| {d.name} | {' | '.join(cells)} |")
+    return "\n".join(lines)

@@ -1,0 +1,120 @@
+"""Measured against simulated along a whole log: open loop under the logged commands, put back every so many seconds.
+
+    x_hat(t) = x(t_k) + integral of the model from t_k to t,   t_k = t_0 + k T <= t,   x(t_k): the smoothed state there
+
+So a ghost never runs further from the boat than T seconds of what its model does not know. One reference for all
+models, by the base file's sensors: the ghosts of two files begin each piece at one point and may be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.apply_sensor_errors import calibrated
+from companion.logs.runs.run import Run
+from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise
+from sim.fitting.engine.split import JobError, Log, usable
+from sim.fitting.validate.models import VesselSimulator
+from sim.fitting.validate.protocol import CHANNELS, Commands, Simulator
+from sim.fitting.validate.scores import errors, simulated
+from sim.fitting.validate.windows import Reference, Windows, cut, reference
+
+SHORTEST_S = 1.0
+"""Of a last piece."""
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """One model's pieces: `x` (m, k, 6) at the instants of `Overlay.t_s`; `error` (m, k, 5) by `CHANNELS`.
+
+    NaN beyond the end of a piece; error infinite where the simulation is gone.
+    """
+
+    name: str
+    x: np.ndarray
+    error: np.ndarray
+
+    def rms(self, age_s: float) -> dict[str, float]:
+        """By channel over the pieces that reach `age_s` [m, rad, m/s, m/s, rad/s]; NaN where none does."""
+        e = self.error[:, round(age_s * RATE_HZ)]
+        e = e[~np.isnan(e[:, 0])]
+        with np.errstate(over="ignore"):
+            values = np.sqrt((e**2).mean(axis=0)) if len(e) else np.full(len(CHANNELS), np.nan)
+        return dict(zip(CHANNELS, values.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """Pieces of `every_s`: `t_s` (m, k) on the run's clock, `truth` (m, k, 6): what the boat did, and the ghosts."""
+
+    every_s: float
+    source: str
+    t_s: np.ndarray
+    truth: np.ndarray
+    ghosts: tuple[Ghost, ...]
+
+    @property
+    def ages_s(self) -> tuple[float, ...]:
+        """At which errors are worth telling: a tenth, half and all of a piece."""
+        return tuple(round(share * self.every_s, 1) for share in (0.1, 0.5, 1.0))
+
+
+@dataclass(frozen=True)
+class Believed:
+    """A vessel file as a model for commands in the order of another file's thrusters: a diagnosis may swap names."""
+
+    name: str
+    vessel: VesselFile
+    order: tuple[int, ...]
+
+    @classmethod
+    def of(cls, name: str, vessel: VesselFile, base: VesselFile) -> Believed:
+        """JobError where the two files do not name the same thrusters."""
+        names, own = [t.name for t in base.thrusters], [t.name for t in vessel.thrusters]
+        if sorted(names) != sorted(own):
+            raise JobError(
+                f"{name}: the thrusters of {vessel.name} are {', '.join(own)}, but the log's are {', '.join(names)}: "
+                "another boat's vessel file"
+            )
+        return cls(name, vessel, tuple(names.index(n) for n in own))
+
+    def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
+        """As `Simulator`."""
+        order = list(self.order)
+        own = replace(commands, pwm_us=commands.pwm_us[..., order], before_us=commands.before_us[..., order])
+        return VesselSimulator(self.name, self.vessel).simulate(x0, own)
+
+
+def overlay(
+    run: Run,
+    vessel: VesselFile,
+    models: Sequence[Simulator],
+    *,
+    every_s: float,
+    say: Callable[[str, float], None] = lambda _text, _share: None,
+) -> Overlay:
+    """Ghosts of `models` for the whole run; `vessel`: whose sensors measured it. `say(text, share)`: progress.
+
+    Raises JobError, RunError or ValueError where the run has not what a simulation needs, or is too short.
+    """
+    run = usable(Log(run.meta.source, calibrated(run, vessel)), vessel).run
+    say("what the boat did", 0.0)
+    ref = reference(run, SmootherNoise.of(vessel))
+    windows = _pieces(run, ref, vessel, every_s)
+    t_s = windows.start_s[:, None] + np.arange(windows.truth.shape[1]) / RATE_HZ
+    ghosts = []
+    for i, model in enumerate(models):
+        say(model.name, 0.5 + 0.5 * i / len(models))
+        x = np.where(np.isnan(windows.truth), np.nan, simulated(model, windows))
+        ghosts.append(Ghost(model.name, x, errors(x, windows.truth)))
+    say("", 1.0)
+    return Overlay(every_s, ref.source, t_s, windows.truth, tuple(ghosts))
+
+
+def _pieces(run: Run, ref: Reference, vessel: VesselFile, every_s: float) -> Windows:
+    volts = vessel.propulsion.nominal_voltage_V
+    return cut(run, ref, volts, horizon_s=every_s, stride_s=every_s, shortest_s=min(SHORTEST_S, every_s))

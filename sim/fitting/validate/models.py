@@ -1,0 +1,114 @@
+"""Models to validate: a vessel file, the fitted Taylor series, and two that need no model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.thrusters import configuration_matrix
+from sim.fitting.engine.thrust.forces import thruster_forces
+from sim.fitting.taylor.abkowitz import KGF_N
+from sim.fitting.taylor.taylor_file import simulate_taylor
+from sim.fitting.validate.protocol import STEP_S, Commands
+from sim.trajectory import parameters_of, simulate_forces
+
+WORTH_IT = 10_000
+"""Samples of all windows from which machine code is quicker than the interpreter, its making included."""
+
+
+@dataclass(frozen=True)
+class VesselSimulator:
+    """The structured model of a vessel file, with its dead time (to the nearest step) and lag."""
+
+    name: str
+    vessel: VesselFile
+
+    def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
+        """As `Simulator`."""
+        f_cmd, f = self._forces(commands)
+        sound = np.isfinite(f_cmd).all(axis=2)
+        f_cmd[~sound] = 0.0
+        x = simulate_forces(
+            self.vessel, np.hstack([x0, f]), f_cmd, STEP_S,
+            parameters=parameters_of(self.vessel),  # so that another boat of the same make needs no new machine code
+            substeps=math.ceil(2 * STEP_S / self.vessel.propulsion.lag_s),
+            machine_code=sound.size > WORTH_IT,
+        ).x[..., :6]  # fmt: skip
+        x[:, 1:][np.logical_or.accumulate(~sound, axis=1)] = np.nan
+        return x
+
+    def _forces(self, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
+        """Commanded forces after the dead time (m, k, n) and actual forces at the start (m, n), both [N]."""
+        m, b, n = commands.before_us.shape
+        pwm = np.concatenate([commands.before_us, commands.pwm_us], axis=1)
+        volts = np.concatenate([np.repeat(commands.battery_v[:, :1], b, axis=1), commands.battery_v], axis=1)
+        settings = {
+            name: np.concatenate([np.repeat(values[:, :1], b, axis=1), values], axis=1).ravel()
+            for name, values in commands.settings.items()
+        }
+        forces = thruster_forces(self.vessel, pwm.reshape(-1, n), volts.ravel(), settings).reshape(m, -1, n)
+        late = min(round(self.vessel.propulsion.dead_time_s / STEP_S), b)
+        keep = math.exp(-STEP_S / self.vessel.propulsion.lag_s)
+        f = forces[:, 0]
+        for i in range(b - late):
+            f = keep * f + (1 - keep) * forces[:, i]
+        return forces[:, b - late : forces.shape[1] - late], f
+
+
+@dataclass(frozen=True)
+class TaylorSimulator:
+    """The 23-term series with coefficients (3, 23); forces by the vessel file's thruster map, at once."""
+
+    name: str
+    coefficients: np.ndarray
+    vessel: VesselFile
+
+    def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
+        """As `Simulator`."""
+        m, k, n = commands.pwm_us.shape
+        settings = {name: values.ravel() for name, values in commands.settings.items()}
+        f = thruster_forces(self.vessel, commands.pwm_us.reshape(-1, n), commands.battery_v.ravel(), settings)
+        t_kgf = (f @ configuration_matrix(self.vessel).T / KGF_N).reshape(m, k, 3)
+        return simulate_taylor(self.coefficients, x0, t_kgf, STEP_S, substeps=1)
+
+
+@dataclass(frozen=True)
+class VelocityStays:
+    """u, v, r stay what they were: the boat goes on in its circle, whatever it is told."""
+
+    name: str = "velocity stays"
+
+    def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
+        """As `Simulator`."""
+        return _kinematics(x0, np.ones(3), commands)
+
+
+@dataclass(frozen=True)
+class VelocityZero:
+    """The boat stops at once and stays where it is."""
+
+    name: str = "velocity is zero"
+
+    def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
+        """As `Simulator`."""
+        return _kinematics(x0, np.zeros(3), commands)
+
+
+def _kinematics(x0: np.ndarray, factor: np.ndarray, commands: Commands) -> np.ndarray:
+    """Pose from constant body velocities, exact: nu of x0 times `factor` from the first step on."""
+    k = commands.pwm_us.shape[1]
+    nu = np.asarray(x0)[:, None, 3:] * factor
+    t = STEP_S * np.arange(k + 1)[None]
+    psi0, half = np.asarray(x0)[:, None, 2], nu[..., 2] * t / 2
+    reach = t * np.sinc(half / np.pi)  # chord of the arc
+    c, s = np.cos(psi0 + half) * reach, np.sin(psi0 + half) * reach
+    out = np.empty((len(x0), k + 1, 6))
+    out[..., 0] = np.asarray(x0)[:, None, 0] + c * nu[..., 0] - s * nu[..., 1]
+    out[..., 1] = np.asarray(x0)[:, None, 1] + s * nu[..., 0] + c * nu[..., 1]
+    out[..., 2] = psi0 + nu[..., 2] * t
+    out[..., 3:] = nu
+    out[:, 0] = x0
+    return out

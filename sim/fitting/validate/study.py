@@ -1,0 +1,82 @@
+"""The whole validation: several models, held-out runs, every score; what table, pictures and report show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.splits import HeldOut
+from sim.fitting.engine.smoothing import SmootherNoise
+from sim.fitting.validate.models import VelocityStays, VelocityZero
+from sim.fitting.validate.protocol import Simulator
+from sim.fitting.validate.scores import Box, Score, score
+from sim.fitting.validate.stability import Stability, stability
+from sim.fitting.validate.windows import Reference, Windows, cut, joined, reference
+
+BASELINES = (VelocityStays(), VelocityZero())
+BASELINE_NAMES = tuple(model.name for model in BASELINES)
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Scores, stabilities and states (m, k, 6) in the order of the models, baselines last.
+
+    `held_out`, `references`: what the windows were cut from; `box`: speeds in the training data.
+    """
+
+    vessel: str
+    held_out: tuple[HeldOut, ...]
+    references: tuple[Reference, ...]
+    windows: Windows
+    box: Box
+    scores: tuple[Score, ...]
+    stabilities: tuple[Stability, ...]
+    states: tuple[np.ndarray, ...]
+
+
+def validate(
+    models: Sequence[Simulator],
+    held_out: Sequence[HeldOut],
+    vessel: VesselFile,
+    noise: SmootherNoise,
+    *,
+    box: Box | None = None,
+    horizon_s: float = 60.0,
+    stride_s: float = 5.0,
+    seed: int = 0,
+    say: Callable[[str, float], None] = lambda _text, _share: None,
+) -> Validation:
+    """Score `models` and both baselines. `box`: speeds in the training data (None: those of the held-out runs).
+
+    `say(text, share)` hears of progress.
+    ValueError where a run is too short for a window, or where two models share a name.
+    """
+    everyone = [*models, *BASELINES]
+    if len({model.name for model in everyone}) < len(everyone):
+        raise ValueError("every model needs a name of its own")
+    volts = vessel.propulsion.nominal_voltage_V
+    say("what the boat did", 0.0)
+    references = tuple(reference(part.run, noise) for part in held_out)
+    pairs = list(zip(held_out, references, strict=True))
+    cuts = [cut(p.run, ref, volts, horizon_s=horizon_s, stride_s=stride_s, inside=p.inside) for p, ref in pairs]
+    seconds = [cut(p.run, ref, volts, horizon_s=1.0, stride_s=1.0, shortest_s=1.0, inside=p.inside) for p, ref in pairs]
+    windows, second_windows = joined(cuts), joined(seconds)
+    box = box or Box.of(windows.truth[..., 3:])
+    scored, stabilities = [], []
+    for i, model in enumerate(everyone):
+        say(model.name, 0.2 + 0.8 * i / len(everyone))
+        scored.append(score(model, windows, box, second_windows))
+        stabilities.append(stability(model, vessel, box, seed))
+    return Validation(
+        vessel=vessel.name,
+        held_out=tuple(held_out),
+        references=references,
+        windows=windows,
+        box=box,
+        scores=tuple(one for one, _ in scored),
+        stabilities=tuple(stabilities),
+        states=tuple(states for _, states in scored),
+    )

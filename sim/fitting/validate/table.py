@@ -1,0 +1,171 @@
+"""The one table: a column for each model, a row for each figure; and in plain sentences what it says."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.fitting.engine.smoothing import RATE_HZ
+from sim.fitting.validate.protocol import CHANNELS, UNITS
+from sim.fitting.validate.scores import LAGS, SCORE_S, SPEEDS, Score, best_baseline
+from sim.fitting.validate.study import BASELINE_NAMES, Validation
+
+SHOWN_S = (5, 10, 20, 30, 60)
+Row = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Text in rows under a head; the best number of a row may carry a mark."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """As Markdown, columns aligned."""
+        widths = [max(len(row[i]) for row in (self.head, *self.rows)) for i in range(len(self.head))]
+        lines = [
+            "| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |"
+            for row in (self.head, *self.rows)
+        ]
+        return "\n".join([lines[0], "|" + "|".join("-" * (w + 2) for w in widths) + "|", *lines[1:]])
+
+    def html(self) -> str:
+        """As an HTML table; **bold** cells become strong."""
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.head)
+        body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cell(text: str) -> str:
+    if text.startswith("**"):
+        return f"<strong>{html.escape(text.strip('*'))}</strong>"
+    return html.escape(text)
+
+
+def table(found: Validation) -> Table:
+    """Every figure of every model. The smallest error of a row is bold; gone: not finite."""
+    rows = (*error_rows(found.scores), *other_rows(found.scores), *white_rows(found.scores), *stability_rows(found))
+    return Table(("figure", *(s.name for s in found.scores)), rows)
+
+
+def error_rows(scores: Sequence[Score], horizons_s: Sequence[int] = SHOWN_S) -> list[Row]:
+    """Rms error of each channel at each horizon."""
+    rows = []
+    for channel in CHANNELS:
+        for h in (h for h in horizons_s if h in scores[0].horizons_s):
+            values = [s.rms[channel][s.horizons_s.index(h)] for s in scores]
+            rows.append((f"{channel}, rms error after {h} s [{UNITS[channel]}]", *_bold_least(values)))
+    return rows
+
+
+def other_rows(scores: Sequence[Score]) -> list[Row]:
+    """Medians of the position error, which a few runs that are gone do not spoil; NRMSE and R2 of speeds."""
+    rows = []
+    for h in (h for h in SHOWN_S if h in scores[0].horizons_s):
+        values = [s.median["position"][s.horizons_s.index(h)] for s in scores]
+        rows.append((f"position, median error after {h} s [m]", *_bold_least(values)))
+    for name in SPEEDS:
+        rows.append((f"{name}, NRMSE over {SCORE_S} s", *(_number(s.nrmse[name]) for s in scores)))
+        rows.append((f"{name}, R2 over {SCORE_S} s", *(_r2(s.r2[name]) for s in scores)))
+    return rows
+
+
+def white_rows(scores: Sequence[Score]) -> list[Row]:
+    """Ljung-Box test of the errors after 1 s."""
+    rows = []
+    for name in SPEEDS:
+        cells = [f"{_p(s.white[name].p)} ({s.white[name].lag1:+.2f})" for s in scores]
+        rows.append((f"{name}, 1 s residuals: Ljung-Box p of {LAGS} lags (lag 1)", *cells))
+    return rows
+
+
+def stability_rows(found: Validation) -> list[Row]:
+    """What share of runs diverges or comes to rest."""
+    stable = found.stabilities
+    return [
+        ("runs diverged by the end", *(f"{100 * s.diverged[-1]:.0f} %" for s in found.scores)),
+        ("random thrust: runs that diverge", *(f"{100 * s.driven_diverged:.0f} %" for s in stable)),
+        ("no thrust: runs that diverge", *(f"{100 * s.free_diverged:.0f} %" for s in stable)),
+        ("no thrust: runs that come to rest", *(f"{100 * s.free_at_rest:.0f} %" for s in stable)),
+    ]
+
+
+def _bold_least(values: Sequence[float]) -> list[str]:
+    texts, least = [_number(v) for v in values], int(np.argmin(values))
+    return [f"**{text}**" if i == least else text for i, text in enumerate(texts)]
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) and value < 1e4 else "gone"
+
+
+def _r2(value: float) -> str:
+    return f"{value:.3f}" if value > -1e3 else "gone"
+
+
+def _p(p: float) -> str:
+    return f"{p:.2f}" if p >= 0.01 else "< 0.01"
+
+
+def sentences(found: Validation) -> list[str]:
+    """What the table says, in plain words: data, who is nearest, who beats doing nothing, who runs away."""
+    models = [s for s in found.scores if s.name not in BASELINE_NAMES]
+    w = found.windows
+    whole = "; ".join(sorted({ref.source for ref in found.references}))
+    spans = [
+        high - low
+        for part, ref in zip(found.held_out, found.references, strict=True)
+        for low, high in part.inside or [(float(ref.t_s[0]), float(ref.t_s[-1]))]
+    ]
+    longest_s = (np.isfinite(w.truth[..., 0]).sum(axis=1).max() - 1) / RATE_HZ
+    lines = [
+        f"{len(w.x0)} open-loop runs of up to {longest_s:.0f} s, cut from {sum(spans):.0f} s of {len(found.held_out)} "
+        f"log{'s' * (len(found.held_out) > 1)} that no fit has seen, were simulated from the measured state with "
+        f"the measured commands. Compared with {whole}."
+    ]
+    for h in (h for h in (10, 30) if h in found.scores[0].horizons_s):
+        best = min(models, key=lambda s: s.rms["position"][s.horizons_s.index(h)])
+        mine = best.rms["position"][best.horizons_s.index(h)]
+        idle = best_baseline(found.scores, BASELINE_NAMES, "position", h)
+        lines.append(
+            f"After {h} s the nearest model is {best.name}: {_number(mine)} m from the true place (rms), against "
+            f"{_number(idle)} m for the better of the two baselines, which know no model."
+        )
+    lines += [_against_baselines(s, found.scores) for s in models]
+    for s, stable in zip(found.scores, found.stabilities, strict=True):
+        if s.name not in BASELINE_NAMES and (s.diverged[-1] or stable.driven_diverged or stable.free_at_rest < 1):
+            lines.append(
+                f"{s.name}: {100 * s.diverged[-1]:.0f} % of the held-out runs and {100 * stable.driven_diverged:.0f} % "
+                f"of runs under random thrust diverge; without thrust {100 * stable.free_at_rest:.0f} % come to rest "
+                f"within a minute (a boat always does)."
+            )
+    coloured = [s.name for s in models if any(white.p < 0.01 for white in s.white.values())]
+    if coloured:
+        lines.append(
+            f"The 1 s residuals of {', '.join(coloured)} are not white: each error tells something of the next, so "
+            f"there is more in the data than the model holds, or the comparison itself is smoothed."
+        )
+    return lines
+
+
+def lost_to_baselines(s: Score, scores: Sequence[Score], horizons_s: Sequence[int] = (10, 20)) -> list[str]:
+    """Channels and horizons in which a model is no better than the better baseline."""
+    return [
+        f"{channel} at {h} s"
+        for h in horizons_s
+        if h in s.horizons_s
+        for channel in CHANNELS
+        if not s.rms[channel][s.horizons_s.index(h)] < best_baseline(scores, BASELINE_NAMES, channel, h)
+    ]
+
+
+def _against_baselines(s: Score, scores: Sequence[Score]) -> str:
+    lost = lost_to_baselines(s, scores)
+    if not lost:
+        at = " and ".join(str(h) for h in (10, 20) if h in s.horizons_s)
+        return f"{s.name} beats both baselines in every channel at {at} s."
+    return f"{s.name} does not beat the better baseline in: {', '.join(lost)}."

@@ -1,0 +1,132 @@
+"""Windows cut from held-out runs: where each starts, what was commanded, and what the boat did.
+
+What the boat did comes from the run's truth columns where it has them (simulated logs), else from the smoother, which
+knows no model. The initial state of a window is that same state at its start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.logs.runs.run import Run
+from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise, smooth
+from sim.fitting.engine.thrust.forces import settings_at
+from sim.fitting.taylor.pipeline import held
+from sim.fitting.validate.protocol import STEP_S, Commands
+
+BEFORE_S = 2.0
+"""Commands before a window that its model may look at."""
+PER_SAMPLE = round(1 / (RATE_HZ * STEP_S))
+"""Steps from one sample of the reference to the next."""
+TRUTH = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the boat did: `x` (k, 6) [x y psi u v r] at `t_s` (k,), 10 Hz, NaN where unknown; psi unwrapped."""
+
+    t_s: np.ndarray
+    x: np.ndarray
+    source: str
+
+
+def reference(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Reference:
+    """Truth where the run has it, else smoothed; unknown further than `max_gap_s` / 2 from any position sample."""
+    if all(run.known(name) for name in TRUTH):
+        t, values = run.samples(*TRUTH)
+        grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
+        values[:, 2] = np.unwrap(values[:, 2])
+        return Reference(grid, np.column_stack([np.interp(grid, t, c) for c in values.T]), "the simulated truth")
+    smoothed = smooth(run, noise)
+    x = np.hstack([smoothed.eta, smoothed.nu])
+    t_p = run.samples("north_m", "east_m")[0] - noise.latency_s
+    after = np.searchsorted(t_p, smoothed.t_s).clip(1, len(t_p) - 1)
+    x[np.minimum(np.abs(t_p[after] - smoothed.t_s), np.abs(t_p[after - 1] - smoothed.t_s)) > max_gap_s / 2] = np.nan
+    return Reference(smoothed.t_s, x, "the smoothed measurements")
+
+
+@dataclass(frozen=True)
+class Windows:
+    """m windows: `x0` (m, 6); `truth` (m, k + 1, 6) at 10 Hz, NaN beyond a window's end; `start_s` (m,)."""
+
+    x0: np.ndarray
+    truth: np.ndarray
+    commands: Commands
+    start_s: np.ndarray
+
+    @property
+    def horizon_s(self) -> float:
+        """Length of the longest window [s]."""
+        return (self.truth.shape[1] - 1) / RATE_HZ
+
+
+def cut(
+    run: Run,
+    ref: Reference,
+    nominal_v: float,
+    *,
+    horizon_s: float = 60.0,
+    stride_s: float = 5.0,
+    shortest_s: float = 10.0,
+    inside: Sequence[tuple[float, float]] | None = None,
+) -> Windows:
+    """Windows that start every `stride_s` within each interval of `inside` (t_s; None: the whole run).
+
+    A window ends with its interval and must reach `shortest_s`. `nominal_v` [V] where the run knows no voltage.
+    ValueError where none fits.
+    """
+    intervals = [(ref.t_s[0], ref.t_s[-1])] if inside is None else inside
+    steps, shortest = round(horizon_s * RATE_HZ), round(shortest_s * RATE_HZ)
+    starts, ends = [], []
+    for low, high in intervals:
+        first, last = np.searchsorted(ref.t_s, [low - 1e-9, high + 1e-9])
+        for i in range(first, last - shortest, round(stride_s * RATE_HZ)):
+            if np.isfinite(ref.x[i : i + shortest + 1]).all():
+                starts.append(i)
+                ends.append(min(last - 1, i + steps))
+    if not starts:
+        raise ValueError(f"{run.meta.source}: no window of {shortest_s:g} s fits into what is held out")
+    truth = np.full((len(starts), steps + 1, 6), np.nan)
+    for w, (i, j) in enumerate(zip(starts, ends, strict=True)):
+        truth[w, : j - i + 1] = ref.x[i : j + 1]
+    start_s = ref.t_s[starts]
+    return Windows(truth[:, 0], truth, _commands(run, start_s, steps * PER_SAMPLE, nominal_v), start_s)
+
+
+def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Commands:
+    """Pulse widths and volts in force in the middle of each step."""
+    before = round(BEFORE_S / STEP_S)
+    t = start_s[:, None] + (np.arange(-before, steps) + 0.5) * STEP_S
+    pwm, volts = held(run, t.ravel())
+    pwm = pwm.reshape(*t.shape, -1)
+    volts = np.where(np.isnan(volts), nominal_v, volts).reshape(t.shape)
+    settings = settings_at(run, t[:, before:])
+    return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before], settings)
+
+
+def joined(parts: Sequence[Windows]) -> Windows:
+    """Windows of several runs of one boat as one set; all of one horizon."""
+    return Windows(
+        np.concatenate([p.x0 for p in parts]),
+        np.concatenate([p.truth for p in parts]),
+        Commands(
+            np.concatenate([p.commands.pwm_us for p in parts]),
+            np.concatenate([p.commands.battery_v for p in parts]),
+            np.concatenate([p.commands.before_us for p in parts]),
+            _joined_settings([p.commands for p in parts]),
+        ),
+        np.concatenate([p.start_s for p in parts]),
+    )
+
+
+def _joined_settings(parts: Sequence[Commands]) -> dict[str, np.ndarray]:
+    """Settings that any part has; NaN (nominal) in the others."""
+    names = sorted({name for part in parts for name in part.settings})
+    blank = [np.full(part.battery_v.shape, np.nan) for part in parts]
+    return {
+        name: np.concatenate([part.settings.get(name, none) for part, none in zip(parts, blank, strict=True)])
+        for name in names
+    }

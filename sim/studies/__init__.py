@@ -1,0 +1,1 @@
+"""Research: may import everything, and nothing of the product imports it."""

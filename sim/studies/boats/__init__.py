@@ -1,0 +1,1 @@
+"""Boats drawn at random: the structured fit judged by errors, coverage and open loops."""

@@ -1,0 +1,49 @@
+"""Boats drawn at random round a vessel file: what the structured fit is judged on."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import VesselFile
+from sim.world.plant import perturbed
+
+TICK_S = 0.01  # the plant acts on commands at its steps: a dead time is a whole number of them
+ARM_SIGMA_M = 0.02  # how well a tag's place is measured with a tape; assumed
+
+
+def in_still_air(vessel: VesselFile) -> VesselFile:
+    """The vessel with the drag of air at rest as a term of its model: the simulated world always has it.
+
+    Half a per cent of the hull's; a fit without the term counts it as the hull's.
+    """
+    calm: dict[str, float | str] = {
+        "source": "air at rest; coefficients as the simulated world has them",
+        "V_w_m_s": 0.0,
+    }
+    return replace(vessel, terms={**vessel.terms, "wind": {**calm, **vessel.terms.get("wind", {})}})
+
+
+def draw_boat(
+    vessel: VesselFile, rng: np.random.Generator, *, share: float = 0.30, gain_sigma: float = 0.025
+) -> VesselFile:
+    """A boat whose inertia, damping, dead time, lag and UWB latency lie up to `share` off the file's (uniform).
+
+    Thruster gains: normal with `gain_sigma` about the file's, as single T200 differ; or uniform within `share` where
+    `gain_sigma` is 0. Only the ratio of force to inertia can be seen from a boat's motion, so a common gain must be
+    known beforehand. The tag sits `ARM_SIGMA_M` (normal, each axis) off its place.
+    """
+    boat = perturbed(vessel, rng, share)
+    if gain_sigma:
+        gains = [t.gain * (1 + gain_sigma * float(rng.normal())) for t in vessel.thrusters]
+        boat = replace(boat, thrusters=tuple(replace(t, gain=g) for t, g in zip(boat.thrusters, gains, strict=True)))
+    off = [1 + float(v) for v in rng.uniform(-share, share, 3)]
+    propulsion = replace(
+        boat.propulsion,
+        dead_time_s=round(boat.propulsion.dead_time_s * off[0] / TICK_S) * TICK_S,
+        lag_s=boat.propulsion.lag_s * off[1],
+    )
+    uwb = boat.sensors.uwb
+    arm = [float(v) for v in rng.normal(0, ARM_SIGMA_M, 2)]
+    uwb = replace(uwb, latency_s=uwb.latency_s * off[2], x_m=uwb.x_m + arm[0], y_m=uwb.y_m + arm[1])
+    return replace(boat, propulsion=propulsion, sensors=replace(boat.sensors, uwb=uwb))

@@ -1,0 +1,1 @@
+"""C/S Enterprise I identified from its recordings."""

@@ -1,0 +1,1 @@
+"""Missions driven with what was identified or diagnosed."""

@@ -1,0 +1,1 @@
+"""The problem of the structured fit written for scipy with CasADi, to compare times."""

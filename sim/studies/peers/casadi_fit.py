@@ -1,0 +1,183 @@
+"""scipy's least_squares on `peer_casadi`: from the structured fit's own start to its optimum, to compare times.
+
+`plain_fit` is the call that anybody would write. `casadi_fit` is the quickest that we could make of it: trust region,
+steps by LSMR on the sparse Jacobian ("exact" would be a singular value decomposition of 68,000 x 9,700 numbers for
+13,840 samples), and two things without which it takes many times as long:
+
+- Ties are stiff: with `x_scale="jac"` LSMR needs 250 to 1,300 products a step. So unknowns are y = R x with
+  R^T R = J^T J by Cholesky where a call of `least_squares` begins, and there is a call every two steps.
+- Ties are slack at first, as in `fit.solve`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky_banded, get_lapack_funcs, solve_triangular
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import LinearOperator
+
+from sim.fitting.engine.noise import L
+from sim.fitting.identify.structured_fit import SLACK
+from sim.studies.peers.casadi_problem import CasadiProblem
+
+(_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
+
+ENOUGH = 0.5  # nats: a call that gains less is the last one, as a step in `fit.ENOUGH`
+EVALUATIONS = 3  # of the residual by one call, the one where it begins among them
+LSMR = 1e-4  # relative tolerance of a step
+
+
+@dataclass(frozen=True)
+class CasadiFit:
+    """Where it ended: w (P,), nodes (W, L), cost [nats]; wall clock and processor time [s], Jacobians and residuals."""
+
+    w: np.ndarray
+    z: np.ndarray
+    cost: float
+    seconds: float
+    processor_s: float
+    jacobians: int
+    residuals: int
+
+
+class White:
+    """R of R^T R = J^T J: nodes as a band, the parameters (P of them, first in x) as its border."""
+
+    def __init__(self, J: csr_array, P: int):
+        H = (J.T @ J).tocsr()
+        nodes = H[P:, P:].tocoo()
+        below = nodes.row >= nodes.col
+        band = np.zeros((2 * L, nodes.shape[0]))
+        band[(nodes.row - nodes.col)[below], nodes.col[below]] = nodes.data[below]
+        self.P, self.band = P, cholesky_banded(band, lower=True)
+        self.border = _tbtrs(self.band, H[P:, :P].toarray(), uplo="L")[0]
+        self.corner = np.linalg.cholesky(H[:P, :P].toarray() - self.border.T @ self.border)
+
+    def forward(self, x: np.ndarray) -> np.ndarray:
+        """R x."""
+        w, z = x[: self.P], x[self.P :]
+        out = self.border @ w
+        for k, diagonal in enumerate(self.band):
+            out[: len(z) - k] += diagonal[: len(z) - k] * z[k:]
+        return np.concatenate([self.corner.T @ w, out])
+
+    def back(self, y: np.ndarray) -> np.ndarray:
+        """x of y."""
+        w = solve_triangular(self.corner, y[: self.P], lower=True, trans=1)
+        z = _tbtrs(self.band, (y[self.P :] - self.border @ w)[:, None], uplo="L", trans="T")[0]
+        return np.concatenate([w, z[:, 0]])
+
+    def transposed(self, g: np.ndarray) -> np.ndarray:
+        """R^-T g."""
+        z = _tbtrs(self.band, g[self.P :, None], uplo="L")[0][:, 0]
+        w = solve_triangular(self.corner, g[: self.P] - self.border.T @ z, lower=True)
+        return np.concatenate([w, z])
+
+
+class Whitened(LinearOperator):
+    """J R^-1: the Jacobian with respect to y."""
+
+    def __init__(self, J: csr_array, white: White):
+        super().__init__(J.dtype, J.shape)
+        self._J, self._white = J, white
+
+    def _matvec(self, x: np.ndarray) -> np.ndarray:
+        return self._J @ self._white.back(np.ravel(x))
+
+    def _rmatvec(self, x: np.ndarray) -> np.ndarray:
+        return self._white.transposed(self._J.T @ np.ravel(x))
+
+
+@dataclass(frozen=True)
+class PlainFit:
+    """Where a plain call came to: least cost [nats], processor time [s], residuals; whether it ended by itself."""
+
+    cost: float
+    processor_s: float
+    residuals: int
+    ended: bool
+
+
+class _OverError(Exception):
+    """Time is over."""
+
+
+def plain_fit(problem: CasadiProblem, most_s: float) -> PlainFit:
+    """`least_squares` with the residual and its sparse Jacobian, in the Jacobian's own scale and otherwise by default.
+
+    Given up at the first residual after `most_s` of processor time.
+    """
+    began, costs = time.process_time(), []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        r = problem.residual(x)
+        costs.append(float(r @ r) / 2)
+        if time.process_time() - began > most_s:
+            raise _OverError
+        return r
+
+    ended = True
+    try:
+        least_squares(residual, problem.start, jac=problem.jacobian, x_scale="jac")  # pyright: ignore[reportArgumentType]
+    except _OverError:
+        ended = False
+    return PlainFit(min(costs), time.process_time() - began, len(costs), ended)
+
+
+def casadi_fit(problem: CasadiProblem, *, enough: float = ENOUGH, most: int = 50) -> CasadiFit:
+    """Solve it with at most `most` calls. Making the CasADi functions is not in the time."""
+    began, began_cpu = time.perf_counter(), time.process_time()
+    x, cost, kept, residuals = problem.start, np.inf, Kept(problem), 0
+    for call in range(most):
+        slack = SLACK[min(call, len(SLACK) - 1)]
+        kept.slacken(slack)
+        found, x = _call(kept, x)
+        residuals += found.nfev
+        gained, cost = cost - found.cost, float(found.cost)
+        if call >= len(SLACK) and gained < enough:
+            break
+    seconds, processor_s = time.perf_counter() - began, time.process_time() - began_cpu
+    return CasadiFit(*problem.split(x), cost, seconds, processor_s, kept.count, residuals)
+
+
+def _call(kept: Kept, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
+    """One call of `least_squares` from x; what it says and where it ends."""
+    white = White(kept(x), len(kept.problem.parameters.names))
+
+    def jacobian(y: np.ndarray) -> LinearOperator:
+        return Whitened(kept(white.back(y)), white)
+
+    found = least_squares(
+        lambda y: kept.problem.residual(white.back(y)),
+        white.forward(x),
+        jac=jacobian,  # pyright: ignore[reportArgumentType]
+        method="trf",
+        tr_solver="lsmr",
+        tr_options={"atol": LSMR, "btol": LSMR},
+        max_nfev=EVALUATIONS,
+    )
+    return found, white.back(found.x)
+
+
+class Kept:
+    """A problem and its Jacobian, kept for when it is asked for again at the same place."""
+
+    def __init__(self, problem: CasadiProblem):
+        self.problem, self.count = problem, 0
+        self._at, self._J, self._slack = np.empty(0), None, 0.0
+
+    def slacken(self, slack: float) -> None:
+        """Other ties: another Jacobian."""
+        if slack != self._slack:
+            self.problem.slacken(slack)
+            self._slack, self._J = slack, None
+
+    def __call__(self, x: np.ndarray) -> csr_array:
+        """The Jacobian at x."""
+        if self._J is None or not np.allclose(x, self._at, rtol=1e-12, atol=1e-12):
+            self._at, self._J, self.count = x, self.problem.jacobian(x), self.count + 1
+        return self._J

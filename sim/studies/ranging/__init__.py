@@ -1,0 +1,1 @@
+"""The range-only filter on measured UWB ranges."""

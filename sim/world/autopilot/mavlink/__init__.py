@@ -1,0 +1,1 @@
+"""The simulated autopilot's side of MAVLink: peers, commands, streams, files, logs, signing."""

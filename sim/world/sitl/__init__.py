@@ -1,0 +1,1 @@
+"""ArduPilot's JSON physics interface: the simulated boat for a real firmware."""

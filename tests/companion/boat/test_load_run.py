@@ -1,0 +1,126 @@
+"""The run file and what it names: read together, checked together, every error with its file and key."""
+
+import re
+
+import pytest
+
+from companion.boat.load_run import EXAMPLES, load_setup, setup_of, warnings
+from companion.core.configuration.tables import ConfigError
+from tests.support.drive_fixture import mission_text
+
+RUN, VESSEL, SITE, MISSION = "aritra.toml", "boats/aritra.toml", "sites/basin.toml", "missions/square.toml"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in (RUN, VESSEL, SITE, MISSION):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text((EXAMPLES / name).read_text())
+    return tmp_path
+
+
+def change(folder, name, old, new):
+    text = (folder / name).read_text()
+    assert re.search(old, text)
+    (folder / name).write_text(re.sub(old, new, text, count=1))
+
+
+def test_the_example_is_whole(folder):
+    setup = load_setup(folder / RUN)
+    assert setup.pilot.vessel.name == "aritra" and len(setup.pilot.mission.path.waypoints) == 5
+    assert set(setup.files) == {"run.toml", "vessel.toml", "site.toml", "mission.toml"}
+    assert setup.digest == load_setup(EXAMPLES / RUN).digest
+
+
+@pytest.mark.parametrize("name", [RUN, VESSEL, SITE, MISSION])
+def test_the_digest_names_every_file(folder, name):
+    before = load_setup(folder / RUN).digest
+    (folder / name).write_text((folder / name).read_text() + "\n# changed\n")
+    assert load_setup(folder / RUN).digest != before
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "key"),
+    [
+        (RUN, r"period_s = 0.1", "periods = 0.1", "control.periods: unknown key"),
+        (RUN, r"period_s = 0.1", "period_s = -1", "control.period_s"),
+        (RUN, r"period_s = 0.1", 'period_s = "fast"', "control.period_s"),
+        (RUN, r'url = "udpin[^"]*"', "", "mavlink.url: missing key"),
+        (RUN, r"system_id = 1", "system_id = 256", "mavlink.system_id"),
+        (RUN, r"\[control\]", "[control]\nneutral_channels = [1, 9]", "control.neutral_channels: channel 9 drives"),
+        (RUN, r"\[control\]", "[control]\nneutral_channels = [1, 1]", "control.neutral_channels: a channel is there"),
+        (RUN, r"plan_deadline_s = 0.05", "plan_deadline_s = 0.1", "control.plan_deadline_s: expected less"),
+        (RUN, r"lease_s = 0.3", "lease_s = 0.1", "control.lease_s: expected more"),
+        (RUN, r"= ", "== ", "not valid TOML"),
+        (VESSEL, r"mass_kg", "mass_kgs", "inertia.mass_kgs: unknown key"),
+        (VESSEL, r"mass_kg = 45.0", "mass_kg = -45.0", "inertia.mass_kg"),
+        (VESSEL, r"channel = 10", "channel = 9", "thrusters[1].channel: channel 9 is there twice"),
+        (VESSEL, r"channel = 9", "channel = 9\npwm_max_us = 1950", "thrusters[0].pwm_max_us: "),
+        (VESSEL, r"channel = 9", "channel = 9\npwm_min_us = 1000", "thrusters[0].pwm_min_us: "),
+        (VESSEL, r"dwm1001-lec", "dwm9999", "sensors.uwb (wire_format, rate_Hz): unknown UWB wire format 'dwm9999'"),
+        (SITE, r"north_m = 0.0", 'north_m = "x"', "anchors[0].north_m"),
+        (MISSION, r"north_m = 9.0", "north_m = nan", "waypoints[0]"),
+        (MISSION, r"acceptance_m", "acceptance", "acceptance"),
+    ],
+)
+def test_what_is_wrong_is_named_by_file_and_key(folder, name, old, new, key):
+    change(folder, name, old, new)
+    with pytest.raises(ConfigError) as told:
+        load_setup(folder / RUN)
+    assert str(folder / name) in str(told.value) and key in str(told.value)
+
+
+@pytest.mark.parametrize("name", [RUN, VESSEL, SITE, MISSION])
+def test_a_file_that_is_not_there_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(ConfigError, match=re.escape(f"{folder / name}: No such file")):
+        load_setup(folder / RUN)
+
+
+def test_a_file_that_is_no_text_is_named(folder):
+    (folder / VESSEL).write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"aritra.toml: is not UTF-8 text"):
+        load_setup(folder / RUN)
+
+
+@pytest.mark.parametrize("suffix", ["plan", "waypoints", "geojson", "toml"])
+def test_another_mission_may_be_named_in_any_format(folder, suffix):
+    square = EXAMPLES / "missions" / f"square.{suffix}"
+    setup = load_setup(folder / RUN, mission=square)
+    assert f"mission.{suffix}" in setup.files
+    points = load_setup(folder / RUN).pilot.mission.path.points
+    assert [tuple(p) for p in setup.pilot.mission.path.points] == [pytest.approx(p, abs=0.01) for p in points]
+
+
+def test_a_mission_of_no_known_kind_is_named(folder):
+    (folder / "way.txt").write_text("go there")
+    with pytest.raises(ConfigError, match=r"way.txt: .*expected one of .toml"):
+        load_setup(folder / RUN, mission=folder / "way.txt")
+
+
+def test_the_texts_alone_make_the_same_setup(folder):
+    setup = load_setup(folder / RUN)
+    again = setup_of(setup.files, {name: f"log: {name}" for name in setup.files})
+    assert again.digest == setup.digest and again.pilot.vessel == setup.pilot.vessel
+    broken = {**setup.files, "mission.toml": mission_text(((1.0, float("nan")),))}
+    with pytest.raises(ConfigError, match=r"log: mission\.toml"):
+        setup_of(broken, {name: f"log: {name}" for name in broken})
+
+
+def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(folder):
+    assert warnings(load_setup(folder / RUN)) == []
+    (folder / MISSION).write_text(mission_text(((15.0, 15.0), (29.2, 15.0), (31.0, 15.0))))
+    change(folder, RUN, r"\[battery\]\nlow_V = 14.0\ncritical_V = 13.2\n", "")
+    beyond, near, battery = sorted(warnings(load_setup(folder / RUN)), key=lambda text: "lies beyond" not in text)
+    assert "waypoint 2 at north 31, east 15 m lies beyond the fence" in beyond
+    assert "waypoint 1 at north 29.2, east 15 m lies 0.3 m from the fence" in near
+    assert "no [battery] limits" in battery
+
+
+def test_a_fence_of_the_mission_counts_like_the_sites_own(folder):
+    keep_out = "[[fences]]\ninclusion = false\npolygon = [[14.0, 14.0], [16.0, 14.0], [16.0, 16.0], [14.0, 16.0]]\n"
+    (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 15.0))) + keep_out)
+    setup = load_setup(folder / RUN)
+    assert setup.pilot.fence.clearance(15.0, 15.0) == -1.0 and setup.pilot.fence.clearance(12.0, 15.0) == 2.0
+    (text,) = warnings(setup)
+    assert "waypoint 1" in text and "beyond the fence" in text

@@ -1,0 +1,141 @@
+"""`aritra run` does not let the boat loose on an autopilot whose wiring is not known to stop it."""
+
+import pytest
+from msgspec.structs import replace
+
+from companion.boat.start_interlock import Guard, companion_of
+from companion.cli.simulator.autopilot_options import wirings
+from companion.core.messages import OperatorCommand
+from companion.core.pilot.monitors.override_monitor import outputs_of
+from companion.core.preflight.parameter_file import parse_parameters
+from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
+from tests.companion.boat.app_fixture import Bench
+from tests.support.drive_fixture import setup
+
+REFUSED = "refused: the boat might not stop"
+
+
+class Guarded(Bench):
+    """The App's bench with a guard, on a wiring's parameters."""
+
+    def __init__(self, path, wiring="gate", changes=None, **world):
+        files = parse_parameters(wirings()[wiring], name=wiring)
+        super().__init__(path, parameters={**BOARD_PARAMETERS, **files, **(changes or {})}, **world)
+        self.guard = Guard(self.codec, companion_of(setup()))
+        self.app._guard = self.guard
+
+    def order(self, command):
+        self.app.command(OperatorCommand(t_ns=self.clock.now_ns(), command=command))
+
+
+def told(bench, words):
+    return sum(words in text for text in bench.alerts())
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.mcap"
+
+
+@pytest.mark.parametrize("firmware", ["4.6", "4.7"])
+def test_a_start_waits_for_the_check_and_then_drives(firmware, path):
+    bench = Guarded(path, firmware=firmware)
+
+    async def story(bench):
+        bench.order("start")
+        assert bench.mode == "idle"
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        assert bench.guard.clear
+
+    assert bench.scene(story) is None
+    assert told(bench, "start waits for the check") == 1
+    questions = [m for _, m in bench.sent if m.get_type() == "PARAM_REQUEST_READ"]
+    assert 100 < len(questions) < 400
+
+
+ELSEWHERE = {f"SERVO{n}_FUNCTION": 0.0 for n in range(1, 5)} | {f"SERVO{n}_FUNCTION": 102.0 - n for n in range(5, 9)}
+"""Thruster 4 on output 5, ..., thruster 1 on output 8."""
+
+
+def test_thrusters_on_other_outputs_are_watched_where_they_are(path):
+    """Nothing turns in this world, whose thrusters hang on outputs 1 to 4; the echo is that of the autopilot."""
+    bench = Guarded(path, changes=ELSEWHERE)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        assert outputs_of(bench.app.state.echo, 4) == [8, 7, 6, 5]
+        await bench.run(4.0)
+        assert bench.mode == "auto" and not told(bench, "SERVOn_FUNCTION")
+        bench.world.rover.vehicle.parameters.set("SERVO6_FUNCTION", 0.0)
+        await bench.run(3.0)
+        assert told(bench, "output 6 at 0 us, which was not sent") == 1, bench.alerts()
+
+    assert bench.scene(story) is None
+
+
+@pytest.mark.parametrize("command", ["start", "hold", "manual"])
+def test_plain_pass_through_never_drives(command, path):
+    bench = Guarded(path, "unsafe_plain")
+
+    async def story(bench):
+        bench.order(command)
+        await bench.run(6.0)
+        bench.order("start")
+        await bench.run(1.0)
+        assert bench.mode == "idle" and bench.guard.refused
+
+    assert bench.scene(story) is None
+    assert told(bench, f"{command} {REFUSED}") and told(bench, "LAST PULSE STAYS ON THE THRUSTERS FOR EVER")
+    assert not any(m.get_type() == "COMMAND_LONG" and (m.command, m.param1) == (400, 1) for _, m in bench.sent)
+    assert all(set(channels[8:12]) <= {1500, 65534} for _, channels in bench.overrides), "neutral, and the release"
+
+
+def test_stop_never_waits_and_takes_a_waiting_start_back(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.order("start")
+        bench.order("stop")
+        await bench.run(6.0)
+        assert bench.guard.clear and bench.mode == "idle"
+
+    assert bench.scene(story) is None
+
+
+def test_parameters_are_read_anew_after_a_reboot(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        assert await bench.run(6.0, until=lambda: bench.guard.clear)
+        rover = bench.world.rover
+        rover.vehicle.parameters.set("SERVO1_FUNCTION", 59)
+        rover.vehicle.reboot_asked = True
+        assert await bench.run(15.0, until=lambda: bench.guard.refused), bench.alerts()
+        bench.order("start")
+        await bench.run(1.0)
+        assert bench.mode == "idle"
+
+    assert bench.scene(story) is None
+    assert told(bench, f"start {REFUSED}") == 1
+
+
+def test_an_autopilot_that_tells_nothing_is_never_started(path):
+    bench = Guarded(path)
+    bench.world.rover.vehicle.parameters.find = lambda name: None  # it does not know any name
+
+    async def story(bench):
+        bench.order("start")
+        await bench.run(25.0)
+        assert bench.mode == "idle" and not bench.guard.clear
+
+    assert bench.scene(story) is None
+    assert told(bench, "does not tell its parameters: still waiting")
+
+
+def test_the_companion_is_what_the_configuration_says():
+    told = setup()
+    companion = companion_of(told)
+    assert [channel for _, channel in companion.thrusters] == [9, 10, 11, 12]
+    other = replace(told.run, mavlink=replace(told.run.mavlink, system_id=7))
+    assert companion_of(type(told)(other, told.pilot, told.files)).system_id == 7

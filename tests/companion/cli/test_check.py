@@ -1,0 +1,165 @@
+"""`aritra check` and `aritra provision` from the command line, beside the simulated autopilot on a TCP port."""
+
+import asyncio
+import contextlib
+import json
+import threading
+
+import pytest
+
+from companion.__main__ import main
+from companion.cli.boat.provisioning import SCRIPT, SCRIPTS, file_name
+from drivers.mavlink.provisioning import StoredLog
+from sim.world.autopilot.mavlink.files import Files
+from sim.world.autopilot.mavlink.logs import Logs
+from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
+from tests.sim.world.autopilot.autopilot_process import booted_rover, served
+from tests.sim.world.wirings.wiring_fixture import load
+
+
+@contextlib.contextmanager
+def sailing(rover):
+    """The rover on a TCP port, in a thread of its own."""
+    ready, ended, found = threading.Event(), threading.Event(), {}
+
+    async def play():
+        async with served(rover) as (_, tcp):
+            found["url"] = f"tcp:127.0.0.1:{tcp[1]}"
+            ready.set()
+            while not ended.is_set():
+                await asyncio.sleep(0.02)
+
+    thread = threading.Thread(target=lambda: asyncio.run(play()))
+    thread.start()
+    try:
+        assert ready.wait(10)
+        yield found["url"]
+    finally:
+        ended.set()
+        thread.join(10)
+
+
+def boat(wiring, **rover):
+    return booted_rover(parameters={**BOARD_PARAMETERS, **load(wiring)}, **rover)
+
+
+def check(url, capsys, tmp_path, *options):
+    """Exit code, and the rows by name."""
+    words = ["--mavlink", url, "--uwb", f"serial:{tmp_path / 'no-tag'}:115200", "--listen-s", "1.5", "--json"]
+    code = main(["check", *words, *options])
+    told = json.loads(capsys.readouterr().out)
+    return code, {row["name"]: row for row in told["rows"]}
+
+
+@pytest.mark.parametrize("firmware", ["4.6", "4.7"])
+def test_the_recommended_wiring_is_refused_for_its_silent_tag_only(firmware, capsys, tmp_path):
+    with sailing(boat("gate", firmware=firmware)) as url:
+        code, rows = check(url, capsys, tmp_path)
+    assert code == 1
+    assert {row["area"] for row in rows.values() if row["level"] == "refuse"} == {"uwb", "estimator"}
+    assert rows["firmware"]["found"] == f"{firmware}.0"
+    assert rows["MAV_GCS_SYSID" if firmware == "4.7" else "SYSID_MYGCS"]["found"] == "1"
+    assert rows["output 1-4"]["found"] == "1500 us" and rows["RC receiver"]["found"] == "none"
+    assert "cannot open" in rows["tag"]["found"]
+
+
+def test_what_is_wrong_is_named_and_nothing_is_moved(capsys, tmp_path):
+    rover = boat("unsafe_plain")
+    rover.vehicle.parameters.set("SCHED_LOOP_RATE", 50)
+    rover.vehicle.loop_rate_hz = 50.0
+    rover.vehicle.modes.arm(force=True)
+    before = rover.vehicle.parameters.saved()
+    with sailing(rover) as url:
+        code, rows = check(url, capsys, tmp_path)
+    assert code == 1
+    assert rows["SERVO1-4_FUNCTION"]["level"] == rows["armed"]["level"] == "refuse"
+    assert "FOR EVER" in rows["SERVO1-4_FUNCTION"]["why"] and rows["SERVO1-4_FUNCTION"]["fix"]
+    assert rows["SCHED_LOOP_RATE"]["level"] == "warning"
+    assert rover.vehicle.parameters.saved() == before
+    assert rover.vehicle.modes.armed and rover.vehicle.rc.last_input_ns is None, "it neither disarms nor overrides"
+
+
+def test_nobody_there_is_a_refusal_with_what_to_do(capsys, tmp_path):
+    code, rows = check("udpout:127.0.0.1:9", capsys, tmp_path)
+    assert code == 1 and rows["heartbeat"]["level"] == "refuse" and "mavlink.url" in rows["heartbeat"]["fix"]
+    assert not [row for row in rows.values() if row["area"] == "autopilot"], "nothing is said of what was not read"
+
+
+@pytest.mark.parametrize("command", [["check"], ["provision", "--wiring", "gate"], ["provision", "--logs", "x"]])
+def test_bad_input_ends_with_2_and_names_the_place(command, tmp_path, capsys):
+    assert main([*command, "--config", str(tmp_path / "none.toml")]) == 2
+    assert f"{tmp_path / 'none.toml'}: No such file" in capsys.readouterr().err
+    assert main([*command, "--mavlink", "pigeon:roof"]) == 2
+    assert "--mavlink: port 'pigeon:roof'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["provision"], ["provision", "--wiring", "unsafe_plain"], ["check", "--listen-s", "0"]]
+)
+def test_what_is_no_command_line_is_refused(words, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2 and "usage: aritra" in capsys.readouterr().err
+
+
+def provision(url, capsys, *options):
+    code = main(["provision", "--mavlink", url, *options])
+    told = capsys.readouterr()
+    return code, told.out + told.err
+
+
+def test_a_wiring_is_shown_asked_for_written_and_restarted(capsys, monkeypatch):
+    rover = boat("unsafe_plain")
+    rover.files = Files()
+    before, wanted = rover.vehicle.parameters.saved(), load("gate")
+    answers = iter(["", "n", "yes"])
+    monkeypatch.setattr("rich.console.Console.input", lambda self, prompt: next(answers))
+    with sailing(rover) as url:
+        code, told = provision(url, capsys, "--wiring", "gate", "--dry-run")
+        assert code == 0 and "SERVO4_FUNCTION" in told and "nothing was changed" in told
+        for _ in range(2):
+            code, told = provision(url, capsys, "--wiring", "gate")
+            assert code == 1 and "nothing was changed" in told
+        assert rover.vehicle.parameters.saved() == before and rover.files.stored == {}
+
+        rover.vehicle.modes.arm(force=True)
+        code, told = provision(url, capsys, "--wiring", "gate", "--yes")
+        assert code == 1 and "armed: nothing was changed; disarm it first" in told
+        assert rover.vehicle.parameters.saved() == before
+        rover.vehicle.modes.disarm()
+
+        code, told = provision(url, capsys, "--wiring", "gate")
+        assert code == 0 and "REBOOT the autopilot now" in told and "SCR_ENABLE" in told
+        stored = rover.vehicle.parameters
+        assert {name: stored[name] for name in wanted} == wanted
+        assert rover.files.stored == {f"{SCRIPTS}/gate.lua": SCRIPT.read_bytes()}
+        code, told = provision(url, capsys, "--wiring", "gate", "--yes", "--reboot")
+        assert code == 0 and "all 36 parameters are as gate.param has them" in told and "restarts" in told
+        assert rover.outputs_us == (0,) * 16
+
+
+def test_without_file_transfer_the_rest_is_done_and_the_hand_is_told_what_to_do(capsys):
+    rover = boat("scaled")
+    with sailing(rover) as url:
+        code, told = provision(url, capsys, "--wiring", "gate", "--yes")
+    assert code == 1
+    assert "by hand: copy" in told and "gate.lua" in told and "REBOOT" in told
+    assert rover.vehicle.parameters["SERVO1_FUNCTION"] == 94
+
+
+def test_logs_are_fetched_once(tmp_path, capsys):
+    rover = boat("gate")
+    rover.logs = Logs([b"one" * 100, b"two" * 1000])
+    with sailing(rover) as url:
+        code, told = provision(url, capsys, "--logs", str(tmp_path / "logs"))
+        assert code == 0 and "2 logs" in told
+        files = sorted((tmp_path / "logs").iterdir())
+        assert [f.read_bytes() for f in files] == rover.logs.stored
+        stamps = [f.stat().st_mtime_ns for f in files]
+        assert provision(url, capsys, "--logs", str(tmp_path / "logs"))[0] == 0
+    assert [f.stat().st_mtime_ns for f in files] == stamps and len(list((tmp_path / "logs").iterdir())) == 2
+
+
+def test_names_of_logs_sort_and_are_names_everywhere():
+    name = file_name(StoredLog(7, "2026-01-01T00:06:00Z", 1))
+    assert name == "log-0007-2026-01-01T000600Z.bin"

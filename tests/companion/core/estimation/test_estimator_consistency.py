@@ -1,0 +1,47 @@
+"""Errors against the goals of the project and against the filter's own covariance, over seeds.
+
+NEES = e^T P^-1 e over [x y psi u v r]; six degrees of freedom. Averaged over 20 runs at one instant its 95 % band
+is chi2(120) / 20 = 4.58 .. 7.60; errors are correlated in time, so the mean over a run scatters more.
+"""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from companion.core.estimation.estimator import Estimator
+from tests.companion.core.estimation.estimator_world import Score, basin, estimate, simulate
+from tests.support.vessel_fixtures import boat
+
+LOW, HIGH = (float(chi2.ppf(q, 120)) / 20 for q in (0.025, 0.975))
+
+
+def scores(seeds: range, disturbed: bool, seconds: float) -> list[Score]:
+    estimator = Estimator(boat("aritra"), basin())
+    return [estimate(simulate(s, disturbed=disturbed, seconds=seconds), estimator) for s in seeds]
+
+
+def assert_goals(runs: list[Score]) -> None:
+    for score in runs:
+        rms = score.rms()
+        assert rms["position_m"] <= 0.10
+        assert rms["u_m_s"] <= 0.05
+        assert rms["v_m_s"] <= 0.05
+        assert rms["heading_deg"] <= 2.0
+        assert score.state.restarts == 0
+
+
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_two_seeds_reach_the_goals_and_are_not_overconfident(disturbed: bool) -> None:
+    runs = scores(range(1, 3), disturbed, 50.0)
+    assert_goals(runs)
+    assert np.mean([s.nees.mean() for s in runs]) < 10.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_twenty_seeds_reach_the_goals_and_are_consistent(disturbed: bool) -> None:
+    runs = scores(range(1, 21), disturbed, 150.0)
+    assert_goals(runs)
+    over_runs = np.mean([s.nees for s in runs], axis=0)
+    assert LOW <= over_runs.mean() <= HIGH
+    assert np.mean(over_runs <= HIGH) >= 0.95

@@ -1,0 +1,63 @@
+"""A sensor that is stuck is left out, one that is only quiet is not; blindness is not over because a filter says so."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from companion.core.messages import Attitude, ImuSample, StateEstimate
+from companion.core.pilot import annunciator
+from companion.core.pilot.monitors.stuck_sensor import LEAST, NOTHING_HEARD, STUCK_NS, hear
+
+MS = 1_000_000
+IMU = ImuSample(
+    t_ns=0, t_rx_ns=0, ax_m_s2=0.1, ay_m_s2=0.0, az_m_s2=-9.8, p_rad_s=0.0, q_rad_s=0.0, r_rad_s=0.0, source="RAW_IMU"
+)
+ATTITUDE = Attitude(t_ns=0, t_rx_ns=0, phi_rad=0.0, theta_rad=0.0, psi_rad=1.0, p_rad_s=0.0, q_rad_s=0.0, r_rad_s=0.0)
+
+
+def said(messages):
+    """(stuck after each, levels of what was told)."""
+    known, stuck, told = NOTHING_HEARD, [], []
+    for message in messages:
+        known, alerts = hear(known, message, message.t_ns)
+        stuck.append(known.stuck)
+        told += [a.level for a in alerts]
+    return stuck, told
+
+
+@given(st.integers(5, 250), st.sampled_from([IMU, ATTITUDE]))
+def test_the_same_reading_for_a_second_is_a_stuck_sensor_whatever_its_stamps(period_ms, message):
+    count = STUCK_NS // (period_ms * MS) + LEAST + 2
+    stuck, told = said([replace(message, t_ns=k * period_ms * MS) for k in range(count)])
+    begun = stuck.index(True)
+    assert all(stuck[begun:]) and told == ["error"], "told once"
+    assert STUCK_NS <= begun * period_ms * MS <= max(STUCK_NS, LEAST * period_ms * MS) + period_ms * MS
+
+
+def test_one_digit_is_life_and_ends_it():
+    quiet = [replace(IMU, t_ns=k * 20 * MS, ax_m_s2=0.1 + 0.01 * (k % 40 == 0)) for k in range(200)]
+    assert said(quiet) == ([False] * 200, [])
+    again = [replace(IMU, t_ns=k * 20 * MS) for k in range(60)] + [replace(IMU, t_ns=1300 * MS, r_rad_s=0.01)]
+    stuck, told = said(again)
+    assert stuck[59] and not stuck[60] and told == ["error", "info"]
+
+
+def test_two_readings_far_apart_are_no_proof():
+    assert said([IMU, replace(IMU, t_ns=5000 * MS)]) == ([False, False], [])
+
+
+def test_a_filter_that_starts_again_does_not_begin_the_blind_time_anew():
+    """Degraded, healthy for a moment, degraded: all of it is one blindness; two healthy seconds end it."""
+    estimate = StateEstimate(
+        t_ns=0, north_m=0.0, east_m=0.0, psi_rad=0.0, u_m_s=0.0, v_m_s=0.0, r_rad_s=0.0, covariance=(0.0,) * 36,
+        accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0, anchor_bias_m={}, disturbance_n=(0.0, 0.0, 0.0),
+        health="healthy", reason="",
+    )  # fmt: skip
+    seen, blind = annunciator.Lookout(), []
+    story = ["degraded"] * 40 + ["healthy"] * 10 + ["degraded"] * 20 + ["healthy"] * 30 + ["degraded"] * 40
+    for k, health in enumerate(story):
+        t_ns = (k + 1) * 100 * MS
+        seen, _ = annunciator.at_estimate(seen, replace(estimate, t_ns=t_ns, health=health))
+        blind.append(annunciator.blind(seen, t_ns, 5.0) is not None)
+    assert not any(blind[:51]) and all(blind[51:70]), "5 s after it began, though healthy in between"
+    assert not any(blind[70:]), "three healthy seconds: begins anew"

@@ -1,0 +1,170 @@
+"""Rows of the pre-flight check on estimate, UWB, battery, disk and configuration."""
+
+import math
+import random
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.core.messages import (
+    AnchorRange,
+    Battery,
+    Innovation,
+    StateEstimate,
+    UwbPosition,
+    UwbRanges,
+)
+from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, hdop, uwb_rows
+from companion.core.preflight.observations import Disk
+from companion.core.preflight.rows import Row, worst
+from tests.companion.core.preflight.observations_fixture import SITE, VESSEL, by_name, heard
+
+
+def estimate(health="healthy", reason=""):
+    return StateEstimate(
+        t_ns=0, north_m=8.0, east_m=9.0, psi_rad=0.3, u_m_s=0.0, v_m_s=0.0, r_rad_s=0.0, covariance=(0.0,) * 36,
+        accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0, anchor_bias_m={}, disturbance_n=(0.0,) * 3, health=health,
+        reason=reason,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("health", "level"), [("healthy", "ok"), ("degraded", "warning"), ("initialising", "refuse"), ("lost", "refuse")]
+)
+def test_the_estimate_s_health_decides(health, level):
+    rows = by_name(estimator_rows(heard(estimate=estimate(health, "one anchor in range"))))
+    assert rows["state"].level == level
+    assert health in rows["state"].found
+
+
+def test_innovations_that_do_not_fit_are_told_by_sensor():
+    def series(sensor, d2, accepted):
+        return [
+            Innovation(t_ns=k, sensor=sensor, innovation=(0.1,), S=(0.01,), d2=d2, accepted=accepted) for k in range(10)
+        ]
+
+    rows = by_name(
+        estimator_rows(
+            heard(
+                estimate=estimate(),
+                innovations=(*series("range A", 1.0, True), *series("range B", 9.0, True), *series("imu", 1.0, False)),
+            )
+        )
+    )
+    assert rows["innovations: range"].level == rows["innovations: imu"].level == "warning"
+    assert "d2 5.0" in rows["innovations: range"].found and "0 % accepted" in rows["innovations: imu"].found
+
+
+def cycles(north=8.0, east=9.0, anchors=None, offset=None, count=5):
+    """Ranges of a tag at a place, 1 cm of noise (seed 5); `offset`: what is added to one anchor's."""
+    dice, offset = random.Random(5), offset or {}
+    anchors = SITE.anchors if anchors is None else anchors
+    away = VESSEL.sensors.uwb.z_m
+    return tuple(
+        UwbRanges(
+            t_ns=k, t_rx_ns=k, tag="tag",
+            ranges=tuple(
+                AnchorRange(
+                    anchor=a.id,
+                    range_m=math.dist((a.north_m, a.east_m, a.down_m), (north, east, away)) + dice.gauss(0, 0.01)
+                    + offset.get(a.id, 0.0),
+                )
+                for a in anchors
+            ),
+        )
+        for k in range(count)
+    )  # fmt: skip
+
+
+def test_uwb_in_order_shows_where_the_boat_is():
+    rows = by_name(uwb_rows(heard(ranges=cycles(), uwb_hz=1.0), SITE, VESSEL))
+    assert worst(rows.values()) == "ok"
+    assert "4 of 4" in rows["anchors"].found
+    north, east = map(float, re.findall(r"[\d.]+(?= m)", rows["geometry"].found))
+    assert (north, east) == pytest.approx((8.0, 9.0), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "hz", "name", "level", "word"),
+    [
+        ((), 0.0, "tag", "refuse", "nothing was opened"),
+        (cycles(anchors=SITE.anchors[:3]), 1.0, "anchors", "warning", f"not {SITE.anchors[3].id}"),
+        (cycles(anchors=SITE.anchors[:2]), 1.0, "anchors", "refuse", "2 of 4"),
+        (cycles(offset={SITE.anchors[1].id: 1.5}), 1.0, "residuals", "warning", f"{SITE.anchors[1].id} +1"),
+        (cycles(), 0.2, "cycles", "warning", "0.2 Hz"),
+    ],
+)
+def test_one_fault_of_the_uwb_is_the_row_that_says_so(ranges, hz, name, level, word):
+    rows = by_name(uwb_rows(heard(ranges=ranges, uwb_hz=hz), SITE, VESSEL))
+    assert rows[name].level == level and word in rows[name].found
+    assert [n for n, row in rows.items() if row.level != "ok"] == [name]
+
+
+def test_unknown_anchors_are_named():
+    stranger = type(SITE.anchors[0])(id="DEAD", north_m=0.0, east_m=15.0, down_m=-2.0, source="assumed")
+    rows = by_name(uwb_rows(heard(ranges=cycles(anchors=(*SITE.anchors, stranger)), uwb_hz=1.0), SITE, VESSEL))
+    assert rows["anchors"].level == "warning" and "unknown: DEAD" in rows["anchors"].found
+
+
+@given(st.integers(3, 6), st.floats(0, 2 * math.pi))
+def test_hdop_of_a_regular_ring_is_two_over_the_root_of_its_anchors(count, turn):
+    angles = turn + np.arange(count) * 2 * np.pi / count
+    ring = np.column_stack((10 * np.cos(angles), 10 * np.sin(angles), np.zeros(count)))
+    assert hdop(ring, 0.0, 0.0, 0.0) == pytest.approx(2 / math.sqrt(count))
+
+
+def test_anchors_in_one_line_with_the_boat_leave_a_direction_open():
+    line = np.array([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (10.0, 0.0, 0.0)])
+    assert hdop(line, 20.0, 0.0, 0.0) == math.inf
+
+
+@pytest.mark.parametrize(("north", "level"), [(8.0, "ok"), (-9.0, "warning")])
+def test_positions_of_a_tag_are_looked_for_inside_the_fence(north, level):
+    positions = tuple(UwbPosition(t_ns=k, t_rx_ns=k, tag="t", x_m=9.0, y_m=north, z_m=0.0) for k in range(4))
+    rows = by_name(uwb_rows(heard(positions=positions), SITE, VESSEL))
+    assert rows["positions"].level == level
+
+
+@pytest.mark.parametrize(
+    ("voltage_v", "limits", "level"),
+    [
+        (16.0, (None, None), "ok"), (13.5, (None, None), "warning"), (12.0, (None, None), "refuse"),
+        (0.0, (None, None), "warning"), (14.5, (14.6, 14.0), "warning"), (13.9, (14.6, 14.0), "refuse"),
+    ],
+)  # fmt: skip
+def test_battery(voltage_v, limits, level):
+    rows = by_name(battery_rows(heard(battery=Battery(t_ns=0, voltage_v=voltage_v)), 15.0, *limits))
+    assert rows["voltage"].level == level
+    assert by_name(battery_rows(heard(), 15.0, *limits))["voltage"].level == "warning"
+
+
+@pytest.mark.parametrize(
+    ("disk", "level"),
+    [
+        (Disk("logs", 10**11), "ok"),
+        (Disk("logs", 5 * 10**8), "warning"),
+        (Disk("logs", 10**7), "refuse"),
+        (Disk("logs", 0, problem="Permission denied"), "refuse"),
+        (Disk("logs", 2 * 10**9, quota_bytes=8e9, used_bytes=10**9), "warning"),
+        (Disk("logs", 2 * 10**9, quota_bytes=8e9, used_bytes=7 * 10**9), "ok"),
+    ],
+)
+def test_disk(disk, level):
+    assert by_name(disk_rows(heard(disk=disk)))["log folder"].level == level
+
+
+def test_warnings_of_the_configuration_become_rows():
+    rows = list(configuration_rows(["waypoint 3 lies beyond the fence"], "abc: vessel x"))
+    assert [row.level for row in rows] == ["ok", "warning"] and rows[1].found == "waypoint 3 lies beyond the fence"
+
+
+def test_the_verdict_is_the_worst():
+    def row(level):
+        return Row(area="a", name="n", level=level, found="f", needed="n", why="w")
+
+    assert worst([]) == "ok"
+    assert worst([row("ok"), row("warning")]) == "warning"
+    assert worst([row("refuse"), row("ok"), row("warning")]) == "refuse"

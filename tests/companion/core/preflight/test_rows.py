@@ -1,0 +1,253 @@
+"""The rows of the pre-flight check: one cause at a time makes one row worse, and says what to do."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.cli.simulator.autopilot_options import wirings
+from companion.core.messages import (
+    AutopilotInfo,
+    Heartbeat,
+    LinkStatus,
+    RcChannels,
+    ServoOutput,
+    StatusText,
+)
+from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
+from companion.core.preflight.link import link_rows, receiver_seen, rest_rows
+from companion.core.preflight.observations import Disk, RoundTrip
+from companion.core.preflight.parameter_diff import changes, unknown
+from companion.core.preflight.parameter_file import parse_parameters
+from companion.core.preflight.rows import Parameters, numbers, worst
+from companion.core.preflight.wiring import scaled_us, wiring
+from tests.companion.core.preflight.observations_fixture import BEAT, COMPANION, WANTED, by_name, heard
+
+
+def told(wiring_name, **changed):
+    """A whole set as an autopilot would tell it: the file's, over what the firmware has by default."""
+    defaults = {
+        "RC_OPTIONS": 32.0, "MODE_CH": 8.0, "RCMAP_ROLL": 1.0, "RCMAP_PITCH": 2.0, "RCMAP_THROTTLE": 3.0,
+        "RCMAP_YAW": 4.0,
+        "ARMING_REQUIRE": 1.0, "ARMING_CHECK": 1.0, "BRD_SAFETY_DEFLT": 0.0, "SERVO_RC_FS_MSK": 0.0, "SCR_ENABLE": 0.0,
+        "FS_THR_ENABLE": 1.0, "FS_THR_VALUE": 910.0, "FS_ACTION": 2.0, "FS_GCS_ENABLE": 0.0, "RC_OVERRIDE_TIME": 3.0,
+        "ARMING_RUDDER": 2.0, "FRAME_TYPE": 0.0,
+    }  # fmt: skip
+    file = parse_parameters(wirings()[wiring_name], name=wiring_name)
+    return Parameters({**defaults, **file, **changed})
+
+
+def levels(p, companion=COMPANION):
+    return {row.name: row.level for row in parameter_rows(p, companion) if row.level != "ok"}
+
+
+# --- parameters --------------------------------------------------------------------------------------
+
+
+def test_the_recommended_wiring_is_all_in_order():
+    assert levels(told("gate")) == {}
+    by_name(parameter_rows(told("gate"), COMPANION))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "row", "level"),
+    [
+        ("SERVO1_FUNCTION", 59.0, "SERVO1_FUNCTION", "refuse"),
+        ("SERVO9_FUNCTION", 1.0, "SERVO9_FUNCTION", "refuse"),
+        ("SERVO5_FUNCTION", 55.0, "SERVO5_FUNCTION", "warning"),
+        ("SERVO2_FUNCTION", 0.0, "SERVOn_FUNCTION", "refuse"),
+        ("SERVO2_TRIM", 1530.0, "SERVO2_TRIM", "refuse"),
+        ("SERVO2_TRIM", 1510.0, "SERVO1-4_TRIM", "warning"),
+        ("SCR_ENABLE", 0.0, "SCR_ENABLE", "refuse"),
+        ("FS_THR_ENABLE", 0.0, "FS_THR_ENABLE", "refuse"),
+        ("FS_THR_VALUE", 1600.0, "FS_THR_VALUE", "warning"),
+        ("FS_ACTION", 0.0, "FS_ACTION", "warning"),
+        ("FS_GCS_ENABLE", 0.0, "FS_GCS_ENABLE", "warning"),
+        ("RC_OVERRIDE_TIME", -1.0, "RC_OVERRIDE_TIME", "refuse"),
+        ("RC_OVERRIDE_TIME", 0.0, "RC_OVERRIDE_TIME", "refuse"),
+        ("RC_OVERRIDE_TIME", 0.1, "RC_OVERRIDE_TIME", "warning"),
+        ("RC_OVERRIDE_TIME", 3.0, "RC_OVERRIDE_TIME", "warning"),
+        ("RC_OPTIONS", 34.0, "RC_OPTIONS", "refuse"),
+        ("SYSID_MYGCS", 255.0, "SYSID_MYGCS", "refuse"),
+        ("MAV_OPTIONS", 1.0, "MAV_OPTIONS", "warning"),
+        ("SYSID_ENFORCE", 1.0, "SYSID_ENFORCE", "warning"),
+        ("ARMING_RUDDER", 2.0, "ARMING_RUDDER", "warning"),
+        ("MODE_CH", 9.0, "MODE_CH", "refuse"),
+        ("RCMAP_YAW", 12.0, "RCMAP_YAW", "warning"),
+        ("RCMAP_THROTTLE", 7.0, "RCMAP_THROTTLE", "warning"),
+        ("RC9_OPTION", 41.0, "RC9_OPTION", "refuse"),
+        ("RC2_OPTION", 41.0, "RC2_OPTION", "warning"),
+        ("BRD_SAFETY_DEFLT", 1.0, "BRD_SAFETY_DEFLT", "warning"),
+        ("ARMING_REQUIRE", 0.0, "ARMING_REQUIRE", "warning"),
+        ("ARMING_CHECK", 0.0, "ARMING_CHECK", "warning"),
+        ("SERVO_AUTO_TRIM", 1.0, "SERVO_AUTO_TRIM", "warning"),
+        ("FRAME_CLASS", 1.0, "FRAME_CLASS", "warning"),
+    ],
+)
+def test_one_wrong_parameter_is_the_row_that_says_so(name, value, row, level):
+    found = levels(told("gate", **{name: value}))
+    assert found[row] == level
+    assert set(found) - {row, "SERVOn_FUNCTION"} == set(), "and no other"
+
+
+def test_a_rudder_on_a_thruster_s_channel_is_refused():
+    assert levels(told("gate", ARMING_RUDDER=2.0, RCMAP_ROLL=9.0))["ARMING_RUDDER"] == "refuse"
+
+
+@pytest.mark.parametrize(
+    ("changed", "row", "level"),
+    [
+        ({"SERVO_RC_FS_MSK": 3584.0}, "SERVO_RC_FS_MSK", "refuse"),
+        ({"RC9_TRIM": 1300.0}, "RC9_*, SERVO1_*", "refuse"),
+        ({"RC9_DZ": 20.0}, "RC9_*, SERVO1_*", "warning"),
+        ({"SERVO1_REVERSED": 1.0}, "RC9_*, SERVO1_*", "warning"),
+        ({"SERVO8_FUNCTION": 0.0}, "SERVOn_FUNCTION", "refuse"),
+        ({"FS_ACTION": 2.0}, "FS_ACTION", "warning"),
+    ],
+)
+def test_scaled_needs_more_and_warns_that_disarming_does_not_stop_it(changed, row, level):
+    always = {"SERVO1-4_FUNCTION": "warning", "control.latency_s": "warning"}
+    assert levels(told("scaled")) == always
+    assert levels(told("scaled", **changed)) == {**always, row: level}
+
+
+def test_the_mask_that_is_needed_is_told():
+    row = next(r for r in parameter_rows(told("scaled", SERVO_RC_FS_MSK=1), COMPANION) if r.name == "SERVO_RC_FS_MSK")
+    assert row.fix == "set it to 3841" and "9-12" in row.why
+
+
+def test_the_slow_default_loop_is_told_with_the_latency_it_makes():
+    rows = {r.name: r for r in parameter_rows(told("gate", SCHED_LOOP_RATE=50.0), COMPANION)}
+    assert rows["SCHED_LOOP_RATE"].level == rows["control.latency_s"].level == "warning"
+    assert "0.059" in rows["control.latency_s"].fix
+
+
+def test_outputs_beyond_16_are_asked_for_and_judged_where_they_are_in_use():
+    p = told("gate", SERVO_32_ENABLE=1.0)
+    assert "SERVO17_FUNCTION" in wanted_more(p) and not wanted_more(told("gate"))
+    assert levels(told("gate", SERVO_32_ENABLE=1.0, SERVO20_FUNCTION=60.0)) == {"SERVO20_FUNCTION": "refuse"}
+    assert "SERVO17_FUNCTION" not in wanted(COMPANION)
+
+
+def test_both_spellings_are_understood():
+    values = dict(told("gate").values)
+    values["MAV_GCS_SYSID"] = values.pop("SYSID_MYGCS")
+    assert levels(Parameters(values)) == {}
+    values["MAV_GCS_SYSID"] = 255.0
+    assert levels(Parameters(values)) == {"MAV_GCS_SYSID": "refuse"}
+    assert {"SYSID_MYGCS", "MAV_GCS_SYSID"} <= set(wanted(COMPANION))
+
+
+@given(st.sets(st.sampled_from(sorted(told("gate").values))))
+def test_a_parameter_that_was_not_told_is_never_taken_for_good(silent):
+    """What decides about stopping refuses when it is unknown."""
+    p = Parameters({name: value for name, value in told("gate").values.items() if name not in silent})
+    vital = {f"SERVO{n}_{key}" for n in range(1, 5) for key in ("FUNCTION", "TRIM")}
+    vital |= {"SCR_ENABLE", "FS_THR_ENABLE", "RC_OVERRIDE_TIME", "SYSID_MYGCS"}
+    assert (worst(parameter_rows(p, COMPANION)) == "refuse") == bool(silent & vital)
+
+
+@given(st.integers(1100, 1900))
+def test_the_scaled_file_is_one_to_one(us):
+    p = told("scaled")
+    assert [scaled_us(p, o, us) for o in wiring(p, COMPANION).of("scaled")] == pytest.approx([us] * 4)
+
+
+@given(st.sets(st.integers(1, 32)))
+def test_runs_of_numbers_say_the_same_numbers(values):
+    spans = [part.split("-") for part in numbers(values).split()]
+    assert {n for span in spans for n in range(int(span[0]), int(span[-1]) + 1)} == values
+
+
+def test_the_difference_to_a_file():
+    values = {"MAV_GCS_SYSID": 255.0, "FS_TIMEOUT": 1.5000000596, "A": 1.0}
+    found = changes(values, {"SYSID_MYGCS": 1.0, "FS_TIMEOUT": 1.5, "A": 1.0, "B": 2.0})
+    assert [(c.name, c.found, c.wanted) for c in found] == [("MAV_GCS_SYSID", 255.0, 1.0), ("B", None, 2.0)]
+    assert unknown(found) == ["B"] and not found[0].reboot
+
+
+# --- link and state ----------------------------------------------------------------------------------
+
+
+def test_a_good_link_is_in_order():
+    assert worst(by_name(link_rows(heard(), COMPANION)).values()) == "ok"
+
+
+@pytest.mark.parametrize(
+    ("changed", "name", "level", "word"),
+    [
+        ({"heartbeat": None, "mavlink": LinkStatus(t_ns=0, link="m", state="searching", reason="no bytes")},
+         "heartbeat", "refuse", "no bytes"),
+        ({"info": None}, "firmware", "warning", "not told"),
+        ({"info": AutopilotInfo(t_ns=0, flight_sw_version=4 << 24 | 5 << 16, board_version=0, capabilities=0)},
+         "firmware", "warning", "4.5.0"),
+        ({"lost": 30}, "lost frames", "warning", "30 of 1030"),
+        ({"rates_hz": {**WANTED, "RAW_IMU": 0.0}}, "RAW_IMU", "refuse", "0.0 Hz"),
+        ({"rates_hz": {**WANTED, "ATTITUDE": 30.0}}, "ATTITUDE", "warning", "30.0 Hz"),
+        ({"rates_hz": {**WANTED, "RC_CHANNELS": 0.0}}, "RC_CHANNELS", "warning", "0.0 Hz"),
+        ({"round_trips": ()}, "autopilot", "warning", "no answer"),
+        ({"round_trips": tuple(RoundTrip(0.501, 1.0) for _ in range(5))}, "autopilot", "refuse", "501.0 ms"),
+        ({"round_trips": tuple(RoundTrip(0.499, 1.0) for _ in range(5))}, "autopilot", "warning", "499.0 ms"),
+        ({"round_trips": tuple(RoundTrip(0.08, 1.0) for _ in range(5))}, "autopilot", "warning", "80.0 ms"),
+        ({"round_trips": tuple(RoundTrip(0.01, 0.03 * (k % 2)) for k in range(6))}, "autopilot", "warning", "15.0 ms"),
+        ({"wall_s": 1000.0}, "boat's date", "warning", "never set"),
+        ({"disk": Disk("logs", 10**11, newest_s=1.8e9 + 600)}, "boat's date", "warning", "newest log"),
+    ],
+)  # fmt: skip
+def test_one_fault_of_the_link_is_the_row_that_says_so(changed, name, level, word):
+    rows = by_name(link_rows(heard(**changed), COMPANION))
+    assert rows[name].level == level and word in rows[name].found
+    assert [n for n, row in rows.items() if row.level != "ok"] == [name]
+
+
+@pytest.mark.parametrize(("minor", "word"), [(6, "silently caps"), (7, "denies")])
+def test_streams_say_what_the_firmware_does_with_fast_ones(minor, word):
+    info = AutopilotInfo(t_ns=0, flight_sw_version=4 << 24 | minor << 16, board_version=0, capabilities=0)
+    rows = by_name(link_rows(heard(info=info, rates_hz={}), COMPANION))
+    assert word in rows["ATTITUDE"].why and "SCHED_LOOP_RATE" in rows["ATTITUDE"].fix
+
+
+REST_US = (1500,) * 4 + (0,) * 12
+
+
+@pytest.mark.parametrize(
+    ("wiring_name", "changed", "name", "level"),
+    [
+        ("gate", {}, None, None),
+        ("gate", {"heartbeat": Heartbeat(**{**{f: getattr(BEAT, f) for f in BEAT.__struct_fields__}, "armed": True})},
+         "armed", "refuse"),
+        ("gate", {"texts": (StatusText(t_ns=0, severity=2, text="PreArm: Compass not calibrated"),)},
+         "arming checks", "warning"),
+        ("gate", {"texts": (StatusText(t_ns=0, severity=3, text="gate: no output has SERVOn_FUNCTION 94"),)},
+         "gate.lua", "refuse"),
+        ("gate", {"texts": (StatusText(t_ns=0, severity=6, text="gate: thrusters on channels 9 10 11 13"),)},
+         "gate.lua", "refuse"),
+        ("gate", {"texts": (StatusText(t_ns=0, severity=6, text="gate: thrusters on channels 9 10 11 12"),)},
+         None, None),
+        ("gate", {"servo": ServoOutput(t_ns=0, pwm_us=(0,) * 16)}, "output 1-4", "refuse"),
+        ("gate", {"servo": ServoOutput(t_ns=0, pwm_us=(1500, 1500, 1700, 1500))}, "output 1-4", "refuse"),
+        ("scaled", {"servo": ServoOutput(t_ns=0, pwm_us=(0,) * 16)}, None, None),
+        ("scaled", {"servo": ServoOutput(t_ns=0, pwm_us=(1100,) * 16)}, "output 1-4", "refuse"),
+        ("omni", {"servo": ServoOutput(t_ns=0, pwm_us=(1900,) * 16)}, "output 1-4", "refuse"),
+        ("gate", {"rc": RcChannels(t_ns=0, pwm_us=(1500,) * 16 + (0, 0))}, None, None),
+        ("gate", {"rc": RcChannels(t_ns=0, pwm_us=(1500,) * 8 + (1000,) * 4 + (0,) * 6)}, "RC receiver", "refuse"),
+        ("gate", {"rc": RcChannels(t_ns=0, pwm_us=(1500,) * 8 + (0,) * 10)}, None, None),
+        ("scaled", {"rc": RcChannels(t_ns=0, pwm_us=(1500,) * 8 + (0,) * 10)}, "RC receiver", "refuse"),
+        ("scaled", {"rc": RcChannels(t_ns=0, pwm_us=(1500,) * 4 + (0,) * 14)}, "RC receiver", "refuse"),
+        ("omni", {"rc": RcChannels(t_ns=0, pwm_us=(1700,) * 8 + (0,) * 10)}, None, None),
+    ],
+)  # fmt: skip
+def test_what_the_boat_does_at_rest(wiring_name, changed, name, level):
+    seen = heard(
+        **{"servo": ServoOutput(t_ns=0, pwm_us=REST_US), "rc": RcChannels(t_ns=0, pwm_us=(0,) * 18), **changed}
+    )
+    rows = by_name(rest_rows(seen, told(wiring_name), COMPANION))
+    assert {n: row.level for n, row in rows.items() if row.level != "ok"} == ({name: level} if name else {})
+
+
+@given(st.lists(st.sampled_from([0, 1500, 1700]), min_size=12, max_size=12))
+def test_what_an_earlier_run_left_is_no_receiver(left):
+    """Without a receiver only overridden channels have pulses; a run leaves them on both kinds."""
+    pulses = [us if n in COMPANION.channels else 0 for n, us in enumerate(left, start=1)]
+    pulses[8] = pulses[8] or 1500
+    assert not receiver_seen((*pulses, *[0] * 6), COMPANION)
+    assert receiver_seen((*pulses[:5], 1500, *pulses[6:], *[0] * 6), COMPANION)

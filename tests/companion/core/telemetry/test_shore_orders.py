@@ -1,0 +1,198 @@
+"""Which orders from shore the boat believes: signature, run, counter, age, repetition, and strangers' bytes."""
+
+import hashlib
+import hmac
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.core.telemetry.orders import (
+    MAX_BYTES,
+    SESSIONS,
+    Gate,
+    MissionFile,
+    Order,
+    Outcome,
+    Refused,
+    Repeated,
+    Sender,
+    read_outcome,
+    seal,
+)
+
+S = 1_000_000_000
+KEY = bytes(range(32))
+BOAT_NS = 500 * S
+
+
+class Local:
+    """The sender's clock."""
+
+    def __init__(self):
+        self.ns = 77 * S
+
+    def __call__(self):
+        return self.ns
+
+
+def sender(session="session-1", key=KEY, boat="b", run="run"):
+    local = Local()
+    made = Sender(boat, session, "anna", key, local)
+    made.hear(run, BOAT_NS)
+    return made, local
+
+
+def code(gate, sent, now_ns=BOAT_NS):
+    with pytest.raises(Refused) as no:
+        gate.judge(*sent, now_ns)
+    assert str(no.value)
+    return no.value.code
+
+
+@pytest.mark.parametrize("key", [KEY, None])
+def test_an_order_is_believed_once(key):
+    gate, (anna, local) = Gate("b", "run", key), sender(key=key)
+    sent = anna.order("start")
+    order = gate.judge(*sent, BOAT_NS + S)
+    assert order.command == "start" and order.sender == "anna" and order.t_ns == BOAT_NS
+    with pytest.raises(Repeated) as again:
+        gate.judge(*sent, BOAT_NS + S)
+    assert again.value.outcome is None
+    outcome = Outcome(run="run", t_ns=1, status="done", code="ok", text="")
+    gate.finish(order, outcome)
+    with pytest.raises(Repeated) as again:
+        gate.judge(*sent, BOAT_NS + S)
+    assert again.value.outcome is outcome and read_outcome(msgspec.json.encode(outcome)) == outcome
+    local.ns += S
+    assert gate.judge(*anna.order("hold"), BOAT_NS + S).counter == 2
+    assert code(gate, sent, BOAT_NS + S) == "replayed"
+
+
+def test_the_signature_is_hmac_over_boat_and_payload():
+    payload, mac = sender()[0].order("stop")
+    assert mac == hmac.new(KEY, b"aritra-order-1\0b\0" + payload, hashlib.sha256).digest() == seal(KEY, "b", payload)
+    gate = Gate("b", "run", KEY)
+    assert gate.signed and not Gate("b", "run", None).signed
+    for wrong in (None, b"", mac[:-1], bytes([mac[0] ^ 1]) + mac[1:], seal(bytes(32), "b", payload),
+                  seal(KEY, "other", payload)):  # fmt: skip
+        assert code(gate, (payload, wrong)) == "unsigned"
+    assert code(gate, (payload.replace(b"stop", b"hold"), mac)) == "unsigned"
+    assert gate.judge(payload, mac, BOAT_NS).command == "stop"
+
+
+def test_another_run_or_boat_is_refused():
+    assert code(Gate("b", "later", KEY), sender()[0].order("start")) == "wrong_run"
+    assert code(Gate("c", "run", KEY), sender()[0].order("start")) == "unsigned"
+
+
+@pytest.mark.parametrize(
+    ("command", "age_s", "believed"),
+    [("start", 4.9, True), ("start", 5.1, False), ("hold", 5.1, False), ("stop", 5.1, True), ("stop", 59.0, True),
+     ("stop", 61.0, False), ("start", -0.9, True), ("start", -1.1, False), ("stop", -1.1, False)],
+)  # fmt: skip
+def test_old_orders_are_refused_and_a_late_stop_is_not(command, age_s, believed):
+    gate, sent = Gate("b", "run", KEY), sender()[0].order(command)
+    now_ns = BOAT_NS + round(age_s * S)
+    if believed:
+        assert gate.judge(*sent, now_ns).command == command
+    else:
+        assert code(gate, sent, now_ns) == "late"
+
+
+def test_nothing_recorded_is_ever_obeyed_twice():
+    """Whatever an eavesdropper repeats, and whenever: also after the sender was forgotten."""
+    gate, (anna, local) = Gate("b", "run", KEY), sender()
+    heard = []
+    for step in range(40):
+        local.ns += 3 * S
+        now_ns = BOAT_NS + (local.ns - 77 * S)
+        heard.append(anna.order(("start", "stop", "hold")[step % 3]))
+        assert gate.judge(*heard[-1], now_ns)
+        for old in heard:
+            with pytest.raises((Refused, Repeated)):
+                gate.judge(*old, now_ns)
+    for late_s in (4, 30, 59, 61, 62, 70, 1000):
+        for old in heard:
+            with pytest.raises((Refused, Repeated)):
+                gate.judge(*old, now_ns + late_s * S)
+        busy = sender(session=f"other-{late_s:04d}")[0]
+        busy.hear("run", BOAT_NS)
+        with pytest.raises(Refused):
+            gate.judge(*busy.order("stop"), now_ns + late_s * S)  # lets the gate forget
+
+
+def test_memory_is_bounded_and_a_stop_always_passes():
+    gate = Gate("b", "run", KEY)
+    for k in range(SESSIONS):
+        gate.judge(*sender(f"session-{k}")[0].order("hold"), BOAT_NS)
+    assert code(gate, sender("one-too-many")[0].order("hold")) == "crowded"
+    assert gate.judge(*sender("one-too-many")[0].order("stop"), BOAT_NS).command == "stop"
+    assert len(gate._sessions) == SESSIONS
+    later, local = sender("a-minute-later")
+    local.ns += 62 * S
+    assert gate.judge(*later.order("hold"), BOAT_NS + 62 * S)
+    assert len(gate._sessions) == 1
+
+
+def order(**changes):
+    told = {"run": "run", "t_ns": BOAT_NS, "session": "session-1", "counter": 1, "sender": "anna", "command": "stop"}
+    return msgspec.json.encode(told | changes)
+
+
+@pytest.mark.parametrize(
+    ("payload", "expected"),
+    [
+        (b"", "malformed"),
+        (b"stop", "malformed"),
+        (b"[" * 60_000, "malformed"),
+        (b"\xff\xfe", "malformed"),
+        (order(command="self_destruct"), "malformed"),
+        (order(sender="anna\n"), "malformed"),
+        (order(sender=""), "malformed"),
+        (order(session="short"), "malformed"),
+        (order(counter=-1), "malformed"),
+        (order(counter=1 << 70), "malformed"),
+        (order(t_ns=1.5), "malformed"),
+        (order(mission={"name": "m.toml", "text": ""}), "malformed"),
+        (order(command="load_mission"), "malformed"),
+        (order(v=2), "version"),
+        (b" " * (MAX_BYTES + 1), "too_long"),
+    ],
+)
+def test_what_is_not_an_order_is_refused_in_words(payload, expected):
+    assert code(Gate("b", "run", None), (payload, None)) == expected
+
+
+@settings(max_examples=300, deadline=None)
+@given(payload=st.binary(max_size=300), attachment=st.none() | st.binary(max_size=40), key=st.sampled_from([KEY, None]))
+def test_strange_bytes_never_raise_anything_else(payload, attachment, key):
+    gate = Gate("b", "run", key)
+    with pytest.raises(Refused):
+        gate.judge(payload, attachment, BOAT_NS)
+    assert not gate._sessions
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_an_order_with_any_byte_changed_is_refused(data):
+    gate, (payload, mac) = Gate("b", "run", KEY), sender()[0].order("load_mission", MissionFile(name="m", text="x"))
+    at, to = data.draw(st.integers(0, len(payload) - 1)), data.draw(st.integers(0, 255))
+    if payload[at] != to:
+        assert code(gate, (payload[:at] + bytes([to]) + payload[at + 1 :], mac)) == "unsigned"
+
+
+def test_a_sender_learns_the_boats_clock_from_what_came_quickest():
+    anna, local = sender()
+    local.ns += 10 * S
+    anna.hear("run", BOAT_NS + 7 * S)  # three seconds on the way
+    stamped = msgspec.json.decode(anna.order("stop")[0], type=Order)
+    assert abs(stamped.t_ns - (BOAT_NS + 10 * S)) < 0.02 * S
+    anna.hear("anew", 5 * S)
+    stamped = msgspec.json.decode(anna.order("stop")[0], type=Order)
+    assert (stamped.run, stamped.t_ns, stamped.counter) == ("anew", 5 * S, 2)
+    with pytest.raises(ValueError, match="no telemetry heard"):
+        Sender("b", "session-2", "bob", None, local).order("stop")
+    with pytest.raises(ValueError, match="not an outcome"):
+        read_outcome(b"{}")

@@ -1,0 +1,95 @@
+"""`aritra log export`: what people and scripts see."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion.boat.load_run import EXAMPLES
+from companion.cli import log
+from companion.core.messages import GroundTruth
+from companion.logs.readers.read_run import read_run
+from companion.logs.readers.table import write_run
+from companion.logs.runs.run import Run
+from tests.companion.logs.readers.run_logs import clean_run, record, simulated
+
+
+def run(*argv: object) -> int:
+    parser = argparse.ArgumentParser()
+    log.add_parser(parser.add_subparsers())
+    args = parser.parse_args(["log", "export", *map(str, argv)])
+    return args.function(args)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("export")
+    boat = record(folder / "boat.mcap", [x for x in simulated() if not isinstance(x, GroundTruth)])
+    return boat, record(folder / "truth.mcap", [x for x in simulated() if isinstance(x, GroundTruth)])
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_log_with_its_truth_becomes_a_table(logs, tmp_path, capsys, monkeypatch, ending):
+    monkeypatch.setenv("COLUMNS", "120")
+    out = tmp_path / f"run.{ending}"
+    assert run(logs[0], "--out", out, "--truth", logs[1]) == log.OK
+    told = capsys.readouterr().out
+    back = read_run(out)
+    assert back.known("true_u_m_s")
+    for wanted in (f"wrote {out}", back.data_hash[:12], "vessel aritra", "r_rad_s", "50.00", "no problems found"):
+        assert wanted in told
+
+
+def test_scripts_get_one_object(logs, tmp_path, capsys):
+    out = tmp_path / "run.parquet"
+    assert run(logs[0], "-o", out, "--json") == log.OK
+    told = json.loads(capsys.readouterr().out)
+    back = read_run(out)
+    assert (told["rows"], told["data_hash"], told["vessel"]) == (back.table.height, back.data_hash, "aritra")
+    assert told["rates_hz"]["psi_rad"] == pytest.approx(50.0)
+    assert told["problems"] == []
+
+
+def test_a_clean_run_says_so_and_many_problems_are_counted(tmp_path, capsys):
+    path = tmp_path / "a.csv"
+    write_run(clean_run(20.0), path)
+    assert run(path, "-o", tmp_path / "b.parquet") == log.OK
+    assert "no problems found" in capsys.readouterr().out
+    holes = clean_run(60.0).table
+    t = holes["t_s"]
+    write_run(Run(holes.filter((t % 10) > 1.0)), path)
+    assert run(path, "-o", tmp_path / "b.parquet") == log.OK
+    assert "... and 2 more (--json tells all)" in capsys.readouterr().out
+
+
+def test_a_damaged_log_is_exit_code_1(logs, tmp_path, capsys):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(logs[0].read_bytes()[:-60_000])
+    assert run(path, "-o", tmp_path / "a.csv", "--vessel", EXAMPLES / "boats" / "aritra.toml") == log.DAMAGED
+    assert "damaged: 1" in capsys.readouterr().out
+
+
+def test_what_cannot_be_done_is_exit_code_2_with_the_file(logs, tmp_path, capsys):
+    broken = tmp_path / "vessel.toml"
+    broken.write_text("format = 2\n")
+    for argv, told in (
+        ([tmp_path / "absent.mcap", "-o", tmp_path / "a.csv"], "absent.mcap: no such file"),
+        ([tmp_path / "absent.csv", "-o", tmp_path / "a.csv"], "absent.csv: No such file"),
+        ([logs[0], "-o", tmp_path / "a.xlsx"], "a.xlsx: a run is written as"),
+        ([logs[0], "-o", tmp_path / "no" / "a.csv"], "a.csv: No such file"),
+        ([logs[0], "-o", logs[0]], "this is the log itself"),
+        ([logs[0], "-o", tmp_path / "a.csv", "--vessel", broken], "vessel.toml: "),
+        ([logs[0], "-o", tmp_path / "a.csv", "--uwb", logs[1]], "UWB log is joined"),
+    ):
+        assert run(*argv) == log.IMPOSSIBLE
+        assert told in capsys.readouterr().err
+
+
+def test_without_polars_it_says_what_to_install(logs, tmp_path, capsys, monkeypatch):
+    for name in [n for n in sys.modules if n.startswith(("companion.logs.runs", "companion.logs.readers", "sim.fitting"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "polars", None)
+    assert run(logs[0], "-o", tmp_path / "a.csv") == log.IMPOSSIBLE
+    assert "aritra[analysis]" in capsys.readouterr().err

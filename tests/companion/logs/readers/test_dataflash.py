@@ -1,0 +1,169 @@
+"""Dataflash logs as runs: a real one against pymavlink, made-up ones for GPS, beacons and a UWB log beside."""
+
+import gzip
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink import DFReader
+
+from companion.boat.load_run import EXAMPLES
+from companion.core.configuration.site_file import load_site
+from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.runs.problems import grouped, problems
+from companion.logs.runs.run import RunError
+from tests.companion.logs.readers.run_logs import dataflash
+from tests.support.vessel_fixtures import boat
+
+SITE = load_site((EXAMPLES / "sites" / "basin.toml").read_text(), name="basin.toml")
+UNIX_S = 1_700_000_000  # when the made-up log was booted
+BOOT_US = 5_000_000
+
+
+@pytest.fixture
+def real(shared_data: Path, tmp_path: Path) -> Path:
+    path = tmp_path / "small.BIN"
+    path.write_bytes(gzip.decompress((shared_data / "ardusub" / "small.BIN.gz").read_bytes()))
+    return path
+
+
+def test_a_real_log_is_what_pymavlink_reads(real: Path):
+    fields: dict[str, list] = {"RCOU": [], "IMU": [], "ATT": [], "BAT": []}
+    with DFReader.DFReader_binary(str(real)) as log:
+        while (m := log.recv_msg()) is not None:
+            if m.get_type() in fields:
+                fields[m.get_type()].append(m)
+    run = read_run(real)
+    zero_us = run.meta.zero_ns / 1000
+    t_s, r = run.samples("r_rad_s")
+    assert r.tolist() == [f.GyrZ for f in fields["IMU"]]
+    np.testing.assert_allclose(t_s, [(f.TimeUS - zero_us) / 1e6 for f in fields["IMU"]], atol=1e-9)
+    t_s, psi = run.samples("psi_rad")
+    np.testing.assert_allclose(np.degrees(psi) % 360, [f.Yaw for f in fields["ATT"]], atol=1e-9)
+    np.testing.assert_allclose(t_s, [(f.TimeUS - zero_us) / 1e6 for f in fields["ATT"]], atol=1e-3)
+    assert run.thrusters == ("out1", "out2", "out3", "out4", "out5", "out6", "out13", "out14")
+    t_s, pwm = run.samples("pwm_out3")
+    at = [f.TimeUS - zero_us for f in fields["RCOU"]]
+    held = [fields["RCOU"][i].C3 for i in np.searchsorted(at, np.round(t_s * 1e6), side="right") - 1]
+    assert pwm.tolist() == held
+    assert run.samples("battery_v")[1][-1] == pytest.approx(fields["BAT"][-1].Volt)
+    assert {p.text.split(":")[0] for p in grouped(problems(run))["missing"]} == {"north_m"}
+    assert run.duration_s == pytest.approx(23.7, abs=0.1)
+
+
+def records(*, gps: bool = False, beacon: bool = False, seconds: float = 4.0):
+    """A boat that drives due north at 1 m/s, heading 350 deg."""
+    for k in range(round(seconds * 50)):
+        t_us = BOOT_US + k * 20_000
+        yield ("IMU", t_us, 0, 0.1, 0.2, 0.01 * k, 1.0, -2.0, -9.8)
+        yield ("IMU", t_us, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0)
+        if k % 5 == 0:
+            yield ("ATT", t_us + 300, 100, -200, 35000 - 36000)
+            yield ("RCOU", t_us + 500, 1600 + k, 1500, 1400, 0, *([0] * 10))
+        if k % 25 == 0:
+            yield ("BAT", t_us, 0, 15.5)
+            yield ("BAT", t_us, 1, 3.3)
+        if gps and k % 10 == 0:
+            gms = int(((UNIX_S + 18 - 315_964_800) % 604_800) * 1000 + t_us // 1000)
+            week = (UNIX_S + 18 - 315_964_800) // 604_800
+            north_m = 1e-6 * (t_us - BOOT_US)
+            yield (
+                "GPS",
+                t_us,
+                0,
+                3,
+                gms,
+                week,
+                round((SITE.lat_deg + north_m / 111_000) * 1e7),
+                round(SITE.lon_deg * 1e7),
+            )
+        if beacon and k % 10 == 0:
+            yield ("BCN", t_us, 1, 4, 3.0, 4.0, 5.0, 0.0, k / 50, -1.0, 0.3)
+
+
+def written(tmp_path: Path, **options) -> Path:
+    path = tmp_path / "made.BIN"
+    path.write_bytes(dataflash(records(**options)))
+    return path
+
+
+def test_outputs_take_the_vessels_names_and_no_pulse_is_told_as_neutral(tmp_path):
+    run = read_run(written(tmp_path), Beside(vessel=boat("aritra")))
+    assert run.thrusters == tuple(t.name for t in boat("aritra").thrusters)
+    when, pwm = run.commands()
+    assert pwm[0].tolist() == [1600.0, 1500.0, 1400.0, 1500.0]
+    np.testing.assert_allclose(np.diff(when), 0.1)
+    assert [p.text.split(":")[0] for p in run.meta.notes] == ["pwm_rear_starboard"]
+    assert run.samples("ax_m_s2")[1].tolist() == [1.0] * 200  # IMU 1 is another sensor
+    t_s, psi = run.samples("psi_rad")
+    assert degrees(psi[0]) == pytest.approx(-10.0)
+    assert t_s[1] == 0.1  # in the row of the IMU sample 0.3 ms before it
+    assert run.samples("battery_v")[1][0] == 15.5
+
+
+def test_gps_in_site_axes_and_without_a_site_from_the_first_fix(tmp_path):
+    path = written(tmp_path, gps=True)
+    t_s, places = read_run(path, Beside(site=SITE)).samples("north_m", "east_m")
+    c, s = np.cos(np.deg2rad(SITE.rotation_deg)), np.sin(np.deg2rad(SITE.rotation_deg))
+    np.testing.assert_allclose(places @ [c, -s], t_s, rtol=0.01, atol=0.02)
+    np.testing.assert_allclose(places @ [s, c], 0.0, atol=0.02)
+    alone = read_run(path)
+    assert alone.samples("north_m")[1][0] == 0.0
+    assert "origin at the first fix" in alone.meta.columns["north_m"]
+    assert alone.meta.latency_s is None
+
+
+def test_a_beacon_gives_positions_and_ranges(tmp_path):
+    run = read_run(written(tmp_path, beacon=True))
+    t_s, places = run.samples("north_m", "east_m")
+    np.testing.assert_allclose(places, np.column_stack([t_s, -np.ones_like(t_s)]), atol=1e-6)
+    assert run.samples("range_1_m")[1].tolist() == [4.0] * len(t_s)
+    assert not run.known("range_3_m")
+
+
+def uwb_lines(path: Path, offset_s: float = 0.0) -> Path:
+    lines = [f"{UNIX_S + 5 + offset_s + k / 10:.3f} POS,{2 + k / 100:.2f},3.00,0.10,90" for k in range(30)]
+    lines[4] = lines[4].replace("POS", "PXS")
+    path.write_text("\n".join([*lines, "no stamp here"]) + "\n")
+    return path
+
+
+def test_a_uwb_log_is_joined_by_gps_time_or_by_a_stated_offset(tmp_path):
+    beside = Beside(vessel=boat("aritra"), site=SITE, uwb=uwb_lines(tmp_path / "uwb.txt"), uwb_format="dwm1001-lep")
+    run = read_run(written(tmp_path, gps=True), beside)
+    t_s, places = run.samples("north_m", "east_m")
+    expected = [k for k in range(30) if k != 4]
+    np.testing.assert_allclose(t_s, [k / 10 for k in expected], atol=1e-6)
+    np.testing.assert_allclose(places, [[3.0, round(2 + k / 100, 2)] for k in expected], atol=1e-9)
+    assert {p.kind for p in run.meta.notes} == {"garbage", "no pulse"}
+    assert "lines without stamp; line 31" in " ".join(p.text for p in run.meta.notes)
+    blind = written(tmp_path)
+    with pytest.raises(RunError, match=r"made\.BIN: no GPS time in it: state the offset"):
+        read_run(blind, beside)
+    stated = Beside(uwb=beside.uwb, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
+    assert read_run(blind, stated).samples("north_m")[0] == pytest.approx(t_s, abs=1e-6)
+    wrong = read_run(blind, Beside(uwb=beside.uwb, uwb_format="dwm1001-lep", uwb_offset_s=0.0))
+    assert "missing" in {p.kind for p in wrong.meta.notes}
+    with pytest.raises(RunError, match=r"uwb\.txt: its wire format is not known"):
+        read_run(blind, Beside(uwb=beside.uwb, uwb_offset_s=0.0))
+
+
+def test_text_stamps_may_be_iso_and_a_log_without_stamps_is_refused(tmp_path):
+    iso = tmp_path / "iso.txt"
+    iso.write_text("2023-11-14T22:13:25.250+00:00, POS,2.00,3.00,0.10,90\n")
+    beside = Beside(uwb=iso, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
+    assert read_run(written(tmp_path), beside).samples("east_m")[0].tolist() == [0.25]
+    iso.write_text("POS,2.00,3.00,0.10,90\n")
+    with pytest.raises(RunError, match=r"iso\.txt: line 1: expected a stamp"):
+        read_run(written(tmp_path), beside)
+
+
+def test_what_is_no_dataflash_log_or_has_no_outputs_is_named(tmp_path):
+    path = tmp_path / "wrong.bin"
+    path.write_bytes(b"hello")
+    with pytest.raises(RunError, match=r"wrong\.bin: not a dataflash log"):
+        read_run(path)
+    path.write_bytes(dataflash([r for r in records() if r[0] != "RCOU"]))
+    with pytest.raises(RunError, match=r"wrong\.bin: no servo outputs"):
+        read_run(path)

@@ -1,0 +1,103 @@
+"""Streams into one table: nothing moved, nothing lost in silence."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.logs.readers.join import Stream, join
+from companion.logs.runs.run import RunError, RunMeta
+
+MS = 1_000_000
+
+
+def stream(name, t_ms, columns, **options) -> Stream:
+    t_ns = np.array(t_ms, dtype=np.int64) * MS
+    return Stream(name, t_ns, {k: np.array(v, dtype=float) for k, v in columns.items()}, **options)
+
+
+def commands(t_ms=(0,), pwm=(1500.0,)) -> Stream:
+    return stream("commands", t_ms, {"pwm_a": pwm}, held=True)
+
+
+def imu(t_ms, r=None) -> Stream:
+    return stream("IMU", t_ms, {"r_rad_s": r if r is not None else np.arange(len(t_ms)) / 100})
+
+
+stamps = st.lists(st.integers(0, 3000), min_size=1, max_size=60, unique=True).map(sorted)
+
+
+@given(stamps, stamps, stamps)
+def test_every_sample_stands_in_the_row_of_its_stamp(t_imu, t_uwb, t_pwm):
+    """Oracle: plain Python dictionaries."""
+    uwb = stream("UWB", t_uwb, {"north_m": np.arange(len(t_uwb)), "east_m": -np.arange(len(t_uwb))})
+    pwm = 1500.0 + np.arange(len(t_pwm))
+    run = join([imu(t_imu), uwb, commands(t_pwm, pwm)], RunMeta())
+    zero = min(t_imu[0], t_uwb[0], t_pwm[0])
+    rows = sorted({*t_imu, *t_uwb, *t_pwm})
+    assert run.meta.zero_ns == zero * MS
+    assert run.table["t_s"].to_list() == [(t - zero) * MS / 1e9 for t in rows]
+    for t, row in zip(rows, run.table.iter_rows(named=True), strict=True):
+        assert row["r_rad_s"] == (t_imu.index(t) / 100 if t in t_imu else None)
+        assert row["north_m"] == (t_uwb.index(t) if t in t_uwb else None)
+        given_by = [p for when, p in zip(t_pwm, pwm, strict=True) if when <= t]
+        assert row["pwm_a"] == (given_by[-1] if given_by else None)
+        assert row["battery_v"] is None
+    assert run.meta.notes == ()
+
+
+def test_attitudes_take_the_row_of_an_imu_sample_within_1_ms():
+    t_ns = np.array([0, 20, 40, 60]) * MS
+    near = Stream("attitude", t_ns + [300_000, -900_000, 1_500_000, 0], {"psi_rad": np.arange(4) / 10}, near="IMU")
+    run = join([imu([0, 20, 40, 60]), near, commands()], RunMeta())
+    assert run.table["psi_rad"].to_list() == [0.0, 0.1, None, 0.2, 0.3]
+    assert run.table["t_s"][3] == 0.0415
+
+
+def test_two_attitudes_near_one_sample_are_both_kept():
+    close = Stream(
+        "attitude", np.array([0, 19_600_000, 20_300_000, 40_000_000]), {"psi_rad": np.arange(4.0) / 9}, near="IMU"
+    )
+    run = join([imu([0, 20, 40]), close, commands()], RunMeta())
+    assert sorted(run.samples("psi_rad")[1]) == pytest.approx(np.arange(4.0) / 9)
+    one = join([imu([20]), close, commands()], RunMeta())
+    assert len(one.samples("psi_rad")[1]) == 4
+
+
+def notes(run) -> list[tuple[str, float | None]]:
+    return [(p.kind, p.t_s) for p in run.meta.notes]
+
+
+def test_repeated_late_and_infinite_samples_are_told():
+    run = join([imu([0, 20, 20, 40, 30, 60], [0.0, 0.1, 9.0, np.inf, 0.3, 0.4]), commands()], RunMeta())
+    assert run.table["t_s"].to_list() == [0.0, 0.02, 0.03, 0.04, 0.06]
+    assert run.table["r_rad_s"].to_list() == [0.0, 0.1, 0.3, None, 0.4]
+    assert notes(run) == [("out of order", 0.03), ("duplicate", 0.02), ("not a number", 0.04)]
+    assert "IMU: 1 samples repeat a stamp" in run.meta.notes[1].text
+
+
+def test_a_clock_that_is_set_back_ends_the_stream_and_is_told():
+    run = join([imu([5000, 5020, 5040, 3000, 3020], [0, 1, 2, 3, 4]), commands([5000])], RunMeta())
+    assert run.table["r_rad_s"].to_list() == [0.0, 1.0, 2.0]
+    assert notes(run) == [("clock jump", 0.04)]
+    assert "goes back by 2.040 s; 2 samples after it are left out" in run.meta.notes[0].text
+
+
+def test_of_two_commands_at_one_instant_the_last_counts():
+    run = join([imu([0, 10, 20]), commands([0, 10, 10], [1500, 1600, 1700])], RunMeta())
+    assert run.table["pwm_a"].to_list() == [1500, 1700, 1700]
+
+
+def test_what_lies_outside_the_log_is_cut_and_said_where_nothing_is_left():
+    uwb = stream("UWB", [-50, 10, 90], {"north_m": [1, 2, 3], "east_m": [1, 2, 3]}, outside=True)
+    run = join([imu([0, 20]), uwb, commands()], RunMeta())
+    assert run.samples("north_m")[1].tolist() == [2.0]
+    far = stream("UWB", [9000], {"north_m": [1], "east_m": [1]}, outside=True)
+    run = join([imu([0, 20]), far, commands()], RunMeta())
+    assert not run.known("north_m")
+    assert "none of its 1 samples falls into the log: it begins +9.0 s from its start" in run.meta.notes[0].text
+
+
+def test_without_commands_there_is_no_run():
+    with pytest.raises(RunError, match="no thruster commands"):
+        join([imu([0, 20])], RunMeta())

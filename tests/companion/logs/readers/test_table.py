@@ -1,0 +1,210 @@
+"""Runs as files: round trips bit for bit, errors with line and column."""
+
+import gzip
+import string
+
+import msgspec
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.table import read_csv, write_run
+from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from tests.companion.logs.readers.run_logs import clean_run
+
+TEXT = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=12)
+NAME = st.text(string.ascii_lowercase + string.digits + "_", min_size=1, max_size=8)
+
+
+@st.composite
+def runs(draw) -> Run:
+    """Any run: 1 to 3 thrusters, columns with blanks, the whole range of every column, metadata of any text."""
+    n = draw(st.integers(1, 12))
+    steps = draw(st.lists(st.floats(1e-9, 1e3), min_size=n, max_size=n))
+    t_s = np.cumsum(steps) + draw(st.floats(-1e3, 1e3))
+    if (np.diff(t_s) <= 0).any():
+        t_s = np.arange(n) / 7.0
+
+    def column(low: float, high: float) -> pl.Series:
+        values = draw(st.lists(st.none() | st.floats(low, high), min_size=n, max_size=n))
+        return pl.Series(values, dtype=pl.Float64)
+
+    table = {"t_s": pl.Series(t_s)}
+    table |= {f"pwm_{name}": column(800, 2200) for name in draw(st.lists(NAME, min_size=1, max_size=3, unique=True))}
+    table |= {"battery_v": column(0, 60), "psi_rad": column(-3.14, 3.14), "r_rad_s": column(-5, 5)}
+    table |= {"ax_m_s2": column(-9, 9), "ay_m_s2": column(-9, 9), "extra_x": column(-1e300, 1e300)}
+    north = column(-1e4, 1e4)
+    east = pl.Series([None if v is None else -v / 3 for v in north], dtype=pl.Float64)
+    table |= {"north_m": north, "east_m": east}
+    note = Problem(kind=draw(TEXT), text=draw(TEXT), t_s=draw(st.none() | st.floats(0, 9)))
+    meta = RunMeta(
+        vessel=draw(TEXT), source=draw(TEXT), zero_ns=draw(st.integers(0, 2**62)), notes=(note,),
+        latency_s=draw(st.none() | st.floats(0, 1)), anchors_m={draw(TEXT): (1.0, 0.1, -2.5)},
+        pwm_limits_us={"a": (1100.0, 1900.0)}, columns={draw(TEXT): draw(TEXT)},
+    )  # fmt: skip
+    return Run(pl.DataFrame(table), meta)
+
+
+@pytest.mark.parametrize("ending", ["csv", "csv.gz", "parquet"])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(run=runs())
+def test_written_and_read_is_the_same_bit_for_bit(run: Run, ending: str, tmp_path):
+    path = tmp_path / f"run.{ending}"
+    write_run(run, path)
+    back = read_run(path)
+    assert back.meta == run.meta
+    assert back.table.columns == run.table.columns
+    for name in run.table.columns:
+        a, b = run.table[name], back.table[name]
+        assert a.is_null().equals(b.is_null())
+        assert a.drop_nulls().to_numpy().tobytes() == b.drop_nulls().to_numpy().tobytes(), name
+    assert back.data_hash == run.data_hash
+
+
+@pytest.fixture
+def lines(tmp_path) -> tuple:
+    """Path and lines of a small CSV; the header's index."""
+    path = tmp_path / "run.csv"
+    write_run(clean_run(2.0), path)
+    text = path.read_text().splitlines()
+    return path, text, next(i for i, line in enumerate(text) if not line.startswith("#"))
+
+
+def put(path, lines) -> None:
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_errors_name_file_line_and_column(lines):
+    path, text, head = lines
+    columns = text[head].split(",")
+
+    def spoilt(row: int, column: str, value: str) -> str:
+        fields = text[head + row].split(",")
+        fields[columns.index(column)] = value
+        put(path, [*text[: head + row], ",".join(fields), *text[head + row + 1 :]])
+        with pytest.raises(RunError) as caught:
+            read_csv(path)
+        return str(caught.value)
+
+    line = head + 4 + 1  # 1-based
+    assert spoilt(4, "battery_v", "15,6").startswith(f"{path}: line {line}: 11 fields; the header has 10")
+    assert spoilt(4, "battery_v", "full") == f"{path}: line {line}: battery_v: 'full' is not a number"
+    assert f"line {line}: pwm_left: 15.6; expected 800" in spoilt(4, "pwm_left", "15.6")
+    assert f"line {line}: t_s: 0.0 follows 0.04; time must increase" in spoilt(4, "t_s", "0.0")
+    assert f"line {line}: t_s: every row needs a time" in spoilt(4, "t_s", "")
+    assert f"line {line}: psi_rad: 181" in spoilt(4, "psi_rad", "181.0")
+    assert spoilt(4, "t_s", "") != spoilt(5, "t_s", "")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda h: h.replace("psi_rad", "psi_deg"), r"line \d+: column psi_rad: missing; is it 'psi_deg'\?"),
+        (lambda h: h.replace("r_rad_s", "ax_m_s2", 1), r"line \d+: column ax_m_s2: is there twice"),
+        (lambda h: h.replace(",", ";"), r"line \d+: 10 fields; the header has 1"),
+        (lambda h: "", r"line \d+: no header"),
+    ],
+)
+def test_a_wrong_header_is_told(lines, change, told):
+    path, text, head = lines
+    put(path, [*text[:head], change(text[head]), *text[head + 1 :]])
+    with pytest.raises(RunError, match=told):
+        read_csv(path)
+
+
+def test_columns_in_another_order_are_the_same_run_but_swapped_names_are_found(lines):
+    path, text, head = lines
+    rows = [line.split(",") for line in text[head:]]
+    put(path, [*text[:head], *(",".join(reversed(row)) for row in rows)])
+    assert read_csv(path).data_hash == clean_run(2.0).data_hash
+    swap = {"pwm_left": "battery_v", "battery_v": "pwm_left"}
+    put(path, [*text[:head], ",".join(swap.get(c, c) for c in rows[0]), *text[head + 1 :]])
+    with pytest.raises(RunError, match=rf"line {head + 2}: (pwm_left|battery_v): .*; expected"):
+        read_csv(path)
+
+
+def test_a_plain_table_without_metadata_is_a_run(lines):
+    path, text, head = lines
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(text[head:]).encode())
+    run = read_csv(path)
+    assert run.table.equals(clean_run(2.0).table)
+    assert run.meta == RunMeta(source=str(path))
+
+
+def test_edited_data_and_what_is_no_number_are_told(lines):
+    path, text, head = lines
+    fields = text[head + 3].split(",")
+    fields[6] = "NaN"  # r_rad_s? whichever sampled column stands there
+    column = text[head].split(",")[6]
+    put(path, [*text[: head + 3], ",".join(fields), *text[head + 4 :]])
+    run = read_csv(path)
+    assert run.table[column][2] is None
+    assert [(p.kind, p.t_s) for p in run.meta.notes] == [("not a number", 0.04), ("edited", None)]
+    assert column in run.meta.notes[0].text
+
+
+def test_other_files_are_refused_with_their_name(tmp_path):
+    for name, data, told in (
+        ("a.parquet", b"no", r"a\.parquet: not a Parquet file"),
+        ("a.csv", b"", r"a\.csv: line 1: no header"),
+        ("a.csv.gz", b"no", r"a\.csv\.gz: cannot be unpacked"),
+        ("a.csv", b"# aritra_run = 2\nt_s\n", r"a\.csv: line 2: column battery_v"),
+        ("a.csv", b"# vessel = oops\nt_s\n", r"a\.csv: line 1: vessel: "),
+        ("a.txt", b"", r"a\.txt: expected \.mcap"),
+    ):
+        path = tmp_path / name
+        path.write_bytes(data)
+        with pytest.raises(RunError, match=told):
+            read_run(path)
+    with pytest.raises(RunError, match="written as"):
+        write_run(clean_run(2.0), tmp_path / "a.xlsx")
+    with pytest.raises(FileNotFoundError):
+        read_run(tmp_path / "absent.csv")
+    with pytest.raises(RunError, match="UWB log is joined"):
+        read_run(path, Beside(uwb=path))
+    with pytest.raises(RunError, match="truth goes with"):
+        read_run(path, Beside(truth=path))
+
+
+def test_another_version_and_bad_metadata_are_refused(lines):
+    path, text, _ = lines
+    put(path, ["# aritra_run = 2", *text[1:]])
+    with pytest.raises(RunError, match="aritra_run = 2: this program reads 1"):
+        read_csv(path)
+    at = next(i for i, line in enumerate(text) if line.startswith("# latency_s"))
+    put(path, [*text[:at], "# latency_s = true", *text[at + 1 :]])
+    with pytest.raises(RunError, match=r"metadata: .*latency_s"):
+        read_csv(path)
+    put(path, [*text[:at], text[at], *text[at:]])
+    with pytest.raises(RunError, match=rf"line {at + 2}: latency_s: is there twice"):
+        read_csv(path)
+    put(path, [*text[:at], "# latencey_s = 0.1", *text[at + 1 :]])
+    with pytest.raises(RunError, match=r"metadata: .*latencey_s"):
+        read_csv(path)
+
+
+def test_an_hour_is_written_and_read(tmp_path):
+    """180,000 rows: in CSV and in Parquet, no row is lost."""
+    run = clean_run(3600.0)
+    for ending in ("parquet", "csv"):
+        path = tmp_path / f"hour.{ending}"
+        write_run(run, path)
+        assert read_run(path).data_hash == run.data_hash
+
+
+def test_gzip_is_the_same_file_for_the_same_run(tmp_path):
+    one, other = tmp_path / "a.csv.gz", tmp_path / "b.csv.gz"
+    write_run(clean_run(2.0), one)
+    write_run(clean_run(2.0), other)
+    assert one.read_bytes() == other.read_bytes()
+    assert gzip.decompress(one.read_bytes()).startswith(b"# aritra_run = 1\n# data_hash = ")
+    assert msgspec.json.decode(pl.read_parquet_metadata(_parquet(tmp_path))["aritra_run"])["vessel"] == "synthetic"
+
+
+def _parquet(folder):
+    path = folder / "a.parquet"
+    write_run(clean_run(2.0), path)
+    return path

@@ -1,0 +1,71 @@
+"""Logs with fewer inertial samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.logs.runs.decimate import thinned
+from companion.logs.runs.run import Run, RunMeta
+
+
+def log(rate_hz: float, seconds: float, seed: int, hole: tuple[float, float] | None = None) -> Run:
+    """Inertial samples at `rate_hz`, positions at 5 Hz in between, a command that changes every 0.7 s."""
+    rng = np.random.default_rng(seed)
+    inertial = np.arange(0, seconds, 1 / rate_hz)
+    if hole:
+        inertial = inertial[(inertial < hole[0]) | (inertial > hole[1])]
+    places = np.arange(0.013, seconds, 0.2)
+    t = np.unique(np.concatenate([inertial, places]))
+    psi = (3.0 + 0.3 * t + np.pi) % (2 * np.pi) - np.pi
+    known = np.isin(t, inertial)
+    columns = {
+        "t_s": t,
+        "pwm_port": 1500.0 + 50 * (np.floor(t / 0.7) % 3),
+        "battery_v": np.full(len(t), 16.0),
+        "phi_rad": np.full(len(t), np.nan),
+        "theta_rad": np.full(len(t), np.nan),
+        "psi_rad": np.where(known, psi, np.nan),
+        "r_rad_s": np.where(known, 0.3 + 0.01 * rng.normal(size=len(t)), np.nan),
+        "ax_m_s2": np.where(known, 2.0 * t, np.nan),
+        "ay_m_s2": np.where(known, rng.normal(size=len(t)), np.nan),
+        "north_m": np.where(np.isin(t, places), t, np.nan),
+        "east_m": np.where(np.isin(t, places), -t, np.nan),
+    }
+    return Run(pl.DataFrame(columns).fill_nan(None), RunMeta(source="made up"))
+
+
+@settings(max_examples=20, deadline=None)
+@given(rate=st.sampled_from((20.0, 30.0, 40.0, 50.0)), seed=st.integers(0, 1000))
+def test_means_carry_no_delay_and_nothing_else_is_lost(rate, seed):
+    run = log(rate, 12.0, seed)
+    fewer, width_s, at, around = thinned(run)
+    assert abs(width_s - 0.1) < 0.035
+    assert np.array_equal(at, fewer.samples("ax_m_s2")[0]) and np.abs(around.sum(axis=1)).max() < 1e-9
+    samples = (at[:, None] + around).ravel()
+    assert np.abs(samples[:, None] - run.samples("ax_m_s2")[0]).min(axis=1)[: -around.shape[1]].max() < 1e-9
+    t, a = fewer.samples("ax_m_s2")
+    assert np.abs(a - 2.0 * t).max() < 1e-9  # what grows steadily lies on its line
+    t, psi = fewer.samples("psi_rad")
+    off = (psi - 3.0 - 0.3 * t + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(off).max() < 1e-9  # also where the heading wraps
+    assert np.allclose(fewer.samples("north_m")[0], run.samples("north_m")[0])
+    for had, has in zip(run.commands(), fewer.commands(), strict=True):
+        assert np.array_equal(had, has)
+    before, after = run.samples("r_rad_s")[1], fewer.samples("r_rad_s")[1]
+    assert abs(before.mean() - after.mean()) < 0.01 and after.std() < 0.8 * before.std()
+
+
+def test_no_mean_reaches_across_a_hole():
+    run = log(30.0, 12.0, 1, hole=(4.0, 7.5))
+    t, a = thinned(run).run.samples("ax_m_s2")
+    assert not ((t > 4.01) & (t < 7.49)).any()
+    assert np.abs(a - 2.0 * t).max() < 1e-9
+
+
+def test_a_slow_log_stays_as_it_is():
+    run = log(10.0, 12.0, 1)
+    as_it_is = thinned(run)
+    assert as_it_is.run is run and as_it_is.width_s == 0.0

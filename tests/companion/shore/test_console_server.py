@@ -1,0 +1,312 @@
+"""The console's web server over real sockets, a boat behind real zenoh: who is served what, and orders end to end."""
+
+import asyncio
+import contextlib
+import json
+import time
+from types import SimpleNamespace
+
+import aiohttp
+import pytest
+import zenoh
+from aiohttp import web
+
+from companion.__main__ import main
+from companion.cli.shore import KeyFiles, default_name
+from companion.core.configuration.tables import ConfigError
+from companion.core.telemetry import structs as shore
+from companion.core.telemetry.orders import Gate, Outcome, Refused, Repeated
+from companion.shore.console.assets import assets
+from companion.shore.console.live import Console, Keys
+from companion.shore.console.request_auth import Guard
+from companion.shore.console.zenoh_client import Hearing, config_of
+from tests.support.console_fixture import state
+from tests.support.zenoh_fixture import config as zenoh_config
+from tests.support.zenoh_fixture import free_port
+
+KEY = bytes(range(32))
+NAMES = frozenset({"localhost"})
+
+
+@contextlib.asynccontextmanager
+async def serving(*, token=None, keys=True):
+    """A console on free ports; .url, .zenoh (its port), .console, .http (a client)."""
+    port = free_port()
+    hearing = Hearing(config_of(None, [], [f"tcp/127.0.0.1:{port}"]))
+    console = Console(hearing, Guard(NAMES, token), Keys((lambda _: KEY) if keys else None, "anna"), compress=False)
+    runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=0.2)
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0).start()
+    url = f"http://127.0.0.1:{runner.addresses[0][1]}"
+    working = asyncio.create_task(console.run())
+    try:
+        async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as http:
+            yield SimpleNamespace(url=url, zenoh=port, console=console, http=http)
+    finally:
+        working.cancel()
+        await asyncio.gather(working, return_exceptions=True)
+        await runner.cleanup()
+
+
+class Boat:
+    """A boat of zenoh's alone: publishes states, answers orders through the real gate."""
+
+    def __init__(self, port, name="b"):
+        self.session = zenoh.open(zenoh_config("peer", connect=[f"tcp/127.0.0.1:{port}"]))
+        self.name, self.gate, self.obeyed = name, Gate(name, "run1", KEY), []
+        self.held = [
+            self.session.liveliness().declare_token(shore.alive_key(name)),
+            self.session.declare_queryable(shore.command_key(name), self.answer, complete=True),
+        ]
+
+    def tell(self, k):
+        told = state(k, t_ns=time.monotonic_ns())
+        self.session.put(shore.telemetry_key(self.name, "state"), shore.encode(told))
+
+    def answer(self, query):
+        def reply(status, code, text):
+            outcome = Outcome(run="run1", t_ns=1, status=status, code=code, text=text)
+            query.reply(shore.command_key(self.name), json.dumps(as_dict(outcome)).encode())
+
+        with query:
+            try:
+                order = self.gate.judge(bytes(query.payload), bytes(query.attachment), time.monotonic_ns())
+            except (Refused, Repeated) as no:
+                return reply("refused", getattr(no, "code", "replayed"), str(no))
+            self.obeyed.append((order.command, order.sender))
+            return reply("done", "ok", f"{order.command}: heard")
+
+
+def as_dict(outcome):
+    return {name: getattr(outcome, name) for name in outcome.__struct_fields__}
+
+
+async def until(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "not in time"
+        await asyncio.sleep(0.02)
+
+
+def post(desk, body, **headers):
+    told = {"Origin": desk.url} | headers
+    return desk.http.post(f"{desk.url}/order", json=body, headers={k: v for k, v in told.items() if v})
+
+
+def test_the_page_and_its_libraries_are_served_with_a_strict_policy():
+    async def play():
+        async with serving() as desk:
+            weight = 0
+            for path in ("/", *assets()):
+                async with desk.http.get(desk.url + path) as answer:
+                    data = await answer.read()
+                    assert answer.status == 200 and data, path
+                    policy = answer.headers["Content-Security-Policy"]
+                    assert "default-src 'none'" in policy and "unsafe" not in policy and "http" not in policy
+                    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+                    weight += int(answer.headers["Content-Length"])
+                    tag = answer.headers["ETag"]
+                async with desk.http.get(desk.url + path, headers={"If-None-Match": tag}) as again:
+                    assert again.status == 304
+            assert weight < 300_000, "for all pages, packed"
+            for path in ("/nothing", "/web/../store.py", "/vendor/../../x", "/web/%2e%2e/store.py"):
+                async with desk.http.get(desk.url + path) as answer:
+                    assert answer.status == 404, path
+
+    asyncio.run(play())
+
+
+def test_nothing_of_the_page_points_elsewhere():
+    for path, asset in assets().items():
+        if path.startswith("/web/"):
+            text = asset.data.decode()
+            assert "http://" not in text.replace("http://www.w3.org/", "") and "https://" not in text, path
+            assert "<script>" not in text and "style=" not in text and "innerHTML" not in text, path
+
+
+def test_other_sites_and_names_are_refused():
+    async def play():
+        async with serving() as desk:
+            body = {"boat": "b", "command": "stop"}
+            for headers in ({"Origin": "http://evil.example"}, {"Origin": ""}, {"Host": "evil.example"}):
+                async with post(desk, body, **headers) as answer:
+                    assert answer.status == 403, headers
+            async with desk.http.get(desk.url, headers={"Host": "rebound.example"}) as answer:
+                assert answer.status == 403
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+                await desk.http.ws_connect(f"{desk.url}/ws", origin="http://evil.example")
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+                await desk.http.ws_connect(f"{desk.url}/ws")
+            assert not desk.console.browsers
+
+    asyncio.run(play())
+
+
+def test_from_the_network_only_with_the_token():
+    async def play():
+        async with serving(token="sesame-123") as desk:
+            for path in ("/", "/?token=wrong", "/web/console.js", "/ws"):
+                async with desk.http.get(desk.url + path) as answer:
+                    assert answer.status == 403, path
+            async with post(desk, {"boat": "b", "command": "stop"}) as answer:
+                assert answer.status == 403
+            async with desk.http.get(f"{desk.url}/?token=sesame-123") as answer:
+                assert answer.status == 200 and "token" not in str(answer.url), "it does not stay in the address"
+            async with desk.http.get(f"{desk.url}/web/console.js") as answer:
+                assert answer.status == 200
+
+    asyncio.run(play())
+
+
+@pytest.mark.parametrize(
+    ("data", "status"),
+    [
+        (b"{}", 400), (b"rubbish", 400), (b'{"boat":"b","command":"explode"}', 400), (b"\xff", 400),
+        (b'{"boat":"a/b","command":"stop"}', 400), (b'{"boat":"b","command":"load_mission"}', 400),
+        (b'{"boat":"b","command":"stop","mission":{"name":"x","text":"y"}}', 400), (b"x" * 300_000, 413),
+    ],
+)  # fmt: skip
+def test_malformed_orders_are_refused(data, status):
+    async def play():
+        async with serving() as desk:
+            headers = {"Origin": desk.url, "Content-Type": "application/json"}
+            async with desk.http.post(f"{desk.url}/order", data=data, headers=headers) as answer:
+                assert answer.status == status
+            headers["Content-Type"] = "text/plain"
+            stop = b'{"boat":"b","command":"stop"}'
+            async with desk.http.post(f"{desk.url}/order", data=stop, headers=headers) as no:
+                assert no.status == 415, "what a form can send is not believed"
+
+    asyncio.run(play())
+
+
+async def heard(socket, enough, seconds=20.0):
+    """Messages of a page's WebSocket until `enough` is true of them."""
+    told, end = [], time.monotonic() + seconds
+    while not enough(told):
+        assert time.monotonic() < end, told[-3:]
+        told.append(await socket.receive_json(timeout=5))
+    return told
+
+
+def samples(told):
+    return [e for message in told if message["type"] == "samples" for e in message["samples"]]
+
+
+def test_a_boat_reaches_the_page_and_the_pages_order_the_boat():
+    async def play():
+        async with serving() as desk:
+            boat = await asyncio.to_thread(Boat, desk.zenoh)
+            try:
+                await until(lambda: "b" in desk.console.store.boats and desk.console.store.boats["b"].alive)
+                async with desk.http.ws_connect(f"{desk.url}/ws", origin=desk.url) as socket:
+                    told = await heard(socket, lambda told: any(m.get("clocks", {}).get("b") for m in told))
+                    assert told[0]["type"] == "console" and told[0]["commands"] and told[0]["problem"] == ""
+                    await socket.send_str(json.dumps({"choose": "b"}))
+                    await socket.send_str("rubbish")
+                    for k in range(5):
+                        boat.tell(k)
+                        await asyncio.sleep(0.05)
+                    told = await heard(socket, lambda told: len(samples(told)) >= 5)
+                    assert [e["sample"]["north_m"] for e in samples(told)] == [0, 1, 2, 3, 4]
+                    async with post(desk, {"boat": "b", "command": "stop"}) as answer:
+                        given = await answer.json()
+                    assert given["state"] == "answered" and given["outcome"]["text"] == "stop: heard", given
+                    assert boat.obeyed == [("stop", "anna")]
+                    told = await heard(socket, lambda told: any(m.get("state") == "answered" for m in told))
+                    assert "sending" in [m.get("state") for m in told], "every page sees what another one ordered"
+                    await asyncio.to_thread(boat.session.close)
+                    await until(lambda: not desk.console.store.boats["b"].alive)
+            finally:
+                await asyncio.to_thread(boat.session.close)
+
+    asyncio.run(play())
+
+
+def test_a_program_left_over_does_not_answer_for_the_boat():
+    async def play():
+        async with serving() as desk:
+            left, boat = await asyncio.to_thread(Boat, desk.zenoh), await asyncio.to_thread(Boat, desk.zenoh)
+            left.gate.run = "run0"
+            await until(lambda: "b" in desk.console.store.boats)
+            await asyncio.sleep(0.5)
+            boat.tell(0)
+            await until(lambda: desk.console.store.boats["b"].run == "run1")
+            for _ in range(5):
+                async with post(desk, {"boat": "b", "command": "stop"}) as answer:
+                    assert (await answer.json())["outcome"]["status"] == "done"
+            for each in (left, boat):
+                await asyncio.to_thread(each.session.close)
+            assert len(boat.obeyed) == 5 and not left.obeyed
+
+    asyncio.run(play())
+
+
+def test_a_console_without_a_key_orders_nothing():
+    async def play():
+        async with serving(keys=False) as desk:
+            boat = await asyncio.to_thread(Boat, desk.zenoh)
+            await until(lambda: "b" in desk.console.store.boats)
+            boat.tell(0)
+            async with post(desk, {"boat": "b", "command": "stop"}) as answer:
+                given = await answer.json()
+            await asyncio.to_thread(boat.session.close)
+            assert given["state"] == "not_sent" and not boat.obeyed
+
+    asyncio.run(play())
+
+
+# --- the command line -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--token", "short"], "--token: expected 8 to 100"),
+        (["--name", "a\nb"], "--name"),
+        (["--connect", "nonsense"], "--connect"),
+        (["--config", "/nowhere.json5"], "--config: /nowhere.json5"),
+        (["--command-key", "/nowhere.key"], "--command-key: /nowhere.key"),
+    ],
+)
+def test_bad_input_is_named(arguments, says, capsys):
+    assert main(["shore", "--port", "0", *arguments]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_taken_port_is_an_error_that_says_so(capsys):
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert main(["shore", "--port", str(taken.getsockname()[1]), "--listen", "tcp/127.0.0.1:0"]) == 2
+    assert "another --port?" in capsys.readouterr().err
+
+
+def test_keys_for_all_for_one_and_from_a_fleets_folder(tmp_path):
+    def key(path, byte):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(bytes([byte]) * 32)
+        path.chmod(0o600)
+        return path
+
+    one, other = key(tmp_path / "one", 1), key(tmp_path / "other", 2)
+    found = KeyFiles([str(one), f"b={other}"])
+    assert found.find("a") == b"\1" * 32 and found.find("b") == b"\2" * 32
+    with pytest.raises(ConfigError, match="given twice for b"):
+        KeyFiles([f"b={one}", f"b={other}"])
+    fleet = KeyFiles([f"{tmp_path}/fleet/"])
+    assert fleet.find("a") is None, "the boats may come later"
+    key(tmp_path / "fleet/a/command.key", 3)
+    key(tmp_path / "fleet/command.key", 4)
+    assert fleet.find("a") == b"\3" * 32 and fleet.find("c") == b"\4" * 32
+    one.chmod(0o644)
+    with pytest.raises(ConfigError, match="chmod 600"):
+        KeyFiles([str(one)])
+
+
+def test_the_default_name_is_one_that_boats_believe():
+    import msgspec
+
+    from companion.core.telemetry.orders import Name
+
+    assert msgspec.convert(default_name(), Name)

@@ -1,0 +1,214 @@
+"""The console's pure parts: what it keeps of boats, what browsers are due, and whom it believes."""
+
+import json
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.core.telemetry import structs as shore
+from companion.shore.console.fan_out import QUEUE, QUIET_MS, Watcher
+from companion.shore.console.request_auth import Guard, is_loopback
+from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, RUNS, Store
+from tests.support.console_fixture import S, alert, mode, state
+
+
+def put(store, *told, boat="b", heard_ns=None):
+    """Samples into the store, heard 1 ms after they were told."""
+    taken = []
+    for each in told:
+        at = each.t_ns + S // 1000 if heard_ns is None else heard_ns
+        taken.append(store.take(boat, shore.topic_of(each), shore.encode(each), at))
+    return taken
+
+
+# --- store ------------------------------------------------------------------------------------------
+
+
+def test_memory_is_bounded_by_topic_and_the_newest_counts():
+    store = Store()
+    for k in range(3 * KEPT["state"]):
+        put(store, state(k))
+    boat = store.boats["b"]
+    assert len(boat.kept["state"]) == KEPT["state"]
+    assert json.loads(boat.newest("state").data)["north_m"] == 3 * KEPT["state"] - 1
+    put(store, state(5))  # what was missed comes late
+    assert json.loads(boat.newest("state").data)["north_m"] == 3 * KEPT["state"] - 1
+    assert boat.newest("battery") is None
+
+
+def test_a_new_run_forgets_the_old_and_what_arrives_late_from_it():
+    store = Store()
+    put(store, state(500), alert(1, "old"))
+    put(store, state(0, run="run2"))
+    boat = store.boats["b"]
+    assert boat.run == "run2" and list(boat.kept) == ["state"] and boat.newest_ns == 10 * S
+    assert put(store, state(501)) == [None] and store.refused["of a former run"] == 1
+    for k in range(RUNS + 2):
+        put(store, state(0, run=f"later{k}"))
+    assert boat.run == f"later{RUNS + 1}"
+
+
+def test_two_programs_of_one_name_are_noticed_what_only_came_late_is_not():
+    store = Store()
+    put(store, state(0))
+    put(store, state(0, run="run2"))
+    put(store, state(1), heard_ns=12 * S)
+    boat = store.boats["b"]
+    assert not boat.twin(12 * S), "two seconds late"
+    put(store, state(99), heard_ns=20 * S)
+    assert boat.twin(21 * S) and not boat.twin(24 * S) and boat.run == "run2"
+
+
+def test_rubbish_is_counted_and_left_out():
+    store = Store()
+    good = shore.encode(state(1))
+    for topic, data in [("state", b"{}"), ("state", b"\xff"), ("nonsense", good), ("state", good[:-1]), ("state", b"")]:
+        assert store.take("b", topic, data, 0) is None
+    assert store.refused == {"not understood": 5} and not store.boats
+    assert store.take("b", "state", b" " * (MAX_BYTES + 1), 0) is None
+    assert store.take("a/b", "state", good, 0) is None and store.take("__proto__ ", "state", good, 0) is None
+    for k in range(BOATS + 5):
+        store.take(f"b{k}", "state", good, 0)
+    assert len(store.boats) == BOATS and store.refused["too many boats, or a strange name"] == 7
+
+
+def test_what_goes_on_to_browsers_was_written_anew():
+    """Unknown fields and white space of a stranger do not reach the page."""
+    store = Store()
+    (sample,) = [store.take("b", "alert", shore.encode(alert(1, "x"))[:-1] + b', "extra": "</script>" }', 0)]
+    assert sample and b"extra" not in sample.data and json.loads(sample.data)["text"] == "x"
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=200), st.sampled_from([*shore.TOPICS, "?"]))
+def test_no_bytes_raise(data, topic):
+    assert Store().take("b", topic, data, 0) is None
+
+
+@given(st.lists(st.floats(0.0, 0.3), min_size=1, max_size=40), st.integers(-(10**15), 10**15))
+def test_the_boats_clock_is_known_as_well_as_its_quickest_sample(delays_s, apart_ns):
+    """Whatever the clocks show and however samples are held up: an age is never below the truth by more than drift."""
+    store, start_ns = Store(), 10**15
+    for k, delay_s in enumerate(delays_s):
+        t_ns = start_ns + k * S // 10
+        put(store, state(0, t_ns=t_ns + 10**15), heard_ns=t_ns + apart_ns + round(delay_s * S))
+    ahead_ns = store.boats["b"].ahead_ns
+    best_s = (10**15 - apart_ns - ahead_ns) * 1e-9
+    assert min(delays_s) - 1e-6 <= best_s <= delays_s[-1] + 1e-6
+    assert best_s <= min(delays_s) + 1e-3 * 0.1 * len(delays_s) * 2 + 1e-3
+
+
+# --- fan-out ----------------------------------------------------------------------------------------
+
+
+def frame(watcher, store, now_ms=0.0):
+    made = watcher.frame(store.boats, now_ms)
+    return made and json.loads(made)
+
+
+def entries(told, boat=None):
+    return [(e["topic"], e["sample"].get("north_m")) for e in told["samples"] if boat in (None, e["boat"])]
+
+
+def test_the_chosen_boat_comes_whole_the_others_as_newest_places():
+    store, watcher = Store(), Watcher()
+    watcher.choose(store.boats, "a")
+    for k in range(3):
+        for boat in ("a", "b"):
+            for sample in put(store, state(k), mode(k), boat=boat):
+                watcher.note(sample)
+    for sample in put(store, alert(1, "one"), alert(2, "two"), boat="b"):
+        watcher.note(sample)
+    told = frame(watcher, store)
+    assert [n for topic, n in entries(told, "a") if topic == "state"] == [0, 1, 2]
+    assert [n for topic, n in entries(told, "b") if topic == "state"] == [2]
+    assert [topic for topic, _ in entries(told, "b")].count("alert") == 2, "no alert of any boat is left out"
+    assert set(told["clocks"]) == {"a", "b"}
+    assert frame(watcher, store, 100.0) is None, "nothing new, nothing sent"
+    quiet = frame(watcher, store, QUIET_MS + 1)
+    assert quiet["samples"] == [] and quiet["now_ms"] == QUIET_MS + 1, "a sign of life"
+
+
+def test_choosing_brings_what_was_kept():
+    store, watcher = Store(), Watcher()
+    put(store, *(state(k) for k in range(50)), mode(3), alert(1, "x"))
+    watcher.begin(store.boats.values())
+    assert [n for topic, n in entries(frame(watcher, store)) if topic == "state"] == [49]
+    watcher.choose(store.boats, "b")
+    assert [n for topic, n in entries(frame(watcher, store)) if topic == "state"] == list(range(50))
+    watcher.choose(store.boats, "nobody")
+
+
+def test_a_slow_browser_misses_the_oldest_and_is_told():
+    store, watcher = Store(), Watcher()
+    watcher.choose(store.boats, "b")
+    for k in range(QUEUE + 10):
+        watcher.note(put(store, state(k))[0])
+    told = frame(watcher, store)
+    assert told["missed"] == 10 and len(told["samples"]) == QUEUE
+    assert told["samples"][-1]["sample"]["north_m"] == QUEUE + 9
+
+
+def test_frames_of_fifty_boats_are_small():
+    store, watcher = Store(), Watcher()
+    watcher.choose(store.boats, "b0")
+    for b in range(50):
+        for sample in put(store, *(state(k) for k in range(10)), mode(1), boat=f"b{b}"):
+            watcher.note(sample)
+    made = watcher.frame(store.boats, 0.0)
+    assert len(json.loads(made)["samples"]) == 11 + 49 * 2 and len(made) < 60_000
+
+
+# --- guard ------------------------------------------------------------------------------------------
+
+GUARD = Guard(frozenset({"localhost", "laptop"}), "sesame-12")
+
+
+@pytest.mark.parametrize(
+    ("host", "good"),
+    [
+        ("127.0.0.1:8470", True), ("localhost:8470", True), ("LAPTOP:80", True), ("[::1]:8470", True),
+        ("192.168.1.9:8470", True), ("evil.example", False), ("127.0.0.1.evil.example", False), ("", False),
+        ("[::1].evil.example", False), ("localhost.evil.example:8470", False), (None, False), ("[", False),
+    ],
+)  # fmt: skip
+def test_hosts(host, good):
+    assert GUARD.host(host) == good
+
+
+@pytest.mark.parametrize(
+    ("origin", "needed", "good"),
+    [
+        ("http://127.0.0.1:8470", True, True), ("https://127.0.0.1:8470", True, True), (None, False, True),
+        (None, True, False), ("null", True, False), ("http://evil.example", False, False),
+        ("http://127.0.0.1:9999", True, False), ("http://127.0.0.1:8470.evil.example", True, False),
+    ],
+)  # fmt: skip
+def test_origins(origin, needed, good):
+    assert GUARD.origin(origin, "127.0.0.1:8470", needed=needed) == good
+
+
+def test_tokens():
+    assert GUARD.knows("sesame-12") and not GUARD.knows("sesame-1") and not GUARD.knows(None) and not GUARD.knows("é")
+    assert Guard(frozenset(), None).knows(None)
+    assert [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.168.1.2", "boat")] == [
+        True, True, True, False, False, False
+    ]  # fmt: skip
+
+
+def test_the_ages_are_finite():
+    store = Store()
+    put(store, state(0, t_ns=2**53))
+    assert math.isfinite(store.boats["b"].ahead_ns)
+
+
+def test_what_comes_twice_is_kept_once_and_is_no_fault():
+    store = Store()
+    told = [alert(k, f"alert {k}") for k in (1, 3, 2)]
+    assert None not in put(store, *told)
+    assert put(store, *reversed(told)) == [None, None, None]
+    boat = store.boats["b"]
+    assert len(boat.kept["alert"]) == 3 and boat.malformed == 0 and not store.refused
+    assert put(store, alert(2, "another of the same instant")) != [None]

@@ -1,0 +1,75 @@
+"""A test in real time that fails has another try where the machine stood still, and nowhere else."""
+
+import itertools
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.stalls import NAP_S, Stalls, overslept
+
+TESTS = Path(__file__).resolve().parents[1]
+STORY = """
+import os, signal, time
+from pathlib import Path
+import pytest
+
+runs = []
+
+def stand_still():
+    (watcher,) = map(int, Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
+    os.kill(watcher, signal.SIGSTOP)
+    time.sleep(0.7)
+    os.kill(watcher, signal.SIGCONT)
+    time.sleep(0.2)
+
+@pytest.mark.alone
+def test_once():
+    runs.append(1)
+    STALL
+    assert len(runs) > FAILURES
+"""
+
+
+@pytest.mark.parametrize(
+    ("stall", "failures", "told"),
+    [
+        ("stand_still()", 1, "1 passed, 1 rerun"),
+        ("stand_still()", 9, "1 failed, 2 rerun"),
+        ("pass", 1, "1 failed in"),
+        ("pass", 0, "1 passed in"),
+    ],
+)
+def test_another_try(tmp_path, stall, failures, told):
+    support = tmp_path / "tests" / "support"
+    support.mkdir(parents=True)
+    (tmp_path / "tests" / "__init__.py").touch()
+    shutil.copy(TESTS / "conftest.py", tmp_path / "tests")
+    source = (TESTS / "support" / "stalls.py").read_text()
+    assert "STALL_S = 0.05" in source
+    rarely = source.replace("STALL_S = 0.05", "STALL_S = 0.4")  # what no machine does by chance
+    (support / "stalls.py").write_text(rarely)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = alone\npythonpath = .\naddopts = --import-mode=importlib\n")
+    (tmp_path / "tests" / "test_it.py").write_text(STORY.replace("STALL", stall).replace("FAILURES", str(failures)))
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_it.py"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert told in done.stdout, done.stdout + done.stderr
+    assert ("stood still for 0.00 s" in done.stdout) == (stall == "pass" and failures > 0)
+    assert done.stdout.count("stood still") == min(failures, 3 if stall != "pass" else 1)
+
+
+def test_naps_that_take_longer():
+    now = itertools.chain([0.0, NAP_S, 1.0, 1.0 + NAP_S + 0.2])
+    naps = overslept(lambda: next(now), lambda _: None)
+    assert next(naps) == (NAP_S, 0.0)
+    assert next(naps) == pytest.approx((1.2 + NAP_S, 0.2))
+
+
+def test_the_longest_since(tmp_path):
+    (tmp_path / "stalls.txt").write_text("1.000 0.900\n2.000 0.100\n3.000 0.300\n4.000 0.")
+    stalls = Stalls(tmp_path / "stalls.txt")
+    assert (stalls.longest_s(1.5), stalls.longest_s(0.0), stalls.longest_s(3.0)) == (0.3, 0.9, 0.0)

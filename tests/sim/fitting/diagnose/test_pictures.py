@@ -1,0 +1,68 @@
+"""Pictures of logs without inertial sensors, axes that hold all arrows, bars that say why nothing was named."""
+
+import numpy as np
+import pytest
+from matplotlib.quiver import Quiver
+
+from sim.fitting.diagnose.report import pictures
+from sim.fitting.diagnose.report.sentences import _gain, visible
+from sim.fitting.diagnose.selection.held_out import MODELS, Error, HeldOutScore
+from sim.fitting.diagnose.selection.residual_forces import Residue
+
+
+def _residue(n: int = 200, seed: int = 3) -> Residue:
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(n, 6))
+    t = np.arange(float(n))
+    return Residue(t, t, np.zeros(n), x, rng.normal(size=(n, 3)), np.ones((n, 3)), rng.normal(size=(n, 3)))
+
+
+def _error(gain_ci95: tuple[float, float], after: float) -> Error:
+    rms = {"base": 1.2, "refit": 1.0, "extended": after}
+    return Error(10, "position", "m", rms, dict.fromkeys(MODELS, (0.9, 1.3)), 1 - after, gain_ci95, 40)
+
+
+def test_channels_without_data_have_no_picture():
+    known, unknown = np.linspace(0.5, 0.0, 20), np.full(20, np.nan)
+    figure = pictures.whiteness({"heading": known, "a_x": unknown}, {"heading": known, "a_x": unknown}, {"heading": 50})
+    assert [ax.get_title() for ax in figure.axes] == ["heading"]
+    bars = pictures.held_out([_error((0.1, 0.3), 0.8)])
+    assert [ax.get_title() for ax in bars.axes] == ["position [m]"]
+
+
+def test_no_arrow_leaves_its_axes():
+    figure = pictures.over_basin(_residue(), _residue(seed=4))
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        arrows = next(c for c in ax.collections if isinstance(c, Quiver))
+        assert arrows.scale is not None
+        tips = arrows.XY + np.column_stack([arrows.U, arrows.V]) / arrows.scale
+        (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
+        assert ((tips >= (west, south)) & (tips <= (east, north))).all()
+
+
+def test_one_row_of_axes_for_each_force():
+    figure = pictures.against(_residue(), {"u [m/s]": _residue().x[:, 3], "v [m/s]": _residue().x[:, 4]})
+    assert len(figure.axes) == 6
+    assert [ax.get_xlabel() for ax in figure.axes[-2:]] == ["u [m/s]", "v [m/s]"]
+
+
+def test_bars_beyond_the_line_say_their_size():
+    figure = pictures.evidence({"lag": 80.0}, {"payload": (30.0, 0.4), "wash": (3.0, 0.2), "lag": (80.0, 2.0)}, 12.0)
+    assert [text.get_text().strip() for text in figure.axes[0].texts] == ["named", "0.4", ""]
+
+
+@pytest.mark.parametrize(
+    ("ci95", "after", "said"),
+    [((0.1, 0.3), 0.8, "cuts the 10 s position error on held-out data by 20 % (95 %: 10 to 30)"),
+     ((-0.3, -0.1), 1.2, "raises the 10 s position error on held-out data by 20 % (95 %: 10 to 30)")],
+)  # fmt: skip
+def test_gain_is_said_with_its_sign(ci95: tuple[float, float], after: float, said: str):
+    text = _gain(HeldOutScore((_error(ci95, after),), {}, 10, ()), 1)
+    assert said in text
+    assert ("does not carry over" in text) == (after > 1)
+
+
+def test_numbers_without_a_unit():
+    assert visible(0.153, "1") == "15 %"
+    assert visible(0.153, "") == "0.15"

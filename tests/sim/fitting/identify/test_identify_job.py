@@ -1,0 +1,191 @@
+"""Identification without files: the split, the verdict, what is told of logs that cannot be used."""
+
+from itertools import count
+
+import numpy as np
+import polars as pl
+import pytest
+
+from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.runs.run import Problem, Run, RunMeta
+from sim.fitting.engine.parameters import WARP, Parameters
+from sim.fitting.engine.split import JobError, Log, split
+from sim.fitting.identify.result import Channel, Estimate, FitResult
+from sim.fitting.identify.verdict import MANOEUVRES, NAMES, NEEDED, advice, relative_error, verdict
+from sim.fitting.validate.models import VelocityStays, VelocityZero
+from sim.fitting.validate.protocol import CHANNELS
+from sim.fitting.validate.scores import Box, Score
+from sim.fitting.validate.stability import Stability
+from sim.fitting.validate.study import Validation
+from sim.fitting.validate.windows import Windows
+from sim.world.teleop_log import teleop_run
+from tests.companion.logs.readers.run_logs import clean_run, record, simulated
+from tests.support.vessel_fixtures import boat
+
+VESSEL = boat("aritra")
+NAMES_OF = Parameters(VESSEL).names
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return teleop_run(VESSEL, 8, 80.0)
+
+
+def changed(run: Run, **columns) -> Run:
+    return Run(run.table.with_columns(**columns), run.meta)
+
+
+def blank(run: Run, *columns: str) -> Run:
+    return changed(run, **{c: pl.lit(None, pl.Float64) for c in columns})
+
+
+def test_the_last_quarter_is_held_out_and_nothing_is_in_both(run):
+    found = split([Log("a.csv", run)], [], VESSEL)
+    (used,) = found.used
+    (fitted,), (out,) = used.fitted_s, used.held_out_s
+    assert fitted[1] < out[0] == pytest.approx(60.0, abs=0.1)
+    assert found.fitted[0].measured_s()[-1] < out[0]
+    assert found.held_out[0].inside == (out,)
+    assert "last 25 %" in found.rule
+
+
+def test_named_logs_are_held_out_whole_and_others_fitted_whole(run):
+    other = teleop_run(VESSEL, 9, 40.0)
+    found = split([Log("a.csv", run)], [Log("b.csv", other)], VESSEL)
+    assert found.held_out[0].inside is None and found.held_out[0].run.meta.source == "b.csv"
+    assert found.fitted[0].table.height == run.table.height
+    assert found.used[1].fitted_s == ()
+
+
+def test_alternate_blocks(run):
+    found = split([Log("a.csv", run)], [], VESSEL, block_s=20.0)
+    assert [round(r.measured_s()[0]) for r in found.fitted] == [0, 40]
+    assert found.held_out[0].inside is not None and len(found.held_out[0].inside) == 2
+
+
+def test_thrusters_are_put_into_the_vessel_files_order(run):
+    names = [c for c in run.table.columns if c.startswith("pwm_")]
+    others = [c for c in run.table.columns if c not in names]
+    turned = Run(run.table.select(*others, *reversed(names)), run.meta)
+    assert split([Log("a.csv", turned)], [], VESSEL).fitted[0].thrusters == tuple(t.name for t in VESSEL.thrusters)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda r: ([], []), "no log to fit"),
+        (lambda r: ([clean_run(60.0)], []), r"log0: columns pwm_left, pwm_right, but the thrusters of aritra are"),
+        (lambda r: ([blank(r, "north_m", "east_m")], []), r"log0: north_m: blank throughout.*--uwb"),
+        (lambda r: ([blank(r, "psi_rad")], []), r"log0: psi_rad: blank throughout"),
+        (lambda r: ([blank(r, "pwm_rear_port")], []), r"log0: pwm_rear_port: blank throughout"),
+        (lambda r: ([short(r, 45.0)], []), r"log0: 45\.0 s; 50 s are the least when its last part is held out"),
+        (lambda r: ([short(r, 25.0)], [teleop_run(VESSEL, 9, 40.0)]), r"log0: 25\.0 s; 30 s are the least to fit"),
+        (lambda r: ([r], [short(r, 15.0)]), r"log1: 15\.0 s; 20 s are the least to be held out"),
+        (lambda r: ([r], [r]), r"log1: holds the same data as log0"),
+        (lambda r: ([r, r], []), r"log1: holds the same data as log0"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_named(run, make, words):
+    number = count()
+    logs, held_out = ([Log(f"log{next(number)}", r) for r in runs] for runs in make(run))
+    with pytest.raises(JobError, match=words):
+        split(logs, held_out, VESSEL)
+
+
+@pytest.mark.parametrize(("block_s", "words"), [(10.0, "20 s are the least"), (70.0, "hold no two blocks of 70 s")])
+def test_blocks_that_do_not_fit_are_refused(run, block_s, words):
+    with pytest.raises(JobError, match=words):
+        split([Log("a.csv", run)], [], VESSEL, block_s=block_s)
+
+
+def test_a_log_of_ours_has_the_vessel_files_thrusters(tmp_path):
+    """15 s of the stepped world: read, and refused for its length alone."""
+    run = read_run(record(tmp_path / "run.mcap", simulated()), Beside(VESSEL))
+    with pytest.raises(JobError, match=r"run\.mcap: 1\d\.\d s; 50 s are the least"):
+        split([Log("run.mcap", run)], [], VESSEL)
+
+
+def short(run: Run, seconds: float) -> Run:
+    return Run(run.table.filter(pl.col("t_s") <= seconds), RunMeta())
+
+
+# --- the verdict, from made-up scores ------------------------------------------------------------------------
+
+
+def score(name: str, error: float, channels=CHANNELS) -> Score:
+    """rms `error` in `channels`, 1 in the others; the baselines have 1 everywhere."""
+    rms = {c: np.full(3, error if c in channels else 1.0) for c in CHANNELS}
+    zero, nothing = np.zeros(3), {}
+    return Score(name, (10, 20, 30), np.full(3, 9), zero, rms, rms, rms, nothing, nothing, nothing)
+
+
+def validation(**errors: float) -> Validation:
+    scores = [score(NAMES[k], e) for k, e in errors.items()]
+    scores += [score(VelocityStays().name, 1.0), score(VelocityZero().name, 2.0)]
+    stable = tuple(Stability(s.name, 0.0, 0.0, 1.0, 100) for s in scores)
+    nothing = np.zeros((9, 301, 6))
+    windows = Windows(nothing[:, 0], nothing, None, np.zeros(9))  # type: ignore[arg-type]  # commands: not looked at
+    return Validation("x", (), (), windows, Box(np.zeros(3), np.ones(3)), tuple(scores), stable, ())
+
+
+def fit(undetermined=(), *, converged=True, white=True) -> FitResult:
+    estimates = tuple(
+        Estimate(name=n, value=1.0, se=0.1, ci95=(0.8, 1.2), unit="1", share_of_prior=0.9 if n in undetermined else 0.1,
+                 determined=n not in undetermined)
+        for n in NAMES_OF
+    )  # fmt: skip
+    return FitResult(
+        parameters=estimates, covariance=(), directions=(), latent=(0, 0, 0), latent_share=(0, 0, 0), window_s=2.0,
+        channels=(Channel(name="psi", count=100, sigma=1.0, rms=1.0, lag1=0.0 if white else 0.5),), white=white,
+        samples=100, fixes=10, iterations=5, converged=converged, seconds=1.0, data_hashes=("a",), vessel="x",
+    )  # fmt: skip
+
+
+def test_the_relative_error_is_a_geometric_mean_over_channels_and_horizons():
+    half = score("half", 0.25, channels=CHANNELS[:2])
+    assert relative_error(half, [half, score("velocity stays", 1.0)]) == pytest.approx(0.25 ** (2 / 5))
+    gone = score("gone", np.inf)
+    assert relative_error(gone, [gone, score("velocity stays", 1.0)]) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("errors", "believe", "begins", "doubts"),
+    [
+        ({"base": 0.5, "taylor": 0.6, "structured": 0.1}, "structured", "Believe the structured model", 0),
+        ({"base": 0.10, "structured": 0.104}, "structured", "Believe the structured model", 0),
+        ({"base": 0.1, "structured": 0.2}, "base file", "Keep the vessel file that you started from", 1),
+        ({"base": 0.9, "taylor": 0.1, "structured": 0.2}, "Taylor", "Taylor comes nearest", 1),
+        ({"base": 1.5, "structured": 1.2}, None, "Believe none of the models", 1),
+        ({"base": np.inf, "structured": 0.2}, "structured", "Believe the structured model", 0),
+    ],
+)
+def test_who_is_believed(errors, believe, begins, doubts):
+    found = verdict(fit(), validation(**errors), {})
+    assert found.believe == believe
+    assert found.lines[0].startswith(begins)
+    assert len(found.attention) == doubts, found.attention
+
+
+def test_everything_that_must_be_looked_at_is_said():
+    problems = {"a.csv": [Problem(kind="disagree", text="psi_rad turns 57 times"), Problem(kind="idle", text="rest")]}
+    open_ones = ("M22_kg", "Y_v_N_s_m", "Y_vv_N_s2_m2", "Y_r_N_s")
+    found = verdict(fit(open_ones, converged=False, white=False), validation(base=0.5, structured=0.1), problems)
+    text = " ".join(found.attention)
+    for words in ("did not converge in 5 steps", "hang together (psi)", "determine M22_kg,", "Y_v_N_s_m or Y_vv",
+                  "a.csv: disagree: psi_rad turns 57 times"):  # fmt: skip
+        assert words in text
+    assert "Y_r" not in text and "idle" not in text
+    assert "open: M22_kg, Y_v_N_s_m, Y_r_N_s, Y_vv_N_s2_m2" in " ".join(found.lines)
+
+
+def test_one_of_linear_and_quadratic_damping_is_enough():
+    assert not verdict(fit(("X_uu_N_s2_m2", "lag_s")), validation(structured=0.1), {}).attention
+
+
+def test_every_parameter_has_a_manoeuvre_and_one_only():
+    for name in NAMES_OF:
+        mine = [text for heads, text in MANOEUVRES if name.startswith(heads)]
+        assert len(mine) == (0 if name in WARP else 1), name
+    assert {name for group in NEEDED for name in group} <= set(NAMES_OF)
+    told = dict(advice(fit(("Y_r_N_s", "gain_rear_port", *WARP))))
+    assert set(told) == {("Y_r_N_s",), ("gain_rear_port",)} and "zig-zag" in told[("Y_r_N_s",)]

@@ -1,0 +1,168 @@
+"""The structured fit on simulated logs: what it finds, how sure it is, and the vessel file that comes out."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from companion.core.model.load_vessel import load_vessel
+from companion.core.model.manoeuvring import mass_matrix
+from companion.logs.runs.run import Run
+from sim.fitting.engine.noise import noise_of
+from sim.fitting.engine.parameters import HULL, PriorSigmas, file_values
+from sim.fitting.identify.result import FitResult, fit_structured
+from sim.fitting.identify.structured_fit import Fit, Settings
+from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
+from sim.studies.boats.campaign import boats_campaign, is_stable
+from sim.studies.boats.draw import draw_boat, in_still_air
+from sim.world.teleop_log import BASIN_M, teleop_run
+from tests.support.vessel_fixtures import boat
+
+TRUE = draw_boat(boat("aritra"), np.random.default_rng(11))
+PRIOR = in_still_air(boat("aritra"))
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return teleop_run(TRUE, 11, 120.0)
+
+
+@pytest.fixture(scope="module")
+def result(run: Run) -> FitResult:
+    return fit_structured([run], PRIOR)
+
+
+def test_the_pilot_excites_all_axes_inside_the_basin_and_repeats_himself(run: Run) -> None:
+    t, truth = run.samples("true_north_m", "true_east_m", "true_u_m_s", "true_v_m_s", "true_r_rad_s")
+    assert truth[:, :2].min() > 0.5 and truth[:, :2].max() < BASIN_M - 0.5
+    assert (truth[:, 2:].max(axis=0) > (0.3, 0.15, 0.3)).all() and (
+        truth[:, 2:].min(axis=0) < (-0.3, -0.15, -0.3)
+    ).all()
+    assert len(t) == 3600
+    assert teleop_run(TRUE, 11, 5.0).data_hash == teleop_run(TRUE, 11, 5.0).data_hash
+    assert teleop_run(TRUE, 12, 5.0).data_hash != teleop_run(TRUE, 11, 5.0).data_hash
+
+
+def test_two_minutes_find_the_boat(result: FitResult) -> None:
+    truth = dict(zip([p.name for p in result.parameters], file_values(TRUE), strict=True))
+    strong = [n for n in HULL if n not in ("Y_r_N_s", "N_v_N_s", "M23_kg_m", "X_u_N_s_m")]
+    errors = [abs(result[n].value / truth[n] - 1) for n in strong]
+    assert np.median(errors) < 0.03 and max(errors) < 0.08
+    far = [
+        p.name for p in result.parameters if abs(p.value - truth[p.name]) > 4 * p.se and not p.name.startswith("warp")
+    ]
+    assert not far
+    assert all(0.9 < c.rms < 1.1 and abs(c.lag1) < 0.35 for c in result.channels)
+
+
+def test_means_of_three_samples_say_as_much_as_the_samples(run: Run, result: FitResult) -> None:
+    sigmas = {hz: Fit([run], PRIOR, Settings(inertial_hz=hz)).noise.white[0] for hz in (10.0, np.inf)}
+    assert sigmas[np.inf] == noise_of(PRIOR).white[0] and sigmas[10.0] == pytest.approx(
+        sigmas[np.inf] / 3**0.5, rel=0.01
+    )
+    whole = fit_structured([run], PRIOR, Settings(inertial_hz=np.inf))
+    assert whole.samples > 2.9 * result.samples
+    for mean, each in zip(result.parameters, whole.parameters, strict=True):
+        lost = np.sqrt(abs(mean.se**2 - each.se**2))  # dead time and lag are told by what happens within a mean
+        assert abs(mean.value - each.value) < 0.2 * each.se + 2 * lost, mean.name
+        assert 0.95 < mean.se / each.se < 1.2, mean.name
+
+
+def test_the_common_scale_of_force_and_inertia_is_named_as_undetermined(result: FitResult) -> None:
+    widest = result.directions[0]
+    assert widest.share_of_prior > 0.9
+    shared = {n: part for n, part in widest.parts.items() if not n.startswith("warp")}
+    assert {"M11_kg", "M22_kg", "X_uu_N_s2_m2", "gain_front_port", "gain_rear_starboard"} <= set(shared)
+    assert np.allclose(list(shared.values()), 1.0, atol=0.1)
+
+
+def test_two_logs_say_more_than_one(run: Run, result: FitResult) -> None:
+    both = fit_structured([run, teleop_run(TRUE, 12, 120.0)], PRIOR)
+    assert both.samples > 1.9 * result.samples
+    assert both["Y_r_N_s"].se < 0.85 * result["Y_r_N_s"].se
+    assert len(both.data_hashes) == 2
+
+
+def test_a_sensor_that_is_off_does_not_bend_the_hull(run: Run, result: FitResult) -> None:
+    """Accelerometer bias, heading offset: nuisances take them."""
+    table = run.table.with_columns(run.table["ax_m_s2"] + 0.08, run.table["psi_rad"] * 1.0)
+    moved = fit_structured([Run(table, run.meta)], PRIOR)
+    for name in ("M11_kg", "M22_kg", "X_uu_N_s2_m2", "N_rr_N_m_s2"):
+        assert moved[name].value == pytest.approx(result[name].value, abs=0.5 * result[name].se), name
+
+
+def test_outliers_among_the_positions_are_outvoted(run: Run, result: FitResult) -> None:
+    north = run.table["north_m"].to_numpy().copy()
+    known = np.flatnonzero(np.isfinite(north))
+    north[known[::15]] += 3.0
+    broken = Run(run.table.with_columns(north_m=north).with_columns(north_m=_blank(north)), run.meta)
+    found = fit_structured([broken], PRIOR)
+    for name in ("M11_kg", "M22_kg", "X_uu_N_s2_m2", "Y_vv_N_s2_m2"):
+        assert found[name].value == pytest.approx(result[name].value, abs=1.5 * result[name].se), name
+
+
+def _blank(values: np.ndarray):
+    import polars as pl
+
+    return pl.Series(values, nan_to_null=True)
+
+
+def test_a_disturbance_widens_the_intervals(result: FitResult) -> None:
+    """Gusts and waves that the model does not know become latent acceleration, not false certainty."""
+    from sim.world.environment import Weather
+
+    rough = teleop_run(TRUE, 11, 120.0, weather=Weather(V_w_m_s=2.0, beta_w_deg=40.0, gustiness=0.5))
+    found = fit_structured([rough], PRIOR)
+    assert found.converged and max(found.latent_share) > 5 * max(result.latent_share)
+    assert found["Y_v_N_s_m"].se > 1.5 * result["Y_v_N_s_m"].se
+    far = [p.name for p, t in zip(found.parameters, file_values(TRUE), strict=True) if abs(p.value - t) > 4 * p.se]
+    assert not far
+
+
+def test_waves_within_a_window_make_it_shorter() -> None:
+    """Two-second waves are not constant over two seconds: the fit sees it in its residuals and looks closer."""
+    from sim.world.environment import Weather
+
+    found = fit_structured([teleop_run(TRUE, 11, 60.0, weather=Weather(H_s_m=0.03))], PRIOR)
+    assert found.window_s == 0.5 and found.white
+
+
+def test_what_is_fixed_stays(run: Run) -> None:
+    settings = Settings(overrides={"dead_time_s": (0.12, 0.0)}, latent=False, iterations=6)
+    assert fit_structured([run], PRIOR, settings)["dead_time_s"].value == pytest.approx(0.12, rel=1e-3)
+
+
+def test_the_vessel_file_loads_as_it_is_and_moves_as_the_fit_says(result: FitResult) -> None:
+    vessel = identified_vessel(PRIOR, result, date="2026-01-01")
+    again = load_vessel(vessel_toml(vessel, "made by a test"), name="identified.toml")
+    assert again == vessel and is_stable(again)
+    assert "identified 2026-01-01" in again.damping.source and result.data_hashes[0][:12] in again.inertia.source
+    M = mass_matrix(again)
+    fitted = [result[n].value for n in ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m")]
+    np.testing.assert_allclose(M[[0, 1, 2, 1], [0, 1, 2, 2]], fitted, rtol=1e-4)
+
+
+def test_a_boat_lighter_than_its_file_keeps_added_mass_of_the_right_sign(result: FitResult) -> None:
+    heavy = replace(PRIOR, inertia=replace(PRIOR.inertia, mass_kg=90.0, I_z_kg_m2=40.0, y_g_m=0.01))
+    vessel = identified_vessel(heavy, result, date="2026-01-01")
+    assert vessel.inertia.X_udot_kg <= 0 and vessel.inertia.Y_vdot_kg <= 0 and vessel.inertia.N_rdot_kg_m2 <= 0
+    assert "mass or I_z lowered" in vessel.inertia.source
+    M = mass_matrix(vessel)
+    np.testing.assert_allclose(M[0, 0], result["M11_kg"].value, rtol=1e-4)
+    np.testing.assert_allclose(M[0, 2], mass_matrix(heavy)[0, 2], rtol=1e-5)
+
+
+def test_force_in_newtons_is_known_no_better_than_the_thrusters(run: Run, result: FitResult) -> None:
+    """The data fix ratios; the scale is as wide as the prior of the gains says: twice that, twice the interval."""
+    wider = fit_structured([run], PRIOR, Settings(sigmas=PriorSigmas(gain=0.05)))
+    for name in ("M11_kg", "M33_kg_m2", "N_rr_N_m_s2"):
+        assert wider[name].se == pytest.approx(2 * result[name].se, rel=0.2), name
+    assert result["M33_kg_m2"].se / result["M33_kg_m2"].value == pytest.approx(0.0125, rel=0.1)  # 2.5 % / sqrt(4)
+
+
+@pytest.mark.long
+def test_intervals_cover_and_models_are_stable() -> None:
+    found = boats_campaign(boat("aritra"), 4, 1.0, 0.10, 40, train_s=300.0)
+    assert found.unstable == 0
+    assert found.median_error < 0.03
+    assert found.scale_free_coverage > 0.85
+    assert found.open_loop_ratio < 1.5

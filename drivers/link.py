@@ -3,7 +3,7 @@
     port -> bytes -> codec.feed -> messages            (callbacks `on_bytes`, `on_messages`)
     searching -> online -> stale -> lost -> searching  (`drivers.link_state`, told as LinkStatus)
 
-`Link.run` never ends by itself and never raises what the world does to it: a port that cannot be opened,
+`DeviceLink.run` never ends by itself and never raises what the world does to it: a port that cannot be opened,
 breaks or falls silent is closed and opened again, after a pause that grows from 0.1 s to 2 s. Only
 messages make a link online: bytes that decode to nothing do not.
 """
@@ -17,10 +17,10 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Protocol
 
 from companion.core.messages import LinkState, LinkStatus, Message
-from drivers.link_state import LinkTiming, Seen, Verdict, backoff_s, link_state
+from drivers.link_state import LinkObservations, LinkTiming, LinkVerdict, backoff_s, link_state
 from drivers.ports.port import Port
 
-__all__ = ["Codec", "Link", "LinkTiming", "link_state"]
+__all__ = ["Codec", "DeviceLink", "LinkTiming", "link_state"]
 
 
 class Codec(Protocol):
@@ -31,7 +31,7 @@ class Codec(Protocol):
         ...
 
 
-class Link:
+class DeviceLink:
     """Joins a port and a codec; `run` it as a task.
 
     name         in every LinkStatus
@@ -178,11 +178,11 @@ class Link:
         changes = (self._frame_ns + stale_ns, self._frame_ns + self._timing.lost_after_ns)
         return min((t_ns for t_ns in changes if t_ns > now_ns), default=now_ns + stale_ns)
 
-    def _judge(self) -> Verdict:
+    def _judge(self) -> LinkVerdict:
         """Apply `link_state` and tell about it where the state or its cause has changed."""
         t_ns = self._now_ns()
         babble_ns = 0 if self._babble_ns is None else t_ns - self._babble_ns
-        seen = Seen(self._fault, self._framed, t_ns - self._byte_ns, t_ns - self._frame_ns, babble_ns)
+        seen = LinkObservations(self._fault, self._framed, t_ns - self._byte_ns, t_ns - self._frame_ns, babble_ns)
         verdict = link_state(self.state, seen, self._timing)
         self.state = verdict.state
         if (verdict.state, verdict.cause) != self._told:

@@ -36,7 +36,7 @@ class LinkTiming:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class LinkObservations:
     """What is known of a link at one instant; times in ns since the event, or since the port opened."""
 
     fault: str
@@ -51,7 +51,7 @@ class Seen:
     """Since bytes began to come that decode to no message; 0 without such bytes."""
 
 
-class Verdict(NamedTuple):
+class LinkVerdict(NamedTuple):
     """State of a link, its cause (same words as long as it lasts), and the reason with its numbers.
 
     `reopen`: close the port and start again. So it is once lost, and after `lost_after_s` of bytes that
@@ -65,7 +65,7 @@ class Verdict(NamedTuple):
     reopen: bool = False
 
 
-def link_state(before: LinkState, seen: Seen, timing: LinkTiming) -> Verdict:
+def link_state(before: LinkState, seen: LinkObservations, timing: LinkTiming) -> LinkVerdict:
     """State after `before`, given what was seen, and why. Pure; the whole state machine.
 
     | before          | port   | messages since it opened | last message    | after     |
@@ -82,19 +82,19 @@ def link_state(before: LinkState, seen: Seen, timing: LinkTiming) -> Verdict:
     """
     had_it = before in ("online", "stale")
     if seen.fault:
-        return Verdict("lost" if had_it else "searching", seen.fault, seen.fault, reopen=True)
+        return LinkVerdict("lost" if had_it else "searching", seen.fault, seen.fault, reopen=True)
     if before != "lost" and seen.framed and seen.frameless_ns < timing.stale_after_ns:
-        return Verdict("online", "messages", "messages arrive")
+        return LinkVerdict("online", "messages", "messages arrive")
     cause, reason = _why_no_messages(seen, timing)
     if not had_it:
         enough = cause == "garbage" and seen.babble_ns >= timing.lost_after_ns
-        return Verdict("searching", cause, reason, reopen=enough)
+        return LinkVerdict("searching", cause, reason, reopen=enough)
     if seen.framed and seen.frameless_ns < timing.lost_after_ns:
-        return Verdict("stale", cause, reason)
-    return Verdict("lost", cause, reason, reopen=True)
+        return LinkVerdict("stale", cause, reason)
+    return LinkVerdict("lost", cause, reason, reopen=True)
 
 
-def _why_no_messages(seen: Seen, timing: LinkTiming) -> tuple[str, str]:
+def _why_no_messages(seen: LinkObservations, timing: LinkTiming) -> tuple[str, str]:
     """Cause and reason."""
     if seen.frameless_ns < timing.stale_after_ns:
         return "waiting", "port open, waiting for a message"

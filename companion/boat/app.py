@@ -17,12 +17,12 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.boat.clock import Clock
-from companion.boat.gcs_forward import Forward
+from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
 from companion.boat.process_stats import ProcessMeter
 from companion.boat.recorder import Recorder
 from companion.boat.solver_thread import REHEARSAL_S, Solver, SolverThread
-from companion.boat.start_interlock import Guard
+from companion.boat.start_interlock import StartInterlock
 from companion.core.messages import (
     Alert,
     ImuSample,
@@ -43,7 +43,7 @@ from companion.core.messages import (
 )
 from companion.core.pilot.autopilot_state import HEARTBEAT_LOST_NS
 from companion.core.pilot.pilot import Pilot, PilotState
-from drivers.link import Link, LinkTiming
+from drivers.link import DeviceLink, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
 from drivers.ports.port import Port
@@ -77,9 +77,9 @@ class App:
         recorder: Recorder,
         rng: random.Random,
         watch: Callable[[Message], None],
-        forward: Forward | None = None,
+        forward: GcsForward | None = None,
         vision_hz: float | None = None,
-        guard: Guard | None = None,
+        guard: StartInterlock | None = None,
     ):
         self.state: PilotState = pilot.initial(clock.now_ns())
         self._pilot, self._clock, self._recorder, self._watch = pilot, clock, recorder, watch
@@ -277,9 +277,9 @@ class App:
 
     # --- devices -----------------------------------------------------------------------------------
 
-    def _link(self, name: str, port: Port, codec: Any, rng: random.Random, timing: LinkTiming) -> Link:
+    def _link(self, name: str, port: Port, codec: Any, rng: random.Random, timing: LinkTiming) -> DeviceLink:
         hear = self._hear_autopilot if name == "mavlink" else self._think
-        return Link(
+        return DeviceLink(
             name,
             port,
             codec,
@@ -306,7 +306,7 @@ class App:
         if self._guard:
             self._ask_guard(self._guard, messages, t_ns)
 
-    def _ask_guard(self, guard: Guard, messages: Sequence[Message], t_ns: int) -> None:
+    def _ask_guard(self, guard: StartInterlock, messages: Sequence[Message], t_ns: int) -> None:
         """Its questions to the autopilot, what it says, and the command that waited for it."""
         for frame in guard.step(messages, t_ns):
             self._send(frame)

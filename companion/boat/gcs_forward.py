@@ -17,20 +17,20 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.boat.clock import Clock
 from companion.core.messages import Alert
-from drivers.mavlink.gcs_firewall import RATE_BYTES_S, StationGate
+from drivers.mavlink.gcs_firewall import RATE_BYTES_S, GcsFirewall
 from drivers.ports.port import Port
 
 RETRY_NS = 2_000_000_000
 """Between attempts to open a port (assumed)."""
 
 
-class Forward:
+class GcsForward:
     """The station's side of one run. `gate`: judges what it sends; None: nothing of it passes (read-only).
 
     `shown`: frames given to the port; `read_only_bytes`: bytes of the station that were dropped unread.
     """
 
-    def __init__(self, port: Port, gate: StationGate | None, clock: Clock) -> None:
+    def __init__(self, port: Port, gate: GcsFirewall | None, clock: Clock) -> None:
         self.shown = 0
         self.read_only_bytes = 0
         self._port, self._gate, self._clock = port, gate, clock

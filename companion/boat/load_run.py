@@ -34,7 +34,7 @@ UNFIT_CHANNELS = {
 
 
 @dataclass(frozen=True)
-class Setup:
+class RunSetup:
     """One run. `files`: the texts it was made from: run.toml, vessel.toml, site.toml, mission.*, excitation.toml."""
 
     run: RunFile
@@ -47,7 +47,7 @@ class Setup:
         return digest("".join(self.files[name] for name in sorted(self.files)))
 
 
-def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | None = None) -> Setup:
+def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | None = None) -> RunSetup:
     """Read a run file and what it names (relative to itself); `mission`, `excitation` instead. Raises ConfigError."""
     run = load_run(_read(path), name=str(path))
     paths = {"vessel.toml": path.parent / run.vessel, "site.toml": path.parent / run.site}
@@ -59,7 +59,7 @@ def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | No
     return setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
 
 
-def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
+def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
     """Setup from the texts of its files; `names`: what to call each in errors. Raises ConfigError."""
     run = load_run(texts["run.toml"], name=names["run.toml"])
     vessel = load_vessel(texts["vessel.toml"], name=names["vessel.toml"])
@@ -72,7 +72,7 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> Setup:
     if role := next((role for role in texts if role == "excitation.toml"), None):
         excitation = load_excitation(texts[role], name=names[role])
         Flight(excitation, vessel, site, name=names[role])  # says what does not fit
-    return Setup(
+    return RunSetup(
         run,
         PilotSettings(
             vessel,
@@ -114,7 +114,7 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
         yield f"{of_vessel}: sensors.uwb (wire_format, rate_Hz): {error}"
 
 
-def warnings(setup: Setup) -> list[str]:
+def warnings(setup: RunSetup) -> list[str]:
     """What is allowed, but a person should know before the boat moves."""
     fence, margin_m, told = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m, list[str]()
     for i, w in enumerate(setup.pilot.mission.path.waypoints):

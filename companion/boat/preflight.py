@@ -20,7 +20,7 @@ from msgspec.structs import replace as struct_replace
 
 from companion.boat.app import uwb_timing
 from companion.boat.clock import Clock
-from companion.boat.load_run import Setup, warnings
+from companion.boat.load_run import RunSetup, warnings
 from companion.boat.log_quota import MB, NAME
 from companion.boat.start_interlock import companion_of
 from companion.core.estimation.estimator import Estimator, EstimatorState
@@ -43,9 +43,9 @@ from companion.core.messages import (
 from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
 from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
 from companion.core.preflight.link import link_rows, rest_rows
-from companion.core.preflight.observations import Disk, Heard, RoundTrip
-from companion.core.preflight.rows import Parameters, Row
-from drivers.link import Link, LinkTiming
+from companion.core.preflight.observations import Disk, Observations, RoundTrip
+from companion.core.preflight.rows import ParameterSet, Row
+from drivers.link import DeviceLink, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
 from drivers.mavlink.session import MavlinkSession
@@ -66,7 +66,7 @@ RUN_PREARM_CHECKS = 401
 """MAV_CMD: the autopilot says in STATUSTEXTs why it would refuse to arm."""
 
 
-def all_rows(setup: Setup, heard: Heard, told: Parameters) -> list[Row]:
+def all_rows(setup: RunSetup, heard: Observations, told: ParameterSet) -> list[Row]:
     """The whole table."""
     companion, vessel, battery = companion_of(setup), setup.pilot.vessel, setup.run.battery
     asked = parameter_rows(told, companion) if heard.heartbeat else []
@@ -88,7 +88,7 @@ class Listener:
 
     def __init__(
         self,
-        setup: Setup,
+        setup: RunSetup,
         *,
         mavlink: tuple[Port, MavlinkCodec],
         uwb: tuple[Port, UwbCodec],
@@ -112,7 +112,7 @@ class Listener:
         self._uwb = self._link("uwb", *uwb, timing, self._take)
         self._uwb_open = False
 
-    async def run(self, listen_s: float, disk: Disk) -> tuple[Heard, Parameters]:
+    async def run(self, listen_s: float, disk: Disk) -> tuple[Observations, ParameterSet]:
         """Listen for `listen_s` [s] once an autopilot is heard, then read its parameters."""
         tasks = [asyncio.create_task(work) for work in (self._mavlink.run(), self._uwb.run(), self._talk())]
         try:
@@ -129,7 +129,7 @@ class Listener:
             if heard.heartbeat:
                 self._say("reading the autopilot's parameters")
                 await self._read_parameters()
-            return heard, Parameters(self._reader.told)
+            return heard, ParameterSet(self._reader.told)
         finally:
             for task in tasks:
                 task.cancel()
@@ -141,7 +141,7 @@ class Listener:
     async def _read_parameters(self) -> None:
         self._reader.ask(wanted(companion_of(self._setup)))
         await self._until(lambda: self._reader.done, PARAMETERS_S)
-        self._reader.ask(wanted_more(Parameters(self._reader.told)))
+        self._reader.ask(wanted_more(ParameterSet(self._reader.told)))
         await self._until(lambda: self._reader.done, PARAMETERS_S)
 
     # --- time --------------------------------------------------------------------------------------
@@ -166,9 +166,9 @@ class Listener:
 
     # --- messages ----------------------------------------------------------------------------------
 
-    def _link(self, name: str, port: Port, codec, timing: LinkTiming, hear) -> Link:
+    def _link(self, name: str, port: Port, codec, timing: LinkTiming, hear) -> DeviceLink:
         sleep: Callable[[int], Awaitable[None]] = self._clock.sleep_until
-        return Link(
+        return DeviceLink(
             name, port, codec, now_ns=self._clock.now_ns, sleep_until=sleep, rng=random.Random(), on_messages=hear,
             timing=timing,
         )  # fmt: skip
@@ -210,13 +210,13 @@ class Listener:
     def _cycles(self) -> int:
         return len(self._kept[UwbRanges]) + len(self._kept[UwbPosition])
 
-    def _heard(self, listened_s: float, then: tuple[dict[str, int], int], disk: Disk) -> Heard:
+    def _heard(self, listened_s: float, then: tuple[dict[str, int], int], disk: Disk) -> Observations:
         before, after, counters = then[0], self._counts(), self._codec.counters
 
         def latest(kind):
             return self._latest.get(kind)
 
-        return Heard(
+        return Observations(
             listened_s=listened_s, disk=disk, wall_s=time.time(), mavlink=self._links.get("mavlink"),
             uwb=self._links.get("uwb"), heartbeat=latest(Heartbeat), info=latest(AutopilotInfo),
             rates_hz={name: (after[name] - before[name]) / listened_s for name in WANTED_HZ}, wanted_hz=WANTED_HZ,

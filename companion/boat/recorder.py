@@ -22,7 +22,7 @@ import msgspec
 
 from companion.core.messages import Message, topic
 from companion.logs.foxglove import VIEWER_KINDS, viewer_message, world_from_ned
-from companion.logs.part import ChannelInfo, Item, LogPart, part_path
+from companion.logs.part import ChannelInfo, LogItem, LogPart, part_path
 from companion.logs.schema import METADATA_NAME, RAW_PREFIX, RawBytes, flow, viewer_schema
 
 PERIOD_S = 0.25  # between flushes; a quarter of the second that may be lost
@@ -73,7 +73,7 @@ class Recorder:
         self._rotate_bytes = rotate_bytes
         self._encoder = msgspec.json.Encoder(enc_hook=_numpy_scalar)
         self._streams: dict[type | str, _Stream] = {}
-        self._queue: deque[Item] = deque()
+        self._queue: deque[LogItem] = deque()
         self._refused, self._refusal = 0, ""  # written by the caller's thread
         self._dropped, self._disk_problem = 0, ""  # written under the lock
         self._lock = threading.Lock()
@@ -131,7 +131,7 @@ class Recorder:
             self._refuse("closed" if self._closed else "the disk does not keep up")
             return
         log_time_ns = max(self._now_ns() + self._offset_ns, 0)
-        self._queue.append(Item(stream.channel, sequence, log_time_ns, max(t_ns, 0), data))
+        self._queue.append(LogItem(stream.channel, sequence, log_time_ns, max(t_ns, 0), data))
         if self._thread is None and len(self._queue) >= INLINE_BATCH:
             self.sync()
 
@@ -224,7 +224,7 @@ class Recorder:
             for name, data in self._attachments.items():
                 part.add_attachment(name, data, wall_ns)
             frame = world_from_ned(wall_ns)
-            part.add(Item(_channel(type(frame)), 0, wall_ns, max(now_ns, 0), self._encoder.encode(frame)))
+            part.add(LogItem(_channel(type(frame)), 0, wall_ns, max(now_ns, 0), self._encoder.encode(frame)))
             part.sync()
         except OSError:
             part.discard()

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from companion.boat.load_run import Setup
+from companion.boat.load_run import RunSetup
 from companion.core.messages import Alert, Heartbeat, Message, OperatorCommand
 from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
-from companion.core.preflight.rows import Parameters, Row
+from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.preflight.wiring import Companion
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
@@ -21,7 +21,7 @@ SILENCE_NS = 3_000_000_000
 """Heartbeats come at 1 Hz; after this long without one the autopilot may have been set up anew (assumed)."""
 
 
-class Guard:
+class StartInterlock:
     """One run's. `refused`: why nothing may start, row by row; `clear`: all was read and nothing refuses.
 
     `rows`: the whole table as last judged.
@@ -88,7 +88,7 @@ class Guard:
         return alerts
 
     def _judge(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
-        told = Parameters(reader.told)
+        told = ParameterSet(reader.told)
         if not self._more:
             self._more = True
             reader.ask(wanted_more(told))
@@ -119,7 +119,7 @@ class Guard:
         self._alerts.append(Alert(t_ns=t_ns, level=level, text=text))
 
 
-def companion_of(setup: Setup) -> Companion:
+def companion_of(setup: RunSetup) -> Companion:
     """What the configured companion overrides."""
     control = setup.run.control
     return Companion(

@@ -52,7 +52,7 @@ def bench(args: argparse.Namespace) -> int:
     """Measure, show, write; the exit code."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for every solver; read when IPOPT is first called
     from sim.bench import result, run, table
-    from sim.bench.request import Order
+    from sim.bench.request import BenchRequest
 
     try:
         vessel = load_vessel(text_of(args.vessel), name=str(args.vessel))
@@ -63,7 +63,7 @@ def bench(args: argparse.Namespace) -> int:
     except REFUSED as why:
         return refuse("bench", why)
     out = Console(highlight=False)
-    order = Order(
+    order = BenchRequest(
         vessel, args.vessel, PROBLEMS[args.problem], args.solve, args.rounds, args.solve, args.seed, _progress()
     )
     about = log_metadata("", {})

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sim.campaign.inputs import Inputs
     from sim.campaign.journal import Journal
     from sim.campaign.runners.cluster import Cluster
-    from sim.campaign.runners.job import Outcome
+    from sim.campaign.runners.job import CaseOutcome
     from sim.campaign.runners.local import Local
 
 DONE, LOOK, INTERRUPTED = 0, 1, 130
@@ -146,7 +146,7 @@ class _Progress:
         if self._bar:
             self._bar.stop()
 
-    def see(self, outcome: Outcome) -> None:
+    def see(self, outcome: CaseOutcome) -> None:
         """One case is done."""
         self._done += 1
         self._failed += bool(outcome.error)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from companion.boat.load_run import EXAMPLES, Setup, load_setup, setup_of
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
 from companion.cli.simulator.sim import add_world_arguments
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Excitation, excitation_toml, load_excitation
@@ -214,7 +214,7 @@ def fly(args: argparse.Namespace, console: Console) -> int:
     return DONE if flown.done else FAILED
 
 
-def _setup(args: argparse.Namespace, plan: Path | None = None) -> Setup:
+def _setup(args: argparse.Namespace, plan: Path | None = None) -> RunSetup:
     """The run file's setup with the vessel, site and plan of the command line. Raises ConfigError."""
     setup = load_setup(args.config)
     texts = {name: text for name, text in setup.files.items() if name != "excitation.toml"}
@@ -225,7 +225,7 @@ def _setup(args: argparse.Namespace, plan: Path | None = None) -> Setup:
     return setup_of(texts, names)
 
 
-def _planned(setup: Setup) -> Excitation:
+def _planned(setup: RunSetup) -> Excitation:
     assert setup.pilot.excitation is not None  # `_setup` was given a plan
     return setup.pilot.excitation
 
@@ -241,7 +241,7 @@ def _read(path: Path) -> Excitation:
     return load_excitation(_text(path), name=str(path))
 
 
-def _knowledge(args: argparse.Namespace, setup: Setup, console: Console) -> Knowledge:
+def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> Knowledge:
     """What the logs tell, or the vessel file alone. Raises ConfigError naming the log."""
     from companion.logs.readers.read_run import Beside, read_run
     from companion.logs.runs.run import RunError
@@ -259,7 +259,7 @@ def _knowledge(args: argparse.Namespace, setup: Setup, console: Console) -> Know
             raise ConfigError(str(error)) from None
 
 
-def _candidates(library: Excitation, setup: Setup, console: Console):
+def _candidates(library: Excitation, setup: RunSetup, console: Console):
     """Segments of the library that this boat can fly here, and a line for each that it cannot."""
     from sim.fitting.excite.design import candidates
 
@@ -268,7 +268,7 @@ def _candidates(library: Excitation, setup: Setup, console: Console):
     return found, [f"left out: {text}" for text in left_out]
 
 
-def _picture_of_plan(flown, plan: Excitation, setup: Setup, path: Path) -> None:
+def _picture_of_plan(flown, plan: Excitation, setup: RunSetup, path: Path) -> None:
     """Draw a nominal flight."""
     from sim.fitting.excite import picture
 

@@ -31,8 +31,8 @@ from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
     from companion.logs.readers.read_run import Beside
-    from sim.fitting.engine.split import Log
-    from sim.fitting.identify.job import Found
+    from sim.fitting.engine.split import NamedLog
+    from sim.fitting.identify.job import Identification
 
 DONE, LOOK = 0, 1
 UNITS = ("", "[m]", "[rad]", "[m/s]", "[m/s]", "[rad/s]", "[%]")
@@ -99,18 +99,20 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
     return LOOK if found.verdict.attention else DONE
 
 
-def _read(paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float], None], begin: float) -> list[Log]:
+def _read(
+    paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float], None], begin: float
+) -> list[NamedLog]:
     from companion.logs.readers.read_run import read_run
-    from sim.fitting.engine.split import Log
+    from sim.fitting.engine.split import NamedLog
 
     logs = []
     for i, path in enumerate(paths):
         say("reading", path.name, begin + 0.5 * i / len(paths))
-        logs.append(Log(str(path), read_run(path, beside)))
+        logs.append(NamedLog(str(path), read_run(path, beside)))
     return logs
 
 
-def _tell(found: Found, out: Path, files: dict[str, bytes], console: Console) -> None:
+def _tell(found: Identification, out: Path, files: dict[str, bytes], console: Console) -> None:
     """The verdict, one table, what to look at, what was written."""
     console.print()
     for line in found.verdict.lines:
@@ -126,7 +128,7 @@ def _tell(found: Found, out: Path, files: dict[str, bytes], console: Console) ->
         console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB, {digest})"), soft_wrap=True)
 
 
-def _models(found: Found) -> Table:
+def _models(found: Identification) -> Table:
     """A row for each model: its error over the better baseline's, rms errors 10 s ahead, runs that diverge."""
     from sim.fitting.validate.table import error_rows, stability_rows
 

@@ -79,8 +79,8 @@ async def _serve(args: argparse.Namespace) -> int:
     from aiohttp import web
 
     from companion.shore.console.live import Console, Keys
-    from companion.shore.console.request_auth import Guard, is_loopback
-    from companion.shore.console.zenoh_client import Hearing, config_of
+    from companion.shore.console.request_auth import RequestAuth, is_loopback
+    from companion.shore.console.zenoh_client import ZenohClient, config_of
 
     local = is_loopback(args.host)
     token = _token(args.token, local)
@@ -90,7 +90,7 @@ async def _serve(args: argparse.Namespace) -> int:
     listen = args.listen or ([] if args.connect or args.config else [LISTEN])
     config = config_of(args.config, args.connect, listen)
     names = {"localhost", socket.gethostname().lower(), f"{socket.gethostname().lower()}.local", args.host.lower()}
-    console = Console(Hearing(config), Guard(frozenset(names), token), keys, compress=not local, say=_say)
+    console = Console(ZenohClient(config), RequestAuth(frozenset(names), token), keys, compress=not local, say=_say)
     foxglove = _foxglove(console, args.foxglove) if args.foxglove is not None else None
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.boat.load_run import Setup, setup_of
+from companion.boat.load_run import RunSetup, setup_of
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
 from companion.logs.log_file import LogError, LogFile
@@ -10,7 +10,7 @@ from companion.logs.log_file import LogError, LogFile
 CONFIGURATION = ("run.toml", "vessel.toml", "site.toml", "mission.")
 
 
-def setup_in(log: LogFile) -> Setup:
+def setup_in(log: LogFile) -> RunSetup:
     """Everything the run was made from. Raises LogError where the log does not hold all of it, ConfigError."""
     texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
     missing = [name for name in CONFIGURATION if not any(text.startswith(name) for text in texts)]

@@ -30,7 +30,7 @@ class LogError(Exception):
     """The file cannot be read as a log: path and reason."""
 
 
-class Entry(NamedTuple):
+class LogEntry(NamedTuple):
     """One logged message, not yet decoded. `log_time_ns` is wall clock; `sequence` counts per channel."""
 
     topic: str
@@ -123,7 +123,7 @@ class LogFile:
         """Wall clock minus the companion's monotonic clock; 0 where the log does not say."""
         return int(self.metadata.get("wall_offset_ns", "0"))
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Iterator[LogEntry]:
         """All messages of all parts in the order written. Restarts `damage` and the counters."""
         self.damage.clear()
         self.unknown.clear()
@@ -158,7 +158,7 @@ class LogFile:
                 if isinstance(message, RawBytes):
                     yield message
 
-    def decode(self, entry: Entry) -> Message | None:
+    def decode(self, entry: LogEntry) -> Message | None:
         """Message of a known topic or raw bytes; None (and counted) where the data does not fit its class."""
         kind = KINDS.get(entry.topic, RawBytes)
         try:
@@ -167,7 +167,7 @@ class LogFile:
             self.undecodable[entry.topic] += 1
             return None
 
-    def _entries_of(self, part: Part) -> Iterator[Entry]:
+    def _entries_of(self, part: Part) -> Iterator[LogEntry]:
         topics = {record.id: record.topic for record in part.declared() if isinstance(record, Channel)}
         for record in part.records():
             if isinstance(record, MessageRecord):
@@ -175,7 +175,7 @@ class LogFile:
                 if topic is None:  # its channel was declared in a damaged chunk, and there is no index
                     self.unknown[f"channel {record.channel_id}"] += 1
                     continue
-                yield Entry(topic, record.log_time, record.publish_time, record.sequence, record.data)
+                yield LogEntry(topic, record.log_time, record.publish_time, record.sequence, record.data)
             elif isinstance(record, Channel):
                 topics[record.id] = record.topic
 

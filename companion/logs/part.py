@@ -32,7 +32,7 @@ class ChannelInfo(NamedTuple):
     schema_encoding: str = "jsonschema"
 
 
-class Item(NamedTuple):
+class LogItem(NamedTuple):
     """One message to write. `sequence` counts per channel, also over lost messages."""
 
     channel: ChannelInfo
@@ -63,7 +63,7 @@ class LogPart:
         """Bytes written so far."""
         return self._file.tell()
 
-    def add(self, item: Item) -> None:
+    def add(self, item: LogItem) -> None:
         """Write one message into the chunk in progress."""
         identifier = self._channels.get(item.channel)
         if identifier is None:

@@ -10,7 +10,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
 
 from companion.logs.log_file import LogError, Part
-from companion.logs.part import ChannelInfo, Item, LogPart, log_parts
+from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts
 
 
 class RecoverReport(msgspec.Struct, kw_only=True):
@@ -66,7 +66,7 @@ def _copy(part: Part, target: LogPart, report: RecoverReport, *, head: bool) -> 
             if channel is None:
                 report.without_channel += 1
                 continue
-            target.add(Item(channel, record.sequence, record.log_time, record.publish_time, record.data))
+            target.add(LogItem(channel, record.sequence, record.log_time, record.publish_time, record.data))
             report.messages += 1
             report.last_log_time_ns = max(report.last_log_time_ns or 0, record.log_time)
             report.last_t_ns = max(report.last_t_ns or 0, record.publish_time)

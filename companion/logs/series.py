@@ -46,7 +46,7 @@ _SCALARS: dict[type[Message], tuple[str, ...]] = {
 
 
 @dataclass
-class Columns:
+class TopicColumns:
     """Arrays of one message class: `t_s` (n,) and one array (n,) per field, NaN where unknown."""
 
     t_s: np.ndarray
@@ -66,7 +66,7 @@ class Series:
     `uwb_ne_m`: (n, 2) north, east of the tag by UWB alone. `site` is None where the log does not hold it.
     """
 
-    columns: dict[type[Message], Columns]
+    columns: dict[type[Message], TopicColumns]
     lease_t_s: np.ndarray
     pwm_us: np.ndarray
     channels: tuple[int, ...]
@@ -77,7 +77,7 @@ class Series:
     site: Site | None
     duration_s: float
 
-    def __getitem__(self, kind: type[Message]) -> Columns:
+    def __getitem__(self, kind: type[Message]) -> TopicColumns:
         return self.columns[kind]
 
 
@@ -132,7 +132,7 @@ def _arrays(rows: _Rows, zero_ns: int, last_ns: int, site: Site | None) -> Serie
     columns = {}
     for kind, names in _SCALARS.items():
         table = np.array(rows.scalars[kind], dtype=float).reshape(-1, len(names) + 1)
-        columns[kind] = Columns(seconds(table[:, 0]), dict(zip(names, table[:, 1:].T, strict=True)))
+        columns[kind] = TopicColumns(seconds(table[:, 0]), dict(zip(names, table[:, 1:].T, strict=True)))
     innovations = {}
     for sensor, points in sorted(rows.innovations.items()):
         t_ns, sigma, accepted = zip(*points, strict=True)

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from companion.core.messages import Alert, OverrideLease, PlanResult
-from companion.logs.log_file import Entry, LogFile
+from companion.logs.log_file import LogEntry, LogFile
 from companion.logs.schema import KINDS, RAW_PREFIX, VIEWER_PREFIX
 
 
@@ -53,12 +53,12 @@ class LogSummary(msgspec.Struct, kw_only=True):
 class _Meter:
     """Running figures of one topic."""
 
-    def __init__(self, entry: Entry):
+    def __init__(self, entry: LogEntry):
         self.stats = TopicStats(entry.topic)
         self.first_ns = self.last_ns = entry.log_time_ns
         self.next_sequence = entry.sequence
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: LogEntry) -> None:
         stats = self.stats
         stats.messages += 1
         stats.bytes += len(entry.data)

@@ -33,7 +33,7 @@ _SERVO_PORTS = 2
 
 
 @dataclass(slots=True)
-class Counters:
+class MavlinkCounters:
     """What came in, by message type. Faults on the wire are counted by the framer: see `MavlinkCodec.framer`.
 
     received  every frame with a good checksum, from anyone
@@ -72,7 +72,7 @@ class MavlinkCodec:
         imu_preference: Sequence[str] = IMU_PREFERENCE,
         signing: Signing | None = None,
     ) -> None:
-        self.counters = Counters()
+        self.counters = MavlinkCounters()
         self.framer = Framer()
         self.clock = clock or ClockOffset()
         self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component, signing)

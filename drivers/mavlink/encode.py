@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.core.messages import OverrideLease
 from drivers.mavlink.signing import Signing
-from drivers.mavlink.vision import Fix
+from drivers.mavlink.vision import VisionPose
 
 PWM_MIN_US, PWM_NEUTRAL_US, PWM_MAX_US = 1100, 1500, 1900
 """Pulse widths of the thrusters' speed controllers [us] (Blue Robotics Basic ESC)."""
@@ -128,7 +128,7 @@ class MavlinkEncoder:
         """TIMESYNC: a question has tc1 = 0 and our time in ts1; an answer our time in tc1 and echoes ts1."""
         return self._pack(self._mav.timesync_encode(tc1_ns, ts1_ns))
 
-    def vision_position(self, fix: Fix) -> bytes:
+    def vision_position(self, fix: VisionPose) -> bytes:
         """VISION_POSITION_ESTIMATE: our pose, for the autopilot's filter."""
         pose = fix.north_m, fix.east_m, 0.0, 0.0, 0.0, fix.yaw_rad
         return self._pack(

@@ -58,7 +58,7 @@ RATE_BYTES_S, BURST_BYTES = 3000, 3000
 """Of a ground station, so that overrides never queue behind it: a quarter of 115200 baud; assumed."""
 
 
-class StationGate:
+class GcsFirewall:
     """Judges what a ground station sends. `system`: our MAVLink system id, in which nobody else may speak.
 
     `passed`: frames that may go on, by type. `refused`: frames that may not, by type and reason. `flood_bytes`:

@@ -33,7 +33,7 @@ ORIGIN_RETRY_NS, ORIGIN_RETRY_MAX_NS = 2_000_000_000, 32_000_000_000
 
 
 @dataclass(frozen=True)
-class Fix:
+class VisionPose:
     """One VISION_POSITION_ESTIMATE. `covariance`: upper triangle by rows of x y z roll pitch yaw, 21 numbers."""
 
     usec: int
@@ -55,7 +55,7 @@ class VisionFeed:
         self._last: StateEstimate | None = None
         self._restarts = 0
 
-    def step(self, estimate: StateEstimate, restarts: int) -> Fix | None:
+    def step(self, estimate: StateEstimate, restarts: int) -> VisionPose | None:
         """The position to send for a new estimate, or None. `restarts`: how often the estimator began afresh.
 
         Nothing is sent while there is no sound estimate; the first one after that counts as a jump.
@@ -74,7 +74,7 @@ class VisionFeed:
         self._due_ns = (estimate.t_ns if late else due_ns) + self._period_ns
         return self._fix(estimate)
 
-    def _fix(self, estimate: StateEstimate) -> Fix:
+    def _fix(self, estimate: StateEstimate) -> VisionPose:
         eta = estimate.north_m, estimate.east_m, estimate.psi_rad
         north, east = rotate(self._rotation, *point_position(eta, self._arm_m))
         P = np.array(estimate.covariance).reshape(6, 6)[:3, :3]
@@ -82,7 +82,7 @@ class VisionFeed:
         J[:2, :2] = R2(self._rotation)
         arm_north, arm_east = rotate(self._rotation + estimate.psi_rad, *self._arm_m)
         J[:2, 2] = -arm_east, arm_north
-        return Fix(
+        return VisionPose(
             usec=estimate.t_ns // 1000,
             north_m=north,
             east_m=east,

@@ -11,7 +11,7 @@ import asyncio
 import errno
 from typing import Protocol
 
-from drivers.ports.port import Counters, SendBuffer
+from drivers.ports.port import PortCounters, SendBuffer
 
 READ_BYTES = 65536
 
@@ -36,7 +36,7 @@ class DescriptorPort:
 
     def __init__(self, name: str, send_limit_bytes: int) -> None:
         self.name = name
-        self.counters = Counters()
+        self.counters = PortCounters()
         self._outbox = SendBuffer(send_limit_bytes)
         self._handle: Handle | None = None
         self._is_open = False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import errno
 
-from drivers.ports.port import Counters, SendBuffer
+from drivers.ports.port import PortCounters, SendBuffer
 
 LIMIT_BYTES = 65536
 
@@ -28,7 +28,7 @@ class MemoryPort:
 
     def __init__(self, name: str, limit_bytes: int = LIMIT_BYTES) -> None:
         self.name = name
-        self.counters = Counters()
+        self.counters = PortCounters()
         self._inbox = SendBuffer(limit_bytes)
         self._is_open = False
         self._ended = False

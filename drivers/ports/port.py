@@ -21,7 +21,7 @@ from typing import Protocol
 
 
 @dataclass(slots=True)
-class Counters:
+class PortCounters:
     """What a port did since it was made; reconnects do not reset it."""
 
     received_bytes: int = 0
@@ -43,7 +43,7 @@ class Port(Protocol):
         ...
 
     @property
-    def counters(self) -> Counters:
+    def counters(self) -> PortCounters:
         """Bytes received, sent and dropped so far."""
         ...
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 from companion.core.messages import Message
 from drivers.uwb.dwm1001 import Dwm1001Codec
 from drivers.uwb.dwm1001_tlv import Dwm1001TlvCodec
-from drivers.uwb.lines import Counters
+from drivers.uwb.lines import UwbCounters
 from drivers.uwb.linktrack import LinkTrackCodec
 from drivers.uwb.makerfabs import MakerfabsCodec
 from drivers.uwb.mauwb import MauwbCodec
@@ -21,7 +21,7 @@ class UwbCodec(Protocol):
 
     baud: ClassVar[int]
     tag: str
-    counters: Counters
+    counters: UwbCounters
 
     def start_bytes(self) -> list[bytes]:
         """Call when the port has been opened: forgets half a record; what to send at once."""

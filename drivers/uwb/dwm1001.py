@@ -54,7 +54,7 @@ class AnchorReport(NamedTuple):
     quality: int = 100
 
 
-class Fix(NamedTuple):
+class TagFix(NamedTuple):
     """The tag's own position [m] in the frame of the anchors, quality 0-100."""
 
     position_m: Xyz
@@ -142,7 +142,7 @@ def _xyz(position_m: Xyz) -> str:
     return ",".join(f"{v:.2f}" for v in position_m)
 
 
-def encode_lec(anchors: Sequence[AnchorReport], fix: Fix | None) -> bytes:
+def encode_lec(anchors: Sequence[AnchorReport], fix: TagFix | None) -> bytes:
     """One `lec` line; without POS where there is no fix. Resolution 0.01 m."""
     parts = [f"DIST,{len(anchors)}"]
     parts += [f"AN{i},{a.anchor},{_xyz(a.position_m)},{a.range_m:.2f}" for i, a in enumerate(anchors)]
@@ -151,12 +151,12 @@ def encode_lec(anchors: Sequence[AnchorReport], fix: Fix | None) -> bytes:
     return (",".join(parts) + "\r\n").encode("ascii")
 
 
-def encode_lep(fix: Fix) -> bytes:
+def encode_lep(fix: TagFix) -> bytes:
     """One `lep` line. Resolution 0.01 m."""
     return f"POS,{_xyz(fix.position_m)},{fix.quality}\r\n".encode("ascii")
 
 
-def encode_les(anchors: Sequence[AnchorReport], fix: Fix | None, le_us: int = 2576) -> bytes:
+def encode_les(anchors: Sequence[AnchorReport], fix: TagFix | None, le_us: int = 2576) -> bytes:
     """One `les` line; `le_us` is the time the tag's solver took [us]. Resolution 0.01 m."""
     parts = [f"{a.anchor}[{_xyz(a.position_m)}]={a.range_m:.2f}" for a in anchors]
     if fix is not None:

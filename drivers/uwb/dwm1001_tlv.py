@@ -22,7 +22,7 @@ import struct
 from collections.abc import Sequence
 
 from companion.core.messages import AnchorRange, Message
-from drivers.uwb.dwm1001 import AnchorReport, Fix
+from drivers.uwb.dwm1001 import AnchorReport, TagFix
 from drivers.uwb.lines import MAX_RANGE_M, UwbCodecBase
 
 POLL = b"\x0c\x00"
@@ -122,7 +122,7 @@ class Dwm1001TlvCodec(UwbCodecBase):
         return self._ranges(ranges, t_ns) + self._position((x / 1e3, y / 1e3, z / 1e3), quality, t_ns)
 
 
-def encode_location(anchors: Sequence[AnchorReport], fix: Fix | None) -> bytes:
+def encode_location(anchors: Sequence[AnchorReport], fix: TagFix | None) -> bytes:
     """The answer to `0C 00`. Resolution 1 mm; without a fix the position is zero with quality 0."""
     position_m, quality = fix if fix is not None else ((0.0, 0.0, 0.0), 0)
     rows = [

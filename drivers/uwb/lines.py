@@ -28,7 +28,7 @@ class Ignored(Exception):
 
 
 @dataclass
-class Counters:
+class UwbCounters:
     """What became of the input.
 
     `lines`: complete lines (text) or frames (binary); `good`: those that followed the format; `ignored`:
@@ -98,7 +98,7 @@ class UwbCodecBase:
 
     def __init__(self, tag: str, *, max_range_m: float = MAX_RANGE_M) -> None:
         self.tag = tag
-        self.counters = Counters()
+        self.counters = UwbCounters()
         self._max_range_m = max_range_m
 
     def start_bytes(self) -> list[bytes]:

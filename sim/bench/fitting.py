@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from sim.bench.controller.rounds import Timed
-from sim.bench.request import Found, Order
-from sim.bench.result import Refused, Row
+from sim.bench.request import BenchRequest, Found
+from sim.bench.result import BenchRow, SolverRefused
 
 LOG_S = 60.0
 SEED = 4000
 OURS, THEIRS = "structured fit", "scipy least_squares, 2-point"
 
 
-def fit(order: Order) -> Found:
+def fit(order: BenchRequest) -> Found:
     """Identification: the structured fit and scipy on the same log of 60 s"""
     try:
         import polars  # noqa: F401, PLC0415 - an extra
     except ImportError:
-        yield Refused(part="fit", problem=f"{LOG_S:.0f} s of log", name=OURS, why="needs the extra `analysis`")
+        yield SolverRefused(part="fit", problem=f"{LOG_S:.0f} s of log", name=OURS, why="needs the extra `analysis`")
         return
     from sim.bench.scipy_fit import scipy_fit  # noqa: PLC0415 - needs polars
     from sim.fitting.identify.result import fit_structured  # noqa: PLC0415
@@ -33,7 +33,7 @@ def fit(order: Order) -> Found:
         order.told(f"fit: round {k + 1} of {order.rounds}: {THEIRS}")
         theirs.rounds.append(np.array([scipy_fit(run, order.vessel).seconds]))
     for name, t in ((THEIRS, theirs), (OURS, ours)):
-        yield Row(
+        yield BenchRow(
             part="fit", problem=f"{LOG_S:.0f} s of log", name=name, unit="s", p50=t.median(50), count=t.count,
             rounds=order.rounds, times=theirs.fastest(50) / t.median(50), reference=t is theirs,
         )  # fmt: skip

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from sim.bench.result import Machine
+from sim.bench.result import MachineInfo
 
 LIBRARIES = ("casadi", "llvmlite", "numpy", "scipy")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -21,9 +21,9 @@ def load() -> float:
     return os.getloadavg()[0]
 
 
-def machine(load_before: float) -> Machine:
+def machine(load_before: float) -> MachineInfo:
     """This one, now."""
-    return Machine(
+    return MachineInfo(
         cpu=cpu_model(_text("/proc/cpuinfo")) or platform.processor() or "unknown",
         architecture=platform.machine(),
         cores=os.cpu_count() or 1,

@@ -7,18 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from companion.core.configuration.vessel_file import VesselFile
-from sim.bench.controller.worlds import World, paper_world, production_world
-from sim.bench.result import Growth, Refused, Row
+from sim.bench.controller.worlds import BenchWorld, paper_world, production_world
+from sim.bench.result import BenchRow, Growth, SolverRefused
 
 PROBLEMS = {"production": production_world, "paper": paper_world}
 STEP_S = {"production": 0.2, "paper": 0.1}
 """Of one stage."""
-Found = Iterator[Row | Refused | Growth]
+Found = Iterator[BenchRow | SolverRefused | Growth]
 """What a part finds, as it finds it."""
 
 
 @dataclass
-class Order:
+class BenchRequest:
     """`solves` recorded states a round, `rounds` rounds, `cadence_solves` at 10 Hz; `told` hears what is going on."""
 
     vessel: VesselFile
@@ -29,9 +29,9 @@ class Order:
     cadence_solves: int = 200
     seed: int = 1
     told: Callable[[str], None] = lambda _: None
-    _worlds: dict[str, World] = field(default_factory=dict)
+    _worlds: dict[str, BenchWorld] = field(default_factory=dict)
 
-    def world(self, problem: str) -> World:
+    def world(self, problem: str) -> BenchWorld:
         """A problem with this vessel; built once."""
         if problem not in self._worlds:
             self._worlds[problem] = PROBLEMS[problem](self.vessel)

@@ -10,7 +10,7 @@ SCHEMA = 1
 """Rises when a key changes its meaning or goes; a new one does not raise it."""
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
+class BenchRow(msgspec.Struct, frozen=True, kw_only=True):
     """One figure. `p50`, `p99`: of `count` samples, median over the rounds; `p99` None: too few samples for one.
 
     `times`, `times_p99`: the reference's fastest round over this, where the part has one; `reference`: this is it.
@@ -33,7 +33,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     note: str = ""
 
 
-class Refused(msgspec.Struct, frozen=True, kw_only=True):
+class SolverRefused(msgspec.Struct, frozen=True, kw_only=True):
     """What did not run here, and why."""
 
     part: str
@@ -42,7 +42,7 @@ class Refused(msgspec.Struct, frozen=True, kw_only=True):
     why: str
 
 
-class Point(msgspec.Struct, frozen=True, kw_only=True):
+class GrowthPoint(msgspec.Struct, frozen=True, kw_only=True):
     """Cost at one size."""
 
     size: float
@@ -58,7 +58,7 @@ class Growth(msgspec.Struct, frozen=True, kw_only=True):
     what: str
     by: str
     unit: str
-    points: tuple[Point, ...]
+    points: tuple[GrowthPoint, ...]
     exponent: float
     first_exponent: float
     last_exponent: float
@@ -66,7 +66,7 @@ class Growth(msgspec.Struct, frozen=True, kw_only=True):
     note: str = ""
 
 
-class Machine(msgspec.Struct, frozen=True, kw_only=True):
+class MachineInfo(msgspec.Struct, frozen=True, kw_only=True):
     """Where it ran. Loads are those of the last minute, before and after."""
 
     cpu: str
@@ -82,7 +82,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     load_after: float
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True):
+class BenchSettings(msgspec.Struct, frozen=True, kw_only=True):
     """What was asked for."""
 
     vessel: str
@@ -102,10 +102,10 @@ class Bench(msgspec.Struct, frozen=True, kw_only=True):
     program: dict[str, str]
     begun_utc: str
     seconds: float
-    machine: Machine
-    settings: Settings
-    rows: tuple[Row, ...]
-    refused: tuple[Refused, ...]
+    machine: MachineInfo
+    settings: BenchSettings
+    rows: tuple[BenchRow, ...]
+    refused: tuple[SolverRefused, ...]
     growth: tuple[Growth, ...]
 
 

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
-from sim.fitting.identify.structured_fit import Fit, Settings
+from sim.fitting.identify.structured_fit import FitSettings, StructuredFit
 
 WINDOW_S = 20.0
 
@@ -30,7 +30,7 @@ class PeerResult:
 
 def scipy_fit(run: Run, vessel: VesselFile, *, window_s: float = WINDOW_S, most: int = 30) -> PeerResult:
     """Fit with at most `most` Jacobians; the vessel file's noise weighs the residuals."""
-    fit = Fit([run], vessel, Settings(window_s=window_s, latent=False))
+    fit = StructuredFit([run], vessel, FitSettings(window_s=window_s, latent=False))
     fit.noise = replace(fit.noise, latent=(1e-9, 1e-9, 1e-9))
     start = fit.begin()
     mean, spread = fit.parameters.prior

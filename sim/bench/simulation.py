@@ -13,8 +13,8 @@ from companion.core.model.integrate import ETA, FORCES, NU, BufferedStep, rk4, s
 from companion.core.model.manoeuvring import StructuredModel, mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from sim.bench.controller.rounds import interleaved, times_of
-from sim.bench.request import Found, Order
-from sim.bench.result import Refused, Row
+from sim.bench.request import BenchRequest, Found
+from sim.bench.result import BenchRow, SolverRefused
 from sim.trajectory import simulate_forces
 
 STEP_S = 0.01
@@ -88,7 +88,7 @@ def runners(vessel: VesselFile, steps: int) -> Mapping[str, Callable[[np.ndarray
     }
 
 
-def simulation(order: Order) -> Found:
+def simulation(order: BenchRequest) -> Found:
     """Simulation: seconds of the boat per second of one core"""
     order.told("simulation: building")
     steps, n = round(SIMULATED_S / STEP_S), len(order.vessel.thrusters)
@@ -98,7 +98,7 @@ def simulation(order: Order) -> Found:
     }
     ours = simulate_forces(order.vessel, x0, given[:2], STEP_S)
     if ours.why_interpreted:
-        yield Refused(part="simulation", problem=PROBLEM, name=OURS, why=ours.why_interpreted)
+        yield SolverRefused(part="simulation", problem=PROBLEM, name=OURS, why=ours.why_interpreted)
     else:
         runs[OURS] = lambda: simulate_forces(order.vessel, x0, given, STEP_S).x[1:]
         runs[TOGETHER] = lambda: simulate_forces(order.vessel, np.tile(x0, (BOATS, 1)), given, STEP_S).x[0, 1:]
@@ -111,7 +111,7 @@ def simulation(order: Order) -> Found:
     first, *_ = runs
     for name, t in found.items():
         boats = BOATS if name == TOGETHER else 1
-        yield Row(
+        yield BenchRow(
             part="simulation", problem=PROBLEM, name=name, unit="s/s", count=t.count, rounds=order.rounds,
             p50=boats * SIMULATED_S / t.median(50), times=boats * found[first].fastest(50) / t.median(50),
             reference=name == first, off=float(np.abs(states[name] - states[WHOLE]).max()),

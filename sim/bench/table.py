@@ -11,7 +11,7 @@ from rich.text import Text
 
 from sim.bench.controller.compare import AT_CADENCE
 from sim.bench.controller.worlds import TICK_S
-from sim.bench.result import Bench, Growth, Machine, Refused, Row
+from sim.bench.result import Bench, BenchRow, Growth, MachineInfo, SolverRefused
 
 HEADS = {
     "solvers": "Solvers, hot, in turn on the same recorded states",
@@ -53,7 +53,7 @@ def show(console: Console, bench: Bench) -> None:
         console.print(Text(said, style="bold"))
 
 
-def fits(rows: Sequence[Row]) -> str:
+def fits(rows: Sequence[BenchRow]) -> str:
     """What the figures mean for a boat: the controller's share of a tick; empty where that was not measured."""
     for row in rows:
         if row.name == AT_CADENCE and row.p99 is not None:
@@ -63,7 +63,7 @@ def fits(rows: Sequence[Row]) -> str:
     return ""
 
 
-def about(m: Machine) -> str:
+def about(m: MachineInfo) -> str:
     """The machine in two lines."""
     libraries = ", ".join(f"{name} {version}" for name, version in m.versions.items())
     governor = f", governor {m.governor}" if m.governor else ""
@@ -73,7 +73,7 @@ def about(m: Machine) -> str:
     )
 
 
-def _table(rows: Sequence[Row]) -> Table:
+def _table(rows: Sequence[BenchRow]) -> Table:
     """Rows of one part, grouped by problem; columns that are empty are left out."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
@@ -90,12 +90,12 @@ def _table(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _columns(rows: Sequence[Row]) -> dict[str, Callable[[Row], str]]:
+def _columns(rows: Sequence[BenchRow]) -> dict[str, Callable[[BenchRow], str]]:
     """Heads, and what stands below. Several units in one part: a column each."""
     tails, units = any(row.p99 is not None for row in rows), dict.fromkeys(row.unit for row in rows)
     several = len(units) > 1
 
-    def of(unit: str) -> Callable[[Row], str]:
+    def of(unit: str) -> Callable[[BenchRow], str]:
         return lambda row: quantity(row.p50, unit) if row.unit == unit else ""
 
     values = {UNITS.get(u, u): of(u) for u in units} if several else {
@@ -110,13 +110,13 @@ def _columns(rows: Sequence[Row]) -> dict[str, Callable[[Row], str]]:
     }
 
 
-def _off(row: Row) -> str:
+def _off(row: BenchRow) -> str:
     if row.off is None or (row.reference and row.off == 0.0):
         return ""
     return f"{row.off:.1e}" if row.off >= LEAST_OFF else "0"
 
 
-def _remark(row: Row) -> str:
+def _remark(row: BenchRow) -> str:
     return ", ".join([*([f"{row.unsolved} not solved"] if row.unsolved else []), *([row.note] if row.note else [])])
 
 
@@ -151,6 +151,6 @@ def _growth(growth: Sequence[Growth]) -> Table:
     return table
 
 
-def _refusal(one: Refused) -> Text:
+def _refusal(one: SolverRefused) -> Text:
     what = ", ".join(dict.fromkeys(word for word in (one.part, one.problem, one.name) if word))
     return Text(f"not run: {what}: {one.why}", style="yellow")

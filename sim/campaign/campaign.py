@@ -10,7 +10,7 @@ from sim.campaign.cases import Case
 from sim.campaign.inputs import Inputs
 from sim.campaign.journal import Journal
 from sim.campaign.report import summary
-from sim.campaign.runners.job import Outcome, Runner
+from sim.campaign.runners.job import CaseOutcome, Runner
 from sim.campaign.tables import REPORT, outputs
 
 
@@ -21,7 +21,7 @@ def to_do(cases: Sequence[Case], journal: Journal, retry: bool) -> list[Case]:
 
 
 def run(
-    inputs: Inputs, cases: Sequence[Case], journal: Journal, runner: Runner, say: Callable[[Outcome], None]
+    inputs: Inputs, cases: Sequence[Case], journal: Journal, runner: Runner, say: Callable[[CaseOutcome], None]
 ) -> None:
     """Run `cases`; each outcome goes to the journal, then to `say`. Raises RunnerLost, ConfigError (other program)."""
     for outcome in runner([inputs.work(case) for case in cases]):

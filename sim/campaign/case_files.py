@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 import tomli_w
 
-from companion.boat.load_run import Setup, setup_of
+from companion.boat.load_run import RunSetup, setup_of
 from companion.core.configuration.tables import ConfigError, Table
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
@@ -42,10 +42,10 @@ class WorldKeys(Table, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Told:
+class CaseSetup:
     """`setup`: of missions. `vessel`: believed; `truth`: what really floats. The same vessel unless they differ."""
 
-    setup: Setup | None
+    setup: RunSetup | None
     vessel: VesselFile
     truth: VesselFile
     weather: Weather
@@ -53,7 +53,7 @@ class Told:
     world: WorldKeys
 
 
-def told(work: Work) -> Told:
+def told(work: Work) -> CaseSetup:
     """Everything that `work` says, checked. Raises ConfigError."""
     texts, setup = dict(work.texts), None
     texts["vessel"] = _text(work, "vessel", texts["vessel"])
@@ -65,7 +65,7 @@ def told(work: Work) -> Told:
         raise ConfigError(f"{truth_name}: thrusters: expected those of {work.names['vessel']}, in their order")
     if work.kind == "missions":
         setup = _setup(work, texts)
-    return Told(
+    return CaseSetup(
         setup,
         vessel,
         truth,
@@ -75,7 +75,7 @@ def told(work: Work) -> Told:
     )
 
 
-def _setup(work: Work, texts: Mapping[str, str]) -> Setup:
+def _setup(work: Work, texts: Mapping[str, str]) -> RunSetup:
     run = _text(work, "run", texts["run"])
     suffix = work.names["mission"].rpartition(".")[2]
     roles = {"run.toml": run, "vessel.toml": texts["vessel"], "site.toml": texts["site"],

@@ -14,12 +14,12 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.readers.read_run import Beside, read_run
 from companion.logs.runs.run import Run
-from sim.campaign.case_files import Told
+from sim.campaign.case_files import CaseSetup
 from sim.campaign.file import Diagnose, Identify
 from sim.campaign.runners.job import Figure, Work
 from sim.fitting.diagnose import job as diagnosis
 from sim.fitting.engine.parameters import file_values
-from sim.fitting.engine.split import Log
+from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify import job as identification
 from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
@@ -31,10 +31,13 @@ SHOWN_S = 10
 """Horizon of the held-out errors that become figures, as the reports of both commands have it."""
 
 
-def identify_figures(told: Told, work: Work) -> dict[str, Figure]:
+def identify_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
     """Fit the believed vessel; which model to believe, every parameter, and whether its interval holds the truth."""
     settings: Identify = work.settings
-    logs, held_out = _logs(told, work, settings.drive_s), [Log(r.meta.source, r) for r in _read(work, told, "held_out")]
+    logs, held_out = (
+        _logs(told, work, settings.drive_s),
+        [NamedLog(r.meta.source, r) for r in _read(work, told, "held_out")],
+    )
     choices = identification.Choices(block_s=settings.block_s, taylor=settings.taylor, seed=work.seed)
     found = identification.identify(logs, held_out, told.vessel, choices, lambda: "")
     fit, verdict = found.structured, found.verdict
@@ -55,7 +58,7 @@ def identify_figures(told: Told, work: Work) -> dict[str, Figure]:
     return out | {p.name: p.value for p in fit.parameters} | {f"{p.name}_se": p.se for p in fit.parameters}
 
 
-def diagnose_figures(told: Told, work: Work) -> dict[str, Figure]:
+def diagnose_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
     """Diagnose; the verdict, causes with their numbers, and what they gain on held-out data."""
     settings: Diagnose = work.settings
     logs = [log.run for log in _logs(told, work, settings.drive_s)]
@@ -79,11 +82,11 @@ def diagnose_figures(told: Told, work: Work) -> dict[str, Figure]:
     return out
 
 
-def _logs(told: Told, work: Work, drive_s: float | None) -> list[Log]:
+def _logs(told: CaseSetup, work: Work, drive_s: float | None) -> list[NamedLog]:
     if drive_s is None:
-        return [Log(run.meta.source, run) for run in _read(work, told, "log")]
+        return [NamedLog(run.meta.source, run) for run in _read(work, told, "log")]
     run = _drive(told.truth, told.vessel, work.seed, drive_s, told.weather)
-    return [Log(run.meta.source, run)]
+    return [NamedLog(run.meta.source, run)]
 
 
 def _drive(true: VesselFile, believed: VesselFile, seed: int, drive_s: float, weather: Weather) -> Run:
@@ -94,7 +97,7 @@ def _drive(true: VesselFile, believed: VesselFile, seed: int, drive_s: float, we
     return Run(run.table.select([c for c in run.table.columns if not c.startswith(TRUTH)]), run.meta)
 
 
-def _read(work: Work, told: Told, role: str) -> list[Run]:
+def _read(work: Work, told: CaseSetup, role: str) -> list[Run]:
     """Logs of a role. ConfigError where one is no longer what the campaign began with."""
     beside, runs = Beside(told.vessel, _site(work.texts, work.names)), []
     for path, digest in work.logs.get(role, ()):

@@ -13,7 +13,7 @@ from typing import TypeVar
 import msgspec
 
 from companion.core.configuration.tables import ConfigError
-from sim.campaign.runners.job import Outcome
+from sim.campaign.runners.job import CaseOutcome
 
 NAME = "journal.jsonl"
 T = TypeVar("T")
@@ -33,7 +33,7 @@ class Journal:
     def __init__(self, folder: Path, kind: str, program: dict[str, str]):
         """Open, lock, read. Raises ConfigError where it cannot be gone on with."""
         self.path = folder / NAME
-        self.outcomes: dict[str, Outcome] = {}
+        self.outcomes: dict[str, CaseOutcome] = {}
         self._program = program
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
@@ -52,7 +52,7 @@ class Journal:
     def __exit__(self, *exc: object) -> None:
         os.close(self._file)
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: CaseOutcome) -> None:
         """Keep it, on disk. Raises ConfigError where another program than this one computed it."""
         if outcome.program and outcome.program != self._program:
             raise ConfigError(f"worker {outcome.worker}: {_difference(outcome.program, self._program)}")
@@ -70,7 +70,7 @@ class Journal:
             return
         head = self._decoded(1, lines[0], _Head)
         for number, line in enumerate(lines[1:], 2):
-            outcome = self._decoded(number, line, Outcome)
+            outcome = self._decoded(number, line, CaseOutcome)
             self.outcomes[outcome.id] = outcome
         if head.kind != kind:
             raise ConfigError(f"{self.path}: holds a campaign of kind {head.kind}; choose another folder")

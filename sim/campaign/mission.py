@@ -9,16 +9,16 @@ from functools import lru_cache
 import numpy as np
 from msgspec.structs import replace
 
-from companion.boat.load_run import Setup, setup_of
+from companion.boat.load_run import RunSetup, setup_of
 from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
 from companion.jit.cache import CodeStore
-from sim.campaign.case_files import Told
+from sim.campaign.case_files import CaseSetup
 from sim.campaign.file import Missions
 from sim.campaign.runners.job import Figure
-from sim.world.score import Track, estimation, station, track_of, tracking
+from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
 
@@ -30,7 +30,7 @@ JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_r
               "velocity_rmse_m_s", "heading_rmse_deg", "nees", "station_error_m", "station_error_deg")  # fmt: skip
 
 
-def mission_figures(told: Told, settings: Missions, seed: int) -> dict[str, Figure]:
+def mission_figures(told: CaseSetup, settings: Missions, seed: int) -> dict[str, Figure]:
     """Drive it; what came of it. Figures that cannot be said (it never drove, it has no straight part) are None."""
     assert told.setup is not None, "missions come with a run file"
     mind, nmpc = _mind(tuple(sorted(told.setup.files.items())))
@@ -58,7 +58,7 @@ def mission_figures(told: Told, settings: Missions, seed: int) -> dict[str, Figu
     return figures if finished else figures | dict.fromkeys(("station_error_m", "station_error_deg"))
 
 
-def _scored(run: SteppedRun, setup: Setup, settings: Missions) -> dict[str, Figure]:
+def _scored(run: SteppedRun, setup: RunSetup, settings: Missions) -> dict[str, Figure]:
     points = np.array(setup.pilot.mission.path.points)
     passed = len(run.state.guidance.passed)
     leases = run.of(OverrideLease)
@@ -79,7 +79,7 @@ def _unleased(ticks: list[int], leases: list[int]) -> bool:
     return leases != ticks[: len(leases)] or len(ticks) - len(leases) > 1
 
 
-def _judged(track: Track, points: np.ndarray, station_s: float) -> dict[str, Figure]:
+def _judged(track: TrueTrack, points: np.ndarray, station_s: float) -> dict[str, Figure]:
     """Tracking, station and estimate."""
     if not len(track.t_s):
         return dict.fromkeys(("farthest_m", *JUDGED))

@@ -12,10 +12,10 @@ from sim.campaign import pictures
 from sim.campaign.cases import Case
 from sim.campaign.file import Campaign
 from sim.campaign.inputs import Inputs
-from sim.campaign.runners.job import Outcome
+from sim.campaign.runners.job import CaseOutcome
 from sim.campaign.tables import failures, results
 from sim.fitting.validate.report import Section, page
-from sim.fitting.validate.table import Table
+from sim.fitting.validate.table import ScoreTable
 
 MAIN = {
     "missions": (
@@ -33,7 +33,9 @@ PARTS = 12
 LISTED = 100
 
 
-def summary(inputs: Inputs, cases: Sequence[Case], outcomes: Mapping[str, Outcome], program: Mapping[str, str]) -> str:
+def summary(
+    inputs: Inputs, cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome], program: Mapping[str, str]
+) -> str:
     """The page, as text."""
     table, failed = results(cases, outcomes), failures(cases, outcomes)
     sections = [_state(inputs.campaign, cases, outcomes, len(failed)), *_failed(failed)]
@@ -43,7 +45,7 @@ def summary(inputs: Inputs, cases: Sequence[Case], outcomes: Mapping[str, Outcom
     return page(f"Campaign {inputs.campaign.name}", sections)
 
 
-def quantiles(table: pl.DataFrame, names: Sequence[str]) -> Table:
+def quantiles(table: pl.DataFrame, names: Sequence[str]) -> ScoreTable:
     """Of each figure: how many, mean, spread, quantiles, extremes."""
     rows = []
     for name in names:
@@ -55,7 +57,7 @@ def quantiles(table: pl.DataFrame, names: Sequence[str]) -> Table:
         five = np.quantile(values, [0.0, 0.05, 0.5, 0.95, 1.0])
         told = (values.mean(), values.std(ddof=1) if len(values) > 1 else np.nan, *five)
         rows.append((name, str(len(values)), *(f"{v:.4g}" if np.isfinite(v) else "-" for v in told)))
-    return Table(("figure", "cases", "mean", "sd", "least", "5 %", "median", "95 %", "most"), tuple(rows))
+    return ScoreTable(("figure", "cases", "mean", "sd", "least", "5 %", "median", "95 %", "most"), tuple(rows))
 
 
 def main_figures(campaign: Campaign, table: pl.DataFrame) -> list[str]:
@@ -77,7 +79,7 @@ def parts_of(campaign: Campaign, table: pl.DataFrame) -> dict[str, pl.DataFrame]
     return out
 
 
-def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, Outcome], failed: int) -> Section:
+def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome], failed: int) -> Section:
     ran = [outcomes[c.id] for c in cases if c.id in outcomes]
     lines = [f"{len(cases)} cases ({campaign.kind}): {len(ran) - failed} done, {failed} failed, "
              f"{len(cases) - len(ran)} not run yet."]  # fmt: skip
@@ -93,7 +95,7 @@ def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, Out
     return Section("What was run", tuple(lines), look=bool(failed) or len(ran) < len(cases))
 
 
-def _failed(failed: Sequence[tuple[Case, Outcome]]) -> list[Section]:
+def _failed(failed: Sequence[tuple[Case, CaseOutcome]]) -> list[Section]:
     if not failed:
         return []
     rows = [
@@ -102,8 +104,8 @@ def _failed(failed: Sequence[tuple[Case, Outcome]]) -> list[Section]:
     ]
     more = f"So it is with {len(failed) - LISTED} more. " if len(failed) > LISTED else ""
     note = f"{more}Where each broke is in failed.json. Mended? The same command with --retry runs them again."
-    return [Section("Cases that failed", tables=(Table(("case", "seed", "what", "error"), tuple(rows)),), text=True,
-                    note=note)]  # fmt: skip
+    table = ScoreTable(("case", "seed", "what", "error"), tuple(rows))
+    return [Section("Cases that failed", tables=(table,), text=True, note=note)]
 
 
 def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
@@ -128,7 +130,7 @@ def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
     return sections
 
 
-def _by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> Table:
+def _by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> ScoreTable:
     rows = []
     for name in names:
         cells = []
@@ -138,7 +140,7 @@ def _by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> Table:
             told = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
             cells.append(f"{told[0]:.3g} ({told[1]:.3g})" if len(values) else "-")
         rows.append((name, *cells))
-    return Table(("figure", *parts), tuple(rows))
+    return ScoreTable(("figure", *parts), tuple(rows))
 
 
 def _sigmas(table: pl.DataFrame) -> dict[str, np.ndarray]:
@@ -160,8 +162,8 @@ def _every(table: pl.DataFrame, cases: Sequence[Case]) -> Section:
 
 
 def _origin(inputs: Inputs, program: Mapping[str, str]) -> Section:
-    files = Table(("file", "SHA-256"), tuple((name, digest) for name, digest in sorted(inputs.digests.items())))
-    told = Table(("program", "version"), tuple(program.items()))
+    files = ScoreTable(("file", "SHA-256"), tuple((name, digest) for name, digest in sorted(inputs.digests.items())))
+    told = ScoreTable(("program", "version"), tuple(program.items()))
     return Section("What it rests on", tables=(files, told), preformatted=inputs.text, text=True,
                    note=f"Below: {inputs.name} as it was.")  # fmt: skip
 

@@ -10,12 +10,12 @@ import msgspec
 import polars as pl
 
 from sim.campaign.cases import Case
-from sim.campaign.runners.job import Outcome
+from sim.campaign.runners.job import CaseOutcome
 
 RESULTS, TIMINGS, FAILED, REPORT = "results.parquet", "timings.parquet", "failed.json", "summary.html"
 
 
-def results(cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> pl.DataFrame:
+def results(cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome]) -> pl.DataFrame:
     """A row for each case that has figures, by id: id, seed, what tells it from others, figures."""
     done = [case for case in cases if case.id in outcomes and not outcomes[case.id].error]
     shown = list(dict.fromkeys(key for case in cases for key in case.shown))
@@ -29,7 +29,7 @@ def results(cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> pl.DataFr
     return pl.DataFrame(columns)
 
 
-def timings(cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> pl.DataFrame:
+def timings(cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome]) -> pl.DataFrame:
     """Wall time of each case that was run, and who ran it."""
     ran = [outcomes[case.id] for case in cases if case.id in outcomes]
     return pl.DataFrame(
@@ -41,12 +41,12 @@ def timings(cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> pl.DataFr
     )
 
 
-def failures(cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> list[tuple[Case, Outcome]]:
+def failures(cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome]) -> list[tuple[Case, CaseOutcome]]:
     """Cases that ended in an error."""
     return [(case, outcomes[case.id]) for case in cases if case.id in outcomes and outcomes[case.id].error]
 
 
-def outputs(cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> dict[str, bytes]:
+def outputs(cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome]) -> dict[str, bytes]:
     """Bytes of the tables and of the list of failures, by file name."""
     failed = [
         {"case": case.id, "seed": case.seed, **case.shown, "error": outcome.error, "trace": outcome.trace.splitlines()}

@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.thrusters import NEUTRAL_US
-from sim.trajectory.step import GONE, TURNED, Drive, Kind, parameters_of
+from sim.trajectory.step import GONE, TURNED, Drive, StepKind, parameters_of
 
 STABLE = 2.5
 """Longest step of Runge-Kutta over the lag of the thrusters; it diverges from 2.78 on."""
@@ -36,7 +36,7 @@ class Surroundings:
 class Task:
     """Ready to run: start (m, 6 + n), constants (m, q), series each (m or 1, k, width). `one`: a single trajectory."""
 
-    kind: Kind
+    kind: StepKind
     start: np.ndarray
     constants: np.ndarray
     series: tuple[np.ndarray, ...]
@@ -85,7 +85,7 @@ def task(
     constants = [np.broadcast_to(a[:, 0], (m, a.shape[2])) for a in (head, *constant, *numbers.values())]
     series = [a for (_, _, varies), a in zip(given, columns.values(), strict=True) if varies]
     return Task(
-        Kind(drive_kind, given, tuple(free), substeps),
+        StepKind(drive_kind, given, tuple(free), substeps),
         np.array(np.broadcast_to(start, (m, 6 + n))),
         np.concatenate(constants, axis=1),
         tuple(np.ascontiguousarray(a) for a in series),

@@ -11,11 +11,11 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from sim.trajectory.arguments import Task
 from sim.trajectory.loops import Interpreted, loop
-from sim.trajectory.step import Kind, step_function
+from sim.trajectory.step import StepKind, step_function
 
 
 @lru_cache(maxsize=64)
-def _step(packed: bytes, kind: Kind) -> str:
+def _step(packed: bytes, kind: StepKind) -> str:
     """The step of a vessel file, serialized."""
     return step_function(msgspec.msgpack.decode(packed, type=VesselFile), kind).serialize()
 

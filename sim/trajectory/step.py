@@ -33,7 +33,7 @@ Drive = Literal["pwm", "pwm at voltage", "force"]
 
 
 @dataclass(frozen=True)
-class Kind:
+class StepKind:
     """What a step is compiled for. `parameters`: numbers of the vessel file that are inputs, by path.
 
     `given`: name and width of every other input, and whether it changes from sample to sample; the first is the drive.
@@ -68,7 +68,7 @@ def parameters_of(vessel: VesselFile) -> dict[str, float]:
     return found
 
 
-def step_function(vessel: VesselFile, kind: Kind) -> ca.Function:
+def step_function(vessel: VesselFile, kind: StepKind) -> ca.Function:
     """(x, constants, series ..) -> x after the sample, twice: as what is carried on and as the row that is kept.
 
     constants: sample length [s], what of `given` is constant, `parameters`.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.uwb.dwm1001 import AnchorReport, Fix, encode_lec, encode_lep, encode_les
+from drivers.uwb.dwm1001 import AnchorReport, TagFix, encode_lec, encode_lep, encode_les
 from drivers.uwb.dwm1001_tlv import NOT_UNDERSTOOD, POLL, encode_location
 
 ENTER_NS = 1_000_000_000  # two CRs within this time enter the shell
@@ -38,14 +38,14 @@ class Dwm1001Module:
         self._input = bytearray()
         self._cr_ns: int | None = None
         self._published_ns: int | None = None
-        self._location: tuple[Sequence[AnchorReport], Fix | None] = ((), None)
+        self._location: tuple[Sequence[AnchorReport], TagFix | None] = ((), None)
 
     @property
     def rate_hz(self) -> float:
         """Update rate when moving [Hz], as `aurs` has set it."""
         return 10.0 / self._tenths
 
-    def cycle(self, anchors: Sequence[AnchorReport], fix: Fix | None, t_ns: int) -> bytes:
+    def cycle(self, anchors: Sequence[AnchorReport], fix: TagFix | None, t_ns: int) -> bytes:
         """A new location is ready; returns the lines that a running stream prints for it."""
         at_rest = self.stationary and self.stationary_detection
         due_ns = (self._published_ns or 0) + self._tenths_at_rest * 100_000_000

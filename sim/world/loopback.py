@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from companion.core.messages import GroundTruth
 from drivers.ports.pseudo_terminal import PtyPort
-from sim.world.autopilot.mavlink.files import Files
+from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.mavlink_server import Address, MavlinkServer
 from sim.world.world import STEP_NS, World, WorldSetup
 
@@ -23,7 +23,7 @@ CATCH_UP_STEPS = 20
 
 
 @dataclass(frozen=True)
-class Wires:
+class LoopbackWires:
     """Where the devices appear. `target`: where UDP sends from the start; `tcp`: listen there, or None."""
 
     udp: Address = ("127.0.0.1", 0)
@@ -35,13 +35,13 @@ class Wires:
 async def serve(
     setup: WorldSetup,
     seed: int,
-    wires: Wires,
+    wires: LoopbackWires,
     on_truth: Callable[[GroundTruth], None],
     ready: Callable[[str], None],
 ) -> None:
     """Run until cancelled. `ready` is told once where the devices are. Raises OSError for a taken port."""
     world = World(replace(setup, boot_ns=time.monotonic_ns()), seed)
-    world.rover.files = Files()
+    world.rover.files = FtpFiles()
     server = MavlinkServer(world.rover, lambda: world.t_ns)
     pty = PtyPort(wires.uwb_path)
     try:

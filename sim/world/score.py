@@ -21,7 +21,7 @@ SETTLED_S = 3.0  # station keeping is judged over the last seconds of a run, whe
 
 
 @dataclass(frozen=True)
-class Track:
+class TrueTrack:
     """One row a tick: t [s]; truth and estimate [x y psi u v r]; P (k, 6, 6); asked-for speed; leg; on leg."""
 
     t_s: np.ndarray
@@ -42,7 +42,7 @@ def leg_errors(points: np.ndarray, leg: int, places: np.ndarray) -> tuple[np.nda
     return away @ along, away @ np.array([-along[1], along[0]]), length
 
 
-def tracking(track: Track, points: np.ndarray) -> dict[str, float]:
+def tracking(track: TrueTrack, points: np.ndarray) -> dict[str, float]:
     """cross_track_rms_m, surge_rms_error_m_s on straight parts; overshoot_m of the worst corner."""
     cross, surge, overshoot = [], [], [0.0]
     for leg in range(len(points) - 1):
@@ -65,7 +65,7 @@ def tracking(track: Track, points: np.ndarray) -> dict[str, float]:
     }
 
 
-def station(track: Track, pose: Sequence[float], over_s: float = SETTLED_S) -> dict[str, float]:
+def station(track: TrueTrack, pose: Sequence[float], over_s: float = SETTLED_S) -> dict[str, float]:
     """Largest position [m] and heading error [deg] of the truth over the last `over_s`."""
     last = track.t_s >= track.t_s[-1] - over_s
     away = np.linalg.norm(track.truth[last, :2] - np.asarray(pose[:2]), axis=1)
@@ -73,7 +73,7 @@ def station(track: Track, pose: Sequence[float], over_s: float = SETTLED_S) -> d
     return {"station_error_m": float(away.max()), "station_error_deg": math.degrees(max(turn))}
 
 
-def estimation(track: Track) -> dict[str, float]:
+def estimation(track: TrueTrack) -> dict[str, float]:
     """RMSE of position, u, v and heading, and the mean NEES of [x y psi u v r] (6 where consistent)."""
     error = track.estimate - track.truth
     error[:, 2] = [ssa(float(e)) for e in error[:, 2]]
@@ -94,7 +94,7 @@ def _rms(values: np.ndarray) -> float:
 
 def track_of(
     estimates: Sequence[StateEstimate], references: Sequence[GuidanceReference], truths: Sequence[GroundTruth]
-) -> Track:
+) -> TrueTrack:
     """Rows for the ticks that were driven; the truth is interpolated to the estimate's instant."""
     asked = {r.t_ns: r for r in references if r.phase != "idle"}
     rows = [e for e in estimates if e.t_ns in asked]
@@ -104,7 +104,7 @@ def track_of(
     known[:, 2] = np.unwrap(known[:, 2])
     truth = np.column_stack([np.interp(at, when, known[:, i]) for i in range(6)])
     refs = [asked[e.t_ns] for e in rows]
-    return Track(
+    return TrueTrack(
         t_s=at * 1e-9,
         truth=truth,
         estimate=np.array([_motion(e) for e in rows]).reshape(-1, 6),

@@ -42,7 +42,7 @@ class Habits:
     home_n: float = 22.0  # force towards the middle when a wall is near
 
 
-class Pilot:
+class KeyboardPilot:
     """Held random commands [N, N, N m]; `tau` is asked at 10 Hz with where the boat is."""
 
     def __init__(self, rng: np.random.Generator, habits: Habits):
@@ -119,7 +119,7 @@ def teleop_run(
     draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     imu_file = replace(vessel.sensors.imu, rate_Hz=imu_hz)
     uwb_file = replace(vessel.sensors.uwb, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
-    pilot = Pilot(draws[0], habits or Habits())
+    pilot = KeyboardPilot(draws[0], habits or Habits())
     imu = ImuSensor(imu_file, draws[1])
     uwb = UwbSensor(uwb_file, corner_anchors(), UwbFaults(), draws[2])
     environment = Environment(weather or Weather(), draws[3])

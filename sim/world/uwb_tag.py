@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from drivers.uwb import linktrack, makerfabs, mauwb, trek1000
-from drivers.uwb.dwm1001 import AnchorReport, Fix, Xyz
+from drivers.uwb.dwm1001 import AnchorReport, TagFix, Xyz
 from sim.world.dwm1001_module import Dwm1001Module
 
 FORMATS: dict[str, str] = {
@@ -105,7 +105,7 @@ class UwbTag:
     def _dwm1001(self, heard_m: dict[str, float], position_m: Xyz | None, t_ns: int) -> bytes:
         assert self.module is not None
         reports = [AnchorReport(a, self._anchors[a], r, QUALITY) for a, r in heard_m.items()]
-        fix = None if position_m is None else Fix(position_m, QUALITY)
+        fix = None if position_m is None else TagFix(position_m, QUALITY)
         return self.module.cycle(reports, fix, t_ns)
 
     def _makerfabs(self, heard_m: dict[str, float], position_m: Xyz | None, t_ns: int) -> bytes:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from companion.boat.clock import BoatClock, SimClock
 from companion.core.messages import LinkStatus, Message, StatusText
-from drivers.link import Link, LinkTiming, link_state
-from drivers.link_state import Seen, backoff_s
+from drivers.link import DeviceLink, LinkTiming, link_state
+from drivers.link_state import LinkObservations, backoff_s
 from drivers.ports.memory import MemoryPort, memory_pair
 from drivers.ports.pseudo_terminal import PtyPort
 from drivers.ports.serial_line import SerialPort
@@ -73,7 +73,7 @@ class Bench:
         self.told: list[tuple[float, str, str]] = []
         self.texts: list[tuple[float, str]] = []
         self.raw = b""
-        self.link = Link(
+        self.link = DeviceLink(
             "imu",
             self.port,
             Lines(),
@@ -145,7 +145,7 @@ def whole_ns() -> st.SearchStrategy[int]:
 
 
 SEEN = st.builds(
-    Seen, fault=st.sampled_from(["", "cannot open"]), framed=st.booleans(), silent_ns=whole_ns(),
+    LinkObservations, fault=st.sampled_from(["", "cannot open"]), framed=st.booleans(), silent_ns=whole_ns(),
     frameless_ns=whole_ns(), babble_ns=st.one_of(st.just(0), whole_ns()),
 )  # fmt: skip
 
@@ -173,21 +173,21 @@ def test_every_state_under_every_observation(before, seen):
 @pytest.mark.parametrize(
     ("before", "seen", "state", "reason"),
     [
-        ("searching", Seen("", False, 0, 0, 0), "searching", "port open, waiting for a message"),
-        ("searching", Seen("", True, 0, 0, 0), "online", "messages arrive"),
-        ("searching", Seen("", False, 2 * SECOND, 2 * SECOND, 0), "searching", "no bytes for 2.0 s"),
-        ("online", Seen("", True, 1_199_999_999, 1_199_999_999, 0), "online", "messages arrive"),
-        ("online", Seen("", True, 1_200_000_000, 1_200_000_000, 0), "stale", "no bytes for 1.2 s"),
-        ("stale", Seen("", True, 100, 100, 0), "online", "messages arrive"),
-        ("stale", Seen("", True, 4 * SECOND, 4 * SECOND, 0), "lost", "no bytes for 4.0 s"),
-        ("online", Seen("unplugged", True, 0, 0, 0), "lost", "unplugged"),
-        ("lost", Seen("unplugged", True, 0, 0, 0), "searching", "unplugged"),
+        ("searching", LinkObservations("", False, 0, 0, 0), "searching", "port open, waiting for a message"),
+        ("searching", LinkObservations("", True, 0, 0, 0), "online", "messages arrive"),
+        ("searching", LinkObservations("", False, 2 * SECOND, 2 * SECOND, 0), "searching", "no bytes for 2.0 s"),
+        ("online", LinkObservations("", True, 1_199_999_999, 1_199_999_999, 0), "online", "messages arrive"),
+        ("online", LinkObservations("", True, 1_200_000_000, 1_200_000_000, 0), "stale", "no bytes for 1.2 s"),
+        ("stale", LinkObservations("", True, 100, 100, 0), "online", "messages arrive"),
+        ("stale", LinkObservations("", True, 4 * SECOND, 4 * SECOND, 0), "lost", "no bytes for 4.0 s"),
+        ("online", LinkObservations("unplugged", True, 0, 0, 0), "lost", "unplugged"),
+        ("lost", LinkObservations("unplugged", True, 0, 0, 0), "searching", "unplugged"),
         (
-            "online", Seen("", True, 1000, 2 * SECOND, 1_900_000_000), "stale",
+            "online", LinkObservations("", True, 1000, 2 * SECOND, 1_900_000_000), "stale",
             "bytes but no valid frame for 1.9 s: wrong baud rate?",
         ),
         (
-            "searching", Seen("", False, 1000, 3 * SECOND, 3 * SECOND), "searching",
+            "searching", LinkObservations("", False, 1000, 3 * SECOND, 3 * SECOND), "searching",
             "bytes but no valid frame for 3.0 s: wrong baud rate?",
         ),
     ],
@@ -199,9 +199,9 @@ def test_rows_of_the_table(before, seen, state, reason):
 
 def test_silence_before_the_first_message_does_not_reopen_but_lasting_garbage_does():
     hour = 3600 * SECOND
-    assert not link_state("searching", Seen("", False, hour, hour, 0), TIMING).reopen
-    assert not link_state("searching", Seen("", False, 0, hour, 3 * SECOND), TIMING).reopen
-    assert link_state("searching", Seen("", False, 0, hour, 4 * SECOND), TIMING).reopen
+    assert not link_state("searching", LinkObservations("", False, hour, hour, 0), TIMING).reopen
+    assert not link_state("searching", LinkObservations("", False, 0, hour, 3 * SECOND), TIMING).reopen
+    assert link_state("searching", LinkObservations("", False, 0, hour, 4 * SECOND), TIMING).reopen
 
 
 def test_backoff_grows_from_a_tenth_to_two_seconds_with_jitter():
@@ -392,7 +392,7 @@ def test_a_bug_in_codec_or_callback_is_not_hidden_and_the_port_is_closed(where):
             if where == "on_messages" and any(isinstance(message, StatusText) for message in messages):
                 fail()
 
-        link = Link(
+        link = DeviceLink(
             "uwb", port, codec, now_ns=clock.now_ns, sleep_until=clock.sleep_until, rng=random.Random(1),
             on_messages=on_messages, on_bytes=fail if where == "on_bytes" else None,
         )  # fmt: skip
@@ -453,7 +453,7 @@ def test_on_a_real_pty_and_the_boat_clock_in_any_boot_order(tmp_path):
             await asyncio.sleep(0.01)
 
     async def main() -> None:
-        link = Link(
+        link = DeviceLink(
             "uwb", SerialPort(path, 115200), Lines(), now_ns=clock.now_ns, sleep_until=clock.sleep_until,
             rng=random.Random(2), on_messages=on_messages,
         )  # fmt: skip

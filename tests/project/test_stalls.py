@@ -51,7 +51,9 @@ def test_another_try(tmp_path, stall, failures, told):
     assert "STALL_S = 0.05" in source
     rarely = source.replace("STALL_S = 0.05", "STALL_S = 0.4")  # what no machine does by chance
     (support / "stalls.py").write_text(rarely)
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = alone\npythonpath = .\naddopts = --import-mode=importlib\n")
+    (tmp_path / "pytest.ini").write_text(
+        "[pytest]\nmarkers = alone\npythonpath = .\naddopts = --import-mode=importlib\n"
+    )
     (tmp_path / "tests" / "test_it.py").write_text(STORY.replace("STALL", stall).replace("FAILURES", str(failures)))
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_it.py"],

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from companion.boat.load_run import EXAMPLES
 from sim.campaign.inputs import read_campaign
-from sim.campaign.runners.job import Outcome
+from sim.campaign.runners.job import CaseOutcome
 
 LEG = """name = "leg"
 [[waypoints]]
@@ -62,9 +62,9 @@ def pretend(fails=lambda work: False, stop_after=10**9):
                 raise KeyboardInterrupt
             ran.append(work.id)
             if fails(work):
-                yield Outcome(id=work.id, error="ValueError: for the test", trace="Traceback", program=PROGRAM)
+                yield CaseOutcome(id=work.id, error="ValueError: for the test", trace="Traceback", program=PROGRAM)
             else:
-                yield Outcome(id=work.id, figures=figures(work), program=PROGRAM, seconds=1.0, worker="here:1")
+                yield CaseOutcome(id=work.id, figures=figures(work), program=PROGRAM, seconds=1.0, worker="here:1")
 
     run.ran = ran
     return run

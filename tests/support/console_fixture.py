@@ -20,8 +20,8 @@ from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import Gate, Outcome, Refused, Repeated
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.orders import OrderGate, OrderOutcome, OrderRefused, Repeated
+from companion.core.telemetry.view import TelemetryView, Who
 from tests.support.drive_fixture import by_tick, driving, setup, voyage
 
 S = 1_000_000_000
@@ -74,8 +74,8 @@ class TapedBoat:
         ticks_of_a_voyage()
         self.name, self.still, self.obeyed, self.ended = name, False, [], False
         link = TelemetryLink(connect=(f"tcp/127.0.0.1:{port}",), commands=True)
-        view = View(setup().pilot, Who("run", "digest", "aritra 0", 5 * S, commands=True), link.rate_Hz)
-        self.gate = Gate(name, "run", KEY)
+        view = TelemetryView(setup().pilot, Who("run", "digest", "aritra 0", 5 * S, commands=True), link.rate_Hz)
+        self.gate = OrderGate(name, "run", KEY)
         self.telemetry = Telemetry(name, link, config_of(link, Path(), where="bench"), view)
         self.telemetry.start(lambda _: None, lambda: ROWS, None if deaf else self.answer)
         self.thread = threading.Thread(target=self.play, daemon=True)
@@ -103,11 +103,11 @@ class TapedBoat:
                 told = {"status": "done", "code": "ok", "text": f"{order.command}: heard"}
                 told |= {"mode": "idle", "why": "told so"}
                 self.obeyed.append(order.command)
-            except Refused as no:
+            except OrderRefused as no:
                 told = {"status": "refused", "code": no.code, "text": str(no)}
             except Repeated:
                 told = {"status": "done", "code": "ok", "text": "heard before", "repeated": True}
-            outcome = Outcome(run="run", t_ns=self.now_ns(), **told)
+            outcome = OrderOutcome(run="run", t_ns=self.now_ns(), **told)
             query.reply(shore.command_key(self.name), msgspec.json.encode(outcome))
 
     def close(self):

@@ -8,7 +8,7 @@ from functools import cache
 import msgspec
 import numpy as np
 
-from companion.boat.load_run import EXAMPLES, Setup, load_setup, setup_of
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
 from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import (
     GroundTruth,
@@ -20,7 +20,7 @@ from companion.core.messages import (
 )
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot, PilotState
-from sim.world.score import Track, estimation, station, track_of, tracking
+from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
 
@@ -35,7 +35,7 @@ def mission_text(points=CORNER) -> str:
 
 
 @cache
-def setup(points=CORNER) -> Setup:
+def setup(points=CORNER) -> RunSetup:
     """The example run with a mission of these points; None: the square that comes with it."""
     square = load_setup(EXAMPLES / "aritra.toml")
     if points is None:
@@ -100,7 +100,7 @@ def by_tick(messages: Iterable[Message]) -> list[list[Message]]:
     return ticks[:-1]
 
 
-def track(run: SteppedRun) -> Track:
+def track(run: SteppedRun) -> TrueTrack:
     return track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
 
 

@@ -37,7 +37,7 @@ from companion.logs.readers.table import write_run
 from companion.logs.runs.run import RunError
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.encode import MavlinkEncoder
-from drivers.mavlink.gcs_firewall import StationGate
+from drivers.mavlink.gcs_firewall import GcsFirewall
 from drivers.mavlink.signing import EPOCH_NS, Signing, SigningKey
 from drivers.mavlink.streams import WANTED_HZ
 from drivers.uwb import CODECS, uwb_codec
@@ -259,7 +259,7 @@ def _slices(data: bytes, size: int = 4000) -> list[bytes]:
 
 
 def _station() -> Callable[[bytes], None]:
-    gate, state = StationGate(1), [S]
+    gate, state = GcsFirewall(1), [S]
 
     def read(data: bytes) -> None:
         for at in range(0, len(data), 97):

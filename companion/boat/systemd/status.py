@@ -33,7 +33,7 @@ EXTEND_NS, EXTENSION_US = 10_000_000_000, 60_000_000
 
 
 @dataclass(frozen=True)
-class Heard:
+class ServiceState:
     """The newest of what a status is made of."""
 
     lease: OverrideLease | None = None
@@ -53,7 +53,7 @@ class Said:
     extended_ns: int | None = None
 
 
-def hear(heard: Heard, message: Message) -> Heard:
+def hear(heard: ServiceState, message: Message) -> ServiceState:
     """Keep what matters of one message."""
     if isinstance(message, OverrideLease):
         return replace(heard, lease=message)
@@ -66,7 +66,7 @@ def hear(heard: Heard, message: Message) -> Heard:
     return heard
 
 
-def say(said: Said, heard: Heard, timing: LoopTiming, watchdog_ns: int | None) -> tuple[Said, list[str]]:
+def say(said: Said, heard: ServiceState, timing: LoopTiming, watchdog_ns: int | None) -> tuple[Said, list[str]]:
     """Lines to send after one lease, and what is known once they are taken. `watchdog_ns`: None is no watchdog."""
     now, lines = timing.t_ns, []
     if timing.sent:
@@ -86,7 +86,7 @@ def say(said: Said, heard: Heard, timing: LoopTiming, watchdog_ns: int | None) -
     return said, lines
 
 
-def words(heard: Heard, *, sent: bool) -> str:
+def words(heard: ServiceState, *, sent: bool) -> str:
     """What the boat does, in a line. `sent`: the newest lease went out."""
     if not sent:
         why = heard.link.reason if heard.link else ""
@@ -107,7 +107,7 @@ class Service:
 
     def __init__(self, notify: SdNotify):
         self._notify = notify
-        self._heard, self._said = Heard(), Said()
+        self._heard, self._said = ServiceState(), Said()
         self._stopping = False
 
     def starting(self, what: str) -> None:

@@ -28,7 +28,15 @@ from companion.core.guidance.missions.mission import Mission, MissionErrors, kin
 from companion.core.messages import Alert, NewMission, OperatorCommand
 from companion.core.pilot.state import PilotSettings
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import MAX_BYTES, Gate, MissionFile, Order, Outcome, Refused, Repeated
+from companion.core.telemetry.orders import (
+    MAX_BYTES,
+    MissionFile,
+    Order,
+    OrderGate,
+    OrderOutcome,
+    OrderRefused,
+    Repeated,
+)
 from companion.core.telemetry.topics import points_of
 
 PENDING = 8
@@ -44,7 +52,7 @@ class ShoreCommands:
         self,
         app: App,
         settings: PilotSettings,
-        gate: Gate,
+        gate: OrderGate,
         clock: Clock,
         tell: Callable[[Alert], None],
     ) -> None:
@@ -56,7 +64,7 @@ class ShoreCommands:
         self._lock = threading.Lock()
         self._pending = 0
         self._ended = False
-        self._answers: queue.Queue[tuple[zenoh.Query, Outcome] | None] = queue.Queue(ANSWERS)
+        self._answers: queue.Queue[tuple[zenoh.Query, OrderOutcome] | None] = queue.Queue(ANSWERS)
         self._thread = threading.Thread(target=self._reply, name="shore-answers", daemon=True)
         self._thread.start()
 
@@ -77,7 +85,7 @@ class ShoreCommands:
         """One query on the command key."""
         try:
             self._judge(query)
-        except Refused as no:
+        except OrderRefused as no:
             self._refuse(query, no.code, no.text)
         except Repeated as again:
             self._again(query, again.outcome)
@@ -87,21 +95,21 @@ class ShoreCommands:
     def _judge(self, query: zenoh.Query) -> None:
         told, sealed = query.payload, query.attachment
         if told is None:
-            raise Refused("malformed", "not an order: no payload")
+            raise OrderRefused("malformed", "not an order: no payload")
         if len(told) > MAX_BYTES or (sealed is not None and len(sealed) > MAX_BYTES):
-            raise Refused("too_long", f"longer than {MAX_BYTES} bytes")
+            raise OrderRefused("too_long", f"longer than {MAX_BYTES} bytes")
         with self._lock:
             order = self._gate.judge(bytes(told), None if sealed is None else bytes(sealed), self._clock.now_ns())
             if self._pending >= PENDING and order.command != "stop":
-                raise Refused("busy", f"{PENDING} orders wait already")
+                raise OrderRefused("busy", f"{PENDING} orders wait already")
             self._pending += 1
         try:
             mission = self._mission(order.mission) if order.mission else None
             self._loop.call_soon_threadsafe(self._obey, query, order, mission)
-        except (Refused, RuntimeError) as error:
+        except (OrderRefused, RuntimeError) as error:
             with self._lock:
                 self._pending -= 1
-            if isinstance(error, Refused):
+            if isinstance(error, OrderRefused):
                 self._finish(order, self._outcome("refused", error.code, error.text))
                 raise
             query.drop()  # the loop is gone, and the run with it
@@ -113,13 +121,13 @@ class ShoreCommands:
         try:
             mission = parse(file.text, kind_of(file.name), origin=origin, name=file.name.rsplit(".", 1)[0])
         except MissionErrors as errors:
-            raise Refused("bad_mission", "; ".join(f"{file.name}: {e}" for e in errors.errors)[:1000]) from None
+            raise OrderRefused("bad_mission", "; ".join(f"{file.name}: {e}" for e in errors.errors)[:1000]) from None
         if any(f not in self._settings.mission.fences for f in mission.fences):
             text = "its fences are not those that this run was started with: put it into the run file and start anew"
-            raise Refused("bad_mission", f"{file.name}: {text}")
+            raise OrderRefused("bad_mission", f"{file.name}: {text}")
         for i, w in enumerate(mission.path.waypoints):
             if (room_m := fence.clearance(w.north_m, w.east_m)) < 0:
-                raise Refused("bad_mission", f"{file.name}: waypoint {i} lies {-room_m:.1f} m beyond the fence")
+                raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} lies {-room_m:.1f} m beyond the fence")
         return mission
 
     def _refuse(self, query: zenoh.Query, code, text: str) -> None:
@@ -133,7 +141,7 @@ class ShoreCommands:
                 self._loop.call_soon_threadsafe(self._tell, alert)
         self._send(query, self._outcome("refused", code, text))
 
-    def _again(self, query: zenoh.Query, outcome: Outcome | None) -> None:
+    def _again(self, query: zenoh.Query, outcome: OrderOutcome | None) -> None:
         if outcome is None:
             outcome = self._outcome("waiting", "busy", "the same order is on its way to the pilot")
         self._send(query, msgspec.structs.replace(outcome, repeated=True))
@@ -153,7 +161,7 @@ class ShoreCommands:
         self._tell(Alert(t_ns=self._clock.now_ns(), level="info", text=text))
         self._send(query, outcome)
 
-    def _given(self, order: Order, mission: Mission | None) -> Outcome:
+    def _given(self, order: Order, mission: Mission | None) -> OrderOutcome:
         if self._ended:
             return self._outcome("refused", "not_now", "the run ends: thrusters are neutral")
         now = self._clock.now_ns()
@@ -174,20 +182,20 @@ class ShoreCommands:
             return self._with_mode("done", "ok", f"mission {new.name} with {n} waypoints loaded: start begins it")
         return self._with_mode("refused", "not_now", "a mission is being driven: hold or stop first")
 
-    def _with_mode(self, status, code, text: str) -> Outcome:
+    def _with_mode(self, status, code, text: str) -> OrderOutcome:
         helm = self._app.state.helm
         return msgspec.structs.replace(self._outcome(status, code, text), mode=helm.mode, why=helm.why)
 
-    def _outcome(self, status, code, text: str) -> Outcome:
-        return Outcome(run=self._gate.run, t_ns=self._clock.now_ns(), status=status, code=code, text=text)
+    def _outcome(self, status, code, text: str) -> OrderOutcome:
+        return OrderOutcome(run=self._gate.run, t_ns=self._clock.now_ns(), status=status, code=code, text=text)
 
-    def _finish(self, order: Order, outcome: Outcome) -> None:
+    def _finish(self, order: Order, outcome: OrderOutcome) -> None:
         with self._lock:
             self._gate.finish(order, outcome)
 
     # --- the answer thread -------------------------------------------------------------------------
 
-    def _send(self, query: zenoh.Query, outcome: Outcome) -> None:
+    def _send(self, query: zenoh.Query, outcome: OrderOutcome) -> None:
         try:
             self._answers.put_nowait((query, outcome))
         except queue.Full:

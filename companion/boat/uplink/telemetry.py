@@ -27,7 +27,7 @@ from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import Alert, LoopTiming, Message
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.view import View, wants
+from companion.core.telemetry.view import TelemetryView, wants
 
 QUEUE = 2000
 """Messages that wait for the thread: some seconds of a run (assumed)."""
@@ -82,7 +82,7 @@ def config_of(link: TelemetryLink, folder: Path, *, where: str) -> zenoh.Config:
 class Telemetry:
     """One run's. `published`, `published_bytes`: payloads given to zenoh; `dropped`: messages without room."""
 
-    def __init__(self, boat: str, link: TelemetryLink, config: zenoh.Config, view: View) -> None:
+    def __init__(self, boat: str, link: TelemetryLink, config: zenoh.Config, view: TelemetryView) -> None:
         self.published = self.published_bytes = self.dropped = 0
         self.refused: Callable[[], int] = lambda: 0
         self._boat, self._link, self._config, self._view = boat, link, config, view
@@ -188,7 +188,7 @@ class Telemetry:
                     self.dropped += 1
                     self._say("warning", f"telemetry: {type(message).__name__} not published: {error}")
 
-    def _publish(self, publishers: dict[str, ext.AdvancedPublisher], told: Sequence[shore.Told]) -> None:
+    def _publish(self, publishers: dict[str, ext.AdvancedPublisher], told: Sequence[shore.ShoreMessage]) -> None:
         for each in told:
             topic, data = shore.topic_of(each), shore.encode(each)
             self._last[topic] = data

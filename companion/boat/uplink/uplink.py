@@ -12,21 +12,21 @@ from pathlib import Path
 
 from companion.boat.app import App
 from companion.boat.clock import Clock
-from companion.boat.load_run import Setup
+from companion.boat.load_run import RunSetup
 from companion.boat.signing_key import load_secret
-from companion.boat.start_interlock import Guard
+from companion.boat.start_interlock import StartInterlock
 from companion.boat.uplink.orders import ShoreCommands
 from companion.boat.uplink.telemetry import Telemetry, boat_name, config_of
 from companion.core.messages import Alert, Message
 from companion.core.pilot.state import PilotSettings
-from companion.core.telemetry.orders import Gate
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.orders import OrderGate
+from companion.core.telemetry.view import TelemetryView, Who
 
 RUN_BYTES = 6
 UNSIGNED = "orders from shore need no key: whoever the router lets in may drive the boat (telemetry.command_key)"
 
 
-def shore_of(setup: Setup, path: Path) -> Shore:
+def shore_of(setup: RunSetup, path: Path) -> Shore:
     """The shore that the run file at `path` asks for. Raises ConfigError."""
     link = setup.run.telemetry
     if link is None:
@@ -38,18 +38,18 @@ def shore_of(setup: Setup, path: Path) -> Shore:
     offset_ns = time.time_ns() - time.monotonic_ns()
     who = Who(run, setup.digest, f"aritra {version('aritra')}", offset_ns, link.commands)
     config = config_of(link, path.parent, where=str(path))
-    telemetry = Telemetry(boat, link, config, View(setup.pilot, who, link.rate_Hz))
-    return Shore(setup.pilot, telemetry, Gate(boat, run, key) if link.commands else None)
+    telemetry = Telemetry(boat, link, config, TelemetryView(setup.pilot, who, link.rate_Hz))
+    return Shore(setup.pilot, telemetry, OrderGate(boat, run, key) if link.commands else None)
 
 
 class Shore:
     """Feed it every message. Orders are obeyed between `open` and `end`. Without telemetry nothing happens."""
 
-    def __init__(self, settings: PilotSettings, telemetry: Telemetry | None, gate: Gate | None = None) -> None:
+    def __init__(self, settings: PilotSettings, telemetry: Telemetry | None, gate: OrderGate | None = None) -> None:
         self.telemetry, self.commands = telemetry, None
         self._settings, self._gate = settings, gate
 
-    def open(self, app: App, guard: Guard | None, clock: Clock, tell: Callable[[Alert], None]) -> None:
+    def open(self, app: App, guard: StartInterlock | None, clock: Clock, tell: Callable[[Alert], None]) -> None:
         """Begin, on the loop's thread; `tell` is called on it."""
         if self.telemetry is None:
             return

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.boat.clock import BoatClock
-from companion.boat.load_run import Setup, load_setup
+from companion.boat.load_run import RunSetup, load_setup
 from companion.boat.preflight import Listener, all_rows, look_at_disk
 from companion.boat.signing_key import STAMP_FILE
 from companion.cli.analysis import seconds
@@ -61,7 +61,7 @@ def check(args: argparse.Namespace, console: Console | None = None) -> int:
     return REFUSED if level == "refuse" else FINE
 
 
-async def _look(args: argparse.Namespace, setup: Setup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
+async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
     folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
     sensor, link = setup.pilot.vessel.sensors.uwb, setup.run.mavlink
     signing = signing_of(args, setup, folder / STAMP_FILE)

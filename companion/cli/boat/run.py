@@ -17,12 +17,12 @@ from typing import Protocol
 
 from companion.boat.app import App
 from companion.boat.clock import BoatClock, Clock
-from companion.boat.gcs_forward import Forward
-from companion.boat.load_run import Setup, load_setup, warnings
+from companion.boat.gcs_forward import GcsForward
+from companion.boat.load_run import RunSetup, load_setup, warnings
 from companion.boat.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
 from companion.boat.recorder import Recorder
 from companion.boat.signing_key import STAMP_FILE, keep_timestamp
-from companion.boat.start_interlock import Guard, companion_of
+from companion.boat.start_interlock import StartInterlock, companion_of
 from companion.boat.systemd.notify import SdNotify
 from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
@@ -36,7 +36,7 @@ from companion.core.pilot.pilot import Pilot
 from companion.jit.cache import CodeStore
 from companion.logs.metadata import log_metadata
 from drivers.mavlink.codec import MavlinkCodec
-from drivers.mavlink.gcs_firewall import StationGate
+from drivers.mavlink.gcs_firewall import GcsFirewall
 from drivers.mavlink.signing import Signing
 from drivers.ports.port import Port
 from drivers.ports.url import PortUrlError, open_port_from_url
@@ -79,7 +79,7 @@ def add_parser(commands) -> None:
     p.set_defaults(function=run)
 
 
-class Desk(Protocol):
+class RunConsole(Protocol):
     """A person's place at a run: sees every message, and may command the App. `run` ends with the run."""
 
     def see(self, message: Message) -> None:
@@ -91,13 +91,13 @@ class Desk(Protocol):
         ...
 
     async def run(
-        self, app: App, setup: Setup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
+        self, app: App, setup: RunSetup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
     ) -> None:
         """Work until cancelled; `tell` logs and shows an alert, `end` ends the run."""
         ...
 
 
-def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
+def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
     """Run until interrupted or done; the exit code. `desk`: a person who drives by hand."""
     excitation = None if args.excite == RUN_FILES else args.excite
     setup = load_setup(args.config, mission=args.mission, excitation=excitation)
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace, desk: Desk | None = None) -> int:
         return asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
 
 
-def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swept] | None]:
+def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
     """Path of the log, its folder made and within its quota; and how to look after the quota again."""
     told = setup.run.log
     folder = args.config.parent / told.folder if told.folder else Path()
@@ -151,7 +151,7 @@ def _log(args: argparse.Namespace, setup: Setup) -> tuple[Path, Callable[[], Swe
     return log, look
 
 
-def _station(args: argparse.Namespace, setup: Setup) -> Port | None:
+def _station(args: argparse.Namespace, setup: RunSetup) -> Port | None:
     """The port of the ground station, if the run file has one. Raises ConfigError."""
     if setup.run.forward is None:
         return None
@@ -162,7 +162,7 @@ def _station(args: argparse.Namespace, setup: Setup) -> Port | None:
 
 
 async def _drive(
-    setup: Setup,
+    setup: RunSetup,
     mavlink: Port,
     uwb: Port,
     station: Port | None,
@@ -172,7 +172,7 @@ async def _drive(
     service: Service,
     look: Callable[[], Swept] | None,
     args: argparse.Namespace,
-    desk: Desk | None,
+    desk: RunConsole | None,
 ) -> int:
     clock, vessel = BoatClock(), setup.pilot.vessel
     progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
@@ -197,10 +197,10 @@ async def _drive(
 
     told, system = setup.run.forward, setup.run.mavlink.system_id
     codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
-    guard = None if args.unchecked else Guard(codec, companion_of(setup))
+    guard = None if args.unchecked else StartInterlock(codec, companion_of(setup))
     if not guard:
         tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
-    gate = StationGate(system) if told and told.writable else None
+    gate = GcsFirewall(system) if told and told.writable else None
     app = App(
         Pilot(setup.pilot),
         _controller(setup, tell),
@@ -213,7 +213,7 @@ async def _drive(
         recorder=recorder,
         rng=random.Random(),
         watch=watch,
-        forward=Forward(station, gate, clock) if station else None,
+        forward=GcsForward(station, gate, clock) if station else None,
         vision_hz=setup.run.vision.rate_Hz if setup.run.vision else None,
         guard=guard,
     )
@@ -247,7 +247,7 @@ async def _drive(
     return REFUSED if args.start and guard and guard.refused else 0
 
 
-def _controller(setup: Setup, tell: Callable[[Alert], None]) -> Nmpc:
+def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:
     """The controller, with machine code from the last run where there is some."""
 
     def say(text: str) -> None:

@@ -16,9 +16,9 @@ from typing import Literal
 
 from companion.boat.app import App
 from companion.boat.clock import Clock
-from companion.boat.load_run import Setup
+from companion.boat.load_run import RunSetup
 from companion.cli.boat import run
-from companion.cli.boat.teleop_view import Seen, View
+from companion.cli.boat.teleop_view import TeleopState, TeleopView
 from companion.cli.boat.wires import add_config, add_wires
 from companion.core.configuration.tables import ConfigError
 from companion.core.messages import Alert, ManualInput, Message, OperatorCommand
@@ -62,10 +62,10 @@ def teleop(args: argparse.Namespace) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("needs a terminal for keyboard and table: not a pipe, not a service")
     with _keys_as_they_come(sys.stdin.fileno()):
-        return run.run(args, Desk(sys.stdin.fileno(), args.gamepad))
+        return run.run(args, TeleopConsole(sys.stdin.fileno(), args.gamepad))
 
 
-class Desk:
+class TeleopConsole:
     """The person's place: keys and sticks to the App, messages to the view. `gamepad`: its device, or None."""
 
     def __init__(self, descriptor: int, gamepad: str | None) -> None:
@@ -73,8 +73,8 @@ class Desk:
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLIN)
         self._keyboard = Keyboard()
-        self._seen = Seen(())
-        self._view = View(self._seen, sys.stdout)
+        self._seen = TeleopState(())
+        self._view = TeleopView(self._seen, sys.stdout)
         self._marks = 0
 
     def see(self, message: Message) -> None:
@@ -86,7 +86,7 @@ class Desk:
         self._view.close()
 
     async def run(
-        self, app: App, setup: Setup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
+        self, app: App, setup: RunSetup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
     ) -> None:
         """Read keys and sticks until cancelled. Whatever ends it ends the run, in neutral."""
         self._seen.thrusters = tuple(t.name for t in setup.pilot.vessel.thrusters)

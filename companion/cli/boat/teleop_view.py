@@ -35,7 +35,7 @@ KEYS = (
 )
 
 
-class Seen:
+class TeleopState:
     """The newest of everything that is shown."""
 
     def __init__(self, thrusters: tuple[str, ...]) -> None:
@@ -69,7 +69,7 @@ class Seen:
                 self.late_ms = max(self.late_ms, message.lateness_ms)
 
 
-def picture(seen: Seen) -> Table:
+def picture(seen: TeleopState) -> Table:
     """The table."""
     table = Table(show_header=False, title="aritra teleop", caption=KEYS, expand=True)
     table.add_column(width=10, no_wrap=True)
@@ -100,10 +100,10 @@ def picture(seen: Seen) -> Table:
     return table
 
 
-class View:
+class TeleopView:
     """Draws `seen` on `out` until `close`."""
 
-    def __init__(self, seen: Seen, out: TextIO) -> None:
+    def __init__(self, seen: TeleopState, out: TextIO) -> None:
         self._seen, self._out = seen, out
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._draw, name="view", daemon=True)

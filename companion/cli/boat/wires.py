@@ -6,7 +6,7 @@ import argparse
 import time
 from pathlib import Path
 
-from companion.boat.load_run import EXAMPLES, Setup
+from companion.boat.load_run import EXAMPLES, RunSetup
 from companion.boat.signing_key import load_key, load_timestamp
 from companion.core.configuration.tables import ConfigError
 from drivers.mavlink.signing import Signing
@@ -34,7 +34,7 @@ def port_of(args: argparse.Namespace, link: str, url: str) -> Port:
         raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
 
 
-def signing_of(args: argparse.Namespace, setup: Setup, stamps: Path) -> Signing | None:
+def signing_of(args: argparse.Namespace, setup: RunSetup, stamps: Path) -> Signing | None:
     """What signs the link to the autopilot, if the run file names a key; `stamps`: file of the last stamp.
 
     Raises ConfigError.

@@ -35,7 +35,7 @@ def add_autopilot_arguments(p: argparse.ArgumentParser) -> None:
 def autopilot(args: argparse.Namespace, vessel: VesselFile) -> dict[str, Any]:
     """The autopilot's fields of a WorldSetup. Raises ConfigError."""
     from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, BOAT_PARAMETERS
-    from sim.world.autopilot.parameters import Parameters
+    from sim.world.autopilot.parameters import ParameterStore
 
     parameters = BOAT_PARAMETERS
     if args.wiring:
@@ -46,7 +46,7 @@ def autopilot(args: argparse.Namespace, vessel: VesselFile) -> dict[str, Any]:
     for pair in args.param:
         parameters = {**parameters, **parse_parameters(pair, name=f"--param {pair}")}
     try:
-        Parameters(parameters)
+        ParameterStore(parameters)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     receiver_us = (CENTRE_US,) * (args.receiver or 0)

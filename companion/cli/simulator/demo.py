@@ -16,8 +16,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
-from companion.boat.load_run import EXAMPLES, Setup, load_setup
-from companion.cli.simulator.fleet import Boat
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
+from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
 from companion.cli.simulator.sim import add_world_arguments, world_arguments
 
@@ -49,7 +49,7 @@ def add_parser(commands) -> None:
 def demo(args: argparse.Namespace) -> int:
     """Drive, score, show; the exit code."""
     setup = load_setup(args.config)
-    boats = boats_of(args, setup, {}) or [Boat("", args.out, args.config)]
+    boats = boats_of(args, setup, {}) or [FleetBoat("", args.out, args.config)]
     try:
         for boat in boats:
             boat.folder.mkdir(parents=True, exist_ok=True)
@@ -68,7 +68,7 @@ def demo(args: argparse.Namespace) -> int:
     return 0 if len(passed) == len(boats) and all(passed) else 1
 
 
-def _score(boat: Boat, setup: Setup) -> bool:
+def _score(boat: FleetBoat, setup: RunSetup) -> bool:
     """How it went: summary, table, picture; whether every waypoint was passed."""
     from companion.cli.simulator import summary
 
@@ -87,7 +87,7 @@ def _score(boat: Boat, setup: Setup) -> bool:
 class _Pair:
     """A boat's two processes, simulator and companion. `name`: what their lines begin with."""
 
-    def __init__(self, boat: Boat, simulator: list[str], companion: list[str], name: str) -> None:
+    def __init__(self, boat: FleetBoat, simulator: list[str], companion: list[str], name: str) -> None:
         self._boat, self._stack = boat, contextlib.ExitStack()
         self._simulator = self._stack.enter_context(_process(simulator, name))
         self._companion = self._stack.enter_context(_process(companion, name))
@@ -112,7 +112,7 @@ class _Pair:
         self._stack.close()
 
 
-def _drive(args: argparse.Namespace, boats: Sequence[Boat], wires: Path) -> list[str | None]:
+def _drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) -> list[str | None]:
     """All boats, one started after the other, until each is done; what went wrong, or None, for each."""
     pairs: list[_Pair] = []
     with contextlib.ExitStack() as stack:
@@ -128,7 +128,7 @@ def _drive(args: argparse.Namespace, boats: Sequence[Boat], wires: Path) -> list
     return [pair.failure for pair in pairs]
 
 
-def _start(args: argparse.Namespace, boats: Sequence[Boat], k: int, wires: Path) -> _Pair:
+def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: Path) -> _Pair:
     """Both processes of boat k, in a world with a seed of its own."""
     boat, port, uwb = boats[k], _free_port(), wires / f"uwb-{k}"
     aritra = [sys.executable, "-m", "companion"]
@@ -140,15 +140,15 @@ def _start(args: argparse.Namespace, boats: Sequence[Boat], k: int, wires: Path)
     return _Pair(boat, [*aritra, "sim", *config, *world, *own], drive, boat.name if len(boats) > 1 else "")
 
 
-def _run_log(boat: Boat) -> Path:
+def _run_log(boat: FleetBoat) -> Path:
     return boat.folder / "run.mcap"
 
 
-def _truth_log(boat: Boat) -> Path:
+def _truth_log(boat: FleetBoat) -> Path:
     return boat.folder / "truth.mcap"
 
 
-def _of(boat: Boat) -> str:
+def _of(boat: FleetBoat) -> str:
     return f"{boat.name}: " if boat.name else ""
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from companion.boat.load_run import Setup
+from companion.boat.load_run import RunSetup
 from companion.boat.uplink.telemetry import boat_name
 from companion.core.configuration.run_file import RunFile, TelemetryLink
 from companion.core.configuration.tables import ConfigError
@@ -35,7 +35,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.-]{1,40}")
 
 
 @dataclass(frozen=True)
-class Wires:
+class FleetWires:
     """Where a boat's devices are: URLs as in a run file."""
 
     mavlink: str
@@ -43,7 +43,7 @@ class Wires:
 
 
 @dataclass(frozen=True)
-class Boat:
+class FleetBoat:
     """One of a fleet. `name`: in keys and in what is printed; `folder`: for its run file, logs and results."""
 
     name: str
@@ -70,8 +70,8 @@ def names_of(text: str, one: str) -> tuple[str, ...]:
 
 
 def fleet(
-    folders: Mapping[str, Path], setup: Setup, config: Path, shore: str | None, wires: Mapping[str, Wires]
-) -> list[Boat]:
+    folders: Mapping[str, Path], setup: RunSetup, config: Path, shore: str | None, wires: Mapping[str, FleetWires]
+) -> list[FleetBoat]:
     """Make folders, run files and keys of the boats. `folders`, `wires` (others than the run file's): by name.
 
     `shore`: endpoint that telemetry goes to, instead of the run file's. Raises ConfigError.
@@ -81,13 +81,15 @@ def fleet(
     return [_boat(name, setup.run, config, folder, shore, wires.get(name)) for name, folder in folders.items()]
 
 
-def default_name(setup: Setup) -> str:
+def default_name(setup: RunSetup) -> str:
     """What a boat alone would be called."""
     return boat_name(setup.run.telemetry or TelemetryLink(connect=(SHORE,)), setup.pilot.vessel.name)
 
 
-def _boat(name: str, run: RunFile, config: Path, folder: Path, shore: str | None, wires: Wires | None) -> Boat:
-    boat = Boat(name, folder, folder / RUN_FILE)
+def _boat(
+    name: str, run: RunFile, config: Path, folder: Path, shore: str | None, wires: FleetWires | None
+) -> FleetBoat:
+    boat = FleetBoat(name, folder, folder / RUN_FILE)
     run = absolute(run, config.parent)
     telemetry = _telemetry(run.telemetry, name, shore, where=str(config))
     if wires:

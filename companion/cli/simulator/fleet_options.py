@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from companion.boat.load_run import Setup
-from companion.cli.simulator.fleet import SHORE, Boat, Wires, default_name, fleet, names_of
+from companion.boat.load_run import RunSetup
+from companion.cli.simulator.fleet import SHORE, FleetBoat, FleetWires, default_name, fleet, names_of
 
 PORTS = 10
 """Between the ports of two boats: ArduPilot's own step from one instance to the next."""
@@ -29,14 +29,14 @@ def add_fleet_arguments(p: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return f
 
 
-def folders_of(args: argparse.Namespace, setup: Setup) -> dict[str, Path]:
+def folders_of(args: argparse.Namespace, setup: RunSetup) -> dict[str, Path]:
     """Folder of each boat by its name; empty: one boat, as the run file says. Raises ConfigError."""
     if args.boats is not None:
         return {name: args.out / name for name in names_of(args.boats, default_name(setup))}
     return {default_name(setup): args.out} if args.shore else {}
 
 
-def boats_of(args: argparse.Namespace, setup: Setup, wires: Mapping[str, Wires]) -> list[Boat]:
+def boats_of(args: argparse.Namespace, setup: RunSetup, wires: Mapping[str, FleetWires]) -> list[FleetBoat]:
     """The boats asked for, with a run file each; none: one boat, as the run file says. Raises ConfigError."""
     return fleet(folders_of(args, setup), setup, args.config, args.shore, wires)
 

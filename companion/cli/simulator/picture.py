@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from companion.cli.simulator.summary import Score
+from companion.cli.simulator.summary import DemoScore
 from companion.core.messages import LoopTiming, OverrideLease, PlanResult
 from companion.core.pilot.pilot import PilotSettings
 
@@ -19,7 +19,7 @@ THRUSTERS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 HULL_M = np.array([(0.75, 0.0), (0.45, 0.35), (-0.7, 0.35), (-0.7, -0.35), (0.45, -0.35)])
 
 
-def draw(score: Score, settings: PilotSettings, path: Path) -> None:
+def draw(score: DemoScore, settings: PilotSettings, path: Path) -> None:
     """Write the picture as PNG."""
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(12, 7.5), layout="constrained")
@@ -37,7 +37,7 @@ def draw(score: Score, settings: PilotSettings, path: Path) -> None:
         figure.savefig(path, dpi=110)
 
 
-def _headline(score: Score) -> str:
+def _headline(score: DemoScore) -> str:
     f = score.figures
     return (
         f"{f['waypoints_passed']} of {f['waypoints_total']} waypoints, cross-track {f['cross_track_rms_m']:.2f} m rms, "
@@ -45,7 +45,7 @@ def _headline(score: Score) -> str:
     )
 
 
-def _track(ax: Any, score: Score, settings: PilotSettings) -> None:
+def _track(ax: Any, score: DemoScore, settings: PilotSettings) -> None:
     track = score.track
     points = np.array(settings.mission.path.points)
     fence = np.array([*settings.site.fence, settings.site.fence[0]])
@@ -68,7 +68,7 @@ def _track(ax: Any, score: Score, settings: PilotSettings) -> None:
     ax.legend(loc="upper center", ncols=5, frameon=False, bbox_to_anchor=(0.5, -0.06))
 
 
-def _surge(ax: Any, score: Score) -> None:
+def _surge(ax: Any, score: DemoScore) -> None:
     t = score.track.t_s - score.track.t_s[0]
     ax.plot(t, score.track.u_ref, color=PATH, lw=1.0, label="asked for")
     ax.plot(t, score.track.truth[:, 3], color=TRUE, lw=1.2, label="true")
@@ -76,7 +76,7 @@ def _surge(ax: Any, score: Score) -> None:
     _label(ax, "surge u [m/s]", 3)
 
 
-def _sway_yaw(ax: Any, score: Score) -> None:
+def _sway_yaw(ax: Any, score: DemoScore) -> None:
     t = score.track.t_s - score.track.t_s[0]
     for column, colour, name in ((4, ESTIMATE, "v [m/s]"), (5, PATH, "r [rad/s]")):
         ax.plot(t, score.track.truth[:, column], color=colour, lw=1.2, label=f"{name} true")
@@ -84,7 +84,7 @@ def _sway_yaw(ax: Any, score: Score) -> None:
     _label(ax, "sway v, yaw rate r", 4)
 
 
-def _forces(ax: Any, score: Score, settings: PilotSettings) -> None:
+def _forces(ax: Any, score: DemoScore, settings: PilotSettings) -> None:
     leases = score.messages[OverrideLease]
     t = np.array([m.t_ns for m in leases]) * 1e-9 - score.track.t_s[0]
     forces = np.array([m.f_command_n for m in leases])
@@ -93,7 +93,7 @@ def _forces(ax: Any, score: Score, settings: PilotSettings) -> None:
     _label(ax, "force command [N]", 5)
 
 
-def _timing(ax: Any, score: Score) -> None:
+def _timing(ax: Any, score: DemoScore) -> None:
     start = score.track.t_s[0]
     plans, loops = score.messages[PlanResult], score.messages[LoopTiming]
     ax.plot([m.t_ns * 1e-9 - start for m in plans], [m.solve_time_s * 1e3 for m in plans],

@@ -14,12 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from companion.boat.load_run import EXAMPLES, Setup, load_setup
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.boat.recorder import Recorder
 from companion.cli.simulator.autopilot_options import add_autopilot_arguments, autopilot
 from companion.cli.simulator.firmware_options import add_firmware_arguments, check_options
-from companion.cli.simulator.fleet import Boat
-from companion.cli.simulator.fleet import Wires as Urls
+from companion.cli.simulator.fleet import FleetBoat
+from companion.cli.simulator.fleet import FleetWires as Urls
 from companion.cli.simulator.fleet_options import PORTS, add_fleet_arguments, boats_of, folders_of, place_of
 from companion.core.configuration.tables import ConfigError
 from companion.core.messages import Message
@@ -74,7 +74,7 @@ def world_arguments(args: argparse.Namespace) -> list[str]:
     return words
 
 
-def world_setup(args: argparse.Namespace, setup: Setup):
+def world_setup(args: argparse.Namespace, setup: RunSetup):
     """The world that the command line asks for, with the run file's boat and site."""
     import numpy as np
 
@@ -119,7 +119,7 @@ def sim(args: argparse.Namespace) -> int:
         return asyncio.run(_serve(worlds))
 
 
-def _fleet(args: argparse.Namespace, setup: Setup) -> list[argparse.Namespace]:
+def _fleet(args: argparse.Namespace, setup: RunSetup) -> list[argparse.Namespace]:
     """Each boat's own options, `boat` among them; empty: one boat."""
     (host, port), told = _address(args.udp_to), {}
     for k, name in enumerate(folders_of(args, setup)):
@@ -138,14 +138,14 @@ def _fleet(args: argparse.Namespace, setup: Setup) -> list[argparse.Namespace]:
     return list(told.values())
 
 
-def _truth_log(path: Path, setup: Setup) -> Recorder:
+def _truth_log(path: Path, setup: RunSetup) -> Recorder:
     offset_ns = time.time_ns() - time.monotonic_ns()
     metadata = log_metadata(setup.pilot.vessel.name, setup.files)
     return Recorder(path, metadata, time.monotonic_ns, wall_offset_ns=offset_ns)
 
 
-def _world(args: argparse.Namespace, setup: Setup, record: Callable[[Message], None]) -> World:
-    from sim.world.loopback import Wires, serve
+def _world(args: argparse.Namespace, setup: RunSetup, record: Callable[[Message], None]) -> World:
+    from sim.world.loopback import LoopbackWires, serve
     from sim.world.sitl.loopback import JsonWires, serve_firmware
 
     world, say = world_setup(args, setup), partial(_say, getattr(args, "boat", None))
@@ -153,7 +153,7 @@ def _world(args: argparse.Namespace, setup: Setup, record: Callable[[Message], N
         firmware = JsonWires(_address(args.ardupilot_json), args.uwb, args.speed)
         return partial(serve_firmware, world, args.seed, firmware, record, say)
     world = replace(world, **autopilot(args, setup.pilot.vessel))
-    wires = Wires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
+    wires = LoopbackWires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
     return partial(serve, world, args.seed, wires, record, say)
 
 
@@ -173,7 +173,7 @@ async def _serve(worlds: Sequence[World]) -> int:
     return 0
 
 
-def _say(boat: Boat | None, where: str) -> None:
+def _say(boat: FleetBoat | None, where: str) -> None:
     if boat is None:
         print(f"simulator: {where}", flush=True)
     else:

@@ -25,7 +25,7 @@ from companion.core.messages import (
 )
 from companion.core.pilot.pilot import PilotSettings
 from companion.logs.log_file import LogFile
-from sim.world.score import Track, estimation, station, track_of, tracking
+from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 
 KINDS = (
     GuidanceReference, LoopTiming, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
@@ -34,16 +34,16 @@ UNITS = {"_m": "m", "_m_s": "m/s", "_deg": "deg", "_ms": "ms", "_percent": "%", 
 
 
 @dataclass(frozen=True)
-class Score:
+class DemoScore:
     """`figures` go to summary.json; the rest is for the picture."""
 
     figures: dict[str, float | int]
-    track: Track
+    track: TrueTrack
     messages: dict[type[Message], list[Any]]
     truths: list[GroundTruth]
 
 
-def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> Score:
+def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoScore:
     """Read both logs and compute every figure."""
     messages: dict[type[Message], list[Any]] = {kind: [] for kind in KINDS}
     for message in LogFile(run_log).messages(*KINDS):
@@ -56,7 +56,7 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> Score:
     if len(track.t_s):
         pose = (*points[-1], end_heading(settings))
         figures |= tracking(track, points) | station(track, pose) | estimation(track)
-    return Score(figures | _timing(messages), track, messages, truths)
+    return DemoScore(figures | _timing(messages), track, messages, truths)
 
 
 def end_heading(settings: PilotSettings) -> float:
@@ -92,7 +92,7 @@ def finite(figures: dict[str, float | int]) -> dict[str, float | int | None]:
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}
 
 
-def show(score: Score, folder: Path) -> None:
+def show(score: DemoScore, folder: Path) -> None:
     """The figures as a table on the terminal."""
     table = Table(title="How it went", title_justify="left")
     table.add_column("figure")

@@ -34,7 +34,7 @@ class ForwardLink(Table, frozen=True, kw_only=True):
     writable: bool = False
 
 
-class VisionFeed(Table, frozen=True, kw_only=True):
+class VisionTable(Table, frozen=True, kw_only=True):
     """Our position for the autopilot's own filter, at `rate_Hz` at most; see docs/ground-station.md."""
 
     rate_Hz: Annotated[float, msgspec.Meta(ge=1, le=50)] = 10.0
@@ -126,7 +126,7 @@ class RunFile(Table, frozen=True, kw_only=True):
     mavlink: MavlinkLink
     uwb: UwbLink
     forward: ForwardLink | None = None
-    vision: VisionFeed | None = None
+    vision: VisionTable | None = None
     telemetry: TelemetryLink | None = None
     control: Control = Control()
     battery: BatteryLimits = BatteryLimits()

@@ -49,7 +49,7 @@ class FallbackSettings(Table, frozen=True, kw_only=True):
     """The PD law sees no larger error than this: a far path is approached, not jumped at."""
 
 
-class Command(NamedTuple):
+class FallbackCommand(NamedTuple):
     """Thruster forces [N], shape (n,), the rung they come from, and why no higher one."""
 
     f_n: np.ndarray
@@ -66,23 +66,23 @@ def command(
     *,
     step_s: float,
     settings: FallbackSettings,
-) -> Command:
+) -> FallbackCommand:
     """What to command now. `plan_age_s`: time since the instant that the plan's first state speaks of;
     `reference`: the row for now (`columns`); `step_s`: step of the plan. Never NaN, always within limits.
     """
     f, why = _from_plan(plan, plan_age_s, step_s, vessel, settings)
     if f is not None:
-        return Command(f, "plan" if plan_age_s <= settings.plan_age_s else "shifted_plan", why)
+        return FallbackCommand(f, "plan" if plan_age_s <= settings.plan_age_s else "shifted_plan", why)
     zero = np.zeros(len(vessel.thrusters))
     if estimate is None or estimate.health in ("initialising", "lost"):
-        return Command(zero, "neutral", f"{why}; no usable estimate")
+        return FallbackCommand(zero, "neutral", f"{why}; no usable estimate")
     if reference is None:
-        return Command(zero, "neutral", f"{why}; no reference")
+        return FallbackCommand(zero, "neutral", f"{why}; no reference")
     pose = (estimate.north_m, estimate.east_m, estimate.psi_rad)
     told = (*pose, estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s, *estimate.disturbance_n, *reference)
     if not (np.abs(told) <= LARGEST).all():
-        return Command(zero, "neutral", f"{why}; estimate or reference not finite, or beyond {LARGEST:g}")
-    return Command(allocate(pd_force(estimate, reference, vessel, settings), vessel), "pd", why)
+        return FallbackCommand(zero, "neutral", f"{why}; estimate or reference not finite, or beyond {LARGEST:g}")
+    return FallbackCommand(allocate(pd_force(estimate, reference, vessel, settings), vessel), "pd", why)
 
 
 def _from_plan(

@@ -24,8 +24,17 @@ from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.estimation.command_history import Command, active, later, trimmed
-from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_RANGE, LATENT, Belief, Entry, Fusible, Result
+from companion.core.estimation.command_history import TimedCommand, active, later, trimmed
+from companion.core.estimation.filter_state import (
+    B_ACCEL,
+    B_GYRO,
+    B_RANGE,
+    LATENT,
+    BufferedMeasurement,
+    FilterState,
+    Fusible,
+    Result,
+)
 from companion.core.estimation.health import assess
 from companion.core.estimation.inertial import Inertial
 from companion.core.estimation.kalman import Algebra
@@ -34,7 +43,7 @@ from companion.core.estimation.plausibility import screened
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
-from companion.core.estimation.start import Start, Starter
+from companion.core.estimation.start import FilterStart, Starter
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import ssa
 from companion.core.messages import (
@@ -61,9 +70,9 @@ class EstimatorState(msgspec.Struct, frozen=True):
     `uwb_zero_ns`: arrival of the first UWB message, from which a drifting stamp drifts.
     """
 
-    start: Start
-    commands: tuple[Command, ...]
-    history: tuple[Entry, ...] = ()
+    start: FilterStart
+    commands: tuple[TimedCommand, ...]
+    history: tuple[BufferedMeasurement, ...] = ()
     refused: Mapping[str, int] = msgspec.field(default_factory=dict)
     restarts: int = 0
     restart_reason: str = ""
@@ -88,7 +97,7 @@ class Estimator:
 
     def initial(self) -> EstimatorState:
         """State before any message; no force commanded yet."""
-        neutral = Command(-(1 << 62), np.zeros(len(self.vessel.thrusters)))
+        neutral = TimedCommand(-(1 << 62), np.zeros(len(self.vessel.thrusters)))
         return EstimatorState(self._starter.initial(), (neutral,))
 
     def command(self, state: EstimatorState, t_ns: int, f_command_n: tuple[float, ...]) -> EstimatorState:
@@ -147,7 +156,7 @@ class Estimator:
             disturbance_n=tuple(x[LATENT].tolist()), health=health, reason=reason,
         )  # fmt: skip
 
-    def belief(self, state: EstimatorState, t_ns: int) -> Belief | None:
+    def belief(self, state: EstimatorState, t_ns: int) -> FilterState | None:
         """The whole belief carried to t_ns (delivered forces included); None before the start."""
         if not state.history:
             return None
@@ -162,7 +171,7 @@ class Estimator:
         if belief is None:
             return state, ()
         belief, innovations = self._fuse(belief, m)
-        return replace(state, history=(Entry(t_ns, m, belief),)), innovations
+        return replace(state, history=(BufferedMeasurement(t_ns, m, belief),)), innovations
 
     def _insert(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
         """Fuse at t_ns (UWB after all else of that instant), then fuse again what comes after it."""
@@ -184,17 +193,17 @@ class Estimator:
         return replace(state, history=history, commands=trimmed(state.commands, history[0].t_ns)), innovations
 
     def _replay(
-        self, belief: Belief, messages: Sequence[tuple[int, Fusible]], state: EstimatorState
-    ) -> tuple[tuple[Entry, ...], tuple[Innovation, ...]]:
+        self, belief: FilterState, messages: Sequence[tuple[int, Fusible]], state: EstimatorState
+    ) -> tuple[tuple[BufferedMeasurement, ...], tuple[Innovation, ...]]:
         """Entries for messages in order of time, and the innovations of the first."""
         entries, first = [], None
         for t_ns, m in messages:
             belief, innovations = self._fuse(self._predictor.to(belief, t_ns, state.commands), m)
-            entries.append(Entry(t_ns, m, belief))
+            entries.append(BufferedMeasurement(t_ns, m, belief))
             first = innovations if first is None else first
         return tuple(entries), first or ()
 
-    def _fuse(self, belief: Belief, m: Fusible) -> Result:
+    def _fuse(self, belief: FilterState, m: Fusible) -> Result:
         """Belief after a message whose instant is the belief's own."""
         match m:
             case ImuSample():
@@ -207,7 +216,7 @@ class Estimator:
                 belief, innovations = self._uwb.fuse_position(belief, m)
         return weighed(belief, innovations, self.tuning), innovations
 
-    def _young(self, history: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""
         oldest_ns = history[-1].t_ns - round(self.tuning.history_s * 1e9)
         first = 0
@@ -231,7 +240,7 @@ class Estimator:
         )  # fmt: skip
 
 
-def _sound(belief: Belief) -> bool:
+def _sound(belief: FilterState) -> bool:
     """Whether all numbers are finite and no variance is negative."""
     return bool(np.isfinite(belief.x.sum() + belief.P.sum()) and (np.diagonal(belief.P) >= 0).all())
 
@@ -246,7 +255,7 @@ def _is_uwb(m: Fusible) -> bool:
     return isinstance(m, (UwbRanges, UwbPosition))
 
 
-def _known(history: tuple[Entry, ...], t_ns: int, m: Fusible) -> bool:
+def _known(history: tuple[BufferedMeasurement, ...], t_ns: int, m: Fusible) -> bool:
     """Whether a message of the same kind and origin already stands at this instant."""
     for entry in reversed(history):
         if entry.t_ns < t_ns:

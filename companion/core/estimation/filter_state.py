@@ -11,14 +11,14 @@ import msgspec
 import numpy as np
 
 from companion.core.estimation.gates import Gate
-from companion.core.estimation.ranging.ranges import Layout, Seen
+from companion.core.estimation.ranging.ranges import AnchorHistory, RangeLayout
 from companion.core.messages import Attitude, ImuSample, Innovation, UwbPosition, UwbRanges
 
 ETA, NU, LATENT = slice(0, 3), slice(3, 6), slice(6, 9)
 DYNAMIC = slice(0, 9)
 B_ACCEL, B_GYRO, B_PSI, B_RANGE = slice(9, 11), 11, 12, 13
 IMU_BIAS = slice(9, 12)
-LAYOUT = Layout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
+LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
 
 Fusible = ImuSample | Attitude | UwbRanges | UwbPosition
 
@@ -30,7 +30,7 @@ class Tilt(NamedTuple):
     theta_rad: float = 0.0
 
 
-class Belief(msgspec.Struct, frozen=True, kw_only=True):
+class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     """State x (13 + m,) with covariance P at t_ns; arrays are never changed in place.
 
     `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health. `doubt`: of what
@@ -45,22 +45,22 @@ class Belief(msgspec.Struct, frozen=True, kw_only=True):
     anchor_gates: tuple[Gate, ...]
     heading_gate: Gate
     position_gates: tuple[Gate, ...]
-    latest: tuple[Seen | None, ...]
+    latest: tuple[AnchorHistory | None, ...]
     imu_ns: int | None
     uwb_ns: int
     ranges_ns: int | None
     doubt: float = 0.0
 
 
-class Entry(NamedTuple):
+class BufferedMeasurement(NamedTuple):
     """One message at its own stamp, and the belief after it."""
 
     t_ns: int
     message: Fusible
-    belief: Belief
+    belief: FilterState
 
 
-Result = tuple[Belief, tuple[Innovation, ...]]
+Result = tuple[FilterState, tuple[Innovation, ...]]
 
 
 def report(t_ns: int, sensor: str, nu: np.ndarray, S: np.ndarray, accepted: bool) -> Innovation:

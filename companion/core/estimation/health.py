@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.core.estimation.filter_state import LAYOUT, Belief
+from companion.core.estimation.filter_state import LAYOUT, FilterState
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Health
 
@@ -20,7 +20,7 @@ def position_sigma_m(P: np.ndarray) -> float:
     return float(np.sqrt(half_sum + np.hypot(half_difference, P[i, j])))
 
 
-def assess(belief: Belief, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:
+def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:
     """Health and reason of a belief at t_ns; one that could not be carried so far is lost."""
     if t_ns > belief.t_ns:
         return "lost", "no sensor message for too long to carry the estimate on"

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu
-from companion.core.estimation.filter_state import B_PSI, DYNAMIC, IMU_BIAS, Belief, Result, Tilt, report
+from companion.core.estimation.filter_state import B_PSI, DYNAMIC, IMU_BIAS, FilterState, Result, Tilt, report
 from companion.core.estimation.gates import judge
 from companion.core.estimation.kalman import Algebra
 from companion.core.estimation.process import Process
@@ -41,7 +41,7 @@ class Inertial:
         self._imu_R = np.square([accel, accel, imu.gyro_sigma_rad_s])
         self._heading_R = np.array([[imu.heading_sigma_rad**2]])
 
-    def fuse_imu(self, belief: Belief, m: ImuSample) -> Result:
+    def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
         """Three numbers at once. An axis off by more than the limit is trusted less: R grows with nu^2."""
         expected, J = self._process.imu(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         a_x, a_y, _ = levelled(belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
@@ -57,7 +57,7 @@ class Inertial:
         innovation = report(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns), (innovation,)
 
-    def fuse_heading(self, belief: Belief, m: Attitude) -> Result:
+    def fuse_heading(self, belief: FilterState, m: Attitude) -> Result:
         """The autopilot's heading; roll and pitch are taken as they are."""
         belief = replace(belief, tilt=Tilt(m.phi_rad, m.theta_rad))
         nu = np.array([ssa(m.psi_rad - belief.x[2] - belief.x[B_PSI])])

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 from msgspec.structs import replace
 
-from companion.core.estimation.filter_state import LATENT, Belief
+from companion.core.estimation.filter_state import LATENT, FilterState
 from companion.core.estimation.ranging.ranges import widen
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Innovation
@@ -24,7 +24,7 @@ SLACK = 1.5
 """Errors half as large again in the mean square are let pass; assumed."""
 
 
-def weighed(belief: Belief, innovations: Iterable[Innovation], tuning: EstimatorTuning) -> Belief:
+def weighed(belief: FilterState, innovations: Iterable[Innovation], tuning: EstimatorTuning) -> FilterState:
     """The belief after its UWB innovations, in doubt or not."""
     if tuning.model_error is None or is_in_doubt(belief, tuning):
         return belief
@@ -39,6 +39,6 @@ def weighed(belief: Belief, innovations: Iterable[Innovation], tuning: Estimator
     return replace(belief, doubt=tuning.doubt_limit, P=P)
 
 
-def is_in_doubt(belief: Belief, tuning: EstimatorTuning) -> bool:
+def is_in_doubt(belief: FilterState, tuning: EstimatorTuning) -> bool:
     """Whether the trust has ended."""
     return belief.doubt >= tuning.doubt_limit

@@ -13,13 +13,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu
-from companion.core.estimation.command_history import Command, active, lagged
-from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, Belief
+from companion.core.estimation.command_history import TimedCommand, active, lagged
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, FilterState
 from companion.core.estimation.kalman import Algebra
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.model.integrate import Model
+from companion.core.model.integrate import VesselModel
 
 Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
@@ -50,13 +50,13 @@ class Predictor:
     """Constant parts of the prediction; `to` is pure."""
 
     def __init__(
-        self, process: Process, model: Model, imu: Imu, tuning: EstimatorTuning, algebra: Algebra, anchors: int
+        self, process: Process, model: VesselModel, imu: Imu, tuning: EstimatorTuning, algebra: Algebra, anchors: int
     ):
         self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
         self._tuning, self._algebra = tuning, algebra
         self._noise, self._wary = (noise_model(imu, tuning, anchors, wary=w) for w in (False, True))
 
-    def to(self, belief: Belief, t_ns: int, commands: tuple[Command, ...]) -> Belief:
+    def to(self, belief: FilterState, t_ns: int, commands: tuple[TimedCommand, ...]) -> FilterState:
         """Belief at t_ns; an earlier t_ns leaves it as it is. Steps end where a command takes over."""
         while belief.t_ns < t_ns:
             command_n, until_ns = active(commands, belief.t_ns)
@@ -65,7 +65,7 @@ class Predictor:
             belief = self._step(belief, belief.t_ns + (end_ns - belief.t_ns) // steps, command_n)
         return belief
 
-    def _step(self, belief: Belief, t_ns: int, command_n: np.ndarray) -> Belief:
+    def _step(self, belief: FilterState, t_ns: int, command_n: np.ndarray) -> FilterState:
         """One step of constant command and mean force."""
         dt_s = (t_ns - belief.t_ns) * 1e-9
         f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)

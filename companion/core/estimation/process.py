@@ -17,7 +17,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from companion.core.model.integrate import BufferedStep, Model, eta_dot, rk4
+from companion.core.model.integrate import BufferedStep, VesselModel, eta_dot, rk4
 
 STATES = 9
 
@@ -28,7 +28,7 @@ class Process:
     Both take `drive(f)`: what thruster forces f do, tau = B f, or f itself where that depends on the motion.
     """
 
-    def __init__(self, model: Model, imu_arm_m: tuple[float, float]):
+    def __init__(self, model: VesselModel, imu_arm_m: tuple[float, float]):
         self._B = model.B if model.is_linear_in_f else None
         self._step = BufferedStep(process_function(model))
         self._imu = BufferedStep(imu_function(model, imu_arm_m))
@@ -56,7 +56,7 @@ def _packed(value: ca.SX, s: ca.SX) -> ca.SX:
     return ca.densify(ca.vec(ca.horzcat(value, ca.jacobian(value, s))))
 
 
-def _driven(model: Model) -> tuple[ca.SX, Callable[[ca.SX, ca.SX], ca.SX]]:
+def _driven(model: VesselModel) -> tuple[ca.SX, Callable[[ca.SX, ca.SX], ca.SX]]:
     """The symbol for `Process.drive`, and (eta, nu) -> tau with it."""
     if model.is_linear_in_f:
         tau = ca.SX.sym("tau", 3)
@@ -65,7 +65,7 @@ def _driven(model: Model) -> tuple[ca.SX, Callable[[ca.SX, ca.SX], ca.SX]]:
     return f, lambda eta, nu: model.thrust(eta, nu, f)
 
 
-def process_function(model: Model) -> ca.Function:
+def process_function(model: VesselModel) -> ca.Function:
     """CasADi function (s, drive, dt) -> vec[s_next, ds_next/ds]; one Runge-Kutta step."""
     s, dt = ca.SX.sym("s", STATES), ca.SX.sym("dt")
     drive, tau = _driven(model)
@@ -79,7 +79,7 @@ def process_function(model: Model) -> ca.Function:
     return ca.Function("process", [s, drive, dt], [_packed(s_next, s)])
 
 
-def imu_function(model: Model, arm_m: tuple[float, float]) -> ca.Function:
+def imu_function(model: VesselModel, arm_m: tuple[float, float]) -> ca.Function:
     """CasADi function (s, drive) -> vec[(a_x, a_y, r), Jacobian]."""
     s = ca.SX.sym("s", STATES)
     drive, tau = _driven(model)

@@ -13,11 +13,11 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import Sensors
-from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, Belief, Fusible, Tilt
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, FilterState, Fusible, Tilt
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.inertial import levelled
 from companion.core.estimation.ranging.multilateration import locate
-from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, Seen, fresh
+from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistory, fresh
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position
 from companion.core.messages import Attitude, UwbPosition, UwbRanges
@@ -28,10 +28,10 @@ MIRROR_COST = 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class FilterStart:
     """What is known before the filter runs. `fix`: (t_ns, north, east) of the body origin."""
 
-    latest: tuple[Seen | None, ...]
+    latest: tuple[AnchorHistory | None, ...]
     heading: Attitude | None = None
     fix: tuple[int, float, float] | None = None
     reason: str = "waiting for heading and UWB"
@@ -45,11 +45,13 @@ class Starter:
         self._number = {a.id: i for i, a in enumerate(site.anchors)}
         self._anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
 
-    def initial(self) -> Start:
+    def initial(self) -> FilterStart:
         """Nothing known."""
-        return Start((None,) * len(self._number))
+        return FilterStart((None,) * len(self._number))
 
-    def take(self, start: Start, t_ns: int, m: Fusible, f_n: np.ndarray) -> tuple[Start, Belief | None]:
+    def take(
+        self, start: FilterStart, t_ns: int, m: Fusible, f_n: np.ndarray
+    ) -> tuple[FilterStart, FilterState | None]:
         """What is known after a message, and the first belief once there is enough."""
         if isinstance(m, Attitude):
             return replace(start, heading=m), None
@@ -57,14 +59,14 @@ class Starter:
             latest = list(start.latest)
             for r in m.ranges:
                 if r.anchor in self._number:
-                    latest[self._number[r.anchor]] = Seen(t_ns, r.range_m)
+                    latest[self._number[r.anchor]] = AnchorHistory(t_ns, r.range_m)
             start = replace(start, latest=tuple(latest))
             return self._judge(start, t_ns, self._place(start, t_ns), f_n)
         if isinstance(m, UwbPosition) and not any(start.latest):
             return self._judge(start, t_ns, (m.y_m, m.x_m), f_n)
         return start, None
 
-    def _place(self, start: Start, t_ns: int) -> tuple[float, float] | str:
+    def _place(self, start: FilterStart, t_ns: int) -> tuple[float, float] | str:
         """The tag's place [m], or why there is none."""
         use = fresh(start.latest, t_ns, self._tuning.fix_window_s)
         if len(use) < 3:
@@ -79,8 +81,8 @@ class Starter:
         return place_corrected(self._sensors.uwb, good[0].north_m, good[0].east_m)
 
     def _judge(
-        self, start: Start, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray
-    ) -> tuple[Start, Belief | None]:
+        self, start: FilterStart, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray
+    ) -> tuple[FilterStart, FilterState | None]:
         """Compare a fix with the one before."""
         if isinstance(place, str):
             return replace(start, reason=place), None
@@ -101,7 +103,7 @@ class Starter:
 
     def _belief(
         self, t_ns: int, origin_m: tuple[float, float], heading: Attitude, tilt: Tilt, f_n: np.ndarray
-    ) -> Belief:
+    ) -> FilterState:
         """First belief: at the fix, at rest; heading and its wander correlated as one reading leaves them."""
         imu, uwb, tuning = self._sensors.imu, self._sensors.uwb, self._tuning
         m = len(self._number)
@@ -114,7 +116,7 @@ class Starter:
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)
-        return Belief(
+        return FilterState(
             t_ns=t_ns, x=x, P=P, f_n=f_n, tilt=tilt, anchor_gates=(Gate(),) * m, heading_gate=Gate(),
             position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns, ranges_ns=None,
         )  # fmt: skip

@@ -21,7 +21,7 @@ import numpy as np
 from companion.core.geometry.frames import near, rotate, ssa, unrotate
 from companion.core.guidance.course import Course, plan_course, still
 from companion.core.guidance.path import SHORTEST_LEG_M, Path, Waypoint, crab_angle, ilos_rate, los_heading
-from companion.core.guidance.reference import GuidanceSettings, Track, Walker, course_rows, los_rows, turn
+from companion.core.guidance.reference import GuidanceSettings, ReferenceTrack, Walker, course_rows, los_rows, turn
 from companion.core.messages import GuidanceReference
 
 BACK_M = 0.5
@@ -175,10 +175,10 @@ def _floats(values: Sequence[float]) -> tuple[float, ...]:
     return tuple(map(float, values))
 
 
-def _track(state: GuidanceState, settings: GuidanceSettings, nu: Sequence[float]) -> Track:
+def _track(state: GuidanceState, settings: GuidanceSettings, nu: Sequence[float]) -> ReferenceTrack:
     assert state.course is not None, "idle guidance has no course"
     beta = crab_angle(nu[0], nu[1]) if settings.crab and state.phase == "leg" else 0.0
-    return Track(state.course, state.end_psi_rad, settings, state.y_int_m, beta)
+    return ReferenceTrack(state.course, state.end_psi_rad, settings, state.y_int_m, beta)
 
 
 def _advance(

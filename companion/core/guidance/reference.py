@@ -20,7 +20,7 @@ import numpy as np
 
 from companion.core.configuration.tables import Table
 from companion.core.geometry.frames import ssa, unrotate
-from companion.core.guidance.course import Course, Limits
+from companion.core.guidance.course import Course, SpeedLimits
 from companion.core.guidance.path import los_heading
 from companion.core.guidance.reference_row import Column
 
@@ -43,7 +43,7 @@ class GuidanceSettings(Table, frozen=True, kw_only=True):
     settle_m: float = 0.3
     settle_deg: float = 5.0
     settle_s: float = 3.0
-    limits: Limits = Limits()
+    limits: SpeedLimits = SpeedLimits()
 
     def __post_init__(self) -> None:
         for name in ("lookahead_m", "station_ramp_m", "lag_rad", "settle_m", "settle_deg"):
@@ -55,7 +55,7 @@ class GuidanceSettings(Table, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Track:
+class ReferenceTrack:
     """What does not change over a horizon: course, heading at its end, ILOS integral and crab angle."""
 
     course: Course
@@ -91,7 +91,7 @@ class Walker(NamedTuple):
     y_e_m: float
 
 
-def turn(track: Track, walker: Walker, dt_s: float) -> Walker:
+def turn(track: ReferenceTrack, walker: Walker, dt_s: float) -> Walker:
     """`walker` with heading and speed brought towards what its place on the course asks for, in `dt_s`."""
     limits = track.settings.limits
     psi_d = track.heading(walker.s_m, walker.y_e_m)
@@ -102,7 +102,7 @@ def turn(track: Track, walker: Walker, dt_s: float) -> Walker:
     return walker._replace(psi_rad=psi, u_m_s=u)
 
 
-def walk(track: Track, walker: Walker, dt_s: float) -> Walker:
+def walk(track: ReferenceTrack, walker: Walker, dt_s: float) -> Walker:
     """`walker` `dt_s` later: along the course, then turned."""
     angle = track.course.at(walker.s_m)[2]
     ahead = walker.u_m_s * max(0.0, math.cos(angle - walker.psi_rad)) * dt_s
@@ -116,7 +116,7 @@ def walk(track: Track, walker: Walker, dt_s: float) -> Walker:
     )
 
 
-def course_rows(track: Track, walker: Walker, times_s: Sequence[float]) -> np.ndarray:
+def course_rows(track: ReferenceTrack, walker: Walker, times_s: Sequence[float]) -> np.ndarray:
     """Rows of `walker` walked through `times_s`, shape (len(times_s), 8); psi continuous, r its rate."""
     rows = np.zeros((len(times_s), len(Column)))
     for k, t in enumerate(times_s):

@@ -17,7 +17,7 @@ import numpy as np
 ETA, NU, FORCES = slice(0, 3), slice(3, 6), slice(6, None)
 
 
-class Model(Protocol):
+class VesselModel(Protocol):
     """What the plant, the filter and the NMPC ask of a vessel model."""
 
     @property
@@ -55,7 +55,7 @@ def eta_dot(eta: Any, nu: Any) -> Any:
     return ca.vertcat(c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2])
 
 
-def state_rate(model: Model, x: Any, f_cmd: Any, tau_ext: Any) -> Any:
+def state_rate(model: VesselModel, x: Any, f_cmd: Any, tau_ext: Any) -> Any:
     """dx/dt, shape (6 + n,). `f_cmd` [N] after the dead time; `tau_ext`: body force [N, N, N m]."""
     eta, nu, f = x[ETA], x[NU], x[FORCES]
     tau = model.thrust(eta, nu, f) + tau_ext
@@ -77,7 +77,7 @@ def rk4(rate: Any, x: Any, h: float, steps: int = 1) -> Any:
     return x
 
 
-def step_function(model: Model, h: float, steps: int = 1) -> ca.Function:
+def step_function(model: VesselModel, h: float, steps: int = 1) -> ca.Function:
     """CasADi function (x, f_cmd, tau_ext) -> x after `h` seconds."""
     n = model.B.shape[1]
     x, f_cmd, tau_ext = ca.SX.sym("x", 6 + n), ca.SX.sym("f_cmd", n), ca.SX.sym("tau_ext", 3)

@@ -23,7 +23,7 @@ RHO_AIR = 1.225  # kg/m^3, ISA at sea level and 15 C
 
 
 @dataclass(frozen=True)
-class Parameter:
+class LoadParameter:
     """One number of a term: its unit, default and the bounds within which it makes sense.
 
     `fitted`: a property of the boat, to be estimated from its logs where a vessel file has the term.
@@ -44,7 +44,7 @@ class Term:
 
     name: str
     equation: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[LoadParameter, ...]
     water_velocity: Callable[[Mapping[str, Any], Any], tuple[Any, Any]] | None = None
     force: Callable[[Mapping[str, Any], Any, Any, Any], tuple[Any, Any, Any]] | None = None
     hull_force: Callable[[Mapping[str, Any], Any], tuple[Any, Any, Any]] | None = None
@@ -108,8 +108,8 @@ REGISTRY: dict[str, Term] = {
             "current",
             "nu_c = R(psi)^T V_c [cos beta_c, sin beta_c]; the hull feels nu_r = nu - nu_c",
             (
-                Parameter("V_c_m_s", "m/s", 0.0, 0.0, 2.0, "speed of the water over ground"),
-                Parameter("beta_c_deg", "deg", 0.0, -360.0, 360.0, "direction it flows towards, from north"),
+                LoadParameter("V_c_m_s", "m/s", 0.0, 0.0, 2.0, "speed of the water over ground"),
+                LoadParameter("beta_c_deg", "deg", 0.0, -360.0, 360.0, "direction it flows towards, from north"),
             ),
             water_velocity=_current,
         ),
@@ -118,34 +118,34 @@ REGISTRY: dict[str, Term] = {
             "X = -c_x cos(gamma) q A_F, Y = c_y sin(gamma) q A_L, N = c_n sin(2 gamma) q A_L L, "
             "q = rho V_rw^2 / 2, gamma = -atan2(v_rw, u_rw)",
             (
-                Parameter("V_w_m_s", "m/s", 0.0, 0.0, 25.0, "wind speed"),
-                Parameter("beta_w_deg", "deg", 0.0, -360.0, 360.0, "direction it comes from, from north"),
-                Parameter("c_x", "1", 0.7, 0.0, 2.0, "longitudinal coefficient; Fossen 0.5-0.9 for ships"),
-                Parameter("c_y", "1", 0.9, 0.0, 2.0, "lateral coefficient; Fossen 0.7-0.95 for ships"),
-                Parameter("c_n", "1", 0.1, -0.5, 0.5, "yaw coefficient; Fossen 0.05-0.2 for ships"),
+                LoadParameter("V_w_m_s", "m/s", 0.0, 0.0, 25.0, "wind speed"),
+                LoadParameter("beta_w_deg", "deg", 0.0, -360.0, 360.0, "direction it comes from, from north"),
+                LoadParameter("c_x", "1", 0.7, 0.0, 2.0, "longitudinal coefficient; Fossen 0.5-0.9 for ships"),
+                LoadParameter("c_y", "1", 0.9, 0.0, 2.0, "lateral coefficient; Fossen 0.7-0.95 for ships"),
+                LoadParameter("c_n", "1", 0.1, -0.5, 0.5, "yaw coefficient; Fossen 0.05-0.2 for ships"),
             ),
             force=_wind,
         ),
         Term(
             "speed_damping",
             "N = N_ur |u_r| r: turning is damped the more the faster the boat goes ahead or astern",
-            (Parameter("N_ur_N_s2", "N s2", 0.0, -1000.0, 0.0, "yaw moment of |u_r| r", fitted=True),),
+            (LoadParameter("N_ur_N_s2", "N s2", 0.0, -1000.0, 0.0, "yaw moment of |u_r| r", fitted=True),),
             hull_force=_speed_damping,
         ),
         Term(
             "munk_moment",
             "N = k u_r v_r: a slender hull turns across the flow",
-            (Parameter("k_kg", "kg", 0.0, -500.0, 500.0, "yaw moment of u_r v_r", fitted=True),),
+            (LoadParameter("k_kg", "kg", 0.0, -500.0, 500.0, "yaw moment of u_r v_r", fitted=True),),
             hull_force=_munk_moment,
         ),
         Term(
             "tether",
             "F = stiffness max(d - slack, 0) towards the anchor, at the body origin; d: distance to the anchor",
             (
-                Parameter("north_m", "m", 0.0, -1000.0, 1000.0, "place of the anchor, site axes"),
-                Parameter("east_m", "m", 0.0, -1000.0, 1000.0, "the same, east"),
-                Parameter("slack_m", "m", 0.0, 0.0, 1000.0, "length up to which the tether hangs loose"),
-                Parameter("stiffness_N_m", "N/m", 0.0, 0.0, 1000.0, "force per metre beyond that"),
+                LoadParameter("north_m", "m", 0.0, -1000.0, 1000.0, "place of the anchor, site axes"),
+                LoadParameter("east_m", "m", 0.0, -1000.0, 1000.0, "the same, east"),
+                LoadParameter("slack_m", "m", 0.0, 0.0, 1000.0, "length up to which the tether hangs loose"),
+                LoadParameter("stiffness_N_m", "N/m", 0.0, 0.0, 1000.0, "force per metre beyond that"),
             ),
             force=_tether,
         ),
@@ -153,10 +153,10 @@ REGISTRY: dict[str, Term] = {
             "shallow_zone",
             "D (1 + share w), w = (1 - tanh((d / radius - 1) / 0.1)) / 2; d: distance to the middle of the zone",
             (
-                Parameter("north_m", "m", 0.0, -1000.0, 1000.0, "middle of the zone, site axes"),
-                Parameter("east_m", "m", 0.0, -1000.0, 1000.0, "the same, east"),
-                Parameter("radius_m", "m", 1.0, 0.01, 1000.0, "where half of it is felt"),
-                Parameter("share", "1", 0.0, -0.9, 20.0, "extra damping inside over that outside"),
+                LoadParameter("north_m", "m", 0.0, -1000.0, 1000.0, "middle of the zone, site axes"),
+                LoadParameter("east_m", "m", 0.0, -1000.0, 1000.0, "the same, east"),
+                LoadParameter("radius_m", "m", 1.0, 0.01, 1000.0, "where half of it is felt"),
+                LoadParameter("share", "1", 0.0, -0.9, 20.0, "extra damping inside over that outside"),
             ),
             damping_factor=_shallow_zone,
         ),

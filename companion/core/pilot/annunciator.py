@@ -15,7 +15,7 @@ HEALED_NS = 2_000_000_000
 
 
 @dataclass(frozen=True)
-class Lookout:
+class Annunciator:
     """What was last told. `degraded_ns`: since when the estimate has not been healthy for `HEALED_NS` in one go;
 
     `healthy_ns`: since when it is healthy.
@@ -28,7 +28,7 @@ class Lookout:
     healthy_ns: int | None = None
 
 
-def at_estimate(seen: Lookout, estimate: StateEstimate) -> tuple[Lookout, list[Alert]]:
+def at_estimate(seen: Annunciator, estimate: StateEstimate) -> tuple[Annunciator, list[Alert]]:
     """Tell a change of health, with its reason."""
     t_ns, changed = estimate.t_ns, estimate.health != seen.health
     healthy_ns = (seen.healthy_ns or t_ns) if estimate.health == "healthy" else None
@@ -43,7 +43,7 @@ def at_estimate(seen: Lookout, estimate: StateEstimate) -> tuple[Lookout, list[A
     return seen, [Alert(t_ns=estimate.t_ns, level=level, text=text)]
 
 
-def at_lease(seen: Lookout, lease: OverrideLease) -> tuple[Lookout, list[Alert]]:
+def at_lease(seen: Annunciator, lease: OverrideLease) -> tuple[Annunciator, list[Alert]]:
     """Tell when the fallback ladder is entered, changed or left."""
     before, seen = seen.source, replace(seen, source=lease.source)
     if lease.source == before or "neutral" in (before, lease.source):
@@ -54,7 +54,7 @@ def at_lease(seen: Lookout, lease: OverrideLease) -> tuple[Lookout, list[Alert]]
     return seen, [Alert(t_ns=lease.t_ns, level="warning", text=text)]
 
 
-def at_ranges(seen: Lookout, ranges: UwbRanges, anchors: tuple[str, ...]) -> tuple[Lookout, list[Alert]]:
+def at_ranges(seen: Annunciator, ranges: UwbRanges, anchors: tuple[str, ...]) -> tuple[Annunciator, list[Alert]]:
     """Tell, once each, of anchors that the site file does not know: their ranges are not used."""
     new = {r.anchor for r in ranges.ranges} - set(anchors) - seen.strangers
     if not new:
@@ -64,7 +64,7 @@ def at_ranges(seen: Lookout, ranges: UwbRanges, anchors: tuple[str, ...]) -> tup
     return replace(seen, strangers=seen.strangers | new), [alert]
 
 
-def blind(seen: Lookout, t_ns: int, limit_s: float) -> str | None:
+def blind(seen: Annunciator, t_ns: int, limit_s: float) -> str | None:
     """Why the boat may not go on with a degraded estimate, or None."""
     if seen.health != "degraded" or seen.degraded_ns is None or t_ns - seen.degraded_ns <= limit_s * 1e9:
         return None

@@ -21,17 +21,17 @@ HEARTBEAT_LOST_NS = 3_000_000_000
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class AutopilotState:
     """What is known of the autopilot, and when something was last asked of it."""
 
     heartbeat: Heartbeat | None = None
     asked_ns: int | None = None
 
 
-UNKNOWN = Vehicle()
+UNKNOWN = AutopilotState()
 
 
-def hear(vehicle: Vehicle, heartbeat: Heartbeat) -> tuple[Vehicle, list[tuple[Event, str]]]:
+def hear(vehicle: AutopilotState, heartbeat: Heartbeat) -> tuple[AutopilotState, list[tuple[Event, str]]]:
     """A heartbeat, and what it takes away of what the one before showed, in words."""
     before, events = vehicle.heartbeat, []
     if before is not None and before.armed and not heartbeat.armed:
@@ -41,7 +41,7 @@ def hear(vehicle: Vehicle, heartbeat: Heartbeat) -> tuple[Vehicle, list[tuple[Ev
     return replace(vehicle, heartbeat=heartbeat), events
 
 
-def silence(vehicle: Vehicle, t_ns: int) -> str | None:
+def silence(vehicle: AutopilotState, t_ns: int) -> str | None:
     """Why the autopilot counts as lost, or None."""
     if vehicle.heartbeat is None:
         return "no heartbeat from the autopilot yet"
@@ -51,7 +51,7 @@ def silence(vehicle: Vehicle, t_ns: int) -> str | None:
     return None
 
 
-def prepare(vehicle: Vehicle, t_ns: int) -> tuple[Vehicle, list[VehicleRequest], str]:
+def prepare(vehicle: AutopilotState, t_ns: int) -> tuple[AutopilotState, list[VehicleRequest], str]:
     """One tick on the way to driving: what to ask for now, and what is waited for (empty: ready)."""
     heartbeat = vehicle.heartbeat
     if heartbeat is None:

@@ -11,9 +11,9 @@ from companion.core.configuration.run_file import Control
 from companion.core.geometry.fence import Fence
 from companion.core.messages import StateEstimate, Tick
 from companion.core.pilot import annunciator
-from companion.core.pilot.annunciator import Lookout
+from companion.core.pilot.annunciator import Annunciator
 from companion.core.pilot.modes import Event
-from companion.core.pilot.monitors.battery import Pack
+from companion.core.pilot.monitors.battery import BatteryState
 
 BACK_M = 0.3
 """A boat is back once it is so far inside the fence; assumed: a position of UWB jitters by 0.1 m."""
@@ -24,7 +24,7 @@ PLANLESS_NS = 5_000_000_000
 
 
 @dataclass(frozen=True)
-class Watch:
+class ConditionMonitor:
     """`outside`: of the fence, as last known; `late_ticks` in a row; `since_ns`: the controller drives since."""
 
     outside: bool = False
@@ -32,7 +32,7 @@ class Watch:
     since_ns: int | None = None
 
 
-def unfit(estimate: StateEstimate, seen: Lookout, blind_s: float) -> str | None:
+def unfit(estimate: StateEstimate, seen: Annunciator, blind_s: float) -> str | None:
     """Why the estimate cannot be driven by, or None."""
     if estimate.health not in ("healthy", "degraded"):
         return f"state estimate {estimate.health}: {estimate.reason}"
@@ -40,15 +40,15 @@ def unfit(estimate: StateEstimate, seen: Lookout, blind_s: float) -> str | None:
 
 
 def at_tick(
-    watch: Watch,
+    watch: ConditionMonitor,
     tick: Tick,
     estimate: StateEstimate,
-    seen: Lookout,
+    seen: Annunciator,
     fence: Fence,
-    pack: Pack,
+    pack: BatteryState,
     control: Control,
     plan_ns: int,
-) -> tuple[Watch, dict[Event, str]]:
+) -> tuple[ConditionMonitor, dict[Event, str]]:
     """Conditions at a tick. `plan_ns`: of when the latest usable plan speaks."""
     t_ns, found = estimate.t_ns, dict[Event, str]()
     if why := unfit(estimate, seen, control.blind_s):
@@ -71,7 +71,7 @@ def at_tick(
     return watch, found
 
 
-def _at_fence(watch: Watch, estimate: StateEstimate, fence: Fence) -> tuple[Watch, float | None]:
+def _at_fence(watch: ConditionMonitor, estimate: StateEstimate, fence: Fence) -> tuple[ConditionMonitor, float | None]:
     """Outside or not, and the room [m]; without an estimate as last known."""
     if estimate.health not in ("healthy", "degraded"):
         return watch, None

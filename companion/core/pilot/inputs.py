@@ -46,7 +46,7 @@ from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 Handler = Callable[[PilotState, Any, int], tuple[PilotState, Outputs]]
 
 
-class Hearing:
+class InputHandler:
     """Settings and estimator; all that changes is in PilotState.
 
     `channels`: of the thrusters, then those held still.

@@ -134,7 +134,7 @@ _HINTS: dict[Event, str] = {
 }
 
 
-class Outcome(NamedTuple):
+class ModeOutcome(NamedTuple):
     """One entry of the table. `next` may be `wanted`."""
 
     next: Mode | Literal["wanted"]
@@ -145,19 +145,19 @@ class Outcome(NamedTuple):
         return "as wanted" if self.next == "wanted" else THRUSTERS[self.next]
 
 
-def _parse(text: str) -> dict[tuple[Mode, Event], Outcome]:
+def _parse(text: str) -> dict[tuple[Mode, Event], ModeOutcome]:
     header, *lines = (line.split() for line in text.splitlines() if line.strip())
     assert tuple(header) == MODES, "the columns are the modes in their order"
     table: dict = {}
     for event, *cells in lines:
         for mode, cell in zip(MODES, cells, strict=True):
-            table[mode, event] = Outcome(mode if cell == "." else cell)  # pyright: ignore[reportArgumentType]
+            table[mode, event] = ModeOutcome(mode if cell == "." else cell)  # pyright: ignore[reportArgumentType]
     assert len(table) == len(MODES) * len(EVENTS) and {e for _, e in table} == set(EVENTS), "every pair, once"
     assert {o.next for o in table.values()} <= {*MODES, "wanted"}, "entries are modes"
     return table
 
 
-TABLE: Mapping[tuple[Mode, Event], Outcome] = _parse(_ROWS)
+TABLE: Mapping[tuple[Mode, Event], ModeOutcome] = _parse(_ROWS)
 """(mode, event) -> outcome, for every pair."""
 
 
@@ -181,7 +181,7 @@ def sentence(mode: Mode, event: Event, after: Mode, why: str) -> str:
 
 
 @dataclass(frozen=True)
-class Helm:
+class ModeState:
     """Who steers. `wanted`: what `starting` is for; `why`: the last change, or what is waited for, in words;
     `lasting`: conditions that were there at the last look.
     """
@@ -207,10 +207,10 @@ class Helm:
         return NEEDS[self.wanted if self.mode == "starting" else self.mode]
 
 
-AT_REST = Helm()
+AT_REST = ModeState()
 
 
-def apply(helm: Helm, event: Event, why: str, t_ns: int) -> tuple[Helm, list[Alert]]:
+def apply(helm: ModeState, event: Event, why: str, t_ns: int) -> tuple[ModeState, list[Alert]]:
     """One event through the table: what steers now, and what there is to tell. `why`: the event in words."""
     entry = TABLE[helm.mode, event].next
     after: Mode = helm.wanted if entry == "wanted" else entry
@@ -227,7 +227,7 @@ def apply(helm: Helm, event: Event, why: str, t_ns: int) -> tuple[Helm, list[Ale
     return replace(helm, mode=after, wanted=wanted, why=text if changed or after == "starting" else helm.why), told
 
 
-def look(helm: Helm, conditions: Mapping[Event, str], t_ns: int) -> tuple[Helm, list[Alert]]:
+def look(helm: ModeState, conditions: Mapping[Event, str], t_ns: int) -> tuple[ModeState, list[Alert]]:
     """One tick: conditions that began or ended since the last, and those that the mode may not have.
 
     `conditions`: those there are now, each in words.
@@ -249,6 +249,6 @@ def look(helm: Helm, conditions: Mapping[Event, str], t_ns: int) -> tuple[Helm, 
     return replace(helm, lasting=frozenset(conditions)), told
 
 
-def waits_for(helm: Helm, conditions: Mapping[Event, str]) -> str | None:
+def waits_for(helm: ModeState, conditions: Mapping[Event, str]) -> str | None:
     """What still stands against the mode that is asked for, in words."""
     return next((conditions[event] for event in EVENTS if event in conditions and event in helm.needs), None)

@@ -16,10 +16,10 @@ from companion.core.estimation.estimator import Estimator
 from companion.core.messages import Message, PlanDeadline, PlanResult, StateEstimate, Tick
 from companion.core.pilot import annunciator, autopilot_state, manual_control, modes, transitions
 from companion.core.pilot import conditions as watch
-from companion.core.pilot.inputs import Handler, Hearing
+from companion.core.pilot.inputs import Handler, InputHandler
 from companion.core.pilot.monitors import battery, link_latency, override_monitor
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
-from companion.core.pilot.thrust_command import Driving
+from companion.core.pilot.thrust_command import ThrustCommander
 
 __all__ = ["Pilot", "PilotSettings", "PilotState"]
 
@@ -32,8 +32,8 @@ class Pilot:
         vessel = settings.vessel
         self.channels = (*(t.channel for t in vessel.thrusters), *settings.control.neutral_channels)
         self._estimator, self._fence = Estimator(vessel, settings.site), settings.fence
-        self._hearing = Hearing(settings, self._estimator, self.channels)
-        self._driving = Driving(settings, self._estimator, self.channels)
+        self._hearing = InputHandler(settings, self._estimator, self.channels)
+        self._driving = ThrustCommander(settings, self._estimator, self.channels)
         self._handlers: Mapping[type[Message], Handler] = {
             **self._hearing.handlers(),
             Tick: self._tick,
@@ -46,7 +46,7 @@ class Pilot:
         vessel = self.settings.vessel
         return PilotState(
             estimator=self._estimator.initial(),
-            pack=battery.Pack(vessel.propulsion.nominal_voltage_V),
+            pack=battery.BatteryState(vessel.propulsion.nominal_voltage_V),
             f_command_n=(0.0,) * len(vessel.thrusters),
         )
 

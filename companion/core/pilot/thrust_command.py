@@ -42,7 +42,7 @@ REMEMBERED_TICKS = 20
 """Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
 
 
-class Driving:
+class ThrustCommander:
     """Settings, estimator and what is compiled for them; all that changes is in PilotState."""
 
     def __init__(self, settings: PilotSettings, estimator: Estimator, channels: tuple[int, ...]):

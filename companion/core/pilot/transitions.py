@@ -8,7 +8,7 @@ from dataclasses import replace
 from companion.core.guidance import guidance
 from companion.core.messages import ModeStatus
 from companion.core.pilot import manual_control, modes
-from companion.core.pilot.modes import THRUSTERS, Event, Helm
+from companion.core.pilot.modes import THRUSTERS, Event, ModeState
 from companion.core.pilot.state import Outputs, PilotState
 
 TOLD_NS = 1_000_000_000
@@ -30,7 +30,7 @@ def events(state: PilotState, found: Sequence[tuple[Event, str]], t_ns: int) -> 
     return state, outputs
 
 
-def steered(state: PilotState, helm: Helm, t_ns: int) -> PilotState:
+def steered(state: PilotState, helm: ModeState, t_ns: int) -> PilotState:
     """Another mode begins with nothing of the one before but the plan between two modes of the controller."""
     before, now = state.helm.mode, helm.mode
     state = replace(state, helm=helm)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from companion.core.preflight.rows import RENAMED, Level, Parameters, Row, number, numbers
+from companion.core.preflight.rows import RENAMED, Level, ParameterSet, Row, number, numbers
 from companion.core.preflight.wiring import (
     BAND_US,
     DRIVING,
@@ -57,14 +57,14 @@ def wanted(companion: Companion) -> tuple[str, ...]:
     return (*_SINGLE, *RENAMED.values(), *servos, *channels, *(VISION if companion.vision else ()))
 
 
-def wanted_more(p: Parameters) -> tuple[str, ...]:
+def wanted_more(p: ParameterSet) -> tuple[str, ...]:
     """What else to ask for, now that these are known: outputs 17 to 32 where they are in use."""
     if not p.whole("SERVO_32_ENABLE"):
         return ()
     return tuple(f"SERVO{n}_{key}" for n in range(OUTPUTS + 1, MORE_OUTPUTS + 1) for key in _SERVO)
 
 
-def parameter_rows(p: Parameters, companion: Companion) -> list[Row]:
+def parameter_rows(p: ParameterSet, companion: Companion) -> list[Row]:
     """All rows. Where next to nothing was told there is one row, which refuses."""
     if p.get("SERVO1_FUNCTION") is None:
         why = "without its parameters nobody can say whether the boat stops when the companion dies"
@@ -77,7 +77,7 @@ def parameter_rows(p: Parameters, companion: Companion) -> list[Row]:
 # --- outputs ---------------------------------------------------------------------------------------
 
 
-def _thrusters(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _thrusters(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """Which outputs carry the thrusters."""
     if plain := w.of("plain"):
         yield _functions(
@@ -109,7 +109,7 @@ def _thrusters(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
                    "set SERVO8_FUNCTION to 109 (an unused pin as Script16)")  # fmt: skip
 
 
-def _trims(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _trims(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """Where an output falls when it is cut."""
     cut = [o for o in w.outputs if o.kind in ("scaled", "script") and o.thruster is not None]
     cut += [o for o in w.outputs if o.kind == "motor"] if w.omni else []
@@ -122,7 +122,7 @@ def _trims(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
     yield _each("SERVO", "TRIM", values, bad, level, "1500", why, "set it to 1500")
 
 
-def _scaled(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _scaled(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """What scaled outputs need beyond that."""
     if not (scaled := w.of("scaled")):
         return
@@ -149,7 +149,7 @@ def _scaled(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
             yield _row(name, "warning", found, "one to one", why, "load deploy/ardupilot/scaled.param")
 
 
-def _script(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _script(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """What the Lua gate needs."""
     if w.of("script"):
         level: Level = "ok" if p.get("SCR_ENABLE") == 1 else "refuse"
@@ -157,7 +157,7 @@ def _script(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
         yield _row("SCR_ENABLE", level, number(p.get("SCR_ENABLE")), "1", why, "set it to 1 and reboot")
 
 
-def _omni(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _omni(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """What the mixer needs."""
     if w.omni:
         yield from _is(p, "FRAME_TYPE", 2, "warning", "2 is the Omni-X mixer; with another one nothing is put out")
@@ -167,7 +167,7 @@ def _omni(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
 # --- fail-safes ------------------------------------------------------------------------------------
 
 
-def _failsafes(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _failsafes(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """What notices that the companion is gone."""
     value = p.get("FS_THR_ENABLE")
     why = "1 notices 0.5 s after the last override; 0 BELIEVES THE LAST OVERRIDE FOR EVER, gate and mixer pass it on"
@@ -187,7 +187,7 @@ def _failsafes(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
     yield _row("FS_GCS_ENABLE", "ok" if value else "warning", number(value), "1", why, "" if value else "set it to 1")
 
 
-def _overrides(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _overrides(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """Whether overrides are taken at all, and for how long."""
     name, value = p.spelled("SYSID_MYGCS"), p.get("SYSID_MYGCS")
     mine = companion.system_id
@@ -212,7 +212,7 @@ def _overrides(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
             yield _row(name, "warning", number(p.get(name)), "bit 0 clear", why, "set it to 0")
 
 
-def _override_time(p: Parameters, companion: Companion) -> Row:
+def _override_time(p: ParameterSet, companion: Companion) -> Row:
     value = p.get("RC_OVERRIDE_TIME")
     why = "with an RC receiver the companion's last pulses stay so long [s] after it died"
     level: Level = "ok"
@@ -234,7 +234,7 @@ def _override_time(p: Parameters, companion: Companion) -> Row:
 # --- what channels do besides ----------------------------------------------------------------------
 
 
-def _channels(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _channels(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """Overridden channels must not arm, change modes or throw switches."""
     thrusters = {channel for _, channel in companion.thrusters}
     rudder, roll = p.get("ARMING_RUDDER"), p.whole("RCMAP_ROLL", 1)
@@ -266,7 +266,7 @@ def _channels(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
         yield _each("RC", "OPTION", options, bad, level, "0", why, "set it to 0")
 
 
-def _rest(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _rest(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """What does not decide about stopping, but about a good day."""
     value = p.get("BRD_SAFETY_DEFLT")
     if value:
@@ -285,7 +285,7 @@ def _rest(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
     yield from _loop(p, w, companion)
 
 
-def _loop(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _loop(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     rate = p.get("SCHED_LOOP_RATE")
     fine = rate is not None and rate >= GOOD_LOOP_HZ
     why = "messages come at 80 % of it at most, and the estimator wants 50 Hz"
@@ -300,7 +300,7 @@ def _loop(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
         yield _row("control.latency_s", "ok" if fine else "warning", found, needed, why, fix)
 
 
-def _vision(p: Parameters, w: Wiring, companion: Companion) -> Iterator[Row]:
+def _vision(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """What the autopilot needs to make use of our position."""
     if companion.vision:
         why = "the autopilot's own filter then follows the position that we send ([vision] of the run file)"
@@ -315,7 +315,7 @@ def _row(name: str, level: Level, found: str, needed: str, why: str, fix: str) -
     return Row(area=AREA, name=name, level=level, found=found, needed=needed, why=why, fix="" if level == "ok" else fix)
 
 
-def _is(p: Parameters, name: str, value: float, otherwise: Level, why: str) -> Iterator[Row]:
+def _is(p: ParameterSet, name: str, value: float, otherwise: Level, why: str) -> Iterator[Row]:
     """A parameter that should have one value."""
     told = p.get(name)
     yield _row(name, "ok" if told == value else otherwise, number(told), f"{value:g}", why, f"set it to {value:g}")
@@ -330,12 +330,12 @@ def _each(
     return _row(f"{stem}{numbers(shown)}_{key}", level, found, needed, why, fix)
 
 
-def _functions(p: Parameters, outputs: tuple[Output, ...], level: Level, needed: str, why: str, fix: str) -> Row:
+def _functions(p: ParameterSet, outputs: tuple[Output, ...], level: Level, needed: str, why: str, fix: str) -> Row:
     values = {o.number: o.function for o in outputs}
     name, found = f"SERVO{numbers(values)}_FUNCTION", numbers(values.values())
     return _row(name, level, f"{found} ({outputs[0].kind})", needed, why, fix)
 
 
-_RULES: tuple[Callable[[Parameters, Wiring, Companion], Iterator[Row]], ...] = (
+_RULES: tuple[Callable[[ParameterSet, Wiring, Companion], Iterator[Row]], ...] = (
     _thrusters, _trims, _scaled, _script, _omni, _failsafes, _overrides, _channels, _rest, _vision,
 )  # fmt: skip

@@ -15,7 +15,7 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.ranging.multilateration import locate
 from companion.core.messages import Innovation
-from companion.core.preflight.observations import Heard
+from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, Row
 
 START_ANCHORS = 3
@@ -33,7 +33,7 @@ NO_ROOM_BYTES, LITTLE_ROOM_BYTES = 50e6, 1e9
 """A log takes some 0.26 GB an hour (measured, docs/logs.md)."""
 
 
-def estimator_rows(heard: Heard) -> Iterator[Row]:
+def estimator_rows(heard: Observations) -> Iterator[Row]:
     """Did the boat's own filter start, and do its sensors agree with it?"""
     e = heard.estimate
     health = e.health if e else "initialising"
@@ -68,7 +68,7 @@ def estimator_rows(heard: Heard) -> Iterator[Row]:
 # --- UWB -------------------------------------------------------------------------------------------
 
 
-def uwb_rows(heard: Heard, site: Site, vessel: VesselFile) -> Iterator[Row]:
+def uwb_rows(heard: Observations, site: Site, vessel: VesselFile) -> Iterator[Row]:
     """Anchors heard, where they stand as seen from the boat, and how well their ranges agree."""
     if not heard.ranges and not heard.positions:
         yield Row(
@@ -89,7 +89,7 @@ def uwb_rows(heard: Heard, site: Site, vessel: VesselFile) -> Iterator[Row]:
         yield from _geometry(anchors_m, ranges_m, [a.id for a in known], vessel)
 
 
-def _medians(heard: Heard) -> dict[str, float]:
+def _medians(heard: Observations) -> dict[str, float]:
     told: dict[str, list[float]] = {}
     for cycle in heard.ranges:
         for r in cycle.ranges:
@@ -97,7 +97,7 @@ def _medians(heard: Heard) -> dict[str, float]:
     return {anchor: statistics.median(values) for anchor, values in told.items()}
 
 
-def _anchors(heard: Heard, site: Site, medians: Mapping[str, float], rate_hz: float) -> Iterator[Row]:
+def _anchors(heard: Observations, site: Site, medians: Mapping[str, float], rate_hz: float) -> Iterator[Row]:
     mine = [a.id for a in site.anchors]
     silent, strangers = [a for a in mine if a not in medians], sorted(set(medians) - set(mine))
     known = len(mine) - len(silent)
@@ -162,7 +162,7 @@ def _geometry(anchors_m: np.ndarray, ranges_m: np.ndarray, ids: list[str], vesse
     )  # fmt: skip
 
 
-def _positions(heard: Heard, site: Site) -> Row:
+def _positions(heard: Observations, site: Site) -> Row:
     """A tag that computes positions itself (site ENU)."""
     norths, easts = [m.y_m for m in heard.positions], [m.x_m for m in heard.positions]
     north, east = statistics.median(norths), statistics.median(easts)
@@ -179,7 +179,7 @@ def _positions(heard: Heard, site: Site) -> Row:
 # --- battery, disk, configuration ------------------------------------------------------------------
 
 
-def battery_rows(heard: Heard, nominal_v: float, low_v: float | None, critical_v: float | None) -> Iterator[Row]:
+def battery_rows(heard: Observations, nominal_v: float, low_v: float | None, critical_v: float | None) -> Iterator[Row]:
     """Voltage at rest. `low_v`, `critical_v`: the run file's limits where it has some."""
     b = heard.battery
     empty_v, low_v = critical_v or EMPTY_SHARE * nominal_v, low_v or LOW_SHARE * nominal_v
@@ -199,7 +199,7 @@ def battery_rows(heard: Heard, nominal_v: float, low_v: float | None, critical_v
     )  # fmt: skip
 
 
-def disk_rows(heard: Heard) -> Iterator[Row]:
+def disk_rows(heard: Observations) -> Iterator[Row]:
     """Can a log be written, and for how long?"""
     d = heard.disk
     if d.problem:

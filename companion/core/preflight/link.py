@@ -9,8 +9,8 @@ import re
 import statistics
 from collections.abc import Iterator
 
-from companion.core.preflight.observations import Heard
-from companion.core.preflight.rows import Level, Parameters, Row, numbers
+from companion.core.preflight.observations import Observations
+from companion.core.preflight.rows import Level, ParameterSet, Row, numbers
 from companion.core.preflight.wiring import BAND_US, NEUTRAL_US, Companion, Output, wiring
 
 BOAT = 11
@@ -30,7 +30,7 @@ OLD_WALL_S = 1_735_689_600.0
 _GATE = re.compile(r"gate: thrusters on channels ([\d ]+)")
 
 
-def link_rows(heard: Heard, companion: Companion) -> Iterator[Row]:
+def link_rows(heard: Observations, companion: Companion) -> Iterator[Row]:
     """Is there an autopilot, and which; do its messages come fast enough; do the clocks agree."""
     beat = heard.heartbeat
     if beat is None:
@@ -60,7 +60,7 @@ def link_rows(heard: Heard, companion: Companion) -> Iterator[Row]:
     yield from _clocks(heard)
 
 
-def _firmware(heard: Heard) -> Row:
+def _firmware(heard: Observations) -> Row:
     version = heard.info.flight_sw_version if heard.info else 0
     major, minor, patch = version >> 24, version >> 16 & 255, version >> 8 & 255
     known = major == 4 and minor in KNOWN_MINORS
@@ -72,7 +72,7 @@ def _firmware(heard: Heard) -> Row:
     )  # fmt: skip
 
 
-def _streams(heard: Heard) -> Iterator[Row]:
+def _streams(heard: Observations) -> Iterator[Row]:
     denies = heard.info is not None and (heard.info.flight_sw_version >> 16 & 0xFFFF) >= 0x0407
     how = "4.7 denies" if denies else "4.6 silently caps"
     for name, wanted in heard.wanted_hz.items():
@@ -86,7 +86,7 @@ def _streams(heard: Heard) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _clocks(heard: Heard) -> Iterator[Row]:
+def _clocks(heard: Observations) -> Iterator[Row]:
     trips = heard.round_trips
     if trips:
         quick_s = 1.5 * min(t.took_s for t in trips) + 0.001
@@ -121,7 +121,7 @@ def _clocks(heard: Heard) -> Iterator[Row]:
 # --- at rest ---------------------------------------------------------------------------------------
 
 
-def rest_rows(heard: Heard, p: Parameters, companion: Companion) -> Iterator[Row]:
+def rest_rows(heard: Observations, p: ParameterSet, companion: Companion) -> Iterator[Row]:
     """Armed, mode, what it would complain of, what leaves its outputs, and whether a pilot's receiver is there."""
     beat = heard.heartbeat
     if beat is None:
@@ -149,7 +149,7 @@ def rest_rows(heard: Heard, p: Parameters, companion: Companion) -> Iterator[Row
         yield from _receiver(heard.rc.pwm_us, p, companion)
 
 
-def _gate_texts(heard: Heard, companion: Companion) -> Iterator[Row]:
+def _gate_texts(heard: Observations, companion: Companion) -> Iterator[Row]:
     mine = [channel for _, channel in companion.thrusters]
     for text in heard.texts:
         if not text.text.startswith("gate: "):
@@ -165,7 +165,7 @@ def _gate_texts(heard: Heard, companion: Companion) -> Iterator[Row]:
             )  # fmt: skip
 
 
-def _resting(pulses_us: tuple[int, ...], p: Parameters, companion: Companion) -> Iterator[Row]:
+def _resting(pulses_us: tuple[int, ...], p: ParameterSet, companion: Companion) -> Iterator[Row]:
     """What leaves the thrusters' outputs while disarmed."""
     w = wiring(p, companion)
     motors = tuple(o for o in w.outputs if o.kind == "motor") if w.omni else ()
@@ -205,7 +205,7 @@ def receiver_seen(pulses_us: tuple[int, ...], companion: Companion) -> bool:
     return bool(told) and not any(channel in told for _, channel in companion.thrusters)
 
 
-def _receiver(pulses_us: tuple[int, ...], p: Parameters, companion: Companion) -> Iterator[Row]:
+def _receiver(pulses_us: tuple[int, ...], p: ParameterSet, companion: Companion) -> Iterator[Row]:
     """A pilot's receiver has the thrusters' channels once the companion is silent."""
     w = wiring(p, companion)
     if not receiver_seen(pulses_us, companion):

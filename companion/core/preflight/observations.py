@@ -43,7 +43,7 @@ class Disk:
 
 
 @dataclass(frozen=True)
-class Heard:
+class Observations:
     """Everything. `rates_hz`, `wanted_hz`: by MAVLink message type; `lost`: frames missing of `received`.
 
     `estimate`, `innovations`: what the boat's own filter made of it; `notes`: warnings of the configuration;

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
-from companion.core.preflight.rows import Parameters
+from companion.core.preflight.rows import ParameterSet
 
 _REBOOT = re.compile(
     r"SCR_ENABLE|SCHED_LOOP_RATE|FRAME_CLASS|FRAME_TYPE|BRD_\w+|SERVO_32_ENABLE|SERVO\d+_FUNCTION|MAV_SYSID|SYSID_THISMAV"
@@ -36,7 +36,7 @@ def same(a: float, b: float) -> bool:
 
 def changes(told: Mapping[str, float], wanted: Mapping[str, float]) -> list[Change]:
     """What differs between an autopilot and a file, in the file's order; names as the autopilot spells them."""
-    p = Parameters(told)
+    p = ParameterSet(told)
     found = [Change(name=p.spelled(name), found=p.get(name), wanted=value) for name, value in wanted.items()]
     return [c for c in found if c.found is None or not same(c.found, c.wanted)]
 

@@ -40,7 +40,7 @@ def worst(rows: Iterable[Row]) -> Level:
 
 
 @dataclass(frozen=True)
-class Parameters:
+class ParameterSet:
     """What an autopilot has told of its parameters. Ask by the name of 4.6."""
 
     values: Mapping[str, float]

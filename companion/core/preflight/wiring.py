@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from companion.core.preflight.rows import Parameters
+from companion.core.preflight.rows import ParameterSet
 
 Kind = Literal["plain", "scaled", "script", "motor", "other"]
 
@@ -82,7 +82,7 @@ class Wiring:
         return motors == set(MOTORS) and not self.kinds
 
 
-def wiring(p: Parameters, companion: Companion) -> Wiring:
+def wiring(p: ParameterSet, companion: Companion) -> Wiring:
     """Read the outputs of a set of parameters."""
     outputs = tuple(_outputs(p, companion))
     carried = {o.thruster for o in outputs}
@@ -90,12 +90,12 @@ def wiring(p: Parameters, companion: Companion) -> Wiring:
     return Wiring(outputs, missing)
 
 
-def output_names(p: Parameters) -> range:
+def output_names(p: ParameterSet) -> range:
     """Numbers of the outputs that there are."""
     return range(1, (MORE_OUTPUTS if p.whole("SERVO_32_ENABLE") else OUTPUTS) + 1)
 
 
-def _outputs(p: Parameters, companion: Companion) -> Iterator[Output]:
+def _outputs(p: ParameterSet, companion: Companion) -> Iterator[Output]:
     channels = [channel for _, channel in companion.thrusters]
     for n in output_names(p):
         if function := p.whole(f"SERVO{n}_FUNCTION"):
@@ -124,7 +124,7 @@ def _kind(function: int, number: int) -> tuple[Kind, int | None]:
     return ("motor" if function in MOTORS else "other"), None
 
 
-def scaled_us(p: Parameters, output: Output, value_us: float) -> float:
+def scaled_us(p: ParameterSet, output: Output, value_us: float) -> float:
     """What a scaled output makes of a channel's pulse width [us]: RCn_MIN/TRIM/MAX/DZ/REVERSED, then SERVOn_*."""
     rc, servo = f"RC{output.channel}", f"SERVO{output.number}"
     low, trim, high = p.whole(f"{rc}_MIN", 1100), p.whole(f"{rc}_TRIM", 1500), p.whole(f"{rc}_MAX", 1900)

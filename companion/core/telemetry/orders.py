@@ -4,8 +4,8 @@ An order is a zenoh query on `aritra/<boat>/command`: its payload an `Order` as 
 
     HMAC-SHA256(key, "aritra-order-1" 0 boat 0 payload)
 
-where the boat has a key; the reply is an `Outcome`. Against replays an order names the run of the boat's program, an
-instant on **the boat's own clock** (as telemetry tells it; nobody's wall clock has to be right), its sender's session
+where the boat has a key; the reply is an `OrderOutcome`. Against replays an order names the run of the boat's program,
+an instant on **the boat's own clock** (as telemetry tells it; nobody's wall clock has to be right), its sender's session
 and a counter that only goes up. Believed is what is signed, of this run, newer than the session's last, and at most
 5 s old; a stop at most a minute: late by a bad radio it is still right to stop. Who repeats an order word for word,
 because no answer came, gets the same answer again, and nothing is done twice.
@@ -68,7 +68,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     mission: MissionFile | None = None
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+class OrderOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """The boat's answer. `done`: the pilot has it; `waiting`: it begins when the autopilot has been checked.
 
     `code`: the reason for programs, `text` for people; `mode`, `why`: the boat's afterwards, null where refused unread.
@@ -86,7 +86,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     repeated: bool = False
 
 
-class Refused(Exception):
+class OrderRefused(Exception):
     """An order that is not obeyed: code and text of its Outcome."""
 
     def __init__(self, code: Code, text: str) -> None:
@@ -98,7 +98,7 @@ class Refused(Exception):
 class Repeated(Exception):
     """The same order again. `outcome`: what came of it; None: that is not known yet."""
 
-    def __init__(self, outcome: Outcome | None) -> None:
+    def __init__(self, outcome: OrderOutcome | None) -> None:
         super().__init__("repeated")
         self.outcome = outcome
 
@@ -108,10 +108,10 @@ def seal(key: bytes, boat: str, payload: bytes) -> bytes:
     return hmac.digest(key, b"\0".join((b"aritra-order-1", boat.encode(), payload)), "sha256")
 
 
-def read_outcome(data: bytes) -> Outcome:
+def read_outcome(data: bytes) -> OrderOutcome:
     """JSON -> Outcome. Raises ValueError."""
     try:
-        return msgspec.json.decode(data, type=Outcome)
+        return msgspec.json.decode(data, type=OrderOutcome)
     except msgspec.MsgspecError as error:
         raise ValueError(f"not an outcome: {error}") from None
 
@@ -155,10 +155,10 @@ class _Session:
 
     def __init__(self, counter: int, digest: bytes, seen_ns: int) -> None:
         self.counter, self.digest, self.seen_ns = counter, digest, seen_ns
-        self.outcome: Outcome | None = None
+        self.outcome: OrderOutcome | None = None
 
 
-class Gate:
+class OrderGate:
     """Which orders are believed. `key`: None: unsigned ones, too; then who may send is the router's to decide."""
 
     def __init__(self, boat: str, run: str, key: bytes | None) -> None:
@@ -175,20 +175,22 @@ class Gate:
         """The order in `payload`, believed. Raises Refused or Repeated."""
         order = self._read(payload, attachment)
         if order.run != self.run:
-            raise Refused("wrong_run", "meant for another run of the boat's program: it was started anew since")
+            raise OrderRefused("wrong_run", "meant for another run of the boat's program: it was started anew since")
         digest = hashlib.sha256(payload).digest()
         known = self._sessions.get(order.session)
         if known and known.counter == order.counter and known.digest == digest:
             raise Repeated(known.outcome)
         if known and order.counter <= known.counter:
-            raise Refused("replayed", f"counter {order.counter}, and {known.counter} of this session was heard already")
+            raise OrderRefused(
+                "replayed", f"counter {order.counter}, and {known.counter} of this session was heard already"
+            )
         age_s, window_s = (now_ns - order.t_ns) * 1e-9, STOP_WINDOW_S if order.command == "stop" else WINDOW_S
         if not -AHEAD_S <= age_s <= window_s:
-            raise Refused("late", f"{age_s:.1f} s old by the boat's clock, at most {window_s:g} s are believed")
+            raise OrderRefused("late", f"{age_s:.1f} s old by the boat's clock, at most {window_s:g} s are believed")
         self._remember(order, digest, now_ns)
         return order
 
-    def finish(self, order: Order, outcome: Outcome) -> None:
+    def finish(self, order: Order, outcome: OrderOutcome) -> None:
         """What came of an order, for whoever asks again."""
         known = self._sessions.get(order.session)
         if known and known.counter == order.counter:
@@ -196,17 +198,17 @@ class Gate:
 
     def _read(self, payload: bytes, attachment: bytes | None) -> Order:
         if len(payload) > MAX_BYTES:
-            raise Refused("too_long", f"longer than {MAX_BYTES} bytes")
+            raise OrderRefused("too_long", f"longer than {MAX_BYTES} bytes")
         if self._key is not None and not hmac.compare_digest(attachment or b"", seal(self._key, self.boat, payload)):
-            raise Refused("unsigned", "not signed with this boat's command key")
+            raise OrderRefused("unsigned", "not signed with this boat's command key")
         try:
             order = self._decoder.decode(payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise Refused("malformed", f"not an order: {str(error)[:200]}") from None
+            raise OrderRefused("malformed", f"not an order: {str(error)[:200]}") from None
         if order.v > VERSION:
-            raise Refused("version", f"version {order.v}, the boat knows {VERSION}")
+            raise OrderRefused("version", f"version {order.v}, the boat knows {VERSION}")
         if (order.mission is not None) != (order.command == "load_mission"):
-            raise Refused("malformed", "not an order: `mission` belongs to load_mission, and to nothing else")
+            raise OrderRefused("malformed", "not an order: `mission` belongs to load_mission, and to nothing else")
         return order
 
     def _remember(self, order: Order, digest: bytes, now_ns: int) -> None:
@@ -216,5 +218,5 @@ class Gate:
         if order.session not in self._sessions and len(self._sessions) >= SESSIONS:
             if order.command == "stop":
                 return  # to stop twice does no harm
-            raise Refused("crowded", f"more than {SESSIONS} senders within a minute")
+            raise OrderRefused("crowded", f"more than {SESSIONS} senders within a minute")
         self._sessions[order.session] = _Session(order.counter, digest, now_ns)

@@ -26,7 +26,7 @@ Pose = tuple[float, float, float]
 """(north [m], east [m], heading [rad])."""
 
 
-class Told(msgspec.Struct, frozen=True, kw_only=True):
+class ShoreMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Base of all: see above."""
 
     v: int = VERSION
@@ -54,7 +54,7 @@ class AnchorAbout(msgspec.Struct, frozen=True, kw_only=True):
     east_m: float
 
 
-class About(Told, frozen=True, kw_only=True):
+class About(ShoreMessage, frozen=True, kw_only=True):
     """Topic `about`, once a run: what does not change.
 
     `unix_minus_t_ns`: added to a `t_ns` gives the boat's idea of Unix time, which may be wrong. `within`: polygons the
@@ -80,7 +80,7 @@ class About(Told, frozen=True, kw_only=True):
     beam_m: float | None = None
 
 
-class StateNow(Told, frozen=True, kw_only=True):
+class StateNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `state`, at the full rate: the estimate. Pose, body velocities over ground, disturbance [N, N, N m].
 
     `covariance`: upper triangle, row by row, of the 6 x 6 of [x y psi u v r]: 21 numbers (`square` unfolds them).
@@ -98,7 +98,7 @@ class StateNow(Told, frozen=True, kw_only=True):
     reason: str
 
 
-class ThrustersNow(Told, frozen=True, kw_only=True):
+class ThrustersNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `thrusters`, at the full rate: the lease. In the order of `About.thrusters`.
 
     `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`: what the
@@ -112,7 +112,7 @@ class ThrustersNow(Told, frozen=True, kw_only=True):
     output_us: tuple[int, ...] | None
 
 
-class ReferenceNow(Told, frozen=True, kw_only=True):
+class ReferenceNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `reference`, at half the rate while guidance steers: leg, errors to it, and what is asked for now."""
 
     phase: str
@@ -126,7 +126,7 @@ class ReferenceNow(Told, frozen=True, kw_only=True):
     east_ref_m: float
 
 
-class PathNow(Told, frozen=True, kw_only=True):
+class PathNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `path`, at the start and when another mission was loaded: the reference path, in straight legs.
 
     `end_heading_rad`: null: that of the last leg. `origin`: where the mission came from.
@@ -138,7 +138,7 @@ class PathNow(Told, frozen=True, kw_only=True):
     origin: Literal["run file", "shore"]
 
 
-class HorizonNow(Told, frozen=True, kw_only=True):
+class HorizonNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `horizon`, at half the rate: what the NMPC expects, from where a command sent at `t_ns` begins to act.
 
     `poses`: predicted, `step_s` apart; `reference`: places of the path that belong to them. `status`: the solver's.
@@ -162,13 +162,13 @@ class RangeNow(msgspec.Struct, frozen=True, kw_only=True):
     accepted: bool | None
 
 
-class RangesNow(Told, frozen=True, kw_only=True):
+class RangesNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `ranges`, each tag cycle, twice a second at most: its UWB ranges."""
 
     ranges: tuple[RangeNow, ...]
 
 
-class ModeNow(Told, frozen=True, kw_only=True):
+class ModeNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `mode`, at every change and once a second. `driving`: the thrusters may turn.
 
     `armed`, `autopilot_mode`: of the last heartbeat (Rover: 0 MANUAL, 4 HOLD), null before the first.
@@ -181,21 +181,21 @@ class ModeNow(Told, frozen=True, kw_only=True):
     autopilot_mode: int | None
 
 
-class AlertTold(Told, frozen=True, kw_only=True):
+class AlertTold(ShoreMessage, frozen=True, kw_only=True):
     """Topic `alert`, each: something a person should know."""
 
     level: Literal["info", "warning", "error"]
     text: str
 
 
-class ChecksNow(Told, frozen=True, kw_only=True):
+class ChecksNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `checks`, once the autopilot's parameters were judged: the rows of `aritra check` known on the boat."""
 
     level: Level
     rows: tuple[Row, ...]
 
 
-class ExcitationNow(Told, frozen=True, kw_only=True):
+class ExcitationNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `excitation`, twice a second while one is flown."""
 
     phase: str
@@ -212,7 +212,7 @@ class Spread(msgspec.Struct, frozen=True, kw_only=True):
     max_ms: float | None
 
 
-class TimingNow(Told, frozen=True, kw_only=True):
+class TimingNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `timing`, once a second: loop, solver, process, and this telemetry itself.
 
     `leases`: how many by source; `solves`: by status. `cpu_percent` of one core, `rss_mb` in 1e6 bytes, null before
@@ -238,14 +238,14 @@ class LinkNow(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
 
 
-class LinksNow(Told, frozen=True, kw_only=True):
+class LinksNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `links`, once a second. `ages_s`: since the last heartbeat, imu, attitude and uwb; null: never."""
 
     links: tuple[LinkNow, ...]
     ages_s: dict[str, float | None]
 
 
-class BatteryNow(Told, frozen=True, kw_only=True):
+class BatteryNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `battery`, once a second. `age_s`: of the autopilot's last word on it."""
 
     voltage_v: float
@@ -254,7 +254,7 @@ class BatteryNow(Told, frozen=True, kw_only=True):
     age_s: float
 
 
-TOPICS: dict[str, type[Told]] = {
+TOPICS: dict[str, type[ShoreMessage]] = {
     "about": About,
     "state": StateNow,
     "thrusters": ThrustersNow,
@@ -275,7 +275,7 @@ _DECODERS = {name: msgspec.json.Decoder(kind) for name, kind in TOPICS.items()}
 _ENCODER = msgspec.json.Encoder()
 
 
-def topic_of(told: Told) -> str:
+def topic_of(told: ShoreMessage) -> str:
     """Name of a struct's topic."""
     return _NAMES[type(told)]
 
@@ -295,12 +295,12 @@ def alive_key(boat: str) -> str:
     return f"{KEYSPACE}/{boat}/alive"
 
 
-def encode(told: Told) -> bytes:
+def encode(told: ShoreMessage) -> bytes:
     """Struct -> JSON."""
     return _ENCODER.encode(told)
 
 
-def decode(topic: str, data: bytes) -> Told:
+def decode(topic: str, data: bytes) -> ShoreMessage:
     """JSON of a topic -> struct. Raises ValueError: unknown topic, newer version, or not what the topic promises."""
     if topic not in _DECODERS:
         raise ValueError(f"unknown telemetry topic {topic!r}: this program is older than the boat's")

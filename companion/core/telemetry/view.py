@@ -56,7 +56,7 @@ def wants(message: Message) -> bool:
     return type(message) in _SEE
 
 
-class View:
+class TelemetryView:
     """What is known of one run, and when each topic was last told. `rate_hz`: of the fastest topics."""
 
     def __init__(self, settings: PilotSettings, who: Who, rate_hz: float) -> None:
@@ -79,7 +79,7 @@ class View:
         self._second = _Second()
         self._alerts: list[int] = []
 
-    def begin(self, t_ns: int) -> list[shore.Told]:
+    def begin(self, t_ns: int) -> list[shore.ShoreMessage]:
         """What is told at the start: the boat, and its path."""
         return [topics.about(self._who, self._settings, t_ns), self._path_now(t_ns)]
 
@@ -87,7 +87,7 @@ class View:
         """The pre-flight rows, once they are known."""
         return shore.ChecksNow(**self._head(t_ns), level=worst(rows), rows=tuple(rows))
 
-    def see(self, message: Message) -> list[shore.Told]:
+    def see(self, message: Message) -> list[shore.ShoreMessage]:
         """Note one message; what is to be published now."""
         if note := _SEE.get(type(message)):
             return note(self, message) or []
@@ -127,7 +127,7 @@ class View:
         self._keep(message)
         self._loaded = message
 
-    def _alert(self, message: Alert) -> list[shore.Told]:
+    def _alert(self, message: Alert) -> list[shore.ShoreMessage]:
         self._alerts = [t_ns for t_ns in self._alerts if message.t_ns - t_ns < S]
         if len(self._alerts) >= ALERTS_S:
             self.dropped += 1
@@ -135,16 +135,16 @@ class View:
         self._alerts.append(message.t_ns)
         return [shore.AlertTold(**self._head(message.t_ns), level=message.level, text=cut(message.text))]
 
-    def _mode(self, message: ModeStatus) -> list[shore.Told]:
+    def _mode(self, message: ModeStatus) -> list[shore.ShoreMessage]:
         return [topics.mode(self._who.run, message, self._last.get(Heartbeat))]
 
-    def _tick_over(self, message: LoopTiming) -> list[shore.Told]:
+    def _tick_over(self, message: LoopTiming) -> list[shore.ShoreMessage]:
         """The lease has gone out: everything that is due."""
         now, second = message.t_ns, self._second
         second.late_ms.append(message.lateness_ms)
         if message.imu_to_override_ms is not None:
             second.imu_ms.append(message.imu_to_override_ms)
-        told: list[shore.Told] = []
+        told: list[shore.ShoreMessage] = []
         for kind, make in _MAKE.items():
             if self._is_due(kind, now) and (made := make(self, now)) is not None:
                 self._due_ns[kind] = max(self._due_ns.get(kind, now) + self._periods_ns[kind], now)
@@ -236,7 +236,7 @@ _AGED: dict[str, tuple[type[Message], ...]] = {
     "attitude": (Attitude,),
     "uwb": (UwbRanges, UwbPosition),
 }
-_RATED: dict[type[shore.Told], int] = {
+_RATED: dict[type[shore.ShoreMessage], int] = {
     shore.StateNow: 1,
     shore.ThrustersNow: 1,
     shore.ReferenceNow: 2,
@@ -245,34 +245,34 @@ _RATED: dict[type[shore.Told], int] = {
 }
 """Topic -> how many times the shortest period lies between two of it."""
 _SLOW = (shore.TimingNow, shore.LinksNow, shore.BatteryNow)
-_MAKE: dict[type[shore.Told], Callable[[View, int], shore.Told | None]] = {
-    shore.StateNow: View._state,
-    shore.ThrustersNow: View._thrusters,
-    shore.ReferenceNow: View._reference,
-    shore.HorizonNow: View._horizon_now,
-    shore.PathNow: View._path,
-    shore.ExcitationNow: View._excitation,
-    shore.RangesNow: View._ranges,
-    shore.TimingNow: View._timing,
-    shore.LinksNow: View._links_now,
-    shore.BatteryNow: View._battery,
+_MAKE: dict[type[shore.ShoreMessage], Callable[[TelemetryView, int], shore.ShoreMessage | None]] = {
+    shore.StateNow: TelemetryView._state,
+    shore.ThrustersNow: TelemetryView._thrusters,
+    shore.ReferenceNow: TelemetryView._reference,
+    shore.HorizonNow: TelemetryView._horizon_now,
+    shore.PathNow: TelemetryView._path,
+    shore.ExcitationNow: TelemetryView._excitation,
+    shore.RangesNow: TelemetryView._ranges,
+    shore.TimingNow: TelemetryView._timing,
+    shore.LinksNow: TelemetryView._links_now,
+    shore.BatteryNow: TelemetryView._battery,
 }
-_SEE: dict[type[Message], Callable[[View, Any], list[shore.Told] | None]] = {
+_SEE: dict[type[Message], Callable[[TelemetryView, Any], list[shore.ShoreMessage] | None]] = {
     **dict.fromkeys(
         (
             Attitude, Battery, ExcitationStatus, GuidanceReference, Heartbeat, ImuSample, ProcessStats,
             ServoOutput, StateEstimate, UwbPosition,
         ),
-        View._keep,
+        TelemetryView._keep,
     ),
-    Alert: View._alert,
-    Innovation: View._innovated,
-    LinkStatus: View._link,
-    LoopTiming: View._tick_over,
-    ModeStatus: View._mode,
-    NewMission: View._mission,
-    OverrideLease: View._leased,
-    PlanResult: View._planned,
-    SolveRequest: View._asked,
-    UwbRanges: View._heard,
+    Alert: TelemetryView._alert,
+    Innovation: TelemetryView._innovated,
+    LinkStatus: TelemetryView._link,
+    LoopTiming: TelemetryView._tick_over,
+    ModeStatus: TelemetryView._mode,
+    NewMission: TelemetryView._mission,
+    OverrideLease: TelemetryView._leased,
+    PlanResult: TelemetryView._planned,
+    SolveRequest: TelemetryView._asked,
+    UwbRanges: TelemetryView._heard,
 }  # fmt: skip

@@ -25,7 +25,7 @@ from companion.logs.export import geojson as log_geojson
 from companion.logs.log_file import LogError, LogFile
 
 if TYPE_CHECKING:
-    from companion.logs.runs.run import Problem, Run
+    from companion.logs.runs.run import LogProblem, Run
 
 OK, DAMAGED = 0, 1
 NEEDS_POLARS = 'export needs polars: pip install "aritra[analysis]"'
@@ -74,7 +74,7 @@ def export(
     return DAMAGED if any(p.kind == "damaged" for p in found) else OK
 
 
-def summary(run: Run, found: list[Problem]) -> dict[str, Any]:
+def summary(run: Run, found: list[LogProblem]) -> dict[str, Any]:
     """The run in figures, for scripts."""
     return {
         "vessel": run.meta.vessel,
@@ -188,7 +188,7 @@ def _end(console: Console, told: str, damage: Sequence[str]) -> int:
     return DAMAGED if damage else OK
 
 
-def _print(run: Run, found: list[Problem], out: Path, console: Console) -> None:
+def _print(run: Run, found: list[LogProblem], out: Path, console: Console) -> None:
     from companion.logs.runs.problems import grouped
 
     changes = len(run.commands()[0])

@@ -99,18 +99,18 @@ def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float],
     """Ghosts, and the stamp at which their clock begins."""
     try:
         from companion.logs.readers.read_run import Beside, read_run
-        from sim.fitting.validate.ghost import Believed, overlay
+        from sim.fitting.validate.ghost import GhostModel, overlay
     except ImportError:
         raise LogError(NEEDS) from None
     try:
         own = setup_in(log).pilot.vessel
         base = load_vessel(args.vessel.read_text(), name=str(args.vessel)) if args.vessel else own
-        Believed.of(str(args.vessel), base, own)
-        models = [Believed.of("simulated (base)", base, base)]
+        GhostModel.of(str(args.vessel), base, own)
+        models = [GhostModel.of("simulated (base)", base, base)]
         if args.extended:
             extended = load_vessel(args.extended.read_text(), name=str(args.extended))
-            Believed.of(str(args.extended), extended, base)
-            models.append(Believed.of("simulated (extended)", extended, base))
+            GhostModel.of(str(args.extended), extended, base)
+            models.append(GhostModel.of("simulated (extended)", extended, base))
         say("reading what was measured", 0.0)
         run = read_run(log.path, Beside(vessel=base, truth=args.truth))
         return overlay(run, base, models, every_s=args.every, say=say), run.meta.zero_ns

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.view import TelemetryView, Who
 from companion.logs.configuration import setup_in, zero_ns_of
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.series import KNOWN
@@ -34,18 +34,18 @@ def rate_of(duration_s: float) -> float:
     return float(np.clip(STATES / max(duration_s, 1e-3), LEAST_HZ, FULL_HZ))
 
 
-def samples(log: LogFile, rate_hz: float) -> list[shore.Told]:
+def samples(log: LogFile, rate_hz: float) -> list[shore.ShoreMessage]:
     """What the boat would have told. Raises LogError, ConfigError: the log does not hold its configuration."""
     setup, zero_ns = setup_in(log), zero_ns_of(log)
     software = f"aritra {log.metadata.get('version', 'unknown')}"
-    view = View(setup.pilot, Who(RUN, setup.digest, software, log.wall_offset_ns, False), rate_hz)
+    view = TelemetryView(setup.pilot, Who(RUN, setup.digest, software, log.wall_offset_ns, False), rate_hz)
     told = view.begin(zero_ns)
     for message in log.messages():
         told += view.see(message)
     return told
 
 
-def page_data(log: LogFile, told: Sequence[shore.Told], overlay: Overlay | None, zero_ns: int) -> bytes:
+def page_data(log: LogFile, told: Sequence[shore.ShoreMessage], overlay: Overlay | None, zero_ns: int) -> bytes:
     """JSON for the page. `overlay`: ghosts on the run's clock, whose t_s = 0 is `zero_ns`."""
     first = next((t for t in told if isinstance(t, shore.StateNow)), None)
     if first is None:

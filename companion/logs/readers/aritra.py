@@ -33,7 +33,7 @@ from companion.core.model.load_vessel import load_vessel
 from companion.logs.log_file import LogFile
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.uwb import uwb_streams
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 NEUTRAL_US = 1500.0
 OBEY_S = 0.6
@@ -54,11 +54,11 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     for message in log.messages(*_WANTED):
         row = _ROWS.get(type(message))
         found[type(message)].append(row(message) if row else message)
-    notes = [Problem(kind="damaged", text=text) for text in log.damage]
+    notes = [LogProblem(kind="damaged", text=text) for text in log.damage]
     if truth:
         simulator = LogFile(truth)
         found[GroundTruth] = list(simulator.messages(GroundTruth))
-        notes += [Problem(kind="damaged", text=text) for text in simulator.damage]
+        notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]
     if not found[OverrideLease]:
         raise RunError(f"{path}: no thruster commands (/override_lease) in it")
     names = thruster_names(vessel, found[OverrideLease])
@@ -133,10 +133,10 @@ def imu_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
     return Stream.of("IMU", ("r_rad_s", "ax_m_s2", "ay_m_s2"), rows)
 
 
-def _imu(rows: list[tuple[Any, ...]], notes: list[Problem]) -> Stream:
+def _imu(rows: list[tuple[Any, ...]], notes: list[LogProblem]) -> Stream:
     sources = sorted({row[-1] for row in rows})
     if len(sources) > 1:
-        notes.append(Problem(kind="mixed", text=f"inertial samples of {', '.join(sources)} follow one another"))
+        notes.append(LogProblem(kind="mixed", text=f"inertial samples of {', '.join(sources)} follow one another"))
     return imu_stream([row[:-1] for row in rows])
 
 
@@ -176,7 +176,7 @@ def _truth(truths: list[GroundTruth], names: tuple[str, ...]) -> Stream:
     return Stream.of("truth", columns, rows, outside=True)
 
 
-def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, zero_ns: int) -> list[Problem]:
+def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, zero_ns: int) -> list[LogProblem]:
     """Stretches in which the first `n` outputs are none of the leases of the last OBEY_S."""
     stamps = np.array([lease.t_ns for lease in leases])
     pwm = np.array([(*lease.pwm_us[:n], *(0,) * (n - len(lease.pwm_us))) for lease in leases], dtype=float)
@@ -194,7 +194,7 @@ def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, 
             stretches[-1][1] = t_s
         odd = not near
     text = "the autopilot's outputs are not what was commanded (disarmed, other mode, failsafe?)"
-    return [Problem(kind="not obeyed", text=text, t_s=a, length_s=b - a) for a, b in stretches if b - a >= OBEY_S]
+    return [LogProblem(kind="not obeyed", text=text, t_s=a, length_s=b - a) for a, b in stretches if b - a >= OBEY_S]
 
 
 def _link_ns(log: LogFile) -> int:

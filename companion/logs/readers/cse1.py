@@ -16,7 +16,7 @@ import polars as pl
 
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.table import csv_lines, numbers, text_columns
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 THRUSTERS = ("port_surge", "port_sway", "starboard_surge", "starboard_sway", "bow")
 NEUTRAL_US, SPAN_US = 1500.0, 400.0
@@ -80,8 +80,8 @@ def read_cse1(path: Path) -> Run:
     return join(streams, meta).with_notes(_capsized(data["t"], tracked & ~upright))
 
 
-def _capsized(t_s: np.ndarray, wrong: np.ndarray) -> list[Problem]:
+def _capsized(t_s: np.ndarray, wrong: np.ndarray) -> list[LogProblem]:
     if not wrong.any():
         return []
     text = f"{wrong.sum()} poses with the ship on her side or back: markers taken for one another; left blank"
-    return [Problem(kind="not a number", text=text, t_s=float(t_s[wrong.argmax()] - t_s[0]), length_s=0.0)]
+    return [LogProblem(kind="not a number", text=text, t_s=float(t_s[wrong.argmax()] - t_s[0]), length_s=0.0)]

@@ -21,7 +21,7 @@ from companion.logs.readers.aritra import NEUTRAL_US, attitude_stream, described
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.positions import from_geodetic
 from companion.logs.readers.uwb import UwbLog
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 _MAGIC = b"\xa3\x95"
 _KINDS = ("RCOU", "IMU", "ATT", "BAT", "BCN", "GPS")
@@ -44,7 +44,7 @@ def read_dataflash_run(
     with path.open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise RunError(f"{path}: not a dataflash log: it does not begin with the bytes A3 95")
-    notes: list[Problem] = []
+    notes: list[LogProblem] = []
     try:
         rows, unix_ns = _messages(path, notes)
     except OSError:
@@ -81,7 +81,7 @@ def read_dataflash_run(
     return join(streams, meta)
 
 
-def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, notes: list[Problem]) -> Stream:
+def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, notes: list[LogProblem]) -> Stream:
     """Outputs 1..n as commands: named by the vessel file, or out1.. of those that ever had a pulse.
 
     No pulse (0) is written as neutral: the speed controller stops its motor. It is said in `notes`.
@@ -99,7 +99,7 @@ def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, 
         dead = pwm_us == 0
         if dead.any():
             text = f"pwm_{name}: output {i + 1} had no pulse in {int(dead.sum())} of {len(dead)} records: neutral"
-            notes.append(Problem(kind="no pulse", text=text))
+            notes.append(LogProblem(kind="no pulse", text=text))
         columns[f"pwm_{name}"] = np.where(dead, NEUTRAL_US, pwm_us)
     return Stream("outputs", t_ns, columns, held=True)
 
@@ -112,7 +112,7 @@ def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[St
     return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), said
 
 
-def _messages(path: Path, notes: list[Problem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
+def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
     """Rows (t_ns, values) by message type, SI units; Unix time minus the log's clock [ns], where GPS tells it.
 
     A record without the columns of its type, or stamped after `LATEST_US`, is damaged: left out, and in `notes`.
@@ -137,7 +137,7 @@ def _messages(path: Path, notes: list[Problem]) -> tuple[dict[str, list[tuple[fl
                 week_ns = (_GPS_EPOCH_S - LEAP_S + gps[0] * _WEEK_S) * 1_000_000_000
                 unix_ns = week_ns + gps[1] * 1_000_000 - t_us * 1000
     if damaged:
-        notes.append(Problem(kind="damaged", text=f"{damaged} damaged records are left out"))
+        notes.append(LogProblem(kind="damaged", text=f"{damaged} damaged records are left out"))
     return rows, unix_ns
 
 

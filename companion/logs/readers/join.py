@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from companion.logs.runs.columns import REQUIRED
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 BACK_NS = 1_000_000_000
 """A stamp that goes back by more than this is a clock that was set, not a packet that was late (assumed)."""
@@ -49,7 +49,7 @@ def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
 
     Raises RunError where nothing was commanded.
     """
-    notes: list[tuple[int, Problem]] = []
+    notes: list[tuple[int, LogProblem]] = []
     kept = [cleaned for s in streams if len((cleaned := _clean(s, notes)).t_ns)]
     if not any(name.startswith("pwm_") for s in kept for name in s.columns):
         raise RunError(f"{meta.source}: no thruster commands in it")
@@ -80,11 +80,11 @@ def _order(columns: Sequence[str]) -> list[str]:
     return [REQUIRED[0], *pwm, *REQUIRED[1:], *rest]
 
 
-def _clean(s: Stream, notes: list[tuple[int, Problem]]) -> Stream:
+def _clean(s: Stream, notes: list[tuple[int, LogProblem]]) -> Stream:
     """Increasing, single stamps: late ones sorted in, repeated ones dropped, all after a set-back clock left out."""
 
     def note(kind: str, at: int, text: str) -> None:
-        notes.append((int(s.t_ns[at]), Problem(kind=kind, text=f"{s.name}: {text}", t_s=0.0, length_s=0.0)))
+        notes.append((int(s.t_ns[at]), LogProblem(kind=kind, text=f"{s.name}: {text}", t_s=0.0, length_s=0.0)))
 
     keep = np.arange(len(s.t_ns))
     back = np.flatnonzero(s.t_ns[1:] < np.maximum.accumulate(s.t_ns)[:-1] - BACK_NS) + 1
@@ -117,7 +117,7 @@ def _clean(s: Stream, notes: list[tuple[int, Problem]]) -> Stream:
     return Stream(s.name, s.t_ns[keep], columns, s.held, s.near, s.outside)
 
 
-def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, Problem]]) -> Stream:
+def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem]]) -> Stream:
     inside = (s.t_ns >= zero_ns) & (s.t_ns <= end_ns)
     if not s.outside or inside.all():
         return s
@@ -126,7 +126,7 @@ def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, Problem]])
         text = (
             f"{s.name}: none of its {len(inside)} samples falls into the log: it begins {away_s:+.1f} s from its start"
         )
-        notes.append((zero_ns, Problem(kind="missing", text=text)))
+        notes.append((zero_ns, LogProblem(kind="missing", text=text)))
     columns = {name: values[inside] for name, values in s.columns.items()}
     return Stream(s.name, s.t_ns[inside], columns, s.held, s.near, s.outside)
 

@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 
 from companion.logs.runs.columns import column_error
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta, check
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta, check
 
 FORMAT = 1
 _PARQUET_KEY = "aritra_run"
@@ -128,7 +128,7 @@ def numbers(texts: pl.DataFrame, name: str, first_line: int) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[Problem]]:
+def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
     """NaN and infinity become blanks, and a note for each column that had some."""
     notes, columns = [], {}
     t_s = table["t_s"].to_numpy()
@@ -138,7 +138,7 @@ def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[Problem]]:
         bad = ~np.isfinite(values) & ~series.is_null().to_numpy()
         if column != "t_s" and bad.any():
             text = f"{column}: {int(bad.sum())} values are NaN or infinite; left blank"
-            notes.append(Problem(kind="not a number", text=text, t_s=float(t_s[bad.argmax()]), length_s=0.0))
+            notes.append(LogProblem(kind="not a number", text=text, t_s=float(t_s[bad.argmax()]), length_s=0.0))
             series = pl.Series(column, np.where(bad, np.nan, values)).fill_nan(None)
         columns[column] = series
     return pl.DataFrame(columns), notes
@@ -160,7 +160,7 @@ def _run(table: pl.DataFrame, given: Mapping[str, Any], name: str, place: Any) -
     check(table, name, place)
     run = Run(table, meta if "source" in fields else msgspec.structs.replace(meta, source=name))
     if stated not in (None, run.data_hash):
-        notes.append(Problem(kind="edited", text=f"{name}: the data is not what was written with its hash"))
+        notes.append(LogProblem(kind="edited", text=f"{name}: the data is not what was written with its hash"))
     return run.with_notes(notes) if notes else run
 
 

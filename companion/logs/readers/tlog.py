@@ -26,7 +26,7 @@ from companion.core.messages import Attitude, Battery, ImuSample, Message
 from companion.logs.readers.aritra import attitude_row, attitude_stream, described, imu_row, imu_stream
 from companion.logs.readers.dataflash import Joined, gps_stream, output_stream
 from companion.logs.readers.join import Stream, join
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
 from drivers.mavlink.imu_source import IMU_PREFERENCE
 
@@ -59,7 +59,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     period_s = float(np.median(np.diff([row[0] for row in outputs]))) / 1e9 if len(outputs) > 1 else np.inf
     if period_s > _SLOW_S:
         text = f"servo outputs every {period_s:.2f} s only: what was commanded between them is not known"
-        notes.append(Problem(kind="coarse commands", text=text))
+        notes.append(LogProblem(kind="coarse commands", text=text))
     source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, stamps, ImuSample))), "IMU")
     voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, stamps, Battery)]
     streams = [
@@ -115,14 +115,14 @@ class _Records:
             except dialect.MAVError:
                 self.broken[f"message {ident}"] += 1
 
-    def notes(self) -> list[Problem]:
+    def notes(self) -> list[LogProblem]:
         """What could not be read."""
         notes = []
         if self.skipped:
-            notes.append(Problem(kind="damaged", text=f"{self._path.name}: {self.skipped} bytes passed over"))
+            notes.append(LogProblem(kind="damaged", text=f"{self._path.name}: {self.skipped} bytes passed over"))
         if self.broken:
             which = ", ".join(f"{name} {count}" for name, count in sorted(self.broken.items()))
-            notes.append(Problem(kind="damaged", text=f"{self._path.name}: frames with a bad checksum: {which}"))
+            notes.append(LogProblem(kind="damaged", text=f"{self._path.name}: frames with a bad checksum: {which}"))
         return notes
 
     def _frames(self) -> Iterator[tuple[int, int, int]]:

@@ -20,7 +20,7 @@ from companion.logs.log_file import LogFile
 from companion.logs.readers.join import Stream
 from companion.logs.readers.positions import fixes
 from companion.logs.readers.table import csv_lines
-from companion.logs.runs.run import Problem, RunError
+from companion.logs.runs.run import LogProblem, RunError
 from drivers.uwb import uwb_codec
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -33,7 +33,7 @@ class UwbLog:
 
     streams: list[Stream]
     columns: dict[str, str]
-    notes: tuple[Problem, ...] = ()
+    notes: tuple[LogProblem, ...] = ()
 
 
 def uwb_streams(
@@ -76,7 +76,7 @@ def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m:
     if path.suffix == ".mcap":
         log = LogFile(path)
         messages = list(log.messages(UwbRanges, UwbPosition))
-        notes = tuple(Problem(kind="damaged", text=text) for text in log.damage)
+        notes = tuple(LogProblem(kind="damaged", text=text) for text in log.damage)
         offset_ns += log.wall_offset_ns
     else:
         messages, notes = _text_log(path, wire_format)
@@ -87,7 +87,7 @@ def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m:
     return UwbLog(moved, columns, notes)
 
 
-def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple[Problem, ...]]:
+def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple[LogProblem, ...]]:
     if wire_format is None:
         raise RunError(f"{path}: its wire format is not known: give the vessel file")
     codec = uwb_codec(wire_format, "tag", 1.0)
@@ -105,10 +105,12 @@ def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple
         raise RunError(f"{path}: line 1: expected a stamp (Unix seconds or ISO 8601), then the tag's line")
     notes = []
     if unstamped:
-        notes.append(Problem(kind="garbage", text=f"{path}: {len(unstamped)} lines without stamp; line {unstamped[0]}"))
+        notes.append(
+            LogProblem(kind="garbage", text=f"{path}: {len(unstamped)} lines without stamp; line {unstamped[0]}")
+        )
     if codec.counters.garbage:
         why = ", ".join(f"{name} {count}" for name, count in sorted(codec.counters.reasons.items()))
-        notes.append(Problem(kind="garbage", text=f"{path}: {codec.counters.garbage} damaged UWB lines ({why})"))
+        notes.append(LogProblem(kind="garbage", text=f"{path}: {codec.counters.garbage} damaged UWB lines ({why})"))
     return messages, tuple(notes)
 
 

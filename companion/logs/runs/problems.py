@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from companion.logs.runs.run import Problem, Run
+from companion.logs.runs.run import LogProblem, Run
 
 GAP_PERIODS, GAP_S, END_S = 3.5, 0.2, 1.0
 IDLE_US, IDLE_S = 25.0, 5.0
@@ -29,7 +29,7 @@ NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
 WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
 
 
-def problems(run: Run) -> list[Problem]:
+def problems(run: Run) -> list[LogProblem]:
     """The reader's notes first, then what the data shows, by time within each kind."""
     found = list(run.meta.notes)
     for look in (_missing, _gaps, _positions, _saturated, _idle, _stuck, _disagreeing):
@@ -37,9 +37,9 @@ def problems(run: Run) -> list[Problem]:
     return found
 
 
-def grouped(found: Iterable[Problem]) -> dict[str, list[Problem]]:
+def grouped(found: Iterable[LogProblem]) -> dict[str, list[LogProblem]]:
     """Problems by kind, in the order of their first appearance."""
-    kinds: dict[str, list[Problem]] = {}
+    kinds: dict[str, list[LogProblem]] = {}
     for problem in found:
         kinds.setdefault(problem.kind, []).append(problem)
     return kinds
@@ -54,7 +54,7 @@ def _stretches(marked: np.ndarray, t_s: np.ndarray, least_s: float) -> Iterator[
             yield float(t_s[first]), length_s, int(first)
 
 
-def _missing(run: Run) -> Iterator[Problem]:
+def _missing(run: Run) -> Iterator[LogProblem]:
     for column, what in (
         ("battery_v", "no battery voltage: thrust at a pulse width is then known at one voltage only"),
         ("psi_rad", "no heading"),
@@ -63,35 +63,35 @@ def _missing(run: Run) -> Iterator[Problem]:
         ("north_m", "no positions: surge and sway rest on accelerations alone"),
     ):
         if not run.known(column):
-            yield Problem(kind="missing", text=f"{column}: {what}")
+            yield LogProblem(kind="missing", text=f"{column}: {what}")
     t_s = run.table["t_s"].to_numpy()
     for column in (f"pwm_{name}" for name in run.thrusters):
         blank = run.table[column].is_null().to_numpy()
         if blank.all():
-            yield Problem(kind="missing", text=f"{column}: no commands")
+            yield LogProblem(kind="missing", text=f"{column}: no commands")
         else:
             for at_s, length_s, _ in _stretches(blank, t_s, 1.0):
-                yield Problem(kind="missing", text=f"{column}: commands not known", t_s=at_s, length_s=length_s)
+                yield LogProblem(kind="missing", text=f"{column}: commands not known", t_s=at_s, length_s=length_s)
     if run.known("battery_v"):
         changes = np.append(True, np.diff(run.table["battery_v"].fill_null(-1.0).to_numpy()) != 0)
         for a, b in zip(t_s[changes], np.append(t_s[changes][1:], t_s[-1]), strict=True):
             if b - a > VOLTAGE_GAP_S:
                 text = "battery_v: blank, or the same for so long that it may be stale"
-                yield Problem(kind="voltage", text=text, t_s=float(a), length_s=float(b - a))
+                yield LogProblem(kind="voltage", text=text, t_s=float(a), length_s=float(b - a))
 
 
-def _gaps(run: Run) -> Iterator[Problem]:
+def _gaps(run: Run) -> Iterator[LogProblem]:
     """Silence of a channel; told once as of all channels where the whole log is silent."""
     t_s = run.table["t_s"].to_numpy()
     whole = _holes(t_s, t_s)
     for at_s, length_s in whole:
         text = "nothing at all: the recording paused, or the clock jumped"
-        yield Problem(kind="gap", text=text, t_s=at_s, length_s=length_s)
+        yield LogProblem(kind="gap", text=text, t_s=at_s, length_s=length_s)
     for column in NOISY:
         if run.known(column):
             for at_s, length_s in _holes(run.samples(column)[0], t_s):
                 if not any(a <= at_s + length_s and at_s <= a + n for a, n in whole):
-                    yield Problem(kind="gap", text=f"{column}: silent", t_s=at_s, length_s=length_s)
+                    yield LogProblem(kind="gap", text=f"{column}: silent", t_s=at_s, length_s=length_s)
 
 
 def _holes(t_s: np.ndarray, run_t_s: np.ndarray) -> list[tuple[float, float]]:
@@ -105,26 +105,26 @@ def _holes(t_s: np.ndarray, run_t_s: np.ndarray) -> list[tuple[float, float]]:
     return sorted((float(a), float(n)) for a, n in (*inner, *(e for e in ends if e[1] > max(limit_s, END_S))))
 
 
-def _positions(run: Run) -> Iterator[Problem]:
+def _positions(run: Run) -> Iterator[LogProblem]:
     if not run.known("north_m"):
         return
     t_s, places = run.samples("north_m", "east_m")
     if len(t_s) < 3:
-        yield Problem(kind="positions", text=f"only {len(t_s)} positions")
+        yield LogProblem(kind="positions", text=f"only {len(t_s)} positions")
         return
     nominal, mean = 1.0 / float(np.median(np.diff(t_s))), (len(t_s) - 1) / float(t_s[-1] - t_s[0])
     if nominal < SLOW_UWB_HZ:
-        yield Problem(kind="positions", text=f"positions at {nominal:.2f} Hz only")
+        yield LogProblem(kind="positions", text=f"positions at {nominal:.2f} Hz only")
     if mean < (1 - LOST_SHARE) * nominal:
         share = 100 * (1 - mean / nominal)
-        yield Problem(kind="positions", text=f"{share:.0f} % of the positions at {nominal:.1f} Hz did not come")
+        yield LogProblem(kind="positions", text=f"{share:.0f} % of the positions at {nominal:.1f} Hz did not come")
     step_m, step_s = np.linalg.norm(np.diff(places, axis=0), axis=1), np.diff(t_s)
     for i in np.flatnonzero((step_m > JUMP_M) & (step_m > JUMP_M_S * step_s)):
         text = f"the position jumps by {step_m[i]:.1f} m in {step_s[i]:.2f} s"
-        yield Problem(kind="jump", text=text, t_s=float(t_s[i]), length_s=float(step_s[i]))
+        yield LogProblem(kind="jump", text=text, t_s=float(t_s[i]), length_s=float(step_s[i]))
 
 
-def _saturated(run: Run) -> Iterator[Problem]:
+def _saturated(run: Run) -> Iterator[LogProblem]:
     t_s = run.table["t_s"].to_numpy()
     for name in run.thrusters:
         low, high = run.meta.pwm_limits_us.get(name, PWM_LIMITS_US)
@@ -133,24 +133,24 @@ def _saturated(run: Run) -> Iterator[Problem]:
             full = (pwm_us <= low + SATURATED_US) | (pwm_us >= high - SATURATED_US)
         for at_s, length_s, first in _stretches(full, t_s, SATURATED_S):
             text = f"pwm_{name}: at its limit, {pwm_us[first]:.0f} us"
-            yield Problem(kind="saturated", text=text, t_s=at_s, length_s=length_s)
+            yield LogProblem(kind="saturated", text=text, t_s=at_s, length_s=length_s)
 
 
-def _idle(run: Run) -> Iterator[Problem]:
+def _idle(run: Run) -> Iterator[LogProblem]:
     t_s = run.table["t_s"].to_numpy()
     pwm_us = run.table.select(f"pwm_{name}" for name in run.thrusters).to_numpy()
     with np.errstate(invalid="ignore"):
         rest = np.all(np.abs(pwm_us - 1500.0) <= IDLE_US, axis=1)
     for at_s, length_s, _ in _stretches(rest, t_s, IDLE_S):
-        yield Problem(kind="idle", text="all thrusters rest", t_s=at_s, length_s=length_s)
+        yield LogProblem(kind="idle", text="all thrusters rest", t_s=at_s, length_s=length_s)
     for i, name in enumerate(run.thrusters):
         known = pwm_us[~np.isnan(pwm_us[:, i]), i]
         if len(known) and (known == known[0]).all():
             text = f"pwm_{name}: never changes ({known[0]:.0f} us): nothing can be said of this thruster"
-            yield Problem(kind="constant", text=text)
+            yield LogProblem(kind="constant", text=text)
 
 
-def _stuck(run: Run) -> Iterator[Problem]:
+def _stuck(run: Run) -> Iterator[LogProblem]:
     for column in (*NOISY, *(name for name in run.table.columns if name.startswith("range_"))):
         if not run.known(column):
             continue
@@ -161,10 +161,10 @@ def _stuck(run: Run) -> Iterator[Problem]:
             length_s = float(t_s[last] - t_s[first])
             if any(last - first + 1 >= count and length_s >= least_s for count, least_s in STUCK):
                 text = f"{column}: {last - first + 1} samples are {values[first]:.6g} exactly"
-                yield Problem(kind="stuck", text=text, t_s=float(t_s[first]), length_s=length_s)
+                yield LogProblem(kind="stuck", text=text, t_s=float(t_s[first]), length_s=length_s)
 
 
-def _disagreeing(run: Run) -> Iterator[Problem]:
+def _disagreeing(run: Run) -> Iterator[LogProblem]:
     """Heading against the integral of the yaw rate, over windows: their ratio tells units and signs."""
     if not (run.known("psi_rad") and run.known("r_rad_s")):
         return
@@ -177,7 +177,7 @@ def _disagreeing(run: Run) -> Iterator[Problem]:
     }
     hint = next((text for text, fits in hints.items() if fits(slope)), "")
     text = f"psi_rad turns {slope:.3g} times as far as r_rad_s says{hint}"
-    yield Problem(kind="disagree", text=text)
+    yield LogProblem(kind="disagree", text=text)
 
 
 def _slope(run: Run) -> float | None:

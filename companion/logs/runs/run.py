@@ -29,7 +29,7 @@ class RunError(ValueError):
     """A file cannot be taken as a run: file, place in it, and why."""
 
 
-class Problem(msgspec.Struct, frozen=True, kw_only=True):
+class LogProblem(msgspec.Struct, frozen=True, kw_only=True):
     """Something in the data that a fit should know of. `length_s` 0: at one instant; both None: all of the run."""
 
     kind: str
@@ -57,7 +57,7 @@ class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     tag_arm_m: tuple[float, float] | None = None
     pwm_limits_us: dict[str, tuple[float, float]] = {}
     columns: dict[str, str] = {}
-    notes: tuple[Problem, ...] = ()
+    notes: tuple[LogProblem, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Run:
         """Is there a single value in `column`?"""
         return column in self.table.columns and self.table[column].null_count() < len(self.table)
 
-    def with_notes(self, notes: Iterable[Problem]) -> Run:
+    def with_notes(self, notes: Iterable[LogProblem]) -> Run:
         """The same run with more of what a reader has to say."""
         return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)), self.of)
 

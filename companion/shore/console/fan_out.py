@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
-from companion.shore.console.store import Boat, Sample
+from companion.shore.console.store import BoatRecord, Sample
 
 OVERVIEW = ("about", "state", "mode")
 """Topics of boats that were not chosen, of each the newest in a frame."""
@@ -31,7 +31,7 @@ _ENCODER = msgspec.json.Encoder()
 Clock = tuple[float, bool, bool]
 
 
-def clocks(boats: Mapping[str, Boat], now_ms: float) -> dict[str, Clock]:
+def clocks(boats: Mapping[str, BoatRecord], now_ms: float) -> dict[str, Clock]:
     """Boat -> (its clock minus ours [ms], whether its token is there, whether another program has its name)."""
     now_ns = round(now_ms * 1e6)
     return {name: (round(b.ahead_ns * 1e-6, 1), b.alive, b.twin(now_ns)) for name, b in boats.items()}
@@ -64,14 +64,14 @@ class Watcher:
             if known is None or known.t_ns <= sample.t_ns:
                 self._newest[key] = sample
 
-    def choose(self, boats: Mapping[str, Boat], boat: str) -> None:
+    def choose(self, boats: Mapping[str, BoatRecord], boat: str) -> None:
         """Look at `boat` from now on: everything that is kept of it becomes due."""
         self.chosen = boat
         if known := boats.get(boat):
             for sample in known.samples():
                 self.note(sample)
 
-    def begin(self, boats: Iterable[Boat]) -> None:
+    def begin(self, boats: Iterable[BoatRecord]) -> None:
         """A new browser: of each boat what the list needs, and its alerts."""
         for boat in boats:
             for topic in OVERVIEW:
@@ -80,7 +80,7 @@ class Watcher:
             for alert in boat.kept.get("alert", ()):
                 self.note(alert)
 
-    def frame(self, boats: Mapping[str, Boat], now_ms: float) -> bytes | None:
+    def frame(self, boats: Mapping[str, BoatRecord], now_ms: float) -> bytes | None:
         """The frame that is due, or None."""
         new = {name: clock for name, clock in clocks(boats, now_ms).items() if self._told.get(name) != clock}
         samples = [*self._newest.values(), *self._all]

@@ -15,10 +15,10 @@ from aiohttp import WSMsgType, web
 from companion.core.telemetry.orders import MAX_BYTES, Command, MissionFile, Sender
 from companion.shore.console.fan_out import Watcher
 from companion.shore.console.orders import Given, Orders
-from companion.shore.console.request_auth import Guard
-from companion.shore.console.store import NAME, Sample, Store
+from companion.shore.console.request_auth import RequestAuth
+from companion.shore.console.store import NAME, BoatStore, Sample
 from companion.shore.console.web_server import base_app
-from companion.shore.console.zenoh_client import Hearing
+from companion.shore.console.zenoh_client import ZenohClient
 
 FRAME_S = 0.1
 BROWSERS = 32
@@ -30,7 +30,7 @@ HOME = "/web/console.html"
 _ENCODER = msgspec.json.Encoder()
 
 
-class Asked(msgspec.Struct, forbid_unknown_fields=True):
+class BrowserRequest(msgspec.Struct, forbid_unknown_fields=True):
     """Body of POST /order."""
 
     boat: Annotated[str, msgspec.Meta(pattern=NAME)]
@@ -38,7 +38,7 @@ class Asked(msgspec.Struct, forbid_unknown_fields=True):
     mission: MissionFile | None = None
 
 
-class Choice(msgspec.Struct):
+class BrowserSelection(msgspec.Struct):
     """What a page says over its WebSocket: the boat that it shows."""
 
     choose: str
@@ -87,9 +87,15 @@ class Console:
     """Wires hearing, store, browsers and orders. `run` works until cancelled; `app` is the web server's."""
 
     def __init__(
-        self, hearing: Hearing, guard: Guard, keys: Keys, *, compress: bool, say: Callable[[str], None] = lambda _: None
+        self,
+        hearing: ZenohClient,
+        guard: RequestAuth,
+        keys: Keys,
+        *,
+        compress: bool,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.store, self.browsers = Store(), set[Browser]()
+        self.store, self.browsers = BoatStore(), set[Browser]()
         self._hearing, self._keys, self._compress = hearing, keys, compress
         self._orders = Orders(keys.of, hearing.ask, self._told)
         self.also: list[Callable[[Sample], None]] = []
@@ -152,7 +158,7 @@ class Console:
         if request.content_type != "application/json":
             raise web.HTTPUnsupportedMediaType(text="expected application/json")
         try:
-            asked = msgspec.json.decode(await request.read(), type=Asked)
+            asked = msgspec.json.decode(await request.read(), type=BrowserRequest)
         except msgspec.MsgspecError as error:
             raise web.HTTPBadRequest(text=str(error)) from None
         if (asked.mission is not None) != (asked.command == "load_mission"):
@@ -181,7 +187,7 @@ class Console:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
                     with contextlib.suppress(msgspec.MsgspecError):
-                        told = msgspec.json.decode(message.data, type=Choice)
+                        told = msgspec.json.decode(message.data, type=BrowserSelection)
                         browser.watcher.choose(self.store.boats, told.choose)
         finally:
             self.browsers.discard(browser)

@@ -13,7 +13,7 @@ from typing import Literal
 
 import msgspec
 
-from companion.core.telemetry.orders import Command, MissionFile, Outcome, Sender, read_outcome
+from companion.core.telemetry.orders import Command, MissionFile, OrderOutcome, Sender, read_outcome
 
 ANSWER_S = 1.0
 """How long an answer may take before the order is said again (assumed)."""
@@ -42,7 +42,7 @@ class Given(msgspec.Struct, kw_only=True):
     tries: int = 0
     after_ms: float | None = None
     why: str = ""
-    outcome: Outcome | None = None
+    outcome: OrderOutcome | None = None
 
 
 class Orders:

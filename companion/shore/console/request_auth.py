@@ -16,7 +16,7 @@ COOKIE = "aritra_token"
 
 
 @dataclass(frozen=True)
-class Guard:
+class RequestAuth:
     """`names`: host names that are this machine's; `token`: None: nobody needs one."""
 
     names: frozenset[str]

@@ -37,7 +37,7 @@ class Sample(NamedTuple):
     data: bytes
 
 
-class Boat:
+class BoatRecord:
     """One boat: its present run, what it told, and its clock.
 
     `ahead_ns`: its clock minus ours, by the sample that came quickest: no sample can come before it was sent, so the
@@ -53,7 +53,7 @@ class Boat:
         self.malformed = 0
         self._former: deque[str] = deque(maxlen=RUNS)
 
-    def take(self, topic: str, told: shore.Told, heard_ns: int) -> Sample | None:
+    def take(self, topic: str, told: shore.ShoreMessage, heard_ns: int) -> Sample | None:
         """Note one sample; None: of a former run."""
         if told.run in self._former:
             if heard_ns - self._began_ns > LATE_NS:
@@ -71,7 +71,7 @@ class Boat:
             kept.append(sample)
         return sample
 
-    def knows(self, topic: str, told: shore.Told) -> bool:
+    def knows(self, topic: str, told: shore.ShoreMessage) -> bool:
         """Whether it has this very sample: what was kept for latecomers may come twice."""
         if told.run != self.run or told.t_ns > self._newest_ns.get(topic, -1):
             return False
@@ -99,11 +99,11 @@ class Boat:
         self._newest_ns.clear()
 
 
-class Store:
+class BoatStore:
     """All boats. `refused`: why samples were left out, counted."""
 
     def __init__(self) -> None:
-        self.boats: dict[str, Boat] = {}
+        self.boats: dict[str, BoatRecord] = {}
         self.refused: Counter[str] = Counter()
 
     def take(self, boat: str, topic: str, data: bytes, heard_ns: int) -> Sample | None:
@@ -126,10 +126,10 @@ class Store:
         if known := self._boat(boat):
             known.alive = there
 
-    def _boat(self, name: str) -> Boat | None:
+    def _boat(self, name: str) -> BoatRecord | None:
         if name not in self.boats and (len(self.boats) >= BOATS or not re.match(NAME, name)):
             return None
-        return self.boats.setdefault(name, Boat(name))
+        return self.boats.setdefault(name, BoatRecord(name))
 
     def _refuse(self, why: str, boat: str) -> None:
         self.refused[why] += 1

@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable
 from aiohttp import web
 
 from companion.shore.console.assets import Asset, assets
-from companion.shore.console.request_auth import COOKIE, Guard
+from companion.shore.console.request_auth import COOKIE, RequestAuth
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -25,7 +25,7 @@ MAX_BODY_BYTES = 200_000
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def base_app(guard: Guard, home: str) -> web.Application:
+def base_app(guard: RequestAuth, home: str) -> web.Application:
     """Serves the page `home` (its path) and all files, to those that `guard` believes. Raises ConfigError."""
     app = web.Application(middlewares=[_guarded(guard)], client_max_size=MAX_BODY_BYTES)
     for path, asset in assets().items():
@@ -35,7 +35,7 @@ def base_app(guard: Guard, home: str) -> web.Application:
     return app
 
 
-def _guarded(guard: Guard):
+def _guarded(guard: RequestAuth):
     @web.middleware
     async def guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
         host, origin = request.headers.get("Host"), request.headers.get("Origin")
@@ -58,7 +58,7 @@ def _guarded(guard: Guard):
     return guarded
 
 
-def _entrance(guard: Guard, page: Handler) -> Handler:
+def _entrance(guard: RequestAuth, page: Handler) -> Handler:
     """The page; with the token in the address: a cookie for it, and the address without it."""
 
     async def enter(request: web.Request) -> web.StreamResponse:

@@ -27,7 +27,7 @@ QUEUE = 50_000
 RETRY_S = 2.0
 
 
-class Heard(NamedTuple):
+class ZenohSample(NamedTuple):
     """A sample (`topic`), or a liveliness token that came or went (`topic` None). `heard_ns`: our monotonic clock."""
 
     boat: str
@@ -54,7 +54,7 @@ def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh
     return configured(file, "--config", settings)
 
 
-class Hearing:
+class ZenohClient:
     """Call `run` on the loop; `take` what was heard. `problem`: why there is no session, in words; empty: all is well.
 
     `dropped`: samples without room in the queue.
@@ -62,10 +62,10 @@ class Hearing:
 
     def __init__(self, config: zenoh.Config) -> None:
         self.dropped, self.problem = 0, "not connected yet"
-        self._config, self._queue = config, deque[Heard]()
+        self._config, self._queue = config, deque[ZenohSample]()
         self._session: zenoh.Session | None = None
 
-    def take(self) -> list[Heard]:
+    def take(self) -> list[ZenohSample]:
         """What was heard since the last time."""
         return [self._queue.popleft() for _ in range(len(self._queue))]
 
@@ -148,12 +148,12 @@ class Hearing:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         _, boat, _, topic = str(sample.key_expr).split("/", 3)
-        self._note(Heard(boat, topic, bytes(sample.payload), True, time.monotonic_ns()))
+        self._note(ZenohSample(boat, topic, bytes(sample.payload), True, time.monotonic_ns()))
 
     def _reach(self, boat: str, there: bool) -> None:
-        self._note(Heard(boat, None, b"", there, time.monotonic_ns()))
+        self._note(ZenohSample(boat, None, b"", there, time.monotonic_ns()))
 
-    def _note(self, heard: Heard) -> None:
+    def _note(self, heard: ZenohSample) -> None:
         if len(self._queue) >= QUEUE:
             self.dropped += 1
         else:

@@ -13,11 +13,11 @@ from companion.core.control.nmpc import Actuation, Nmpc, NmpcSettings
 from companion.core.messages import SolveRequest
 from companion.core.model.manoeuvring import StructuredModel
 from sim.bench.controller.nlp import Nlp
-from sim.bench.controller.rounds import CADENCE_S, Asked, Solved, Timed, record, replay, rounds, times_of
-from sim.bench.controller.solvers import Kept, Planner, RealTime
-from sim.bench.controller.worlds import TICK_S, World
-from sim.bench.request import STEP_S, Found, Order
-from sim.bench.result import Refused, Row
+from sim.bench.controller.rounds import CADENCE_S, RecordedProblem, Solved, Timed, record, replay, rounds, times_of
+from sim.bench.controller.solvers import CasadiPlanner, Planner, RtiPlanner
+from sim.bench.controller.worlds import TICK_S, BenchWorld
+from sim.bench.request import STEP_S, BenchRequest, Found
+from sim.bench.result import BenchRow, SolverRefused
 
 IPOPT = "IPOPT, as in the paper"
 OURS = "RTI, 2 iterations"
@@ -32,28 +32,28 @@ class Absent(Exception):
     """A solver that is not to be had here; the text says why."""
 
 
-def makers(world: World) -> Mapping[str, Callable[[], Planner]]:
+def makers(world: BenchWorld) -> Mapping[str, Callable[[], Planner]]:
     """How to build each solver of a problem, by name, the reference first. They raise `Absent` or RuntimeError."""
     nlp, h = Nlp(world.ocp), STEP_S[world.name]
 
     def ours(name: str, *, compiled: bool = True, **options) -> Planner:
-        made = RealTime(name, nlp, h, compiled=compiled, **options)
+        made = RtiPlanner(name, nlp, h, compiled=compiled, **options)
         if compiled and made.rti.why_not_compiled:
             raise Absent(made.rti.why_not_compiled)
         return made
 
     def kept(name: str, *, expand: bool = False) -> Planner:
-        return Kept(name, nlp, h, nlp.solver("ipopt", expand=expand))
+        return CasadiPlanner(name, nlp, h, nlp.solver("ipopt", expand=expand))
 
     def fatrop(name: str) -> Planner:
         as_it_wants = Nlp(world.ocp, rows=True)
-        return Kept(name, as_it_wants, h, as_it_wants.solver("fatrop", expand=True))
+        return CasadiPlanner(name, as_it_wants, h, as_it_wants.solver("fatrop", expand=True))
 
     return {
         IPOPT: partial(kept, IPOPT),
         "IPOPT, SX": partial(kept, "IPOPT, SX", expand=True),
         "fatrop, SX": partial(fatrop, "fatrop, SX"),
-        "sqpmethod + hpipm, 1 step": lambda: Kept("sqpmethod + hpipm, 1 step", nlp, h, nlp.one_step(), SETTLE),
+        "sqpmethod + hpipm, 1 step": lambda: CasadiPlanner("sqpmethod + hpipm, 1 step", nlp, h, nlp.one_step(), SETTLE),
         "RTI, 1 iteration": partial(ours, "RTI, 1 iteration", iterations=1),
         OURS: partial(ours, OURS),
         "RTI, converged": partial(ours, "RTI, converged", to=1e-9),
@@ -62,12 +62,12 @@ def makers(world: World) -> Mapping[str, Callable[[], Planner]]:
     }
 
 
-def recorded(world: World, seed: int, steps: int) -> list[Asked]:
+def recorded(world: BenchWorld, seed: int, steps: int) -> list[RecordedProblem]:
     """What a boat that is driven by the real-time iteration asks at each tick."""
-    return record(world, RealTime("driver", Nlp(world.ocp), STEP_S[world.name]), seed, steps)[0]
+    return record(world, RtiPlanner("driver", Nlp(world.ocp), STEP_S[world.name]), seed, steps)[0]
 
 
-def built(world: World, asked: Asked) -> tuple[list[Planner], dict[str, str]]:
+def built(world: BenchWorld, asked: RecordedProblem) -> tuple[list[Planner], dict[str, str]]:
     """The solvers that run here, and why the others do not, by name."""
     planners, refused = [], {}
     for name, make in makers(world).items():
@@ -80,7 +80,7 @@ def built(world: World, asked: Asked) -> tuple[list[Planner], dict[str, str]]:
     return planners, refused
 
 
-def compared(order: Order, problem: str) -> tuple[dict[str, Solved], dict[str, str]]:
+def compared(order: BenchRequest, problem: str) -> tuple[dict[str, Solved], dict[str, str]]:
     """Rounds of every solver of one problem by name, the reference first; and what refused."""
     world = order.world(problem)
     order.told(f"{problem}: building the solvers")
@@ -89,11 +89,11 @@ def compared(order: Order, problem: str) -> tuple[dict[str, Solved], dict[str, s
     return rounds(planners, asked, order.rounds, lambda text: order.told(f"{problem}: {text}")), refused
 
 
-def solvers(order: Order) -> Found:
+def solvers(order: BenchRequest) -> Found:
     """Solvers, hot, on the same recorded states"""
     for problem in order.problems:
         timed, refused = compared(order, problem)
-        yield from (Refused(part="solvers", problem=problem, name=name, why=why) for name, why in refused.items())
+        yield from (SolverRefused(part="solvers", problem=problem, name=name, why=why) for name, why in refused.items())
         reference = timed.get(IPOPT)
         for name, t in timed.items():
             yield _row("solvers", problem, name, t, reference, t.off(reference) if reference else None, t.unsolved)
@@ -102,9 +102,9 @@ def solvers(order: Order) -> Found:
 def _row(
     part: str, problem: str, name: str, t: Timed, reference: Timed | None = None,
     off: float | None = None, unsolved: int = 0, note: str = "",
-) -> Row:  # fmt: skip
+) -> BenchRow:  # fmt: skip
     p50, p99 = t.median(50), t.median(99)
-    return Row(
+    return BenchRow(
         part=part, problem=problem, name=name, unit="us", p50=p50 * US, p99=p99 * US, count=t.count,
         rounds=len(t.rounds),
         times=reference.fastest(50) / p50 if reference else None,
@@ -121,15 +121,15 @@ class Cadence(NamedTuple):
     unrehearsed: Timed
 
 
-def at_cadence(world: World, asked: list[Asked]) -> Cadence:
+def at_cadence(world: BenchWorld, asked: list[RecordedProblem]) -> Cadence:
     """The kernel: what sleeping costs, and what of it a rehearsal (`companion.boat.solver_thread`) saves."""
-    planner = RealTime("RTI", Nlp(world.ocp), STEP_S[world.name])
+    planner = RtiPlanner("RTI", Nlp(world.ocp), STEP_S[world.name])
     took = [replay(planner, asked), replay(planner, asked, every_s=CADENCE_S, rehearse=planner.rehearse),
             replay(planner, asked, every_s=CADENCE_S)]  # fmt: skip
     return Cadence(*(Timed([one.seconds]) for one in took))
 
 
-def controller(order: Order, asked: list[Asked]) -> Cadence:
+def controller(order: BenchRequest, asked: list[RecordedProblem]) -> Cadence:
     """The whole call that the boat makes, request in and plan out."""
     settings = NmpcSettings()
     nmpc = Nmpc(StructuredModel.of(order.vessel), Actuation.of(order.vessel), settings, time.perf_counter)
@@ -151,7 +151,7 @@ def controller(order: Order, asked: list[Asked]) -> Cadence:
     return Cadence(run(0.0, False), run(CADENCE_S, True), run(CADENCE_S, False))
 
 
-def request(tick: int, one: Asked) -> SolveRequest:
+def request(tick: int, one: RecordedProblem) -> SolveRequest:
     """A recorded state as the boat's own question, the last command that which its forces come from."""
     return SolveRequest(
         t_ns=round(tick * TICK_S * 1e9), index=tick, x0=tuple(one.x0.tolist()),
@@ -160,7 +160,7 @@ def request(tick: int, one: Asked) -> SolveRequest:
     )  # fmt: skip
 
 
-def cadence(order: Order) -> Found:
+def cadence(order: BenchRequest) -> Found:
     """The controller at a true 10 Hz, asleep between the solves, and hot"""
     for problem in order.problems:
         world = order.world(problem)

@@ -17,10 +17,10 @@ import numpy as np
 
 from companion.boat.solver_thread import REHEARSAL_S
 from sim.bench.controller.solvers import Planner
-from sim.bench.controller.worlds import STEPS, TICK_S, World
+from sim.bench.controller.worlds import STEPS, TICK_S, BenchWorld
 
 
-class Asked(NamedTuple):
+class RecordedProblem(NamedTuple):
     """What a solver is asked at one tick: state, parameters by stage, parameters of the horizon."""
 
     x0: np.ndarray
@@ -28,12 +28,12 @@ class Asked(NamedTuple):
     q: np.ndarray
 
 
-def record(world: World, planner: Planner, seed: int, steps: int = STEPS) -> tuple[list[Asked], float]:
+def record(world: BenchWorld, planner: Planner, seed: int, steps: int = STEPS) -> tuple[list[RecordedProblem], float]:
     """One drive by `planner`: what it was asked at each tick, and what the drive cost by the stage cost."""
     drive, asked, cost = world.drive(seed), [], 0.0
     for tick in range(steps):
         p, q = drive.ask(tick)
-        asked.append(Asked(drive.x.copy(), p.copy(), q.copy()))
+        asked.append(RecordedProblem(drive.x.copy(), p.copy(), q.copy()))
         if tick == 0:
             planner.begin(*asked[0])
         c = np.clip(planner.solve(*asked[-1]).c[0], world.ocp.c_min, world.ocp.c_max)
@@ -82,7 +82,11 @@ class Replayed(NamedTuple):
 
 
 def replay(
-    planner: Planner, asked: Sequence[Asked], *, every_s: float = 0.0, rehearse: Callable[[], object] | None = None
+    planner: Planner,
+    asked: Sequence[RecordedProblem],
+    *,
+    every_s: float = 0.0,
+    rehearse: Callable[[], object] | None = None,
 ) -> Replayed:
     """What a planner does with recorded states, from its own plans; `every_s`, `rehearse` as in `times_of`."""
     planner.begin(*asked[0])
@@ -144,7 +148,10 @@ def interleaved(
 
 
 def rounds(
-    planners: Sequence[Planner], asked: Sequence[Asked], count: int, told: Callable[[str], None] = lambda _: None
+    planners: Sequence[Planner],
+    asked: Sequence[RecordedProblem],
+    count: int,
+    told: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Solved]:
     """`count` interleaved rounds of solvers over the same states. `told` hears of each."""
     timed = {planner.name: Solved() for planner in planners}

@@ -14,7 +14,7 @@ from sim.bench.controller.nlp import Nlp
 SHIFT_S = 0.1
 
 
-class Plan(NamedTuple):
+class PlannedControls(NamedTuple):
     """States (N + 1, nx), controls (N, nu), cost, and whether the solver calls it solved."""
 
     x: np.ndarray
@@ -32,12 +32,12 @@ class Planner(Protocol):
         """Forget, and plan from nothing, as well as it takes."""
         ...
 
-    def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Plan:
+    def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> PlannedControls:
         """Plan a tick after the last one."""
         ...
 
 
-class Kept:
+class CasadiPlanner:
     """A solver that CasADi brings, on `Nlp`, from the last plan; `solver` as `Nlp.solver` or `Nlp.one_step` make it."""
 
     def __init__(self, name: str, nlp: Nlp, step_s: float, solver: ca.Function, settle: int = 1):
@@ -54,13 +54,13 @@ class Kept:
         for _ in range(self._settle):
             self._called(x0, p, q)
 
-    def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Plan:
+    def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> PlannedControls:
         """Shift, one call of the solver."""
         self.x[:-1] += self._share * (self.x[1:] - self.x[:-1])
         self.c[:-1] += self._share * (self.c[1:] - self.c[:-1])
         return self._called(x0, p, q)
 
-    def _called(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Plan:
+    def _called(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> PlannedControls:
         nlp = self._nlp
         self.x[0] = x0
         answer = nlp.call(self._solver, nlp.join(self.x, self.c), x0, p, q)
@@ -68,10 +68,10 @@ class Kept:
         self.x[:], self.c[:] = x, c
         cost = float(answer["f"])
         solved = bool(np.isfinite(cost)) if self._settle > 1 else bool(self._solver.stats()["success"])
-        return Plan(self.x, self.c, cost, solved)
+        return PlannedControls(self.x, self.c, cost, solved)
 
 
-class RealTime:
+class RtiPlanner:
     """The real-time iteration; `to` > 0: iterated until the cost changes by less than that share of it."""
 
     def __init__(
@@ -100,7 +100,7 @@ class RealTime:
         for array, before in kept:
             array[:] = before
 
-    def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Plan:
+    def solve(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> PlannedControls:
         """Shift, iterate."""
         r = self.rti
         r.x0[:], r.p[:], r.q[:], r.shift[0] = x0, p, q, self._share
@@ -114,4 +114,4 @@ class RealTime:
                 last = came.cost
                 r.iterate()
                 came = r.came()
-        return Plan(r.X, r.C, came.cost, came.settled and came.sane)
+        return PlannedControls(r.X, r.C, came.cost, came.settled and came.sane)

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from sim.bench.request import Found, Order
-from sim.bench.result import Refused, Row
+from sim.bench.request import BenchRequest, Found
+from sim.bench.result import BenchRow, SolverRefused
 
 STARTS = (("cold, no kept machine code", "rti"), ("warm", "rti"), ("warm, interpreted", "interpreted"))
 LIMIT_S = 120.0
 
 
-class Start(NamedTuple):
+class ProcessStart(NamedTuple):
     """One start: seconds to the first plan, memory [MB], status of the plan, why there is no machine code."""
 
     name: str
@@ -29,7 +29,7 @@ class Start(NamedTuple):
     why: str
 
 
-def starts(vessel: Path) -> Iterator[Start]:
+def starts(vessel: Path) -> Iterator[ProcessStart]:
     """Each of `STARTS`, in its order, over one fresh cache. Raises RuntimeError where a process fails."""
     with tempfile.TemporaryDirectory() as cache:
         for name, method in STARTS:
@@ -41,10 +41,10 @@ def starts(vessel: Path) -> Iterator[Start]:
             if done.returncode:
                 raise RuntimeError((done.stderr.strip() or "no plan").splitlines()[-1])
             at, rss_mb, status, why = json.loads(done.stdout.splitlines()[-1])
-            yield Start(name, at - began, rss_mb, status, why)
+            yield ProcessStart(name, at - began, rss_mb, status, why)
 
 
-def start(order: Order) -> Found:
+def start(order: BenchRequest) -> Found:
     """Start-up: a fresh process from nothing to the first plan"""
     order.told("start: cold, then warm")
     try:
@@ -52,6 +52,8 @@ def start(order: Order) -> Found:
             note = " ".join(word for word in (one.status if one.status != "ok" else "", one.why) if word)
             note = "" if one.name.endswith("interpreted") else note
             for unit, value in (("s", one.seconds), ("MB", one.rss_mb)):
-                yield Row(part="start", problem="production", name=one.name, unit=unit, p50=value, count=1, note=note)
+                yield BenchRow(
+                    part="start", problem="production", name=one.name, unit=unit, p50=value, count=1, note=note
+                )
     except (RuntimeError, subprocess.TimeoutExpired) as error:
-        yield Refused(part="start", problem="production", name="first plan", why=str(error))
+        yield SolverRefused(part="start", problem="production", name="first plan", why=str(error))

@@ -50,7 +50,7 @@ class Drive(Protocol):
 
 
 @dataclass(frozen=True)
-class World:
+class BenchWorld:
     """A problem with its drives. `stage_cost`: (x, c, p, q) -> what the stage costs."""
 
     name: str
@@ -68,22 +68,22 @@ def stage_cost(ocp: Ocp) -> ca.Function:
     return ca.Function("stage_cost", [ocp.x, ocp.c, ocp.p, ocp.q], [ca.sumsqr(ocp.residual)])
 
 
-def production_world(vessel: VesselFile, settings: NmpcSettings | None = None) -> World:
+def production_world(vessel: VesselFile, settings: NmpcSettings | None = None) -> BenchWorld:
     """The production problem of one vessel."""
     settings = settings or NmpcSettings()
     model = StructuredModel.of(vessel)
     ocp = production(model, Actuation.of(vessel), settings)
     plant = BufferedStep(step_function(model, TICK_S, 4))
-    return World("production", ocp, stage_cost(ocp), lambda seed: _Mission(ocp, settings, plant, seed))
+    return BenchWorld("production", ocp, stage_cost(ocp), lambda seed: _Mission(ocp, settings, plant, seed))
 
 
-def paper_world(vessel: VesselFile) -> World:
+def paper_world(vessel: VesselFile) -> BenchWorld:
     """The paper's problem with the thrusters of one vessel."""
     model = AbkowitzModel(configuration_matrix(vessel), vessel.propulsion.lag_s)
     ocp = paper_ocp(model)
     x = ocp.following
     plant = BufferedStep(ca.Function("plant", [ocp.x, ocp.c, ocp.q], [x]))
-    return World("paper", ocp, stage_cost(ocp), lambda seed: _Headings(ocp, plant, seed))
+    return BenchWorld("paper", ocp, stage_cost(ocp), lambda seed: _Headings(ocp, plant, seed))
 
 
 class _Mission:

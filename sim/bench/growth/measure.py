@@ -17,11 +17,11 @@ from companion.core.control.nmpc import NmpcSettings
 from sim.bench.controller.compare import recorded
 from sim.bench.controller.nlp import Nlp
 from sim.bench.controller.rounds import Solved, replay
-from sim.bench.controller.solvers import Kept, Planner, RealTime
-from sim.bench.controller.worlds import World, production_world
+from sim.bench.controller.solvers import CasadiPlanner, Planner, RtiPlanner
+from sim.bench.controller.worlds import BenchWorld, production_world
 from sim.bench.growth.scaling_exponent import grown
-from sim.bench.request import STEP_S, Found, Order
-from sim.bench.result import Growth, Refused
+from sim.bench.request import STEP_S, BenchRequest, Found
+from sim.bench.result import Growth, SolverRefused
 
 HORIZONS = (10, 20, 40, 80, 160)
 THRUSTERS = (2, 3, 4, 6, 8, 10, 12)
@@ -34,14 +34,14 @@ SEED = 4000
 US = 1e6
 
 
-def horizon(order: Order) -> Found:
+def horizon(order: BenchRequest) -> Found:
     """Growth of a solve with the horizon"""
     yield from _solves(order, "stages", {
         n: production_world(order.vessel, NmpcSettings(stages=n)) for n in HORIZONS
     })  # fmt: skip
 
 
-def thrusters(order: Order) -> Found:
+def thrusters(order: BenchRequest) -> Found:
     """Growth of a solve with the number of thrusters"""
     yield from _solves(order, "thrusters", {
         n: production_world(with_thrusters(order.vessel, n)) for n in THRUSTERS
@@ -64,7 +64,7 @@ def with_thrusters(vessel: VesselFile, n: int) -> VesselFile:
     return msgspec.structs.replace(vessel, thrusters=chosen)
 
 
-def _solves(order: Order, by: str, worlds: Mapping[int, World]) -> Iterator[Growth]:
+def _solves(order: BenchRequest, by: str, worlds: Mapping[int, BenchWorld]) -> Iterator[Growth]:
     """Medians of the fastest round of three ways to solve, at each size; in each round every size."""
     cases, timed = {}, {}
     for size, world in worlds.items():
@@ -79,16 +79,16 @@ def _solves(order: Order, by: str, worlds: Mapping[int, World]) -> Iterator[Grow
         yield grown(name, by, "us", list(each), [t.fastest(50) * US for t in each.values()])
 
 
-def _three(world: World) -> Sequence[Planner]:
+def _three(world: BenchWorld) -> Sequence[Planner]:
     nlp, h = Nlp(world.ocp), STEP_S["production"]
     return [
-        RealTime("RTI, 2 iterations", nlp, h),
-        Kept("sqpmethod + hpipm, 1 step", nlp, h, nlp.one_step(), 5),
-        Kept("IPOPT, SX", nlp, h, nlp.solver("ipopt", expand=True)),
+        RtiPlanner("RTI, 2 iterations", nlp, h),
+        CasadiPlanner("sqpmethod + hpipm, 1 step", nlp, h, nlp.one_step(), 5),
+        CasadiPlanner("IPOPT, SX", nlp, h, nlp.solver("ipopt", expand=True)),
     ]
 
 
-def logs(order: Order) -> Found:
+def logs(order: BenchRequest) -> Found:
     """Growth of fits and diagnosis with the log, and of a diagnosis with the catalogue"""
     try:
         from sim.fitting.diagnose.catalogue import catalogue  # noqa: PLC0415 - these need the extra `analysis`
@@ -96,7 +96,7 @@ def logs(order: Order) -> Found:
         from sim.fitting.identify.result import fit_structured  # noqa: PLC0415
         from sim.world.teleop_log import teleop_logs  # noqa: PLC0415
     except ImportError:
-        yield Refused(part="growth", problem="logs", name="fit, diagnosis", why="needs the extra `analysis`")
+        yield SolverRefused(part="growth", problem="logs", name="fit, diagnosis", why="needs the extra `analysis`")
         return
 
     driven = {s: teleop_logs(_weakened(order.vessel), order.vessel, [SEED], s) for s in LOGS_S}
@@ -117,7 +117,7 @@ def _weakened(vessel: VesselFile) -> VesselFile:
     return msgspec.structs.replace(vessel, thrusters=(weak, *others))
 
 
-def _timed(order: Order, what: str, by: str, calls: Mapping[int, Callable[[], object]]) -> Growth:
+def _timed(order: BenchRequest, what: str, by: str, calls: Mapping[int, Callable[[], object]]) -> Growth:
     """Processor seconds of one call at each size: it does not matter who else is on the machine."""
     took = []
     for size, call in calls.items():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.bench.result import Growth, Point
+from sim.bench.result import Growth, GrowthPoint
 
 BEND = 0.3
 """Change of the exponent that counts as a bend."""
@@ -43,7 +43,7 @@ def grown(what: str, by: str, unit: str, sizes: Sequence[float], values: Sequenc
     """The record of one curve; exponents of the first and the last pair of points tell how it bends."""
     return Growth(
         what=what, by=by, unit=unit,
-        points=tuple(Point(size=float(s), value=float(v)) for s, v in zip(sizes, values, strict=True)),
+        points=tuple(GrowthPoint(size=float(s), value=float(v)) for s, v in zip(sizes, values, strict=True)),
         exponent=exponent(sizes, values),
         first_exponent=exponent(sizes[:2], values[:2]),
         last_exponent=exponent(sizes[-2:], values[-2:]),

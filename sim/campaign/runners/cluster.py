@@ -8,7 +8,7 @@ from types import TracebackType
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from sim.campaign.runners.job import Outcome, RunnerLost, Work, died
+from sim.campaign.runners.job import CaseOutcome, RunnerLost, Work, died
 from sim.campaign.runners.worker import run_work
 
 CONNECT_S = 10.0
@@ -37,7 +37,7 @@ class Cluster:
         """What has not been run is taken back."""
         self._client.close()
 
-    def __call__(self, works: Sequence[Work]) -> Iterator[Outcome]:
+    def __call__(self, works: Sequence[Work]) -> Iterator[CaseOutcome]:
         """Outcomes as they come."""
         futures = self._client.map(run_work, works, pure=False, key="aritra-campaign")
         asked = dict(zip((f.key for f in futures), works, strict=True))

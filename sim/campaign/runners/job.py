@@ -27,7 +27,7 @@ class Work(msgspec.Struct, frozen=True, kw_only=True):
     logs: dict[str, tuple[tuple[str, str], ...]]
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+class CaseOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """How a case went: `figures`, or `error` with its `trace`. The rest may differ from run to run.
 
     `program`: versions of what computed it; `seconds`: wall time; `begun_s`: on the machine's monotonic clock.
@@ -43,15 +43,17 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     worker: str = ""
 
 
-Runner = Callable[[Sequence[Work]], Iterator[Outcome]]
+Runner = Callable[[Sequence[Work]], Iterator[CaseOutcome]]
 """Runs works in any order; gives each outcome as soon as it is there."""
 DEATHS = 3
 """A case whose worker has died so often has failed; assumed."""
 
 
-def died(work: Work) -> Outcome:
+def died(work: Work) -> CaseOutcome:
     """Of a case that takes its workers with it."""
-    return Outcome(id=work.id, error=f"its worker died {DEATHS} times: killed, out of memory, or a crash in a library")
+    return CaseOutcome(
+        id=work.id, error=f"its worker died {DEATHS} times: killed, out of memory, or a crash in a library"
+    )
 
 
 class RunnerLost(Exception):

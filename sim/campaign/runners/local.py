@@ -17,7 +17,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
-from sim.campaign.runners.job import DEATHS, Outcome, RunnerLost, Work, died
+from sim.campaign.runners.job import DEATHS, CaseOutcome, RunnerLost, Work, died
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 
@@ -41,12 +41,12 @@ class Local:
             lane.shutdown(wait=True, cancel_futures=True)
         self._listening.close()
 
-    def __call__(self, works: Sequence[Work]) -> Iterator[Outcome]:
+    def __call__(self, works: Sequence[Work]) -> Iterator[CaseOutcome]:
         """Outcomes as they come. Raises RunnerLost where a process cannot even load this program."""
         while len(self._lanes) < min(self._jobs, len(works)):
             self._lanes.append(self._lane())
         waiting, free, deaths = deque(works), list(self._lanes), Counter[str]()
-        running: dict[Future[Outcome], tuple[ProcessPoolExecutor, Work]] = {}
+        running: dict[Future[CaseOutcome], tuple[ProcessPoolExecutor, Work]] = {}
         self._fill(free, waiting, running)
         while running:
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -72,7 +72,7 @@ class Local:
         self,
         free: list[ProcessPoolExecutor],
         waiting: deque[Work],
-        running: dict[Future[Outcome], tuple[ProcessPoolExecutor, Work]],
+        running: dict[Future[CaseOutcome], tuple[ProcessPoolExecutor, Work]],
     ) -> None:
         """Give each free lane a case."""
         while free and waiting:
@@ -107,7 +107,7 @@ def _begin(campaign: Connection) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _run(work: Work) -> Outcome:
+def _run(work: Work) -> CaseOutcome:
     from sim.campaign.runners.worker import run_work  # noqa: PLC0415 - heavy: in the worker alone
 
     return run_work(work)

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from companion.logs.metadata import log_metadata
 from sim.campaign.case_files import told
-from sim.campaign.runners.job import Figure, Outcome, Work
+from sim.campaign.runners.job import CaseOutcome, Figure, Work
 
 LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels", "llvmlite")
 """On whose versions figures may depend."""
@@ -35,7 +35,7 @@ def program() -> dict[str, str]:
     return ours | {name: version(name) for name in LIBRARIES}
 
 
-def run_work(work: Work) -> Outcome:
+def run_work(work: Work) -> CaseOutcome:
     """The case's outcome. Raises nothing that a case can cause."""
     with _one, threadpool_limits(limits=1):
         begun = time.monotonic()
@@ -45,7 +45,7 @@ def run_work(work: Work) -> Outcome:
         except Exception as failure:
             error = f"{type(failure).__name__}: {failure}"
             trace = "\n".join(traceback.format_exc().splitlines()[-TRACE_LINES:])
-        return Outcome(
+        return CaseOutcome(
             id=work.id,
             figures=figures,
             error=error,

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
-from companion.logs.runs.run import Problem, Run
+from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.diagnose.catalogue import catalogue, unaware
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.clock import Clock
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.clock import LogClock
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.preparation.gaps import pieces, unbroken, without_pauses
 from sim.fitting.diagnose.preparation.subsampling import spread
 from sim.fitting.diagnose.preparation.swapped_columns import refuse_mistaken
@@ -29,12 +29,12 @@ from sim.fitting.diagnose.report.verdict import Adequate, conclude, refuted, tak
 from sim.fitting.diagnose.selection.adequacy import adequacy
 from sim.fitting.diagnose.selection.detectability import visible_from
 from sim.fitting.diagnose.selection.distinguishability import ToldApart, told_apart
-from sim.fitting.diagnose.selection.held_out import Believed, HeldOutScore, score
+from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
 from sim.fitting.diagnose.selection.search import search
 from sim.fitting.diagnose.selection.select import Selection, Selector
-from sim.fitting.diagnose.vessel_edits.mended_vessel import Files, Named, mend, refit
+from sim.fitting.diagnose.vessel_edits.mended_vessel import Named, VesselFiles, mend, refit
 from sim.fitting.engine.noise import Noise
-from sim.fitting.engine.split import Log, Split, split, usable
+from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import fixes_of
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
@@ -53,7 +53,7 @@ class Data:
     split: Split
     fitted: list[Run]
     held_out: list[Run]
-    clock: Clock
+    clock: LogClock
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Diagnosis:
 
     base: VesselFile
     split: Split
-    fit: Fit
+    fit: PosteriorFit
     selection: Selection
-    refit: Believed
-    refit_point: Point
+    refit: ModelUnderTest
+    refit_point: LinearisationPoint
     ambient: Noise | None
     reference: str
     causes: tuple[Named, ...]
@@ -77,10 +77,10 @@ class Diagnosis:
     withdrawn: dict[str, str]
     adequacy: record.Adequacy | None
     identifiability: ToldApart | None
-    files: Files
+    files: VesselFiles
     held_out: HeldOutScore
     visible: dict[str, tuple[float, str]]
-    problems: dict[str, list[Problem]]
+    problems: dict[str, list[LogProblem]]
     seed: int
     runtime_s: float
 
@@ -101,7 +101,7 @@ def diagnose(
     without: Sequence[str] = (),
     known: Sequence[str] = (),
     adequacy: Adequate | None = adequacy,
-    identifiability: Callable[[Fit, Selection], ToldApart] | None = told_apart,
+    identifiability: Callable[[PosteriorFit, Selection], ToldApart] | None = told_apart,
     say: Say = lambda _step, _text, _share: None,
     seed: int = 0,
     clock: Callable[[], float] = lambda: 0.0,
@@ -117,7 +117,9 @@ def diagnose(
     data = _data(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
     entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
-    fit = Fit(Physics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient))
+    fit = PosteriorFit(
+        EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient)
+    )
     found = search(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
@@ -126,7 +128,7 @@ def diagnose(
     mended = mend(fit, plain, verdict.selection.final, verdict.causes)
     say(STEPS[2], "", 1.0)
     say(STEPS[3], "", 0.0)
-    believed = {"base": Believed({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
+    believed = {"base": ModelUnderTest({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
     judged = score(data.held_out, vessel, fit.effects, believed, fit.physics, seed)
     if verdict.causes and not known and (why := refuted(verdict, judged)):
         verdict = taken_back(fit, verdict, why, ambient, adequacy)
@@ -160,7 +162,7 @@ def diagnose(
 
 def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
     whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
-    parted, clock = spread(whole), Clock.of(whole.fitted, [part.run for part in whole.held_out])
+    parted, clock = spread(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:
         refuse_mistaken(used.log.run)
     outside = [run for out in parted.held_out for run in (pieces(out.run, out.inside) if out.inside else [out.run])]
@@ -169,18 +171,18 @@ def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, bloc
     return Data(parted, list(parted.fitted), outside, clock)
 
 
-def _logs(runs: Sequence[Run]) -> list[Log]:
-    return [Log(run.meta.source, run) for run in runs]
+def _logs(runs: Sequence[Run]) -> list[NamedLog]:
+    return [NamedLog(run.meta.source, run) for run in runs]
 
 
 def _ambient(reference: Run, vessel: VesselFile, say: Say) -> Noise:
     """Noise of sensors and of what nobody can foretell, from a log in which nothing is wrong."""
     say(STEPS[0], reference.meta.source, 0.0)
-    run = usable(Log(reference.meta.source, reference), vessel).run
+    run = usable(NamedLog(reference.meta.source, reference), vessel).run
     refuse_mistaken(run)
     calm = unbroken(run)
     everyday = [e for e in catalogue(vessel, calm) if e.everyday]
-    model = Selector(Fit(Physics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel, calm))).base()
+    model = Selector(PosteriorFit(EffectPhysics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel, calm))).base()
     say(STEPS[0], "", 1.0)
     return model.noise
 

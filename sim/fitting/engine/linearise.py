@@ -9,11 +9,11 @@ import numpy as np
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
 from sim.fitting.engine.jacobian_rows import BLOCK, fade, inertial, places, positions, sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
-from sim.fitting.engine.model import Compiled
-from sim.fitting.engine.motion import Motion, Mover
+from sim.fitting.engine.model import CompiledModel
+from sim.fitting.engine.motion import Mover, WindowMotion
 from sim.fitting.engine.noise import STATE, L, Noise
 from sim.fitting.engine.parameters import Parameters
-from sim.fitting.engine.sensors import Imu, Tag
+from sim.fitting.engine.sensors import ImuResiduals, TagResiduals
 from sim.fitting.engine.windows import Windows
 
 HUBER = 2.5  # whitened fixes beyond this count linearly, not squared: 97 % efficient on normal noise
@@ -32,19 +32,19 @@ class Linearised:
     ties: Ties
     residuals: np.ndarray
     fix_residuals: np.ndarray
-    motion: Motion
+    motion: WindowMotion
 
 
-class Problem:
+class FitProblem:
     """What does not change between iterations."""
 
-    def __init__(self, windows: Windows, parameters: Parameters, compiled: Compiled):
+    def __init__(self, windows: Windows, parameters: Parameters, compiled: CompiledModel):
         imu = parameters.vessel.sensors.imu
         self.windows, self.parameters = windows, parameters
         self.move = Mover(windows, parameters, compiled)
-        self.imu, self.tag = Imu(windows, (imu.x_m, imu.y_m)), Tag(windows, parameters)
+        self.imu, self.tag = ImuResiduals(windows, (imu.x_m, imu.y_m)), TagResiduals(windows, parameters)
 
-    def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise, motion: Motion | None = None) -> Linearised:
+    def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise, motion: WindowMotion | None = None) -> Linearised:
         """Normal equations at parameters q (P,) and nodes z (W, L), without priors; `motion`: where it is known."""
         motion = motion or self.move(q, z)
         path = self.tag.path(motion, q)
@@ -73,7 +73,7 @@ class Problem:
         cost = 0.5 * (float(np.nansum(residual**2)) + float(huber))
         return Linearised(chain, cost, self._ties(motion, ends, z, noise), residual, fix_residual, motion)
 
-    def _ties(self, motion: Motion, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
+    def _ties(self, motion: WindowMotion, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
         at, span = self.windows.tied()
         decay, _ = noise.tie(span)
         F, G = np.zeros((len(at), L, L)), np.zeros((len(at), 6, len(self.parameters.names)))

@@ -40,7 +40,7 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
 
 
 @dataclass(frozen=True)
-class Compiled:
+class CompiledModel:
     """Functions of one vessel file for windows of `steps` steps, `windows` of them.
 
     d: latent acceleration (3,) of a window, added to nu_dot.
@@ -54,7 +54,7 @@ class Compiled:
     windows: int
 
 
-def compile_model(vessel: VesselFile, steps: int, windows: int) -> Compiled:
+def compile_model(vessel: VesselFile, steps: int, windows: int) -> CompiledModel:
     """Build both functions for a problem of the given size."""
     size = N_HULL + len(fitted_terms(vessel))
     x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
@@ -65,7 +65,7 @@ def compile_model(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, tau))))
     rates = ca.Function("rates", [x, p, tau, d], ca.cse([A, G, nu_dot]))
     rate = ca.Function("rate", [x, p, tau, d], [x_dot])
-    return Compiled(Rollout(_step(rate, size)), Batch(rates, windows * (steps + 1)), steps, windows)
+    return CompiledModel(Rollout(_step(rate, size)), Batch(rates, windows * (steps + 1)), steps, windows)
 
 
 def _step(rate: ca.Function, size: int) -> ca.Function:

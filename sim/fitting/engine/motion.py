@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.fitting.engine.jacobian_rows import Pushes
 from sim.fitting.engine.kernels.windows import MIDDLE
-from sim.fitting.engine.model import N_HULL, Compiled
+from sim.fitting.engine.model import N_HULL, CompiledModel
 from sim.fitting.engine.noise import LATENT, STATE
 from sim.fitting.engine.parameters import Parameters, adjustable
 from sim.fitting.engine.thrust.history import ThrustHistory
@@ -22,7 +22,7 @@ from sim.fitting.engine.windows import Windows
 
 
 @dataclass(frozen=True)
-class Motion:
+class WindowMotion:
     """All windows: x (W, K+1, 6), nu_dot (.., 3), A = d(x_dot)/dx (.., 6, 6), and what parameters change of nu_dot.
 
     Those that move the boat (`Parameters.moving`): all up to the lag, then trims, azimuths, curves and terms.
@@ -40,9 +40,9 @@ class Mover:
 
     windows: Windows
     parameters: Parameters
-    compiled: Compiled
+    compiled: CompiledModel
 
-    def __call__(self, q: np.ndarray, z: np.ndarray) -> Motion:
+    def __call__(self, q: np.ndarray, z: np.ndarray) -> WindowMotion:
         """Trajectories at parameters q (P,) and nodes z (W, L)."""
         W, K = self.windows.size
         parameters = self.parameters
@@ -73,7 +73,7 @@ class Mover:
         changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
         late = _turned(tau[:, :-1] - tau[:, 1:], M_inv.T)[..., 0]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()
-        return Motion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
+        return WindowMotion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
 
     def _late(self, nodes: np.ndarray, late: np.ndarray) -> Pushes:
         """`late` (W, K, 3): what a second of dead time adds to nu over a step, exactly.

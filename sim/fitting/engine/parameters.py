@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.configuration.vessel_file import PitchMap, VesselFile
-from companion.core.model.loads import REGISTRY, Parameter
+from companion.core.model.loads import REGISTRY, LoadParameter
 from companion.core.model.loads import values as term_values
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
 
@@ -76,7 +76,7 @@ class PriorSigmas:
     term: float = 1.0
 
 
-def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, Parameter], ...]:
+def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, LoadParameter], ...]:
     """Term and parameter of all that a fit of this vessel estimates of its terms."""
     return tuple((name, p) for name in vessel.terms for p in REGISTRY[name].parameters if p.fitted)
 

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from sim.fitting.engine.jacobian_rows import fade
-from sim.fitting.engine.motion import Motion
+from sim.fitting.engine.motion import WindowMotion
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, L, Noise, whiten
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
@@ -21,13 +21,13 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # omega x: of a unit yaw rate
 
 
 @dataclass(frozen=True)
-class Imu:
+class ImuResiduals:
     """Heading, yaw rate and specific force of all windows."""
 
     windows: Windows
     arm_m: tuple[float, float]
 
-    def residual(self, motion: Motion, z: np.ndarray, noise: Noise) -> np.ndarray:
+    def residual(self, motion: WindowMotion, z: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured, whitened, shape (W, K, 4); NaN where nothing was measured."""
         K = self.windows.size[1]
         x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
@@ -43,7 +43,7 @@ class Imu:
         out[..., PSI] = np.where(known, white[..., 0], np.nan)
         return out
 
-    def slopes(self, motion: Motion) -> np.ndarray:
+    def slopes(self, motion: WindowMotion) -> np.ndarray:
         """What psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
         W, K = self.windows.size
         u, v, r = (motion.x[:, :K, i] for i in (3, 4, 5))
@@ -56,19 +56,19 @@ class Imu:
 
 
 @dataclass(frozen=True)
-class Tag:
+class TagResiduals:
     """Position samples of all runs."""
 
     windows: Windows
     parameters: Parameters
 
-    def residual(self, path: Path, q: np.ndarray, noise: Noise) -> np.ndarray:
+    def residual(self, path: PathResiduals, q: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured place, whitened, shape (m, 2)."""
         place = path.x[:, :2] + path.turned(path.shift)
         warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
 
-    def slopes(self, path: Path) -> np.ndarray:
+    def slopes(self, path: PathResiduals) -> np.ndarray:
         """What places change with the state at the step before, (m, 2, 6); the warp's share of it is left out."""
         delta = path.delta_s
         C = np.zeros((len(delta), 2, 6))
@@ -78,7 +78,7 @@ class Tag:
         C[:, :, 5] = delta * (path.R @ (TURN @ path.arm))
         return C
 
-    def add_own(self, rows: np.ndarray, path: Path, scale: np.ndarray) -> None:
+    def add_own(self, rows: np.ndarray, path: PathResiduals, scale: np.ndarray) -> None:
         """Latency, arm and warp in rows (m, 2, L + P), times `scale` (m,)."""
         at, warp, by = L + self.parameters.thrusters.stop + 2, L + self.parameters.warp.start, scale[:, None]
         delta = path.delta_s
@@ -92,7 +92,7 @@ class Tag:
     def _middle(self) -> np.ndarray:
         return self.windows.fixes.place_m.mean(axis=0)
 
-    def path(self, motion: Motion, q: np.ndarray) -> Path:
+    def path(self, motion: WindowMotion, q: np.ndarray) -> PathResiduals:
         """Where the tag went, near each sample."""
         at = self.parameters.thrusters.stop + 3
         when = self.windows.fixes.t_s - q[self.parameters.thrusters.stop + 2]
@@ -101,11 +101,11 @@ class Tag:
         r = x[:, 5:6]
         velocity = x[:, 3:5] + r * (TURN @ arm)
         gain = nd[:, :2] + nd[:, 2:] * (TURN @ arm) + r * (velocity @ TURN.T)
-        return Path(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
+        return PathResiduals(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
 
 
 @dataclass(frozen=True)
-class Path:
+class PathResiduals:
     """The tag near each sample: body-axes velocity and acceleration at the step before, `delta_s` earlier."""
 
     window: np.ndarray

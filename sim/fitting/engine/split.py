@@ -26,7 +26,7 @@ class JobError(ValueError):
 
 
 @dataclass(frozen=True)
-class Log:
+class NamedLog:
     """One log by the name that its user gave it."""
 
     name: str
@@ -37,7 +37,7 @@ class Log:
 class Used:
     """What became of one log: intervals [s] on its own clock."""
 
-    log: Log
+    log: NamedLog
     fitted_s: tuple[Interval, ...]
     held_out_s: tuple[Interval, ...]
 
@@ -52,7 +52,9 @@ class Split:
     rule: str
 
 
-def split(logs: Sequence[Log], held_out: Sequence[Log], vessel: VesselFile, block_s: float | None = None) -> Split:
+def split(
+    logs: Sequence[NamedLog], held_out: Sequence[NamedLog], vessel: VesselFile, block_s: float | None = None
+) -> Split:
     """Divide the logs. Raises JobError or RunError naming the log where one cannot be used."""
     if not logs:
         raise JobError("no log to fit")
@@ -77,7 +79,7 @@ def split(logs: Sequence[Log], held_out: Sequence[Log], vessel: VesselFile, bloc
     return Split(tuple(fitted), tuple(out), tuple(used), rule)
 
 
-def usable(log: Log, vessel: VesselFile) -> Log:
+def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
     """The log under its own name, with its thrusters in the vessel file's order. Raises JobError."""
     run, names = Run(log.run.table, replace(log.run.meta, source=log.name)), tuple(t.name for t in vessel.thrusters)
     if set(run.thrusters) != set(names):
@@ -90,21 +92,21 @@ def usable(log: Log, vessel: VesselFile) -> Log:
             hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
             raise JobError(f"{log.name}: {column}: blank throughout; nothing can be identified without {what}{hint}")
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
-    return Log(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
+    return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
 
 
-def _all(log: Log) -> Interval:
+def _all(log: NamedLog) -> Interval:
     t_s = log.run.table["t_s"]
     return float(t_s[0]), float(t_s[-1])
 
 
-def _long(log: Log, least_s: float, what: str) -> Log:
+def _long(log: NamedLog, least_s: float, what: str) -> NamedLog:
     if log.run.duration_s < least_s:
         raise JobError(f"{log.name}: {log.run.duration_s:.1f} s; {least_s:g} s are the least {what}")
     return log
 
 
-def _alternate(log: Log, block_s: float) -> Used:
+def _alternate(log: NamedLog, block_s: float) -> Used:
     if block_s < LEAST_HELD_OUT_S:
         raise JobError(f"blocks of {block_s:g} s: {LEAST_HELD_OUT_S:g} s are the least to be judged by")
     try:
@@ -114,7 +116,7 @@ def _alternate(log: Log, block_s: float) -> Used:
     return Used(log, tuple(fitted), tuple(out))
 
 
-def _tail(log: Log) -> Used:
+def _tail(log: NamedLog) -> Used:
     out_s = max(SHARE * log.run.duration_s, LEAST_HELD_OUT_S)
     _long(log, LEAST_FIT_S + LEAST_HELD_OUT_S, "when its last part is held out (or hold out another log)")
     fitted, out = tail(log.run, out_s)

@@ -17,7 +17,7 @@ from companion.logs.runs.decimate import Thinned
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
-from sim.fitting.engine.thrust.history import Commands
+from sim.fitting.engine.thrust.history import ThrustCommands
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 PSI, RATE, SURGE, SWAY = range(4)
@@ -57,7 +57,7 @@ class Windows:
     run: np.ndarray
     first: np.ndarray
     fixes: Fixes
-    commands: tuple[Commands, ...]
+    commands: tuple[ThrustCommands, ...]
     spans: tuple[slice, ...]
     grids: tuple[tuple[np.ndarray, np.ndarray], ...]
     around_s: tuple[np.ndarray, ...]

@@ -42,7 +42,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateManoeuvre:
     """A segment that the vessel can fly here: how long with the way back, and what it tells (P, P)."""
 
     segment: Segment
@@ -52,27 +52,27 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Row:
+class AdviceRow:
     """One parameter: shares of the prior now and after the segment of the library that shows it best."""
 
     index: int
     now: Knowledge
     after: Knowledge
-    best: Candidate
+    best: CandidateManoeuvre
 
 
 @dataclass(frozen=True)
 class Advice:
     """What to do next: candidates by worth, the parameters that it is about, and a row a parameter of interest."""
 
-    ranked: tuple[Candidate, ...]
+    ranked: tuple[CandidateManoeuvre, ...]
     about: tuple[int, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[AdviceRow, ...]
 
 
 def candidates(
     library: Excitation, vessel: VesselFile, site: Site, say: Say = lambda _: None
-) -> tuple[list[Candidate], list[str]]:
+) -> tuple[list[CandidateManoeuvre], list[str]]:
     """Segments with what they tell, and why others were left out. Raises ConfigError where none can be flown."""
     found, left_out = [], []
     for segment in library.segments:
@@ -89,19 +89,19 @@ def candidates(
             left_out.append(f"{segment.name}: {flown.duration_s:.1f} s are too short to tell anything")
         else:
             information = planned_information(flown.run, vessel)
-            found.append(Candidate(segment, flown.duration_s, information, flown.least_clearance_m))
+            found.append(CandidateManoeuvre(segment, flown.duration_s, information, flown.least_clearance_m))
     if not found:
         raise ConfigError("\n".join([f"{library.name}: no segment can be flown", *left_out]))
     return found, left_out
 
 
-def floor(known: Knowledge, library: Sequence[Candidate]) -> np.ndarray:
+def floor(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> np.ndarray:
     """Share of the prior that is left when the library has been flown `ENOUGH` times, (P,)."""
     everything = sum((c.information for c in library), start=np.zeros_like(known.precision))
     return known.with_information(ENOUGH * everything).share
 
 
-def worth(known: Knowledge, candidate: Candidate, least: np.ndarray, criterion: Criterion) -> float:
+def worth(known: Knowledge, candidate: CandidateManoeuvre, least: np.ndarray, criterion: Criterion) -> float:
     """Of one candidate [1/s]; `least`: as `floor`."""
     after, of = known.with_information(candidate.information), of_interest(known.vessel)
     d = 0.5 * (_log_det(known, of) - _log_det(after, of)) / candidate.duration_s
@@ -119,7 +119,7 @@ def _worst(known: Knowledge, least: np.ndarray, of: np.ndarray) -> float:
     return float((known.share[of] / least[of]).max())
 
 
-def advise(known: Knowledge, library: Sequence[Candidate]) -> Advice:
+def advise(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> Advice:
     """What to fly next, given what is known.
 
     It is about the parameters that are not determined and that some candidate would help; where there is none, about
@@ -134,13 +134,13 @@ def advise(known: Knowledge, library: Sequence[Candidate]) -> Advice:
     fall = np.log(known.share[about] / shares[:, about]).sum(axis=1) / [c.duration_s for c in library]
     ranked = tuple(library[i] for i in np.argsort(-fall))
     best = shares.argmin(axis=0)
-    rows = tuple(Row(int(i), known, after[best[i]], library[best[i]]) for i in of)
+    rows = tuple(AdviceRow(int(i), known, after[best[i]], library[best[i]]) for i in of)
     return Advice(ranked, tuple(about), rows)
 
 
 def choose(
-    known: Knowledge, library: Sequence[Candidate], budget_s: float, criterion: Criterion = "d"
-) -> tuple[Candidate, ...]:
+    known: Knowledge, library: Sequence[CandidateManoeuvre], budget_s: float, criterion: Criterion = "d"
+) -> tuple[CandidateManoeuvre, ...]:
     """Candidates in order of choice until nothing fits into `budget_s`, stretched by `STRETCH`, any more."""
     least, chosen, left_s = floor(known, library), [], STRETCH * budget_s
     while True:
@@ -155,7 +155,7 @@ def choose(
 def design(
     known: Knowledge,
     library: Excitation,
-    chosen: Sequence[Candidate],
+    chosen: Sequence[CandidateManoeuvre],
     site: Site,
     budget_s: float,
     *,

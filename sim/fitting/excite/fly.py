@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from companion.boat.load_run import Setup
+from companion.boat.load_run import RunSetup
 from companion.boat.recorder import Recorder
 from companion.core.excitation.pen import Pen
 from companion.core.messages import Alert, ExcitationStatus, GroundTruth, Message, SolveRequest
@@ -45,7 +45,7 @@ class Flown:
 
 
 def fly(
-    setup: Setup, world: WorldSetup, seed: int, say: Callable[[str], None] = lambda _: None, limit_s: float = LIMIT_S
+    setup: RunSetup, world: WorldSetup, seed: int, say: Callable[[str], None] = lambda _: None, limit_s: float = LIMIT_S
 ) -> Flown:
     """Fly the setup's excitation in `world` until it is over or the boat has stopped for good."""
     run = SteppedRun(World(world, seed), Pilot(setup.pilot), _no_plan, begin="excite")
@@ -79,7 +79,7 @@ def notes(flown: Flown) -> list[Alert]:
     return [m for m in flown.messages if isinstance(m, Alert)]
 
 
-def write_logs(flown: Flown, setup: Setup, folder: Path) -> tuple[Path, Path]:
+def write_logs(flown: Flown, setup: RunSetup, folder: Path) -> tuple[Path, Path]:
     """run.mcap and truth.mcap into `folder`. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     run, truth = folder / "run.mcap", folder / "truth.mcap"

@@ -20,10 +20,10 @@ from sim.fitting.engine.noise import STATE, L
 from sim.fitting.engine.parameters import HULL, Parameters
 from sim.fitting.engine.windows import Windows
 from sim.fitting.identify.result import UNDETERMINED
-from sim.fitting.identify.structured_fit import Fit, Settings, solve
+from sim.fitting.identify.structured_fit import FitSettings, StructuredFit, solve
 
 TRUTH = tuple(f"true_{name}" for name in ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"))
-PLANNED = Settings(latent=False)
+PLANNED = FitSettings(latent=False)
 """A planned run is one of the model itself."""
 
 
@@ -84,7 +84,7 @@ def of_interest(vessel: VesselFile) -> np.ndarray:
 
 def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
     """Information (P, P) of a run of the vessel file's own boat, known to the last digit; before noise."""
-    fit = Fit([run], vessel, PLANNED)
+    fit = StructuredFit([run], vessel, PLANNED)
     z = np.zeros((fit.windows.size[0], L))
     z[:, STATE] = true_nodes(fit.windows, run)
     return _information(fit, fit.parameters.prior[0], z)
@@ -92,13 +92,13 @@ def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
 
 def recorded_knowledge(runs: Sequence[Run], vessel: VesselFile) -> Knowledge:
     """What recorded runs tell: a structured fit, and the information where it ended. Raises StructuredFitError."""
-    fit = Fit(runs, vessel, Settings())
+    fit = StructuredFit(runs, vessel, FitSettings())
     point, _ = solve(fit)
     precision = fit.assemble(point, fit.noise)[0].solve()[2]
     return Knowledge(vessel, precision, point.w)
 
 
-def _information(fit: Fit, w: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _information(fit: StructuredFit, w: np.ndarray, z: np.ndarray) -> np.ndarray:
     chain = fit.assemble(fit.point(w, z), fit.noise)[0]
     _, sigma = fit.parameters.prior
     return chain.solve()[2] - np.diag(1 / sigma**2)

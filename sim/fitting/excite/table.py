@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from sim.fitting.engine.units import unit_of
-from sim.fitting.excite.design import Advice, Candidate, worth
+from sim.fitting.excite.design import Advice, CandidateManoeuvre, worth
 from sim.fitting.excite.information import Knowledge, of_interest
 
 FEW = 5
@@ -69,7 +69,7 @@ def proposal(advice: Advice) -> list[str]:
     return lines
 
 
-def choices(chosen: Sequence[Candidate], start: Knowledge, least: np.ndarray) -> Table:
+def choices(chosen: Sequence[CandidateManoeuvre], start: Knowledge, least: np.ndarray) -> Table:
     """A plan's segments in the order of choice: time, and what each added."""
     table = Table(title="Chosen, in this order", title_justify="left")
     for name in ("segment", "time", "nats", "why"):

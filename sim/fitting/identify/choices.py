@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.engine.split import LEAST_FIT_S
-from sim.fitting.identify.job import SMOOTHER, Choices, Found
+from sim.fitting.identify.job import SMOOTHER, Choices, Identification
 from sim.fitting.identify.result import COLOURED, UNDETERMINED
 from sim.fitting.identify.structured_fit import FACTORS, WINDOWS_S
 from sim.fitting.identify.verdict import JUDGED_S, SAME
@@ -33,12 +33,12 @@ class Choice:
     made: str
 
 
-def choices(found: Found) -> list[Choice]:
+def choices(found: Identification) -> list[Choice]:
     """All of them."""
     return [Choice(*row) for rows in (_data, _series, _structured, _judging) for row in rows(found)]
 
 
-def _data(found: Found) -> Iterator[tuple[str, str, str]]:
+def _data(found: Identification) -> Iterator[tuple[str, str, str]]:
     given = found.choices
     own = given.block_s is not None or any(not u.fitted_s for u in found.split.used)
     yield "held out", found.split.rule, USER if own else BEFORE
@@ -54,7 +54,7 @@ def _data(found: Found) -> Iterator[tuple[str, str, str]]:
     yield "seed", str(given.seed), USER if given.seed != Choices().seed else BEFORE
 
 
-def _series(found: Found) -> Iterator[tuple[str, str, str]]:
+def _series(found: Identification) -> Iterator[tuple[str, str, str]]:
     if found.series:
         yield (
             "samples of the regressions",
@@ -69,7 +69,7 @@ def _series(found: Found) -> Iterator[tuple[str, str, str]]:
         yield "pysindy", f"STLSQ, threshold {THRESHOLD:g}, on {SMOOTHER}'s speeds, its own differences", USER
 
 
-def _structured(found: Found) -> Iterator[tuple[str, str, str]]:
+def _structured(found: Identification) -> Iterator[tuple[str, str, str]]:
     s, settings = found.structured, found.choices.settings
     windows = ", then ".join(f"{w:g}" for w in WINDOWS_S)
     given = "default" if settings.horizon_s is None else f"{settings.horizon_s:g} s"
@@ -98,7 +98,7 @@ def _structured(found: Found) -> Iterator[tuple[str, str, str]]:
     yield "residuals not white", f"correlation of neighbours beyond {COLOURED:g} (and its scatter)", BEFORE
 
 
-def _judging(found: Found) -> Iterator[tuple[str, str, str]]:
+def _judging(found: Identification) -> Iterator[tuple[str, str, str]]:
     judged = " and ".join(map(str, JUDGED_S))
     yield "open-loop runs", "one begins every 5 s, lasts up to 60 s, 10 s at least", BEFORE
     yield "commands of open-loop runs", f"sampled every {1000 * STEP_S:g} ms", BEFORE

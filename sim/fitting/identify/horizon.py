@@ -83,7 +83,7 @@ def _distance(t_s: np.ndarray, stamps: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Point:
+class HorizonPoint:
     """Where the fit stands: w (P,), errors (W, m, 6), cost [nats], and by window scores (W, P) and Hessian (P, P)."""
 
     w: np.ndarray
@@ -108,7 +108,7 @@ class HorizonFit:
         self._z[:, STATE] = self.target.x0
         self.sigma = _scale(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))
 
-    def point(self, w: np.ndarray) -> Point:
+    def point(self, w: np.ndarray) -> HorizonPoint:
         """Errors, cost and their derivatives at w."""
         q, goal = self.parameters.file_units(w), self.target
         motion = self.move(q, self._z)
@@ -127,9 +127,9 @@ class HorizonFit:
         rho = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
         cost = 0.5 * float(rho.sum()) / (len(goal.at) * OVERLAP) + 0.5 * float((((w - mean) / spread) ** 2).sum())
         H = (J.swapaxes(1, 2) @ J).sum(axis=0) + np.diag(1 / spread**2)
-        return Point(w, error, cost, scores, H)
+        return HorizonPoint(w, error, cost, scores, H)
 
-    def step(self, point: Point) -> tuple[Point, float]:
+    def step(self, point: HorizonPoint) -> tuple[HorizonPoint, float]:
         """One step that lowers the cost, and what it promised [nats]; the same point where none is to be had."""
         mean, spread = self.parameters.prior
         gradient, damping = point.scores.sum(axis=0) + (point.w - mean) / spread**2, 0.0
@@ -144,12 +144,12 @@ class HorizonFit:
             damping = max(10 * damping, 1.0)
         return point, 0.0
 
-    def covariance(self, point: Point) -> np.ndarray:
+    def covariance(self, point: HorizonPoint) -> np.ndarray:
         """Of w, (P, P): each window counts as one sample of each channel, however many instants it has."""
         return np.linalg.inv(point.H)
 
 
-def solve(fit: HorizonFit, most: int, say: Say) -> tuple[Point, int]:
+def solve(fit: HorizonFit, most: int, say: Say) -> tuple[HorizonPoint, int]:
     """From the priors' centres to convergence; sigmas follow the errors until they hardly change."""
     point, count, settled = fit.point(fit.parameters.prior[0]), 0, False
     while count < most:

@@ -14,12 +14,12 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
-from companion.logs.runs.run import Problem, Run
+from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, smooth
-from sim.fitting.engine.split import JobError, Log, Split, split
+from sim.fitting.engine.split import JobError, NamedLog, Split, split
 from sim.fitting.identify.result import FitResult, fit_structured
-from sim.fitting.identify.structured_fit import Settings
-from sim.fitting.identify.verdict import NAMES, Verdict, verdict
+from sim.fitting.identify.structured_fit import FitSettings
+from sim.fitting.identify.verdict import NAMES, IdentificationVerdict, verdict
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.pipeline import PaperMotion, forces_kgf, paper_motion, smoother_samples
 from sim.fitting.taylor.regression import Samples, TaylorFit, least_squares, noise_shift
@@ -49,11 +49,11 @@ class Choices:
     taylor: bool = True
     peer: bool = False
     seed: int = 0
-    settings: Settings = field(default_factory=Settings)
+    settings: FitSettings = field(default_factory=FitSettings)
 
 
 @dataclass(frozen=True)
-class Motion:
+class SmoothedMotions:
     """What the fitted runs did: smoothed, and by the paper's pipeline (None: no yaw rate or accelerations logged)."""
 
     runs: tuple[Run, ...]
@@ -89,7 +89,7 @@ class Stamp:
 
 
 @dataclass(frozen=True)
-class Found:
+class Identification:
     """Everything. `series`: by the paper's pipeline and by the smoother; `peer`: pysindy's coefficients (3, 23).
 
     `problems`: by log. `stamps`: in order of time.
@@ -99,26 +99,26 @@ class Found:
     identified: VesselFile
     choices: Choices
     split: Split
-    motion: Motion
+    motion: SmoothedMotions
     noise: SmootherNoise
     structured: FitResult
     series: tuple[Taylor, ...]
     peer: np.ndarray | None
     validation: Validation
     departures: tuple[Departure, ...]
-    problems: dict[str, list[Problem]]
-    verdict: Verdict
+    problems: dict[str, list[LogProblem]]
+    verdict: IdentificationVerdict
     stamps: tuple[Stamp, ...]
 
 
 def identify(
-    logs: Sequence[Log],
-    held_out: Sequence[Log],
+    logs: Sequence[NamedLog],
+    held_out: Sequence[NamedLog],
     vessel: VesselFile,
     choices: Choices,
     now: Callable[[], str],
     say: Say = lambda _step, _text, _share: None,
-) -> Found:
+) -> Identification:
     """Fit `vessel` to logs and judge it on what is held out. `now`: UTC, ISO 8601.
 
     Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
@@ -148,7 +148,7 @@ def identify(
     box = Box.of(np.concatenate([s.nu for s in motion.smoothed]))
     validation, departures = _judge(models, parted, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
-    return Found(
+    return Identification(
         base=vessel,
         identified=identified,
         choices=choices,
@@ -166,7 +166,7 @@ def identify(
     )
 
 
-def _motion(runs: Sequence[Run], noise: SmootherNoise, say: Say) -> Motion:
+def _motion(runs: Sequence[Run], noise: SmootherNoise, say: Say) -> SmoothedMotions:
     smoothed = []
     for i, run in enumerate(runs):
         say(STEPS[0], run.meta.source, i / len(runs))
@@ -174,11 +174,11 @@ def _motion(runs: Sequence[Run], noise: SmootherNoise, say: Say) -> Motion:
     complete = all(run.known(c) for run in runs for c in ("r_rad_s", "ax_m_s2", "ay_m_s2"))
     paper = tuple(paper_motion(run, noise) for run in runs) if complete else None
     say(STEPS[0], "", 1.0)
-    return Motion(tuple(runs), tuple(smoothed), paper)
+    return SmoothedMotions(tuple(runs), tuple(smoothed), paper)
 
 
 def _series(
-    motion: Motion, vessel: VesselFile, choices: Choices, say: Say
+    motion: SmoothedMotions, vessel: VesselFile, choices: Choices, say: Say
 ) -> tuple[tuple[Taylor, ...], np.ndarray | None]:
     """The 23-term series by least squares, and by pysindy, as far as they were asked for."""
     step, series, peer = STEPS[1], [], None

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from companion.logs.runs.run import Problem
+from companion.logs.runs.run import LogProblem
 from sim.fitting.identify.choices import choices
-from sim.fitting.identify.job import Found, Taylor
+from sim.fitting.identify.job import Identification, Taylor
 from sim.fitting.identify.report.page import identify_report
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.vessel_out import vessel_toml
@@ -30,7 +30,7 @@ class _Struct(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Base: an unknown key is an error."""
 
 
-class LogRecord(_Struct, frozen=True, kw_only=True):
+class IdentifyLog(_Struct, frozen=True, kw_only=True):
     """One log: intervals [s] on its own clock; `data_hash` as in docs/run-format.md."""
 
     name: str
@@ -40,7 +40,7 @@ class LogRecord(_Struct, frozen=True, kw_only=True):
     rates_hz: dict[str, float]
     fitted_s: tuple[tuple[float, float], ...]
     held_out_s: tuple[tuple[float, float], ...]
-    problems: tuple[Problem, ...]
+    problems: tuple[LogProblem, ...]
 
 
 class ChoiceRecord(_Struct, frozen=True, kw_only=True):
@@ -123,7 +123,7 @@ class Record(_Struct, frozen=True, kw_only=True):
     vessel_sha256: str
     stamps: tuple[StampRecord, ...]
     choices: tuple[ChoiceRecord, ...]
-    logs: tuple[LogRecord, ...]
+    logs: tuple[IdentifyLog, ...]
     structured: FitResult
     series: tuple[TaylorRecord, ...]
     pysindy: dict[str, tuple[float, ...]] | None
@@ -133,7 +133,9 @@ class Record(_Struct, frozen=True, kw_only=True):
     files: dict[str, str]
 
 
-def outputs(found: Found, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]) -> dict[str, bytes]:
+def outputs(
+    found: Identification, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]
+) -> dict[str, bytes]:
     """Bytes of every file, by name. `vessel_text`: the vessel file as given; `command`: words of the command line."""
     logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
     stamp = found.stamps[-1].utc
@@ -152,7 +154,11 @@ def outputs(found: Found, vessel_text: str, versions: Mapping[str, str], command
 
 
 def record(
-    found: Found, vessel_text: str, versions: Mapping[str, str], command: Sequence[str], files: Mapping[str, str]
+    found: Identification,
+    vessel_text: str,
+    versions: Mapping[str, str],
+    command: Sequence[str],
+    files: Mapping[str, str],
 ) -> Record:
     """What goes into identify.json."""
     validation, told = found.validation, found.verdict
@@ -179,10 +185,10 @@ def record(
     )
 
 
-def _log(found: Found, i: int) -> LogRecord:
+def _log(found: Identification, i: int) -> IdentifyLog:
     used = found.split.used[i]
     run = used.log.run
-    return LogRecord(
+    return IdentifyLog(
         name=used.log.name,
         data_hash=run.data_hash,
         duration_s=run.duration_s,
@@ -194,12 +200,12 @@ def _log(found: Found, i: int) -> LogRecord:
     )
 
 
-def _file(found: Found, one: Taylor) -> TaylorFile:
+def _file(found: Identification, one: Taylor) -> TaylorFile:
     logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
     return taylor_file(one.fit, f"{logs}; samples by {one.pipeline}")
 
 
-def _taylor(found: Found, one: Taylor) -> TaylorRecord:
+def _taylor(found: Identification, one: Taylor) -> TaylorRecord:
     fit = one.fit
     return TaylorRecord(
         name=one.name,

@@ -16,7 +16,7 @@ from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
 from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, held_fixed
 from sim.fitting.identify.horizon import solve as solve_horizon
-from sim.fitting.identify.structured_fit import WINDOWS_S, Fit, Point, Say, Settings, solve
+from sim.fitting.identify.structured_fit import WINDOWS_S, FitPoint, FitSettings, Say, StructuredFit, solve
 
 Z95 = 1.959964
 COLOURED = 0.2  # lag-1 correlation of whitened residuals beyond which something within a window is not described
@@ -94,13 +94,13 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def fit_structured(
-    runs: Sequence[Run], vessel: VesselFile, settings: Settings | None = None, say: Say = lambda _text, _share: None
+    runs: Sequence[Run], vessel: VesselFile, settings: FitSettings | None = None, say: Say = lambda _text, _share: None
 ) -> FitResult:
     """Fit the model of `vessel` to runs. Raises StructuredFitError where a run cannot be used.
 
     `say(text, share)` hears of progress.
     """
-    began, settings = time.perf_counter(), settings or Settings()
+    began, settings = time.perf_counter(), settings or FitSettings()
     horizon_s = settings.horizon_s
     if horizon_s is None:
         horizon_s = 0.0 if any(run.known(c) for run in runs for c in INERTIAL) else HORIZON_S
@@ -115,13 +115,15 @@ def fit_structured(
     return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
 
 
-def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: Settings, say: Say) -> FitResult:
-    fit = Fit(runs, vessel, settings)
+def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, say: Say) -> FitResult:
+    fit = StructuredFit(runs, vessel, settings)
     point, iterations = solve(fit, say)
     return summary(fit, point, iterations, runs)
 
 
-def _fit_horizon(runs: Sequence[Run], vessel: VesselFile, settings: Settings, horizon_s: float, say: Say) -> FitResult:
+def _fit_horizon(
+    runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, horizon_s: float, say: Say
+) -> FitResult:
     parameters = held_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
     fit = HorizonFit(runs, vessel, parameters, horizon_s)
     point, iterations = solve_horizon(fit, settings.iterations, say)
@@ -150,7 +152,7 @@ def _fit_horizon(runs: Sequence[Run], vessel: VesselFile, settings: Settings, ho
     )
 
 
-def summary(fit: Fit, point: Point, iterations: int, runs: Sequence[Run]) -> FitResult:
+def summary(fit: StructuredFit, point: FitPoint, iterations: int, runs: Sequence[Run]) -> FitResult:
     """Values and intervals at a converged point."""
     parameters = fit.parameters
     D = fit.assemble(point, fit.noise)[0].solve()[2]
@@ -229,7 +231,7 @@ def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> 
     return tuple(found)
 
 
-def _channels(fit: Fit, point: Point) -> tuple[Channel, ...]:
+def _channels(fit: StructuredFit, point: FitPoint) -> tuple[Channel, ...]:
     out = []
     for i, name in enumerate(CHANNEL_NAMES):
         series = point.at.residuals[..., i].ravel()

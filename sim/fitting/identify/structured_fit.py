@@ -21,7 +21,7 @@ from companion.logs.runs.decimate import RATE_HZ, Thinned, thinned
 from companion.logs.runs.run import Run
 from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.initial_guess import first_nodes
-from sim.fitting.engine.linearise import HUBER, Linearised, Problem
+from sim.fitting.engine.linearise import HUBER, FitProblem, Linearised
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.noise import STATE, Noise, noise_of
 from sim.fitting.engine.parameters import Parameters, PriorSigmas
@@ -44,7 +44,7 @@ Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Settings:
+class FitSettings:
     """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters.
 
     `horizon_s`: multi-step output error instead (`horizon`), over so long; None: where no inertial sensor was logged;
@@ -64,7 +64,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Point:
+class FitPoint:
     """Where a fit stands: w (P,), nodes (W, L), and the data's normal equations there."""
 
     w: np.ndarray
@@ -72,16 +72,16 @@ class Point:
     at: Linearised
 
 
-class Fit:
+class StructuredFit:
     """One problem, and the steps towards its solution."""
 
-    def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: Settings):
+    def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: FitSettings):
         self.settings = settings
         self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
         fewer = [thinned(run, settings.inertial_hz) for run in runs]
         self.windows = _windows(fewer, vessel, settings.window_s or WINDOWS_S[0])
         W, K = self.windows.size
-        self.problem = Problem(self.windows, self.parameters, compile_model(vessel, K, W))
+        self.problem = FitProblem(self.windows, self.parameters, compile_model(vessel, K, W))
         self.command_rms = _command_rms(self.windows, vessel)
         noise = settings.noise or _of_means(noise_of(vessel), runs, fewer)
         noise = replace(noise, latent_time_s=settings.latent_time_s)
@@ -90,20 +90,20 @@ class Fit:
         self._z0 = first_nodes(self.windows, self.parameters)
         self._first = np.flatnonzero(self.windows.first)
 
-    def begin(self) -> Point:
+    def begin(self) -> FitPoint:
         """At the priors' centres and the first guess of the nodes."""
         return self.point(self.parameters.prior[0], self._z0)
 
-    def point(self, w: np.ndarray, z: np.ndarray) -> Point:
+    def point(self, w: np.ndarray, z: np.ndarray) -> FitPoint:
         """Linearise the data at w and z under the present noise."""
-        return Point(w, z, self.problem.linearise(self.parameters.file_units(w), z, self.noise))
+        return FitPoint(w, z, self.problem.linearise(self.parameters.file_units(w), z, self.noise))
 
-    def again(self, point: Point) -> Point:
+    def again(self, point: FitPoint) -> FitPoint:
         """The same place under the present noise."""
         q = self.parameters.file_units(point.w)
         return replace(point, at=self.problem.linearise(q, point.z, self.noise, point.at.motion))
 
-    def assemble(self, point: Point, noise: Noise) -> tuple[Chain, float, float]:
+    def assemble(self, point: FitPoint, noise: Noise) -> tuple[Chain, float, float]:
         """Normal equations in terms of w with ties and priors, their cost [nats], and sum log sigma of the nodes."""
         chain, ties = point.at.chain.copy(), point.at.ties
         _, sigma = noise.tie(ties.span_s)
@@ -123,7 +123,7 @@ class Fit:
         log_sigma = float(np.log(sigma).sum() + len(first) * np.log(start).sum())
         return chain, point.at.cost + 0.5 * float(squares), log_sigma
 
-    def step(self, point: Point) -> tuple[Point, float]:
+    def step(self, point: FitPoint) -> tuple[FitPoint, float]:
         """One step that lowers the cost, and what it promised [nats]; the same point where none is to be had."""
         plain, cost, _ = self.assemble(point, self.noise)
         _, spread = self.parameters.prior
@@ -143,14 +143,14 @@ class Fit:
             damping = max(10 * damping, 1.0)
         return point, 0.0
 
-    def evidence(self, point: Point, noise: Noise) -> float:
+    def evidence(self, point: FitPoint, noise: Noise) -> float:
         """Log evidence of the linearised problem under `noise` [nats], up to a constant."""
         chain, cost, log_sigma = self.assemble(point, noise)
         dz, dw, D, log_det = chain.solve()
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
         return promised - cost - 0.5 * (log_det + float(np.linalg.slogdet(D)[1])) - log_sigma
 
-    def tune_latent(self, point: Point, noise: Noise) -> Noise:
+    def tune_latent(self, point: FitPoint, noise: Noise) -> Noise:
         """The latent acceleration of greatest evidence, where linearisation holds.
 
         By decades, all axes together: down as long as each is better than the last, from the floor one up; where none
@@ -241,7 +241,7 @@ def correlation(residuals: np.ndarray) -> float:
     return float(np.clip((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-12), -0.99, 0.99))
 
 
-def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
+def solve(fit: StructuredFit, say: Say = lambda _text, _share: None) -> tuple[FitPoint, int]:
     """From the start to convergence. Returns the point and how many steps it took."""
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
@@ -267,7 +267,7 @@ def solve(fit: Fit, say: Say = lambda _text, _share: None) -> tuple[Point, int]:
     return point, count
 
 
-def _retuned(fit: Fit, point: Point) -> tuple[Noise, bool]:
+def _retuned(fit: StructuredFit, point: FitPoint) -> tuple[Noise, bool]:
     """Noise after a look at the residuals and the evidence; True when it hardly changed.
 
     White noise that hardly changed stays as it was, which saves a linearisation.

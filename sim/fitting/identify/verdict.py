@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.logs.runs.run import Problem
+from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.parameters import WARP
 from sim.fitting.identify.result import COLOURED, Direction, FitResult
 from sim.fitting.validate.protocol import CHANNELS
@@ -55,7 +55,7 @@ ANYTHING = "slow and fast runs, straight and turning, in which these act most"
 
 
 @dataclass(frozen=True)
-class Verdict:
+class IdentificationVerdict:
     """`believe`: name of a model, or None. `relative_error`: by model. `lines`: the verdict in sentences.
 
     `attention`: what must be looked at before the model is used; nothing if empty. `advice`: parameters that stayed
@@ -69,7 +69,9 @@ class Verdict:
     advice: tuple[tuple[tuple[str, ...], str], ...]
 
 
-def verdict(structured: FitResult, found: Validation, problems: Mapping[str, Sequence[Problem]]) -> Verdict:
+def verdict(
+    structured: FitResult, found: Validation, problems: Mapping[str, Sequence[LogProblem]]
+) -> IdentificationVerdict:
     """Of everything that was found."""
     errors = {s.name: relative_error(s, found.scores) for s in found.scores if s.name not in BASELINE_NAMES}
     nearest = min(errors, key=lambda name: errors[name])
@@ -78,7 +80,7 @@ def verdict(structured: FitResult, found: Validation, problems: Mapping[str, Seq
     believe = nearest if errors[nearest] < 1 else None
     lines = [_believe(believe, errors), *_distances(found, errors), *_open(structured)]
     attention = [*_fit_doubts(structured), *_model_doubts(errors, found), *_log_doubts(problems)]
-    return Verdict(believe, errors, tuple(lines), tuple(attention), tuple(advice(structured)))
+    return IdentificationVerdict(believe, errors, tuple(lines), tuple(attention), tuple(advice(structured)))
 
 
 def judged_horizons(score: Score) -> list[int]:
@@ -195,7 +197,7 @@ def _model_doubts(errors: Mapping[str, float], found: Validation) -> list[str]:
     return doubts
 
 
-def _log_doubts(problems: Mapping[str, Sequence[Problem]]) -> list[str]:
+def _log_doubts(problems: Mapping[str, Sequence[LogProblem]]) -> list[str]:
     found = []
     for log, ones in problems.items():
         for kind in DOUBTFUL:

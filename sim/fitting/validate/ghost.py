@@ -17,11 +17,11 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise
-from sim.fitting.engine.split import JobError, Log, usable
+from sim.fitting.engine.split import JobError, NamedLog, usable
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.protocol import CHANNELS, Commands, Simulator
 from sim.fitting.validate.scores import errors, simulated
-from sim.fitting.validate.windows import Reference, Windows, cut, reference
+from sim.fitting.validate.windows import HeldOutWindows, Reference, cut, reference
 
 SHORTEST_S = 1.0
 """Of a last piece."""
@@ -64,7 +64,7 @@ class Overlay:
 
 
 @dataclass(frozen=True)
-class Believed:
+class GhostModel:
     """A vessel file as a model for commands in the order of another file's thrusters: a diagnosis may swap names."""
 
     name: str
@@ -72,7 +72,7 @@ class Believed:
     order: tuple[int, ...]
 
     @classmethod
-    def of(cls, name: str, vessel: VesselFile, base: VesselFile) -> Believed:
+    def of(cls, name: str, vessel: VesselFile, base: VesselFile) -> GhostModel:
         """JobError where the two files do not name the same thrusters."""
         names, own = [t.name for t in base.thrusters], [t.name for t in vessel.thrusters]
         if sorted(names) != sorted(own):
@@ -101,7 +101,7 @@ def overlay(
 
     Raises JobError, RunError or ValueError where the run has not what a simulation needs, or is too short.
     """
-    run = usable(Log(run.meta.source, calibrated(run, vessel)), vessel).run
+    run = usable(NamedLog(run.meta.source, calibrated(run, vessel)), vessel).run
     say("what the boat did", 0.0)
     ref = reference(run, SmootherNoise.of(vessel))
     windows = _pieces(run, ref, vessel, every_s)
@@ -115,6 +115,6 @@ def overlay(
     return Overlay(every_s, ref.source, t_s, windows.truth, tuple(ghosts))
 
 
-def _pieces(run: Run, ref: Reference, vessel: VesselFile, every_s: float) -> Windows:
+def _pieces(run: Run, ref: Reference, vessel: VesselFile, every_s: float) -> HeldOutWindows:
     volts = vessel.propulsion.nominal_voltage_V
     return cut(run, ref, volts, horizon_s=every_s, stride_s=every_s, shortest_s=min(SHORTEST_S, every_s))

@@ -13,7 +13,7 @@ from sim.fitting.validate.figures import comparison, error_growth, png_base64
 from sim.fitting.validate.protocol import STEP_S
 from sim.fitting.validate.scores import SPREAD, errors
 from sim.fitting.validate.study import Validation
-from sim.fitting.validate.table import Table, sentences, table
+from sim.fitting.validate.table import ScoreTable, sentences, table
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #222; }
@@ -39,7 +39,7 @@ class Section:
     sentences: tuple[str, ...] = ()
     preformatted: str = ""
     figures: tuple[tuple[Figure, str], ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: tuple[ScoreTable, ...] = ()
     note: str = ""
     text: bool = False
     look: bool = False

@@ -17,7 +17,7 @@ import numpy as np
 
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.validate.protocol import CHANNELS, Simulator
-from sim.fitting.validate.windows import PER_SAMPLE, Windows
+from sim.fitting.validate.windows import PER_SAMPLE, HeldOutWindows
 
 HORIZONS_S = (1, 2, 5, 10, 20, 30, 45, 60)
 SCORE_S = 30
@@ -75,7 +75,7 @@ class Score:
     white: dict[str, Whiteness]
 
 
-def simulated(model: Simulator, windows: Windows) -> np.ndarray:
+def simulated(model: Simulator, windows: HeldOutWindows) -> np.ndarray:
     """The model's states at the instants of `windows.truth`, same shape."""
     return model.simulate(windows.x0, windows.commands)[:, ::PER_SAMPLE]
 
@@ -89,7 +89,7 @@ def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def score(
-    model: Simulator, windows: Windows, box: Box, second_windows: Windows | None = None
+    model: Simulator, windows: HeldOutWindows, box: Box, second_windows: HeldOutWindows | None = None
 ) -> tuple[Score, np.ndarray]:
     """The model's score and its states. `second_windows`: windows of 1 s, 1 s apart, in order, for whiteness."""
     states = simulated(model, windows)
@@ -131,7 +131,7 @@ def _fit(e: np.ndarray, truth: np.ndarray) -> tuple[dict[str, float], dict[str, 
     return nrmse, r2
 
 
-def whiteness(model: Simulator, windows: Windows) -> dict[str, Whiteness]:
+def whiteness(model: Simulator, windows: HeldOutWindows) -> dict[str, Whiteness]:
     """Ljung-Box test of the errors of u, v, r one second on, windows in order of time."""
     from statsmodels.stats.diagnostic import acorr_ljungbox  # noqa: PLC0415 - two seconds to import
 

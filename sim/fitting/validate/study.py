@@ -14,7 +14,7 @@ from sim.fitting.validate.models import VelocityStays, VelocityZero
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import Box, Score, score
 from sim.fitting.validate.stability import Stability, stability
-from sim.fitting.validate.windows import Reference, Windows, cut, joined, reference
+from sim.fitting.validate.windows import HeldOutWindows, Reference, cut, joined, reference
 
 BASELINES = (VelocityStays(), VelocityZero())
 BASELINE_NAMES = tuple(model.name for model in BASELINES)
@@ -30,7 +30,7 @@ class Validation:
     vessel: str
     held_out: tuple[HeldOut, ...]
     references: tuple[Reference, ...]
-    windows: Windows
+    windows: HeldOutWindows
     box: Box
     scores: tuple[Score, ...]
     stabilities: tuple[Stability, ...]

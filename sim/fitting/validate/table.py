@@ -18,7 +18,7 @@ Row = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Table:
+class ScoreTable:
     """Text in rows under a head; the best number of a row may carry a mark."""
 
     head: tuple[str, ...]
@@ -46,10 +46,10 @@ def _cell(text: str) -> str:
     return html.escape(text)
 
 
-def table(found: Validation) -> Table:
+def table(found: Validation) -> ScoreTable:
     """Every figure of every model. The smallest error of a row is bold; gone: not finite."""
     rows = (*error_rows(found.scores), *other_rows(found.scores), *white_rows(found.scores), *stability_rows(found))
-    return Table(("figure", *(s.name for s in found.scores)), rows)
+    return ScoreTable(("figure", *(s.name for s in found.scores)), rows)
 
 
 def error_rows(scores: Sequence[Score], horizons_s: Sequence[int] = SHOWN_S) -> list[Row]:

@@ -49,7 +49,7 @@ def reference(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Referen
 
 
 @dataclass(frozen=True)
-class Windows:
+class HeldOutWindows:
     """m windows: `x0` (m, 6); `truth` (m, k + 1, 6) at 10 Hz, NaN beyond a window's end; `start_s` (m,)."""
 
     x0: np.ndarray
@@ -72,7 +72,7 @@ def cut(
     stride_s: float = 5.0,
     shortest_s: float = 10.0,
     inside: Sequence[tuple[float, float]] | None = None,
-) -> Windows:
+) -> HeldOutWindows:
     """Windows that start every `stride_s` within each interval of `inside` (t_s; None: the whole run).
 
     A window ends with its interval and must reach `shortest_s`. `nominal_v` [V] where the run knows no voltage.
@@ -93,7 +93,7 @@ def cut(
     for w, (i, j) in enumerate(zip(starts, ends, strict=True)):
         truth[w, : j - i + 1] = ref.x[i : j + 1]
     start_s = ref.t_s[starts]
-    return Windows(truth[:, 0], truth, _commands(run, start_s, steps * PER_SAMPLE, nominal_v), start_s)
+    return HeldOutWindows(truth[:, 0], truth, _commands(run, start_s, steps * PER_SAMPLE, nominal_v), start_s)
 
 
 def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Commands:
@@ -107,9 +107,9 @@ def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Co
     return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before], settings)
 
 
-def joined(parts: Sequence[Windows]) -> Windows:
+def joined(parts: Sequence[HeldOutWindows]) -> HeldOutWindows:
     """Windows of several runs of one boat as one set; all of one horizon."""
-    return Windows(
+    return HeldOutWindows(
         np.concatenate([p.x0 for p in parts]),
         np.concatenate([p.truth for p in parts]),
         Commands(

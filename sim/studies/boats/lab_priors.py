@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import mass_matrix
 from sim.fitting.engine.parameters import PriorSigmas
-from sim.fitting.identify.structured_fit import Settings
+from sim.fitting.identify.structured_fit import FitSettings
 
 WIDE_GAIN = 0.3  # sigma of a gain that nobody measured
 ADDED_MASS_SHARE = 0.145
@@ -38,7 +38,9 @@ BOLLARD = Lab("each thruster's pull known to 2.5 %", gain=0.025)
 """A spring scale on a line; assumed."""
 
 
-def measured(vessel: VesselFile, boat: VesselFile, lab: Lab, rng: np.random.Generator) -> tuple[VesselFile, Settings]:
+def measured(
+    vessel: VesselFile, boat: VesselFile, lab: Lab, rng: np.random.Generator
+) -> tuple[VesselFile, FitSettings]:
     """The file that a fit of the true `boat` starts from, and its settings: `vessel` with what `lab` measured."""
     if lab.mass is not None:
         mass = boat.inertia.mass_kg * (1 + lab.mass * rng.normal())
@@ -50,11 +52,11 @@ def measured(vessel: VesselFile, boat: VesselFile, lab: Lab, rng: np.random.Gene
     return vessel, settings_for(vessel, lab)
 
 
-def settings_for(vessel: VesselFile, lab: Lab) -> Settings:
+def settings_for(vessel: VesselFile, lab: Lab) -> FitSettings:
     """Priors that say what `lab` knows: of surge inertia where the boat was weighed, of gains where they were."""
     sigmas = PriorSigmas(gain=WIDE_GAIN if lab.gain is None else lab.gain)
     if lab.mass is None:
-        return Settings(sigmas=sigmas)
+        return FitSettings(sigmas=sigmas)
     M11, inertia = mass_matrix(vessel)[0, 0], vessel.inertia
     sigma_kg = np.hypot(lab.mass * inertia.mass_kg, ADDED_MASS_SHARE * inertia.X_udot_kg)
-    return Settings(sigmas=sigmas, overrides={"M11_kg": (None, float(sigma_kg / M11))})
+    return FitSettings(sigmas=sigmas, overrides={"M11_kg": (None, float(sigma_kg / M11))})

@@ -23,14 +23,14 @@ from companion.logs.runs.splits import Interval, alternate, before, part, parts
 from sim.fitting.engine.parameters import Parameters, adjustable, pitch_maps
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
 from sim.fitting.identify.result import FitResult, fit_structured
-from sim.fitting.identify.structured_fit import Settings
+from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.pipeline import smoother_samples
 from sim.fitting.taylor.regression import least_squares
 from sim.fitting.validate.models import TaylorSimulator, VelocityStays, VelocityZero, VesselSimulator
 from sim.fitting.validate.protocol import CHANNELS, Simulator
 from sim.fitting.validate.scores import Box, score
-from sim.fitting.validate.windows import Windows, cut, reference
+from sim.fitting.validate.windows import HeldOutWindows, cut, reference
 
 RUNS = ("random_run1", "random_run3", "dptest")
 BLOCK_S = 60.0
@@ -66,13 +66,13 @@ def recording(folder: Path, name: str) -> Run:
     return read_run(folder / f"{name}.csv.gz")
 
 
-def crude(vessel: VesselFile) -> Settings:
+def crude(vessel: VesselFile) -> FitSettings:
     """A first model: blades at neutral where the command is, thrust as pitch, straight units, no damping by speed."""
     names = [vessel.thrusters[i].name for i in adjustable(vessel)]
     straight = {f"azimuth_{name}_deg": (None, 0.0) for name in names}
     neutral = {f"trim_{name}_us": (None, 0.0) for name in names}
     curves = {f"curve_{name}": (0.0, 0.0) for name in pitch_maps(vessel)}
-    return Settings(overrides={**straight, **neutral, **curves, "N_ur_N_s2": (0.0, 0.0)})
+    return FitSettings(overrides={**straight, **neutral, **curves, "N_ur_N_s2": (0.0, 0.0)})
 
 
 def models(runs: Sequence[Run], vessel: VesselFile, *, session: bool) -> tuple[list[Simulator], FitResult]:
@@ -96,10 +96,12 @@ def trimmed(vessel: VesselFile, run: Run) -> VesselFile:
     """`vessel` with the trims of the day of `run`, nothing else of it."""
     names = Parameters(vessel).names
     held = {name: (None, 0.0) for name in names if not name.startswith("trim_")}
-    return identified_vessel(vessel, fit_structured([run], vessel, Settings(overrides=held)), date=DATE, session=True)
+    return identified_vessel(
+        vessel, fit_structured([run], vessel, FitSettings(overrides=held)), date=DATE, session=True
+    )
 
 
-def errors_of(title: str, simulators: Sequence[Simulator], windows: Windows) -> Errors:
+def errors_of(title: str, simulators: Sequence[Simulator], windows: HeldOutWindows) -> Errors:
     """Of all models and both baselines."""
     box, rms, count = Box.of(windows.truth[..., 3:]), {}, np.zeros(0)
     for model in (*simulators, *BASELINES):
@@ -110,7 +112,7 @@ def errors_of(title: str, simulators: Sequence[Simulator], windows: Windows) -> 
     return Errors(title, rms, count)
 
 
-def held_out(run: Run, vessel: VesselFile, inside: Sequence[Interval] | None = None) -> Windows:
+def held_out(run: Run, vessel: VesselFile, inside: Sequence[Interval] | None = None) -> HeldOutWindows:
     """Windows as `validate` cuts them."""
     volts = vessel.propulsion.nominal_voltage_V
     return cut(run, reference(run, SmootherNoise.of(vessel)), volts, inside=inside)

@@ -24,9 +24,9 @@ from companion.core.pilot.pilot import PilotSettings
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.job import Diagnosis, diagnose
 from sim.fitting.identify.vessel_out import vessel_toml
-from sim.studies.driving.identified import LIMIT_S, Belief, driven_runs
+from sim.studies.driving.identified import LIMIT_S, BelievedModel, driven_runs
 from sim.world.plant import perturbed
-from sim.world.score import Track, estimation, track_of, tracking
+from sim.world.score import TrueTrack, estimation, track_of, tracking
 from sim.world.stepped import SteppedRun
 
 LOG_S = 300.0
@@ -66,7 +66,7 @@ class Trip:
 
 
 @dataclass(frozen=True)
-class Mended:
+class DiagnosedBoat:
     """What a diagnosis of the true boat's logs came to: vessel files by name, as loaded from what is written."""
 
     verdict: str
@@ -97,13 +97,13 @@ def imperfect(vessel: VesselFile, rng: np.random.Generator) -> VesselFile:
     return replace(boat, propulsion=propulsion, sensors=replace(boat.sensors, imu=imu, uwb=uwb))
 
 
-def mended(logs: Sequence[Run], base: VesselFile, say: Callable[[str], None] = lambda _: None) -> Mended:
+def mended(logs: Sequence[Run], base: VesselFile, say: Callable[[str], None] = lambda _: None) -> DiagnosedBoat:
     """Diagnose the logs with `base`; its vessel files `base`, `refitted`, `extended` as a user would load them."""
     found: Diagnosis = diagnose(logs, base, say=lambda step, text, share: say(f"{step} {text} {100 * share:.0f} %"))
     files = {"refitted": found.files.refitted, "extended": found.files.extended}
     loaded = {name: load_vessel(vessel_toml(vessel), name=f"{name}.toml") for name, vessel in files.items()}
     names = tuple(n.effect.name for n in found.causes)
-    return Mended(str(found.verdict), names, found.files.left, {"base": base, **loaded})
+    return DiagnosedBoat(str(found.verdict), names, found.files.left, {"base": base, **loaded})
 
 
 def trips(
@@ -116,7 +116,7 @@ def trips(
     limit_s: float = LIMIT_S,
 ) -> list[Trip]:
     """Missions of the true boat, one a seed, by a pilot who knows `believed`. `settings`: all but the vessel."""
-    runs = driven_runs(true, Belief(name, believed), settings, seeds, limit_s=limit_s)
+    runs = driven_runs(true, BelievedModel(name, believed), settings, seeds, limit_s=limit_s)
     return [_scored(run, name, seed) for seed, run in runs]
 
 
@@ -130,12 +130,12 @@ def _scored(run: SteppedRun, name: str, seed: int) -> Trip:
     return Trip(name, seed, cross, rmse, missed, run.world.t_ns * 1e-9)
 
 
-def away_m(track: Track, points: np.ndarray) -> np.ndarray:
+def away_m(track: TrueTrack, points: np.ndarray) -> np.ndarray:
     """How near the true boat came to each waypoint [m], shape (k,); infinite where it never got under way."""
     return np.linalg.norm(track.truth[:, None, :2] - points, axis=2).min(axis=0, initial=math.inf)
 
 
-def off_leg_m(track: Track, points: np.ndarray) -> float:
+def off_leg_m(track: TrueTrack, points: np.ndarray) -> float:
     """Rms distance [m] of the truth from the leg, as a piece of line, being driven; the first begins at the start."""
     if not track.on_leg.any():
         return math.nan

@@ -16,7 +16,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate
-from companion.core.model.integrate import Model
+from companion.core.model.integrate import VesselModel
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.pilot import Pilot, PilotSettings
@@ -31,7 +31,7 @@ LIMIT_S = 240.0
 
 
 @dataclass(frozen=True)
-class Belief:
+class BelievedModel:
     """What a pilot believes: `vessel` in filter, guidance and allocation; `taylor` (3, 23) in the NMPC.
 
     None: the NMPC plans with the structured model of `vessel`, too.
@@ -42,7 +42,7 @@ class Belief:
     taylor: np.ndarray | None = None
 
     @property
-    def model(self) -> Model:
+    def model(self) -> VesselModel:
         """What the NMPC plans with."""
         if self.taylor is None:
             return StructuredModel.of(self.vessel)
@@ -77,7 +77,7 @@ def start_of(seed: int, centre: tuple[float, float] = (8.0, 8.0)) -> tuple[float
 
 def missions(
     true: VesselFile,
-    belief: Belief,
+    belief: BelievedModel,
     settings: PilotSettings,
     seeds: Sequence[int],
     *,
@@ -91,7 +91,7 @@ def missions(
 
 def driven_runs(
     true: VesselFile,
-    belief: Belief,
+    belief: BelievedModel,
     settings: PilotSettings,
     seeds: Sequence[int],
     *,

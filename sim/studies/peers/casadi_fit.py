@@ -131,7 +131,7 @@ def plain_fit(problem: CasadiProblem, most_s: float) -> PlainFit:
 def casadi_fit(problem: CasadiProblem, *, enough: float = ENOUGH, most: int = 50) -> CasadiFit:
     """Solve it with at most `most` calls. Making the CasADi functions is not in the time."""
     began, began_cpu = time.perf_counter(), time.process_time()
-    x, cost, kept, residuals = problem.start, np.inf, Kept(problem), 0
+    x, cost, kept, residuals = problem.start, np.inf, CasadiResult(problem), 0
     for call in range(most):
         slack = SLACK[min(call, len(SLACK) - 1)]
         kept.slacken(slack)
@@ -144,7 +144,7 @@ def casadi_fit(problem: CasadiProblem, *, enough: float = ENOUGH, most: int = 50
     return CasadiFit(*problem.split(x), cost, seconds, processor_s, kept.count, residuals)
 
 
-def _call(kept: Kept, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
+def _call(kept: CasadiResult, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
     """One call of `least_squares` from x; what it says and where it ends."""
     white = White(kept(x), len(kept.problem.parameters.names))
 
@@ -163,7 +163,7 @@ def _call(kept: Kept, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
     return found, white.back(found.x)
 
 
-class Kept:
+class CasadiResult:
     """A problem and its Jacobian, kept for when it is asked for again at the same place."""
 
     def __init__(self, problem: CasadiProblem):

@@ -26,7 +26,7 @@ from sim.fitting.engine.windows import Windows
 
 
 @dataclass(frozen=True)
-class Boat:
+class CasadiBoat:
     """Expressions of one boat. v (L + P,): node, then q. `forces` (3 n,): at a gain of one, by dead time, by lag."""
 
     parameters: Parameters
@@ -35,7 +35,7 @@ class Boat:
     v: ca.SX
 
     @classmethod
-    def of(cls, parameters: Parameters) -> Boat:
+    def of(cls, parameters: Parameters) -> CasadiBoat:
         """Raises ValueError for a boat with adjustable pitch."""
         if adjustable(parameters.vessel):
             raise ValueError("the peer knows no adjustable pitch")
@@ -115,8 +115,8 @@ class Chained:
 
 
 def chained(windows: Windows, parameters: Parameters, noise: Noise) -> Chained:
-    """Build them; errors as of `Boat.of`."""
-    boat, (W, K) = Boat.of(parameters), windows.size
+    """Build them; errors as of `CasadiBoat.of`."""
+    boat, (W, K) = CasadiBoat.of(parameters), windows.size
     v, n = boat.v, 3 * boat.n
     x, forces, told, known = (ca.SX.sym(*s) for s in (("x", 6), ("forces", 3 * n), ("told", 6), ("known", 3)))
     x_next = boat.step(x, forces, told[0])

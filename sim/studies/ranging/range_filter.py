@@ -21,9 +21,9 @@ from companion.core.estimation.kalman import Algebra
 from companion.core.estimation.ranging.multilateration import locate
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
-    Layout,
+    AnchorHistory,
+    RangeLayout,
     RangeModel,
-    Seen,
     fresh,
     fuse_range,
     line_of_sight,
@@ -32,7 +32,7 @@ from companion.core.estimation.ranging.ranges import (
 from companion.core.estimation.tuning import RANGE_GATE
 
 BIAS = 4
-LAYOUT = Layout(position=(0, 1), velocity=(2, 3), bias=BIAS)
+LAYOUT = RangeLayout(position=(0, 1), velocity=(2, 3), bias=BIAS)
 
 
 class RangeFilterTuning(Table, frozen=True, kw_only=True):
@@ -75,7 +75,7 @@ class RangeState:
     """The bank, likeliest first; empty until the first fix. `latest`: the latest range per anchor."""
 
     t_ns: int
-    latest: tuple[Seen | None, ...]
+    latest: tuple[AnchorHistory | None, ...]
     bank: tuple[Hypothesis, ...] = ()
     refused: int = 0
     rejected: int = 0
@@ -98,7 +98,7 @@ class RangeFilter:
         """State after one range of anchor number `anchor`, in order of time; nonsense is counted."""
         if not 0 < range_m <= FARTHEST_M or t_ns < state.t_ns:
             return replace(state, refused=state.refused + 1)
-        latest = tuple(Seen(t_ns, range_m) if i == anchor else old for i, old in enumerate(state.latest))
+        latest = tuple(AnchorHistory(t_ns, range_m) if i == anchor else old for i, old in enumerate(state.latest))
         if not state.bank:
             return RangeState(t_ns, latest, self._start(latest, t_ns), state.refused, state.rejected)
         dt_s = (t_ns - state.t_ns) * 1e-9
@@ -109,7 +109,7 @@ class RangeFilter:
         kept = tuple(h for h in bank if h.log_likelihood >= least)
         return RangeState(t_ns, latest, kept, state.refused, rejected)
 
-    def _start(self, latest: tuple[Seen | None, ...], t_ns: int) -> tuple[Hypothesis, ...]:
+    def _start(self, latest: tuple[AnchorHistory | None, ...], t_ns: int) -> tuple[Hypothesis, ...]:
         """One hypothesis per place that explains the ranges at hand; none before the window has passed."""
         tuning, m = self.tuning, len(self.anchors_m)
         use = fresh(latest, t_ns, tuning.window_s)
@@ -132,7 +132,7 @@ class RangeFilter:
         dt_s: float,
         t_ns: int,
         anchor: int,
-        latest: tuple[Seen | None, ...],
+        latest: tuple[AnchorHistory | None, ...],
         range_m: float,
     ) -> Hypothesis:
         """Predict one hypothesis over dt_s and judge the new range with it."""
@@ -155,7 +155,7 @@ class RangeFilter:
         row[:2], row[BIAS + anchor] = e[:2], 1.0
         return RangeModel(distance + x[BIAS + anchor], row)
 
-    def _find(self, latest: tuple[Seen | None, ...], t_ns: int, x: np.ndarray) -> tuple[float, float] | None:
+    def _find(self, latest: tuple[AnchorHistory | None, ...], t_ns: int, x: np.ndarray) -> tuple[float, float] | None:
         """The place nearest to x that the latest ranges explain."""
         return nearest_place(
             self.anchors_m, latest, x[BIAS:], t_ns, window_s=self.tuning.window_s, down_m=self.down_m,

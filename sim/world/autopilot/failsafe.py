@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from sim.world.autopilot.modes import Mode, ModeControl
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 
 RADIO, GCS = 1, 2
@@ -25,7 +25,7 @@ _DISARM = 5
 class Failsafe:
     """`bits`: conditions that hold now; `triggered`: those that were acted upon."""
 
-    def __init__(self, parameters: Parameters, rc: RcInput, modes: ModeControl, say: Callable[[int, str], None]):
+    def __init__(self, parameters: ParameterStore, rc: RcInput, modes: ModeControl, say: Callable[[int, str], None]):
         self._parameters, self._rc, self._modes, self._say = parameters, rc, modes, say
         self._since_ns = 0
         self.bits = 0

@@ -14,7 +14,7 @@ import math
 
 from sim.world.autopilot.failsafe import Failsafe
 from sim.world.autopilot.modes import Mode, ModeControl
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 from sim.world.autopilot.stick import share
 
@@ -28,7 +28,7 @@ _S = 1_000_000_000
 class OmniMixer:
     """`motors`: what each motor should do, -1 to 1, as of the last `advance`."""
 
-    def __init__(self, parameters: Parameters, rc: RcInput, modes: ModeControl, failsafe: Failsafe):
+    def __init__(self, parameters: ParameterStore, rc: RcInput, modes: ModeControl, failsafe: Failsafe):
         self._parameters, self._rc, self._modes, self._failsafe = parameters, rc, modes, failsafe
         self._throttle = 0.0
         self._t_ns: int | None = None

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from enum import IntEnum
 
 from sim.world.autopilot.parameter_table import CHANNELS
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 
 _CRITICAL, _WARNING, _INFO = 2, 4, 6
 _CUSTOM, _GUIDED, _MANUAL_INPUT, _ARMED = 1, 8, 64, 128
@@ -36,7 +36,7 @@ _DRIVING_FUNCTIONS = frozenset({70, 73, 74, *range(33, 41), *range(94, 110)})
 class ModeControl:
     """`mode`, `armed`, `safety_on` (the safety switch: no pulses at all while on)."""
 
-    def __init__(self, parameters: Parameters, say: Callable[[int, str], None]):
+    def __init__(self, parameters: ParameterStore, say: Callable[[int, str], None]):
         self._parameters, self._say = parameters, say
         self.mode = Mode.INITIALISING
         self.armed = False

@@ -23,7 +23,7 @@ from sim.world.autopilot.failsafe import RADIO, Failsafe
 from sim.world.autopilot.mixer import FACTORS, FIRST_FUNCTION, OMNI_X, OmniMixer
 from sim.world.autopilot.modes import Mode, ModeControl
 from sim.world.autopilot.parameter_table import CHANNELS
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 from sim.world.autopilot.stick import pulse_us, share
 
@@ -46,7 +46,7 @@ class Outputs:
 
     def __init__(
         self,
-        parameters: Parameters,
+        parameters: ParameterStore,
         rc: RcInput,
         modes: ModeControl,
         failsafe: Failsafe,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 CHANNELS = 16
 
 
-class Kind(IntEnum):
+class WireType(IntEnum):
     """MAV_PARAM_TYPE of the four types that ArduPilot uses."""
 
     INT8 = 2
@@ -21,11 +21,11 @@ class Kind(IntEnum):
     REAL32 = 9
 
 
-class Parameter(NamedTuple):
+class AutopilotParameter(NamedTuple):
     """One row: name, wire type, default of the firmware."""
 
     name: str
-    kind: Kind
+    kind: WireType
     default: float
 
 
@@ -48,32 +48,32 @@ _REAL32 = """FS_TIMEOUT=1.5 FS_GCS_TIMEOUT=5 FS_EKF_THRESH=0.8 CRUISE_SPEED=2 WP
     RC_OVERRIDE_TIME=3 AHRS_TRIM_X=0 AHRS_TRIM_Y=0 BATT_LOW_VOLT=10.5 BATT_CRT_VOLT=0"""
 
 
-def _rows(text: str, kind: Kind) -> list[Parameter]:
+def _rows(text: str, kind: WireType) -> list[AutopilotParameter]:
     pairs = (entry.split("=") for entry in text.split())
-    return [Parameter(name, kind, float(value)) for name, value in pairs]
+    return [AutopilotParameter(name, kind, float(value)) for name, value in pairs]
 
 
-def _channel_rows() -> list[Parameter]:
+def _channel_rows() -> list[AutopilotParameter]:
     """RCn_* and SERVOn_*: the dead zone of 30 us is the default of the four control channels only."""
     functions = {1: 26.0, 3: 70.0}  # a rover's steering and throttle
     rows = []
     for n in range(1, CHANNELS + 1):
         for stem, dead_zone in ((f"RC{n}", 30.0 if n <= 4 else 0.0), (f"SERVO{n}", None)):
-            rows += _rows(f"{stem}_MIN=1100 {stem}_MAX=1900 {stem}_TRIM=1500", Kind.INT16)
-            rows += _rows(f"{stem}_REVERSED=0", Kind.INT8)
+            rows += _rows(f"{stem}_MIN=1100 {stem}_MAX=1900 {stem}_TRIM=1500", WireType.INT16)
+            rows += _rows(f"{stem}_REVERSED=0", WireType.INT8)
             if dead_zone is None:
-                rows.append(Parameter(f"{stem}_FUNCTION", Kind.INT16, functions.get(n, 0.0)))
+                rows.append(AutopilotParameter(f"{stem}_FUNCTION", WireType.INT16, functions.get(n, 0.0)))
             else:
-                rows.append(Parameter(f"{stem}_DZ", Kind.INT16, dead_zone))
-                rows.append(Parameter(f"{stem}_OPTION", Kind.INT16, 0.0))
+                rows.append(AutopilotParameter(f"{stem}_DZ", WireType.INT16, dead_zone))
+                rows.append(AutopilotParameter(f"{stem}_OPTION", WireType.INT16, 0.0))
     return rows
 
 
-TABLE: tuple[Parameter, ...] = tuple(
-    _rows(_INT16, Kind.INT16)
-    + _rows(_INT8, Kind.INT8)
-    + _rows(_INT32, Kind.INT32)
-    + _rows(_REAL32, Kind.REAL32)
+TABLE: tuple[AutopilotParameter, ...] = tuple(
+    _rows(_INT16, WireType.INT16)
+    + _rows(_INT8, WireType.INT8)
+    + _rows(_INT32, WireType.INT32)
+    + _rows(_REAL32, WireType.REAL32)
     + _channel_rows()
 )
 """All parameters in the order of their index on the wire."""

@@ -15,16 +15,16 @@ import struct
 from collections.abc import Mapping
 
 from sim.world.autopilot.firmware import FIRMWARE, Firmware, old_name
-from sim.world.autopilot.parameter_table import TABLE, Kind
+from sim.world.autopilot.parameter_table import TABLE, WireType
 
-_BITS = {Kind.INT8: 8, Kind.INT16: 16, Kind.INT32: 32}
+_BITS = {WireType.INT8: 8, WireType.INT16: 16, WireType.INT32: 32}
 READ_ONLY = frozenset({"STAT_BOOTCNT"})
 """Parameters for the firmware's own use."""
 
 
-def stored(kind: Kind, value: float) -> float:
+def stored(kind: WireType, value: float) -> float:
     """The number that a parameter of this type keeps when it is given a finite `value`."""
-    if kind is Kind.REAL32:
+    if kind is WireType.REAL32:
         largest = 3.4028234663852886e38
         return struct.unpack("<f", struct.pack("<f", max(-largest, min(largest, value))))[0]
     top = 2 ** (_BITS[kind] - 1)
@@ -32,7 +32,7 @@ def stored(kind: Kind, value: float) -> float:
     return max(-top, min(top - 1, rounded)) + 0.0
 
 
-class Parameters:
+class ParameterStore:
     """All parameters by their 4.6 name. `version` counts changes, so that readers may cache what they derive.
 
     `changes` to the defaults may use the names of either version; ValueError for an unknown one.

@@ -12,7 +12,7 @@ says nothing (source, `RC_Channels::read_mode_switch`). It is looked at whenever
 from __future__ import annotations
 
 from sim.world.autopilot.modes import NEEDS_POSITION, Mode, ModeControl
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 from sim.world.autopilot.stick import in_trim, share
 
@@ -26,7 +26,7 @@ _SWITCH_NS = 200_000_000
 class PilotInputs:
     """Looks at the channels once for each time that RC input came."""
 
-    def __init__(self, parameters: Parameters, rc: RcInput, modes: ModeControl):
+    def __init__(self, parameters: ParameterStore, rc: RcInput, modes: ModeControl):
         self._parameters, self._rc, self._modes = parameters, rc, modes
         self._read_ns: int | None = None
         self._rudder_ns: int | None = None

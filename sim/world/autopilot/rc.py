@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sim.world.autopilot.parameter_table import CHANNELS
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 
 RELEASE = 0
 _IGNORED = 65535
@@ -29,7 +29,7 @@ _S = 1_000_000_000
 class RcInput:
     """`radio_in_us`: what each channel was last given (0: nothing yet). Times in ns."""
 
-    def __init__(self, parameters: Parameters):
+    def __init__(self, parameters: ParameterStore):
         self._parameters = parameters
         self._override_us = [RELEASE] * CHANNELS
         self._override_ns = [0] * CHANNELS

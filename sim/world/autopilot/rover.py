@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 
 from sim.world.autopilot.firmware import FIRMWARE
-from sim.world.autopilot.mavlink.files import Files
-from sim.world.autopilot.mavlink.link import Link
+from sim.world.autopilot.mavlink.files import FtpFiles
+from sim.world.autopilot.mavlink.link import PeerLink
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.mavlink.received import HANDLERS, is_for
-from sim.world.autopilot.mavlink.signing import SigningKey
+from sim.world.autopilot.mavlink.signing import FirmwareSigningKey
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS, CHANNELS
-from sim.world.autopilot.vehicle import SensorFrame, Vehicle
+from sim.world.autopilot.vehicle import SensorFrame, SimulatedVehicle
 
 GATE_CHANNELS = (9, 10, 11, 12)
 """RC channels that the Lua gate passes to Script1-4."""
@@ -50,10 +50,10 @@ class Rover:
         self._made_of = drift_ppm, gate_channels, FIRMWARE[firmware]
         self._serial_of = serial_of
         self._up_ns: int | None = None
-        self.key = SigningKey()
-        self.vehicle = Vehicle(boot_ns, parameters, *self._made_of)
-        self.links: dict[Hashable, Link] = {}
-        self.files: Files | None = None
+        self.key = FirmwareSigningKey()
+        self.vehicle = SimulatedVehicle(boot_ns, parameters, *self._made_of)
+        self.links: dict[Hashable, PeerLink] = {}
+        self.files: FtpFiles | None = None
         self.logs = Logs()
 
     @property
@@ -64,7 +64,7 @@ class Rover:
     def add_link(self, peer: Hashable) -> None:
         """Start talking to a peer that has not spoken yet; without effect on a known one."""
         if peer not in self.links:
-            self.links[peer] = Link(self.vehicle, self.key, self._serial_of(peer))
+            self.links[peer] = PeerLink(self.vehicle, self.key, self._serial_of(peer))
 
     def remove_link(self, peer: Hashable) -> None:
         """Forget a peer and its rates; without effect on an unknown one."""
@@ -110,8 +110,8 @@ class Rover:
             return False
         saved = self.vehicle.parameters.saved()
         saved["STAT_BOOTCNT"] += 1
-        self.vehicle = Vehicle(self._up_ns, saved, *self._made_of)
-        self.links = {peer: Link(self.vehicle, self.key, link.serial) for peer, link in self.links.items()}
+        self.vehicle = SimulatedVehicle(self._up_ns, saved, *self._made_of)
+        self.links = {peer: PeerLink(self.vehicle, self.key, link.serial) for peer, link in self.links.items()}
         self._up_ns = None
         return True
 

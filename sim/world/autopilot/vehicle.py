@@ -10,7 +10,7 @@ from sim.world.autopilot.failsafe import Failsafe
 from sim.world.autopilot.firmware import Firmware
 from sim.world.autopilot.modes import Mode, ModeControl
 from sim.world.autopilot.outputs import Outputs
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.pilot_inputs import PilotInputs
 from sim.world.autopilot.rc import RcInput
 
@@ -55,7 +55,7 @@ AT_REST = SensorFrame(
 """A level boat, heading north, 16 V."""
 
 
-class Vehicle:
+class SimulatedVehicle:
     """State at `t_ns` (simulation time). `drift_ppm`: how fast the autopilot's own clock runs ahead.
 
     `reboot_asked`: a command has asked for it; whoever holds the vehicle makes a new one.
@@ -69,7 +69,7 @@ class Vehicle:
         gate_channels: tuple[int, ...],
         firmware: Firmware,
     ):
-        self.parameters = Parameters(parameters, firmware)
+        self.parameters = ParameterStore(parameters, firmware)
         self.reboot_asked = False
         self.system_id = int(self.parameters["SYSID_THISMAV"])
         self.loop_rate_hz = self.parameters["SCHED_LOOP_RATE"]

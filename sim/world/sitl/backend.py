@@ -66,7 +66,7 @@ class Answer:
 
 
 @dataclass
-class Counters:
+class BackendCounters:
     """Since the start of the simulator. `missed`: frames that never came; `strangers`: datagrams of other senders."""
 
     steps: int = 0
@@ -82,7 +82,7 @@ class JsonBackend:
 
     def __init__(self, physics: Moves):
         self._physics = physics
-        self.counters = Counters()
+        self.counters = BackendCounters()
         self._news: list[str] = []
         self._sender: Hashable = None
         self._heard_ns = 0

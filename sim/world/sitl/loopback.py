@@ -19,7 +19,7 @@ from drivers.ports.pseudo_terminal import PtyPort
 from sim.world.loopback import TRUTH_NS
 from sim.world.mavlink_server import Address
 from sim.world.sitl.backend import Answer, JsonBackend
-from sim.world.sitl.physics import Physics
+from sim.world.sitl.physics import SitlPhysics
 from sim.world.sitl.protocol import PORT
 from sim.world.world import WorldSetup
 
@@ -63,7 +63,7 @@ async def serve_firmware(
 ) -> None:
     """Run until cancelled. `say` is told where the devices are, and what happens. Raises OSError for a taken port."""
     pty = PtyPort(wires.uwb_path)
-    server = _Server(Physics(setup, seed), pty, wires.speed, on_truth, say)
+    server = _Server(SitlPhysics(setup, seed), pty, wires.speed, on_truth, say)
     try:
         udp = await _listen(server, wires.bind)
         await pty.open()
@@ -96,7 +96,7 @@ class _Server(asyncio.DatagramProtocol):
 
     def __init__(
         self,
-        physics: Physics,
+        physics: SitlPhysics,
         pty: PtyPort,
         speed: float | None,
         on_truth: Callable[[GroundTruth], None],

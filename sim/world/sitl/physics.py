@@ -24,7 +24,7 @@ from sim.world.sitl.protocol import PhysicsState, Vec3
 from sim.world.world import STEP_NS, Afloat, WorldSetup
 
 
-class Physics:
+class SitlPhysics:
     """A world for a firmware. Its time runs in `advance` alone."""
 
     def __init__(self, setup: WorldSetup, seed: int):

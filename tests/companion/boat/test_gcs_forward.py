@@ -8,11 +8,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from companion.boat.clock import BoatClock, SimClock
-from companion.boat.gcs_forward import Forward
+from companion.boat.gcs_forward import GcsForward
 from companion.core.messages import Alert, OverrideLease
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.framing import Framer
-from drivers.mavlink.gcs_firewall import StationGate
+from drivers.mavlink.gcs_firewall import GcsFirewall
 from drivers.ports.memory import memory_pair
 from drivers.ports.udp import UdpClientPort
 from tests.companion.boat.app_fixture import Bench, neutral
@@ -26,11 +26,11 @@ class Station:
     def __init__(self, writable):
         self.near, self.far = memory_pair("station")
         self.mav = wire.MAVLink(None, 255, 190)
-        self.got, self.gate = [], StationGate(1) if writable else None
+        self.got, self.gate = [], GcsFirewall(1) if writable else None
         self.forward = None
 
     def __call__(self, clock):
-        self.forward = Forward(self.near, self.gate, clock)
+        self.forward = GcsForward(self.near, self.gate, clock)
         return self.forward
 
     async def listen(self):
@@ -148,7 +148,7 @@ def test_a_station_that_goes_and_comes_back_changes_nothing_for_the_boat(tmp_pat
 def test_what_a_full_port_does_not_take_is_dropped_and_counted():
     """Nobody reads at the far end: memory stays bounded, `show` returns at once, the count says what was lost."""
     near, far = memory_pair("slow", limit_bytes=2000)
-    forward = Forward(near, None, SimClock())
+    forward = GcsForward(near, None, SimClock())
     frame = MavlinkCodec(1, 191, 1).encoder.heartbeat()
 
     async def story():
@@ -168,7 +168,7 @@ def test_what_a_full_port_does_not_take_is_dropped_and_counted():
 
 def test_before_its_port_is_open_frames_are_dropped():
     near, far = memory_pair("shut")
-    forward = Forward(near, None, SimClock())
+    forward = GcsForward(near, None, SimClock())
     forward.show(b"\xfd" * 20)
     assert forward.shown == 0 and not far._inbox
 
@@ -197,7 +197,7 @@ def test_over_udp_to_a_station_that_comes_late():
 
         async def story():
             client = UdpClientPort("127.0.0.1", port)
-            forward, told = Forward(client, StationGate(1), BoatClock()), []
+            forward, told = GcsForward(client, GcsFirewall(1), BoatClock()), []
             passed = []
             task = asyncio.create_task(forward.run(passed.append, told.append, lambda: True))
             await asyncio.sleep(0.05)

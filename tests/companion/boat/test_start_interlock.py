@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from companion.boat.start_interlock import Guard, companion_of
+from companion.boat.start_interlock import StartInterlock, companion_of
 from companion.cli.simulator.autopilot_options import wirings
 from companion.core.messages import OperatorCommand
 from companion.core.pilot.monitors.override_monitor import outputs_of
@@ -21,7 +21,7 @@ class Guarded(Bench):
     def __init__(self, path, wiring="gate", changes=None, **world):
         files = parse_parameters(wirings()[wiring], name=wiring)
         super().__init__(path, parameters={**BOARD_PARAMETERS, **files, **(changes or {})}, **world)
-        self.guard = Guard(self.codec, companion_of(setup()))
+        self.guard = StartInterlock(self.codec, companion_of(setup()))
         self.app._guard = self.guard
 
     def order(self, command):

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.boat.systemd.notify import SdNotify
-from companion.boat.systemd.status import EXTEND_NS, STATUS_NS, Heard, Said, Service, hear, say, words
+from companion.boat.systemd.status import EXTEND_NS, STATUS_NS, Said, Service, ServiceState, hear, say, words
 from companion.core.messages import (
     ExcitationStatus,
     GuidanceReference,
@@ -88,7 +88,7 @@ def test_ready_and_alive_are_said_after_leases_that_were_sent_and_only_then(leas
     said, t, pets, readies = Said(), 0.0, [], 0
     for gap_s, sent in leases:
         t += gap_s
-        said, lines = say(said, Heard(), timing(t, sent), watchdog_ns)
+        said, lines = say(said, ServiceState(), timing(t, sent), watchdog_ns)
         if not sent:
             assert not {"READY=1", "WATCHDOG=1"} & set(lines)
         elif watchdog_ns:
@@ -103,23 +103,23 @@ def test_ready_and_alive_are_said_after_leases_that_were_sent_and_only_then(leas
 def test_the_start_is_extended_while_the_wire_is_closed_and_no_longer():
     said, told = Said(), []
     for tenth in range(300):
-        said, lines = say(said, Heard(), timing(tenth / 10, sent=False), 10 * S)
+        said, lines = say(said, ServiceState(), timing(tenth / 10, sent=False), 10 * S)
         told += [tenth / 10 for line in lines if line == "EXTEND_TIMEOUT_USEC=60000000"]
     assert told == [0.0, 10.0, 20.0] and EXTEND_NS == 10 * S
-    said, _ = say(said, Heard(), timing(30.0), 10 * S)
+    said, _ = say(said, ServiceState(), timing(30.0), 10 * S)
     for tenth in range(310, 600):
-        said, lines = say(said, Heard(), timing(tenth / 10, sent=False), 10 * S)
+        said, lines = say(said, ServiceState(), timing(tenth / 10, sent=False), 10 * S)
         assert not any(line.startswith(("EXTEND", "WATCHDOG", "READY")) for line in lines)
 
 
 def test_a_status_is_said_once_and_at_most_once_a_second():
     said, told = Said(), []
     for tenth in range(100):
-        said, lines = say(said, hear(Heard(), lease(reason=f"number {tenth // 3}")), timing(tenth / 10), None)
+        said, lines = say(said, hear(ServiceState(), lease(reason=f"number {tenth // 3}")), timing(tenth / 10), None)
         told += [tenth / 10 for line in lines if line.startswith("STATUS=")]
     assert told == [float(i) for i in range(10)] and STATUS_NS == S
     for tenth in range(100, 130):
-        said, lines = say(said, hear(Heard(), lease(reason="number 33")), timing(tenth / 10), None)
+        said, lines = say(said, hear(ServiceState(), lease(reason="number 33")), timing(tenth / 10), None)
         told += lines
     assert told[10:] == ["STATUS=neutral: number 33"]
 
@@ -157,7 +157,7 @@ def test_a_status_is_said_once_and_at_most_once_a_second():
     ],
 )
 def test_the_status_says_the_mode_in_words(messages, sent, text):
-    heard = Heard()
+    heard = ServiceState()
     for message in messages:
         heard = hear(heard, message)
     assert words(heard, sent=sent) == text

@@ -20,11 +20,11 @@ from companion.boat.uplink.telemetry import QUEUE, Telemetry, boat_name, config_
 from companion.core.configuration.run_file import TelemetryLink, load_run
 from companion.core.configuration.tables import ConfigError
 from companion.core.messages import Alert, LoopTiming, NewMission, OperatorCommand, StateEstimate
-from companion.core.pilot.modes import Helm
+from companion.core.pilot.modes import ModeState
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import Gate, MissionFile, Sender, read_outcome
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.orders import MissionFile, OrderGate, Sender, read_outcome
+from companion.core.telemetry.view import TelemetryView, Who
 from tests.companion.boat.app_fixture import Bench, neutral
 from tests.support.drive_fixture import setup
 from tests.support.zenoh_fixture import console, free_port, router, wait_for
@@ -41,7 +41,7 @@ def link_to(port, **more):
 def telemetry(port, **more):
     """A boat's telemetry, started; `told`: its alerts."""
     link, told = link_to(port, **more), []
-    view = View(setup().pilot, Who("run", "digest", "aritra 0", 0, False), link.rate_Hz)
+    view = TelemetryView(setup().pilot, Who("run", "digest", "aritra 0", 0, False), link.rate_Hz)
     made = Telemetry("b", link, config_of(link, Path(), where="run.toml"), view)
     made.start(told.append, lambda: ROWS)
     try:
@@ -96,7 +96,7 @@ def test_without_a_router_the_boat_is_told_once_and_waits_for_nothing():
 
 def test_a_thread_that_cannot_keep_up_costs_messages_not_memory():
     link = link_to(free_port())
-    view = View(setup().pilot, Who("run", "digest", "aritra 0", 0, False), 10.0)
+    view = TelemetryView(setup().pilot, Who("run", "digest", "aritra 0", 0, False), 10.0)
     boat = Telemetry("b", link, config_of(link, Path(), where="run.toml"), view)
     for k in range(QUEUE):
         tick(boat, k)
@@ -237,7 +237,7 @@ class FakeApp:
 
     def __init__(self):
         self.given, self.refusal, self.takes = [], None, True
-        self.state = SimpleNamespace(helm=Helm())
+        self.state = SimpleNamespace(helm=ModeState())
 
     def command(self, command):
         self.given.append(command)
@@ -257,7 +257,7 @@ class Desk:
 
         async def play():
             self.ear = ShoreCommands(
-                self.app, setup().pilot, Gate("b", "run", self.key), BoatClock(), self.alerts.append
+                self.app, setup().pilot, OrderGate("b", "run", self.key), BoatClock(), self.alerts.append
             )
             before()
             await asyncio.to_thread(lambda: [(self.ear(q), q.dropped.wait(5)) for q in queries])
@@ -332,7 +332,7 @@ def test_a_busy_loop_is_not_flooded_and_a_stop_still_comes_through():
     queries = [Query(*anna.order("hold")) for _ in range(30)] + [Query(*anna.order("stop"))]
 
     async def play():
-        ear = ShoreCommands(desk.app, setup().pilot, Gate("b", "run", KEY), BoatClock(), desk.alerts.append)
+        ear = ShoreCommands(desk.app, setup().pilot, OrderGate("b", "run", KEY), BoatClock(), desk.alerts.append)
         thread = threading.Thread(target=lambda: [ear(q) for q in queries])
         thread.start()
         thread.join(10)  # the loop does nothing meanwhile
@@ -349,7 +349,7 @@ def test_a_stop_from_shore_goes_through_the_real_app_and_is_in_its_log(tmp_path)
     asked, alerts = [], []
 
     async def story(bench):
-        ear = ShoreCommands(bench.app, setup().pilot, Gate("b", "run", None), bench.clock, alerts.append)
+        ear = ShoreCommands(bench.app, setup().pilot, OrderGate("b", "run", None), bench.clock, alerts.append)
         await bench.drive()
         anna = Sender("b", "session-1", "anna", None, bench.clock.now_ns)
         anna.hear("run", bench.clock.now_ns())

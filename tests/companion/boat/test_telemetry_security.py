@@ -13,13 +13,13 @@ from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import Alert
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import Outcome
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.orders import OrderOutcome
+from companion.core.telemetry.view import TelemetryView, Who
 from tests.support.drive_fixture import setup
 from tests.support.zenoh_fixture import Console, config, free_port, wait_for
 
 ZENOH = EXAMPLES / "zenoh"
-ANSWER = Outcome(run="run", t_ns=1, status="done", code="ok", text="")
+ANSWER = OrderOutcome(run="run", t_ns=1, status="done", code="ok", text="")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def pki(tmp_path_factory):
 @contextmanager
 def boat(pki, port):
     link = TelemetryLink(connect=(f"tls/127.0.0.1:{port}",), config="boat.json5")
-    view, told = View(setup().pilot, Who("run", "digest", "aritra 0", 0, True), 10.0), []
+    view, told = TelemetryView(setup().pilot, Who("run", "digest", "aritra 0", 0, True), 10.0), []
     made = Telemetry("aritra", link, config_of(link, pki, where="run.toml"), view)
 
     def answer(query):

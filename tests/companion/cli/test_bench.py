@@ -10,7 +10,17 @@ import pytest
 from companion.__main__ import main
 from companion.jit import machine as compiled
 from sim.bench import run
-from sim.bench.result import SCHEMA, Bench, Growth, Machine, Point, Refused, Row, Settings, read
+from sim.bench.result import (
+    SCHEMA,
+    Bench,
+    BenchRow,
+    BenchSettings,
+    Growth,
+    GrowthPoint,
+    MachineInfo,
+    SolverRefused,
+    read,
+)
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 
@@ -63,7 +73,7 @@ def test_what_cannot_run_is_told_and_is_exit_code_1(tmp_path, monkeypatch, capsy
 
 def test_a_part_that_breaks_down_does_not_lose_the_others(tmp_path, monkeypatch):
     def breaks(order):
-        yield Row(part="start", problem="", name="before", unit="s", p50=1.0, count=1)
+        yield BenchRow(part="start", problem="", name="before", unit="s", p50=1.0, count=1)
         raise ZeroDivisionError("no figure")
 
     monkeypatch.setattr(run, "PARTS", {"start": breaks, "fit-or-start": lambda order: iter(())})
@@ -102,7 +112,7 @@ def test_bad_arguments_are_refused(words):
     assert end.value.code == 2
 
 
-@pytest.mark.parametrize("kind", [Bench, Row, Refused, Growth, Point, Machine, Settings])
+@pytest.mark.parametrize("kind", [Bench, BenchRow, SolverRefused, Growth, GrowthPoint, MachineInfo, BenchSettings])
 def test_every_key_of_the_json_is_documented(kind):
     words = set(re.findall(r"`([\w.]+)`", (DOCS / "bench.md").read_text()))
     assert {field.encode_name for field in msgspec.structs.fields(kind)} - words == set()

@@ -10,7 +10,7 @@ import pytest
 from companion.__main__ import main
 from companion.cli.boat.provisioning import SCRIPT, SCRIPTS, file_name
 from drivers.mavlink.provisioning import StoredLog
-from sim.world.autopilot.mavlink.files import Files
+from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
@@ -110,7 +110,7 @@ def provision(url, capsys, *options):
 
 def test_a_wiring_is_shown_asked_for_written_and_restarted(capsys, monkeypatch):
     rover = boat("unsafe_plain")
-    rover.files = Files()
+    rover.files = FtpFiles()
     before, wanted = rover.vehicle.parameters.saved(), load("gate")
     answers = iter(["", "n", "yes"])
     monkeypatch.setattr("rich.console.Console.input", lambda self, prompt: next(answers))

@@ -12,7 +12,7 @@ import pytest
 from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.boat.signing_key import load_secret
-from companion.cli.simulator.fleet import MOST, SHORE, Wires, absolute, default_name, fleet, names_of, toml_of
+from companion.cli.simulator.fleet import MOST, SHORE, FleetWires, absolute, default_name, fleet, names_of, toml_of
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
 from companion.core.telemetry.orders import seal
@@ -71,7 +71,7 @@ def test_a_name_twice_is_refused_before_anything_starts(command, tmp_path, capsy
 
 
 def test_each_boat_has_a_run_file_with_its_name_wires_and_key(tmp_path):
-    wires = {"bob": Wires("udpin:127.0.0.1:14561", "serial:/tmp/bobs-tag:115200")}
+    wires = {"bob": FleetWires("udpin:127.0.0.1:14561", "serial:/tmp/bobs-tag:115200")}
     boats = made(tmp_path, ["anna", "bob"], shore=SHORE, wires=wires)
     setups = [load_setup(boat.config) for boat in boats]
     links = [s.run.telemetry for s in setups]

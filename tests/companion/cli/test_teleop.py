@@ -11,8 +11,8 @@ import pytest
 from rich.console import Console
 
 from companion.boat.clock import SimClock
-from companion.cli.boat.teleop import Desk
-from companion.cli.boat.teleop_view import ALERTS, Seen, View, picture
+from companion.cli.boat.teleop import TeleopConsole
+from companion.cli.boat.teleop_view import ALERTS, TeleopState, TeleopView, picture
 from companion.core.messages import (
     Alert,
     ExcitationStatus,
@@ -60,8 +60,8 @@ def serve(terminal, story):
 
     async def scene():
         clock = SimClock(S)
-        desk = Desk(terminal[1], None)
-        desk._view = View(desk._seen, io.StringIO())
+        desk = TeleopConsole(terminal[1], None)
+        desk._view = TeleopView(desk._seen, io.StringIO())
         task = asyncio.create_task(desk.run(boat, setup(), clock, told.append, lambda: ended.append(True)))
         await story(boat, clock)
         await clock.advance(S // 10)
@@ -129,11 +129,11 @@ def drawn(seen):
 
 
 def test_the_table_before_anything_is_known():
-    assert "starting" in drawn(Seen(()))
+    assert "starting" in drawn(TeleopState(()))
 
 
 def test_the_table_shows_what_there_is():
-    seen = Seen(("fp", "fs"))
+    seen = TeleopState(("fp", "fs"))
     seen.level = 0.3
     for message in (
         ModeStatus(t_ns=0, mode="manual", why="all is ready", driving=True),
@@ -169,7 +169,7 @@ def test_a_terminal_that_takes_nothing_is_not_waited_for():
     except BlockingIOError:
         os.set_blocking(writing, True)
     with os.fdopen(writing, "w") as out:
-        view = View(Seen(()), out)
+        view = TeleopView(TeleopState(()), out)
         view.start()
         view.close()
         stuck = view._thread.is_alive()

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from companion.boat.recorder import Recorder
 from companion.core.messages import Battery, Message, Tick
-from companion.logs.log_file import Entry, LogError, LogFile
-from companion.logs.part import ChannelInfo, Item, LogPart
+from companion.logs.log_file import LogEntry, LogError, LogFile
+from companion.logs.part import ChannelInfo, LogItem, LogPart
 from companion.logs.schema import KINDS, RawBytes, viewer_schema
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
@@ -56,7 +56,7 @@ def structs(kind: type[msgspec.Struct]) -> st.SearchStrategy:
 def test_a_message_comes_back_bit_for_bit(kind, data):
     message = data.draw(structs(kind))
     topic = next((t for t, k in KINDS.items() if k is kind), "/raw/x")
-    entry = Entry(topic, 0, 0, 0, msgspec.json.encode(message))
+    entry = LogEntry(topic, 0, 0, 0, msgspec.json.encode(message))
     back = _any_log().decode(entry)
     assert back == message
     assert repr(back) == repr(message)  # -0.0 and the types, too
@@ -156,7 +156,7 @@ def test_a_folder_is_no_log(tmp_path):
 def _write(path: Path, *items: tuple[str, bytes]) -> None:
     part = LogPart(path)
     for number, (topic, data) in enumerate(items):
-        part.add(Item(ChannelInfo(topic, "any", viewer_schema(Tick, "any")), number, 0, 0, data))
+        part.add(LogItem(ChannelInfo(topic, "any", viewer_schema(Tick, "any")), number, 0, 0, data))
     part.finish()
 
 

@@ -5,7 +5,7 @@ import asyncio
 import msgspec
 import pytest
 
-from companion.core.telemetry.orders import Gate, MissionFile, Outcome, Refused, Repeated, Sender, seal
+from companion.core.telemetry.orders import MissionFile, OrderGate, OrderOutcome, OrderRefused, Repeated, Sender, seal
 from companion.shore.console import orders as module
 from companion.shore.console.orders import Given, Orders
 
@@ -16,7 +16,7 @@ class Boat:
     """Answers as a boat does; `deaf`: the first so many asks get no answer. `slow`: they are on their way meanwhile."""
 
     def __init__(self, deaf=0, slow=0, now_ns=1_000):
-        self.gate, self.deaf, self.slow, self.heard, self.obeyed = Gate("b", "run", KEY), deaf, slow, [], []
+        self.gate, self.deaf, self.slow, self.heard, self.obeyed = OrderGate("b", "run", KEY), deaf, slow, [], []
         self.now_ns = now_ns
 
     async def ask(self, boat, payload, attachment, timeout_s):
@@ -32,15 +32,17 @@ class Boat:
                 self.slow -= 1
                 return self.answer("waiting", "busy", "on its way", repeated=True)
             return msgspec.json.encode(msgspec.structs.replace(again.outcome, repeated=True))
-        except Refused as no:
+        except OrderRefused as no:
             return self.answer("refused", no.code, no.text)
         self.obeyed.append(order)
         reply = self.answer("done", "ok", f"{order.command}: the pilot has it")
-        self.gate.finish(order, msgspec.json.decode(reply, type=Outcome))
+        self.gate.finish(order, msgspec.json.decode(reply, type=OrderOutcome))
         return None if self.slow else reply
 
     def answer(self, status, code, text, repeated=False):
-        return msgspec.json.encode(Outcome(run="run", t_ns=1, status=status, code=code, text=text, repeated=repeated))
+        return msgspec.json.encode(
+            OrderOutcome(run="run", t_ns=1, status=status, code=code, text=text, repeated=repeated)
+        )
 
 
 @pytest.fixture(autouse=True)

@@ -15,11 +15,11 @@ from companion.__main__ import main
 from companion.cli.shore import KeyFiles, default_name
 from companion.core.configuration.tables import ConfigError
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import Gate, Outcome, Refused, Repeated
+from companion.core.telemetry.orders import OrderGate, OrderOutcome, OrderRefused, Repeated
 from companion.shore.console.assets import assets
 from companion.shore.console.live import Console, Keys
-from companion.shore.console.request_auth import Guard
-from companion.shore.console.zenoh_client import Hearing, config_of
+from companion.shore.console.request_auth import RequestAuth
+from companion.shore.console.zenoh_client import ZenohClient, config_of
 from tests.support.console_fixture import state
 from tests.support.zenoh_fixture import config as zenoh_config
 from tests.support.zenoh_fixture import free_port
@@ -32,8 +32,10 @@ NAMES = frozenset({"localhost"})
 async def serving(*, token=None, keys=True):
     """A console on free ports; .url, .zenoh (its port), .console, .http (a client)."""
     port = free_port()
-    hearing = Hearing(config_of(None, [], [f"tcp/127.0.0.1:{port}"]))
-    console = Console(hearing, Guard(NAMES, token), Keys((lambda _: KEY) if keys else None, "anna"), compress=False)
+    hearing = ZenohClient(config_of(None, [], [f"tcp/127.0.0.1:{port}"]))
+    console = Console(
+        hearing, RequestAuth(NAMES, token), Keys((lambda _: KEY) if keys else None, "anna"), compress=False
+    )
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=0.2)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", 0).start()
@@ -53,7 +55,7 @@ class Boat:
 
     def __init__(self, port, name="b"):
         self.session = zenoh.open(zenoh_config("peer", connect=[f"tcp/127.0.0.1:{port}"]))
-        self.name, self.gate, self.obeyed = name, Gate(name, "run1", KEY), []
+        self.name, self.gate, self.obeyed = name, OrderGate(name, "run1", KEY), []
         self.held = [
             self.session.liveliness().declare_token(shore.alive_key(name)),
             self.session.declare_queryable(shore.command_key(name), self.answer, complete=True),
@@ -65,13 +67,13 @@ class Boat:
 
     def answer(self, query):
         def reply(status, code, text):
-            outcome = Outcome(run="run1", t_ns=1, status=status, code=code, text=text)
+            outcome = OrderOutcome(run="run1", t_ns=1, status=status, code=code, text=text)
             query.reply(shore.command_key(self.name), json.dumps(as_dict(outcome)).encode())
 
         with query:
             try:
                 order = self.gate.judge(bytes(query.payload), bytes(query.attachment), time.monotonic_ns())
-            except (Refused, Repeated) as no:
+            except (OrderRefused, Repeated) as no:
                 return reply("refused", getattr(no, "code", "replayed"), str(no))
             self.obeyed.append((order.command, order.sender))
             return reply("done", "ok", f"{order.command}: heard")

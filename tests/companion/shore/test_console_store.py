@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from companion.core.telemetry import structs as shore
 from companion.shore.console.fan_out import QUEUE, QUIET_MS, Watcher
-from companion.shore.console.request_auth import Guard, is_loopback
-from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, RUNS, Store
+from companion.shore.console.request_auth import RequestAuth, is_loopback
+from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, RUNS, BoatStore
 from tests.support.console_fixture import S, alert, mode, state
 
 
@@ -27,7 +27,7 @@ def put(store, *told, boat="b", heard_ns=None):
 
 
 def test_memory_is_bounded_by_topic_and_the_newest_counts():
-    store = Store()
+    store = BoatStore()
     for k in range(3 * KEPT["state"]):
         put(store, state(k))
     boat = store.boats["b"]
@@ -39,7 +39,7 @@ def test_memory_is_bounded_by_topic_and_the_newest_counts():
 
 
 def test_a_new_run_forgets_the_old_and_what_arrives_late_from_it():
-    store = Store()
+    store = BoatStore()
     put(store, state(500), alert(1, "old"))
     put(store, state(0, run="run2"))
     boat = store.boats["b"]
@@ -51,7 +51,7 @@ def test_a_new_run_forgets_the_old_and_what_arrives_late_from_it():
 
 
 def test_two_programs_of_one_name_are_noticed_what_only_came_late_is_not():
-    store = Store()
+    store = BoatStore()
     put(store, state(0))
     put(store, state(0, run="run2"))
     put(store, state(1), heard_ns=12 * S)
@@ -62,7 +62,7 @@ def test_two_programs_of_one_name_are_noticed_what_only_came_late_is_not():
 
 
 def test_rubbish_is_counted_and_left_out():
-    store = Store()
+    store = BoatStore()
     good = shore.encode(state(1))
     for topic, data in [("state", b"{}"), ("state", b"\xff"), ("nonsense", good), ("state", good[:-1]), ("state", b"")]:
         assert store.take("b", topic, data, 0) is None
@@ -76,7 +76,7 @@ def test_rubbish_is_counted_and_left_out():
 
 def test_what_goes_on_to_browsers_was_written_anew():
     """Unknown fields and white space of a stranger do not reach the page."""
-    store = Store()
+    store = BoatStore()
     (sample,) = [store.take("b", "alert", shore.encode(alert(1, "x"))[:-1] + b', "extra": "</script>" }', 0)]
     assert sample and b"extra" not in sample.data and json.loads(sample.data)["text"] == "x"
 
@@ -84,13 +84,13 @@ def test_what_goes_on_to_browsers_was_written_anew():
 @settings(max_examples=200, deadline=None)
 @given(st.binary(max_size=200), st.sampled_from([*shore.TOPICS, "?"]))
 def test_no_bytes_raise(data, topic):
-    assert Store().take("b", topic, data, 0) is None
+    assert BoatStore().take("b", topic, data, 0) is None
 
 
 @given(st.lists(st.floats(0.0, 0.3), min_size=1, max_size=40), st.integers(-(10**15), 10**15))
 def test_the_boats_clock_is_known_as_well_as_its_quickest_sample(delays_s, apart_ns):
     """Whatever the clocks show and however samples are held up: an age is never below the truth by more than drift."""
-    store, start_ns = Store(), 10**15
+    store, start_ns = BoatStore(), 10**15
     for k, delay_s in enumerate(delays_s):
         t_ns = start_ns + k * S // 10
         put(store, state(0, t_ns=t_ns + 10**15), heard_ns=t_ns + apart_ns + round(delay_s * S))
@@ -113,7 +113,7 @@ def entries(told, boat=None):
 
 
 def test_the_chosen_boat_comes_whole_the_others_as_newest_places():
-    store, watcher = Store(), Watcher()
+    store, watcher = BoatStore(), Watcher()
     watcher.choose(store.boats, "a")
     for k in range(3):
         for boat in ("a", "b"):
@@ -132,7 +132,7 @@ def test_the_chosen_boat_comes_whole_the_others_as_newest_places():
 
 
 def test_choosing_brings_what_was_kept():
-    store, watcher = Store(), Watcher()
+    store, watcher = BoatStore(), Watcher()
     put(store, *(state(k) for k in range(50)), mode(3), alert(1, "x"))
     watcher.begin(store.boats.values())
     assert [n for topic, n in entries(frame(watcher, store)) if topic == "state"] == [49]
@@ -142,7 +142,7 @@ def test_choosing_brings_what_was_kept():
 
 
 def test_a_slow_browser_misses_the_oldest_and_is_told():
-    store, watcher = Store(), Watcher()
+    store, watcher = BoatStore(), Watcher()
     watcher.choose(store.boats, "b")
     for k in range(QUEUE + 10):
         watcher.note(put(store, state(k))[0])
@@ -152,7 +152,7 @@ def test_a_slow_browser_misses_the_oldest_and_is_told():
 
 
 def test_frames_of_fifty_boats_are_small():
-    store, watcher = Store(), Watcher()
+    store, watcher = BoatStore(), Watcher()
     watcher.choose(store.boats, "b0")
     for b in range(50):
         for sample in put(store, *(state(k) for k in range(10)), mode(1), boat=f"b{b}"):
@@ -163,7 +163,7 @@ def test_frames_of_fifty_boats_are_small():
 
 # --- guard ------------------------------------------------------------------------------------------
 
-GUARD = Guard(frozenset({"localhost", "laptop"}), "sesame-12")
+GUARD = RequestAuth(frozenset({"localhost", "laptop"}), "sesame-12")
 
 
 @pytest.mark.parametrize(
@@ -192,20 +192,20 @@ def test_origins(origin, needed, good):
 
 def test_tokens():
     assert GUARD.knows("sesame-12") and not GUARD.knows("sesame-1") and not GUARD.knows(None) and not GUARD.knows("é")
-    assert Guard(frozenset(), None).knows(None)
+    assert RequestAuth(frozenset(), None).knows(None)
     assert [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.168.1.2", "boat")] == [
         True, True, True, False, False, False
     ]  # fmt: skip
 
 
 def test_the_ages_are_finite():
-    store = Store()
+    store = BoatStore()
     put(store, state(0, t_ns=2**53))
     assert math.isfinite(store.boats["b"].ahead_ns)
 
 
 def test_what_comes_twice_is_kept_once_and_is_no_fault():
-    store = Store()
+    store = BoatStore()
     told = [alert(k, f"alert {k}") for k in (1, 3, 2)]
     assert None not in put(store, *told)
     assert put(store, *reversed(told)) == [None, None, None]

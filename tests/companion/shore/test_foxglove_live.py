@@ -33,7 +33,7 @@ def about(offset_ns: int) -> shore.About:
     )  # fmt: skip
 
 
-def heard(told: list[shore.Told], topics: set[str]) -> dict[str, list[tuple[int, dict]]]:
+def heard(told: list[shore.ShoreMessage], topics: set[str]) -> dict[str, list[tuple[int, dict]]]:
     """What a client that subscribes to `topics` gets, over a real WebSocket: topic -> (time [ns], message)."""
     aiohttp = pytest.importorskip("aiohttp", reason="the extra `shore` is not installed")
     live = pytest.importorskip("companion.shore.foxglove_live", reason="the extra `shore` is not installed")

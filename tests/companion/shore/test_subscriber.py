@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from companion.core.telemetry import structs as shore
-from companion.shore.console.zenoh_client import Hearing, config_of
+from companion.shore.console.zenoh_client import ZenohClient, config_of
 from companion.shore.subscriber import listen
 from tests.companion.boat.test_telemetry import telemetry, tick
 from tests.support.zenoh_fixture import config, free_port, router, wait_for
@@ -103,4 +103,4 @@ def test_the_console_hears_through_a_router():
     with router(port), telemetry(port, rate_Hz=20.0) as (boat, told):
         wait_for(lambda: told)
         with running(boat):
-            asyncio.run(heard_of(Hearing(config_of(None, [f"tcp/127.0.0.1:{port}"], []))))
+            asyncio.run(heard_of(ZenohClient(config_of(None, [f"tcp/127.0.0.1:{port}"], []))))

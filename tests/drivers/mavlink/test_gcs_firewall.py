@@ -15,7 +15,7 @@ from drivers.mavlink.gcs_firewall import (
     REFUSED_COMMANDS,
     REFUSED_COMMANDS_UNLESS_DISARMED,
     REFUSED_UNLESS_DISARMED,
-    StationGate,
+    GcsFirewall,
 )
 from tests.drivers.mavlink.mavlink_autopilot import Sender
 
@@ -39,7 +39,7 @@ def command(number, sender=STATION, kind="command_long"):
 
 
 def passes(frame, disarmed=True, system=1):
-    gate = StationGate(system)
+    gate = GcsFirewall(system)
     out = gate.feed(frame, S, disarmed=disarmed)
     assert out in ([], [frame]), "as it is, or not at all"
     assert sum(gate.passed.values()) + sum(gate.refused.values()) == 1
@@ -100,12 +100,12 @@ def test_unknown_types_do_not_pass():
     """A good frame of an id that pymavlink does not know, between two that it does."""
     good = blank("HEARTBEAT")
     strange = bytes([0xFD, 4, 0, 0, 9, 255, 190, 0xFE, 0xFF, 0xEE, 1, 2, 3, 4, 0, 0])
-    gate = StationGate(1)
+    gate = GcsFirewall(1)
     assert gate.feed(good + strange + good, S, disarmed=True) == [good, good]
 
 
 def test_a_flood_is_cut_and_the_rest_still_passes():
-    gate, beat = StationGate(1), blank("HEARTBEAT")
+    gate, beat = GcsFirewall(1), blank("HEARTBEAT")
     total = 0
     for i in range(10_000):
         total += sum(map(len, gate.feed(beat, S + i * 100_000, disarmed=True)))
@@ -119,7 +119,7 @@ def test_a_flood_is_cut_and_the_rest_still_passes():
 def test_however_the_bytes_are_cut_no_refused_frame_passes(names, data):
     """Also behind noise, and with a frame's bytes inside another's."""
     chunks = [b"\xfd\x09\x00" if name == "noise" else blank(name) for name in names]
-    stream, out, at, gate = b"".join(chunks), b"", 0, StationGate(1)
+    stream, out, at, gate = b"".join(chunks), b"", 0, GcsFirewall(1)
     while at < len(stream):
         size = data.draw(st.integers(1, 90))
         out += b"".join(gate.feed(stream[at : at + size], S, disarmed=False))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from companion.core.messages import Message, UwbPosition, UwbRanges
 from drivers.uwb import CODECS
-from drivers.uwb.dwm1001 import AnchorReport, Fix, encode_lec, encode_lep, encode_les
+from drivers.uwb.dwm1001 import AnchorReport, TagFix, encode_lec, encode_lep, encode_les
 from drivers.uwb.dwm1001_tlv import encode_location
 from drivers.uwb.linktrack import encode_node_frame2
 from drivers.uwb.makerfabs import encode_debug, encode_links
@@ -32,8 +32,8 @@ def reports(ranges_m: Ranges) -> list[AnchorReport]:
     return [AnchorReport(f"{0x1780 + i:04X}", (1.0 * i, -2.5, 2.25), r) for i, r in ranges_m.items()]
 
 
-def fix(xyz: Xyz | None) -> Fix | None:
-    return None if xyz is None else Fix(xyz, 97)
+def fix(xyz: Xyz | None) -> TagFix | None:
+    return None if xyz is None else TagFix(xyz, 97)
 
 
 def les(ranges_m: Ranges, xyz: Xyz | None) -> bytes:
@@ -104,7 +104,7 @@ def test_round_trip_within_the_resolution(name, ranges_m, xyz):
 
 @given(METRES, METRES, METRES, st.integers(1, 100))
 def test_round_trip_of_lep(x, y, z, quality):
-    (found,) = CODECS["dwm1001-lep"](tag="boat").feed(encode_lep(Fix((x, y, z), quality)), 0)
+    (found,) = CODECS["dwm1001-lep"](tag="boat").feed(encode_lep(TagFix((x, y, z), quality)), 0)
     assert isinstance(found, UwbPosition)
     assert (found.x_m, found.y_m, found.z_m) == pytest.approx((x, y, z), abs=0.005001)
     assert found.quality == quality

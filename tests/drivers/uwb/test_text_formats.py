@@ -4,7 +4,7 @@ import pytest
 
 from companion.core.messages import UwbRanges
 from drivers.uwb import CODECS
-from drivers.uwb.dwm1001 import AnchorReport, Fix
+from drivers.uwb.dwm1001 import AnchorReport, TagFix
 from drivers.uwb.dwm1001_tlv import Dwm1001TlvCodec, encode_location
 from drivers.uwb.linktrack import LinkTrackCodec, encode_node_frame2
 from drivers.uwb.mauwb import MauwbCodec
@@ -117,7 +117,7 @@ def test_tlv_polls_at_its_rate_even_when_called_late_and_drops_half_answers():
     assert sent == list(range(0, 2000, 250))
     assert codec.step(60_000_000_000) == [b"\x0c\x00"]
     assert codec.step(60_100_000_000) == []
-    answer = encode_location([AnchorReport("1151", (0.0, 0.0, 0.0), 6.44)], Fix((1.0, 2.0, 3.0), 90))
+    answer = encode_location([AnchorReport("1151", (0.0, 0.0, 0.0), 6.44)], TagFix((1.0, 2.0, 3.0), 90))
     codec.feed(answer[:20], 0)
     codec.step(61_000_000_000)
     assert len(codec.feed(answer, 0)) == 2
@@ -133,7 +133,7 @@ def test_tlv_refusals_and_repeated_answers_are_counted():
 
 def test_tlv_a_lost_byte_anywhere_gives_no_false_range():
     anchors = [AnchorReport(f"{0x1151 + i:04X}", (1.0, 2.0, 3.0), r) for i, r in enumerate((6.44, 7.5, 8.25, 3.19))]
-    answer = encode_location(anchors, Fix((1.0, 2.0, 3.0), 90))
+    answer = encode_location(anchors, TagFix((1.0, 2.0, 3.0), 90))
     later = encode_location([a._replace(range_m=9.0) for a in anchors], None)
     true = {(a.anchor, a.range_m) for a in anchors} | {(a.anchor, 9.0) for a in anchors}
     for lost in range(len(answer)):

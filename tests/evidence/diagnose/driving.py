@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core.configuration.vessel_file import Damping, VesselFile
-from sim.studies.driving.diagnosed import GOALS, LOG_S, Mended, Trip, imperfect, mended, pooled, trips
+from sim.studies.driving.diagnosed import GOALS, LOG_S, DiagnosedBoat, Trip, imperfect, mended, pooled, trips
 from sim.world.teleop_log import teleop_logs
 from tests.evidence.line import Line, at_least, exactly, information
 
@@ -133,7 +133,7 @@ EFFECTS: Mapping[str, Wrong] = {
 boat or what it believes of itself by more than the main job's goals allow; each family at least once."""
 
 
-def diagnosed(name: str) -> tuple[str, VesselFile, Mended]:
+def diagnosed(name: str) -> tuple[str, VesselFile, DiagnosedBoat]:
     """The true boat of an effect, and what two logs of 300 s say of it. Its seed: of the place in the table."""
     base, seed = load_setup(EXAMPLES / "aritra.toml").pilot.vessel, SEED + 10 * list(EFFECTS).index(name)
     true = EFFECTS[name].edit(imperfect(base, np.random.default_rng(seed)))
@@ -155,7 +155,7 @@ def driving(full: bool) -> Iterator[Line]:
     seeds = tuple(range(FIRST_MISSION, FIRST_MISSION + MISSIONS))
     print(f"  {len(names)} of {len(EFFECTS)} effects, boats from seed {SEED}, {MISSIONS} missions each from {seeds[0]}")
     runs: dict[tuple[str, str], list[Trip]] = {}
-    found: dict[str, Mended] = {}
+    found: dict[str, DiagnosedBoat] = {}
     with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
         cases: list[Case] = []
         for future in as_completed([pool.submit(diagnosed, name) for name in names]):
@@ -171,7 +171,7 @@ def driving(full: bool) -> Iterator[Line]:
     yield from lines(runs, found, names)
 
 
-def _told(name: str, mend: Mended) -> str:
+def _told(name: str, mend: DiagnosedBoat) -> str:
     left = "".join(f"; {k} has no place in the file: {v}" for k, v in mend.not_in_file.items())
     return f"{name} ({EFFECTS[name].why}): {mend.verdict}: {', '.join(mend.named) or 'no cause'}{left}"
 
@@ -189,7 +189,7 @@ def falls(runs: Mapping[tuple[str, str], Sequence[Trip]], name: str, belief: str
     return cross, error
 
 
-def _effect(runs: Mapping[tuple[str, str], Sequence[Trip]], mend: Mended, name: str) -> Iterator[Line]:
+def _effect(runs: Mapping[tuple[str, str], Sequence[Trip]], mend: DiagnosedBoat, name: str) -> Iterator[Line]:
     """What was found, and both figures with the base and with the extended file."""
     told, right = ", ".join(mend.named) or "nothing", mend.named == (EFFECTS[name].cause,)
     yield information(f"{name}: named (1: that cause and no other)", right, "", f"{mend.verdict}: {told}")
@@ -206,7 +206,7 @@ def _effect(runs: Mapping[tuple[str, str], Sequence[Trip]], mend: Mended, name: 
 
 
 def lines(
-    runs: Mapping[tuple[str, str], Sequence[Trip]], found: Mapping[str, Mended], names: Sequence[str]
+    runs: Mapping[tuple[str, str], Sequence[Trip]], found: Mapping[str, DiagnosedBoat], names: Sequence[str]
 ) -> Iterator[Line]:
     """Each effect, and the totals. A fall is the larger of the two: of cross-track, or of the estimator's error."""
     best = []

@@ -19,7 +19,7 @@ from sim.fitting.taylor.regression import least_squares
 from sim.studies.boats.campaign import DATE, TRAIN_S
 from sim.studies.boats.draw import draw_boat, in_still_air
 from sim.studies.boats.lab_priors import WEIGHED, measured
-from sim.studies.driving.identified import Belief, Driven, missions
+from sim.studies.driving.identified import BelievedModel, Driven, missions
 from sim.world.teleop_log import teleop_run
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 
@@ -29,10 +29,10 @@ MISSIONS = 2
 FIRST_MISSION = 4301
 PROCESSES = 2
 NAMES = ("true", "identified", "file", "Taylor")
-Case = tuple[int, VesselFile, Belief, tuple[int, ...]]
+Case = tuple[int, VesselFile, BelievedModel, tuple[int, ...]]
 
 
-def beliefs(seed: int) -> tuple[VesselFile, tuple[Belief, ...]]:
+def beliefs(seed: int) -> tuple[VesselFile, tuple[BelievedModel, ...]]:
     """A boat that differs from the file by up to 30 % everywhere, and what pilots may believe of it after one log.
 
     Taylor: the paper's pipeline on the same log, with the identified gains; in the NMPC alone, for filter and
@@ -46,7 +46,8 @@ def beliefs(seed: int) -> tuple[VesselFile, tuple[Belief, ...]]:
     taylor = least_squares([paper_samples(train, identified, SmootherNoise.of(identified))]).C
     known = (boat, identified, file, identified)
     return boat, tuple(
-        Belief(name, vessel, taylor if name == "Taylor" else None) for name, vessel in zip(NAMES, known, strict=True)
+        BelievedModel(name, vessel, taylor if name == "Taylor" else None)
+        for name, vessel in zip(NAMES, known, strict=True)
     )
 
 

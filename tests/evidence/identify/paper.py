@@ -14,7 +14,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.structured_fit import Settings
+from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.abkowitz import C
 from sim.fitting.taylor.abkowitz_table import TERMS
@@ -28,7 +28,7 @@ from sim.fitting.validate.models import TaylorSimulator, VelocityStays, VesselSi
 from sim.fitting.validate.scores import Box
 from sim.fitting.validate.stability import stability
 from sim.fitting.validate.study import HeldOut, validate
-from sim.fitting.validate.windows import Windows, cut, joined, reference
+from sim.fitting.validate.windows import HeldOutWindows, cut, joined, reference
 from sim.studies.boats.campaign import DATE, TRAIN_S
 from sim.studies.boats.draw import draw_boat, in_still_air
 from sim.studies.boats.lab_priors import BOLLARD, measured
@@ -52,7 +52,7 @@ def _vessel() -> VesselFile:
 
 
 @cache
-def _known() -> tuple[VesselFile, Settings]:
+def _known() -> tuple[VesselFile, FitSettings]:
     """What the structured fit starts from: a file that is up to 30 % off everywhere, the thrusters' pull measured."""
     rng = np.random.default_rng(SEED)
     return measured(draw_boat(_vessel(), rng, gain_sigma=0.0), _vessel(), BOLLARD, rng)
@@ -69,7 +69,7 @@ def _unseen(number: int) -> Run:
     return teleop_run(_vessel(), SEED + 500_000 + number, UNSEEN_S)
 
 
-def _windows(count: int) -> Windows:
+def _windows(count: int) -> HeldOutWindows:
     """60 s each, one after the other, from logs of their own."""
     vessel, noise = _vessel(), SmootherNoise.of(_vessel())
     parts = []

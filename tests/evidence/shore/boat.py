@@ -16,7 +16,7 @@ from pathlib import Path
 from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import Message
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.view import TelemetryView, Who
 from sim.world.stepped import SteppedRun
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.main_job.parts import ROOT, _boat, world_of
@@ -92,7 +92,7 @@ def _quiet(mode: str, connect: list[str], listen: list[str]) -> dict[str, object
 def _telemetry(port: int) -> Telemetry:
     setup, _, _ = _boat()
     link = TelemetryLink(connect=(f"tcp/127.0.0.1:{port}",))
-    view = View(setup, Who("run", "digest", "aritra", 0, False), link.rate_Hz)
+    view = TelemetryView(setup, Who("run", "digest", "aritra", 0, False), link.rate_Hz)
     made = Telemetry("aritra", link, config_of(link, Path(), where="evidence"), view)
     made.start(lambda alert: None, tuple)
     return made

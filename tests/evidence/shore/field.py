@@ -18,9 +18,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from companion.boat.load_run import EXAMPLES, Setup, load_setup
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.core.telemetry.structs import StateNow
-from companion.core.telemetry.view import View, Who
+from companion.core.telemetry.view import TelemetryView, Who
 from companion.logs.log_file import LogFile
 from tests.evidence.shore.lossy_link import ADDRESSES
 
@@ -196,8 +196,8 @@ def read_heard(file: Path) -> dict[int, int]:
     return told
 
 
-def states_of(log: Path, setup: Setup) -> list[int]:
+def states_of(log: Path, setup: RunSetup) -> list[int]:
     """What the view makes of a log's messages: the stamps of topic `state`."""
-    view = View(setup.pilot, Who("run", "digest", "aritra", 0, False), 10.0)
+    view = TelemetryView(setup.pilot, Who("run", "digest", "aritra", 0, False), 10.0)
     told = (told for message in LogFile(log).messages() for told in view.see(message))
     return [each.t_ns for each in told if isinstance(each, StateNow)]

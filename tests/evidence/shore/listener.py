@@ -52,7 +52,7 @@ def main() -> int:
         def heard(sample: zenoh.Sample) -> None:
             arrived = time.monotonic_ns()
             boat = str(sample.key_expr).split("/")[1]
-            t_ns = msgspec.json.decode(bytes(sample.payload), type=shore.Told).t_ns
+            t_ns = msgspec.json.decode(bytes(sample.payload), type=shore.ShoreMessage).t_ns
             with lock:
                 file.write(f"{boat} {t_ns} {arrived}\n")
 

@@ -18,18 +18,18 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from companion.boat.load_run import Setup, setup_of
+from companion.boat.load_run import RunSetup, setup_of
 from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import LoopTiming, Message
-from companion.core.telemetry.view import View, Who, wants
+from companion.core.telemetry.view import TelemetryView, Who, wants
 from companion.logs.log_file import LogFile
 
 PERIOD_S = 0.1
 Ticks = list[tuple[int, list[Message]]]
 
 
-def ticks_of(log: Path) -> tuple[Setup, Ticks]:
+def ticks_of(log: Path) -> tuple[RunSetup, Ticks]:
     """The log's configuration; and tick by tick its time [ns] and the messages that telemetry wants."""
     file = LogFile(log)
     ticks, now = [], list[Message]()
@@ -44,11 +44,13 @@ def ticks_of(log: Path) -> tuple[Setup, Ticks]:
     return setup_of(texts, {name: f"{log}: {name}" for name in texts}), ticks
 
 
-def boat(name: str, endpoint: str, setup: Setup) -> Telemetry:
+def boat(name: str, endpoint: str, setup: RunSetup) -> Telemetry:
     """Telemetry of one boat, started; says on stdout what a run would."""
     link = TelemetryLink(connect=(endpoint,), boat=name)
     who = Who(secrets.token_hex(6), setup.digest, "recorded", time.time_ns() - time.monotonic_ns(), commands=False)
-    made = Telemetry(name, link, config_of(link, Path(), where="recorded"), View(setup.pilot, who, link.rate_Hz))
+    made = Telemetry(
+        name, link, config_of(link, Path(), where="recorded"), TelemetryView(setup.pilot, who, link.rate_Hz)
+    )
     made.start(lambda alert: print(f"{name}: {alert.text}", flush=True), tuple)
     return made
 

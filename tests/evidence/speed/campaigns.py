@@ -15,7 +15,7 @@ from distributed import LocalCluster
 from companion.boat.load_run import EXAMPLES
 from sim.campaign.inputs import read_campaign
 from sim.campaign.runners.cluster import Cluster
-from sim.campaign.runners.job import Outcome, Runner, Work
+from sim.campaign.runners.job import CaseOutcome, Runner, Work
 from sim.campaign.runners.local import Local
 from tests.evidence.line import Line, at_least, exactly, information
 
@@ -66,7 +66,7 @@ class Spent:
     wall_s: float = 0.0
     ours_s: float = 0.0
     others_s: float = 0.0
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[CaseOutcome] = field(default_factory=list)
 
     def add(self, runner: Runner, works: Sequence[Work]) -> None:
         """Run them too."""

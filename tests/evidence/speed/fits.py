@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.fitting.identify.result import FitResult, fit_structured
-from sim.fitting.identify.structured_fit import Fit, Point, Settings, solve
+from sim.fitting.identify.structured_fit import FitPoint, FitSettings, StructuredFit, solve
 from sim.studies.peers.casadi_fit import CasadiFit, PlainFit, casadi_fit, plain_fit
 from sim.studies.peers.casadi_problem import CasadiProblem
 from tests.evidence.identify.paper import _known, _train
@@ -71,9 +71,9 @@ def _ratios(
     yield information("  over that on every sample of the log", as_logged_s / ours_s, "", note)
 
 
-def _settled(window_s: float, settings: Settings) -> tuple[Fit, Point]:
+def _settled(window_s: float, settings: FitSettings) -> tuple[StructuredFit, FitPoint]:
     """The same fit, then steps under its last noise until none promises anything."""
-    fit = Fit([_train()], _known()[0], replace(settings, window_s=window_s))
+    fit = StructuredFit([_train()], _known()[0], replace(settings, window_s=window_s))
     point, _ = solve(fit)
     fit.settings = replace(fit.settings, tolerance_nats=1e-3)
     for _ in range(20):
@@ -84,7 +84,7 @@ def _settled(window_s: float, settings: Settings) -> tuple[Fit, Point]:
     return fit, point
 
 
-def _same(fit: Fit, point: Point, found: FitResult, peer: CasadiFit) -> Iterator[Line]:
+def _same(fit: StructuredFit, point: FitPoint, found: FitResult, peer: CasadiFit) -> Iterator[Line]:
     """Both at one optimum: else no comparison of times means anything."""
     chain, cost, _ = fit.assemble(point, fit.noise)
     se = np.sqrt(np.diag(np.linalg.inv(chain.solve()[2])))

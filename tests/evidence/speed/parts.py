@@ -21,10 +21,10 @@ from companion.core.model.manoeuvring import StructuredModel
 from sim.bench.controller import compare
 from sim.bench.controller.nlp import Nlp
 from sim.bench.controller.rounds import record
-from sim.bench.controller.solvers import Kept, RealTime
+from sim.bench.controller.solvers import CasadiPlanner, RtiPlanner
 from sim.bench.controller.starting import starts
-from sim.bench.controller.worlds import STEPS, World, production_world
-from sim.bench.request import STEP_S, Order
+from sim.bench.controller.worlds import STEPS, BenchWorld, production_world
+from sim.bench.request import STEP_S, BenchRequest
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.evidence.speed import campaigns, diagnoses, fits, trajectories
 
@@ -44,8 +44,8 @@ SEEDS = range(1, 21)
 
 
 @cache
-def _order(full: bool) -> Order:
-    return Order(
+def _order(full: bool) -> BenchRequest:
+    return BenchRequest(
         _vessel(), VESSEL, tuple(STEP_S), solves=STEPS, rounds=9 if full else 3, cadence_solves=600 if full else 200,
         told=lambda text: print(f"  ({text})", flush=True),
     )  # fmt: skip
@@ -56,7 +56,7 @@ def _vessel():
     return load_vessel(VESSEL.read_text(), name=VESSEL.name)
 
 
-def _world(name: str) -> World:
+def _world(name: str) -> BenchWorld:
     return _order(False).world(name)
 
 
@@ -113,7 +113,7 @@ def _drive(case: tuple[str, int]) -> tuple[float, float, float, float]:
     for one in asked:
         quick.solve(*one)
         excess = max(excess, quick.rti.came().excess)
-    apart, exact = 0.0, RealTime("exact", nlp, h, to=1e-10) if seed == 1 else None
+    apart, exact = 0.0, RtiPlanner("exact", nlp, h, to=1e-10) if seed == 1 else None
     if exact:
         exact.begin(*asked[0])
         best.begin(*asked[0])
@@ -124,9 +124,9 @@ def _drive(case: tuple[str, int]) -> tuple[float, float, float, float]:
 
 
 @cache
-def _pair(name: str) -> tuple[RealTime, Kept]:
+def _pair(name: str) -> tuple[RtiPlanner, CasadiPlanner]:
     nlp, h = Nlp(_world(name).ocp), STEP_S[name]
-    return RealTime("RTI", nlp, h), Kept("IPOPT", nlp, h, nlp.solver("ipopt", expand=True, tolerance=1e-9))
+    return RtiPlanner("RTI", nlp, h), CasadiPlanner("IPOPT", nlp, h, nlp.solver("ipopt", expand=True, tolerance=1e-9))
 
 
 def closed_loop(full: bool) -> Iterator[Line]:
@@ -181,7 +181,7 @@ def _stress(case: tuple[int, int]) -> np.ndarray:
     nmpc = Nmpc(model, actuation, settings, time.perf_counter)
     world = production_world(_vessel(), settings)
     nlp = Nlp(world.ocp)
-    oracle = Kept("IPOPT", nlp, settings.step_s, nlp.solver("ipopt", expand=True))
+    oracle = CasadiPlanner("IPOPT", nlp, settings.step_s, nlp.solver("ipopt", expand=True))
     rng, rows = np.random.default_rng([seed, 3]), []
     for _ in range(count):
         request, table = _thrown(rng)

@@ -17,12 +17,12 @@ from companion.jit import machine as compiled
 from sim.bench.controller import compare
 from sim.bench.controller.nlp import Nlp
 from sim.bench.controller.rounds import Solved, Timed, interleaved, replay, times_of
-from sim.bench.controller.solvers import RealTime
+from sim.bench.controller.solvers import RtiPlanner
 from sim.bench.growth.measure import with_thrusters
 from sim.bench.growth.scaling_exponent import bend, exponent
 from sim.bench.machine import cpu_model, machine
-from sim.bench.request import Order
-from sim.bench.result import Bench, Refused, Row, Settings, read, write
+from sim.bench.request import BenchRequest
+from sim.bench.result import Bench, BenchRow, BenchSettings, SolverRefused, read, write
 from sim.bench.simulation import SIMULATED_S, STEP_S, commands, runners
 from sim.bench.table import quantity, times
 
@@ -31,8 +31,10 @@ seconds = st.floats(1e-6, 1e2)
 
 
 @cache
-def order() -> Order:
-    return Order(load_vessel(BOAT.read_text(), name=BOAT.name), BOAT, ("production", "paper"), solves=6, rounds=1)
+def order() -> BenchRequest:
+    return BenchRequest(
+        load_vessel(BOAT.read_text(), name=BOAT.name), BOAT, ("production", "paper"), solves=6, rounds=1
+    )
 
 
 @pytest.mark.parametrize(("problem", "near"), [("production", 0.05), ("paper", 0.02)])
@@ -87,7 +89,7 @@ def test_a_rehearsal_lies_before_its_call_and_is_not_in_its_time():
 
 def test_a_rehearsal_changes_no_plan():
     world = order().world("paper")
-    planner, asked = RealTime("RTI", Nlp(world.ocp), 0.1), compare.recorded(world, 1, 20)
+    planner, asked = RtiPlanner("RTI", Nlp(world.ocp), 0.1), compare.recorded(world, 1, 20)
     plans = []
     for rehearse in (lambda: None, planner.rehearse):
         planner.begin(*asked[0])
@@ -193,13 +195,13 @@ def test_the_processor_has_a_name_or_none_is_made_up():
 
 
 def test_a_result_comes_back_from_its_file_as_it_was(tmp_path):
-    row = Row(part="solvers", problem="paper", name="x", unit="us", p50=1.5, p99=2.0, count=3, off=0.1)
-    settings = Settings(
+    row = BenchRow(part="solvers", problem="paper", name="x", unit="us", p50=1.5, p99=2.0, count=3, off=0.1)
+    settings = BenchSettings(
         vessel="a.toml", problems=("paper",), solves=3, rounds=1, cadence_solves=3, seed=1, only="", growth=False
     )
     bench = Bench(
         schema=1, program={}, begun_utc="", seconds=1.0, machine=machine(0.5), settings=settings, rows=(row,),
-        refused=(Refused(part="fit", problem="", name="y", why="no"),), growth=(),
+        refused=(SolverRefused(part="fit", problem="", name="y", why="no"),), growth=(),
     )  # fmt: skip
     write(tmp_path / "b.json", bench)
     assert read(tmp_path / "b.json") == bench

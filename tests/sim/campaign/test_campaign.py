@@ -13,7 +13,7 @@ from companion.core.configuration.tables import ConfigError
 from sim.campaign import campaign
 from sim.campaign.inputs import read_campaign
 from sim.campaign.journal import NAME, Journal
-from sim.campaign.runners.job import Outcome
+from sim.campaign.runners.job import CaseOutcome
 from tests.support.campaign_fixture import PROGRAM, SHORT, campaign_file, figures, pretend
 
 
@@ -160,7 +160,7 @@ def test_results_of_other_versions_and_kinds_are_not_mixed(tmp_path):
         journal(tmp_path) as kept,
         pytest.raises(ConfigError, match="worker far:1: was computed with aritra 3, here for"),
     ):
-        kept.add(Outcome(id="a", program={"aritra": "3"}, worker="far:1"))
+        kept.add(CaseOutcome(id="a", program={"aritra": "3"}, worker="far:1"))
     assert len((tmp_path / NAME).read_bytes().splitlines()) == 1
 
 
@@ -180,7 +180,7 @@ def test_columns_that_some_cases_do_not_have_are_blank(tmp_path):
     def run(works):
         for work in works:
             sizes = {f"cause_{work.seed}": 1 if work.seed == 1 else 0.5, "shared": work.seed if work.seed < 3 else 2.5}
-            yield Outcome(id=work.id, figures={"finished": True, "waypoints_missed": 0, **sizes}, program=PROGRAM)
+            yield CaseOutcome(id=work.id, figures={"finished": True, "waypoints_missed": 0, **sizes}, program=PROGRAM)
 
     table = call(tmp_path / "out", path, run).results
     assert table["shared"].dtype == pl.Float64 and sorted(table["shared"]) == [1.0, 2.0, 2.5, 2.5]

@@ -27,7 +27,7 @@ from sim.studies.driving.diagnosed import (
     pooled,
     trips,
 )
-from sim.world.score import Track
+from sim.world.score import TrueTrack
 from sim.world.teleop_log import teleop_logs
 from tests.support.vessel_fixtures import boat
 
@@ -76,8 +76,8 @@ def test_off_the_leg_is_the_distance_to_the_piece_of_line_that_is_being_driven()
     leg = np.array([-1, -1, -1, 0])
     points = np.array([(10.0, 0.0), (10.0, 10.0)])
 
-    def track(on: bool) -> Track:
-        return Track(np.arange(4.0), truth, truth, np.zeros((4, 6, 6)), np.zeros(4), leg, np.full(4, on))
+    def track(on: bool) -> TrueTrack:
+        return TrueTrack(np.arange(4.0), truth, truth, np.zeros((4, 6, 6)), np.zeros(4), leg, np.full(4, on))
 
     assert off_leg_m(track(True), points) == pytest.approx(math.sqrt((0 + 1 + 9 + 4) / 4))
     assert math.isnan(off_leg_m(track(False), points))

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from companion.core.control.nmpc.problem import Problem
+from companion.core.control.nmpc.problem import NmpcProblem
 from companion.core.control.nmpc.warm_start import LARGEST
 
 INF = 1e4
@@ -42,8 +42,8 @@ class Step(NamedTuple):
         return bool(self.kkt <= KKT_TOLERANCE and sane)
 
 
-def _function(p: Problem) -> ca.Function:
-    """(w, rows, d) -> (w + dw, kkt, cost, g): `Problem.qp`, hpipm and `Problem.measure` joined."""
+def _function(p: NmpcProblem) -> ca.Function:
+    """(w, rows, d) -> (w + dw, kkt, cost, g): `NmpcProblem.qp`, hpipm and `NmpcProblem.measure` joined."""
     options: dict[str, Any] = {
         "N": p.stages,
         "nx": [p.nx] * (p.stages + 1),
@@ -78,7 +78,7 @@ def _function(p: Problem) -> ca.Function:
 class QpStep:
     """The step of one problem, ready to be called."""
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: NmpcProblem):
         self._nx = problem.nx
         function = _function(problem)
         buffer: tuple[Any, Any] = function.buffer()

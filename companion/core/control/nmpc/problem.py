@@ -24,11 +24,11 @@ from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.control.nmpc.stage import advance, control_residual, state_residual
 from companion.core.geometry.fence import Fence, Level
 from companion.core.guidance.reference_row import COLUMNS
-from companion.core.model.integrate import Model
+from companion.core.model.integrate import VesselModel
 
 
 @dataclass(frozen=True)
-class Problem:
+class NmpcProblem:
     """Sizes, bounds and functions. Inputs of all functions: w, rows (8, N + 1), d (3,)."""
 
     settings: NmpcSettings
@@ -59,7 +59,7 @@ class Problem:
 
 
 def _stage_functions(
-    model: Model, able: np.ndarray, s: NmpcSettings, levels: Sequence[Level]
+    model: VesselModel, able: np.ndarray, s: NmpcSettings, levels: Sequence[Level]
 ) -> tuple[ca.Function, ca.Function, ca.Function]:
     """(x, c, row, d) -> linearised stage; the same without derivatives; the last row's. `able` (n,): 1 or 0."""
     n = model.B.shape[1]
@@ -85,7 +85,7 @@ def _stage_functions(
     return linear, plain, terminal
 
 
-def build(model: Model, actuation: Actuation, settings: NmpcSettings, fence: Fence | None = None) -> Problem:
+def build(model: VesselModel, actuation: Actuation, settings: NmpcSettings, fence: Fence | None = None) -> NmpcProblem:
     """Compile the problem for one model, its limits, settings and fence."""
     N, nu = settings.stages, model.B.shape[1]
     nx = 6 + nu
@@ -112,7 +112,7 @@ def build(model: Model, actuation: Actuation, settings: NmpcSettings, fence: Fen
     total = ca.sum2(cost) + cost_N
     limit = actuation.rate_limit_n_s * model.lag_s
     free, slack = np.full(nx, np.inf), np.full(nu, limit)
-    return Problem(
+    return NmpcProblem(
         settings,
         nx,
         nu,

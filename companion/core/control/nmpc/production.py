@@ -10,13 +10,13 @@ from companion.core.control.nmpc.stage import advance, advance_jacobian, control
 from companion.core.control.ocp import Ocp
 from companion.core.geometry.fence import Fence
 from companion.core.guidance.reference_row import COLUMNS
-from companion.core.model.integrate import FORCES, Model
+from companion.core.model.integrate import FORCES, VesselModel
 
 FORCE_SCALE_N = 10.0
 """[N] of a gap that counts like 1 m, 1 rad, 1 m/s or 1 rad/s."""
 
 
-def production(model: Model, actuation: Actuation, s: NmpcSettings, fence: Fence | None = None) -> Ocp:
+def production(model: VesselModel, actuation: Actuation, s: NmpcSettings, fence: Fence | None = None) -> Ocp:
     """Symbols: x (6 + n,), c (n,), p = row of the reference (8,), q = disturbance (3,)."""
     n = model.B.shape[1]
     able = actuation.force_min_n < actuation.force_max_n

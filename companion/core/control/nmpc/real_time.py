@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.core.control.nmpc.problem import Problem
+from companion.core.control.nmpc.problem import NmpcProblem
 from companion.core.control.nmpc.production import production
 from companion.core.control.nmpc.settings import Actuation
 from companion.core.control.nmpc.warm_start import PSI, WarmStart, rolled_out, shifted, usable
-from companion.core.control.rti.iteration import Came, Rti
+from companion.core.control.rti.iteration import Rti, SolveInfo
 from companion.core.geometry.fence import Fence
-from companion.core.model.integrate import FORCES, Model
+from companion.core.model.integrate import FORCES, VesselModel
 from companion.jit import Store
 
 STILL = 1e-4
@@ -25,7 +25,7 @@ FORGET_S = 0.5
 """Active limits of an older plan say nothing any more; assumed."""
 
 
-class Ended(NamedTuple):
+class Solution(NamedTuple):
     """Where the iterations ended: states (N + 1, nx), commands (N, nu), cost, largest gap of the dynamics (scaled),
     largest excess over a limit [N], active limits (N, nu) for the next start.
     """
@@ -38,10 +38,12 @@ class Ended(NamedTuple):
     active: np.ndarray | None = None
 
 
-class RealTime:
+class RealTimeSolver:
     """For one vessel. Belongs to one thread at a time."""
 
-    def __init__(self, problem: Problem, model: Model, actuation: Actuation, fence: Fence | None, store: Store | None):
+    def __init__(
+        self, problem: NmpcProblem, model: VesselModel, actuation: Actuation, fence: Fence | None, store: Store | None
+    ):
         self._problem = problem
         settings = problem.settings
         self.rti = Rti(
@@ -52,7 +54,9 @@ class RealTime:
             compiled=settings.method == "rti",
         )
 
-    def warm(self, warm: WarmStart, t_ns: int, x0: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Came, int]:
+    def warm(
+        self, warm: WarmStart, t_ns: int, x0: np.ndarray, rows: np.ndarray, d: np.ndarray
+    ) -> tuple[SolveInfo, int]:
         """From the plan before: `Rti.iterations` steps, more while the dynamics do not close."""
         s, rti = self._problem.settings, self.rti
         share = (t_ns - warm.t_ns) * 1e-9 / s.step_s
@@ -75,7 +79,7 @@ class RealTime:
             came, count = rti.came(), count + 1
         return came, count
 
-    def cold(self, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Ended | None, int]:
+    def cold(self, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Solution | None, int]:
         """From a roll-out by full steps, and from standing still by half steps; the cheaper plan of the two.
 
         Each until cost and dynamics stand still; None where neither does. One in a hundred problems thrown at random
@@ -94,7 +98,7 @@ class RealTime:
                 best = self.ended(came)
         return best, steps
 
-    def _until_still(self, full_steps: int) -> tuple[Came | None, int]:
+    def _until_still(self, full_steps: int) -> tuple[SolveInfo | None, int]:
         """From the guess in memory."""
         last, most = np.inf, self._problem.settings.cold_iterations
         for count in range(1, most + 1):
@@ -107,11 +111,11 @@ class RealTime:
             last = came.cost
         return None, most
 
-    def ended(self, came: Came) -> Ended:
+    def ended(self, came: SolveInfo) -> Solution:
         """The plan, copied out of the solver's memory."""
         rti = self.rti
-        return Ended(rti.X.copy(), rti.C.copy(), came.cost, came.defect, came.excess, rti.active.copy())
+        return Solution(rti.X.copy(), rti.C.copy(), came.cost, came.defect, came.excess, rti.active.copy())
 
 
-NOTHING = Came(np.inf, np.inf, np.inf, np.inf, np.inf)
+NOTHING = SolveInfo(np.inf, np.inf, np.inf, np.inf, np.inf)
 """No plan came of it."""

@@ -19,21 +19,21 @@ import casadi as ca
 import numpy as np
 
 from companion.core.control.nmpc.hpipm_step import QpStep, Step
-from companion.core.control.nmpc.problem import Problem, build
-from companion.core.control.nmpc.real_time import Ended, RealTime
+from companion.core.control.nmpc.problem import NmpcProblem, build
+from companion.core.control.nmpc.real_time import RealTimeSolver, Solution
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.control.nmpc.warm_start import LARGEST, PSI, WarmStart, rolled_out, shifted
 from companion.core.geometry.fence import Fence
 from companion.core.guidance.reference_row import COLUMNS, Column, near
 from companion.core.messages import PlanResult, SolveRequest
-from companion.core.model.integrate import FORCES, Model
+from companion.core.model.integrate import FORCES, VesselModel
 from companion.jit import Store
 
 BOUND_TOLERANCE = 1e-6
 """[N] by which a planned command may exceed a limit before it is clipped; more is a failure."""
 
 
-class Asked(NamedTuple):
+class PlanQuery(NamedTuple):
     """A request as arrays: x0 (nx,), rows (N + 1, 8), disturbance (3,), last command (nu,)."""
 
     x0: np.ndarray
@@ -47,7 +47,7 @@ class Nmpc:
 
     def __init__(
         self,
-        model: Model,
+        model: VesselModel,
         actuation: Actuation,
         settings: NmpcSettings,
         clock: Callable[[], float],
@@ -55,11 +55,11 @@ class Nmpc:
         store: Store | None = None,
     ):
         """`store` keeps machine code between runs of the program."""
-        self.problem: Problem = build(model, actuation, settings, fence)
+        self.problem: NmpcProblem = build(model, actuation, settings, fence)
         self._actuation, self._clock = actuation, clock
         self._step = QpStep(self.problem)
         kernel = settings.method != "hpipm"
-        self._real_time = RealTime(self.problem, model, actuation, fence, store) if kernel else None
+        self._real_time = RealTimeSolver(self.problem, model, actuation, fence, store) if kernel else None
         self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))
         self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, 10.0)])
 
@@ -82,7 +82,7 @@ class Nmpc:
         """Why the steps are not machine code; empty where they are."""
         return self._real_time.rti.why_not_compiled if self._real_time else "hpipm takes the steps"
 
-    def _warm(self, request: SolveRequest, asked: Asked, warm: WarmStart) -> tuple[Ended | None, str, int]:
+    def _warm(self, request: SolveRequest, asked: PlanQuery, warm: WarmStart) -> tuple[Solution | None, str, int]:
         """From the last plan: our kernel, then hpipm. None where neither ends in a plan that closes; why; steps."""
         steps, tolerance = 0, self.problem.settings.defect_tolerance
         if self._real_time:
@@ -97,7 +97,7 @@ class Nmpc:
             return None, "real-time iteration did not close", steps + more
         return self._of(step), "hpipm took over" if self._real_time else "", steps + more
 
-    def _cold(self, asked: Asked) -> tuple[Ended | None, int]:
+    def _cold(self, asked: PlanQuery) -> tuple[Solution | None, int]:
         """From a roll-out: our kernel, then IPOPT."""
         steps = 0
         if self._real_time:
@@ -107,11 +107,11 @@ class Nmpc:
         step, more = self._rescued(asked)
         return self._of(step) if step else None, steps + more
 
-    def _of(self, step: Step) -> Ended:
+    def _of(self, step: Step) -> Solution:
         """What hpipm or IPOPT ended in."""
-        return Ended(*self.problem.split(step.w), step.cost, self._defect(step), self._excess(step))
+        return Solution(*self.problem.split(step.w), step.cost, self._defect(step), self._excess(step))
 
-    def _read(self, request: SolveRequest) -> Asked | str:
+    def _read(self, request: SolveRequest) -> PlanQuery | str:
         """The request as arrays, or what is wrong with it. Forces in x0 are brought within their limits."""
         p, low, high = self.problem, self._actuation.force_min_n, self._actuation.force_max_n
         sizes = {"x0": p.nx, "disturbance_n": 3, "f_prev_n": p.nu}
@@ -123,7 +123,7 @@ class Nmpc:
             return f"reference: expected {p.stages + 1} rows of {len(COLUMNS)}"
         given = (request.x0, rows, request.disturbance_n, request.f_prev_n)
         x0, table, d, f_prev = (np.array(numbers, dtype=float) for numbers in given)
-        asked = Asked(x0, table, d, f_prev)
+        asked = PlanQuery(x0, table, d, f_prev)
         for name, array in zip(("x0", "reference", "disturbance_n", "f_prev_n"), asked, strict=True):
             if not (np.abs(array) <= LARGEST).all():
                 return f"{name}: not finite, or beyond {LARGEST:g}"
@@ -131,7 +131,7 @@ class Nmpc:
         asked.rows[:, Column.PSI] = near(asked.rows[:, Column.PSI], asked.x0[PSI])
         return asked._replace(f_prev=np.clip(asked.f_prev, low, high))
 
-    def _iterate(self, w: np.ndarray, asked: Asked) -> tuple[Step | None, int]:
+    def _iterate(self, w: np.ndarray, asked: PlanQuery) -> tuple[Step | None, int]:
         """Real-time iteration from `w`; None where it does not end in a plan that closes."""
         s = self.problem.settings
         step = None
@@ -144,7 +144,7 @@ class Nmpc:
             w = step.w
         return None, max(s.iterations, s.most_iterations)
 
-    def _rescued(self, asked: Asked) -> tuple[Step | None, int]:
+    def _rescued(self, asked: PlanQuery) -> tuple[Step | None, int]:
         """IPOPT from a roll-out; None where it ends without finite numbers."""
         p = self.problem
         w = rolled_out(p, asked.x0, asked.f_prev, asked.rows, asked.d)
@@ -178,7 +178,7 @@ class Nmpc:
         return float(max(low.max(), high.max(), np.abs(rates).max() - p.g_max[-1]))
 
     def _finish(
-        self, request: SolveRequest, asked: Asked, ended: Ended, how: str, started: float, steps: int
+        self, request: SolveRequest, asked: PlanQuery, ended: Solution, how: str, started: float, steps: int
     ) -> tuple[PlanResult, WarmStart | None]:
         """Judge the plan by its residuals and pack it."""
         x, c, defect = ended.x, ended.c, ended.defect

@@ -2,7 +2,7 @@
 
     x = [x y psi | u v r | f_1..f_n],  c = [c_1..c_n] thruster force commands [N], constant over the step
     f(t) = c + (f - c) exp(-t / T_lag)                       exact
-    [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d       B f: `Model.thrust`
+    [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d       B f: `VesselModel.thrust`
 
 The lag is solved exactly because it is five times quicker than the step; the hull needs one step of 0.2 s.
 d [N, N, N m] is a constant body force, the disturbance that the filter estimates.
@@ -19,12 +19,12 @@ import numpy as np
 from companion.core.control.nmpc.settings import NmpcSettings
 from companion.core.geometry.fence import Level
 from companion.core.guidance.reference_row import Column as ref
-from companion.core.model.integrate import ETA, FORCES, NU, Model, eta_dot
+from companion.core.model.integrate import ETA, FORCES, NU, VesselModel, eta_dot
 
 STATE_RESIDUALS = 6
 
 
-def advance(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
+def advance(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
     """State after `h` seconds, shape (6 + n,)."""
 
     def force(t: float) -> Any:
@@ -42,7 +42,7 @@ def advance(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
     return ca.vertcat(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), force(h))
 
 
-def advance_jacobian(model: Model, x: Any, c: Any, d: Any, h: float) -> Any:
+def advance_jacobian(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
     """Derivative of `advance` by [x c], shape (6 + n, 6 + 2 n): the Runge-Kutta steps differentiated one by one.
 
     The same as CasADi's own of the whole step, in two thirds of the operations.
@@ -93,7 +93,7 @@ def state_residual(s: NmpcSettings, x: Any, row: Any, levels: Sequence[Level] = 
     return ca.vertcat(*(np.sqrt(w) * residual for w, residual in weighted))
 
 
-def steady_force(model: Model, B: np.ndarray, row: Any, d: Any) -> Any:
+def steady_force(model: VesselModel, B: np.ndarray, row: Any, d: Any) -> Any:
     """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
 
     Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau. `B`: of the thrusters that
@@ -110,7 +110,7 @@ def steady_force(model: Model, B: np.ndarray, row: Any, d: Any) -> Any:
     return c_ss if model.is_linear_in_f else c_ss + ca.mtimes(B_plus, tau_ss - model.thrust(held, wanted, c_ss))
 
 
-def control_residual(s: NmpcSettings, model: Model, B: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
+def control_residual(s: NmpcSettings, model: VesselModel, B: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
     """Weighted residuals of the command: effort beyond c_ss, null space of B, rate. `B` as in `steady_force`."""
     n = B.shape[1]
     projector = ca.DM(np.eye(n) - np.linalg.pinv(B) @ B)

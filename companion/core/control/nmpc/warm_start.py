@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core.control.nmpc.problem import Problem
+from companion.core.control.nmpc.problem import NmpcProblem
 from companion.core.model.integrate import ETA
 
 PSI = 2
@@ -29,7 +29,7 @@ def _at(times: np.ndarray, grid: np.ndarray, table: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(times, grid, column) for column in table.T], axis=1)
 
 
-def usable(problem: Problem, warm: WarmStart, t_ns: int) -> bool:
+def usable(problem: NmpcProblem, warm: WarmStart, t_ns: int) -> bool:
     """Whether the plan can serve at `t_ns`.
 
     It cannot when it has another shape, is not finite or huge, is younger than the request or older than half the
@@ -43,7 +43,7 @@ def usable(problem: Problem, warm: WarmStart, t_ns: int) -> bool:
     return 0.0 <= (t_ns - warm.t_ns) * 1e-9 <= 0.5 * N * h
 
 
-def shifted(problem: Problem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.ndarray | None:
+def shifted(problem: NmpcProblem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.ndarray | None:
     """W for a problem that starts `t_ns - warm.t_ns` later, or None where the plan is not `usable`.
 
     Headings are brought to the turn of x0; x0 itself takes the first place.
@@ -58,7 +58,7 @@ def shifted(problem: Problem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.
     return problem.join(x, c)
 
 
-def rolled_out(problem: Problem, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> np.ndarray:
+def rolled_out(problem: NmpcProblem, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> np.ndarray:
     """W of the last command held over the horizon; standing still where that ends in no numbers."""
     c = np.tile(f_prev, (problem.stages, 1))
     along = np.tile(d, (problem.stages, 1))

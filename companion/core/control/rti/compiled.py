@@ -29,7 +29,7 @@ SWEEPS = 12
 """Quadratic programs solved at most while the active limits change."""
 
 
-class Layout:
+class MemoryLayout:
     """Named arrays, one after the other, each on a cache line."""
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class CompiledRti:
         n, m, N = ocp.nx, ocp.nu, ocp.stages
         self._wide = -(-(n + m + 1) // 4) * 4
         self._lanes = LANES if N >= LANES else 4 if N >= 4 else 1
-        layout = Layout()
+        layout = MemoryLayout()
         wide = self._wide
         shapes = {
             "X": (N + 1, n), "C": (N, m), "x0": (n,), "p": (N + 1, ocp.p.numel()), "q": (ocp.q.numel(),),

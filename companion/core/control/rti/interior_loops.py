@@ -98,7 +98,7 @@ class Interior:
         return self._lane(name)
 
     def _begun(self) -> Kernel:
-        def make(at: interior_point.Limits) -> dict[str, ca.SX]:
+        def make(at: interior_point.BoundPair) -> dict[str, ca.SX]:
             s, z = interior_point.begun(at)
             return {"s": s, "z": z}
 
@@ -109,7 +109,7 @@ class Interior:
         given = tuple(f"Hg:{e}" for e in entries)
 
         def make(
-            at: interior_point.Limits, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **H: ca.SX
+            at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **H: ca.SX
         ) -> dict[str, ca.SX]:
             bar = interior_point.barrier(at, s, z, mu)
             out = {f"barred:{e}": H[f"Hg:{e}"] + alive * getattr(bar, e) for e in entries}
@@ -123,7 +123,7 @@ class Interior:
         """How far s and z may go, least over the stages so far."""
 
         def make(
-            at: interior_point.Limits, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
+            at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
         ) -> dict[str, ca.SX]:
             ds, dz = interior_point.direction(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
             held = 1 - alive
@@ -150,7 +150,7 @@ class Interior:
         """Move s and z; add up s z."""
 
         def make(
-            at: interior_point.Limits, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
+            at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
         ) -> dict[str, ca.SX]:
             ds, dz = interior_point.direction(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
             s_new, z_new = s + v["share_s"] * ds, z + v["share_z"] * dz
@@ -175,7 +175,7 @@ class Interior:
         )
 
     def _codes(self) -> Kernel:
-        def make(at: interior_point.Limits, s: ca.SX, z: ca.SX, dead: ca.SX) -> dict[str, ca.SX]:
+        def make(at: interior_point.BoundPair, s: ca.SX, z: ca.SX, dead: ca.SX) -> dict[str, ca.SX]:
             del at
             return {"active": ca.if_else(dead, 1, interior_point.code(s, z))}
 

@@ -30,7 +30,7 @@ NEAR_N = 0.1
 """[N] that a slack begins with at least."""
 
 
-class Limits(NamedTuple):
+class BoundPair(NamedTuple):
     """b of each limit, and the signs of dc and df in it."""
 
     b: list[ca.SX]
@@ -38,15 +38,15 @@ class Limits(NamedTuple):
     df: tuple[int, ...]
 
 
-def limits(c: ca.SX, f: ca.SX | None, low: ca.SX, high: ca.SX, rate: float) -> Limits:
+def limits(c: ca.SX, f: ca.SX | None, low: ca.SX, high: ca.SX, rate: float) -> BoundPair:
     """The limits of one control about the guess."""
     bounds = [high - c, c - low]
     if f is None:
-        return Limits(bounds, (1, -1), (0, 0))
-    return Limits([*bounds, rate - (c - f), rate + (c - f)], (1, -1, 1, -1), (0, 0, -1, 1))
+        return BoundPair(bounds, (1, -1), (0, 0))
+    return BoundPair([*bounds, rate - (c - f), rate + (c - f)], (1, -1, 1, -1), (0, 0, -1, 1))
 
 
-def begun(at: Limits) -> tuple[ca.SX, ca.SX]:
+def begun(at: BoundPair) -> tuple[ca.SX, ca.SX]:
     """Slacks and multipliers to begin with."""
     s = ca.vertcat(*(ca.fmax(b, NEAR_N) for b in at.b))
     return s, START / s
@@ -62,7 +62,7 @@ class Barrier(NamedTuple):
     f: ca.SX
 
 
-def barrier(at: Limits, s: ca.SX, z: ca.SX, mu: ca.SX) -> Barrier:
+def barrier(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX) -> Barrier:
     """Weights and gradient of the limits."""
     cc = ff = cf = c = f = ca.SX(0)
     for j, b in enumerate(at.b):
@@ -73,7 +73,7 @@ def barrier(at: Limits, s: ca.SX, z: ca.SX, mu: ca.SX) -> Barrier:
     return Barrier(cc, ff, cf, c, f)
 
 
-def direction(at: Limits, s: ca.SX, z: ca.SX, mu: ca.SX, dc: ca.SX, df: ca.SX) -> tuple[ca.SX, ca.SX]:
+def direction(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, dc: ca.SX, df: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Changes of s and z that belong to the roll-out's dc and df."""
     new = ca.vertcat(*(b - at.dc[j] * dc - at.df[j] * df for j, b in enumerate(at.b)))
     ds = new - s

@@ -21,7 +21,7 @@ ITERATIONS = 2
 """Of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
 
 
-class Came(NamedTuple):
+class SolveInfo(NamedTuple):
     """What came of it: cost, largest gap of the dynamics over its scale, largest excess over a limit [N], sum of the
     squared gaps, and how many active limits the last quadratic program still wanted to change.
     """
@@ -82,6 +82,6 @@ class Rti:
         self.C[:] = C + share * (self.C - C)
         self.look()
 
-    def came(self) -> Came:
+    def came(self) -> SolveInfo:
         """Of the last solve or iteration."""
-        return Came(*self._told.tolist())
+        return SolveInfo(*self._told.tolist())

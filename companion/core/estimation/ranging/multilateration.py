@@ -22,7 +22,7 @@ SAME_PLACE_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Fix:
+class PositionFix:
     """One place [m] of the tag; `inliers` (m,) marks the ranges within the spread; `cost`: Cauchy cost."""
 
     north_m: float
@@ -31,21 +31,21 @@ class Fix:
     cost: float
 
 
-def locate(anchors_m: np.ndarray, ranges_m: np.ndarray, down_m: float, spread_m: float) -> list[Fix]:
+def locate(anchors_m: np.ndarray, ranges_m: np.ndarray, down_m: float, spread_m: float) -> list[PositionFix]:
     """Places that explain the ranges, cheapest first.
 
     `anchors_m` (m, 3) NED, `ranges_m` (m,), `down_m`: height of the tag, `spread_m`: a good range's residual.
     Fewer than two anchors in plan give an empty list.
     """
     drop = anchors_m[:, 2] - down_m
-    fixes: list[Fix] = []
+    fixes: list[PositionFix] = []
     for start in _starts(anchors_m[:, :2], np.sqrt(np.maximum(ranges_m**2 - drop**2, 0.0))):
         p = _refine(start, anchors_m, ranges_m, drop, spread_m / 2)
         residuals = ranges_m - np.sqrt(((p - anchors_m[:, :2]) ** 2).sum(axis=1) + drop**2)
         cost = float(np.log1p((residuals / (spread_m / 2)) ** 2).sum())
-        fixes.append(Fix(float(p[0]), float(p[1]), np.abs(residuals) <= spread_m, cost))
+        fixes.append(PositionFix(float(p[0]), float(p[1]), np.abs(residuals) <= spread_m, cost))
     fixes.sort(key=lambda fix: fix.cost)
-    distinct: list[Fix] = []
+    distinct: list[PositionFix] = []
     for fix in fixes:
         if all(np.hypot(fix.north_m - o.north_m, fix.east_m - o.east_m) > SAME_PLACE_M for o in distinct):
             distinct.append(fix)

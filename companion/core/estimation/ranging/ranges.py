@@ -2,7 +2,7 @@
 
     h(x) = |p_tag - a_i| + b_i
 
-Shared by the vessel's filter and by the range-only filter: each says with a `Layout` where its state keeps
+Shared by the vessel's filter and by the range-only filter: each says with a `RangeLayout` where its state keeps
 position, velocity and the anchors' biases.
 """
 
@@ -26,7 +26,7 @@ PLACE_SIGMA_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class RangeLayout:
     """Indices into the state: north and east at `position`, two velocities, first anchor bias."""
 
     position: tuple[int, int]
@@ -34,7 +34,7 @@ class Layout:
     bias: int
 
 
-class Seen(NamedTuple):
+class AnchorHistory(NamedTuple):
     """The latest range of an anchor."""
 
     t_ns: int
@@ -68,7 +68,7 @@ def line_of_sight(tag_m: np.ndarray, anchor_m: np.ndarray) -> tuple[float, np.nd
 
 def fuse_range(
     algebra: Algebra,
-    layout: Layout,
+    layout: RangeLayout,
     x: np.ndarray,
     P: np.ndarray,
     *,
@@ -117,7 +117,7 @@ def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> b
 
 
 def nearest_place(
-    anchors_m: np.ndarray, latest: Sequence[Seen | None], biases_m: np.ndarray, t_ns: int, *,
+    anchors_m: np.ndarray, latest: Sequence[AnchorHistory | None], biases_m: np.ndarray, t_ns: int, *,
     window_s: float, down_m: float, spread_m: float, near_m: tuple[float, float],
 ) -> tuple[float, float] | None:  # fmt: skip
     """Place of the tag [m] closest to `near_m` among those that three or more recent ranges explain."""
@@ -130,14 +130,14 @@ def nearest_place(
     return min(places, key=lambda p: math.dist(p, near_m), default=None)
 
 
-def fresh(latest: Sequence[Seen | None], t_ns: int, window_s: float) -> list[int]:
+def fresh(latest: Sequence[AnchorHistory | None], t_ns: int, window_s: float) -> list[int]:
     """Numbers of the anchors whose latest range is no older than `window_s`."""
     oldest = t_ns - round(window_s * 1e9)
     return [i for i, seen in enumerate(latest) if seen and seen.t_ns >= oldest]
 
 
 def relocate(
-    layout: Layout, x: np.ndarray, P: np.ndarray, place_m: tuple[float, float]
+    layout: RangeLayout, x: np.ndarray, P: np.ndarray, place_m: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """State put at `place_m` with a wide position, decorrelated from the rest; velocities made unsure."""
     P, x = forget(P, layout.position), x.copy()

@@ -14,15 +14,15 @@ from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import Uwb
-from companion.core.estimation.filter_state import B_RANGE, LAYOUT, Belief, Result, report
+from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, report
 from companion.core.estimation.gates import judge
 from companion.core.estimation.inertial import levelled
 from companion.core.estimation.kalman import Algebra
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
     VELOCITY_SIGMA_M_S,
+    AnchorHistory,
     RangeModel,
-    Seen,
     forget,
     fuse_range,
     line_of_sight,
@@ -43,16 +43,16 @@ class UwbFusion:
         self.number = {a.id: i for i, a in enumerate(site.anchors)}
         self.anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
 
-    def arm(self, belief: Belief) -> tuple[float, float, float]:
+    def arm(self, belief: FilterState) -> tuple[float, float, float]:
         """Lever arm of the tag in level axes [m]."""
         return levelled(belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
 
-    def fuse_ranges(self, belief: Belief, m: UwbRanges) -> Result:
+    def fuse_ranges(self, belief: FilterState, m: UwbRanges) -> Result:
         """One cycle of the tag, range by range; anchors that the site file does not know are left out."""
         known = [(self.number[r.anchor], r) for r in m.ranges if r.anchor in self.number]
         latest = list(belief.latest)
         for i, r in known:
-            latest[i] = Seen(belief.t_ns, r.range_m)
+            latest[i] = AnchorHistory(belief.t_ns, r.range_m)
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
         uwb_ns = belief.uwb_ns
         arm = self.arm(belief)
@@ -86,7 +86,7 @@ class UwbFusion:
         return RangeModel(distance + x[B_RANGE + anchor], row)
 
     def _find(
-        self, latest: tuple[Seen | None, ...], t_ns: int, arm: tuple[float, float, float], x: np.ndarray
+        self, latest: tuple[AnchorHistory | None, ...], t_ns: int, arm: tuple[float, float, float], x: np.ndarray
     ) -> tuple[float, float] | None:
         """Place of the body origin nearest to x that the ranges at hand explain."""
         dx, dy = rotate(x[2], arm[0], arm[1])
@@ -99,7 +99,7 @@ class UwbFusion:
         north, east = place_corrected(self._uwb, *place)
         return north - dx, east - dy
 
-    def fuse_position(self, belief: Belief, m: UwbPosition) -> Result:
+    def fuse_position(self, belief: FilterState, m: UwbPosition) -> Result:
         """The tag's own position, site ENU; left out while ranges come, which say the same and more."""
         silent_ns = round(self._tuning.uwb_timeout_s * 1e9)
         if belief.ranges_ns is not None and belief.t_ns - belief.ranges_ns < silent_ns:

@@ -37,7 +37,7 @@ class MissionErrors(ValueError):
 
 
 @dataclass(frozen=True)
-class Fence:
+class MissionFence:
     """A polygon of (north, east) [m], site axes, to stay in (`inclusion`) or out of."""
 
     inclusion: bool
@@ -51,7 +51,7 @@ class Mission:
     name: str
     path: Path
     end_heading_rad: float | None = None
-    fences: tuple[Fence, ...] = ()
+    fences: tuple[MissionFence, ...] = ()
 
 
 @dataclass
@@ -62,7 +62,7 @@ class Draft:
     errors: list[MissionError] = field(default_factory=list)
     places: list[str] = field(default_factory=list)
     waypoints: list[Waypoint] = field(default_factory=list)
-    fences: list[Fence] = field(default_factory=list)
+    fences: list[MissionFence] = field(default_factory=list)
     end_heading_rad: float | None = None
 
     def error(self, place: str, reason: str) -> None:
@@ -120,7 +120,7 @@ class Draft:
             self.error(place, "has a corner that is not finite")
         elif len(polygon) > 2 and (edges := crossing(polygon)):
             self.error(place, f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch")
-        self.fences.append(Fence(inclusion, polygon))
+        self.fences.append(MissionFence(inclusion, polygon))
 
     def finish(self, name: str) -> Mission:
         """The mission. Raises MissionErrors with everything found wrong."""

@@ -30,7 +30,7 @@ FRAMES = (0, 3, 5, 6, 10, 11)
 
 
 @dataclass(frozen=True)
-class Item:
+class MissionItem:
     """One mission item: MAV_CMD number, MAV_FRAME, seven parameters (None where not given)."""
 
     place: str
@@ -49,7 +49,7 @@ class Item:
         return self.params[number - 1] or 0.0
 
 
-def read_items(draft: Draft, items: list[Item]) -> None:
+def read_items(draft: Draft, items: list[MissionItem]) -> None:
     """Turn items into waypoints, speeds and the heading at the end; the errors go to the draft."""
     last = max((i for i, item in enumerate(items) if item.command in POSITIONS), default=-1)
     speed: float | None = None
@@ -66,7 +66,7 @@ def read_items(draft: Draft, items: list[Item]) -> None:
             draft.error(item.place, f"{item.name} is not supported")
 
 
-def _speed(draft: Draft, item: Item, before: float | None) -> float | None:
+def _speed(draft: Draft, item: MissionItem, before: float | None) -> float | None:
     """Speed [m/s] after a DO_CHANGE_SPEED: param 1 type, param 2 speed (-1: no change), param 3 throttle."""
     if item.param(1) not in (0.0, 1.0):
         draft.error(item.place, f"{item.name}: speed type {item.param(1):g} is not supported, only 0 and 1")
@@ -81,7 +81,7 @@ def _speed(draft: Draft, item: Item, before: float | None) -> float | None:
     return speed
 
 
-def _position(draft: Draft, item: Item, speed: float | None, *, is_last: bool) -> None:
+def _position(draft: Draft, item: MissionItem, speed: float | None, *, is_last: bool) -> None:
     """A waypoint. Param 1 hold s, 2 acceptance m, 3 pass-by or circle radius m, 4 yaw deg, 5-6 position."""
     if item.frame not in FRAMES:
         draft.error(item.place, f"frame {item.frame} is not supported, only global ones {FRAMES}")
@@ -175,7 +175,7 @@ def read_plan(draft: Draft, text: str) -> None:
         draft.error(f"rallyPoints.points[{i}]", "rally points are not supported")
 
 
-def _simple_items(draft: Draft, found: list[_Item]) -> list[Item]:
+def _simple_items(draft: Draft, found: list[_Item]) -> list[MissionItem]:
     items = []
     for i, item in enumerate(found):
         place = f"mission.items[{i}]"
@@ -184,7 +184,7 @@ def _simple_items(draft: Draft, found: list[_Item]) -> list[Item]:
         elif item.command is None or item.frame is None or item.params is None or len(item.params) != 7:
             draft.error(place, "needs command, frame and 7 params")
         else:
-            items.append(Item(place, item.command, item.frame, tuple(item.params), item.autoContinue))
+            items.append(MissionItem(place, item.command, item.frame, tuple(item.params), item.autoContinue))
     return items
 
 
@@ -197,7 +197,7 @@ def read_waypoints(draft: Draft, text: str) -> None:
     if not lines or lines[0].split() != ["QGC", "WPL", "110"]:
         draft.error("line 1", f"expected 'QGC WPL 110', found {lines[0][:40] if lines else 'nothing'!r}")
         return
-    items: list[Item] = []
+    items: list[MissionItem] = []
     count = 0
     for number, line in enumerate(lines[1:], start=2):
         if line.strip() and not line.startswith("#"):
@@ -208,7 +208,7 @@ def read_waypoints(draft: Draft, text: str) -> None:
     read_items(draft, items)
 
 
-def _waypoints_line(draft: Draft, place: str, line: str, index: int) -> Item | None:
+def _waypoints_line(draft: Draft, place: str, line: str, index: int) -> MissionItem | None:
     """index, current, frame, command, param 1-4, latitude, longitude, altitude, autocontinue."""
     fields = line.split()
     if len(fields) != 12:
@@ -223,4 +223,4 @@ def _waypoints_line(draft: Draft, place: str, line: str, index: int) -> Item | N
     if seq != index:
         draft.error(place, f"has index {seq}")
         return None
-    return Item(place, command, frame, params, auto != 0)
+    return MissionItem(place, command, frame, params, auto != 0)

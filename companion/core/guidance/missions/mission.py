@@ -17,12 +17,12 @@ import msgspec
 
 from companion.core.configuration.tables import Table
 from companion.core.geometry.frames import Origin
-from companion.core.guidance.missions.draft import Draft, Fence, Mission, MissionError, MissionErrors
+from companion.core.guidance.missions.draft import Draft, Mission, MissionError, MissionErrors, MissionFence
 from companion.core.guidance.missions.geojson import read_geojson
 from companion.core.guidance.missions.mavlink_items import read_plan, read_waypoints
 from companion.core.guidance.path import Waypoint
 
-__all__ = ["Fence", "Kind", "Mission", "MissionError", "MissionErrors", "kind_of", "parse"]
+__all__ = ["Kind", "Mission", "MissionError", "MissionErrors", "MissionFence", "kind_of", "parse"]
 
 Kind = Literal["toml", "plan", "waypoints", "geojson"]
 

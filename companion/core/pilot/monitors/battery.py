@@ -22,7 +22,7 @@ RECOVERED = 1.05
 
 
 @dataclass(frozen=True)
-class Pack:
+class BatteryState:
     """`voltage_v`: mean; `*_ns`: since when a limit has been passed; `low`, `critical`: for long enough."""
 
     voltage_v: float
@@ -37,7 +37,7 @@ class Pack:
         return told if self.percent is None else f"{told}, {self.percent} %"
 
 
-def read(pack: Pack, message: Battery, nominal_v: float, limits: BatteryLimits) -> Pack:
+def read(pack: BatteryState, message: Battery, nominal_v: float, limits: BatteryLimits) -> BatteryState:
     """Take a reading; one that no pack of `nominal_v` has is left out."""
     least, most = (share * nominal_v for share in VOLTAGE_RANGE)
     if not least <= message.voltage_v <= most:
@@ -53,7 +53,7 @@ def read(pack: Pack, message: Battery, nominal_v: float, limits: BatteryLimits) 
 
 
 def _passed(
-    pack: Pack, since_ns: int | None, was: bool, volts: float | None, percent: float | None, t_ns: int
+    pack: BatteryState, since_ns: int | None, was: bool, volts: float | None, percent: float | None, t_ns: int
 ) -> tuple[int | None, bool]:
     """Since when a limit has been passed, and whether that counts."""
     share = RECOVERED if was else 1.0

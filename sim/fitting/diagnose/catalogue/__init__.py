@@ -11,7 +11,7 @@ from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import chance, environment, hull, propulsion, sensors
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.propulsion import STARTS, Onset
-from sim.fitting.diagnose.posterior.clock import Clock
+from sim.fitting.diagnose.posterior.clock import LogClock
 
 ONSET_STEP_S = 60.0  # how far apart the starts of the search for an onset are; assumed
 LONG_S = 1200.0
@@ -20,7 +20,7 @@ ACROSS = 3  # places a side at which the search for a zone starts; assumed
 
 
 def catalogue(
-    vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = (), clock: Clock | None = None
+    vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = (), clock: LogClock | None = None
 ) -> tuple[Effect, ...]:
     """All entries for one boat and its logs; `more`: a user's own; `clock`: as of `Physics`.
 
@@ -32,7 +32,7 @@ def catalogue(
     centres = tuple(
         (float(n), float(e)) for n in low[0] + share * (high - low)[0] for e in low[1] + share * (high - low)[1]
     )
-    clock = clock or Clock.of(runs)
+    clock = clock or LogClock.of(runs)
     begins, lengths = np.array([(clock.start_s(run), run.duration_s) for run in runs]).T
     start, end = float(begins.min()), float((begins + lengths).max())
     onsets = _onsets(begins, lengths, start, end)

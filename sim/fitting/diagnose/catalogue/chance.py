@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.catalogue.parts import number
 
 
-def _beside(name: str, unit: str, prior: float) -> Parameter:
+def _beside(name: str, unit: str, prior: float) -> EffectParameter:
     """A parameter that says where or when, not how much."""
-    return Parameter(name, unit, prior, np.inf, prior)
+    return EffectParameter(name, unit, prior, np.inf, prior)
 
 
 WAVES = Effect(

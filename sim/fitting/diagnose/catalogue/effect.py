@@ -33,7 +33,7 @@ STAGES = ("hull", "pwm", "maps", "thrust", "water", "force", "imu", "tag")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One number of an effect.
 
     `prior`: sigma when the effect is believed in; `smallest`: size below which it is not worth a name; `step`: how
@@ -68,7 +68,7 @@ class Effect:
     family: str
     equation: str
     signature: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     hooks: Mapping[str, Hook]
     vector: bool = False
     same_as: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.loads import RHO_AIR
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import (
     ahead_starboard,
     air_force,
@@ -73,7 +73,7 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
         "drifts as in a current whose direction changes over minutes",
         (
             *vector("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
-            Parameter("turn_deg_s", "deg/s", around_deg_s, np.inf, 0.02),
+            EffectParameter("turn_deg_s", "deg/s", around_deg_s, np.inf, 0.02),
         ),
         {"water": water},
         vector=True,
@@ -120,9 +120,9 @@ def _tether(arm_m: float, around_m: float) -> Effect:
         "pulled towards one place, harder the further away",
         (
             *number("k_N_m", "N/m", 0.5, 0.05, 0.0, 100.0),
-            Parameter("north_N", "N", 5.0, PULL_N, 0.5),
-            Parameter("east_N", "N", 5.0, PULL_N, 0.5),
-            Parameter("arm_m", "m", around_m, np.inf, 0.05),
+            EffectParameter("north_N", "N", 5.0, PULL_N, 0.5),
+            EffectParameter("east_N", "N", 5.0, PULL_N, 0.5),
+            EffectParameter("arm_m", "m", around_m, np.inf, 0.05),
         ),
         {"force": force},
         of="tether",
@@ -136,7 +136,7 @@ def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
         inside = zone(scene.north_m, scene.east_m, at, max(ZONE_RADIUS_M + p["radius_m"], 1.0))
         return -p["share"] * inside[..., None] * hull_damping(vessel, scene)
 
-    where = (Parameter(name, "m", 2.0, np.inf, 0.5) for name in ("north_m", "east_m", "radius_m"))
+    where = (EffectParameter(name, "m", 2.0, np.inf, 0.5) for name in ("north_m", "east_m", "radius_m"))
     return Effect(
         f"shallow_zone@{i}",
         "environment",

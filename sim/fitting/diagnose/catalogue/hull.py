@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import mass_matrix
-from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import number, share, vector
 from sim.fitting.engine.parameters import HULL
 
@@ -45,7 +45,7 @@ def base(vessel: VesselFile) -> Iterator[Effect]:
         sigma = COUPLED_SIGMA.get(name, BASE_SIGMA)
         if name in sums:
             sigma = float(BASE_SIGMA * np.hypot(*sums[name]) / abs(sum(sums[name])))
-        parameter = Parameter("share", "1", sigma, sigma, sigma, -0.9, 10.0)
+        parameter = EffectParameter("share", "1", sigma, sigma, sigma, -0.9, 10.0)
         yield Effect(f"base:{name}", "base", f"{name} (1 + share)", "", (parameter,), {"hull": hook})
 
 
@@ -60,10 +60,12 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
     added = {"M11_kg": -inertia.X_udot_kg, "M22_kg": -inertia.Y_vdot_kg}
     M33 = mass_matrix(vessel)[2, 2]
 
-    def entry(id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: HullHook) -> Effect:
+    def entry(
+        id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hook: HullHook
+    ) -> Effect:
         return Effect(id, "hull", equation, signature, parameters, {"hull": hook})
 
-    def moved(id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: Hook) -> Effect:
+    def moved(id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hook: Hook) -> Effect:
         return Effect(id, "hull", equation, signature, parameters, {"force": hook}, vector=len(parameters) > 1)
 
     yield entry(

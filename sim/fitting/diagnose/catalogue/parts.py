@@ -11,7 +11,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.loads import REGISTRY, values
 from companion.core.model.manoeuvring import damping_force
-from sim.fitting.diagnose.catalogue.effect import Parameter, Scene
+from sim.fitting.diagnose.catalogue.effect import EffectParameter, Scene
 from sim.fitting.engine.batched import Batch
 from sim.fitting.engine.parameters import HULL
 
@@ -20,17 +20,17 @@ REACH = 0.3  # of the smallest size worth a name: how far secants reach
 
 def number(
     name: str, unit: str, prior: float, smallest: float, lower: float = -np.inf, upper: float = np.inf
-) -> tuple[Parameter, ...]:
+) -> tuple[EffectParameter, ...]:
     """One parameter of stated prior, smallest size and limits."""
-    return (Parameter(name, unit, prior, smallest, REACH * smallest, lower, upper),)
+    return (EffectParameter(name, unit, prior, smallest, REACH * smallest, lower, upper),)
 
 
-def share(prior: float, smallest: float, lower: float = -0.95, upper: float = 10.0) -> tuple[Parameter, ...]:
+def share(prior: float, smallest: float, lower: float = -0.95, upper: float = 10.0) -> tuple[EffectParameter, ...]:
     """One relative change."""
     return number("share", "1", prior, smallest, lower, upper)
 
 
-def vector(one: str, other: str, unit: str, prior: float, smallest: float) -> tuple[Parameter, ...]:
+def vector(one: str, other: str, unit: str, prior: float, smallest: float) -> tuple[EffectParameter, ...]:
     """Two parameters that are components of one vector."""
     return (*number(one, unit, prior, smallest), *number(other, unit, prior, smallest))
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import RotorMap, VesselFile
 from companion.core.model.thrust_losses import jet_sign
-from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import number, share
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
@@ -42,7 +42,9 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
             "propulsion",
             "pwm_i <-> pwm_j",
             "answers with the wrong force, opposite in some axis",
-            (Parameter("share", "1", WHOLE, 0.5, 1.0, 0.0, 1.2, mean=1.0),),  # secant of the whole: 0.2 stop some pairs
+            (
+                EffectParameter("share", "1", WHOLE, 0.5, 1.0, 0.0, 1.2, mean=1.0),
+            ),  # secant of the whole: 0.2 stop some pairs
             {"pwm": _swap(i, j)},
             far=True,
         )
@@ -54,7 +56,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
 def base(vessel: VesselFile) -> Iterator[Effect]:
     """Always allowed for, never named: a neutral that is not quite where the file has it."""
     for i, thruster in enumerate(vessel.thrusters):
-        parameter = Parameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
+        parameter = EffectParameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
         hook = _trimmed(i)
         yield Effect(f"base:trim:{thruster.name}", "base", "trim + delta", "", (parameter,), {"maps": hook})
 
@@ -100,7 +102,7 @@ def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Ef
         "propulsion",
         "f_i (1 + gain) from a time on",
         "as a loss of this thruster that begins during the log",
-        (*number("gain", "1", 0.5, 0.08, -1.0, 0.0), Parameter("onset_s", "s", 20.0, np.inf, 3.0)),
+        (*number("gain", "1", 0.5, 0.08, -1.0, 0.0), EffectParameter("onset_s", "s", 20.0, np.inf, 3.0)),
         {"thrust": hook},
         of=f"thruster_fouling:{name}",
         origin={"onset_s": onset_s},
@@ -203,7 +205,7 @@ def _timing(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "|df/dt| <= 1 / slowness",
         "large changes of thrust take time in proportion to their size",
-        (Parameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.02, 0.0, 1.0),),
+        (EffectParameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.02, 0.0, 1.0),),
         {"maps": _limited},
         origin={"slowness_s_N": 1 / slew_N_s} if slew_N_s else {},
         far=True,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene, Sight, Values
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Sight, Values
 from sim.fitting.diagnose.catalogue.parts import north_east, number, vector
 
 PSI, RATE, SURGE, SWAY = range(4)
@@ -19,7 +19,7 @@ ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale, always: ICM-42688-P d
 def base() -> Iterator[Effect]:
     """Always allowed for, never named."""
     for name, channel in (("x", SURGE), ("y", SWAY)):
-        parameter = Parameter("share", "1", ACCEL_SCALE, ACCEL_SCALE, ACCEL_SCALE)
+        parameter = EffectParameter("share", "1", ACCEL_SCALE, ACCEL_SCALE, ACCEL_SCALE)
         hook = _scaled(channel)
         text = f"a_{name} (1 + share)"
         yield Effect(f"base:accel_{name}", "base", text, "", (parameter,), {"imu": hook}, scales=f"a{name}")
@@ -56,7 +56,7 @@ def added(**terms: Callable[[Values, Scene, np.ndarray], np.ndarray | float]) ->
 
 def _inertial() -> Iterator[Effect]:
     def entry(
-        id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: ImuHook, scales: str = ""
+        id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hook: ImuHook, scales: str = ""
     ) -> Effect:
         several = len(parameters) > 1
         return Effect(id, "sensors", equation, signature, parameters, {"imu": hook}, vector=several, scales=scales)
@@ -140,7 +140,12 @@ def _iron(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
 
 def _tag() -> Iterator[Effect]:
     def entry(
-        id: str, equation: str, signature: str, parameters: tuple[Parameter, ...], hook: Callable, scales: str = ""
+        id: str,
+        equation: str,
+        signature: str,
+        parameters: tuple[EffectParameter, ...],
+        hook: Callable,
+        scales: str = "",
     ) -> Effect:
         several = len(parameters) > 1
         return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scales=scales)

@@ -11,7 +11,7 @@ from companion.logs.runs.splits import wholes
 
 
 @dataclass(frozen=True)
-class Clock:
+class LogClock:
     """Whole logs, and when the first row of each is [s]: parts of a log are on the clock with it.
 
     Nought is the first row of all logs that are fitted.
@@ -21,7 +21,7 @@ class Clock:
     begins_s: tuple[float, ...]
 
     @classmethod
-    def of(cls, fitted: Sequence[Run], held_out: Sequence[Run] = ()) -> Clock:
+    def of(cls, fitted: Sequence[Run], held_out: Sequence[Run] = ()) -> LogClock:
         """By the stamps, else one after the other. `held_out` move nothing of the others."""
         logs, both = wholes(fitted), wholes([*fitted, *held_out])
         begins = _stamps_s(logs) if _by_stamps(logs) else _in_turn_s(logs, 0.0)

@@ -28,7 +28,7 @@ class InWater(StructuredModel):
         return super().water_velocity(eta) + moved
 
 
-class Compiled(NamedTuple):
+class CompiledWindows(NamedTuple):
     """Rollout of all windows; at all nodes rates with Jacobians, and slopes; M^-1.
 
     Slopes: to coefficients, to water velocity, to the thruster forces after tau.
@@ -40,7 +40,7 @@ class Compiled(NamedTuple):
     M_inv: ca.Function
 
 
-def compiled(vessel: VesselFile, steps: int, windows: int) -> Compiled:
+def compiled(vessel: VesselFile, steps: int, windows: int) -> CompiledWindows:
     """For `windows` windows of `steps` steps each.
 
     tau: body force (3,); in a file whose thrusters lose thrust to moving water the forces (n,) of each after it, by
@@ -71,7 +71,7 @@ def compiled(vessel: VesselFile, steps: int, windows: int) -> Compiled:
     rest = [ca.DM.zeros(s) for s in (tau.numel(), 2)]
     q = ca.SX.sym("q", N_HULL)
     M_inv = ca.Function("M_inv_of", [q], [inverse(ca.DM.zeros(6), q, *rest)])
-    return Compiled(Rollout(_step(rate, tau.numel())), Batch(rates, nodes), Batch(slope, nodes), M_inv)
+    return CompiledWindows(Rollout(_step(rate, tau.numel())), Batch(rates, nodes), Batch(slope, nodes), M_inv)
 
 
 def _step(rate: ca.Function, pushes: int) -> ca.Function:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import PUSHES, Physics, acting, large
+from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics, acting, large
 from sim.fitting.diagnose.posterior.state import State
 from sim.fitting.engine.jacobian_rows import Pushes, sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
@@ -17,11 +17,11 @@ from sim.fitting.engine.kernels.windows import X0_D
 STILL, MOST_PASSES = 1e-3, 20  # of x y psi u v r in their units, and passes until then; assumed
 
 
-def settled(physics: Physics, effects: Sequence[Effect], theta: Theta, z: np.ndarray) -> State:
-    """As `Physics.move` from nodes z, but passes go on until the motion stands still.
+def settled(physics: EffectPhysics, effects: Sequence[Effect], theta: Theta, z: np.ndarray) -> State:
+    """As `EffectPhysics.move` from nodes z, but passes go on until the motion stands still.
 
     Of effects of some size each pass takes what it changes of their forces along, to first order (Newton's step).
-    Where the motion is thrown out of bounds on the way, as `Physics.move` has it.
+    Where the motion is thrown out of bounds on the way, as `EffectPhysics.move` has it.
     """
     pushing = large(acting(effects, theta, PUSHES), theta)
     now = physics.one_pass(effects, theta, z, None)
@@ -36,7 +36,7 @@ def settled(physics: Physics, effects: Sequence[Effect], theta: Theta, z: np.nda
     return now
 
 
-def _nearer(physics: Physics, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
+def _nearer(physics: EffectPhysics, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
     """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
     feedback, (W, K) = physics.feedback(effects, theta, now), physics.windows.size
     old, new = (physics.extra(effects, theta, physics.scene(s), now.forces.f)[0] for s in (before, now))

@@ -18,9 +18,9 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
-from sim.fitting.diagnose.posterior.linear import Lineariser, Point
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint, Lineariser
 from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import PUSHES, Physics, State
+from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics, State
 from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.initial_guess import first_nodes
 from sim.fitting.engine.noise import LATENT, STATE, Noise
@@ -29,10 +29,10 @@ NEAR = 300.0  # nats: a step that promises less is so short that secants of all 
 PINNED = 1e6  # times its own curvature: a parameter that is held at a limit
 
 
-class Fit:
+class PosteriorFit:
     """The logs, the catalogue, and steps towards the best nodes and parameters."""
 
-    def __init__(self, physics: Physics, effects: Sequence[Effect], noise: Noise):
+    def __init__(self, physics: EffectPhysics, effects: Sequence[Effect], noise: Noise):
         self.physics, self.effects, self.noise = physics, tuple(effects), noise
         self.lineariser = Lineariser(physics)
         self.z0 = first_nodes(physics.windows, physics.parameters)
@@ -44,12 +44,14 @@ class Fit:
         each = [e.believed() if e.id in believed else (e.tolerance(), np.zeros(len(e.parameters))) for e in chosen]
         return Prior(*(np.concatenate(one) for one in zip(*each, strict=True)))
 
-    def point(self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], before: Point | None = None) -> Point:
+    def point(
+        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], before: LinearisationPoint | None = None
+    ) -> LinearisationPoint:
         """Linearised at theta, z; `before`: a point near it."""
         state = self.physics.move(self.effects, theta, z, before.state if before else None)
         return self.lineariser.point(self.effects, theta, z, self.noise, chosen, state)
 
-    def assembled(self, point: Point, noise: Noise) -> tuple[Chain, float, float]:
+    def assembled(self, point: LinearisationPoint, noise: Noise) -> tuple[Chain, float, float]:
         """Chain with ties and node priors, its cost [nats] without priors of parameters, sum of log sigma."""
         chain = point.chain.copy()
         sigma = noise.tie(point.ties.span_s)[1]
@@ -61,7 +63,7 @@ class Fit:
         cost = point.cost + self._prior_cost(point.ties.rho, sigma, off, start)
         return chain, cost, float(np.log(sigma).sum() + len(self._first) * np.log(start).sum())
 
-    def cost(self, point: Point, chosen: Sequence[Effect], prior: Prior) -> float:
+    def cost(self, point: LinearisationPoint, chosen: Sequence[Effect], prior: Prior) -> float:
         """What a fit makes least [nats]: data, ties, priors of nodes and parameters."""
         _, cost, _ = self.assembled(point, self.noise)
         return cost + self._priors(point.theta, chosen, prior)[0]
@@ -74,7 +76,7 @@ class Fit:
     def _prior_cost(self, rho: np.ndarray, sigma: np.ndarray, off: np.ndarray, start: np.ndarray) -> float:
         return 0.5 * float(((rho / sigma) ** 2).sum() + ((off / start) ** 2).sum())
 
-    def settle(self, point: Point) -> None:
+    def settle(self, point: LinearisationPoint) -> None:
         """How many degrees of freedom of the nodes each kind of reading settles: trace of P_w F_w over all nodes."""
         P = self.assembled(point, self.noise)[0].covariance()
         self.settled = {name: float((P * share).sum()) for name, share in point.shares.items()}
@@ -90,11 +92,11 @@ class Fit:
         n = np.concatenate([np.full(len(e.parameters), self.settled.get(e.scales, 0.0)) for e in chosen])
         return float(n @ np.log1p(np.where(n > 0, now, 0.0))), n / (1 + np.where(n > 0, now, 0.0))
 
-    def nodes_evidence(self, point: Point, noise: Noise) -> float:
+    def nodes_evidence(self, point: LinearisationPoint, noise: Noise) -> float:
         """Log evidence [nats] of `noise` for the nodes alone, all parameters being as they are."""
         return self.nodes(point, noise)[1]
 
-    def nodes(self, point: Point, noise: Noise) -> tuple[np.ndarray, float]:
+    def nodes(self, point: LinearisationPoint, noise: Noise) -> tuple[np.ndarray, float]:
         """Step of the nodes (W, L) with all parameters as they are, and the log evidence of `noise` for them [nats]."""
         chain = point.chain
         bare = Chain(chain.A, chain.next, chain.B[:, :, :0], chain.D[:0, :0], chain.g, chain.d[:0])
@@ -103,7 +105,7 @@ class Fit:
         dz, log_det = chain.solve_nodes()
         return dz, -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
 
-    def reduced(self, point: Point, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
+    def reduced(self, point: LinearisationPoint, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
         """Nodes eliminated."""
         chain, cost, log_sigma = self.assembled(point, noise or self.noise)
         guard = self.prior(chosen, frozenset()).precision
@@ -126,8 +128,8 @@ class Fit:
         *,
         steps: int = 12,
         tolerance: float = 0.3,
-        before: Point | None = None,
-    ) -> Point:
+        before: LinearisationPoint | None = None,
+    ) -> LinearisationPoint:
         """Gauss-Newton from theta, z with the parameters of `chosen` free. Stops at steps that promise little."""
         return self.descend(theta, z, chosen, believed, steps=steps, tolerance=tolerance, before=before)[0]
 
@@ -140,8 +142,8 @@ class Fit:
         *,
         steps: int,
         tolerance: float,
-        before: Point | None = None,
-    ) -> tuple[Point, bool]:
+        before: LinearisationPoint | None = None,
+    ) -> tuple[LinearisationPoint, bool]:
         """As `solve`, and whether the last step promised less than `tolerance` [nats]."""
         prior = self.prior(chosen, believed)
         lower, upper = (np.concatenate(each) for each in zip(*(e.limits() for e in chosen), strict=True))
@@ -154,12 +156,12 @@ class Fit:
 
     def _step(
         self,
-        point: Point,
+        point: LinearisationPoint,
         chosen: Sequence[Effect],
         believed: frozenset[str],
         prior: Prior,
         limits: tuple[np.ndarray, np.ndarray],
-    ) -> tuple[Point, float]:
+    ) -> tuple[LinearisationPoint, float]:
         now = flat(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
         priors, slope = self._priors(point.theta, chosen, prior)
@@ -186,7 +188,7 @@ class Fit:
         return point, 0.0
 
     def _moved(
-        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], believed: frozenset[str], near: Point
+        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], believed: frozenset[str], near: LinearisationPoint
     ) -> State:
         """The motion at theta, z: small effects that are not believed in by the secants of a point near it."""
         size = {e.id: max(e.size(t[e.id]) for t in (theta, near.theta) if e.id in t) for e in chosen if e.id in theta}
@@ -201,7 +203,13 @@ class Fit:
         return self.physics.move(lively, theta, z, near.state, given, near.state.feedback)
 
     def _total(
-        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], prior: Prior, near: Point, state: State
+        self,
+        theta: Theta,
+        z: np.ndarray,
+        chosen: Sequence[Effect],
+        prior: Prior,
+        near: LinearisationPoint,
+        state: State,
     ) -> float:
         data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
         ties = self.noise.tie(near.ties.span_s)[1]

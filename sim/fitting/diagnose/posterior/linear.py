@@ -18,7 +18,7 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, slices
 from sim.fitting.diagnose.posterior.parameter_values import Theta, among, secants
-from sim.fitting.diagnose.posterior.physics import Accelerations, Physics, State
+from sim.fitting.diagnose.posterior.physics import Accelerations, EffectPhysics, State
 from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
 from sim.fitting.engine.jacobian_rows import BLOCK, Pushes, fade, inertial, places, positions, sensitivities
@@ -31,7 +31,7 @@ SCALED = {"r": RATE, "ax": SURGE, "ay": SWAY}  # channels that an effect may sca
 
 
 @dataclass(frozen=True)
-class Columns:
+class JacobianColumns:
     """What one unit of each parameter changes: accelerations, IMU (W, K, 4, P), places (m, 2, P)."""
 
     a: Accelerations
@@ -40,7 +40,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Point:
+class LinearisationPoint:
     """Normal equations of the data at theta, z. `cost`: half the weighted squares of the data [nats].
 
     `shares`: what the readings that an effect may scale have in the blocks of the nodes, (W, L, L) by name.
@@ -55,26 +55,28 @@ class Point:
     cost: float
     residuals: np.ndarray
     fix_residuals: np.ndarray
-    columns: Columns
+    columns: JacobianColumns
     shares: dict[str, np.ndarray]
 
-    def judged_only(self) -> Point:
+    def judged_only(self) -> LinearisationPoint:
         """Without its columns, which take most of the room: for evidence, not for steps."""
         a = self.columns.a
         nodes, bump, imu, tag = (part[..., :0].copy() for part in (a.nodes, a.bump, self.columns.imu, self.columns.tag))
-        return replace(self, columns=Columns(Accelerations(nodes, bump), imu, tag))
+        return replace(self, columns=JacobianColumns(Accelerations(nodes, bump), imu, tag))
 
 
 class Lineariser:
     """Normal equations on the windows of `physics`. `weight` (m,): what each position sample counts."""
 
-    def __init__(self, physics: Physics):
+    def __init__(self, physics: EffectPhysics):
         self.physics, self.windows = physics, physics.windows
         self.readings = Readings(physics)
         self.weight = np.ones(len(self.readings.window))
         self._by_window = np.argsort(self.readings.window, kind="stable")
 
-    def columns(self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]) -> Columns:
+    def columns(
+        self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]
+    ) -> JacobianColumns:
         """Secants of all parameters of `chosen`; `effects`: those that may be in theta."""
         W, K = self.windows.size
         a = self.physics.accelerations(effects, theta, state, chosen)
@@ -90,17 +92,17 @@ class Lineariser:
                     for at, step in each.steps.items():
                         there = reading(every, {**theta, name: each.now + step}, state)
                         out[..., at] = (there - without) / step.sum()
-        return Columns(a, imu, tag)
+        return JacobianColumns(a, imu, tag)
 
     def refreshed(
         self,
-        columns: Columns,
+        columns: JacobianColumns,
         effects: Sequence[Effect],
         theta: Theta,
         state: State,
         chosen: Sequence[Effect],
         which: Sequence[Effect],
-    ) -> Columns:
+    ) -> JacobianColumns:
         """`columns` of `chosen` with those of `which` computed anew."""
         if not which:
             return columns
@@ -114,7 +116,7 @@ class Lineariser:
             return out
 
         a = Accelerations(mixed(columns.a.nodes, fresh.a.nodes), mixed(columns.a.bump, fresh.a.bump))
-        return Columns(a, mixed(columns.imu, fresh.imu), mixed(columns.tag, fresh.tag))
+        return JacobianColumns(a, mixed(columns.imu, fresh.imu), mixed(columns.tag, fresh.tag))
 
     def point(
         self,
@@ -124,8 +126,8 @@ class Lineariser:
         noise: Noise,
         chosen: Sequence[Effect],
         state: State,
-        columns: Columns | None = None,
-    ) -> Point:
+        columns: JacobianColumns | None = None,
+    ) -> LinearisationPoint:
         """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `chosen`.
 
         `columns`: of a point so near that they will do.
@@ -153,13 +155,15 @@ class Lineariser:
             shares["place"][part] = chain.A[part] - before
             ends[part] = S[:, -1]
         ties = self._ties(state, ends, z, noise)
-        return Point(theta, z, state, chain, ties, _cost(residual, fix, self.weight), residual, fix, columns, shares)
+        return LinearisationPoint(
+            theta, z, state, chain, ties, _cost(residual, fix, self.weight), residual, fix, columns, shares
+        )
 
     def _rows(
         self,
         A: np.ndarray,
         pushes: Pushes,
-        columns: Columns,
+        columns: JacobianColumns,
         slopes: tuple[np.ndarray, np.ndarray],
         root: np.ndarray,
         noise: Noise,

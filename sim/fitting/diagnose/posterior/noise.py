@@ -10,8 +10,8 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import wholes
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.engine.noise import Noise, noise_of
 from sim.fitting.identify.structured_fit import with_latent
 
@@ -47,7 +47,7 @@ def shares_of(noise: Noise) -> list[Noise]:
     return [noise, *(with_latent(noise, np.maximum(share * latent, FLOOR)) for share in LATENTS[1:])]
 
 
-def whitened(noise: Noise, point: Point, stated: Noise) -> Noise:
+def whitened(noise: Noise, point: LinearisationPoint, stated: Noise) -> Noise:
     """White noise as the residuals' 90 % quantile shows it, which a few outliers do not move."""
     white = [
         _bounded(now, point.residuals[..., c], said)
@@ -64,7 +64,7 @@ def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
     return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, WITHIN[0] * stated, WITHIN[1] * stated))
 
 
-def tuned_latent(fit: Fit, point: Point) -> Noise:
+def tuned_latent(fit: PosteriorFit, point: LinearisationPoint) -> Noise:
     """The latent acceleration of greatest evidence at a point, by parabolas along each axis of its logarithm."""
     at = np.log(np.maximum(np.array(fit.noise.latent), FLOOR))
 

@@ -22,7 +22,7 @@ from companion.logs.runs.apply_sensor_errors import first_fix_s
 from companion.logs.runs.decimate import thinned
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene, Values
-from sim.fitting.diagnose.posterior.clock import Clock
+from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.posterior.compiled import compiled
 from sim.fitting.diagnose.posterior.parameter_values import Theta, among, secants, values_of
 from sim.fitting.diagnose.posterior.state import Accelerations, Feedback, State
@@ -39,10 +39,10 @@ PUSHES = THRUST | {"force"}
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
 
 
-class Physics:
+class EffectPhysics:
     """The model of `vessel` on the windows of `runs`. `clock`: of the logs that these are parts of, and of others."""
 
-    def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float, clock: Clock | None = None):
+    def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float, clock: LogClock | None = None):
         fewer = [thinned(run) for run in runs]
         self.runs, self.vessel = tuple(each.run for each in fewer), vessel
         self.windows: Windows = cut(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
@@ -52,7 +52,7 @@ class Physics:
         self.flow = np.array(ca.DM(StructuredModel.of(vessel).water_velocity(ca.DM.zeros(3))))[:2, 0]  # everywhere
         W, K = self.windows.size
         self._rollout, self._rates, self._slopes, self._M_inv = compiled(vessel, K, W)
-        self.clock = clock or Clock.of(runs)
+        self.clock = clock or LogClock.of(runs)
         ahead_s = np.array([self.clock.ahead_s(run) for run in runs])
         self.clock_s = self.windows.t_s + ahead_s[self.windows.run][:, None]
         self.fix_clock_s = self.windows.fixes.t_s + ahead_s[self.windows.fixes.run]

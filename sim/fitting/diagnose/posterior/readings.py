@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.parameter_values import Theta, values_of
-from sim.fitting.diagnose.posterior.physics import Physics, State
+from sim.fitting.diagnose.posterior.physics import EffectPhysics, State
 from sim.fitting.diagnose.posterior.tag_kinematics import sight
 from sim.fitting.engine.jacobian_rows import fade
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, Noise, whiten
@@ -21,7 +21,7 @@ NUDGE = 1e-6  # of states and accelerations, for the slopes
 class Readings:
     """On the windows of `physics`. `window`, `index` (m,): window and step before each position sample."""
 
-    def __init__(self, physics: Physics):
+    def __init__(self, physics: EffectPhysics):
         self.physics, self.windows = physics, physics.windows
         vessel = physics.vessel
         self._imu_arm = (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m)

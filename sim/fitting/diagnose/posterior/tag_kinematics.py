@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Sight
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 
 
 def sight(
-    physics: Physics, x: np.ndarray, nu_dot: np.ndarray, delta_s: np.ndarray, arm: np.ndarray, when: np.ndarray
+    physics: EffectPhysics, x: np.ndarray, nu_dot: np.ndarray, delta_s: np.ndarray, arm: np.ndarray, when: np.ndarray
 ) -> Sight:
     """The tag `delta_s` (m,) after states x (m, 6) with accelerations nu_dot (m, 3), to second order."""
     c, s, r = np.cos(x[:, 2]), np.sin(x[:, 2]), x[:, 5]

@@ -14,8 +14,8 @@ from companion.core.configuration.vessel_file import Propulsion, VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Values
 from sim.fitting.diagnose.posterior.parameter_values import Theta, secants, values_of
-from sim.fitting.engine.thrust.battery import Pulses, commands_of, pulses_of
-from sim.fitting.engine.thrust.history import Commands, SlewedHistory, ThrustHistory
+from sim.fitting.engine.thrust.battery import PulseSeries, commands_of, pulses_of
+from sim.fitting.engine.thrust.history import SlewedHistory, ThrustCommands, ThrustHistory
 from sim.fitting.engine.windows import Windows
 
 KEPT = 48  # results by cache: a log of ten minutes takes half a megabyte each
@@ -120,12 +120,12 @@ class Propelled:
             kept.flags.writeable = False  # they are handed out again
         return driven
 
-    def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[Commands]:
+    def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[ThrustCommands]:
         vessel = replace(vessel, propulsion=self.vessel.propulsion)
         return [commands_of(_changed(own, pulses), vessel) for own in self._pulses]
 
 
-def _history(commands: Commands, propulsion: Propulsion) -> ThrustHistory | SlewedHistory:
+def _history(commands: ThrustCommands, propulsion: Propulsion) -> ThrustHistory | SlewedHistory:
     if propulsion.slew_N_s is None:
         return ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s)
     return SlewedHistory(commands, propulsion.dead_time_s, propulsion.lag_s, propulsion.slew_N_s)
@@ -155,7 +155,7 @@ class _Cache:
         return found
 
 
-def _changed(pulses: Pulses, effects: Sequence[tuple[Effect, Values]]) -> Pulses:
+def _changed(pulses: PulseSeries, effects: Sequence[tuple[Effect, Values]]) -> PulseSeries:
     """As they are with effects on them."""
     pwm_us = pulses.pwm_us
     for effect, p in effects:

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.logs.runs.run import Problem, Run
+from companion.logs.runs.run import LogProblem, Run
 from companion.logs.runs.splits import HeldOut, Interval, part, parts, recorded
-from sim.fitting.engine.split import JobError, Log, Split, Used
+from sim.fitting.engine.split import JobError, NamedLog, Split, Used
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, off_the_ends
 
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
@@ -73,8 +73,8 @@ def _without_pauses(used: Used) -> Used:
     left_s = _length_s(spans) - _length_s(fitted_s) - _length_s(held_out_s)
     if left_s > 1.0:
         text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
-        run = run.with_notes([Problem(kind="left out", text=text)])
-    return Used(Log(used.log.name, run), fitted_s, held_out_s)
+        run = run.with_notes([LogProblem(kind="left out", text=text)])
+    return Used(NamedLog(used.log.name, run), fitted_s, held_out_s)
 
 
 def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:

@@ -141,7 +141,7 @@ class Visible(_Struct, frozen=True, kw_only=True):
     unit: str
 
 
-class LogRecord(_Struct, frozen=True, kw_only=True):
+class FindingsLog(_Struct, frozen=True, kw_only=True):
     """One log and what it was used for; intervals [s] on its own clock."""
 
     name: str
@@ -178,7 +178,7 @@ class Findings(_Struct, frozen=True, kw_only=True):
     refitted_vessel: str = REFITTED
     extended_vessel: str = NUMBERS
     not_in_file: dict[str, str]
-    logs: tuple[LogRecord, ...]
+    logs: tuple[FindingsLog, ...]
     data_hash: str
     base: str
     base_sha256: str

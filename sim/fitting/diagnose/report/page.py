@@ -16,7 +16,7 @@ from sim.fitting.diagnose.selection.residual_forces import Residue, correlation,
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
 from sim.fitting.identify.report.tables import intervals
 from sim.fitting.validate.report import Section, page
-from sim.fitting.validate.table import Table
+from sim.fitting.validate.table import ScoreTable
 
 CONFUSED = 20  # pairs that the report lists
 Pictures = tuple[tuple[Figure, str], ...]
@@ -83,7 +83,7 @@ def _causes(found: Diagnosis) -> list[Section]:
         Section(
             "The causes",
             equations,
-            tables=(Table(head, tuple(rows)),) if rows else (),
+            tables=(ScoreTable(head, tuple(rows)),) if rows else (),
             figures=((pictures.sizes(spans), "Only what lies right of the dashed line is named, however sure."),),
         )
     ]
@@ -96,7 +96,7 @@ def _held_out(found: Diagnosis) -> Section:
         told = [f"{e.rms[m]:.3g} ({e.ci95[m][0]:.3g} to {e.ci95[m][1]:.3g})" for m in MODELS]
         gain = f"{100 * e.gain:.0f} % ({100 * e.gain_ci95[0]:.0f} to {100 * e.gain_ci95[1]:.0f})"
         rows.append((f"{e.channel} [{CHANNELS[e.channel]}], {e.horizon_s} s", *told, gain))
-    table = Table(
+    table = ScoreTable(
         ("rms error of readings", "as given", "refitted", "with the causes", "gain over refitted"), tuple(rows)
     )
     nats = found.held_out.nats
@@ -181,7 +181,7 @@ def _adequacy(found: Diagnosis, maps: Pictures = ()) -> list[Section]:
     return [
         Section(
             "Is anything left?",
-            tables=(Table(("test", "value", "limit", "passed", ""), rows),),
+            tables=(ScoreTable(("test", "value", "limit", "passed", ""), rows),),
             figures=maps,
             note="Nats: how much better the logs are explained if smooth functions of that kind are let in, whatever "
             "their cause, beside small ones of every kind.",
@@ -222,7 +222,7 @@ def _visible(found: Diagnosis) -> Section:
         rows.append((name, visible(size, "" if plain else unit), visible(least, "" if plain else least_unit)))
     return Section(
         "What these logs would have shown",
-        tables=(Table(("effect", "from this size on", "smallest size worth a name"), tuple(rows)),),
+        tables=(ScoreTable(("effect", "from this size on", "smallest size worth a name"), tuple(rows)),),
         note="A true size that these logs would have named on average; much larger ones are not there. Not in the "
         "table: what was named, what these logs would not have shown at any size, and what is looked for in other ways "
         "(rate limits, swapped thrusters, waves, gusts, fixes without line of sight).",
@@ -241,7 +241,7 @@ def _noise(found: Diagnosis) -> Section:
     latent += [("reference log", found.ambient.latent)] if found.ambient else []
     more = tuple((f"latent acceleration, {n}", ", ".join(f"{v:.2g}" for v in values), "") for n, values in latent)
     said = () if found.ambient else ("No reference log: ambient noise is what the model with its causes leaves over.",)
-    return Section("Noise card", said, tables=(Table(("one sigma", "found", "vessel file"), (*rows, *more)),))
+    return Section("Noise card", said, tables=(ScoreTable(("one sigma", "found", "vessel file"), (*rows, *more)),))
 
 
 def _logs(found: Diagnosis) -> Section:
@@ -253,4 +253,4 @@ def _logs(found: Diagnosis) -> Section:
         rows.append((used.log.name, f"{run.duration_s:.0f} s", *spans, told, run.data_hash[:12]))
     head = ("log", "length", "fitted [s]", "held out [s]", "problems", "data")
     held = f"Held out: {found.split.rule}."
-    return Section("The logs", (held,), tables=(Table(head, tuple(rows)),), text=True)
+    return Section("The logs", (held,), tables=(ScoreTable(head, tuple(rows)),), text=True)

@@ -150,10 +150,10 @@ def _noise(found: Diagnosis) -> form.NoiseCard:
     )
 
 
-def _log(found: Diagnosis, i: int) -> form.LogRecord:
+def _log(found: Diagnosis, i: int) -> form.FindingsLog:
     used = found.split.used[i]
     run = used.log.run
-    return form.LogRecord(
+    return form.FindingsLog(
         name=used.log.name,
         data_hash=run.data_hash,
         duration_s=run.duration_s,

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.report import findings as record
 from sim.fitting.diagnose.selection.adequacy import Judgement
 from sim.fitting.diagnose.selection.held_out import HeldOutScore
 from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
-from sim.fitting.diagnose.selection.model import Model
-from sim.fitting.diagnose.selection.search import Found
+from sim.fitting.diagnose.selection.model import CandidateModel
+from sim.fitting.diagnose.selection.search import SearchResult
 from sim.fitting.diagnose.selection.select import Selection, Selector
 from sim.fitting.diagnose.vessel_edits.mended_vessel import Named, cause_of, place
 from sim.fitting.diagnose.vessel_edits.public_form import public, smallest
@@ -28,12 +28,12 @@ OUTDONE = "one kind of function of another nature explains more than all causes 
 FALLEN = "too small, or too unsure, beside the causes that are left"
 HARMFUL = "readings of the held-out logs become worse"
 UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
-Adequate = Callable[[Fit, Selection, Noise | None, Echoes, bool], Judgement]
+Adequate = Callable[[PosteriorFit, Selection, Noise | None, Echoes, bool], Judgement]
 """What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class DiagnosisVerdict:
     """What is said of the causes. `confused`: by name of a cause, named or not, those that it cannot be told from.
 
     `withdrawn`: by name of those that were found and then taken back, why.
@@ -48,8 +48,8 @@ class Verdict:
 
 
 def conclude(
-    fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
-) -> Verdict:
+    fit: PosteriorFit, found: SearchResult, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
+) -> DiagnosisVerdict:
     """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over.
 
     `known`: the causes are there, and none of them is taken back.
@@ -64,12 +64,12 @@ def conclude(
     same = {n.effect.name: n.effect.same_as for n in named}
     verdict, names, confused = record.verdict_of(list(same), found.rivals(fit), same, left)
     causes = tuple(n for n in named if n.effect.name in names)
-    return Verdict(found.selection, causes, verdict, confused, left, withdrawn)
+    return DiagnosisVerdict(found.selection, causes, verdict, confused, left, withdrawn)
 
 
 def standing(
-    fit: Fit, found: Found, ambient: Noise | None, adequate: Adequate, known: bool
-) -> tuple[Judgement, Found, dict[str, str]]:
+    fit: PosteriorFit, found: SearchResult, ambient: Noise | None, adequate: Adequate, known: bool
+) -> tuple[Judgement, SearchResult, dict[str, str]]:
     """What is left over, the causes that can stand, and by name why the others are taken back.
 
     Judged anew where it was judged beside a cause that fell with them, or by the echoes of one that is gone.
@@ -89,15 +89,17 @@ def standing(
             return sound, found, withdrawn
 
 
-def taken_back(fit: Fit, verdict: Verdict, why: str, ambient: Noise | None, adequate: Adequate | None) -> Verdict:
+def taken_back(
+    fit: PosteriorFit, verdict: DiagnosisVerdict, why: str, ambient: Noise | None, adequate: Adequate | None
+) -> DiagnosisVerdict:
     """Without any of the causes, as held-out logs ask: unknown, and what the base leaves over."""
     withdrawn = verdict.withdrawn | {n.effect.name: why for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
     left = adequate(fit, selection, ambient, SILENCE, False).adequacy if adequate else None
-    return Verdict(selection, (), "unknown", {}, left, withdrawn)
+    return DiagnosisVerdict(selection, (), "unknown", {}, left, withdrawn)
 
 
-def refuted(verdict: Verdict, judged: HeldOutScore) -> str:
+def refuted(verdict: DiagnosisVerdict, judged: HeldOutScore) -> str:
     """Why none of the causes can be right, seen from the held-out logs, whose readings none makes surely better.
 
     They make them surely worse; or something is left over beside them and one is in doubt by its form, so that evidence
@@ -113,7 +115,7 @@ def refuted(verdict: Verdict, judged: HeldOutScore) -> str:
     return UNPROVEN if doubted and foretold else ""
 
 
-def _named(fit: Fit, found: Found, seed: int) -> tuple[Named, ...]:
+def _named(fit: PosteriorFit, found: SearchResult, seed: int) -> tuple[Named, ...]:
     """Accepted causes, the surest first."""
     out = []
     for one in found.causes:
@@ -132,6 +134,6 @@ def _doubted(effect: Effect, covariance: np.ndarray) -> np.ndarray:
     return covariance + np.diag((FORM_DOUBT * np.array(smallest_sizes)) ** 2)
 
 
-def _forces(model: Model) -> np.ndarray:
+def _forces(model: CandidateModel) -> np.ndarray:
     f = model.point.state.forces.f
     return f.reshape(-1, f.shape[2])

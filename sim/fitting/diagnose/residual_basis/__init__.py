@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sim.fitting.diagnose.posterior.linear import Point
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.residual_basis.basis import Basis
 from sim.fitting.diagnose.residual_basis.group import Group, widened
 from sim.fitting.diagnose.residual_basis.motion import by_speed
@@ -31,7 +31,7 @@ from sim.fitting.diagnose.residual_basis.time import by_period, by_time
 __all__ = ["Group", "groups_at", "widened"]
 
 
-def groups_at(physics: Physics, point: Point) -> tuple[Group, ...]:
+def groups_at(physics: EffectPhysics, point: LinearisationPoint) -> tuple[Group, ...]:
     """All groups at a fitted `point`; those for which nothing was logged are left out."""
     basis = Basis(physics, point)
 

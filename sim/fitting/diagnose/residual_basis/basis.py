@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene, Values
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import ahead_starboard, hull_damping, north_east
-from sim.fitting.diagnose.posterior.linear import Point
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.residual_basis.group import SIZES, Group, group, means
 from sim.fitting.engine.noise import LATENT, L
 
@@ -27,7 +27,7 @@ class Basis:
     (W, K + 1, 3): what the model's forces give the boat, with centripetal parts.
     """
 
-    def __init__(self, physics: Physics, point: Point):
+    def __init__(self, physics: EffectPhysics, point: LinearisationPoint):
         self.physics, self.point = physics, point
         self.names = [t.name for t in physics.vessel.thrusters]
         state = point.state
@@ -66,7 +66,7 @@ class Basis:
         def flow(p: Values, scene: Scene) -> np.ndarray:
             return np.broadcast_to(np.array([p["north"], p["east"]]), (*scene.t_s.shape, 2))
 
-        parameters = tuple(Parameter(n, "m/s", 1.0, np.inf, SIZES["water"]) for n in ("north", "east"))
+        parameters = tuple(EffectParameter(n, "m/s", 1.0, np.inf, SIZES["water"]) for n in ("north", "east"))
         effect = Effect("generic:flow", "generic", "", "", parameters, {"water": flow})
         out = self.physics.accelerations([effect], {}, self.point.state, [effect]).nodes
         return [self.mean(out[..., i]) for i in range(2)]

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter
-from sim.fitting.diagnose.posterior.linear import Point
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.noise import LATENT, STATE, L
 
@@ -49,7 +49,7 @@ class Group:
         """The same without its functions, which take room."""
         return replace(self, effect=replace(self.effect, hooks={}), nodes=None)
 
-    def of_means(self, physics: Physics, point: Point, effects: Sequence[Effect]) -> Group:
+    def of_means(self, physics: EffectPhysics, point: LinearisationPoint, effects: Sequence[Effect]) -> Group:
         """By nodes: what it does on the mean of each window, as if it did not vary within.
 
         Groups with hooks move the boat, never a sensor. `effects`: those at work at `point`.
@@ -62,7 +62,7 @@ class Group:
         return replace(self, nodes=nodes)
 
 
-def means(physics: Physics, values: np.ndarray) -> np.ndarray:
+def means(physics: EffectPhysics, values: np.ndarray) -> np.ndarray:
     """Over each window, (W, K or K + 1, c) -> (W, c); steps that only fill a window up count nothing."""
     h_s = physics.windows.h_s
     return np.einsum("wk,wkc->wc", h_s, values[:, : h_s.shape[1]]) / h_s.sum(axis=1)[:, None]
@@ -78,11 +78,11 @@ def group(
 ) -> Group:
     """`kind`: of size, see `SIZES`; `names`: of the parameters. Either `nodes` or `hooks`."""
     size = SIZES[kind]
-    parameters = tuple(Parameter(n, "", size, size, size) for n in names)
+    parameters = tuple(EffectParameter(n, "", size, size, size) for n in names)
     return Group(words, Effect(f"generic:{name}", "generic", name, "", parameters, hooks or {}), nodes)
 
 
-def widened(point: Point, groups: Sequence[Group]) -> Point:
+def widened(point: LinearisationPoint, groups: Sequence[Group]) -> LinearisationPoint:
     """`point` with the columns of `groups`, which have nodes, behind those that it has."""
     nodes = np.concatenate([g.nodes for g in groups if g.nodes is not None], axis=2)
     chain, ties = point.chain, point.ties

@@ -20,14 +20,14 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import slices
 from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import FLOOR, shares_of
 from sim.fitting.diagnose.report.findings import RIVAL_NATS, Adequacy, Check
 from sim.fitting.diagnose.residual_basis import Group, groups_at, widened
 from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
 from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
-from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.residual_forces import correlation
 from sim.fitting.diagnose.selection.select import Selection
 from sim.fitting.engine.noise import Noise
@@ -43,7 +43,7 @@ WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent o
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class UnexplainedForce:
     """Nats of every group, best first, beside some causes. `evidence`: with all groups within their bands [nats].
 
     By id of the causes, `akin`: the groups whose functions can stand in for it; `support`: nats for it over its absence
@@ -81,7 +81,9 @@ class Judgement:
     outdone: frozenset[str] = frozenset()
 
 
-def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Echoes = SILENCE) -> LeftOver:
+def left_over(
+    fit: PosteriorFit, model: CandidateModel, causes: Sequence[str], echoes: Echoes = SILENCE
+) -> UnexplainedForce:
     """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
     every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
     if echoes.within:
@@ -113,7 +115,7 @@ def left_over(fit: Fit, model: Model, causes: Sequence[str], echoes: Echoes = SI
             support = {id_: -posterior.absent(where[id_]) for id_ in causes}
         akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
     order = np.argsort(-best)
-    return LeftOver(
+    return UnexplainedForce(
         tuple((groups[i].named(), float(best[i] - before)) for i in order), before, akin, support, echoes.limit
     )
 
@@ -137,7 +139,7 @@ def _akin(reduced: Reduced, cause: slice, groups: Sequence[Group], start: int) -
     return frozenset(mimics)
 
 
-def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check, ...]:
+def checks(found: UnexplainedForce, model: CandidateModel, ambient: Noise | None) -> tuple[Check, ...]:
     """The best group of every word, which decide, and what is only said."""
     best: dict[str, tuple[Group, float]] = {}
     for group, nats in found.nats:
@@ -161,7 +163,7 @@ def checks(found: LeftOver, model: Model, ambient: Noise | None) -> tuple[Check,
 
 
 def adequacy(
-    fit: Fit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE, known: bool = False
+    fit: PosteriorFit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE, known: bool = False
 ) -> Judgement:
     """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
 
@@ -191,7 +193,7 @@ def adequacy(
     return Judgement(report, doubtful, frozenset(withdrawn), outdone)
 
 
-def _stand_in(causes: Sequence[str], found: LeftOver, first: LeftOver) -> bool:
+def _stand_in(causes: Sequence[str], found: UnexplainedForce, first: UnexplainedForce) -> bool:
     """Whether `causes`, beside which `found` is left over, stand in for the best group of what the base leaves."""
     group, nats = first.nats[0]
     alone = first.evidence + nats - found.evidence
@@ -199,14 +201,14 @@ def _stand_in(causes: Sequence[str], found: LeftOver, first: LeftOver) -> bool:
     return (alone >= NATS and not akin) or (alone > -RIVAL_NATS and len(causes) >= MANY)
 
 
-def far_out(point: Point) -> Check:
+def far_out(point: LinearisationPoint) -> Check:
     """How many fixes are further from where they should be than chance explains: something stands in their way."""
     size = np.linalg.norm(point.fix_residuals, axis=1)
     share = float(np.mean(size[np.isfinite(size)] > FAR_OUT)) if np.isfinite(size).any() else 0.0
     return Check(name=f"share of fixes beyond {FAR_OUT:g} sigma", value=share, limit=OFTEN, passed=share < OFTEN)
 
 
-def depends_on(found: LeftOver, first: LeftOver) -> tuple[str, ...]:
+def depends_on(found: UnexplainedForce, first: UnexplainedForce) -> tuple[str, ...]:
     """Words of what is left over, the most likely first: what explains more of the base, before any cause came."""
     nats = {group.effect.id: value for group, value in first.nats}
     groups = sorted(found.counted, key=lambda group: -nats.get(group.effect.id, -np.inf))

@@ -14,15 +14,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, slices
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import NAMED, Z95
-from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
 
 BLIND = 1000.0  # times the smallest size worth a name
 
 
-def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
+def visible_from(fit: PosteriorFit, model: CandidateModel) -> dict[str, tuple[float, str]]:
     """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen.
 
     Left out are those that these logs would not show at any size: of a sensor that is not in them.
@@ -37,7 +37,9 @@ def visible_from(fit: Fit, model: Model) -> dict[str, tuple[float, str]]:
     return {name: smallest(effect, share) for name, (share, effect) in found.items() if share < BLIND}
 
 
-def _shares(fit: Fit, model: Model, C: np.ndarray, at: dict[str, slice]) -> Iterator[tuple[Effect, float]]:
+def _shares(
+    fit: PosteriorFit, model: CandidateModel, C: np.ndarray, at: dict[str, slice]
+) -> Iterator[tuple[Effect, float]]:
     believed = {e.name for e in fit.effects if e.id in model.believed}
     for effect in fit.effects:
         if effect.family == "base" or effect.name in believed or effect.far:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from companion.core.configuration.site_file import Site
 from companion.core.excitation.file import Excitation, excitation_toml
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.report import findings as record
 from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
 from sim.fitting.diagnose.selection.identifiability import MEDIUM, Apart, apart
-from sim.fitting.diagnose.selection.manoeuvre import ENOUGH, NOTHING, Confused, Plan, Planner, needed
+from sim.fitting.diagnose.selection.manoeuvre import ENOUGH, NOTHING, Confused, ManoeuvrePlan, ManoeuvrePlanner, needed
 from sim.fitting.diagnose.selection.select import Selection
 
 ASKED = 12  # pairs for which a manoeuvre is looked for, worst first
@@ -24,7 +24,7 @@ class ToldApart:
 
     apart: Apart
     record: record.Identifiability
-    plan: Plan | None = None
+    plan: ManoeuvrePlan | None = None
 
     @property
     def file(self) -> str:
@@ -35,7 +35,7 @@ class ToldApart:
 
 
 def told_apart(
-    fit: Fit,
+    fit: PosteriorFit,
     selection: Selection,
     *,
     library: Excitation | None = None,
@@ -56,11 +56,11 @@ def told_apart(
         pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < NAMED]
     plan = None
     if library is not None and pairs:
-        plan = Planner(fit, final.reduced.H, final.believed, final.noise, site).plan(library, pairs[:ASKED])
+        plan = ManoeuvrePlanner(fit, final.reduced.H, final.believed, final.noise, site).plan(library, pairs[:ASKED])
     return ToldApart(found, _record(found, plan), plan)
 
 
-def _of_named(fit: Fit, selection: Selection, found: Apart) -> list[tuple[str, str, float]]:
+def _of_named(fit: PosteriorFit, selection: Selection, found: Apart) -> list[tuple[str, str, float]]:
     """Pairs with a cause that was named and is not so large that the logs tell it anyway; those that came near first.
 
     Nats go with the square of the size.
@@ -73,7 +73,7 @@ def _of_named(fit: Fit, selection: Selection, found: Apart) -> list[tuple[str, s
     return close + [p for p in told if p[2] < NATS and p[2] * (size[p[0]] / MEDIUM) ** 2 < NATS and p not in close]
 
 
-def _record(found: Apart, plan: Plan | None) -> record.Identifiability:
+def _record(found: Apart, plan: ManoeuvrePlan | None) -> record.Identifiability:
     shown = {n for n, nats in zip(found.names, found.nothing, strict=True) if nats >= NATS}
     others = [p for p in found.pairs() if p[0] in shown and p[2] >= NATS][:LISTED]
     return record.Identifiability(
@@ -85,7 +85,7 @@ def _record(found: Apart, plan: Plan | None) -> record.Identifiability:
     )
 
 
-def sentence(plan: Plan) -> str:
+def sentence(plan: ManoeuvrePlan) -> str:
     """What these logs cannot do, and what would."""
     told = [p for p in plan.pairs if p[3] >= needed(p[1])]
     words = []

@@ -23,10 +23,10 @@ from companion.logs.runs.run import Run
 from companion.logs.runs.splits import part
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.converged_rollout import settled
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, STATE, WANDER, Noise
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
@@ -45,7 +45,7 @@ MODELS = ("base", "refit", "extended")
 
 
 @dataclass(frozen=True)
-class Believed:
+class ModelUnderTest:
     """One model: parameters of effects, and the noise that goes with them."""
 
     theta: Theta
@@ -90,18 +90,18 @@ def score(
     runs: Sequence[Run],
     vessel: VesselFile,
     effects: Sequence[Effect],
-    models: Mapping[str, Believed],
-    training: Physics,
+    models: Mapping[str, ModelUnderTest],
+    training: EffectPhysics,
     seed: int,
 ) -> HeldOutScore:
     """Held-out `runs` under `models` (by `MODELS`). `training`: whose middle the effects refer to, and whose clock,
 
     which knows the logs of `runs` too. Raises StructuredFitError or RunError for a run that is too short.
     """
-    near = _aligned(Physics(runs, vessel, 1.0, training.clock), training)
+    near = _aligned(EffectPhysics(runs, vessel, 1.0, training.clock), training)
     of, cuts, window_s = _staggered(runs)
-    far = _aligned(Physics(cuts, vessel, window_s, training.clock), training)
-    fit, lines = Fit(near, effects, models["base"].noise), Readings(far)
+    far = _aligned(EffectPhysics(cuts, vessel, window_s, training.clock), training)
+    fit, lines = PosteriorFit(near, effects, models["base"].noise), Readings(far)
     squares, nats, tracks = {}, {}, {}
     for name, model in models.items():
         smoothed, nats[name] = _smoothed(fit, model)
@@ -111,7 +111,7 @@ def score(
     return HeldOutScore(_errors(squares, groups, seed), nats, samples, _replays(squares, tracks, far))
 
 
-def _aligned(physics: Physics, training: Physics) -> Physics:
+def _aligned(physics: EffectPhysics, training: EffectPhysics) -> EffectPhysics:
     """Middles as of the logs that were fitted."""
     physics.middle_s, physics.centre_m = training.middle_s, training.centre_m
     return physics
@@ -137,7 +137,7 @@ def _staggered(runs: Sequence[Run]) -> tuple[list[int], list[Run], float]:
     return of, out, window_s
 
 
-def _smoothed(fit: Fit, model: Believed) -> tuple[Point, float]:
+def _smoothed(fit: PosteriorFit, model: ModelUnderTest) -> tuple[LinearisationPoint, float]:
     """Nodes of greatest likelihood with the model's parameters as they are, and its log likelihood [nats]."""
     z, point, nats = fit.z0, None, -np.inf
     for slack in SLACKS:
@@ -149,13 +149,13 @@ def _smoothed(fit: Fit, model: Believed) -> tuple[Point, float]:
     return fit.point(model.theta, z, (), point), nats - _log_noise(fit, model.noise)
 
 
-def _log_noise(fit: Fit, noise: Noise) -> float:
+def _log_noise(fit: PosteriorFit, noise: Noise) -> float:
     """Sum of the logarithms of the white noise over all readings: models may differ in what noise they found."""
     known = np.isfinite(fit.physics.windows.y).sum(axis=(0, 1))
     return float(known @ np.log(noise.white)) + 2 * len(fit.physics.windows.fixes.t_s) * float(np.log(noise.fix_m))
 
 
-def _starts(near: Physics, far: Physics, of: Sequence[int], smoothed: Point) -> np.ndarray:
+def _starts(near: EffectPhysics, far: EffectPhysics, of: Sequence[int], smoothed: LinearisationPoint) -> np.ndarray:
     """Nodes (W, L) for the beginnings of long windows: states of the smoothed motion, biases of the nearest node."""
     long, short = far.windows, near.windows
     z = np.zeros((long.size[0], smoothed.z.shape[1]))
@@ -171,7 +171,7 @@ def _starts(near: Physics, far: Physics, of: Sequence[int], smoothed: Point) -> 
 
 
 def _open_loop(
-    lines: Readings, effects: Sequence[Effect], model: Believed, z: np.ndarray
+    lines: Readings, effects: Sequence[Effect], model: ModelUnderTest, z: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
     physics, windows = lines.physics, lines.windows
@@ -205,7 +205,7 @@ def _fix_windows(windows: Windows) -> np.ndarray:
     return of
 
 
-def _groups(far: Physics, of: Sequence[int]) -> np.ndarray:
+def _groups(far: EffectPhysics, of: Sequence[int]) -> np.ndarray:
     """Of each window the stretch of its log in which it begins, (W,): windows of one stretch overlap."""
     windows = far.windows
     stretch = (windows.t_s[:, 0] // HORIZONS_S[-1]).astype(int)
@@ -252,7 +252,7 @@ def _error(
 
 
 def _replays(
-    squares: Mapping[str, Mapping[str, np.ndarray]], tracks: Mapping[str, np.ndarray], far: Physics
+    squares: Mapping[str, Mapping[str, np.ndarray]], tracks: Mapping[str, np.ndarray], far: EffectPhysics
 ) -> tuple[Replay, ...]:
     """The windows whose position error under the refitted base is the median, and the 90 % quantile, or near it:
 

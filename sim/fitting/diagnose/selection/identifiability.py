@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, slices
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
 
 MEDIUM = 4.0  # times the smallest size worth a name
@@ -78,7 +78,7 @@ class Blocks:
 
 
 def apart(
-    fit: Fit,
+    fit: PosteriorFit,
     H: np.ndarray,
     believed: frozenset[str] = frozenset(),
     effects: Sequence[Effect] = (),

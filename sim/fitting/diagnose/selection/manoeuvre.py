@@ -24,8 +24,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, Segment, Steps
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, slices
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
 from sim.fitting.diagnose.selection.identifiability import apart
 from sim.fitting.diagnose.vessel_edits.public_form import family
@@ -53,7 +53,7 @@ Confused = Sequence[tuple[str, str, float]]
 
 
 @dataclass(frozen=True)
-class Plan:
+class ManoeuvrePlan:
     """What to fly, how long it takes, each pair with nats before and after it; and those that no plan would tell,
 
     with what the whole library flown `ENDLESS` times over would give.
@@ -78,16 +78,18 @@ class _Candidate:
         return self.run.duration_s
 
 
-class Planner:
+class ManoeuvrePlanner:
     """Plans for the logs of `fit`, of which H (P, P) of all parameters is known, with what is believed and noise."""
 
-    def __init__(self, fit: Fit, H: np.ndarray, believed: frozenset[str], noise: Noise, site: Site | None = None):
+    def __init__(
+        self, fit: PosteriorFit, H: np.ndarray, believed: frozenset[str], noise: Noise, site: Site | None = None
+    ):
         self.fit, self.believed, self.noise = fit, believed, noise
         self._H = H
         self._site = site or _water(fit)
         self._vessel = _at_rates(fit)
 
-    def plan(self, library: Excitation, confused: Confused) -> Plan:
+    def plan(self, library: Excitation, confused: Confused) -> ManoeuvrePlan:
         """For the first `MOST` of these pairs that can be helped."""
         names = {n for a, b, _ in confused for n in (a, b)}
         effects = [e for e in self.fit.effects if e.everyday or e.id in self.believed or e.name in names]
@@ -100,11 +102,11 @@ class Planner:
         excitation = replace(library, name="manoeuvre", segments=tuple(segments))
         run = self._flown(excitation) if segments else None
         if run is None:
-            return Plan(None, 0.0, (), beyond)
+            return ManoeuvrePlan(None, 0.0, (), beyond)
         after = self._nats(H + self.told(run, effects), effects, helped)
         pairs = tuple((*pair, float(then)) for pair, then in zip(helped, after, strict=True))
         helps = any(then >= needed(b) for _, b, _, then in pairs)
-        return Plan(excitation if helps else None, run.duration_s, pairs, beyond)
+        return ManoeuvrePlan(excitation if helps else None, run.duration_s, pairs, beyond)
 
     def _chosen(
         self, candidates: Sequence[_Candidate], H: np.ndarray, effects: Sequence[Effect], confused: Confused
@@ -145,11 +147,11 @@ class Planner:
         """
         a_x, a_y, r = self.noise.bias
         noise = dataclasses.replace(self.noise, bias=(own * a_x, own * a_y, own * r))
-        physics, log = Physics([run], self.fit.physics.vessel, WINDOW_S), self.fit.physics
+        physics, log = EffectPhysics([run], self.fit.physics.vessel, WINDOW_S), self.fit.physics
         wait = float(log.clock_s.max()) + AFTER_S - float(physics.clock_s.min())
         physics.clock_s, physics.fix_clock_s = physics.clock_s + wait, physics.fix_clock_s + wait
         physics.centre_m, physics.middle_s = log.centre_m, log.middle_s
-        fit = Fit(physics, effects, noise)
+        fit = PosteriorFit(physics, effects, noise)
         z = np.zeros((physics.windows.size[0], L))
         z[:, STATE] = true_nodes(physics.windows, run)
         return fit.reduced(fit.point({}, z, effects), effects).H
@@ -177,7 +179,7 @@ def _worth(now: np.ndarray, then: np.ndarray) -> float:
     return float(np.minimum(then, ENOUGH).min() - now.min() + 0.1 * gain.sum())
 
 
-def _water(fit: Fit) -> Site:
+def _water(fit: PosteriorFit) -> Site:
     places = fit.physics.windows.fixes.place_m
     middle, reach = places.mean(axis=0), np.ptp(places, axis=0).max() / 2
     half = max(float(reach), LEAST_WATER_M / 2)
@@ -186,7 +188,7 @@ def _water(fit: Fit) -> Site:
     return Site(name="water of the logs", lat_deg=0.0, lon_deg=0.0, fence=fence, source="assumed")
 
 
-def _at_rates(fit: Fit) -> VesselFile:
+def _at_rates(fit: PosteriorFit) -> VesselFile:
     """The vessel with sensors at the rates of the logs as they were fitted, of inertial ones that of the quickest."""
     vessel, w = fit.physics.vessel, fit.physics.windows
     known = [w.t_s[:, :-1][channel] for channel in np.moveaxis(np.isfinite(w.y), 2, 0)]

@@ -12,8 +12,8 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, slices
 from sim.fitting.diagnose.posterior.evidence import Reduced
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import START, tuned_latent, whitened
 from sim.fitting.diagnose.selection.candidate_score import Candidate, beside
 from sim.fitting.engine.noise import Noise
@@ -25,14 +25,14 @@ SHARES = (2.0, 1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from 
 
 
 @dataclass
-class Model:
+class CandidateModel:
     """A set of believed effects, refitted: where it stands, and its evidence with all tolerance bands.
 
     `own`: over the parameters of `chosen`; `reduced`, once screened: over those of the whole catalogue.
     """
 
     believed: frozenset[str]
-    point: Point
+    point: LinearisationPoint
     noise: Noise
     chosen: tuple[Effect, ...]
     own: Reduced
@@ -43,12 +43,12 @@ class Model:
 class Refitter:
     """Fits sets of effects of the catalogue of `fit`."""
 
-    def __init__(self, fit: Fit):
+    def __init__(self, fit: PosteriorFit):
         self.fit = fit
         self.by_id = {e.id: e for e in fit.effects}
         self.everyday = [e for e in fit.effects if e.everyday]
 
-    def base(self, stated: Noise | None = None) -> Model:
+    def base(self, stated: Noise | None = None) -> CandidateModel:
         """The vessel file's model refitted within the tolerance of its coefficients, and the noise found on the way.
 
         `stated`: noise to begin with, if not the fit's.
@@ -64,7 +64,7 @@ class Refitter:
             fit.settle(point)
         return self._finished(frozenset(), point, chosen)
 
-    def _roughly(self, noise: Noise, theta: dict[str, np.ndarray]) -> Point:
+    def _roughly(self, noise: Noise, theta: dict[str, np.ndarray]) -> LinearisationPoint:
         """From the measured motion towards that of a boat with `theta`, the ties of windows being loose at first."""
         fit, believed = self.fit, frozenset(theta)
         few = [e for e in self.fit.effects if e.family == "base" or e.id in believed]
@@ -75,7 +75,7 @@ class Refitter:
         fit.noise = noise
         return point
 
-    def refit(self, start: Model, believed: frozenset[str], values: dict[str, np.ndarray]) -> Model:
+    def refit(self, start: CandidateModel, believed: frozenset[str], values: dict[str, np.ndarray]) -> CandidateModel:
         """`believed` to convergence from `start`, with the latent acceleration found anew."""
         fit = self.fit
         fit.noise = start.noise
@@ -99,10 +99,10 @@ class Refitter:
         self,
         theta: dict[str, np.ndarray],
         values: dict[str, np.ndarray],
-        start: Model,
+        start: CandidateModel,
         chosen: Sequence[Effect],
         believed: frozenset[str],
-    ) -> Point:
+    ) -> LinearisationPoint:
         """One step from `values`; of a far effect, which secants tell little of, from the best of several shares."""
         tried = [self.by_id[i] for i in values]
         shares = SHARES if any(e.far for e in tried) else (1.0,)
@@ -115,14 +115,16 @@ class Refitter:
         best = int(np.argmin(costs))  # of none that can be reckoned with: from nil
         return points[best] if np.isfinite(costs[best]) else start.point
 
-    def _finished(self, believed: frozenset[str], point: Point, chosen: Sequence[Effect]) -> Model:
+    def _finished(
+        self, believed: frozenset[str], point: LinearisationPoint, chosen: Sequence[Effect]
+    ) -> CandidateModel:
         """At `point` linearised anew: its steps took small effects as they were along the motion before."""
         point = self.fit.point(point.theta, point.z, chosen, point).judged_only()
         reduced = self.fit.reduced(point, chosen)
         evidence = reduced.evidence(self.fit.prior(chosen, believed))
-        return Model(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)
+        return CandidateModel(believed, point, self.fit.noise, tuple(chosen), reduced, evidence)
 
-    def complete(self, model: Model) -> Point:
+    def complete(self, model: CandidateModel) -> LinearisationPoint:
         """`model` linearised with the columns of every entry of the catalogue: too large to be kept."""
         fit = self.fit
         fit.noise = model.noise
@@ -130,17 +132,17 @@ class Refitter:
         model.reduced = fit.reduced(point, fit.effects)
         return point
 
-    def _judged(self, model: Model, id_: str) -> Candidate:
+    def _judged(self, model: CandidateModel, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""
         within = self.fit.prior(model.chosen, model.believed - {id_})
         return beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
 
-    def _start(self, model: Model, c: Candidate) -> np.ndarray:
+    def _start(self, model: CandidateModel, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
         effect = self.by_id[c.id]
         return np.clip(self._nearer(model, effect) if effect.starts else c.values, *effect.limits())
 
-    def _nearer(self, model: Model, effect: Effect) -> np.ndarray:
+    def _nearer(self, model: CandidateModel, effect: Effect) -> np.ndarray:
         assert effect.starts
         fit, starts = self.fit, effect.starts()
         fit.noise = model.noise

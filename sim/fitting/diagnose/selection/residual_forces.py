@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from companion.core.model.manoeuvring import mass_matrix
-from sim.fitting.diagnose.catalogue.effect import Effect, Hook, Parameter, Values
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Values
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.engine.noise import LATENT, Noise
 
 LAGS = 20
@@ -38,7 +38,9 @@ class Residue:
     cause: np.ndarray
 
 
-def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence[Effect]) -> Residue:
+def residue(
+    fit: PosteriorFit, point: LinearisationPoint, noise: Noise, theta: Theta, causes: Sequence[Effect]
+) -> Residue:
     """At `point`, linearised with `noise`; `causes`: effects whose force along this motion is wanted, when `theta` is
 
     added to what the point has of them.
@@ -60,7 +62,7 @@ def residue(fit: Fit, point: Point, noise: Noise, theta: Theta, causes: Sequence
 
 
 def caused(
-    physics: Physics, effects: Sequence[Effect], point: Point, theta: Theta, causes: Sequence[Effect]
+    physics: EffectPhysics, effects: Sequence[Effect], point: LinearisationPoint, theta: Theta, causes: Sequence[Effect]
 ) -> np.ndarray:
     """Mean acceleration in each window that `theta` of `causes` adds at `point`, (W, 3); nil for sensor effects."""
     if not causes:
@@ -79,12 +81,12 @@ def _whole(effect: Effect, values: np.ndarray) -> Effect:
 
         return call
 
-    share = Parameter("share", "1", 1.0, 1.0, 1.0)
+    share = EffectParameter("share", "1", 1.0, 1.0, 1.0)
     hooks = {stage: scaled(hook) for stage, hook in effect.hooks.items()}
     return Effect(f"all of {effect.id}", effect.family, effect.equation, "", (share,), hooks)
 
 
-def correlation(point: Point) -> dict[str, np.ndarray]:
+def correlation(point: LinearisationPoint) -> dict[str, np.ndarray]:
     """Correlation of whitened residuals with those some samples before, by channel, (LAGS,)."""
     series = {name: point.residuals[..., i].ravel() for i, name in enumerate(("heading", "yaw rate", "a_x", "a_y"))}
     series |= {"north": point.fix_residuals[:, 0], "east": point.fix_residuals[:, 1]}
@@ -99,7 +101,7 @@ def correlation(point: Point) -> dict[str, np.ndarray]:
     return out
 
 
-def pulses(physics: Physics) -> tuple[np.ndarray, np.ndarray]:
+def pulses(physics: EffectPhysics) -> tuple[np.ndarray, np.ndarray]:
     """Thruster pulse widths [us] (W, n) and battery voltage [V] (W,) in the middle of each window; NaN: unknown."""
     names = [f"pwm_{t.name}" for t in physics.vessel.thrusters]
     middle = physics.windows.t_s.mean(axis=1)
@@ -110,7 +112,7 @@ def pulses(physics: Physics) -> tuple[np.ndarray, np.ndarray]:
     return pwm, volts(physics, middle)
 
 
-def volts(physics: Physics, t_s: np.ndarray) -> np.ndarray:
+def volts(physics: EffectPhysics, t_s: np.ndarray) -> np.ndarray:
     """Battery voltage [V] as last logged at instants t_s (W, ..) of the windows; NaN: unknown."""
     out = np.full(t_s.shape, np.nan)
     for run, span in zip(physics.runs, physics.windows.spans, strict=True):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES, effects
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.select import Say, Selection, Selector
 from sim.fitting.diagnose.stochastic_effects import Chance, about_nlos, shaken, stochastic
@@ -30,13 +30,13 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """The selection and all causes, the surest first."""
 
     selection: Selection
     causes: tuple[Cause, ...]
 
-    def rivals(self, fit: Fit) -> dict[str, list[tuple[str, float]]]:
+    def rivals(self, fit: PosteriorFit) -> dict[str, list[tuple[str, float]]]:
         """By cause, what explains nearly as much and how far it is behind [nats], all by their names in findings.
 
         What is part of another cause, or contains it, is there already: that is no rival.
@@ -51,18 +51,18 @@ class Found:
             found[name] = [(called.get(rival, rival), behind) for rival, behind in rivals if rival not in there]
         return found
 
-    def without(self, fit: Fit, gone: Collection[str]) -> Found:
+    def without(self, fit: PosteriorFit, gone: Collection[str]) -> SearchResult:
         """The causes `gone` (ids of entries of the fit) taken back, and the others as they fit then."""
         selection = Selector(fit).without(self.selection, gone)
         now = {c.id: c for c in selection.causes}
         kept = [c for c in self.causes if not c.fitted or c.fitted in now]
-        return Found(selection, tuple(replace(c, candidate=now[c.fitted]) if c.effect.id == c.fitted else c
+        return SearchResult(selection, tuple(replace(c, candidate=now[c.fitted]) if c.effect.id == c.fitted else c
                                       for c in kept))  # fmt: skip
 
 
 def search(
-    fit: Fit, without: Sequence[str] = (), believed: Sequence[str] = (), say: Say = lambda _text, _share: None
-) -> Found:
+    fit: PosteriorFit, without: Sequence[str] = (), believed: Sequence[str] = (), say: Say = lambda _text, _share: None
+) -> SearchResult:
     """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
 
     `believed`: names of causes that are there for sure; no others are looked for. ValueError for one that is none, or
@@ -82,10 +82,10 @@ def search(
     say("waves, gusts, fixes without line of sight", 0.9)
     by_chance = [c for c in stochastic(fit, selection.final, selection.causes, believed)
                  if c.effect.name not in without and (not believed or c.effect.name in believed)]  # fmt: skip
-    return Found(selection, _together(fit, selection, by_chance))
+    return SearchResult(selection, _together(fit, selection, by_chance))
 
 
-def _entries(fit: Fit, believed: Sequence[str]) -> list[str]:
+def _entries(fit: PosteriorFit, believed: Sequence[str]) -> list[str]:
     """Names of the entries of the fit by which `believed` stand there: a gusty wind is a wind, waves have none."""
     there, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
     if strange := [name for name in believed if name not in there | chance]:
@@ -96,7 +96,7 @@ def _entries(fit: Fit, believed: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys(names) if name in there]
 
 
-def _together(fit: Fit, selection: Selection, by_chance: Sequence[Chance]) -> tuple[Cause, ...]:
+def _together(fit: PosteriorFit, selection: Selection, by_chance: Sequence[Chance]) -> tuple[Cause, ...]:
     by_id = {e.id: e for e in fit.effects}
     replaced = {c.replaces for c in by_chance if c.replaces}
     causes = [Cause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]

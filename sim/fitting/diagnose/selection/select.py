@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import slices
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import shares_of
 from sim.fitting.diagnose.report.findings import RIVAL_NATS
 from sim.fitting.diagnose.selection.candidate_score import NATS, Candidate, beside
-from sim.fitting.diagnose.selection.model import Model, Refitter
+from sim.fitting.diagnose.selection.model import CandidateModel, Refitter
 
 REFIT = 3  # how many candidates a round refits
 HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
@@ -35,8 +35,8 @@ Rivals = dict[str, list[tuple[str, float]]]
 class Selection:
     """The path and its end. `ranking`: every candidate at the last step, best first."""
 
-    base: Model
-    final: Model
+    base: CandidateModel
+    final: CandidateModel
     causes: list[Candidate]
     ranking: list[Candidate]
     rivals: Rivals = field(default_factory=dict)
@@ -45,13 +45,13 @@ class Selection:
 class Selector(Refitter):
     """Greedy search over one catalogue."""
 
-    def __init__(self, fit: Fit, say: Say = lambda _text, _share: None):
+    def __init__(self, fit: PosteriorFit, say: Say = lambda _text, _share: None):
         super().__init__(fit)
         self.say = say
         self.named = [e for e in fit.effects if e.family != "base"]
         self._at = slices(fit.effects)
 
-    def screen(self, model: Model) -> list[Candidate]:
+    def screen(self, model: CandidateModel) -> list[Candidate]:
         """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
         point = self.complete(model)
         found: dict[str, Candidate] = {}
@@ -71,7 +71,7 @@ class Selector(Refitter):
                     found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
 
-    def of(self, base: Model, names: Sequence[str]) -> Selection:
+    def of(self, base: CandidateModel, names: Sequence[str]) -> Selection:
         """These causes and no others, however small: of variants of one name those that explain most.
 
         Of a value beyond its limits nothing is known of how small it may be.
@@ -101,7 +101,7 @@ class Selector(Refitter):
         self.complete(model)
         return replace(selection, final=model, causes=causes, rivals=self._in_place(model, rivals))
 
-    def run(self, base: Model | None = None) -> Selection:
+    def run(self, base: CandidateModel | None = None) -> Selection:
         """From the base to the end."""
         base = model = base or self.base()
         ranking: list[Candidate] = []
@@ -123,7 +123,9 @@ class Selector(Refitter):
         earlier = {name: others for name, others in rivals.items() if name != added}
         return Selection(base, model, self._pruned(model), ranking, rivals | self._in_place(model, earlier))
 
-    def _best(self, model: Model, ranking: list[Candidate]) -> tuple[Model | None, list[tuple[str, float]]]:
+    def _best(
+        self, model: CandidateModel, ranking: list[Candidate]
+    ) -> tuple[CandidateModel | None, list[tuple[str, float]]]:
         """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
 
         If it is not, the special case that it contains may be: there is more to it, which adequacy will tell. Of those
@@ -153,7 +155,7 @@ class Selector(Refitter):
         return one, behind
 
     def _acceptable(
-        self, tried: Sequence[tuple[Model, str]], judged: Sequence[Candidate], sure: Sequence[bool]
+        self, tried: Sequence[tuple[CandidateModel, str]], judged: Sequence[Candidate], sure: Sequence[bool]
     ) -> int | None:
         """Which of `tried`, best first, may be taken: see `_best`."""
         if sure[0]:
@@ -169,9 +171,9 @@ class Selector(Refitter):
         near = (k for k, e in enumerate(effects) if behind[k] < NATS and not e.of)
         return next((k for k in near if sure[k]), None)
 
-    def _refitted(self, model: Model, hopeful: Sequence[Candidate]) -> list[tuple[Model, str]]:
+    def _refitted(self, model: CandidateModel, hopeful: Sequence[Candidate]) -> list[tuple[CandidateModel, str]]:
         """`model` with each of the best few of `hopeful`, as far as that makes room."""
-        tried: list[tuple[Model, str]] = []
+        tried: list[tuple[CandidateModel, str]] = []
         names: set[str] = set()
         for c in hopeful:
             name = self.by_id[c.id].name
@@ -187,12 +189,12 @@ class Selector(Refitter):
                     tried.append((after, c.id))
         return tried
 
-    def _pruned(self, model: Model) -> list[Candidate]:
+    def _pruned(self, model: CandidateModel) -> list[Candidate]:
         """What stands at the end, each judged with the others in place."""
         judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
         return [c for c in judged if c.accepted]
 
-    def _in_place(self, model: Model, rivals: Rivals) -> Rivals:
+    def _in_place(self, model: CandidateModel, rivals: Rivals) -> Rivals:
         """`rivals`, those that were near when their cause was taken judged anew beside what is believed in now."""
         ids = {self.by_id[i].name: i for i in model.believed}
         found = {
@@ -206,7 +208,7 @@ class Selector(Refitter):
         self.fit.noise = model.noise
         return found
 
-    def _behind(self, model: Model, id_: str, other: str) -> float:
+    def _behind(self, model: CandidateModel, id_: str, other: str) -> float:
         """How many nats less `model` explains with the effect named `other` in the place of `id_`, at least nil."""
         with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
             left = self.refit(model, model.believed - {id_}, self._nil([id_]))
@@ -221,6 +223,6 @@ class Selector(Refitter):
         return {i: np.zeros(len(self.by_id[i].parameters)) for i in ids if self.by_id[i].everyday}
 
 
-def makes_room(before: Model, after: Model) -> bool:
+def makes_room(before: CandidateModel, after: CandidateModel) -> bool:
     """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
     return before.believed <= after.believed or after.evidence - before.evidence >= NATS

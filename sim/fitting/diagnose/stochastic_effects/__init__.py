@@ -18,12 +18,12 @@ from companion.core.model.loads import RHO_AIR
 from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene
 from sim.fitting.diagnose.catalogue.parts import wind_force
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import NATS, Z95, Candidate
-from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.stochastic_effects import gusts as gusty
 from sim.fitting.diagnose.stochastic_effects import nlos, waves
-from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver, left_over
+from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration, left_over
 from sim.fitting.engine.windows import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
@@ -46,7 +46,9 @@ class Chance:
     fix_weight: np.ndarray | None = None
 
 
-def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = (), sure: Collection[str] = ()) -> list[Chance]:
+def stochastic(
+    fit: PosteriorFit, model: CandidateModel, causes: Sequence[Candidate] = (), sure: Collection[str] = ()
+) -> list[Chance]:
     """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there.
 
     For 12 nats: what chance does varies more than the search's causes, and its echoes count for nothing from then on.
@@ -61,7 +63,7 @@ def stochastic(fit: Fit, model: Model, causes: Sequence[Candidate] = (), sure: C
     return sorted(named, key=lambda c: -c.candidate.nats)
 
 
-def shaken(model: Model) -> bool:
+def shaken(model: CandidateModel) -> bool:
     """Whether accelerations were measured: without them nothing shows waves or gusts."""
     return bool(np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any())
 
@@ -70,7 +72,7 @@ def _accepted(candidate: Candidate) -> bool:
     return candidate.accepted and candidate.nats >= NATS
 
 
-def about_nlos(fit: Fit, model: Model) -> Chance | None:
+def about_nlos(fit: PosteriorFit, model: CandidateModel) -> Chance | None:
     """Fixes without line of sight to the anchor that explains them best."""
     places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
     anchors = nlos.anchors_of(fit.physics.runs, places)
@@ -81,7 +83,7 @@ def about_nlos(fit: Fit, model: Model) -> Chance | None:
     return Chance(NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.sighted)
 
 
-def about_waves(fit: Fit, model: Model, sure: bool = False) -> Chance | None:
+def about_waves(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> Chance | None:
     """Waves, if a quick look shows any worth a name; if they are there for `sure`, what looks most like them."""
     whole = left_over(fit, model, waves.STEP_S, np.inf)
     seen = waves.look(whole)
@@ -101,7 +103,7 @@ def about_waves(fit: Fit, model: Model, sure: bool = False) -> Chance | None:
     return Chance(WAVES, _candidate(WAVES, nats, values, np.diag(sigma**2)), form_doubtful=doubt)
 
 
-def about_gusts(fit: Fit, model: Model, wind: Candidate, sure: bool = False) -> Chance | None:
+def about_gusts(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure: bool = False) -> Chance | None:
     """Whether the wind that was found comes and goes, or for `sure` how much; nats over a steady wind."""
     pressure = float(np.hypot(*wind.values))
     if pressure <= 0:
@@ -129,7 +131,7 @@ def about_gusts(fit: Fit, model: Model, wind: Candidate, sure: bool = False) -> 
     return Chance(GUSTY_WIND, candidate, replaces="wind") if sure or gustiness > gusty.SMALLEST else None
 
 
-def _wind_along(fit: Fit, data: LeftOver, speed: float, beta_deg: float) -> np.ndarray:
+def _wind_along(fit: PosteriorFit, data: ResidualAcceleration, speed: float, beta_deg: float) -> np.ndarray:
     T, _, B = data.x.shape
     none = np.zeros((T, B))
     scene = Scene(none, none, data.x.transpose(0, 2, 1), np.zeros((T, B, 3)), np.zeros(T), np.zeros(2), 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.fitting.diagnose.stochastic_effects.estimate import Batch, Peak, climb, normal
-from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 from sim.fitting.diagnose.stochastic_effects.process import AMBIENT, NUISANCE, TIME, WHITE, log_likelihood
 
 AMBIENT_TIME_S = 4.0  # prior, within a factor of 2.7; assumed
@@ -13,7 +13,7 @@ SIZES_SIGMA = 1.5  # of the logarithm of all other parameters, about their rough
 SCALE = np.array([0.2] * 6 + [0.3])
 
 
-def rough(data: LeftOver) -> np.ndarray:
+def rough(data: ResidualAcceleration) -> np.ndarray:
     """Nuisance parameters (7,) from differences (white) and from what these leave (ambient)."""
     quick = np.maximum(_spread(np.diff(data.y, axis=0)) / np.sqrt(2), 1e-6)
     slow = _spread(data.y)
@@ -37,7 +37,7 @@ def prior(nuisance: np.ndarray, about: np.ndarray) -> np.ndarray:
     return sizes + normal(nuisance[:, TIME], np.log(AMBIENT_TIME_S), 1.0)
 
 
-def calm(data: LeftOver, about: np.ndarray, steps: int = 15) -> tuple[np.ndarray, float]:
+def calm(data: ResidualAcceleration, about: np.ndarray, steps: int = 15) -> tuple[np.ndarray, float]:
     """Most likely nuisance parameters with nothing else about, and their log posterior [nats]."""
     T, _, B = data.y.shape
 
@@ -55,6 +55,6 @@ def nats_over(calm_height: float, with_process: Peak) -> float:
     return with_process.height - calm_height + 0.5 * float(log_det)
 
 
-def beside(data: LeftOver, about: np.ndarray, own: Batch) -> Batch:
+def beside(data: ResidualAcceleration, about: np.ndarray, own: Batch) -> Batch:
     """Log posterior of [nuisance, own parameters]; `own`: of all parameters, without the nuisance's prior."""
     return lambda q: own(q) + prior(q[:, :NUISANCE], about)

@@ -16,7 +16,7 @@ import numpy as np
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
 from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
 from sim.fitting.diagnose.stochastic_effects.estimate import Peak, normal, peak
-from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, WHITE, log_likelihood
 
 STEP_S, BLOCK_S = 0.5, 100.0
@@ -54,7 +54,7 @@ def size_error(gust_time_s: float, span_s: float) -> float:
     return SKEW * float(np.sqrt(gust_time_s / (2 * span_s)))
 
 
-def gusts(data: LeftOver, force: np.ndarray) -> Gusts:
+def gusts(data: ResidualAcceleration, force: np.ndarray) -> Gusts:
     """`force` (T, 3, B): of the steady wind along the motion [N, N, N m]."""
     about = rough(data)
     noise, height = calm(data, about)
@@ -70,7 +70,7 @@ def gusts(data: LeftOver, force: np.ndarray) -> Gusts:
     return Gusts(top, nats_over(height, top), _shown(data, acts, np.exp(2 * top.at[WHITE])[:2]))
 
 
-def _shown(data: LeftOver, acts: np.ndarray, white: np.ndarray) -> float:
+def _shown(data: ResidualAcceleration, acts: np.ndarray, white: np.ndarray) -> float:
     """Standard deviation of the left-over force along the pattern, white noise taken off; by the pattern's square."""
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow, and few logs have a wind
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.engine.noise import LATENT
 from sim.fitting.engine.windows import RATE, SURGE, SWAY
 
@@ -22,7 +22,7 @@ LEAST = 8  # stamps that a block must have
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class ResidualAcceleration:
     """Blocks side by side: `y` (T, 3, B) as above, NaN where nothing is known; `x` (T, 6, B) states; `step_s`.
 
     `M_inv` (3, 3): accelerations of body forces; `to_imu` (2, 3): specific force of accelerations; `yaw_rate_1_s`: of
@@ -48,7 +48,7 @@ class LeftOver:
         return np.concatenate([seen, accelerations[..., 2:, :]], axis=-2)
 
 
-def left_over(fit: Fit, model: Model, step_s: float, block_s: float) -> LeftOver:
+def left_over(fit: PosteriorFit, model: CandidateModel, step_s: float, block_s: float) -> ResidualAcceleration:
     """Of `model`, as means over about `step_s` (a whole number of samples), in blocks of `block_s` (at most a log)."""
     point, windows = model.point, fit.physics.windows
     K = windows.size[1]
@@ -77,7 +77,7 @@ def left_over(fit: Fit, model: Model, step_s: float, block_s: float) -> LeftOver
         y.append(_blocks(whole, steps))
         x.append(_blocks(np.stack(states, axis=1), steps))
     stacked = np.nan_to_num(np.concatenate(x, axis=2))
-    return LeftOver(np.concatenate(y, axis=2), stacked, step_s, point.state.M_inv, to_imu, decay)
+    return ResidualAcceleration(np.concatenate(y, axis=2), stacked, step_s, point.state.M_inv, to_imu, decay)
 
 
 def _usual_step(t_s: np.ndarray) -> float:

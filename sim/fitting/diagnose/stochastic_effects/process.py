@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 
 AMBIENT, WHITE, TIME = slice(0, 3), slice(3, 6), 6
 NUISANCE = 7
@@ -23,7 +23,11 @@ LOG_2PI = float(np.log(2 * np.pi))
 
 
 def log_likelihood(
-    data: LeftOver, nuisance: np.ndarray, pattern: np.ndarray, decay_1_s: np.ndarray, omega_rad_s: np.ndarray
+    data: ResidualAcceleration,
+    nuisance: np.ndarray,
+    pattern: np.ndarray,
+    decay_1_s: np.ndarray,
+    omega_rad_s: np.ndarray,
 ) -> np.ndarray:
     """Nats of h hypotheses, (h,): nuisance (h, 7), pattern (T, 3, h, B) with the process's size in it, decay, omega."""
     T, _, h, B = pattern.shape

@@ -18,7 +18,7 @@ import numpy as np
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
 from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
 from sim.fitting.diagnose.stochastic_effects.estimate import Peak, climb, normal, peak
-from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver
+from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, log_likelihood
 
 STEP_S, BLOCK_S = 0.2, 30.0
@@ -83,7 +83,7 @@ def wave_force(q: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(q), SWAY_SHARE * np.sin(q), YAW_ARM_M * np.sin(2 * q)], axis=1)
 
 
-def look(data: LeftOver) -> Look:
+def look(data: ResidualAcceleration) -> Look:
     """The best direction and band; `data` in blocks of whole logs."""
     B = data.y.shape[2]
     best = Look(0.0, 1.0, 0.0, -np.inf)
@@ -99,7 +99,7 @@ def look(data: LeftOver) -> Look:
     return best
 
 
-def _projected(data: LeftOver, beta: float) -> tuple[np.ndarray, np.ndarray]:
+def _projected(data: ResidualAcceleration, beta: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] and one-sided spectra (k, B) [N^2/Hz] of the force that acts by the pattern of a direction."""
     p = data.pattern(wave_force(beta + np.pi - data.x[:, 2]))[:, :2]
     a = (np.nan_to_num(data.y[:, :2]) * p).sum(axis=1) / (p**2).sum(axis=1)
@@ -108,7 +108,7 @@ def _projected(data: LeftOver, beta: float) -> tuple[np.ndarray, np.ndarray]:
     return np.fft.rfftfreq(len(a), data.step_s), power
 
 
-def rms_force(data: LeftOver, beta: float, period_s: float) -> tuple[float, float]:
+def rms_force(data: ResidualAcceleration, beta: float, period_s: float) -> tuple[float, float]:
     """F_w [N] from the power in the band, whatever its shape, and its relative standard error.
 
     Ordinates of a periodogram are exponential: var(sum) = sum of S^2, and S^2 is half the mean of its square. Of next
@@ -125,7 +125,7 @@ def rms_force(data: LeftOver, beta: float, period_s: float) -> tuple[float, floa
     return float(rms), float(np.hypot(share, MASS_SHARE))
 
 
-def beside_peak(data: LeftOver, beta: float, period_s: float) -> float:
+def beside_peak(data: ResidualAcceleration, beta: float, period_s: float) -> float:
     """Highest power beside the peak over that at the peak: above `OTHER` there are two, or the band is broad."""
     frequency, power = _projected(data, beta)
     off, power = frequency * period_s, power.mean(axis=1)
@@ -149,7 +149,7 @@ def _contrast(frequency: np.ndarray, power: np.ndarray, centre: float) -> tuple[
     return float(power[inside].mean()) / background, background, int(inside.sum())
 
 
-def waves(data: LeftOver, seen: Look) -> Waves:
+def waves(data: ResidualAcceleration, seen: Look) -> Waves:
     """The real test, from what the quick look saw."""
     about = rough(data)
     noise, height = calm(data, about)
@@ -167,7 +167,7 @@ def waves(data: LeftOver, seen: Look) -> Waves:
     return Waves(top, nats_over(height, top), top.height - rival)
 
 
-def _nats(data: LeftOver, q: np.ndarray) -> np.ndarray:
+def _nats(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
     T, _, B = data.y.shape
     angle = q[:, BETA][None, :, None] + np.pi - data.x[:, 2][:, None, :]
     period = np.exp(q[:, T_P])
@@ -176,7 +176,7 @@ def _nats(data: LeftOver, q: np.ndarray) -> np.ndarray:
     return _banded(data, q, pattern)
 
 
-def _banded(data: LeftOver, q: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+def _banded(data: ResidualAcceleration, q: np.ndarray, pattern: np.ndarray) -> np.ndarray:
     omega = 2 * np.pi / np.exp(q[:, T_P])
     return log_likelihood(data, q[:, :NUISANCE], pattern, np.exp(q[:, BAND]) * omega, omega)
 
@@ -192,7 +192,7 @@ def _band_prior(q: np.ndarray) -> np.ndarray:
     return normal(q[:, BAND], float(np.log(WIDTH)), 0.7) - np.log(high - low) - 0.5 * (outside / 0.02) ** 2
 
 
-def _own_band(data: LeftOver, q: np.ndarray) -> np.ndarray:
+def _own_band(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
     """The same band with a fixed direction in the boat: columns F, BETA, and one more are its three components."""
     T, _, B = data.y.shape
     fixed = np.stack([q[:, F], q[:, BETA], q[:, -1]])
@@ -200,7 +200,7 @@ def _own_band(data: LeftOver, q: np.ndarray) -> np.ndarray:
     return _banded(data, q, pattern)
 
 
-def _rival_start(data: LeftOver, top: Peak) -> tuple[np.ndarray, np.ndarray]:
+def _rival_start(data: ResidualAcceleration, top: Peak) -> tuple[np.ndarray, np.ndarray]:
     """Noise and band of the waves; as large a force, shared by the axes."""
     rms = np.sqrt((data.pattern(wave_force(top.at[BETA] + np.pi - data.x[:, 2])) ** 2).mean(axis=(0, 2)))
     rms *= np.exp(top.at[F])
@@ -211,5 +211,5 @@ def _rival_start(data: LeftOver, top: Peak) -> tuple[np.ndarray, np.ndarray]:
     return start, scale
 
 
-def _rival_prior(data: LeftOver, q: np.ndarray, about: np.ndarray) -> np.ndarray:
+def _rival_prior(data: ResidualAcceleration, q: np.ndarray, about: np.ndarray) -> np.ndarray:
     return beside(data, about, _band_prior)(q)

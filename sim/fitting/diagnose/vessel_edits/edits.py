@@ -26,7 +26,7 @@ class NoPlaceError(ValueError):
 
 
 @dataclass(frozen=True)
-class Cause:
+class NamedCause:
     """An effect with values: the engine's by name, origin added; public ones by name; forces of the logs [N], (k, n).
 
     `note`: for the `source` of the tables that it changes.
@@ -58,7 +58,7 @@ def _thrusters(vessel: VesselFile, edit: Callable[[Thruster], Thruster]) -> Vess
     return replace(vessel, thrusters=tuple(edit(t) for t in vessel.thrusters))
 
 
-def _gain(vessel: VesselFile, cause: Cause, name: str | None) -> VesselFile:
+def _gain(vessel: VesselFile, cause: NamedCause, name: str | None) -> VesselFile:
     """Gain of one thruster, or of all."""
     share = cause.told["gain"]
     return _thrusters(
@@ -67,7 +67,7 @@ def _gain(vessel: VesselFile, cause: Cause, name: str | None) -> VesselFile:
     )
 
 
-def _swapped(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _swapped(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """The command called A drives what stands at B's place, and the other way round."""
     one, other = cause.tail.split("+")
     by_name = {t.name: t for t in vessel.thrusters}
@@ -86,8 +86,8 @@ def _swapped(vessel: VesselFile, cause: Cause) -> VesselFile:
     return replace(_thrusters(vessel, edit), propulsion=replace(vessel.propulsion, wash=wash))
 
 
-def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, Cause], VesselFile]:
-    def place(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, NamedCause], VesselFile]:
+    def place(vessel: VesselFile, cause: NamedCause) -> VesselFile:
         i = vessel.inertia
         return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.told[public or key]},
                                                source=noted(i.source, cause.note)))  # fmt: skip
@@ -95,16 +95,16 @@ def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, Cause
     return place
 
 
-def _cg(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _cg(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     i, p = vessel.inertia, cause.told
     moved = replace(i, x_g_m=i.x_g_m + p["x_g_m"], y_g_m=i.y_g_m + p["y_g_m"], source=noted(i.source, cause.note))
     return replace(vessel, inertia=moved)
 
 
-def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselFile, Cause], VesselFile]:
+def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselFile, NamedCause], VesselFile]:
     """Public numbers times `scale` added to keys of `[sensors.imu]` or `[sensors.uwb]`: key = public name."""
 
-    def place(vessel: VesselFile, cause: Cause) -> VesselFile:
+    def place(vessel: VesselFile, cause: NamedCause) -> VesselFile:
         now = getattr(vessel.sensors, table)
         moved = {key: getattr(now, key) + scale * cause.told[public] for key, public in keys.items()}
         if "latency_s" in moved:
@@ -114,36 +114,36 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
     return place
 
 
-def _sensed(vessel: VesselFile, cause: Cause, table: str, **keys: float) -> VesselFile:
+def _sensed(vessel: VesselFile, cause: NamedCause, table: str, **keys: float) -> VesselFile:
     now = getattr(vessel.sensors, table)
     new = replace(now, **keys, source=noted(now.source, cause.note))
     return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
 
 
-def _accel_bias(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _accel_bias(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
     x, y, _ = imu_applied(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
     return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
 
 
-def _iron(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _iron(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     imu = vessel.sensors.imu
     more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.own[f"{k}_deg"]))
             for k in ("cos", "sin")}  # fmt: skip
     return _sensed(vessel, cause, "imu", **more)
 
 
-def _propulsion(vessel: VesselFile, cause: Cause, **keys: object) -> VesselFile:
+def _propulsion(vessel: VesselFile, cause: NamedCause, **keys: object) -> VesselFile:
     p = vessel.propulsion
     return replace(vessel, propulsion=replace(p, **keys, source=noted(p.source, cause.note)))
 
 
-def _slew(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _slew(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """In place of a limit that the file has, which is in it."""
     return _propulsion(vessel, cause, slew_N_s=cause.told["rate_limit_N_s"])
 
 
-def _advance(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _advance(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """k sqrt|f| u of the file for loss |f| u: least squares over the forces of the logs."""
     f = np.abs(cause.forces_n)
     if not f.any():
@@ -152,7 +152,7 @@ def _advance(vessel: VesselFile, cause: Cause) -> VesselFile:
     return _propulsion(vessel, cause, advance_loss_sqrt_N_s_m=vessel.propulsion.advance_loss_sqrt_N_s_m + k)
 
 
-def _wash(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """Of each pair one behind the other on a side, on top of what the file's own jets take."""
     shares = {(w.behind, w.ahead): w.share for w in vessel.propulsion.wash}
     blown = False
@@ -167,7 +167,7 @@ def _wash(vessel: VesselFile, cause: Cause) -> VesselFile:
     return _propulsion(vessel, cause, wash=tuple(Wash(behind=b, ahead=a, share=s) for (b, a), s in shares.items()))
 
 
-def _cross_flow(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _cross_flow(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """Pure sway and pure yaw of the strips: Y_vv and N_rr. What both together do beyond that is not in the file."""
     h, d = vessel.hull, vessel.damping
     per_m = RHO_WATER / 2 * cause.told["C_d"] * 1.5 * h.draft_m
@@ -178,12 +178,12 @@ def _cross_flow(vessel: VesselFile, cause: Cause) -> VesselFile:
     return replace(vessel, damping=replace(d, **more, source=noted(d.source, cause.note)))
 
 
-def _term(vessel: VesselFile, name: str, cause: Cause, **numbers: float) -> VesselFile:
+def _term(vessel: VesselFile, name: str, cause: NamedCause, **numbers: float) -> VesselFile:
     table = {k: float(v) for k, v in numbers.items()} | {"source": cause.note}
     return replace(vessel, terms=vessel.terms | {name: table})
 
 
-def _current(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _current(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """On top of a current that the file has."""
     now = values("current", vessel.terms.get("current", {}))
     angle = np.radians(now["beta_c_deg"])
@@ -193,7 +193,7 @@ def _current(vessel: VesselFile, cause: Cause) -> VesselFile:
     )
 
 
-def _wind(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """On top of a wind that the file has: dynamic pressures add as vectors (which is what little wind does)."""
     now = values("wind", vessel.terms.get("wind", {}))
     angle = np.radians(now["beta_w_deg"])
@@ -204,15 +204,15 @@ def _wind(vessel: VesselFile, cause: Cause) -> VesselFile:
     return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=np.degrees(np.arctan2(-east, -north)), **own)
 
 
-def _gusty(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _gusty(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """A steady wind of the same mean force; what comes and goes has no place."""
     p = cause.told
     pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
     own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
-    return _wind(vessel, Cause(cause.effect, own, p, cause.note))
+    return _wind(vessel, NamedCause(cause.effect, own, p, cause.note))
 
 
-def _tether(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _tether(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """The term pulls at the body origin: the moment of a line made fast elsewhere is not in the file.
 
     Two springs without slack pull as one, from between their anchors.
@@ -226,7 +226,7 @@ def _tether(vessel: VesselFile, cause: Cause) -> VesselFile:
     return _term(vessel, "tether", cause, **place, stiffness_N_m=k)
 
 
-def _zone(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _zone(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     p = cause.told
     if values("shallow_zone", vessel.terms.get("shallow_zone", {}))["share"]:
         raise NoPlaceError("the file has a shallow zone already")
@@ -234,13 +234,13 @@ def _zone(vessel: VesselFile, cause: Cause) -> VesselFile:
     return _term(vessel, "shallow_zone", cause, **where, radius_m=max(p["radius_m"], 0.01), share=p["gain"] - 1)
 
 
-def _munk(vessel: VesselFile, cause: Cause) -> VesselFile:
+def _munk(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     now = values("munk_moment", vessel.terms.get("munk_moment", {}))
     return _term(vessel, "munk_moment", cause, k_kg=now["k_kg"] + cause.told["N_uv_kg"])
 
 
 RAD = float(np.pi / 180)
-PLACES: dict[str, Callable[[VesselFile, Cause], VesselFile]] = {
+PLACES: dict[str, Callable[[VesselFile, NamedCause], VesselFile]] = {
     "current": _current,
     "wind": _wind,
     "gusty_wind": _gusty,

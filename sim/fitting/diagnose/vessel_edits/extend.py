@@ -24,7 +24,7 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Damping, ModelError, RotorMap, VesselFile
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.manoeuvring import mass_matrix
-from sim.fitting.diagnose.vessel_edits.edits import PLACES, Cause, NoPlaceError, noted
+from sim.fitting.diagnose.vessel_edits.edits import PLACES, NamedCause, NoPlaceError, noted
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.parameters import DAMPING, HULL, file_values
 from sim.fitting.identify.vessel_out import inertia_of, vessel_toml
@@ -46,7 +46,7 @@ LAST = ("swapped_pair", "accel_bias")
 COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
 
 
-def refitted(vessel: VesselFile, nuisances: Sequence[Cause], source: str) -> VesselFile:
+def refitted(vessel: VesselFile, nuisances: Sequence[NamedCause], source: str) -> VesselFile:
     """`vessel` with the base numbers moved as far as `nuisances` say; those of other kinds are left out.
 
     Where the file's checks refuse a fitted coupling of yaw and sway, the file's own stays.
@@ -78,7 +78,7 @@ def _rounded(vessel: VesselFile) -> VesselFile:
     return replace(vessel, thrusters=tuple(trimmed))
 
 
-def extended(vessel: VesselFile, cause: Cause) -> VesselFile:
+def extended(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """`vessel` with one cause in it. NoPlaceError where a vessel file cannot say it."""
     hooks = set(cause.effect.hooks)
     if cause.kind in PLACES:
@@ -97,7 +97,7 @@ def extended(vessel: VesselFile, cause: Cause) -> VesselFile:
     return new
 
 
-def with_causes(vessel: VesselFile, causes: Sequence[Cause]) -> tuple[VesselFile, dict[str, str]]:
+def with_causes(vessel: VesselFile, causes: Sequence[NamedCause]) -> tuple[VesselFile, dict[str, str]]:
     """`vessel` with all causes that it can say, and by name why it cannot say the others."""
     left: dict[str, str] = {}
     for cause in sorted(_of_the_fouled(causes), key=lambda c: c.kind in LAST):
@@ -108,7 +108,7 @@ def with_causes(vessel: VesselFile, causes: Sequence[Cause]) -> tuple[VesselFile
     return vessel, left
 
 
-def _of_the_fouled(causes: Sequence[Cause]) -> list[Cause]:
+def _of_the_fouled(causes: Sequence[NamedCause]) -> list[NamedCause]:
     """`causes` with shallow zones as a file has them, by shares of the damping of a hull that is fouled, if it is.
 
     They are found by shares of what the base has.
@@ -122,7 +122,7 @@ def _of_the_fouled(causes: Sequence[Cause]) -> list[Cause]:
     ]
 
 
-def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[Cause]) -> VesselFile:
+def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[NamedCause]) -> VesselFile:
     """Base numbers on top of which the causes' public values give `full`.
 
     The same as `folded` but for added mass, which is named as a share of a number that takes up all changes of M.

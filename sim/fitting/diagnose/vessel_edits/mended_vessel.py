@@ -12,16 +12,16 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.fit import Fit
-from sim.fitting.diagnose.posterior.linear import Point
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import tuned_latent
 from sim.fitting.diagnose.posterior.parameter_values import Theta
 from sim.fitting.diagnose.selection.candidate_score import Candidate
-from sim.fitting.diagnose.selection.held_out import Believed
-from sim.fitting.diagnose.selection.model import Model
-from sim.fitting.diagnose.vessel_edits.edits import Cause
+from sim.fitting.diagnose.selection.held_out import ModelUnderTest
+from sim.fitting.diagnose.selection.model import CandidateModel
+from sim.fitting.diagnose.vessel_edits.edits import NamedCause
 from sim.fitting.diagnose.vessel_edits.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
-from sim.fitting.diagnose.vessel_edits.public_form import Place, Told, family, point
+from sim.fitting.diagnose.vessel_edits.public_form import Place, PublicForm, family, point
 
 OF_THE_DAY = ("sensors", "environment")
 REFIT_SIGMAS = 2.0  # of a tolerance band: a gain may then reach the smallest size worth a name, and no more
@@ -33,20 +33,20 @@ LEFT_OUT = "latent force of the fitted logs, doubled, or a fifth of the filter's
 class Named:
     """A cause in public: what is said of it, its size over the smallest worth a name, its values for the files.
 
-    `fitted`: id of the entry by which the fit has it (empty: none). `form_doubtful`: see `Cause` of `search`.
+    `fitted`: id of the entry by which the fit has it (empty: none). `form_doubtful`: see `NamedCause` of `search`.
     """
 
     candidate: Candidate
     effect: Effect
-    numbers: dict[str, Told]
+    numbers: dict[str, PublicForm]
     smallest: tuple[float, str]
-    cause: Cause
+    cause: NamedCause
     fitted: str
     form_doubtful: bool = False
 
 
 @dataclass(frozen=True)
-class Files:
+class VesselFiles:
     """Vessel files: refitted without causes, numbers beside the causes, with the causes; what has no place in one."""
 
     refitted: VesselFile
@@ -56,24 +56,24 @@ class Files:
 
 
 @dataclass(frozen=True)
-class Mended:
+class MendedVessel:
     """The files, and what the base with the causes believes of readings."""
 
-    files: Files
-    extended: Believed
+    files: VesselFiles
+    extended: ModelUnderTest
 
 
-def place(fit: Fit) -> Place:
+def place(fit: PosteriorFit) -> Place:
     """Where and when the values of causes refer to."""
     return Place(fit.physics.centre_m, fit.physics.middle_s)
 
 
-def cause_of(fit: Fit, effect: Effect, values: np.ndarray, note: str) -> Cause:
+def cause_of(fit: PosteriorFit, effect: Effect, values: np.ndarray, note: str) -> NamedCause:
     """An entry with its values, for the files."""
-    return Cause(effect, effect.by_name(map(float, values)), point(effect, values, place(fit)), note)
+    return NamedCause(effect, effect.by_name(map(float, values)), point(effect, values, place(fit)), note)
 
 
-def refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
+def refit(fit: PosteriorFit, base: CandidateModel) -> tuple[ModelUnderTest, LinearisationPoint]:
     """Coefficients and gains alone, each within what nobody would name: a cause must not hide in the base.
 
     And where that stands on the fitted logs.
@@ -84,7 +84,7 @@ def refit(fit: Fit, base: Model) -> tuple[Believed, Point]:
     found = fit.solve(theta, base.point.z, few, frozenset(), steps=2, before=base.point)
     fit.noise = tuned_latent(fit, found)
     found = fit.solve(found.theta, found.z, few, frozenset(), steps=1, before=found)
-    return Believed(found.theta, fit.noise), found
+    return ModelUnderTest(found.theta, fit.noise), found
 
 
 def _within(effect: Effect) -> Effect:
@@ -96,7 +96,7 @@ def _within(effect: Effect) -> Effect:
     return replace(effect, parameters=tuple(held))
 
 
-def mend(fit: Fit, plain: Believed, final: Model, causes: Sequence[Named]) -> Mended:
+def mend(fit: PosteriorFit, plain: ModelUnderTest, final: CandidateModel, causes: Sequence[Named]) -> MendedVessel:
     """Files and belief with `causes`, as `final` has them; without any: those of the refitted base `plain`.
 
     A cause of chance alone changes no number: nobody can foretell what it does next.
@@ -104,7 +104,7 @@ def mend(fit: Fit, plain: Believed, final: Model, causes: Sequence[Named]) -> Me
     first = refitted(fit.physics.vessel, _nuisances(fit, plain.theta, ()), NOTE)
     first = trusted(first, plain.noise, LEFT_OUT)
     if not causes:
-        return Mended(Files(first, first, first, {}), plain)
+        return MendedVessel(VesselFiles(first, first, first, {}), plain)
     theta = _beside(fit, final, causes) if any(n.fitted for n in causes) else plain.theta
     names = {n.effect.name for n in causes} | {n.fitted for n in causes}
     beside = refitted(fit.physics.vessel, _nuisances(fit, theta, names), NOTE)
@@ -112,11 +112,11 @@ def mend(fit: Fit, plain: Believed, final: Model, causes: Sequence[Named]) -> Me
     extended, left = with_causes(beside, mine)
     numbers = numbers_beside(beside, extended, mine)
     kept = {n.fitted for n in causes} | {e.id for e in fit.effects if _is_number(e)}
-    sayable = Believed({k: v for k, v in theta.items() if k in kept}, final.noise)
-    return Mended(Files(first, numbers, trusted(extended, final.noise, LEFT_OUT), left), sayable)
+    sayable = ModelUnderTest({k: v for k, v in theta.items() if k in kept}, final.noise)
+    return MendedVessel(VesselFiles(first, numbers, trusted(extended, final.noise, LEFT_OUT), left), sayable)
 
 
-def _beside(fit: Fit, final: Model, causes: Sequence[Named]) -> Theta:
+def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -> Theta:
     """Base numbers beside the causes, to stand in a file alone: what the hull might have beyond them is held at nil.
 
     Free beside them are the bands of sensors and environment, which no file gets: what they did that day is not the
@@ -134,5 +134,5 @@ def _is_number(effect: Effect) -> bool:
     return effect.everyday and (effect.family == "base" or family(effect.name) in FOLDED)
 
 
-def _nuisances(fit: Fit, theta: Theta, names: set[str] | tuple[str, ...]) -> list[Cause]:
+def _nuisances(fit: PosteriorFit, theta: Theta, names: set[str] | tuple[str, ...]) -> list[NamedCause]:
     return [cause_of(fit, e, theta[e.id], NOTE) for e in fit.effects if e.id in theta and e.name not in names]

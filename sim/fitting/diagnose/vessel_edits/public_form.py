@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, Entry, Form, Place
+from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, Form, Place, PublicEntry
 
 Z975 = 1.959964
 DRAWS = 20_000
@@ -25,7 +25,7 @@ _NOTHING = np.zeros((64, 64))
 
 
 @dataclass(frozen=True)
-class Told:
+class PublicForm:
     """One public number: value, standard error, 95 % interval, unit.
 
     As text in `format`: `{x}` with unit and interval; `{x:%}` a share in per cent; `{x:gain}` a gain as "27 % less";
@@ -63,7 +63,7 @@ def _digits(value: float) -> str:
 
 def public(
     effect: Effect, values: Sequence[float] | np.ndarray, covariance: np.ndarray, place: Place, seed: int = 0
-) -> dict[str, Told]:
+) -> dict[str, PublicForm]:
     """Public numbers of an effect with the engine's `values` (k,) and their covariance (k, k).
 
     ValueError where the entry of `PUBLIC` asks for a parameter that the effect does not have.
@@ -86,7 +86,7 @@ def public(
             drawn = at + (drawn - at + 180) % 360 - 180
         low, below, above, high = np.quantile(drawn, (0.025, 0.1587, 0.8413, 0.975))
         interval = (float(min(low, at)), float(max(high, at)))
-        out[name] = Told(at, float(above - below) / 2, interval, entry.units[name])
+        out[name] = PublicForm(at, float(above - below) / 2, interval, entry.units[name])
     return out
 
 
@@ -108,7 +108,7 @@ def smallest(effect: Effect, times: float = 1.0) -> tuple[float, str]:
     return float(entry.smallest(size)), entry.smallest_unit or parameter.unit
 
 
-def sentence(name: str, numbers: Mapping[str, Told]) -> str:
+def sentence(name: str, numbers: Mapping[str, PublicForm]) -> str:
     """What a named effect means, in one sentence."""
     entry, tail = PUBLIC.get(family(name)), name.partition(":")[2]
     if entry is None:
@@ -126,7 +126,9 @@ def family(name: str) -> str:
     return name.partition(":")[0]
 
 
-def _plain(effect: Effect, values: np.ndarray, covariance: np.ndarray, entry: Entry | None) -> dict[str, Told]:
+def _plain(
+    effect: Effect, values: np.ndarray, covariance: np.ndarray, entry: PublicEntry | None
+) -> dict[str, PublicForm]:
     """The engine's own names."""
     own = effect.by_name(map(float, values))
     if entry is not None and set(own) != set(entry.units):
@@ -134,7 +136,7 @@ def _plain(effect: Effect, values: np.ndarray, covariance: np.ndarray, entry: En
     out = {}
     for i, p in enumerate(effect.parameters):
         value, se = own[p.name], float(np.sqrt(covariance[i, i]))
-        out[p.name] = Told(value, se, (value - Z975 * se, value + Z975 * se), p.unit)
+        out[p.name] = PublicForm(value, se, (value - Z975 * se, value + Z975 * se), p.unit)
     return out
 
 

@@ -19,14 +19,14 @@ from companion.core.model.thrusters import NEUTRAL_US, setting_share
 from companion.logs.runs.run import Run
 from sim.fitting.engine.parameters import adjustable
 from sim.fitting.engine.thrust.forces import Settings, setting_rows, settings_at, thruster_forces
-from sim.fitting.engine.thrust.history import Commands, Pitch, ThrustHistory
+from sim.fitting.engine.thrust.history import Pitch, ThrustCommands, ThrustHistory
 
 PASSES = 3  # a force depends on the voltage by less than its own share: it settles at once
 AFTER_S = (0.0, 0.05, 0.12, 0.25)  # voltage is followed in such steps after a change of command: lag about 0.1 s
 
 
 @dataclass(frozen=True)
-class Pulses:
+class PulseSeries:
     """What a run told its thrusters: stamps (k,) [s], pulse widths (k, n), volts (k,) or None, settings by name."""
 
     t_s: np.ndarray
@@ -35,17 +35,17 @@ class Pulses:
     settings: Settings
 
 
-def pulses_of(run: Run, vessel: VesselFile) -> Pulses:
+def pulses_of(run: Run, vessel: VesselFile) -> PulseSeries:
     """Those of the thrusters of `vessel`."""
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
     volts = ["battery_v"] if run.known("battery_v") else []
     t_s, values = run.samples(*names, *volts)
     values = values.reshape(len(t_s), len(names) + len(volts))
     pwm = values[:, : len(names)]
-    return Pulses(t_s, pwm, values[:, -1] if volts else None, settings_at(run, t_s))
+    return PulseSeries(t_s, pwm, values[:, -1] if volts else None, settings_at(run, t_s))
 
 
-def commands_of(pulses: Pulses, vessel: VesselFile) -> Commands:
+def commands_of(pulses: PulseSeries, vessel: VesselFile) -> ThrustCommands:
     """What pulses ask of the thrusters of `vessel`, at gains of one."""
     unit = replace(vessel, thrusters=tuple(replace(t, gain=1.0) for t in vessel.thrusters))
     rows = setting_rows(unit, pulses.settings, len(pulses.t_s))
@@ -59,13 +59,13 @@ def commands_of(pulses: Pulses, vessel: VesselFile) -> Commands:
     return _with_sag(t_s, pwm, volts, unit)
 
 
-def _steady(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, rows: np.ndarray, unit: VesselFile) -> Commands:
+def _steady(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, rows: np.ndarray, unit: VesselFile) -> ThrustCommands:
     """Commands without sag; `rows`: settings in the order of `unit.settings`."""
     settings = dict(zip(unit.settings, rows, strict=True))
     force = thruster_forces(unit, pwm, volts, settings)
     able = adjustable(unit)
     if not able:
-        return Commands(t_s, force)
+        return ThrustCommands(t_s, force)
     ahead, astern = [], []
     for i in able:
         fmap = unit.force_maps[unit.thrusters[i].force_map]
@@ -74,10 +74,10 @@ def _steady(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, rows: np.ndarra
         ahead.append(fmap.ahead_N * share)
         astern.append(fmap.astern_N * share)
     pulse = pwm[:, list(able)] - NEUTRAL_US
-    return Commands(t_s, force, Pitch(able, pulse, np.stack(ahead, 1), np.stack(astern, 1)))
+    return ThrustCommands(t_s, force, Pitch(able, pulse, np.stack(ahead, 1), np.stack(astern, 1)))
 
 
-def _with_sag(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, unit: VesselFile) -> Commands:
+def _with_sag(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, unit: VesselFile) -> ThrustCommands:
     """Commands whose voltage follows the load between the samples of `volts`."""
     sampled = _changes(volts[:, None])
     t = np.unique(np.concatenate([t_s + after for after in AFTER_S]))
@@ -88,13 +88,13 @@ def _with_sag(t_s: np.ndarray, pwm: np.ndarray, volts: np.ndarray, unit: VesselF
     force = thruster_forces(unit, pwm[row], volts[row])
     propulsion = unit.propulsion
     for _ in range(PASSES):
-        commands = Commands(t, force)
+        commands = ThrustCommands(t, force)
         felt = _load(ThrustHistory(commands, propulsion.dead_time_s, propulsion.lag_s).force(t_s[sampled]))
         dv, dp = np.diff(v), np.diff(felt)
         b = max(0.0, -float(dv @ dp) / max(float(dp @ dp), 1e-9))
         now = _load(ThrustHistory(commands, 0.0, propulsion.lag_s).force(middle))
         force = thruster_forces(unit, pwm[row], (v + b * felt)[sample] - b * now)
-    return Commands(t, force)
+    return ThrustCommands(t, force)
 
 
 def _load(force_n: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from sim.fitting.engine.kernels.thrust import lagged, lagged_slopes, slewed
 
 
 @dataclass(frozen=True)
-class Commands:
+class ThrustCommands:
     """Steady forces [N] at a gain of one, shape (c, n), in force from `t_s`, shape (c,), until the next.
 
     `pitch`: what the forces of adjustable thrusters follow from, at any trim.
@@ -32,7 +32,7 @@ class Commands:
     force_n: np.ndarray
     pitch: Pitch | None = None
 
-    def at_pitch(self, trim_us: np.ndarray, curve: np.ndarray) -> Commands:
+    def at_pitch(self, trim_us: np.ndarray, curve: np.ndarray) -> ThrustCommands:
         """Forces at these trims [us] and curves, each (a,); and, as 2 a columns more, what a microsecond of trim and a
 
         unit of curve add to each.
@@ -42,7 +42,7 @@ class Commands:
         force, by_trim, by_curve = self.pitch.at(trim_us, curve)
         everything = self.force_n.copy()
         everything[:, list(self.pitch.which)] = force
-        return Commands(self.t_s, np.hstack([everything, by_trim, by_curve]))
+        return ThrustCommands(self.t_s, np.hstack([everything, by_trim, by_curve]))
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Pitch:
 class ThrustHistory:
     """Forces of one run at a dead time and lag. The first command is taken to have held for ever before."""
 
-    def __init__(self, commands: Commands, dead_time_s: float, lag_s: float):
+    def __init__(self, commands: ThrustCommands, dead_time_s: float, lag_s: float):
         self._t, self._F, self._lag = commands.t_s + dead_time_s, commands.force_n, lag_s
         self._dt = np.diff(self._t)[:, None]
         self._keep = np.exp(-self._dt / lag_s)
@@ -105,7 +105,7 @@ class ThrustHistory:
 class SlewedHistory:
     """Forces of one run that change no faster than `slew_n_s` [N/s]: f_dot = clip((F - f) / T_lag, -slew, slew)."""
 
-    def __init__(self, commands: Commands, dead_time_s: float, lag_s: float, slew_n_s: float):
+    def __init__(self, commands: ThrustCommands, dead_time_s: float, lag_s: float, slew_n_s: float):
         self._t, self._F = commands.t_s + dead_time_s, commands.force_n
         self._lag, self._slew = lag_s, slew_n_s
         self._f = np.empty_like(self._F)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.fitting.identify.job import Found
+from sim.fitting.identify.job import Identification
 from sim.fitting.identify.report.figures import parameters
 from sim.fitting.identify.report.tables import (
     CAPTION,
@@ -28,7 +28,7 @@ from sim.fitting.validate.report import Section, every_figure, page, pictures
 from sim.fitting.validate.table import sentences
 
 
-def identify_report(found: Found) -> str:
+def identify_report(found: Identification) -> str:
     """The page, as text."""
     sections = [Section("What to believe", found.verdict.lines)]
     if found.verdict.attention:
@@ -55,16 +55,16 @@ def identify_report(found: Found) -> str:
     return page(f"Identification of {found.base.name}", sections)
 
 
-def _structured(found: Found) -> int:
+def _structured(found: Identification) -> int:
     return [s.name for s in found.validation.scores].index(NAMES["structured"])
 
 
-def _what_to_drive(found: Found) -> Section:
+def _what_to_drive(found: Identification) -> Section:
     lines = [f"{', '.join(names)}: {manoeuvre}." for names, manoeuvre in found.verdict.advice]
     return Section("What to drive next", tuple(lines) or ("Every parameter of boat and sensors is determined.",))
 
 
-def _parameters(found: Found) -> Section:
+def _parameters(found: Identification) -> Section:
     open_ones = [d for d in found.structured.directions if not next(iter(d.parts)).startswith("warp_")]
     lines = [_direction(d) for d in open_ones[:4]]
     return Section(
@@ -90,7 +90,7 @@ def _direction(direction: Direction) -> str:
     return f"A combination that the data leave open ({share:.0f} % of its prior sigma is left): {parts}{more}."
 
 
-def _taylor(found: Found) -> list[Section]:
+def _taylor(found: Identification) -> list[Section]:
     return [
         Section(
             f"{one.name}: 23 terms for each axis, as the paper's Table 2",
@@ -102,7 +102,7 @@ def _taylor(found: Found) -> list[Section]:
     ]
 
 
-def _held_out(found: Found) -> Section:
+def _held_out(found: Identification) -> Section:
     seconds = sum(high - low for used in found.split.used for low, high in used.held_out_s)
     few = (
         f"Runs begin every 5 s and overlap: {seconds:.0f} s hold {seconds / JUDGED_S[-1]:.0f} of {JUDGED_S[-1]} s that "
@@ -116,7 +116,7 @@ def _held_out(found: Found) -> Section:
     )
 
 
-def _departures(found: Found) -> Section:
+def _departures(found: Identification) -> Section:
     return Section(
         "How runs depart and diverge",
         preformatted=divergence_table(found.departures),
@@ -125,7 +125,7 @@ def _departures(found: Found) -> Section:
     )
 
 
-def _fitted(found: Found) -> Section:
+def _fitted(found: Identification) -> Section:
     motion = found.motion
     liveliest = int(np.argmax([np.mean(s.nu**2) for s in motion.smoothed]))
     paper = motion.paper[liveliest] if motion.paper else None
@@ -134,7 +134,7 @@ def _fitted(found: Found) -> Section:
     return Section("The fitted data", figures=((figure, caption),))
 
 
-def _whiteness(found: Found) -> Section:
+def _whiteness(found: Identification) -> Section:
     s = found.structured
     return Section(
         "Residuals",
@@ -149,7 +149,7 @@ def _whiteness(found: Found) -> Section:
     )
 
 
-def _logs(found: Found) -> Section:
+def _logs(found: Identification) -> Section:
     problems = problems_table(found)
     return Section(
         "The logs and what is wrong with them",
@@ -159,7 +159,7 @@ def _logs(found: Found) -> Section:
     )
 
 
-def _choices(found: Found) -> Section:
+def _choices(found: Identification) -> Section:
     return Section(
         "Every choice, and when it was made",
         (

@@ -11,17 +11,17 @@ from companion.logs.runs.problems import grouped
 from companion.logs.runs.splits import Interval
 from sim.fitting.engine.parameters import file_values
 from sim.fitting.identify.choices import choices
-from sim.fitting.identify.job import Found, Taylor
+from sim.fitting.identify.job import Identification, Taylor
 from sim.fitting.identify.result import UNDETERMINED, FitResult
 from sim.fitting.identify.verdict import NAMES, judged_horizons
 from sim.fitting.taylor.abkowitz_table import TERMS
 from sim.fitting.taylor.taylor_file import AXES
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.study import BASELINE_NAMES, Validation
-from sim.fitting.validate.table import Table, error_rows, stability_rows, white_rows
+from sim.fitting.validate.table import ScoreTable, error_rows, stability_rows, white_rows
 
 
-def parameter_table(result: FitResult, base: VesselFile) -> Table:
+def parameter_table(result: FitResult, base: VesselFile) -> ScoreTable:
     """Value, interval, what the file believed, how much of that belief is left."""
     rows = []
     for p, believed in zip(result.parameters, file_values(base), strict=True):
@@ -38,14 +38,14 @@ def parameter_table(result: FitResult, base: VesselFile) -> Table:
             )
         )
     head = ("parameter", "value", "95 % interval", "unit", "base file", "prior sigma left", "determined")
-    return Table(head, tuple(rows))
+    return ScoreTable(head, tuple(rows))
 
 
 def _digits(value: float) -> str:
     return f"{value:.4g}" if abs(value) >= 1e-3 else f"{value:.1e}" if value else "0"
 
 
-def taylor_table(taylor: Taylor) -> Table:
+def taylor_table(taylor: Taylor) -> ScoreTable:
     """Like the paper's Table 2: coefficient and standard error by axis, variance inflation. *: see `taylor_lines`."""
     fit = taylor.fit
     rows = []
@@ -57,7 +57,7 @@ def taylor_table(taylor: Taylor) -> Table:
             cells.append(told if fit.determined[i, j] else "**open**")
         vif = f"{fit.vif[j]:.1f}" if np.isfinite(fit.vif[j]) else "-"
         rows.append((f"C_{term}", *cells, vif))
-    return Table(("term", *AXES, "VIF"), tuple(rows))
+    return ScoreTable(("term", *AXES, "VIF"), tuple(rows))
 
 
 def taylor_lines(taylor: Taylor) -> list[str]:
@@ -77,7 +77,7 @@ def taylor_lines(taylor: Taylor) -> list[str]:
     ]
 
 
-def held_out_table(found: Validation, errors: dict[str, float]) -> Table:
+def held_out_table(found: Validation, errors: dict[str, float]) -> ScoreTable:
     """Relative error, then every channel at the horizons by which models are judged."""
     scores = found.scores
     told = [f"{100 * errors[s.name]:.3g} %" if errors.get(s.name, np.inf) < 100 else "gone" for s in scores]
@@ -85,30 +85,30 @@ def held_out_table(found: Validation, errors: dict[str, float]) -> Table:
     best = min(errors, key=lambda name: errors[name])
     told = [f"**{text}**" if s.name == best else text for s, text in zip(scores, told, strict=True)]
     rows = [("relative error (of the better baseline's)", *told), *error_rows(scores, judged_horizons(scores[0]))]
-    return Table(("on held-out data", *(s.name for s in scores)), tuple(rows))
+    return ScoreTable(("on held-out data", *(s.name for s in scores)), tuple(rows))
 
 
-def stability_table(found: Validation) -> Table:
+def stability_table(found: Validation) -> ScoreTable:
     """Who runs away, who comes to rest."""
-    return Table(("stability", *(s.name for s in found.scores)), tuple(stability_rows(found)))
+    return ScoreTable(("stability", *(s.name for s in found.scores)), tuple(stability_rows(found)))
 
 
-def residual_table(result: FitResult) -> Table:
+def residual_table(result: FitResult) -> ScoreTable:
     """White residuals of the structured fit by channel."""
     rows = [
         (c.name, str(c.count), f"{c.sigma:.4g}", f"{c.rms:.3f}", f"{c.lag1:+.3f}", f"+-{2 / np.sqrt(c.count):.3f}")
         for c in result.channels
     ]
     head = ("channel", "samples", "sigma found", "rms over sigma", "correlation of neighbours", "if white (95 %)")
-    return Table(head, tuple(rows))
+    return ScoreTable(head, tuple(rows))
 
 
-def white_table(found: Validation) -> Table:
+def white_table(found: Validation) -> ScoreTable:
     """The errors one second on, of every model."""
-    return Table(("on held-out data", *(s.name for s in found.scores)), tuple(white_rows(found.scores)))
+    return ScoreTable(("on held-out data", *(s.name for s in found.scores)), tuple(white_rows(found.scores)))
 
 
-def logs_table(found: Found) -> Table:
+def logs_table(found: Identification) -> ScoreTable:
     """Which part of which log was used for what."""
     rows = []
     for used in found.split.used:
@@ -124,7 +124,7 @@ def logs_table(found: Found) -> Table:
                 run.data_hash[:12],
             )
         )
-    return Table(("log", "length, rates", "fitted [s]", "held out [s]", "data"), tuple(rows))
+    return ScoreTable(("log", "length, rates", "fitted [s]", "held out [s]", "data"), tuple(rows))
 
 
 def intervals(spans: Sequence[Interval]) -> str:
@@ -135,7 +135,7 @@ def intervals(spans: Sequence[Interval]) -> str:
     return shown + (f" .. {len(spans)} blocks" if len(spans) > 3 else "")
 
 
-def problems_table(found: Found) -> Table:
+def problems_table(found: Identification) -> ScoreTable:
     """What the logs themselves show, by kind; the first of each in words."""
     rows = []
     for name, ones in found.problems.items():
@@ -143,17 +143,17 @@ def problems_table(found: Found) -> Table:
             seconds = sum(p.length_s or 0.0 for p in mine)
             at = f" (first at {mine[0].t_s:.1f} s)" if mine[0].t_s is not None else ""
             rows.append((name, kind, str(len(mine)), f"{seconds:.1f}" if seconds else "-", mine[0].text + at))
-    return Table(("log", "kind", "how often", "seconds", "the first"), tuple(rows))
+    return ScoreTable(("log", "kind", "how often", "seconds", "the first"), tuple(rows))
 
 
-def choices_table(found: Found) -> Table:
+def choices_table(found: Identification) -> ScoreTable:
     """Every choice and when it was made."""
-    return Table(("choice", "value", "made"), tuple((c.what, c.value, c.made) for c in choices(found)))
+    return ScoreTable(("choice", "value", "made"), tuple((c.what, c.value, c.made) for c in choices(found)))
 
 
-def stamps_table(found: Found) -> Table:
+def stamps_table(found: Identification) -> ScoreTable:
     """The order in which things were done."""
-    return Table(("step", "UTC"), tuple((s.what, s.utc) for s in found.stamps))
+    return ScoreTable(("step", "UTC"), tuple((s.what, s.utc) for s in found.stamps))
 
 
 CAPTION = (

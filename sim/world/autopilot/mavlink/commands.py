@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.autopilot.mavlink.link import Link
+from sim.world.autopilot.mavlink.link import PeerLink
 from sim.world.autopilot.mavlink.telemetry import ACCEPTED_NEVER_SENT, STREAMED, autopilot_version
-from sim.world.autopilot.vehicle import Vehicle
+from sim.world.autopilot.vehicle import SimulatedVehicle
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 FORCE = frozenset({2989.0, 21196.0})
@@ -21,10 +21,10 @@ _CUSTOM_MODE = 1
 _INFO = 6
 
 Reply = tuple[int, tuple[wire.MAVLink_message, ...]]
-Handler = Callable[[Vehicle, Link, Sequence[float]], Reply]
+Handler = Callable[[SimulatedVehicle, PeerLink, Sequence[float]], Reply]
 
 
-def run(command: int, vehicle: Vehicle, link: Link, params: Sequence[float]) -> Reply:
+def run(command: int, vehicle: SimulatedVehicle, link: PeerLink, params: Sequence[float]) -> Reply:
     """Carry out one command."""
     handler = HANDLERS.get(command)
     if handler is None:
@@ -32,18 +32,18 @@ def run(command: int, vehicle: Vehicle, link: Link, params: Sequence[float]) -> 
     return handler(vehicle, link, [p if math.isfinite(p) else 0.0 for p in params])
 
 
-def set_mode(vehicle: Vehicle, base_mode: int, custom_mode: int) -> int:
+def set_mode(vehicle: SimulatedVehicle, base_mode: int, custom_mode: int) -> int:
     """DO_SET_MODE and SET_MODE: without the custom flag DENIED, an unknown or refused mode FAILED."""
     if not base_mode & _CUSTOM_MODE:
         return DENIED
     return ACCEPTED if vehicle.modes.set_mode(custom_mode) else FAILED
 
 
-def _do_set_mode(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _do_set_mode(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     return set_mode(vehicle, int(p[0]), int(p[1])), ()
 
 
-def _arm_disarm(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _arm_disarm(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     if p[0] == 1:
         return (ACCEPTED if vehicle.modes.arm(force=p[1] in FORCE) else FAILED), ()
     if p[0] == 0:
@@ -52,24 +52,24 @@ def _arm_disarm(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
     return UNSUPPORTED, ()
 
 
-def _run_prearm_checks(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _run_prearm_checks(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     for fault in vehicle.modes.arming_faults():
         vehicle.say(2, f"PreArm: {fault}")
     return ACCEPTED, ()
 
 
-def _get_home(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _get_home(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     return FAILED, ()  # without a position there is no home
 
 
-def _get_interval(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _get_interval(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     message_id = int(p[0])
     if message_id not in STREAMED:
         return FAILED, ()
     return ACCEPTED, (wire.MAVLink_message_interval_message(message_id, link.interval_us(message_id)),)
 
 
-def _set_interval(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _set_interval(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     message_id = int(p[0])
     if message_id in STREAMED:
         return (ACCEPTED if link.set_interval_us(message_id, p[1]) else DENIED), ()
@@ -79,7 +79,7 @@ def _set_interval(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
     return DENIED, ()
 
 
-def _request_message(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _request_message(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     message_id = int(p[0])
     streamed = STREAMED.get(message_id)
     if streamed is not None:
@@ -87,18 +87,18 @@ def _request_message(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
     return (ACCEPTED if message_id in ACCEPTED_NEVER_SENT else FAILED), ()
 
 
-def _request_capabilities(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _request_capabilities(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     return (ACCEPTED, (autopilot_version(vehicle),)) if p[0] == 1 else (FAILED, ())
 
 
-def _safety_switch(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _safety_switch(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     if p[0] not in (0, 1):
         return DENIED, ()
     vehicle.modes.safety_on = p[0] == 0
     return ACCEPTED, ()
 
 
-def _reboot(vehicle: Vehicle, link: Link, p: Sequence[float]) -> Reply:
+def _reboot(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     if p[0] != 1:
         return UNSUPPORTED, ()  # shutting down and the boot loader are not simulated
     if vehicle.modes.armed:

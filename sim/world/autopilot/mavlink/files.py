@@ -23,7 +23,7 @@ class _RefusedError(Exception):
         self.code = code
 
 
-class Files:
+class FtpFiles:
     """`stored`: contents by absolute path. `folders` are there without a file in them, too."""
 
     def __init__(self, stored: dict[str, bytes] | None = None, folders: Sequence[str] = ("/APM/scripts",)):

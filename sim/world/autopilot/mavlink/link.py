@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.autopilot.mavlink.signing import SigningKey
+from sim.world.autopilot.mavlink.signing import FirmwareSigningKey
 from sim.world.autopilot.mavlink.telemetry import ALWAYS_NS, STREAMED
 from sim.world.autopilot.parameter_table import TABLE
-from sim.world.autopilot.vehicle import Vehicle
+from sim.world.autopilot.vehicle import SimulatedVehicle
 
 _MS = 1_000_000
 _NEVER = 2**63
@@ -22,10 +22,10 @@ _CHUNK = 50
 NO_INDEX = 65535
 
 
-class Link:
+class PeerLink:
     """`bad_data`: pieces of bytes that were no message; `serial`: the number of the port it comes in on."""
 
-    def __init__(self, vehicle: Vehicle, key: SigningKey, serial: int):
+    def __init__(self, vehicle: SimulatedVehicle, key: FirmwareSigningKey, serial: int):
         self.mav = wire.MAVLink(None, srcSystem=vehicle.system_id, srcComponent=1)
         self.mav.robust_parsing = True
         self.bad_data = 0

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.autopilot.mavlink.link import Link
+from sim.world.autopilot.mavlink.link import PeerLink
 
 PIECE_BYTES = 90
 PIECES_A_STEP = 40
@@ -24,9 +24,9 @@ class Logs:
 
     def __init__(self, stored: Sequence[bytes] = ()):
         self.stored = list(stored)
-        self._due: dict[Link, deque[tuple[int, int]]] = {}
+        self._due: dict[PeerLink, deque[tuple[int, int]]] = {}
 
-    def list_to(self, link: Link, start: int, end: int) -> None:
+    def list_to(self, link: PeerLink, start: int, end: int) -> None:
         """Answer LOG_REQUEST_LIST."""
         count = len(self.stored)
         if not count:
@@ -35,14 +35,14 @@ class Logs:
             size, written_s = len(self.stored[number - 1]), WRITTEN_S + 60 * (number - 1)
             link.send(wire.MAVLink_log_entry_message(number, count, count, written_s, size))
 
-    def data_to(self, link: Link, number: int, offset: int, count: int) -> None:
+    def data_to(self, link: PeerLink, number: int, offset: int, count: int) -> None:
         """Take a LOG_REQUEST_DATA; the pieces leave with `poll`."""
         if 1 <= number <= len(self.stored):
             end = min(offset + count, len(self.stored[number - 1]))
             pieces = range(offset, max(end, offset + 1), PIECE_BYTES)
             self._due.setdefault(link, deque()).extend((number, at) for at in pieces)
 
-    def end(self, link: Link) -> None:
+    def end(self, link: PeerLink) -> None:
         """LOG_REQUEST_END: no more of it."""
         self._due.pop(link, None)
 

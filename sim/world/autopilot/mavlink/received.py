@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot.mavlink import commands, ftp
-from sim.world.autopilot.mavlink.link import Link
+from sim.world.autopilot.mavlink.link import PeerLink
 from sim.world.autopilot.mavlink.telemetry import GROUP_OF_STREAM
 from sim.world.autopilot.parameter_table import TABLE
 from sim.world.autopilot.parameters import READ_ONLY
-from sim.world.autopilot.vehicle import Vehicle
+from sim.world.autopilot.vehicle import SimulatedVehicle
 
 if TYPE_CHECKING:
     from sim.world.autopilot.rover import Rover
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _ERROR, _WARNING = 3, 4
 
 
-def is_for(vehicle: Vehicle, message: wire.MAVLink_message) -> bool:
+def is_for(vehicle: SimulatedVehicle, message: wire.MAVLink_message) -> bool:
     """Whether a message is addressed to this autopilot or to everyone."""
     system = getattr(message, "target_system", 0)
     component = getattr(message, "target_component", 0)
@@ -34,17 +34,17 @@ def _from_my_gcs(rover: Rover, message: wire.MAVLink_message) -> bool:
     return mine
 
 
-def _heartbeat(rover: Rover, link: Link, message: Any) -> None:
+def _heartbeat(rover: Rover, link: PeerLink, message: Any) -> None:
     _from_my_gcs(rover, message)
 
 
-def _override(rover: Rover, link: Link, message: Any) -> None:
+def _override(rover: Rover, link: PeerLink, message: Any) -> None:
     if _from_my_gcs(rover, message):
         values = [getattr(message, f"chan{n}_raw") for n in range(1, 19)]
         rover.vehicle.rc.override(values, rover.vehicle.t_ns)
 
 
-def _command(rover: Rover, link: Link, message: Any) -> None:
+def _command(rover: Rover, link: PeerLink, message: Any) -> None:
     params = [message.param1, message.param2, message.param3, message.param4]
     result, after = commands.run(message.command, rover.vehicle, link, [*params, 0.0, 0.0, 0.0])
     _acknowledge(link, message, message.command, result)
@@ -52,34 +52,34 @@ def _command(rover: Rover, link: Link, message: Any) -> None:
         link.send(reply)
 
 
-def _set_mode(rover: Rover, link: Link, message: Any) -> None:
+def _set_mode(rover: Rover, link: PeerLink, message: Any) -> None:
     result = commands.set_mode(rover.vehicle, message.base_mode, message.custom_mode)
     _acknowledge(link, message, message.get_msgId(), result)  # 11: improper, but what it does
 
 
-def _acknowledge(link: Link, message: Any, command: int, result: int) -> None:
+def _acknowledge(link: PeerLink, message: Any, command: int, result: int) -> None:
     link.send(
         wire.MAVLink_command_ack_message(command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
     )
 
 
-def _timesync(rover: Rover, link: Link, message: Any) -> None:
+def _timesync(rover: Rover, link: PeerLink, message: Any) -> None:
     if message.tc1 == 0:
         link.send(wire.MAVLink_timesync_message(rover.vehicle.clock_us * 1000, message.ts1))
 
 
-def _param_list(rover: Rover, link: Link, message: Any) -> None:
+def _param_list(rover: Rover, link: PeerLink, message: Any) -> None:
     link.start_download()
 
 
-def _param_read(rover: Rover, link: Link, message: Any) -> None:
+def _param_read(rover: Rover, link: PeerLink, message: Any) -> None:
     if 0 <= message.param_index < len(TABLE):
         link.send_parameter(message.param_index, by_index=True)
     elif message.param_index == -1 and (index := rover.vehicle.parameters.find(message.param_id)) is not None:
         link.send_parameter(index, by_index=False)
 
 
-def _param_set(rover: Rover, link: Link, message: Any) -> None:
+def _param_set(rover: Rover, link: PeerLink, message: Any) -> None:
     index = rover.vehicle.parameters.find(message.param_id)
     if index is None:
         return
@@ -92,7 +92,7 @@ def _param_set(rover: Rover, link: Link, message: Any) -> None:
             each.send_parameter(index, by_index=False)
 
 
-def _setup_signing(rover: Rover, link: Link, message: Any) -> None:
+def _setup_signing(rover: Rover, link: PeerLink, message: Any) -> None:
     if rover.vehicle.modes.armed:
         rover.vehicle.say(_ERROR, "ERROR: Won't setup signing when armed")
         return
@@ -101,31 +101,31 @@ def _setup_signing(rover: Rover, link: Link, message: Any) -> None:
         each.install_key()
 
 
-def _data_stream(rover: Rover, link: Link, message: Any) -> None:
+def _data_stream(rover: Rover, link: PeerLink, message: Any) -> None:
     rate_hz = message.req_message_rate if message.start_stop else 0
     link.set_group_rate(GROUP_OF_STREAM.get(message.req_stream_id, ()), rate_hz)
 
 
-def _file_transfer(rover: Rover, link: Link, message: Any) -> None:
+def _file_transfer(rover: Rover, link: PeerLink, message: Any) -> None:
     answer = ftp.answer if rover.files is None else rover.files.answer
     payload = answer(message.payload)
     sender = message.get_srcSystem(), message.get_srcComponent()
     link.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, payload))
 
 
-def _log_list(rover: Rover, link: Link, message: Any) -> None:
+def _log_list(rover: Rover, link: PeerLink, message: Any) -> None:
     rover.logs.list_to(link, message.start, message.end)
 
 
-def _log_data(rover: Rover, link: Link, message: Any) -> None:
+def _log_data(rover: Rover, link: PeerLink, message: Any) -> None:
     rover.logs.data_to(link, message.id, message.ofs, message.count)
 
 
-def _log_end(rover: Rover, link: Link, message: Any) -> None:
+def _log_end(rover: Rover, link: PeerLink, message: Any) -> None:
     rover.logs.end(link)
 
 
-HANDLERS: dict[str, Callable[[Rover, Link, Any], None]] = {
+HANDLERS: dict[str, Callable[[Rover, PeerLink, Any], None]] = {
     "HEARTBEAT": _heartbeat,
     "RC_CHANNELS_OVERRIDE": _override,
     "COMMAND_LONG": _command,

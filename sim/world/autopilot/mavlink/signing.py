@@ -16,7 +16,7 @@ _ALWAYS_ACCEPTED = frozenset({wire.MAVLINK_MSG_ID_RADIO_STATUS, wire.MAVLINK_MSG
 
 
 @dataclass
-class SigningKey:
+class FirmwareSigningKey:
     """`timestamp`: 10 us units since 2015-01-01, never falling over all links."""
 
     secret: bytes = NO_KEY

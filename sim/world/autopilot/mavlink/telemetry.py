@@ -13,7 +13,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot.modes import Mode
-from sim.world.autopilot.vehicle import Vehicle
+from sim.world.autopilot.vehicle import SimulatedVehicle
 
 G_M_S2 = 9.80665
 _STATE_CALIBRATING, _STATE_STANDBY, _STATE_ACTIVE, _STATE_CRITICAL = 2, 3, 4, 5
@@ -26,7 +26,7 @@ def _int16(values: Sequence[float], unit: float) -> list[int]:
     return [max(-32768, min(32767, int(value / unit))) for value in values]
 
 
-def heartbeat(v: Vehicle) -> wire.MAVLink_message:
+def heartbeat(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Type 11 SURFACE_BOAT (10 unless FRAME_CLASS is 2), autopilot 3."""
     state = {Mode.INITIALISING: _STATE_CALIBRATING, Mode.HOLD: _STATE_STANDBY}.get(v.modes.mode, _STATE_ACTIVE)
     state = _STATE_CRITICAL if v.failsafe.triggered else state
@@ -36,7 +36,7 @@ def heartbeat(v: Vehicle) -> wire.MAVLink_message:
     )
 
 
-def sys_status(v: Vehicle) -> wire.MAVLink_message:
+def sys_status(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Health bits (PREARM_CHECK: it would arm; no fence to breach), battery mV and cA."""
     present = _GYRO | _ACCEL | _MOTORS | _RC | _AHRS | _BATTERY | _PREARM
     enabled = present & ~(_MOTORS if v.modes.safety_on else 0)
@@ -48,61 +48,61 @@ def sys_status(v: Vehicle) -> wire.MAVLink_message:
     )
 
 
-def system_time(v: Vehicle) -> wire.MAVLink_message:
+def system_time(v: SimulatedVehicle) -> wire.MAVLink_message:
     """time_unix_usec stays 0: there is no satellite fix."""
     return wire.MAVLink_system_time_message(0, v.clock_ms)
 
 
-def gps_raw_int(v: Vehicle) -> wire.MAVLink_message:
+def gps_raw_int(v: SimulatedVehicle) -> wire.MAVLink_message:
     """No receiver: fix type 0, unknown accuracy."""
     return wire.MAVLink_gps_raw_int_message(v.clock_us, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
 
 
-def raw_imu(v: Vehicle) -> wire.MAVLink_message:
+def raw_imu(v: SimulatedVehicle) -> wire.MAVLink_message:
     """First IMU, microseconds; no magnetometer is simulated."""
     return wire.MAVLink_raw_imu_message(v.clock_us, *_imu(v), 0, 0, 0)
 
 
-def scaled_imu(v: Vehicle) -> wire.MAVLink_message:
+def scaled_imu(v: SimulatedVehicle) -> wire.MAVLink_message:
     """First IMU, milliseconds."""
     return wire.MAVLink_scaled_imu_message(v.clock_ms, *_imu(v), 0, 0, 0)
 
 
-def scaled_imu2(v: Vehicle) -> wire.MAVLink_message:
+def scaled_imu2(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Second IMU; the simulated boat has one, so the same sample."""
     return wire.MAVLink_scaled_imu2_message(v.clock_ms, *_imu(v), 0, 0, 0)
 
 
-def attitude(v: Vehicle) -> wire.MAVLink_message:
+def attitude(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Angles in rad, yaw within -pi to pi; rates in rad/s."""
     s = v.sensors
     yaw = math.remainder(s.psi_rad, math.tau)
     return wire.MAVLink_attitude_message(v.clock_ms, s.phi_rad, s.theta_rad, yaw, s.p_rad_s, s.q_rad_s, s.r_rad_s)
 
 
-def servo_output_raw(v: Vehicle) -> wire.MAVLink_message:
+def servo_output_raw(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Pulses leaving now; the time is the lower 32 bits of the clock [us]."""
     return wire.MAVLink_servo_output_raw_message(v.clock_us & 0xFFFFFFFF, 0, *v.outputs.pulses_us)
 
 
-def rc_channels(v: Vehicle) -> wire.MAVLink_message:
+def rc_channels(v: SimulatedVehicle) -> wire.MAVLink_message:
     """16 channels, 17 and 18 always 0; chancount is the receiver's, 0 without one."""
     count = len(v.sensors.receiver_us)
     channels = [*v.rc.radio_in_us, 0, 0]
     return wire.MAVLink_rc_channels_message(v.clock_ms, count, *channels, rssi=_NO_RSSI)
 
 
-def mission_current(v: Vehicle) -> wire.MAVLink_message:
+def mission_current(v: SimulatedVehicle) -> wire.MAVLink_message:
     """No mission."""
     return wire.MAVLink_mission_current_message(0)
 
 
-def vfr_hud(v: Vehicle) -> wire.MAVLink_message:
+def vfr_hud(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Heading in whole degrees; speeds are 0 without a position."""
     return wire.MAVLink_vfr_hud_message(0.0, 0.0, int(math.degrees(v.sensors.psi_rad) % 360.0), 0, 0.0, 0.0)
 
 
-def battery_status(v: Vehicle) -> wire.MAVLink_message:
+def battery_status(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Whole pack in the first cell [mV], current cA, consumed mAh."""
     voltage_mv, current_ca = _power(v)
     cells = [voltage_mv] + [65535] * 9
@@ -111,12 +111,12 @@ def battery_status(v: Vehicle) -> wire.MAVLink_message:
     )
 
 
-def timesync(v: Vehicle) -> wire.MAVLink_message:
+def timesync(v: SimulatedVehicle) -> wire.MAVLink_message:
     """The autopilot's own question: tc1 0, ts1 its clock [ns]."""
     return wire.MAVLink_timesync_message(0, v.clock_us * 1000)
 
 
-def autopilot_version(v: Vehicle) -> wire.MAVLink_message:
+def autopilot_version(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Development build of the firmware on a Cube Orange (board 140); no file transfer."""
     capabilities = (
         wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
@@ -138,17 +138,17 @@ def autopilot_version(v: Vehicle) -> wire.MAVLink_message:
     )
 
 
-def _imu(v: Vehicle) -> tuple[int, int, int, int, int, int]:
+def _imu(v: SimulatedVehicle) -> tuple[int, int, int, int, int, int]:
     xacc, yacc, zacc = _int16(v.sensors.accel_m_s2, G_M_S2 / 1000.0)
     xgyro, ygyro, zgyro = _int16(v.sensors.gyro_rad_s, 1e-3)
     return xacc, yacc, zacc, xgyro, ygyro, zgyro
 
 
-def _power(v: Vehicle) -> tuple[int, int]:
+def _power(v: SimulatedVehicle) -> tuple[int, int]:
     return min(65534, int(v.sensors.voltage_v * 1000.0)), _int16((v.sensors.current_a,), 0.01)[0]
 
 
-def _remaining(v: Vehicle) -> int:
+def _remaining(v: SimulatedVehicle) -> int:
     capacity = v.parameters["BATT_CAPACITY"]
     return int(max(0.0, 100.0 * (1.0 - v.consumed_mah / capacity))) if capacity > 0 else -1
 
@@ -156,7 +156,7 @@ def _remaining(v: Vehicle) -> int:
 class Streamed(NamedTuple):
     """A message: how it is built, and the SR0_ parameter with its rate unasked ("": only on request)."""
 
-    build: Callable[[Vehicle], wire.MAVLink_message]
+    build: Callable[[SimulatedVehicle], wire.MAVLink_message]
     group: str
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import approx_fprime, least_squares
 
-from companion.core.estimation.command_history import Command, active, lagged, later, trimmed
+from companion.core.estimation.command_history import TimedCommand, active, lagged, later, trimmed
 from companion.core.estimation.filter_state import B_RANGE, Tilt
 from companion.core.estimation.gates import Gate, GateRule, judge
 from companion.core.estimation.health import position_sigma_m
@@ -100,7 +100,7 @@ def test_lag_is_exact_and_its_mean_is_the_mean() -> None:
 
 def test_commands_act_after_the_dead_time_and_the_past_is_forgotten() -> None:
     p = boat("aritra").propulsion
-    line = (Command(-(1 << 62), np.zeros(4)),)
+    line = (TimedCommand(-(1 << 62), np.zeros(4)),)
     line = later(line, 0, (1.0,) * 4, p)
     line = later(line, S, (2.0,) * 4, p)
     act = round(p.dead_time_s * 1e9)

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import ModelError
 from companion.core.estimation.estimator import Estimator
-from companion.core.estimation.filter_state import LATENT, Belief, Tilt
+from companion.core.estimation.filter_state import LATENT, FilterState, Tilt
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.model_confidence import is_in_doubt, weighed
 from companion.core.estimation.prediction import noise_model
@@ -65,9 +65,9 @@ def innovation(d2: float) -> Innovation:
     return Innovation(t_ns=0, sensor="range 1", innovation=(d2**0.5,), S=(1.0,), d2=d2, accepted=True)
 
 
-def belief() -> Belief:
+def belief() -> FilterState:
     n = 17
-    return Belief(
+    return FilterState(
         t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), tilt=Tilt(), anchor_gates=(), heading_gate=Gate(),
         position_gates=(), latest=(), imu_ns=None, uwb_ns=0, ranges_ns=None,
     )  # fmt: skip

@@ -10,7 +10,7 @@ from companion.core.pilot.autopilot_state import (
     MANUAL,
     RETRY_NS,
     UNKNOWN,
-    Vehicle,
+    AutopilotState,
     hear,
     prepare,
     silence,
@@ -49,13 +49,13 @@ NEITHER = heartbeat(armed=False, mode=HOLD)
     ],
 )
 def test_only_what_was_there_can_be_taken_away(before, now, events):
-    vehicle, found = hear(Vehicle(before, asked_ns=7), now)
-    assert vehicle == Vehicle(now, asked_ns=7)
+    vehicle, found = hear(AutopilotState(before, asked_ns=7), now)
+    assert vehicle == AutopilotState(now, asked_ns=7)
     assert [event for event, _ in found] == events and all(words for _, words in found)
 
 
 def test_the_words_name_the_mode():
-    assert hear(Vehicle(READY), HELD)[1] == [("mode_changed", "the autopilot's mode was changed to 4")]
+    assert hear(AutopilotState(READY), HELD)[1] == [("mode_changed", "the autopilot's mode was changed to 4")]
 
 
 def test_manual_is_asked_for_before_arming_and_both_again_each_second():
@@ -76,10 +76,10 @@ def test_without_a_heartbeat_nothing_is_asked_for():
 
 
 def test_at_the_very_beginning_of_time_it_asks_too():
-    assert [m.action for m in prepare(Vehicle(HELD), 0)[1]] == ["set_mode"]
+    assert [m.action for m in prepare(AutopilotState(HELD), 0)[1]] == ["set_mode"]
 
 
 def test_lost_is_three_seconds_of_silence():
     assert "yet" in (silence(UNKNOWN, NOW) or "")
-    assert silence(Vehicle(READY), NOW + HEARTBEAT_LOST_NS) is None
-    assert "for 3.1 s" in (silence(Vehicle(READY), NOW + HEARTBEAT_LOST_NS + S // 10) or "")
+    assert silence(AutopilotState(READY), NOW + HEARTBEAT_LOST_NS) is None
+    assert "for 3.1 s" in (silence(AutopilotState(READY), NOW + HEARTBEAT_LOST_NS + S // 10) or "")

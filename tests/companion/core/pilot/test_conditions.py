@@ -10,14 +10,14 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.geometry.fence import Fence
 from companion.core.messages import Battery, StateEstimate, Tick
 from companion.core.pilot import conditions as watching
-from companion.core.pilot.annunciator import Lookout
-from companion.core.pilot.conditions import LATE_TICKS, PLANLESS_NS, Watch
-from companion.core.pilot.monitors.battery import LIMIT_NS, Pack, read
+from companion.core.pilot.annunciator import Annunciator
+from companion.core.pilot.conditions import LATE_TICKS, PLANLESS_NS, ConditionMonitor
+from companion.core.pilot.monitors.battery import LIMIT_NS, BatteryState, read
 
 S, MS = 1_000_000_000, 1_000_000
 LIMITS = BatteryLimits(low_V=14.0, critical_V=13.2, low_percent=30, critical_percent=15)
 SQUARE = Fence((((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)),))
-FULL = Pack(15.6)
+FULL = BatteryState(15.6)
 ESTIMATE = StateEstimate(
     t_ns=100 * S, north_m=5.0, east_m=5.0, psi_rad=0.0, u_m_s=0.0, v_m_s=0.0, r_rad_s=0.0, covariance=(0.0,) * 36,
     accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0, anchor_bias_m={}, disturbance_n=(0.0, 0.0, 0.0),
@@ -28,7 +28,7 @@ ESTIMATE = StateEstimate(
 def at(watch=None, estimate=ESTIMATE, lateness_ms=0, pack=FULL, plan_ns=0, seen=None):
     tick = Tick(t_ns=estimate.t_ns, index=1, lateness_ns=lateness_ms * MS)
     return watching.at_tick(
-        watch or Watch(), tick, estimate, seen or Lookout(), SQUARE, pack, Control(), plan_ns
+        watch or ConditionMonitor(), tick, estimate, seen or Annunciator(), SQUARE, pack, Control(), plan_ns
     )  # fmt: skip
 
 
@@ -42,7 +42,7 @@ def drained(volts, seconds, percent=None, start=FULL, limits=LIMITS, t0_ns=1000 
 
 
 def test_a_quiet_boat_has_no_conditions():
-    assert at() == (Watch(), {})
+    assert at() == (ConditionMonitor(), {})
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_sagging_pack_becomes_low_and_critical(volts, low, critical):
 
 
 def test_a_limit_counts_after_five_seconds_and_a_spike_does_not():
-    start = Pack(13.0)
+    start = BatteryState(13.0)
     assert LIMIT_NS == 5 * S
     assert not drained(13.0, LIMIT_NS / S - 0.5, start=start).critical
     assert drained(13.0, LIMIT_NS / S, start=start).critical
@@ -92,7 +92,7 @@ def test_limits_the_wrong_way_round_are_refused_with_their_key():
 
 
 def test_beyond_the_fence_and_back_with_room_to_spare():
-    watch = Watch()
+    watch = ConditionMonitor()
     for east, outside in ((9.9, False), (10.1, True), (9.9, True), (9.71, True), (9.69, False), (10.1, True)):
         watch, found = at(watch, with_(ESTIMATE, east_m=east))
         assert (watch.outside, "fence_breached" in found) == (outside, outside), east
@@ -101,8 +101,8 @@ def test_beyond_the_fence_and_back_with_room_to_spare():
 
 def test_without_an_estimate_the_boat_is_where_it_was():
     lost = with_(ESTIMATE, east_m=50.0, health="lost", reason="why")
-    assert not at(Watch(outside=False), lost)[0].outside
-    watch, found = at(Watch(outside=True), lost)
+    assert not at(ConditionMonitor(outside=False), lost)[0].outside
+    watch, found = at(ConditionMonitor(outside=True), lost)
     assert watch.outside and found["fence_breached"] == "outside the fence"
     assert found["unfit"] == found["degraded"] == "state estimate lost: why"
 
@@ -110,13 +110,13 @@ def test_without_an_estimate_the_boat_is_where_it_was():
 def test_degraded_is_no_obstacle_until_it_has_lasted():
     sick = with_(ESTIMATE, health="degraded", reason="no UWB")
     assert set(at(estimate=sick)[1]) == {"degraded"}
-    since = Lookout(health="degraded", degraded_ns=sick.t_ns - 16 * S)
+    since = Annunciator(health="degraded", degraded_ns=sick.t_ns - 16 * S)
     assert set(at(estimate=sick, seen=since)[1]) == {"degraded", "unfit"}
     assert set(at(estimate=with_(sick, health="initialising"))[1]) == {"degraded", "unfit"}
 
 
 def test_a_loop_is_late_after_ten_late_ticks_in_a_row():
-    watch = Watch()
+    watch = ConditionMonitor()
     assert LATE_TICKS == 10
     for _ in range(LATE_TICKS - 1):
         watch, found = at(watch, lateness_ms=100)
@@ -129,7 +129,7 @@ def test_a_loop_is_late_after_ten_late_ticks_in_a_row():
 def test_a_solver_fails_after_five_seconds_without_a_plan():
     now = ESTIMATE.t_ns
     assert PLANLESS_NS == 5 * S
-    driving = Watch(since_ns=now - PLANLESS_NS - 1)
+    driving = ConditionMonitor(since_ns=now - PLANLESS_NS - 1)
     assert set(at(driving)[1]) == {"solver_failing"}
     assert not at(driving, plan_ns=now - PLANLESS_NS)[1], "the last plan is no older"
     assert not at(replace(driving, since_ns=now - PLANLESS_NS))[1], "it has not driven for longer"

@@ -18,7 +18,7 @@ from companion.core.pilot.modes import (
     TABLE,
     THRUSTERS,
     WANTED,
-    Helm,
+    ModeState,
     apply,
     look,
     waits_for,
@@ -41,7 +41,7 @@ def test_every_pair_has_an_outcome():
 
 @pytest.mark.parametrize(("mode", "event"), PAIRS)
 def test_every_pair_is_told_in_a_sentence_and_leaves_a_sound_helm(mode, event):
-    before = Helm(mode, "excitation", "because")
+    before = ModeState(mode, "excitation", "because")
     after, told = apply(before, event, "why it is so", 5)
     outcome = TABLE[mode, event]
     assert after.mode == ("excitation" if outcome.next == "wanted" else outcome.next)
@@ -110,7 +110,7 @@ def test_by_hand_a_boat_can_be_fetched():
     """From beyond the fence, without an estimate, with an empty pack, without a solver."""
     for condition in ("unfit", "degraded", "battery_critical", "solver_failing"):
         assert TABLE["manual", condition].next == "manual"
-    beyond = Helm("safe", lasting=frozenset(["fence_breached"]))
+    beyond = ModeState("safe", lasting=frozenset(["fence_breached"]))
     asked, _ = apply(beyond, "manual", "manual by the operator", 0)
     asked, _ = look(asked, {"fence_breached": "outside the fence"}, 0)
     assert asked.mode == "locked" and waits_for(asked, {"fence_breached": "outside"}) is None
@@ -142,7 +142,7 @@ def test_by_hand_a_boat_can_be_fetched():
     ],
 )
 def test_sentences_as_people_read_them(mode, event, text):
-    helm, told = apply(Helm(mode, "hold"), event, "why", 0)
+    helm, told = apply(ModeState(mode, "hold"), event, "why", 0)
     assert (told[0].text if told else helm.why) == text
     assert not told or helm.mode == mode or helm.why == text
 
@@ -151,7 +151,7 @@ def test_levels_as_people_see_them():
     """Motion that ended against the operator's wish is an error, what goes on a warning, what got better an info."""
 
     def levels(mode, event):
-        return [a.level for a in apply(Helm(mode, "hold"), event, "why", 0)[1]]
+        return [a.level for a in apply(ModeState(mode, "hold"), event, "why", 0)[1]]
 
     assert levels("auto", "disarmed") == levels("auto", "solver_failing") == ["error"]
     assert (
@@ -209,26 +209,26 @@ def test_in_any_history_no_mode_drives_against_its_needs_and_only_operators_end_
 
 
 def test_starting_waits_for_what_may_pass_and_gives_up_where_it_may_not():
-    waiting = Helm("starting", "auto")
+    waiting = ModeState("starting", "auto")
     for condition in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late"):
         helm, _ = look(waiting, {condition: "why"}, 0)
         assert helm.mode == "starting" and waits_for(helm, {condition: "why"}) == "why"
     for condition in ("fence_breached", "battery_critical"):
         helm, told = look(replace(waiting, lasting=frozenset([condition])), {condition: "why"}, 0)
         assert helm.mode == "safe" and told, "also where it was there before"
-    excitation = Helm("starting", "excitation")
+    excitation = ModeState("starting", "excitation")
     assert waits_for(excitation, {"degraded": "no UWB"}) == "no UWB"
     assert waits_for(waiting, {"degraded": "no UWB"}) is None
 
 
 def test_paused_goes_on_with_a_healthy_estimate_only():
-    helm, told = look(Helm("excitation"), {"degraded": "no UWB"}, 0)
+    helm, told = look(ModeState("excitation"), {"degraded": "no UWB"}, 0)
     assert helm.mode == "paused" and told[0].level == "warning"
     helm, _ = look(helm, {"degraded": "no UWB", "unfit": "lost"}, 0)
     assert helm.mode == "safe"
     helm, _ = look(helm, {}, 0)
     assert helm.mode == "safe"
-    helm, _ = look(Helm("paused", lasting=frozenset(["degraded"])), {}, 0)
+    helm, _ = look(ModeState("paused", lasting=frozenset(["degraded"])), {}, 0)
     assert helm.mode == "excitation"
 
 

@@ -12,7 +12,7 @@ from companion.core.pilot.monitors.override_monitor import (
     SILENT_NS,
     SLACK_NS,
     WINDOW_NS,
-    Echo,
+    OverrideMonitor,
     at_lease,
     at_parameter,
     at_rc,
@@ -325,5 +325,5 @@ def test_echoes_that_do_not_come_are_told_once_each_and_only_of_a_living_autopil
         echo, _, alerts = at_tick(at_lease(echo, lease(t_ms, NEUTRAL)), t_ms * MS, heard=True)
         told += [(t_ms, a.text.split(" for")[0]) for a in alerts]
     assert told == [(SILENT_NS // MS + 100, "no SERVO_OUTPUT_RAW"), (SILENT_NS // MS + 3000, "no RC_CHANNELS")]
-    echo, _, alerts = at_tick(Echo(sent=echo.sent, rc_ns=0, servo_ns=0), 90_000 * MS, heard=False)
+    echo, _, alerts = at_tick(OverrideMonitor(sent=echo.sent, rc_ns=0, servo_ns=0), 90_000 * MS, heard=False)
     assert alerts == [] and at_tick(echo, 90_100 * MS, heard=True)[2] == [], "silence counts from the first heartbeat"

@@ -11,10 +11,10 @@ from companion.boat.load_run import setup_of
 from companion.core import messages as m
 from companion.core.excitation.file import Steps, excitation_toml
 from companion.core.excitation.flight import FlightState
-from companion.core.pilot.conditions import LATE_TICKS, Watch
+from companion.core.pilot.conditions import LATE_TICKS, ConditionMonitor
 from companion.core.pilot.manual_control import Sticks
-from companion.core.pilot.modes import EVENTS, MODES, OVER, TABLE, THRUSTERS, WANTED, Helm
-from companion.core.pilot.monitors.battery import Pack
+from companion.core.pilot.modes import EVENTS, MODES, OVER, TABLE, THRUSTERS, WANTED, ModeState
+from companion.core.pilot.monitors.battery import BatteryState
 from companion.core.pilot.monitors.link_latency import NO_ANSWER
 from companion.core.pilot.pilot import Pilot
 from tests.companion.core.pilot.test_pilot import Shell, heartbeat, operator, plan
@@ -44,11 +44,11 @@ class Boat(Shell):
         state, t_ns = under_way()
         self.mind, self.sticks, self.heartbeats = minds()[0], held, True
         at_hand = Sticks(stick(t_ns, held), rested=mode == "manual")
-        helm = Helm(mode, "hold", "because")
+        helm = ModeState(mode, "hold", "because")
         beat = heartbeat(t_ns)
         flying = FlightState(phase="fly", t_ns=t_ns, f_n=(0.0,) * 4)
         state = replace(state, helm=helm, vehicle=replace(state.vehicle, heartbeat=beat), sticks=at_hand,
-                        told=(mode, t_ns), flight=flying, watch=Watch(since_ns=t_ns), plan=None, asked=(),
+                        told=(mode, t_ns), flight=flying, watch=ConditionMonitor(since_ns=t_ns), plan=None, asked=(),
                         guidance=type(state.guidance)(), plan_ns=t_ns, open_tick=None)  # fmt: skip
         super().__init__(state, t_ns, index=5000)
 
@@ -124,20 +124,23 @@ def cause(boat, event):  # noqa: PLR0912
             change(boat, lookout=replace(state.lookout, degraded_ns=None))
             sensors(boat, 4000)
             change(
-                boat, watch=Watch(since_ns=boat.t_ns), plan_ns=boat.t_ns, flight=replace(state.flight, t_ns=boat.t_ns)
+                boat,
+                watch=ConditionMonitor(since_ns=boat.t_ns),
+                plan_ns=boat.t_ns,
+                flight=replace(state.flight, t_ns=boat.t_ns),
             )
             boat.feed(heartbeat(boat.t_ns), stick(boat.t_ns, boat.sticks))
             change(boat, sticks=replace(boat.state.sticks, rested=state.sticks.rested))
         case "fence_breached":
             boat.mind = minds()[1]
         case "battery_low":
-            change(boat, pack=Pack(13.9, low=True, low_ns=0))
+            change(boat, pack=BatteryState(13.9, low=True, low_ns=0))
         case "battery_critical":
-            change(boat, pack=Pack(13.0, critical=True, critical_ns=0))
+            change(boat, pack=BatteryState(13.0, critical=True, critical_ns=0))
         case "override_ignored":
             change(boat, echo=replace(state.echo, rc_ignored=True, rc_why="not taken"))
         case "solver_failing":
-            change(boat, watch=Watch(since_ns=t_ns - 10 * S), plan_ns=0)
+            change(boat, watch=ConditionMonitor(since_ns=t_ns - 10 * S), plan_ns=0)
         case "loop_lag":
             change(boat, watch=replace(state.watch, late_ticks=LATE_TICKS))
         case "link_late":

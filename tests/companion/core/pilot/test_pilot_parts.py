@@ -12,8 +12,8 @@ from companion.core import messages as m
 from companion.core.excitation.file import Steps, excitation_toml
 from companion.core.excitation.flight import FlightState
 from companion.core.pilot import thrust_command, transitions
-from companion.core.pilot.conditions import Watch
-from companion.core.pilot.modes import THRUSTERS, Helm
+from companion.core.pilot.conditions import ConditionMonitor
+from companion.core.pilot.modes import THRUSTERS, ModeState
 from companion.core.pilot.pilot import Pilot
 from tests.companion.core.pilot.test_pilot import Shell, operator, plan
 from tests.companion.core.pilot.test_pilot_modes import PLAN, Boat
@@ -153,7 +153,7 @@ def mission(north_m):
 ])  # fmt: skip
 def test_a_mission_is_taken_unless_one_is_driven(mode, wanted, taken):
     boat = Boat(mode)
-    boat.state = replace(boat.state, helm=Helm(mode, wanted, "because"), passed=("something",))
+    boat.state = replace(boat.state, helm=ModeState(mode, wanted, "because"), passed=("something",))
     boat.feed(mission(10.0))
     alert = [o for o in boat.outputs if isinstance(o, m.Alert)][-1]
     assert (boat.state.mission is not None) == taken == ("loaded: start begins it" in alert.text)
@@ -230,8 +230,8 @@ MODES_OF_A_CONTROLLER = [mode for mode, turns in THRUSTERS.items() if turns == "
 def test_a_plan_is_kept_between_two_modes_of_the_controller_only(before, after):
     state, t_ns = under_way()
     kept = plan(1, t_ns)
-    state = replace(state, helm=Helm(before), plan=kept, asked=((1, t_ns),), watch=Watch(since_ns=5))
-    then = transitions.steered(state, Helm(after), t_ns + S)
+    state = replace(state, helm=ModeState(before), plan=kept, asked=((1, t_ns),), watch=ConditionMonitor(since_ns=5))
+    then = transitions.steered(state, ModeState(after), t_ns + S)
     if before == after or {before, after} <= set(MODES_OF_A_CONTROLLER):
         assert then.plan is kept and then.asked and then.watch.since_ns == 5
     else:

@@ -53,7 +53,7 @@ def test_a_filter_that_starts_again_does_not_begin_the_blind_time_anew():
         accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0, anchor_bias_m={}, disturbance_n=(0.0, 0.0, 0.0),
         health="healthy", reason="",
     )  # fmt: skip
-    seen, blind = annunciator.Lookout(), []
+    seen, blind = annunciator.Annunciator(), []
     story = ["degraded"] * 40 + ["healthy"] * 10 + ["degraded"] * 20 + ["healthy"] * 30 + ["degraded"] * 40
     for k, health in enumerate(story):
         t_ns = (k + 1) * 100 * MS

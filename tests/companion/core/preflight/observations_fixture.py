@@ -4,7 +4,7 @@ from companion.core.messages import (
     AutopilotInfo,
     Heartbeat,
 )
-from companion.core.preflight.observations import Disk, Heard, RoundTrip
+from companion.core.preflight.observations import Disk, Observations, RoundTrip
 from companion.core.preflight.wiring import Companion
 from tests.support.drive_fixture import setup
 
@@ -32,7 +32,7 @@ def heard(**changed):
         "listened_s": 5.0, "disk": DISK, "wall_s": 1.8e9, "heartbeat": BEAT, "info": INFO, "received": 1000,
         "wanted_hz": WANTED, "rates_hz": dict(WANTED), "round_trips": TRIPS,
     }  # fmt: skip
-    return Heard(**{**given, **changed})
+    return Observations(**{**given, **changed})
 
 
 def by_name(rows):

@@ -18,7 +18,7 @@ from companion.core.preflight.link import link_rows, receiver_seen, rest_rows
 from companion.core.preflight.observations import Disk, RoundTrip
 from companion.core.preflight.parameter_diff import changes, unknown
 from companion.core.preflight.parameter_file import parse_parameters
-from companion.core.preflight.rows import Parameters, numbers, worst
+from companion.core.preflight.rows import ParameterSet, numbers, worst
 from companion.core.preflight.wiring import scaled_us, wiring
 from tests.companion.core.preflight.observations_fixture import BEAT, COMPANION, WANTED, by_name, heard
 
@@ -33,7 +33,7 @@ def told(wiring_name, **changed):
         "ARMING_RUDDER": 2.0, "FRAME_TYPE": 0.0,
     }  # fmt: skip
     file = parse_parameters(wirings()[wiring_name], name=wiring_name)
-    return Parameters({**defaults, **file, **changed})
+    return ParameterSet({**defaults, **file, **changed})
 
 
 def levels(p, companion=COMPANION):
@@ -131,16 +131,16 @@ def test_outputs_beyond_16_are_asked_for_and_judged_where_they_are_in_use():
 def test_both_spellings_are_understood():
     values = dict(told("gate").values)
     values["MAV_GCS_SYSID"] = values.pop("SYSID_MYGCS")
-    assert levels(Parameters(values)) == {}
+    assert levels(ParameterSet(values)) == {}
     values["MAV_GCS_SYSID"] = 255.0
-    assert levels(Parameters(values)) == {"MAV_GCS_SYSID": "refuse"}
+    assert levels(ParameterSet(values)) == {"MAV_GCS_SYSID": "refuse"}
     assert {"SYSID_MYGCS", "MAV_GCS_SYSID"} <= set(wanted(COMPANION))
 
 
 @given(st.sets(st.sampled_from(sorted(told("gate").values))))
 def test_a_parameter_that_was_not_told_is_never_taken_for_good(silent):
     """What decides about stopping refuses when it is unknown."""
-    p = Parameters({name: value for name, value in told("gate").values.items() if name not in silent})
+    p = ParameterSet({name: value for name, value in told("gate").values.items() if name not in silent})
     vital = {f"SERVO{n}_{key}" for n in range(1, 5) for key in ("FUNCTION", "TRIM")}
     vital |= {"SCR_ENABLE", "FS_THR_ENABLE", "RC_OVERRIDE_TIME", "SYSID_MYGCS"}
     assert (worst(parameter_rows(p, COMPANION)) == "refuse") == bool(silent & vital)

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from companion.core.telemetry.orders import (
     MAX_BYTES,
     SESSIONS,
-    Gate,
     MissionFile,
     Order,
-    Outcome,
-    Refused,
+    OrderGate,
+    OrderOutcome,
+    OrderRefused,
     Repeated,
     Sender,
     read_outcome,
@@ -45,7 +45,7 @@ def sender(session="session-1", key=KEY, boat="b", run="run"):
 
 
 def code(gate, sent, now_ns=BOAT_NS):
-    with pytest.raises(Refused) as no:
+    with pytest.raises(OrderRefused) as no:
         gate.judge(*sent, now_ns)
     assert str(no.value)
     return no.value.code
@@ -53,14 +53,14 @@ def code(gate, sent, now_ns=BOAT_NS):
 
 @pytest.mark.parametrize("key", [KEY, None])
 def test_an_order_is_believed_once(key):
-    gate, (anna, local) = Gate("b", "run", key), sender(key=key)
+    gate, (anna, local) = OrderGate("b", "run", key), sender(key=key)
     sent = anna.order("start")
     order = gate.judge(*sent, BOAT_NS + S)
     assert order.command == "start" and order.sender == "anna" and order.t_ns == BOAT_NS
     with pytest.raises(Repeated) as again:
         gate.judge(*sent, BOAT_NS + S)
     assert again.value.outcome is None
-    outcome = Outcome(run="run", t_ns=1, status="done", code="ok", text="")
+    outcome = OrderOutcome(run="run", t_ns=1, status="done", code="ok", text="")
     gate.finish(order, outcome)
     with pytest.raises(Repeated) as again:
         gate.judge(*sent, BOAT_NS + S)
@@ -73,8 +73,8 @@ def test_an_order_is_believed_once(key):
 def test_the_signature_is_hmac_over_boat_and_payload():
     payload, mac = sender()[0].order("stop")
     assert mac == hmac.new(KEY, b"aritra-order-1\0b\0" + payload, hashlib.sha256).digest() == seal(KEY, "b", payload)
-    gate = Gate("b", "run", KEY)
-    assert gate.signed and not Gate("b", "run", None).signed
+    gate = OrderGate("b", "run", KEY)
+    assert gate.signed and not OrderGate("b", "run", None).signed
     for wrong in (None, b"", mac[:-1], bytes([mac[0] ^ 1]) + mac[1:], seal(bytes(32), "b", payload),
                   seal(KEY, "other", payload)):  # fmt: skip
         assert code(gate, (payload, wrong)) == "unsigned"
@@ -83,8 +83,8 @@ def test_the_signature_is_hmac_over_boat_and_payload():
 
 
 def test_another_run_or_boat_is_refused():
-    assert code(Gate("b", "later", KEY), sender()[0].order("start")) == "wrong_run"
-    assert code(Gate("c", "run", KEY), sender()[0].order("start")) == "unsigned"
+    assert code(OrderGate("b", "later", KEY), sender()[0].order("start")) == "wrong_run"
+    assert code(OrderGate("c", "run", KEY), sender()[0].order("start")) == "unsigned"
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_another_run_or_boat_is_refused():
      ("stop", 61.0, False), ("start", -0.9, True), ("start", -1.1, False), ("stop", -1.1, False)],
 )  # fmt: skip
 def test_old_orders_are_refused_and_a_late_stop_is_not(command, age_s, believed):
-    gate, sent = Gate("b", "run", KEY), sender()[0].order(command)
+    gate, sent = OrderGate("b", "run", KEY), sender()[0].order(command)
     now_ns = BOAT_NS + round(age_s * S)
     if believed:
         assert gate.judge(*sent, now_ns).command == command
@@ -103,7 +103,7 @@ def test_old_orders_are_refused_and_a_late_stop_is_not(command, age_s, believed)
 
 def test_nothing_recorded_is_ever_obeyed_twice():
     """Whatever an eavesdropper repeats, and whenever: also after the sender was forgotten."""
-    gate, (anna, local) = Gate("b", "run", KEY), sender()
+    gate, (anna, local) = OrderGate("b", "run", KEY), sender()
     heard = []
     for step in range(40):
         local.ns += 3 * S
@@ -111,20 +111,20 @@ def test_nothing_recorded_is_ever_obeyed_twice():
         heard.append(anna.order(("start", "stop", "hold")[step % 3]))
         assert gate.judge(*heard[-1], now_ns)
         for old in heard:
-            with pytest.raises((Refused, Repeated)):
+            with pytest.raises((OrderRefused, Repeated)):
                 gate.judge(*old, now_ns)
     for late_s in (4, 30, 59, 61, 62, 70, 1000):
         for old in heard:
-            with pytest.raises((Refused, Repeated)):
+            with pytest.raises((OrderRefused, Repeated)):
                 gate.judge(*old, now_ns + late_s * S)
         busy = sender(session=f"other-{late_s:04d}")[0]
         busy.hear("run", BOAT_NS)
-        with pytest.raises(Refused):
+        with pytest.raises(OrderRefused):
             gate.judge(*busy.order("stop"), now_ns + late_s * S)  # lets the gate forget
 
 
 def test_memory_is_bounded_and_a_stop_always_passes():
-    gate = Gate("b", "run", KEY)
+    gate = OrderGate("b", "run", KEY)
     for k in range(SESSIONS):
         gate.judge(*sender(f"session-{k}")[0].order("hold"), BOAT_NS)
     assert code(gate, sender("one-too-many")[0].order("hold")) == "crowded"
@@ -162,14 +162,14 @@ def order(**changes):
     ],
 )
 def test_what_is_not_an_order_is_refused_in_words(payload, expected):
-    assert code(Gate("b", "run", None), (payload, None)) == expected
+    assert code(OrderGate("b", "run", None), (payload, None)) == expected
 
 
 @settings(max_examples=300, deadline=None)
 @given(payload=st.binary(max_size=300), attachment=st.none() | st.binary(max_size=40), key=st.sampled_from([KEY, None]))
 def test_strange_bytes_never_raise_anything_else(payload, attachment, key):
-    gate = Gate("b", "run", key)
-    with pytest.raises(Refused):
+    gate = OrderGate("b", "run", key)
+    with pytest.raises(OrderRefused):
         gate.judge(payload, attachment, BOAT_NS)
     assert not gate._sessions
 
@@ -177,7 +177,10 @@ def test_strange_bytes_never_raise_anything_else(payload, attachment, key):
 @settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_an_order_with_any_byte_changed_is_refused(data):
-    gate, (payload, mac) = Gate("b", "run", KEY), sender()[0].order("load_mission", MissionFile(name="m", text="x"))
+    gate, (payload, mac) = (
+        OrderGate("b", "run", KEY),
+        sender()[0].order("load_mission", MissionFile(name="m", text="x")),
+    )
     at, to = data.draw(st.integers(0, len(payload) - 1)), data.draw(st.integers(0, 255))
     if payload[at] != to:
         assert code(gate, (payload[:at] + bytes([to]) + payload[at + 1 :], mac)) == "unsigned"

@@ -15,7 +15,7 @@ from companion.core import messages as m
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.rounding import TEXT_CHARS
-from companion.core.telemetry.view import View, Who, wants
+from companion.core.telemetry.view import TelemetryView, Who, wants
 from tests.support.drive_fixture import setup, under_way, voyage
 
 S = 1_000_000_000
@@ -23,7 +23,7 @@ WHO = Who("abc123", "digest", "aritra 0", 5 * S, commands=True)
 
 
 def view(rate_hz=10.0):
-    return View(setup().pilot, WHO, rate_hz)
+    return TelemetryView(setup().pilot, WHO, rate_hz)
 
 
 A = np.random.default_rng(3).normal(size=(6, 6))

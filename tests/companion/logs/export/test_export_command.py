@@ -15,6 +15,8 @@ from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
 from tests.companion.logs.readers.run_logs import clean_run, record, simulated
 
+NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
+
 
 def run(*argv: object) -> int:
     parser = argparse.ArgumentParser()
@@ -88,7 +90,7 @@ def test_what_cannot_be_done_is_exit_code_2_with_the_file(logs, tmp_path, capsys
 
 
 def test_without_polars_it_says_what_to_install(logs, tmp_path, capsys, monkeypatch):
-    for name in [n for n in sys.modules if n.startswith(("companion.logs.runs", "companion.logs.readers", "sim.fitting"))]:
+    for name in [n for n in sys.modules if n.startswith(NEED_POLARS)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "polars", None)
     assert run(logs[0], "-o", tmp_path / "a.csv") == log.IMPOSSIBLE

@@ -22,6 +22,8 @@ from companion.logs.page import html, view
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
 
+NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
+
 
 def run(*argv: object) -> int:
     parser = argparse.ArgumentParser()
@@ -98,7 +100,7 @@ def test_names_and_texts_cannot_break_out_of_the_page(tmp_path):
 
 
 def test_the_page_without_ghosts_and_without_polars(logs, tmp_path, capsys, monkeypatch):
-    for module in [n for n in sys.modules if n.startswith(("companion.logs.runs", "companion.logs.readers", "sim.fitting"))]:
+    for module in [n for n in sys.modules if n.startswith(NEED_POLARS)]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "polars", None)
     assert run(logs[0], "-o", tmp_path / "a.html") == log.IMPOSSIBLE

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.logs.readers.read_run import Beside, read_run
 from companion.logs.readers.table import read_csv, write_run
-from companion.logs.runs.run import Problem, Run, RunError, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from tests.companion.logs.readers.run_logs import clean_run
 
 TEXT = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=12)
@@ -39,7 +39,7 @@ def runs(draw) -> Run:
     north = column(-1e4, 1e4)
     east = pl.Series([None if v is None else -v / 3 for v in north], dtype=pl.Float64)
     table |= {"north_m": north, "east_m": east}
-    note = Problem(kind=draw(TEXT), text=draw(TEXT), t_s=draw(st.none() | st.floats(0, 9)))
+    note = LogProblem(kind=draw(TEXT), text=draw(TEXT), t_s=draw(st.none() | st.floats(0, 9)))
     meta = RunMeta(
         vessel=draw(TEXT), source=draw(TEXT), zero_ns=draw(st.integers(0, 2**62)), notes=(note,),
         latency_s=draw(st.none() | st.floats(0, 1)), anchors_m={draw(TEXT): (1.0, 0.1, -2.5)},

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from companion.logs.runs.problems import grouped, problems
-from companion.logs.runs.run import Problem, Run
+from companion.logs.runs.run import LogProblem, Run
 from tests.companion.logs.readers.run_logs import clean_run
 
 
@@ -19,7 +19,7 @@ def edited(run: Run, first_s: float, last_s: float, **columns) -> Run:
     return Run(run.table.with_columns(changes), run.meta)
 
 
-def kinds(run: Run) -> dict[str, list[Problem]]:
+def kinds(run: Run) -> dict[str, list[LogProblem]]:
     return grouped(problems(run))
 
 
@@ -28,7 +28,7 @@ def test_a_clean_run_has_no_problem(seed):
     assert problems(clean_run(60.0, seed)) == []
 
 
-def only(run: Run, kind: str, column: str = "") -> Problem:
+def only(run: Run, kind: str, column: str = "") -> LogProblem:
     """The one problem there is of that kind and column, and no other kind."""
     found = kinds(run)
     assert list(found) == [kind], found
@@ -146,5 +146,5 @@ def test_a_biased_gyroscope_is_no_disagreement_and_no_turn_no_verdict():
 
 
 def test_the_readers_notes_come_first():
-    note = Problem(kind="damaged", text="x")
+    note = LogProblem(kind="damaged", text="x")
     assert problems(clean_run().with_notes([note])) == [note]

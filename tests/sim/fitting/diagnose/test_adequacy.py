@@ -21,16 +21,24 @@ from companion.core.model.manoeuvring import mass_matrix
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue, unaware
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.report.sentences import WORDS
 from sim.fitting.diagnose.residual_basis import Group, groups_at, widened
-from sim.fitting.diagnose.selection.adequacy import FAR_OUT, OFTEN, LeftOver, adequacy, depends_on, far_out, left_over
+from sim.fitting.diagnose.selection.adequacy import (
+    FAR_OUT,
+    OFTEN,
+    UnexplainedForce,
+    adequacy,
+    depends_on,
+    far_out,
+    left_over,
+)
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.masking import Echoes
-from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.select import Selection, Selector
 from sim.fitting.engine.noise import BIAS_AX, LATENT, OFFSET, L
 from sim.studies.boats.draw import in_still_air
@@ -38,7 +46,7 @@ from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import BOATS, boat
 
 VESSEL = in_still_air(boat("aritra"))
-UNIT = (Parameter("a", "", 1.0, 1.0, 0.01),)
+UNIT = (EffectParameter("a", "", 1.0, 1.0, 0.01),)
 
 
 @cache
@@ -46,18 +54,20 @@ def drive(seed: int = 21, seconds: float = 100.0) -> Run:
     return teleop_run(boat("aritra"), seed, seconds, uwb_hz=5.0, sigma_m=0.07)
 
 
-def bench(run: Run, without: Sequence[str] = ()) -> tuple[Fit, Model]:
-    fit = Fit(Physics([run], VESSEL, 1.0), unaware(catalogue(VESSEL, [run]), without), stated_noise(VESSEL))
+def bench(run: Run, without: Sequence[str] = ()) -> tuple[PosteriorFit, CandidateModel]:
+    fit = PosteriorFit(
+        EffectPhysics([run], VESSEL, 1.0), unaware(catalogue(VESSEL, [run]), without), stated_noise(VESSEL)
+    )
     return fit, Selector(fit).base()
 
 
 @cache
-def clean() -> tuple[Fit, Model]:
+def clean() -> tuple[PosteriorFit, CandidateModel]:
     return bench(drive())
 
 
 @cache
-def faulty(fault) -> tuple[Fit, Model]:
+def faulty(fault) -> tuple[PosteriorFit, CandidateModel]:
     return bench(fault(drive()))
 
 
@@ -197,7 +207,7 @@ def test_what_no_entry_explains_is_found_by_what_it_depends_on(fault, word, kind
 
 
 @cache
-def other(changed: Callable[[VesselFile], VesselFile], *without: str) -> tuple[Fit, Model]:
+def other(changed: Callable[[VesselFile], VesselFile], *without: str) -> tuple[PosteriorFit, CandidateModel]:
     """Logs of a boat that is not as the file has it, and a catalogue that lacks some entries."""
     vessel = boat("aritra")
     return bench(teleop_run(changed(vessel), 21, 100.0, uwb_hz=5.0, sigma_m=0.07, believed=vessel), without)
@@ -257,21 +267,21 @@ def named(group_name: str, word: str) -> Group:
 
 def test_what_is_left_over_without_the_echoes_of_the_best():
     a, b, c, d = (named(n, w) for n, w in (("a", "heading"), ("b", "time"), ("c", "speed"), ("d", "load")))
-    found = LeftOver(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
+    found = UnexplainedForce(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
     assert found.counted == (a, b)
     assert found.is_akin("tether", found.counted) and not found.is_akin("lag", found.counted)
-    assert not LeftOver(((a, 11.0), (b, 3.0)), 0.0, {}, {}).counted
+    assert not UnexplainedForce(((a, 11.0), (b, 3.0)), 0.0, {}, {}).counted
 
 
 def test_what_explains_more_of_the_base_comes_first():
     a, b, c = (named(n, w) for n, w in (("a", "heading"), ("b", "thruster:x"), ("c", "time")))
-    after = LeftOver(((a, 50.0), (b, 40.0), (c, 3.0)), 0.0, {}, {})
-    before = LeftOver(((c, 900.0), (b, 800.0), (a, 100.0)), 0.0, {}, {})
+    after = UnexplainedForce(((a, 50.0), (b, 40.0), (c, 3.0)), 0.0, {}, {})
+    before = UnexplainedForce(((c, 900.0), (b, 800.0), (a, 100.0)), 0.0, {}, {})
     assert depends_on(after, before) == ("thruster:x", "heading")
     assert depends_on(after, after) == ("heading", "thruster:x")
 
 
-def selected(model: Model, after: Model, *ids: str) -> Selection:
+def selected(model: CandidateModel, after: CandidateModel, *ids: str) -> Selection:
     causes = [Candidate(i, 100.0, 100.0, np.ones(1), np.eye(1), 3.0, 2.0) for i in ids]
     return Selection(model, after, causes, [])
 
@@ -308,13 +318,15 @@ def test_a_cause_is_akin_to_the_group_that_can_stand_in_for_it():
     start = sum(len(e.parameters) for e in model.chosen[:at])
     theta = {**model.point.theta, name: np.array([0.05])}
     assert model.own.theta0[start] == model.point.theta[name][0]
-    moved = Model(model.believed, _at_theta(fit, model, theta), model.noise, model.chosen, model.own, model.evidence)
+    moved = CandidateModel(
+        model.believed, _at_theta(fit, model, theta), model.noise, model.chosen, model.own, model.evidence
+    )
     akin = left_over(fit, moved, [name]).akin[name]
     assert "generic:thrust, front_port" in akin
     assert not {i for i in akin if "error" in i or "rear" in i.partition(",")[2]}
 
 
-def _at_theta(fit: Fit, model: Model, theta):
+def _at_theta(fit: PosteriorFit, model: CandidateModel, theta):
     return fit.point(theta, model.point.z, model.chosen)
 
 

@@ -15,17 +15,17 @@ from companion.logs.runs.run import Run
 from companion.logs.runs.splits import part, parts
 from sim.fitting.diagnose import job
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Sight
-from sim.fitting.diagnose.posterior.clock import Clock
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Sight
+from sim.fitting.diagnose.posterior.clock import LogClock
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.diagnose.posterior.state import State
 from sim.fitting.diagnose.preparation import subsampling
 from sim.fitting.diagnose.preparation.gaps import unbroken
 from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, refuse_mistaken
-from sim.fitting.diagnose.selection.held_out import MODELS, Believed, score
+from sim.fitting.diagnose.selection.held_out import MODELS, ModelUnderTest, score
 from sim.fitting.engine.split import JobError
 from tests.evidence.diagnose import survive
 from tests.support.vessel_fixtures import boat
@@ -138,13 +138,13 @@ def again(run: Run, moved_s: float = 0.0, zero_s: int = 0) -> Run:
 def test_parts_of_one_log_keep_its_clock_and_logs_without_stamps_follow_one_another():
     run = good()
     pieces = [part(run, 0.0, 30.0), part(run, 70.0, 90.0, 0.0)]
-    assert Clock.of(pieces).start_s(pieces[1]) == pytest.approx(70.0, abs=0.1)
+    assert LogClock.of(pieces).start_s(pieces[1]) == pytest.approx(70.0, abs=0.1)
     since_1970 = again(run, 1.79e9)
-    assert Clock.of([since_1970]).start_s(since_1970) == 0.0
+    assert LogClock.of([since_1970]).start_s(since_1970) == 0.0
     halves = [run, part(again(run, zero_s=500), 50.0, 99.0, 0.0)]
-    assert Clock.of(halves).start_s(halves[1]) == pytest.approx(550.0, abs=0.1)
+    assert LogClock.of(halves).start_s(halves[1]) == pytest.approx(550.0, abs=0.1)
     other = again(run)
-    assert Clock.of([run, other]).start_s(other) == pytest.approx(run.duration_s)
+    assert LogClock.of([run, other]).start_s(other) == pytest.approx(run.duration_s)
 
 
 @pytest.mark.parametrize("moved_s", [0.0, 1.79e9])
@@ -152,13 +152,13 @@ def test_nought_is_the_first_row_of_the_log_although_its_beginning_is_not_fitted
     """Onsets and directions that turn are told from there."""
     run, vessel = again(good(), moved_s), boat("aritra")
     late = part(run, moved_s + 40.0, moved_s + 99.0)
-    physics = Physics([late], vessel, 1.0)
+    physics = EffectPhysics([late], vessel, 1.0)
     assert physics.clock_s.min() == pytest.approx(40.0, abs=0.2)
     onsets = [e.origin["onset_s"] for e in catalogue(vessel, [late]) if e.name == "thruster_fouling:rear_port"]
     assert onsets and min(onsets) > 40.0
     first, second = again(run), again(run)
     both = [part(first, moved_s + 70.0, moved_s + 90.0, 0.0), part(second, moved_s + 20.0, moved_s + 60.0, 0.0)]
-    starts = [Clock.of(both).start_s(piece) for piece in both]
+    starts = [LogClock.of(both).start_s(piece) for piece in both]
     assert starts == pytest.approx([70.0, run.duration_s + 20.0], abs=0.1), (
         "what is not fitted takes its time all the same"
     )
@@ -186,43 +186,43 @@ def test_nought_is_the_first_log_although_nothing_of_it_is_fitted(monkeypatch):
 
 def test_logs_that_are_held_out_follow_where_no_stamps_place_them():
     logs, out = [good(), other_good()], [again(good()), again(good())]
-    starts = [Clock.of(logs, out).start_s(run) for run in out]
+    starts = [LogClock.of(logs, out).start_s(run) for run in out]
     assert starts == pytest.approx([s + sum(run.duration_s for run in logs) for s in (0.0, good().duration_s)])
     early = again(good(), zero_s=-500)
-    assert Clock.of([again(good(), zero_s=100)], [early]).start_s(early) == pytest.approx(-600.0)
+    assert LogClock.of([again(good(), zero_s=100)], [early]).start_s(early) == pytest.approx(-600.0)
 
 
 def test_stamps_that_overlap_tell_nothing():
     """Logs of 100 s since two boots, or by two clocks, follow one another; parts that a user cut keep their clock."""
     run = good()
     one, two = again(run, zero_s=30), again(run, zero_s=90)
-    assert Clock.of([one, two]).begins_s == pytest.approx((0.0, run.duration_s))
-    assert Clock.of([one], [two]).begins_s == pytest.approx((0.0, run.duration_s))
+    assert LogClock.of([one, two]).begins_s == pytest.approx((0.0, run.duration_s))
+    assert LogClock.of([one], [two]).begins_s == pytest.approx((0.0, run.duration_s))
     later = again(run, zero_s=230)
-    assert Clock.of([two, later], [one]).begins_s == pytest.approx((0.0, 140.0, 140.0 + run.duration_s))
+    assert LogClock.of([two, later], [one]).begins_s == pytest.approx((0.0, 140.0, 140.0 + run.duration_s))
     unix = Run(run.table, replace(run.meta, zero_ns=10**18, clock="another"))
-    assert Clock.of([one, unix]).begins_s == pytest.approx((0.0, run.duration_s))
+    assert LogClock.of([one, unix]).begins_s == pytest.approx((0.0, run.duration_s))
     halves = [
         Run(half.table, half.meta)
         for half in parts(again(run, 1.79e9), [(1.79e9, 1.79e9 + 50), (1.79e9 + 50, 1.79e9 + 99)])
     ]
-    assert Clock.of(halves).start_s(halves[1]) == pytest.approx(48.0, abs=0.1), (
+    assert LogClock.of(halves).start_s(halves[1]) == pytest.approx(48.0, abs=0.1), (
         "with the commands of two seconds before"
     )
 
 
 def test_held_out_readings_are_judged_on_the_clock_of_the_fitted_logs():
     vessel, run = boat("aritra"), good()
-    clock = Clock.of([run])
-    training = Physics([part(run, 0.0, 60.0)], vessel, 1.0, clock)
+    clock = LogClock.of([run])
+    training = EffectPhysics([part(run, 0.0, 60.0)], vessel, 1.0, clock)
     seen = []
 
     def kept(p, scene):
         seen.append(float(scene.clock_s.min()))
         return np.zeros((*scene.t_s.shape, 3))
 
-    mine = Effect("mine", "hull", "", "", (Parameter("p", "1", 1.0, 1.0, 1.0),), {"force": kept})
-    believed = Believed({"mine": np.ones(1)}, stated_noise(vessel))
+    mine = Effect("mine", "hull", "", "", (EffectParameter("p", "1", 1.0, 1.0, 1.0),), {"force": kept})
+    believed = ModelUnderTest({"mine": np.ones(1)}, stated_noise(vessel))
     score([part(run, 60.0, 99.0)], vessel, [mine], dict.fromkeys(MODELS, believed), training, 0)
     assert seen and min(seen) == pytest.approx(60.0, abs=0.2)
 
@@ -231,15 +231,15 @@ def test_a_clock_drifts_from_the_first_position_of_its_log_in_findings_and_files
     """Also in a part of a log whose time is counted from 1970, where t_s itself times the drift is weeks."""
     vessel, run = boat("aritra"), again(good(), 1.79e9)
     late, drift = part(run, 1.79e9 + 40.0, 1.79e9 + 99.0), 1e-5
-    physics = Physics([late], vessel, 1.0)
+    physics = EffectPhysics([late], vessel, 1.0)
     effect = next(e for e in catalogue(vessel, [late]) if e.name == "clock_drift")
-    fit = Fit(physics, [effect], stated_noise(vessel))
+    fit = PosteriorFit(physics, [effect], stated_noise(vessel))
     state, readings = physics.move([effect], {}, fit.z0, None), Readings(physics)
     plain, drifted = (readings.tag([effect], theta, state) for theta in ({}, {effect.id: np.array([drift])}))
     moved_m = np.linalg.norm(drifted - plain, axis=1)
     uwb = replace(vessel.sensors.uwb, clock_drift_s_s=drift)
     told = replace(vessel, sensors=replace(vessel.sensors, uwb=uwb))
-    moved_s = physics.windows.fixes.t_s - Physics([late], told, 1.0).windows.fixes.t_s
+    moved_s = physics.windows.fixes.t_s - EffectPhysics([late], told, 1.0).windows.fixes.t_s
     speed_m_s = np.linalg.norm(sight_of(readings, state).velocity_m_s, axis=1)
     assert moved_s.min() > 40.0 * 0.9 * drift
     assert moved_m == pytest.approx(speed_m_s * moved_s, abs=1e-6)
@@ -248,7 +248,9 @@ def test_a_clock_drifts_from_the_first_position_of_its_log_in_findings_and_files
 def sight_of(readings: Readings, state: State) -> Sight:
     """What hooks see of the tag."""
     seen = []
-    look = Effect("look", "sensors", "", "", (Parameter("p", "1", 1, 1, 1),), {"tag": lambda _p, s, _y: seen.append(s)})
+    look = Effect(
+        "look", "sensors", "", "", (EffectParameter("p", "1", 1, 1, 1),), {"tag": lambda _p, s, _y: seen.append(s)}
+    )
     readings.tag([look], {"look": np.ones(1)}, state)
     return seen[0]
 
@@ -256,7 +258,7 @@ def sight_of(readings: Readings, state: State) -> Sight:
 def test_unknown_pulses_stay_unknown_when_an_effect_changes_pulses():
     run, believed = good(), boat("aritra")
     late = Run(survive.blank_between(0.0, 6.0, *survive.PULSES)(run.table), run.meta)
-    fit = Fit(Physics([late], believed, 1.0), catalogue(believed, [late]), stated_noise(believed))
+    fit = PosteriorFit(EffectPhysics([late], believed, 1.0), catalogue(believed, [late]), stated_noise(believed))
     swap = next(e for e in fit.effects if e.name == "swapped_pair:front_port+front_starboard")
     both = fit.physics.thrusters.forces([swap], {swap.id: np.array([1.0])}).f, fit.physics.thrusters.forces([], {}).f
     assert np.isfinite(both[0]).all() and both[0][..., [1, 0, 2, 3]] == pytest.approx(both[1])
@@ -289,7 +291,7 @@ def test_an_onset_is_looked_for_everywhere_in_logs_that_lie_far_apart_and_not_be
     entries = [e for e in catalogue(boat("aritra"), runs) if e.name == "thruster_fouling:rear_port"]
     starts = np.array([start.origin["onset_s"] for e in entries for start in e.starts()])
     for log in runs:
-        begin_s = Clock.of(runs).start_s(log)
+        begin_s = LogClock.of(runs).start_s(log)
         t = np.linspace(begin_s, begin_s + log.duration_s, 50)
         assert np.abs(t[:, None] - starts).min(axis=1).max() < 5.0
         starts = starts[(starts < begin_s - 0.1) | (starts > begin_s + log.duration_s + 0.1)]

@@ -14,10 +14,10 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import VesselFile, Wash
 from sim.fitting.diagnose.catalogue import catalogue
 from sim.fitting.diagnose.posterior.converged_rollout import settled
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.state import State
 from sim.fitting.diagnose.vessel_edits.extend import extended
 from sim.fitting.diagnose.vessel_edits.mended_vessel import cause_of
@@ -49,9 +49,9 @@ FLOWING = {"V_c_m_s": 0.15, "beta_c_deg": 40.0}
 RUN = teleop_run(WEAKENED, 3, 30.0)
 
 
-def engine(vessel: VesselFile) -> Fit:
+def engine(vessel: VesselFile) -> PosteriorFit:
     """Believing in `vessel`, on the log."""
-    return Fit(Physics([RUN], vessel, 1.0), catalogue(vessel, [RUN]), stated_noise(vessel))
+    return PosteriorFit(EffectPhysics([RUN], vessel, 1.0), catalogue(vessel, [RUN]), stated_noise(vessel))
 
 
 def truth(run, t_s: np.ndarray) -> np.ndarray:
@@ -63,7 +63,7 @@ def truth(run, t_s: np.ndarray) -> np.ndarray:
 
 def missed(run, vessel: VesselFile) -> np.ndarray:
     """By how much the engine that believes in `vessel` misses u, v, r after a second from true states, rms (3,)."""
-    physics = Physics([run], vessel, 1.0)
+    physics = EffectPhysics([run], vessel, 1.0)
     z = np.zeros((physics.windows.size[0], L))
     z[:, STATE] = truth(run, physics.windows.t_s[:, 0])
     reached = physics.move((), {}, z, None).x[:, -1]
@@ -74,7 +74,7 @@ def test_thrust_that_moving_water_takes_off_is_taken_off_as_the_plant_does():
     assert (missed(RUN, WEAKENED) < 0.1 * missed(RUN, PLAIN)).all()
 
 
-def along_itself(fit: Fit, theta: Theta) -> State:
+def along_itself(fit: PosteriorFit, theta: Theta) -> State:
     """The motion once what goes by it is along itself."""
     state = None
     for _ in range(4):
@@ -84,7 +84,7 @@ def along_itself(fit: Fit, theta: Theta) -> State:
 
 
 @cache
-def weakened_in_a_current() -> Fit:
+def weakened_in_a_current() -> PosteriorFit:
     return engine(replace(WEAKENED, terms=PLAIN.terms | {"current": FLOWING}))
 
 
@@ -108,7 +108,7 @@ def test_columns_know_what_the_file_takes_off(name):
 def test_an_open_loop_settles_where_the_file_weakens_thrust(theta):
     """Forces are those along the motion itself."""
     fit, theta = weakened_in_a_current(), {name: np.array(values) for name, values in theta.items()}
-    physics = Physics([RUN], fit.physics.vessel, 12.0)
+    physics = EffectPhysics([RUN], fit.physics.vessel, 12.0)
     state = settled(physics, fit.effects, theta, first_nodes(physics.windows, physics.parameters))
     more, _ = physics.extra(fit.effects, theta, physics.scene(state), state.forces.f)
     np.testing.assert_allclose(state.tau, physics.drive(state.forces.f) + more, atol=0.05)

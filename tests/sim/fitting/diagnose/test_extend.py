@@ -13,13 +13,13 @@ from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.sensor_errors import imu_applied, imu_corrected
 from companion.core.model.thrust_losses import weakened
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter, Scene
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene
 from sim.fitting.diagnose.posterior.converged_rollout import settled
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection.select import Selector
-from sim.fitting.diagnose.vessel_edits.edits import Cause
+from sim.fitting.diagnose.vessel_edits.edits import NamedCause
 from sim.fitting.diagnose.vessel_edits.extend import NoPlaceError, extended, numbers_beside, refitted, with_causes
 from sim.fitting.diagnose.vessel_edits.public_form import Place, point
 from sim.fitting.engine.noise import STATE, L
@@ -37,10 +37,10 @@ WEATHER = ("V_c_m_s", "beta_c_deg", "V_w_m_s", "beta_w_deg")
 long = pytest.mark.long
 
 
-def cause(id: str, *values: float) -> Cause:
+def cause(id: str, *values: float) -> NamedCause:
     effect = EFFECTS[id]
     own = {p.name: v + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
-    return Cause(
+    return NamedCause(
         effect, own, point(effect, np.array(values), PLACE), "test", np.full((9, 4), 18.0)
     )  # about what the pilot asks for
 
@@ -53,7 +53,9 @@ def seen(vessel, effect: Effect) -> np.ndarray:
     run = teleop_run(vessel, 5, 60.0, weather=Weather(**air_and_water))  # the plant has both from the weather
     entries = catalogue(VESSEL, [run])
     mine = next(e for e in entries if e.id == effect.id)
-    fit = Fit(Physics([run], VESSEL, 1.0), [*(e for e in entries if e.family == "base"), mine], stated_noise(VESSEL))
+    fit = PosteriorFit(
+        EffectPhysics([run], VESSEL, 1.0), [*(e for e in entries if e.family == "base"), mine], stated_noise(VESSEL)
+    )
     selector = Selector(fit)
     base = selector.base()
     start = {mine.id: base.point.theta.get(mine.id, np.zeros(len(mine.parameters)))}
@@ -97,7 +99,7 @@ def test_wash_blows_where_the_thruster_ahead_pushes_its_water_whichever_way_it_i
     vessel = replace(VESSEL, thrusters=turned)
     effect = next(e for e in catalogue(vessel, [RUN]) if e.id == "wash")
     told = point(effect, np.array([0.3]), PLACE)
-    washed = extended(vessel, Cause(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
+    washed = extended(vessel, NamedCause(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
     for f in ([20.0, 0, 20, 0], [-20.0, 0, 20, 0], [0, 20.0, 0, 20], [0, -20.0, 0, 20]):
         expected = np.array(weakened(washed, np.zeros(3), np.array(f, dtype=float))).ravel()
         found = effect.hooks["thrust"]({"loss": 0.3}, None, np.array([[f]], dtype=float))[0, 0]
@@ -108,7 +110,7 @@ def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():
     """From true states 20 s on, 4 N/m: without it the boat ends metres away."""
     one = cause("tether@+0.0", 4.0, 0.0, 0.0, 0.0)
     run = teleop_run(extended(VESSEL, one), 5, 60.0)
-    physics = Physics([run], VESSEL, 20.0)
+    physics = EffectPhysics([run], VESSEL, 20.0)
     physics.centre_m = PLACE.centre_m
     states = true_nodes(physics.windows, run)
     z = np.zeros((len(states), L))
@@ -164,8 +166,14 @@ def test_all_at_once_load_and_a_pair_that_changed_places_comes_last():
 
 def test_what_a_file_cannot_say_is_left_out_and_said():
     turning = next(i for i in EFFECTS if i.startswith("turning_current"))
-    mine = Effect("bent_skeg", "hull", "", "", (Parameter("k", "1", 1.0, 1.0, 0.3),), {"force": lambda p, scene: 0.0})
-    causes = [cause(turning, 0.1, 0.0, 0.0), Cause(mine, {"k": 1.0}, {"k": 1.0}, "test"), cause("munk_moment", 400.0)]
+    mine = Effect(
+        "bent_skeg", "hull", "", "", (EffectParameter("k", "1", 1.0, 1.0, 0.3),), {"force": lambda p, scene: 0.0}
+    )
+    causes = [
+        cause(turning, 0.1, 0.0, 0.0),
+        NamedCause(mine, {"k": 1.0}, {"k": 1.0}, "test"),
+        cause("munk_moment", 400.0),
+    ]
     vessel, left = with_causes(VESSEL, causes)
     assert vessel == VESSEL and set(left) == {"turning_current", "bent_skeg", "munk_moment"}
     assert "feeds energy" in left["munk_moment"]

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from companion.core.configuration.tables import ConfigError
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.catalogue.user import user_effects
 from sim.fitting.diagnose.report import verdict
 from sim.fitting.diagnose.report.findings import Adequacy, verdict_of
 from sim.fitting.diagnose.selection.adequacy import Judgement
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
-from sim.fitting.diagnose.selection.search import Cause, Found
+from sim.fitting.diagnose.selection.search import Cause, SearchResult
 from tests.support.vessel_fixtures import boat
 
 GOOD, BAD = Adequacy(passed=True), Adequacy(passed=False, depends_on=("heading",))
@@ -52,7 +52,7 @@ def cause(name: str, fitted: str, contains: str = "") -> Cause:
 
 
 def entry(name: str, contains: str = "") -> Effect:
-    return Effect(name, "hull", "", "", (Parameter("a", "1", 1.0, 1.0, 0.3),), {}, contains=contains)
+    return Effect(name, "hull", "", "", (EffectParameter("a", "1", 1.0, 1.0, 0.3),), {}, contains=contains)
 
 
 def test_rivals_have_the_names_of_findings_and_are_not_there_already():
@@ -65,7 +65,7 @@ def test_rivals_have_the_names_of_findings_and_are_not_there_already():
     }
     selection: Any = SimpleNamespace(rivals=rivals)
     causes = (cause("gusty_wind", "wind"), cause("tether", "tether@-0.6"), cause("current", "current"))
-    found = Found(selection, causes).rivals(fit)
+    found = SearchResult(selection, causes).rivals(fit)
     assert found == {
         "gusty_wind": [("tether", 2.0), ("lag", 4.0)],
         "tether": [("gusty_wind", 1.0)],
@@ -77,7 +77,7 @@ def test_rivals_have_the_names_of_findings_and_are_not_there_already():
     }
     turned = (cause("lag", "lag"), cause("turning_current", "turning_current@0.1", "current"))
     late: Any = SimpleNamespace(rivals={"lag": [("current", 0.5), ("wash", 1.0)]})
-    assert Found(late, turned).rivals(fit) == {"lag": [("wash", 1.0)]}
+    assert SearchResult(late, turned).rivals(fit) == {"lag": [("wash", 1.0)]}
 
 
 def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_without_their_echoes(monkeypatch):
@@ -92,12 +92,12 @@ def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_w
 
     def without(found, _fit, _gone):
         names = next(stay)
-        return Found(found.selection, tuple(c for c in found.causes if c.effect.name in names))
+        return SearchResult(found.selection, tuple(c for c in found.causes if c.effect.name in names))
 
-    monkeypatch.setattr(Found, "without", without)
+    monkeypatch.setattr(SearchResult, "without", without)
     none: Any = None
     causes = (cause("gusty_wind", "wind"), *(cause(name, name) for name in ("wash", "lag", "tether")))
-    sound, found, withdrawn = verdict.standing(none, Found(none, causes), None, adequate, False)
+    sound, found, withdrawn = verdict.standing(none, SearchResult(none, causes), None, adequate, False)
     assert [c.effect.name for c in found.causes] == ["lag"] and not sound.adequacy.passed
     assert withdrawn == {"gusty_wind": verdict.UNNEEDED, "wash": verdict.FALLEN, "tether": verdict.UNNEEDED}
     assert asked == [Echoes.of(["gusty_wind"]), SILENCE], (

@@ -24,16 +24,16 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, load_excitation
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import TOLERANCE, Effect, Parameter, slices
+from sim.fitting.diagnose.catalogue.effect import TOLERANCE, Effect, EffectParameter, slices
 from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.report.confusion_picture import confusion
 from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
 from sim.fitting.diagnose.selection.distinguishability import ToldApart, sentence, told_apart
 from sim.fitting.diagnose.selection.identifiability import MEDIUM, Apart, apart
-from sim.fitting.diagnose.selection.manoeuvre import NOTHING, Plan, Planner, _at_rates
+from sim.fitting.diagnose.selection.manoeuvre import NOTHING, ManoeuvrePlan, ManoeuvrePlanner, _at_rates
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.excite.information import true_nodes
 from sim.fitting.excite.nominal import fly_nominal
@@ -54,14 +54,14 @@ PORT, STARBOARD = "thruster_gain:front_port", "thruster_gain:front_starboard"
 
 
 def effect(id: str, *smallest: float, vector: bool = False, far: bool = False, same_as: tuple[str, ...] = ()) -> Effect:
-    numbers = tuple(Parameter(f"p{i}", "1", 10 * abs(s), s, 0.3 * s) for i, s in enumerate(smallest))
+    numbers = tuple(EffectParameter(f"p{i}", "1", 10 * abs(s), s, 0.3 * s) for i, s in enumerate(smallest))
     return Effect(id, "hull", "", "", numbers, {}, vector=vector, far=far, same_as=same_as)
 
 
 def catalogued(*effects: Effect) -> Any:
     """As much of a Fit as is asked for."""
     fit: Any = SimpleNamespace(effects=effects)
-    fit.prior = lambda chosen, believed: Fit.prior(fit, chosen, believed)
+    fit.prior = lambda chosen, believed: PosteriorFit.prior(fit, chosen, believed)
     return fit
 
 
@@ -75,11 +75,11 @@ def flown(excitation: Excitation, vessel: VesselFile = VESSEL) -> Run:
 
 
 @cache
-def judged(names: tuple[str, ...], times: int = 1) -> tuple[Fit, np.ndarray]:
+def judged(names: tuple[str, ...], times: int = 1) -> tuple[PosteriorFit, np.ndarray]:
     """A log and its Hessian: no variants of place and time, they only take time."""
     run = flown(plan_of(names, times))
     effects = [e for e in catalogue(VESSEL, [run]) if e.everyday]
-    fit = Fit(Physics([run], VESSEL, 1.0), effects, NOISE)
+    fit = PosteriorFit(EffectPhysics([run], VESSEL, 1.0), effects, NOISE)
     z = np.zeros((fit.physics.windows.size[0], L))
     z[:, STATE] = true_nodes(fit.physics.windows, run)
     return fit, fit.reduced(fit.point({}, z, effects), effects).H
@@ -144,7 +144,7 @@ def test_what_could_have_been_named_is_not_said_to_be_hidden():
 
 def test_a_manoeuvre_shows_a_cause_from_where_it_would_be_named():
     ten = ((ARM, NOTHING, 3.0, 10.0), (PORT, STARBOARD, 3.0, 10.0))
-    text = sentence(Plan(LIBRARY, 60.0, ten, (("wash", NOTHING, 0.0, 8.9),)))
+    text = sentence(ManoeuvrePlan(LIBRARY, 60.0, ten, (("wash", NOTHING, 0.0, 8.9),)))
     assert text.startswith(f"These logs cannot show {ARM} of medium size (3 nats); 60 s of ")
     assert f"would show wash of medium size nor tell {PORT} from {STARBOARD} (at most 10 nats)" in text
 
@@ -185,10 +185,10 @@ def test_straight_lines_confuse_and_hide_what_all_axes_tell():
 
 
 @cache
-def planned() -> tuple[Planner, Plan, Apart]:
+def planned() -> tuple[ManoeuvrePlanner, ManoeuvrePlan, Apart]:
     fit, H = judged(STRAIGHT)
     found = apart(fit, H)
-    planner = Planner(fit, H, frozenset(), NOISE, SITE)
+    planner = ManoeuvrePlanner(fit, H, frozenset(), NOISE, SITE)
     mine = [p for p in found.confused if {p[0], p[1]} == {PORT, STARBOARD}]
     lost = [(n, NOTHING, float(found.nothing[found.names.index(n)])) for n in (ARM, "accel_bias")]
     return planner, planner.plan(plan_of(FEW), [*mine, *lost]), found
@@ -218,7 +218,7 @@ def test_the_manoeuvre_is_planned_at_the_rates_of_samples_not_of_steps_of_integr
         table = table.with_columns(
             pl.when(pl.col(c).is_not_null() & (turn != turn.shift(1))).then(pl.col(c)).alias(c) for c in columns
         )
-    fit: Any = SimpleNamespace(physics=Physics([Run(table, run.meta)], VESSEL, 1.0))
+    fit: Any = SimpleNamespace(physics=EffectPhysics([Run(table, run.meta)], VESSEL, 1.0))
     sensors = _at_rates(fit).sensors
     assert sensors.imu.rate_Hz == pytest.approx(4.0, rel=0.05)
     assert sensors.uwb.rate_Hz == pytest.approx(5.0, rel=0.05)
@@ -263,7 +263,7 @@ def test_flown_by_a_boat_that_has_the_cause_the_manoeuvre_shows_it():
     nats = []
     for runs in (logs[:1], logs):
         effects = [e for e in catalogue(VESSEL, runs) if e.everyday]
-        fit, at = Fit(Physics(runs, VESSEL, 1.0), effects, NOISE), slices(effects)[ARM]
+        fit, at = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), effects, NOISE), slices(effects)[ARM]
         point = fit.solve({}, fit.z0, effects, frozenset(), steps=3)
         posterior = fit.reduced(point, effects).posterior(fit.prior(effects, frozenset()))
         nats.append(posterior.instead(at, Prior.round_nil(np.full(2, 0.15)))[0] - posterior.absent(at))

@@ -20,14 +20,14 @@ from scipy.stats import multivariate_normal
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import parts
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import ABSENT, TOLERANCE, Effect, Parameter, Scene, slices
+from sim.fitting.diagnose.catalogue.effect import ABSENT, TOLERANCE, Effect, EffectParameter, Scene, slices
 from sim.fitting.diagnose.posterior.converged_rollout import settled
 from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
-from sim.fitting.diagnose.posterior.fit import Fit
+from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.physics import Physics
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection.candidate_score import Candidate
-from sim.fitting.diagnose.selection.model import Model
+from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import search
 from sim.fitting.diagnose.selection.select import Selection, Selector, makes_room
 from sim.fitting.engine.initial_guess import first_nodes
@@ -46,8 +46,8 @@ def short(seed: int = 21, seconds: float = 40.0):
 
 
 @cache
-def bench() -> tuple[Fit, dict[str, Effect]]:
-    fit = Fit(Physics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
+def bench() -> tuple[PosteriorFit, dict[str, Effect]]:
+    fit = PosteriorFit(EffectPhysics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
     return fit, {e.id: e for e in fit.effects}
 
 
@@ -88,7 +88,7 @@ def test_columns_are_the_derivatives_of_the_motion(name, beside):
 def test_a_shallow_zone_that_is_everywhere_is_a_fouled_hull_also_in_an_open_loop():
     """Oracle: the model integrated with twice its damping. Three passes would be metres off."""
     fit, _ = bench()
-    physics = Physics([short()], VESSEL, 15.0)
+    physics = EffectPhysics([short()], VESSEL, 15.0)
     z = first_nodes(physics.windows, physics.parameters)
     everywhere = {"shallow_zone@4": np.array([1.0, 0.0, 0.0, 1e3])}
     expected = physics.move(fit.effects, {"hull_fouling": np.array([1.0])}, z, None).x
@@ -107,7 +107,7 @@ def test_a_shallow_zone_that_is_everywhere_is_a_fouled_hull_also_in_an_open_loop
 )
 def test_an_open_loop_goes_on_until_forces_are_those_along_its_own_motion(theta):
     fit, _ = bench()
-    physics = Physics([short()], VESSEL, 15.0)
+    physics = EffectPhysics([short()], VESSEL, 15.0)
     theta = {name: np.array(values) for name, values in theta.items()}
     state = settled(physics, fit.effects, theta, first_nodes(physics.windows, physics.parameters))
     scene = physics.scene(state)
@@ -210,7 +210,7 @@ def test_tolerance_is_half_a_size_and_nothing_for_places():
 
 def test_a_special_case_makes_room_only_for_what_explains_more():
     def model(evidence, *believed):
-        return Model(frozenset(believed), None, None, (), None, evidence)
+        return CandidateModel(frozenset(believed), None, None, (), None, evidence)
 
     steady = model(0.0, "current")
     assert not makes_room(steady, model(11.0, "turning_current@1"))
@@ -218,7 +218,7 @@ def test_a_special_case_makes_room_only_for_what_explains_more():
     assert makes_room(steady, model(1.0, "current", "lag")), "judged by its own nats"
 
 
-def searching(before: Model, gains: dict[str, float], refused: tuple[str, ...] = ()) -> Selector:
+def searching(before: CandidateModel, gains: dict[str, float], refused: tuple[str, ...] = ()) -> Selector:
     """A search whose refits end with the evidence `gains` (by id), of which all but `refused` are acceptable."""
     selector = Selector(bench()[0])
     selector.refit = lambda _start, believed, values: replace(
@@ -233,8 +233,8 @@ def hopeful(id_: str, lower: float = 8.0, size: float = 9.0) -> Candidate:
     return Candidate(id_, 500.0, 500.0, np.ones(len(bench()[0].effects)), np.eye(1), size, lower)
 
 
-def before(*believed: str) -> Model:
-    return Model(frozenset(believed), SimpleNamespace(cost=100.0), None, (), None, 0.0)
+def before(*believed: str) -> CandidateModel:
+    return CandidateModel(frozenset(believed), SimpleNamespace(cost=100.0), None, (), None, 0.0)
 
 
 def turning() -> str:
@@ -308,7 +308,7 @@ def test_rivals_are_judged_beside_what_was_found_later():
 def test_a_rival_without_which_the_boat_is_thrown_out_of_bounds_is_none():
     selector = weighing({})
 
-    def thrown(_start: Model, _believed: frozenset[str], _values: dict[str, np.ndarray]) -> Model:
+    def thrown(_start: CandidateModel, _believed: frozenset[str], _values: dict[str, np.ndarray]) -> CandidateModel:
         raise np.linalg.LinAlgError
 
     selector.refit = thrown
@@ -328,7 +328,7 @@ def test_pieces_of_a_log_tell_no_more_of_a_bias_than_the_log():
     """What one log's accelerometers may have is no cause: its standard error is nearly that of a bias as drawn."""
     sigma, errors = VESSEL.sensors.imu.accel_bias_sigma_m_s2, []
     for runs in ([short()], parts(short(), [(10.0 * k, 10.0 * k + 8.0) for k in range(4)])):
-        fit = Fit(Physics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL, runs))
+        fit = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL, runs))
         selector = Selector(fit)
         (bias,) = selector.of(selector.base(), ["accel_bias"]).causes
         errors.append(np.sqrt(np.diag(bias.covariance)))
@@ -358,7 +358,7 @@ def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():
 
 def test_causes_of_chance_that_are_there_for_sure_are_reported_however_small():
     """Of a calm log (seed 21), which shows none of them; a gusty wind stands for the wind."""
-    fit = Fit(Physics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
+    fit = PosteriorFit(EffectPhysics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
     found = search(fit, believed=("waves", "gusty_wind", "nlos"))
     assert {c.effect.name for c in found.causes} == {"waves", "gusty_wind", "nlos"}
     for cause in found.causes:
@@ -369,25 +369,25 @@ def test_causes_of_chance_that_are_there_for_sure_are_reported_however_small():
 def test_causes_that_no_sensor_shows_are_refused():
     none = pl.lit(None, dtype=pl.Float64)
     deaf = Run(short().table.with_columns(ax_m_s2=none, ay_m_s2=none), short().meta)
-    fit = Fit(Physics([deaf], VESSEL, 1.0), catalogue(VESSEL, [deaf]), stated_noise(VESSEL))
+    fit = PosteriorFit(EffectPhysics([deaf], VESSEL, 1.0), catalogue(VESSEL, [deaf]), stated_noise(VESSEL))
     with pytest.raises(ValueError, match="believe 'waves': accelerations alone show it, and these logs have none"):
         search(fit, believed=("lag", "waves"))
 
 
 def test_an_unknown_hook_is_refused():
     with pytest.raises(ValueError, match="unknown hook 'drag'"):
-        Effect("x", "hull", "", "", (Parameter("p", "1", 1, 1, 1),), {"drag": lambda p: p})
+        Effect("x", "hull", "", "", (EffectParameter("p", "1", 1, 1, 1),), {"drag": lambda p: p})
 
 
 def test_two_entries_of_one_name_are_refused():
-    mine = Effect("lag", "hull", "", "", (Parameter("p", "1", 1, 1, 1),), {"force": lambda p, scene: 0.0})
+    mine = Effect("lag", "hull", "", "", (EffectParameter("p", "1", 1, 1, 1),), {"force": lambda p, scene: 0.0})
     with pytest.raises(ValueError, match="'lag' is in the catalogue twice"):
         catalogue(VESSEL, [short()], [mine])
 
 
 def found_in(true, seconds: float = 120.0, weather: Weather | None = None) -> dict[str, np.ndarray]:
     runs = [teleop_run(true, seed, seconds, uwb_hz=5.0, sigma_m=0.07, weather=weather) for seed in (31, 32)]
-    fit = Fit(Physics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL))
+    fit = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL))
     return {c.id: c.values for c in Selector(fit).run().causes}
 
 
@@ -424,10 +424,10 @@ def test_a_users_own_entry_acts_as_it_says():
         return out
 
     mine = Effect(
-        "keel", "hull", "Y += k u", "crabs", (Parameter("k_N_s_m", "N s/m", 20.0, 2.0, 0.6),), {"force": keel}
+        "keel", "hull", "Y += k u", "crabs", (EffectParameter("k_N_s_m", "N s/m", 20.0, 2.0, 0.6),), {"force": keel}
     )
     runs = [short()]
-    own = Fit(Physics(runs, VESSEL, 1.0), catalogue(VESSEL, runs, [mine]), stated_noise(VESSEL))
+    own = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), catalogue(VESSEL, runs, [mine]), stated_noise(VESSEL))
     theta = {"keel": np.array([8.0])}
     state = own.physics.move(own.effects, theta, own.z0, None)
     plain = own.physics.move(own.effects, {}, own.z0, None)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from companion.core.model.loads import RHO_AIR
 from sim.fitting.diagnose.catalogue import catalogue, chance
-from sim.fitting.diagnose.catalogue.effect import Effect, Parameter
-from sim.fitting.diagnose.vessel_edits.public_form import Place, Told, family, point, public, sentence, smallest
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
+from sim.fitting.diagnose.vessel_edits.public_form import Place, PublicForm, family, point, public, sentence, smallest
 from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.hidden.names import FAMILIES
@@ -125,16 +125,16 @@ def test_a_slow_rate_limit_has_an_uneven_interval():
 
 
 def test_a_parameter_that_is_not_there_is_said():
-    wrong = Effect("lag", "propulsion", "", "", (Parameter("delay_s", "s", 0.1, 0.03, 0.01),), {})
+    wrong = Effect("lag", "propulsion", "", "", (EffectParameter("delay_s", "s", 0.1, 0.03, 0.01),), {})
     with pytest.raises(ValueError, match=r"effect lag: has \['delay_s'\], its public entry expects \['lag_s'\]"):
         public(wrong, [0.1], np.eye(1), PLACE)
-    wrong = Effect("hard_iron", "sensors", "", "", (Parameter("cos_rad", "rad", 0.1, 0.03, 0.01),), {})
+    wrong = Effect("hard_iron", "sensors", "", "", (EffectParameter("cos_rad", "rad", 0.1, 0.03, 0.01),), {})
     with pytest.raises(ValueError, match="effect hard_iron: its public form asks for 'cos_deg', it has cos_rad"):
         public(wrong, [0.1], np.eye(1), PLACE)
 
 
 def test_a_users_effect_keeps_its_names():
-    mine = Effect("bent_skeg", "hull", "", "", (Parameter("k_kg_m", "kg/m", 5.0, 1.0, 0.3),), {})
+    mine = Effect("bent_skeg", "hull", "", "", (EffectParameter("k_kg_m", "kg/m", 5.0, 1.0, 0.3),), {})
     told = public(mine, [3.0], np.array([[0.25]]), PLACE)
     assert sentence("bent_skeg", told) == "bent_skeg: k_kg_m 3 kg/m (95 %: 2.02 to 3.98)."
     assert smallest(mine) == (1.0, "kg/m")
@@ -152,12 +152,12 @@ def test_a_users_effect_keeps_its_names():
     ],
 )
 def test_numbers_in_words(value, ci95, spec, text):
-    assert format(Told(value, 0.1, ci95, "kg"), spec) == text
+    assert format(PublicForm(value, 0.1, ci95, "kg"), spec) == text
 
 
 def test_a_dead_and_a_reversed_thruster_in_words():
     for gain, words in ((0.01, "gives no thrust"), (-0.9, "pushes the wrong way round")):
-        told = {"gain": Told(gain, 0.01, (gain - 0.02, gain + 0.02), "1")}
+        told = {"gain": PublicForm(gain, 0.01, (gain - 0.02, gain + 0.02), "1")}
         assert words in sentence("thruster_gain:rear_port", told)
 
 
@@ -177,11 +177,11 @@ SIGNED = {*DIRECTIONS, "north_m", "east_m", "anchor_north_m", "anchor_east_m", "
 def test_a_word_tells_the_sign_of_every_number(name, parameter, size, share):
     """And nothing but the word: a number and its mirror image have the same digits, none of them with a minus."""
     units, nil = PUBLIC[name].units, 1.0 if parameter == "gain" else 0.0
-    others = {k: Told(1.2, 0.1, (1.1, 1.3), unit) for k, unit in units.items()}
+    others = {k: PublicForm(1.2, 0.1, (1.1, 1.3), unit) for k, unit in units.items()}
     said = []
     for sign in (1.0, -1.0):
         ends = sorted(sign * size * (1 + d * share) for d in (-1, 1))
-        number = Told(nil + sign * size, size * share, (nil + ends[0], nil + ends[1]), units[parameter])
+        number = PublicForm(nil + sign * size, size * share, (nil + ends[0], nil + ends[1]), units[parameter])
         said.append(sentence(name, others | {parameter: number}))
     digits = [sorted(float(number) for number in re.findall(r"[\d.e+-]*\d", text)) for text in said]
     assert said[0] != said[1] and digits[0] == pytest.approx(digits[1], rel=0.02), "but for rounding"

@@ -9,9 +9,9 @@ from scipy.stats import multivariate_normal
 from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.stochastic_effects import gusts, nlos, waves
 from sim.fitting.diagnose.stochastic_effects.ambient import calm, rough
-from sim.fitting.diagnose.stochastic_effects.left_over import LeftOver, left_over
+from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration, left_over
 from sim.fitting.diagnose.stochastic_effects.process import log_likelihood
-from sim.fitting.diagnose.vessel_edits.edits import Cause
+from sim.fitting.diagnose.vessel_edits.edits import NamedCause
 from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.engine.noise import LATENT
 from sim.fitting.engine.windows import SURGE
@@ -39,34 +39,36 @@ def band(rng: np.random.Generator, count: int, period_s: float, width: float, st
     return slow[0] * np.cos(phase) + slow[1] * np.sin(phase)
 
 
-def world(seed: int, step_s: float, minutes: float = 6.0) -> tuple[np.random.Generator, LeftOver, np.ndarray]:
+def world(
+    seed: int, step_s: float, minutes: float = 6.0
+) -> tuple[np.random.Generator, ResidualAcceleration, np.ndarray]:
     """A boat that turns this way and that, and what is left over of ambient force [N, N, N m] and noise alone."""
     rng = np.random.default_rng(seed)
     count = int(minutes * 60 / step_s)
     x = np.zeros((count, 6, 1))
     x[:, 2, 0] = np.cumsum(0.3 * markov(rng, count, 15.0, step_s)) * step_s
     force = np.stack([size * markov(rng, count, 3.0, step_s) for size in (0.12, 0.12, 0.04)], axis=1)
-    return rng, LeftOver(np.zeros((count, 3, 1)), x, step_s, M_INV, TO_IMU, 0.5), force
+    return rng, ResidualAcceleration(np.zeros((count, 3, 1)), x, step_s, M_INV, TO_IMU, 0.5), force
 
 
-def measured(rng: np.random.Generator, data: LeftOver, force: np.ndarray) -> LeftOver:
+def measured(rng: np.random.Generator, data: ResidualAcceleration, force: np.ndarray) -> ResidualAcceleration:
     """The same with what `force` (T, 3) leaves over, and white noise."""
     y = data.pattern(force[:, :, None])[..., 0]
     rho, keep = 0.0, np.exp(-data.yaw_rate_1_s * data.step_s)
     for k in range(len(y)):
         y[k, 2], rho = rho, keep * rho + data.step_s * y[k, 2]
     y += rng.normal(size=y.shape) * np.array([0.012, 0.012, 0.001])
-    return LeftOver(y[:, :, None], data.x, data.step_s, M_INV, TO_IMU, data.yaw_rate_1_s)
+    return ResidualAcceleration(y[:, :, None], data.x, data.step_s, M_INV, TO_IMU, data.yaw_rate_1_s)
 
 
-def blocks(data: LeftOver, steps: int) -> LeftOver:
+def blocks(data: ResidualAcceleration, steps: int) -> ResidualAcceleration:
     """Cut up."""
     count = len(data.y) // steps
 
     def cut(a: np.ndarray) -> np.ndarray:
         return a[: count * steps, :, 0].reshape(count, steps, -1).transpose(1, 2, 0)
 
-    return LeftOver(cut(data.y), cut(data.x), data.step_s, M_INV, TO_IMU, data.yaw_rate_1_s)
+    return ResidualAcceleration(cut(data.y), cut(data.x), data.step_s, M_INV, TO_IMU, data.yaw_rate_1_s)
 
 
 def test_likelihood_is_that_of_the_dense_covariance():
@@ -76,7 +78,7 @@ def test_likelihood_is_that_of_the_dense_covariance():
     y = rng.normal(size=(T, 3))
     y[:, 2], y[4, 0] = np.nan, np.nan  # yaw is not looked at, and one sample is missing
     nuisance = np.log([0.4, 0.7, 0.3, 0.2, 0.5, 0.1, 2.0])
-    data = LeftOver(y[:, :, None], np.zeros((T, 6, 1)), dt, np.eye(3), TO_IMU, 0.5)
+    data = ResidualAcceleration(y[:, :, None], np.zeros((T, 6, 1)), dt, np.eye(3), TO_IMU, 0.5)
     found = log_likelihood(data, nuisance[None], p[:, :, None, None], np.array([0.2]), np.array([1.7]))[0]
     lag = dt * np.abs(np.arange(T)[:, None] - np.arange(T))
     wave, slow = np.exp(-0.2 * lag) * np.cos(1.7 * lag), np.exp(-lag / 2.0)
@@ -96,7 +98,7 @@ def test_what_is_left_over_does_not_ask_who_holds_it():
     white, force = (0.1, 0.1, 0.02, 0.03), rng.normal(size=(W, K, 2))
     latent = rng.normal(size=(W, 3)) * [1.0, 1.0, 0.0]
 
-    def of(d: np.ndarray, *blind: int) -> LeftOver:
+    def of(d: np.ndarray, *blind: int) -> ResidualAcceleration:
         residuals = np.zeros((W, K, 4))
         residuals[..., 2:] = -(force - d[:, None, :2]) / white[2:]
         residuals[..., blind] = np.nan
@@ -171,7 +173,7 @@ def test_an_engine_that_oscillates_is_no_wave():
     assert found.over_own < 0
 
 
-def wind_along(data: LeftOver) -> np.ndarray:
+def wind_along(data: ResidualAcceleration) -> np.ndarray:
     """Steady wind from north, (T, 3, 1) [N, N, N m]."""
     psi = data.x[:, 2]
     return np.stack([-0.8 * np.cos(psi), 1.6 * np.sin(psi), 0.1 * np.sin(2 * psi)], axis=1)
@@ -244,8 +246,10 @@ def test_anchors_are_the_logs_or_else_corners_round_the_positions():
 
 def test_a_file_carries_the_mean_force_of_gusts_and_says_what_it_cannot():
     told = {"V_w_m_s": 4.0, "beta_w_deg": 50.0, "gustiness": 0.3, "gust_time_s": 9.0}
-    gusty = Cause(GUSTY_WIND, told, told, "found")
-    vessel, left = with_causes(boat("aritra"), [gusty, Cause(WAVES, {}, {}, "found"), Cause(NLOS, {}, {}, "found")])
+    gusty = NamedCause(GUSTY_WIND, told, told, "found")
+    vessel, left = with_causes(
+        boat("aritra"), [gusty, NamedCause(WAVES, {}, {}, "found"), NamedCause(NLOS, {}, {}, "found")]
+    )
     assert vessel.terms["wind"]["V_w_m_s"] == pytest.approx(4.0 * np.sqrt(1.09))
     assert vessel.terms["wind"]["beta_w_deg"] % 360 == pytest.approx(50.0)
     assert set(left) == {"waves", "nlos"}

@@ -11,11 +11,11 @@ from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HISTORY_S, part, recorded
-from sim.fitting.diagnose.posterior.clock import Clock
+from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.preparation.gaps import PIECE_S as SHORTEST_S
 from sim.fitting.diagnose.preparation.gaps import without_pauses
 from sim.fitting.diagnose.preparation.subsampling import LONGEST_S, PIECE_S, spread
-from sim.fitting.engine.split import JobError, Log, Split, Used, split
+from sim.fitting.engine.split import JobError, NamedLog, Split, Used, split
 from sim.fitting.engine.windows import cut
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.support.vessel_fixtures import boat
@@ -23,7 +23,7 @@ from tests.support.vessel_fixtures import boat
 
 def found(*lengths_s: float) -> Split:
     """Logs of which all is fitted."""
-    logs = [Log(f"log {i}", clean_run(seconds, i)) for i, seconds in enumerate(lengths_s)]
+    logs = [NamedLog(f"log {i}", clean_run(seconds, i)) for i, seconds in enumerate(lengths_s)]
     used = tuple(Used(log, ((0.0, seconds),), ()) for log, seconds in zip(logs, lengths_s, strict=True))
     return Split(tuple(log.run for log in logs), (), used, "all")
 
@@ -50,7 +50,7 @@ def test_of_long_logs_so_much_is_fitted_and_from_everywhere(lengths_s):
         assert (np.diff(edges) > 0).all()
         assert all(after[0] - before[1] <= gap_s for before, after in pairwise(used.fitted_s))
     if len(lengths_s) == 1:
-        assert {Clock.of(some.fitted).ahead_s(piece) for piece in some.fitted} == {0.0}, (
+        assert {LogClock.of(some.fitted).ahead_s(piece) for piece in some.fitted} == {0.0}, (
             "pieces of one log keep its clock"
         )
 
@@ -88,8 +88,8 @@ def blank(run: Run, begin_s: float, end_s: float, *columns: str) -> Run:
 
 def whole(run: Run, block_s: float | None = None, held_out: Run | None = None) -> Split:
     """As `diagnose` divides logs."""
-    others = [Log("other", held_out)] if held_out is not None else []
-    return spread(without_pauses(split([Log("log", run)], others, VESSEL, block_s)))
+    others = [NamedLog("other", held_out)] if held_out is not None else []
+    return spread(without_pauses(split([NamedLog("log", run)], others, VESSEL, block_s)))
 
 
 def unbroken(runs) -> bool:
@@ -165,7 +165,7 @@ def test_what_is_too_short_between_pauses_is_said():
 
 
 def test_a_log_without_pauses_stays_as_it_is():
-    plain = split([Log("log", thin(300.0))], [], VESSEL)
+    plain = split([NamedLog("log", thin(300.0))], [], VESSEL)
     again = without_pauses(plain)
     assert again.used == plain.used and again.held_out == plain.held_out
     assert all(one.table.equals(other.table) for one, other in zip(again.fitted, plain.fitted, strict=True))

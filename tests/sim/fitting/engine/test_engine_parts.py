@@ -14,10 +14,10 @@ from sim.fitting.engine.initial_guess import local_lines
 from sim.fitting.engine.noise import STATE, L, noise_of, whiten
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
-from sim.fitting.engine.thrust.history import Commands, ThrustHistory
+from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
 from sim.fitting.engine.units import unit_of
 from sim.fitting.engine.windows import StructuredFitError, cut
-from sim.fitting.identify.structured_fit import Fit, Settings
+from sim.fitting.identify.structured_fit import FitSettings, StructuredFit
 from sim.studies.boats.draw import draw_boat
 from sim.world.environment import Environment, Weather
 from sim.world.plant import Plant
@@ -102,7 +102,7 @@ def _plant_forces(vessel, run, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_step_of_command_gives_a_late_exponential() -> None:
-    history = ThrustHistory(Commands(np.array([0.0, 1.0]), np.array([[0.0], [10.0]])), 0.2, 0.1)
+    history = ThrustHistory(ThrustCommands(np.array([0.0, 1.0]), np.array([[0.0], [10.0]])), 0.2, 0.1)
     t = np.array([1.19, 1.2, 1.3, 1.5])
     np.testing.assert_allclose(history.at(t)[0][:, 0], [0, 0, 10 * (1 - np.exp(-1)), 10 * (1 - np.exp(-3))], atol=1e-9)
 
@@ -168,12 +168,12 @@ def test_windows_without_samples_add_nothing() -> None:
 
 
 @pytest.fixture(scope="module")
-def small_fit() -> Fit:
+def small_fit() -> StructuredFit:
     run = teleop_run(draw_boat(boat("aritra"), np.random.default_rng(5)), 5, 40.0, uwb_hz=2.0)
-    return Fit([run], boat("aritra"), Settings())
+    return StructuredFit([run], boat("aritra"), FitSettings())
 
 
-def test_gradient_is_the_derivative_of_the_cost(small_fit: Fit) -> None:
+def test_gradient_is_the_derivative_of_the_cost(small_fit: StructuredFit) -> None:
     """Every column of the Jacobian at once: along random directions, against central differences."""
     rng = np.random.default_rng(7)
     fit, start = small_fit, small_fit.begin()

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.fitting.engine.thrust.history import Commands, SlewedHistory, ThrustHistory
+from sim.fitting.engine.thrust.history import SlewedHistory, ThrustCommands, ThrustHistory
 
 
 @settings(max_examples=15, deadline=None)
@@ -22,7 +22,7 @@ def test_slewed_forces_are_those_of_their_differential_equation(seed: int, slew:
     for k, target in enumerate(wanted):
         expected[k] = f
         f = f + step * np.clip((target - f) / lag, -slew, slew)
-    got = SlewedHistory(Commands(t, F), dead, lag, slew).force(grid)
+    got = SlewedHistory(ThrustCommands(t, F), dead, lag, slew).force(grid)
     assert np.abs(got - expected).max() < 3 * step * 60 / lag
     assert np.abs(np.diff(got, axis=0)).max() <= slew * step * (1 + 1e-6)
 
@@ -33,7 +33,7 @@ def test_averaged_forces_are_means_of_samples_and_know_their_derivatives(
     seed: int, count: int, lag: float, dead: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    commands = Commands(np.cumsum(rng.uniform(0.02, 0.4, 20)), rng.uniform(-30, 30, (20, 3)))
+    commands = ThrustCommands(np.cumsum(rng.uniform(0.02, 0.4, 20)), rng.uniform(-30, 30, (20, 3)))
     history = ThrustHistory(commands, dead, lag)
     t = rng.uniform(commands.t_s[0] - 0.5, commands.t_s[-1] + 0.5, (4, 7))  # in no order, before and after all commands
     around = rng.uniform(-0.2, 0.2, (4, 7, count))

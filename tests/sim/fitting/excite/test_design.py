@@ -12,7 +12,7 @@ from sim.fitting.excite.design import advise, candidates, choose, design, floor,
 from sim.fitting.excite.information import Knowledge, of_interest, planned_information, recorded_knowledge
 from sim.fitting.excite.nominal import fly_nominal
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.structured_fit import Fit
+from sim.fitting.identify.structured_fit import StructuredFit
 from sim.studies.boats.draw import in_still_air
 from sim.world.teleop_log import Habits, teleop_run
 from tests.support.excitation_fixture import BASIN, LIBRARY
@@ -67,7 +67,7 @@ def test_information_adds_up_over_runs():
     from sim.fitting.engine.noise import STATE, L
     from sim.fitting.excite.information import PLANNED, TRUTH
 
-    fit = Fit(runs, VESSEL, PLANNED)
+    fit = StructuredFit(runs, VESSEL, PLANNED)
     z = np.zeros((fit.windows.size[0], L))
     for run, span in zip(runs, fit.windows.spans, strict=True):
         t, truth = run.samples(*TRUTH)

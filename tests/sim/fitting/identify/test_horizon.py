@@ -14,7 +14,7 @@ from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.identify.horizon import HorizonFit, held_fixed
 from sim.fitting.identify.result import FitResult, fit_structured
-from sim.fitting.identify.structured_fit import Settings
+from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.protocol import STEP_S, Commands
@@ -70,7 +70,7 @@ def result(run: Run) -> FitResult:
 def test_poses_alone_are_fitted_over_many_seconds_and_converge(result: FitResult) -> None:
     assert result.horizon_s > 0 and result.converged and result.iterations < 20
     inertial = teleop_run(boat("aritra"), 1, 30.0)
-    assert fit_structured([inertial], boat("aritra"), Settings(iterations=1)).horizon_s == 0
+    assert fit_structured([inertial], boat("aritra"), FitSettings(iterations=1)).horizon_s == 0
 
 
 def test_trims_azimuths_curve_and_speed_damping_come_back(result: FitResult) -> None:

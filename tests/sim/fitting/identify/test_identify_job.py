@@ -7,9 +7,9 @@ import polars as pl
 import pytest
 
 from companion.logs.readers.read_run import Beside, read_run
-from companion.logs.runs.run import Problem, Run, RunMeta
+from companion.logs.runs.run import LogProblem, Run, RunMeta
 from sim.fitting.engine.parameters import WARP, Parameters
-from sim.fitting.engine.split import JobError, Log, split
+from sim.fitting.engine.split import JobError, NamedLog, split
 from sim.fitting.identify.result import Channel, Estimate, FitResult
 from sim.fitting.identify.verdict import MANOEUVRES, NAMES, NEEDED, advice, relative_error, verdict
 from sim.fitting.validate.models import VelocityStays, VelocityZero
@@ -17,7 +17,7 @@ from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Box, Score
 from sim.fitting.validate.stability import Stability
 from sim.fitting.validate.study import Validation
-from sim.fitting.validate.windows import Windows
+from sim.fitting.validate.windows import HeldOutWindows
 from sim.world.teleop_log import teleop_run
 from tests.companion.logs.readers.run_logs import clean_run, record, simulated
 from tests.support.vessel_fixtures import boat
@@ -40,7 +40,7 @@ def blank(run: Run, *columns: str) -> Run:
 
 
 def test_the_last_quarter_is_held_out_and_nothing_is_in_both(run):
-    found = split([Log("a.csv", run)], [], VESSEL)
+    found = split([NamedLog("a.csv", run)], [], VESSEL)
     (used,) = found.used
     (fitted,), (out,) = used.fitted_s, used.held_out_s
     assert fitted[1] < out[0] == pytest.approx(60.0, abs=0.1)
@@ -51,14 +51,14 @@ def test_the_last_quarter_is_held_out_and_nothing_is_in_both(run):
 
 def test_named_logs_are_held_out_whole_and_others_fitted_whole(run):
     other = teleop_run(VESSEL, 9, 40.0)
-    found = split([Log("a.csv", run)], [Log("b.csv", other)], VESSEL)
+    found = split([NamedLog("a.csv", run)], [NamedLog("b.csv", other)], VESSEL)
     assert found.held_out[0].inside is None and found.held_out[0].run.meta.source == "b.csv"
     assert found.fitted[0].table.height == run.table.height
     assert found.used[1].fitted_s == ()
 
 
 def test_alternate_blocks(run):
-    found = split([Log("a.csv", run)], [], VESSEL, block_s=20.0)
+    found = split([NamedLog("a.csv", run)], [], VESSEL, block_s=20.0)
     assert [round(r.measured_s()[0]) for r in found.fitted] == [0, 40]
     assert found.held_out[0].inside is not None and len(found.held_out[0].inside) == 2
 
@@ -67,7 +67,7 @@ def test_thrusters_are_put_into_the_vessel_files_order(run):
     names = [c for c in run.table.columns if c.startswith("pwm_")]
     others = [c for c in run.table.columns if c not in names]
     turned = Run(run.table.select(*others, *reversed(names)), run.meta)
-    assert split([Log("a.csv", turned)], [], VESSEL).fitted[0].thrusters == tuple(t.name for t in VESSEL.thrusters)
+    assert split([NamedLog("a.csv", turned)], [], VESSEL).fitted[0].thrusters == tuple(t.name for t in VESSEL.thrusters)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_thrusters_are_put_into_the_vessel_files_order(run):
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(run, make, words):
     number = count()
-    logs, held_out = ([Log(f"log{next(number)}", r) for r in runs] for runs in make(run))
+    logs, held_out = ([NamedLog(f"log{next(number)}", r) for r in runs] for runs in make(run))
     with pytest.raises(JobError, match=words):
         split(logs, held_out, VESSEL)
 
@@ -95,14 +95,14 @@ def test_what_cannot_be_used_is_named(run, make, words):
 @pytest.mark.parametrize(("block_s", "words"), [(10.0, "20 s are the least"), (70.0, "hold no two blocks of 70 s")])
 def test_blocks_that_do_not_fit_are_refused(run, block_s, words):
     with pytest.raises(JobError, match=words):
-        split([Log("a.csv", run)], [], VESSEL, block_s=block_s)
+        split([NamedLog("a.csv", run)], [], VESSEL, block_s=block_s)
 
 
 def test_a_log_of_ours_has_the_vessel_files_thrusters(tmp_path):
     """15 s of the stepped world: read, and refused for its length alone."""
     run = read_run(record(tmp_path / "run.mcap", simulated()), Beside(VESSEL))
     with pytest.raises(JobError, match=r"run\.mcap: 1\d\.\d s; 50 s are the least"):
-        split([Log("run.mcap", run)], [], VESSEL)
+        split([NamedLog("run.mcap", run)], [], VESSEL)
 
 
 def short(run: Run, seconds: float) -> Run:
@@ -124,7 +124,7 @@ def validation(**errors: float) -> Validation:
     scores += [score(VelocityStays().name, 1.0), score(VelocityZero().name, 2.0)]
     stable = tuple(Stability(s.name, 0.0, 0.0, 1.0, 100) for s in scores)
     nothing = np.zeros((9, 301, 6))
-    windows = Windows(nothing[:, 0], nothing, None, np.zeros(9))  # type: ignore[arg-type]  # commands: not looked at
+    windows = HeldOutWindows(nothing[:, 0], nothing, None, np.zeros(9))  # type: ignore[arg-type]  # commands: not looked at
     return Validation("x", (), (), windows, Box(np.zeros(3), np.ones(3)), tuple(scores), stable, ())
 
 
@@ -167,7 +167,9 @@ def test_who_is_believed(errors, believe, begins, doubts):
 
 
 def test_everything_that_must_be_looked_at_is_said():
-    problems = {"a.csv": [Problem(kind="disagree", text="psi_rad turns 57 times"), Problem(kind="idle", text="rest")]}
+    problems = {
+        "a.csv": [LogProblem(kind="disagree", text="psi_rad turns 57 times"), LogProblem(kind="idle", text="rest")]
+    }
     open_ones = ("M22_kg", "Y_v_N_s_m", "Y_vv_N_s2_m2", "Y_r_N_s")
     found = verdict(fit(open_ones, converged=False, white=False), validation(base=0.5, structured=0.1), problems)
     text = " ".join(found.attention)

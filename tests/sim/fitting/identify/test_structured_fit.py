@@ -10,7 +10,7 @@ from companion.logs.runs.run import Run
 from sim.fitting.engine.noise import noise_of
 from sim.fitting.engine.parameters import HULL, PriorSigmas, file_values
 from sim.fitting.identify.result import FitResult, fit_structured
-from sim.fitting.identify.structured_fit import Fit, Settings
+from sim.fitting.identify.structured_fit import FitSettings, StructuredFit
 from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
 from sim.studies.boats.campaign import boats_campaign, is_stable
 from sim.studies.boats.draw import draw_boat, in_still_air
@@ -55,11 +55,11 @@ def test_two_minutes_find_the_boat(result: FitResult) -> None:
 
 
 def test_means_of_three_samples_say_as_much_as_the_samples(run: Run, result: FitResult) -> None:
-    sigmas = {hz: Fit([run], PRIOR, Settings(inertial_hz=hz)).noise.white[0] for hz in (10.0, np.inf)}
+    sigmas = {hz: StructuredFit([run], PRIOR, FitSettings(inertial_hz=hz)).noise.white[0] for hz in (10.0, np.inf)}
     assert sigmas[np.inf] == noise_of(PRIOR).white[0] and sigmas[10.0] == pytest.approx(
         sigmas[np.inf] / 3**0.5, rel=0.01
     )
-    whole = fit_structured([run], PRIOR, Settings(inertial_hz=np.inf))
+    whole = fit_structured([run], PRIOR, FitSettings(inertial_hz=np.inf))
     assert whole.samples > 2.9 * result.samples
     for mean, each in zip(result.parameters, whole.parameters, strict=True):
         lost = np.sqrt(abs(mean.se**2 - each.se**2))  # dead time and lag are told by what happens within a mean
@@ -127,7 +127,7 @@ def test_waves_within_a_window_make_it_shorter() -> None:
 
 
 def test_what_is_fixed_stays(run: Run) -> None:
-    settings = Settings(overrides={"dead_time_s": (0.12, 0.0)}, latent=False, iterations=6)
+    settings = FitSettings(overrides={"dead_time_s": (0.12, 0.0)}, latent=False, iterations=6)
     assert fit_structured([run], PRIOR, settings)["dead_time_s"].value == pytest.approx(0.12, rel=1e-3)
 
 
@@ -153,7 +153,7 @@ def test_a_boat_lighter_than_its_file_keeps_added_mass_of_the_right_sign(result:
 
 def test_force_in_newtons_is_known_no_better_than_the_thrusters(run: Run, result: FitResult) -> None:
     """The data fix ratios; the scale is as wide as the prior of the gains says: twice that, twice the interval."""
-    wider = fit_structured([run], PRIOR, Settings(sigmas=PriorSigmas(gain=0.05)))
+    wider = fit_structured([run], PRIOR, FitSettings(sigmas=PriorSigmas(gain=0.05)))
     for name in ("M11_kg", "M33_kg_m2", "N_rr_N_m_s2"):
         assert wider[name].se == pytest.approx(2 * result[name].se, rel=0.2), name
     assert result["M33_kg_m2"].se / result["M33_kg_m2"].value == pytest.approx(0.0125, rel=0.1)  # 2.5 % / sqrt(4)

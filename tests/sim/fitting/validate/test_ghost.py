@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import JobError
-from sim.fitting.validate.ghost import Believed, overlay
+from sim.fitting.validate.ghost import GhostModel, overlay
 from sim.fitting.validate.models import VelocityStays, VesselSimulator
 from sim.fitting.validate.protocol import CHANNELS
 from sim.world.environment import Weather
@@ -91,10 +91,10 @@ def test_another_boats_file_is_refused_by_name(run):
 
 def test_a_file_whose_thrusters_stand_in_another_order_is_told_its_own_commands(run):
     turned = replace(VESSEL, thrusters=VESSEL.thrusters[::-1])
-    found = overlay(run, VESSEL, [TRUE, Believed.of("turned", turned, VESSEL)], every_s=5.0)
+    found = overlay(run, VESSEL, [TRUE, GhostModel.of("turned", turned, VESSEL)], every_s=5.0)
     np.testing.assert_allclose(found.ghosts[1].x, found.ghosts[0].x, atol=1e-9)
     with pytest.raises(JobError, match="another boat's vessel file"):
-        Believed.of("twin.toml", boat("twin"), VESSEL)
+        GhostModel.of("twin.toml", boat("twin"), VESSEL)
 
 
 def test_a_simulation_that_runs_away_counts_as_gone(run):

@@ -27,7 +27,7 @@ from sim.fitting.validate.scores import Box, errors, score, whiteness
 from sim.fitting.validate.stability import stability
 from sim.fitting.validate.study import HeldOut, validate
 from sim.fitting.validate.table import sentences, table
-from sim.fitting.validate.windows import Windows, cut, joined, reference
+from sim.fitting.validate.windows import HeldOutWindows, cut, joined, reference
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
@@ -161,7 +161,7 @@ def test_scores_of_known_errors():
     truth[2, 121:] = np.nan
     states[3, 200:] = np.nan
     zero = np.zeros((4, 600, 4))
-    windows = Windows(truth[:, 0], truth, Commands(zero, zero[..., 0], zero[:, :1]), np.zeros(4))
+    windows = HeldOutWindows(truth[:, 0], truth, Commands(zero, zero[..., 0], zero[:, :1]), np.zeros(4))
     box = Box(np.full(3, -1.0), np.ones(3))
     found, _ = score(Told("told", states), windows, box)
     at = {h: i for i, h in enumerate(found.horizons_s)}
@@ -184,7 +184,7 @@ def test_scores_of_known_errors():
 
 def replace_windows(w, part):
     c = w.commands
-    return Windows(
+    return HeldOutWindows(
         w.x0[part], w.truth[part], Commands(c.pwm_us[part], c.battery_v[part], c.before_us[part]), w.start_s[part]
     )
 
@@ -198,7 +198,7 @@ def test_whiteness_knows_white_from_coloured():
         coloured[i] += 0.5 * coloured[i - 1]
     zero = np.zeros((k, 20, 4))
     truth = np.zeros((k, 11, 6))
-    windows = Windows(truth[:, 0], truth, Commands(zero, zero[..., 0], zero[:, :1]), np.arange(k))
+    windows = HeldOutWindows(truth[:, 0], truth, Commands(zero, zero[..., 0], zero[:, :1]), np.arange(k))
     for series, expected in ((white, True), (coloured, False)):
         states = np.zeros((k, 11, 6))
         states[:, :, 3:] = series[:, None]

@@ -13,7 +13,7 @@ from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import FlightMode, TelemetryAsync
 
 from sim.world.autopilot.modes import Mode
-from sim.world.autopilot.parameter_table import TABLE, Kind
+from sim.world.autopilot.parameter_table import TABLE, WireType
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served, until
 
 pytestmark = pytest.mark.alone
@@ -54,7 +54,7 @@ async def session(mavsdk, rover):
     everything = await param.get_all_params()
     got = {p.name: p.value for p in [*everything.int_params, *everything.float_params]}
     assert got == pytest.approx({row.name: vehicle.parameters[row.name] for row in TABLE})
-    assert len(everything.float_params) == sum(row.kind is Kind.REAL32 for row in TABLE)
+    assert len(everything.float_params) == sum(row.kind is WireType.REAL32 for row in TABLE)
     await param.set_param_int("SERVO_RC_FS_MSK", 3840)
     assert vehicle.parameters["SERVO_RC_FS_MSK"] == 3840
     assert await param.get_param_int("SERVO_RC_FS_MSK") == 3840

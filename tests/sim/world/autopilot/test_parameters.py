@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot import BOAT_PARAMETERS, Rover
-from sim.world.autopilot.parameter_table import TABLE, Kind
+from sim.world.autopilot.parameter_table import TABLE, WireType
 from sim.world.autopilot.parameters import stored
 from tests.sim.world.autopilot.autopilot_fixture import Bench, of_type, override
 
@@ -55,7 +55,7 @@ def test_set_echoes_to_every_link_with_index_65535():
     bench = Bench()
     bench.join("other")
     echo = put(bench, "SERVO_RC_FS_MSK", 3840.0)
-    assert [(m.param_value, m.param_index, m.param_type) for m in echo] == [(3840.0, 65535, Kind.INT32)]
+    assert [(m.param_value, m.param_index, m.param_type) for m in echo] == [(3840.0, 65535, WireType.INT32)]
     bench.run(0.02)
     assert [m.param_value for m in of_type(bench.got["other"], "PARAM_VALUE")] == [3840.0]
 
@@ -100,12 +100,12 @@ def test_sysid_mygcs_takes_effect_at_once():
     assert bench.rover.vehicle.rc.radio_in_us[8] == 1700
 
 
-@given(st.sampled_from(list(Kind)), st.floats(allow_nan=False, allow_infinity=False, width=32))
+@given(st.sampled_from(list(WireType)), st.floats(allow_nan=False, allow_infinity=False, width=32))
 def test_stored_equals_numpys_saturating_rounding(kind, value):
-    if kind is Kind.REAL32:
+    if kind is WireType.REAL32:
         assert stored(kind, value) == float(np.float32(value))
         return
-    limits = np.iinfo({Kind.INT8: np.int8, Kind.INT16: np.int16, Kind.INT32: np.int32}[kind])
+    limits = np.iinfo({WireType.INT8: np.int8, WireType.INT16: np.int16, WireType.INT32: np.int32}[kind])
     expected = np.clip(np.trunc(np.float64(value) + np.copysign(0.5, value)), limits.min, limits.max)
     assert stored(kind, value) == expected
     assert stored(kind, stored(kind, value)) == stored(kind, value)

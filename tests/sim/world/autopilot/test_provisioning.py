@@ -13,7 +13,7 @@ from drivers.mavlink.provisioning import Provisioner, ProvisioningError
 from drivers.mavlink.signing import Signing, SigningKey
 from drivers.mavlink.signing_relay import HOST, signing_relay
 from drivers.ports.tcp import TcpClientPort
-from sim.world.autopilot.mavlink.files import Files
+from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, TABLE
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
@@ -71,7 +71,7 @@ def test_armed_is_told_by_the_next_heartbeat_and_a_reboot_is_refused_then():
 @pytest.mark.parametrize("before", [{}, {f"{SCRIPTS}/gate.lua": b"-- an older and longer one\n" * 400}])
 def test_the_script_arrives_whole(before):
     rover = booted_rover()
-    rover.files = Files(before)
+    rover.files = FtpFiles(before)
     scene(rover, lambda autopilot: autopilot.upload(SCRIPT, SCRIPTS))
     assert rover.files.stored == {f"{SCRIPTS}/gate.lua": SCRIPT.read_bytes()}
 
@@ -137,7 +137,7 @@ async def written_and_sent(autopilot):
 
 def test_with_the_key_all_of_it_works_where_signatures_are_asked_for():
     rover = booted_rover()
-    rover.files, signing = Files({}), keyed(KEY)
+    rover.files, signing = FtpFiles({}), keyed(KEY)
     told, now, armed = signed_scene(rover, written_and_sent, signing)
     assert len(told) == len(TABLE) and now == rover.vehicle.parameters["FS_ACTION"] == 5.0 and not armed
     assert rover.files.stored == {f"{SCRIPTS}/gate.lua": SCRIPT.read_bytes()}

@@ -3,7 +3,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot import AT_REST
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 from tests.sim.world.autopilot.autopilot_fixture import MS, Bench, S, of_type, override
 
@@ -18,7 +18,7 @@ def one(channel, value):
 
 
 def rc(**changes):
-    return RcInput(Parameters(changes))
+    return RcInput(ParameterStore(changes))
 
 
 @pytest.mark.parametrize("channel", [1, 8, 9, 16])

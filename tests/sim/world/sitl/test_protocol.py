@@ -25,7 +25,7 @@ from drivers.uwb import uwb_codec
 from sim.world.environment import Weather
 from sim.world.sitl.backend import LONGEST_FRAME_NS, SILENT_NS, JsonBackend, frame_ns
 from sim.world.sitl.loopback import BEHIND_NS, JsonWires, Pace
-from sim.world.sitl.physics import Physics
+from sim.world.sitl.physics import SitlPhysics
 from sim.world.sitl.protocol import PORT, NotServos, PhysicsState, decode, encode
 from sim.world.world import STEP_NS, Afloat, WorldSetup
 from tests.sim.world.sitl.json_firmware import parse
@@ -324,7 +324,7 @@ def physics(seed=1, name="aritra", site=SITE, imu=None, **changes):
     if imu:
         sensors = msgspec.structs.replace(vessel.sensors, imu=msgspec.structs.replace(vessel.sensors.imu, **imu))
         vessel = msgspec.structs.replace(vessel, sensors=sensors)
-    return Physics(WorldSetup(vessel, site, **{"start": START, **changes}), seed)
+    return SitlPhysics(WorldSetup(vessel, site, **{"start": START, **changes}), seed)
 
 
 def drive(made, seconds, pulses=(1500,) * 4, rate=200):
@@ -344,7 +344,7 @@ def test_at_rest_the_accelerometer_says_minus_9_80665_down_and_nothing_else():
 def test_it_is_the_plant_of_the_loopback_and_no_other():
     """Frames of 10 ms are the loopback's own steps: the same motion to the last bit."""
     setup_ = WorldSetup(boat("aritra"), SITE, start=START, weather=Weather(0.1, 70.0, 0.0, 4.0, 200.0, 0.3, 0.1))
-    made, plain = Physics(setup_, 3), Afloat(setup_, 3)
+    made, plain = SitlPhysics(setup_, 3), Afloat(setup_, 3)
     for _ in range(500):
         state, uwb = made.advance(TURN, STEP_NS)
         plain.advance(TURN)

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as wire
 from companion.core.messages import Heartbeat, RcChannels, ServoOutput
 from companion.core.preflight.autopilot import parameter_rows
 from companion.core.preflight.link import rest_rows
-from companion.core.preflight.observations import Disk, Heard
-from companion.core.preflight.rows import Parameters, Row
+from companion.core.preflight.observations import Disk, Observations
+from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.preflight.wiring import BAND_US, NEUTRAL_US, Companion
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, TABLE
 from tests.sim.world.autopilot.autopilot_fixture import Bench, command
@@ -63,12 +63,12 @@ class Judge:
             t_ns=0, system=1, component=1, vehicle_type=11, autopilot=3, base_mode=65,
             custom_mode=int(vehicle.modes.mode), system_status=3, armed=vehicle.modes.armed,
         )  # fmt: skip
-        heard = Heard(
+        heard = Observations(
             listened_s=5.0, disk=Disk("", 10**12), wall_s=2e9, heartbeat=beat,
             servo=ServoOutput(t_ns=0, pwm_us=self.bench.rover.outputs_us),
             rc=RcChannels(t_ns=0, pwm_us=(*vehicle.rc.radio_in_us, 0, 0)),
         )  # fmt: skip
-        p = Parameters(self.told)
+        p = ParameterSet(self.told)
         return [*parameter_rows(p, COMPANION), *rest_rows(heard, p, COMPANION)]
 
 

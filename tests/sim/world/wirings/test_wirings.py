@@ -14,7 +14,7 @@ from companion.cli.simulator.autopilot_options import FOLDER, WIRED_CHANNELS, wi
 from companion.core.configuration.run_file import Control, MavlinkLink
 from drivers.mavlink.encode import PWM_MAX_US, PWM_MIN_US, PWM_NEUTRAL_US
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, BOAT_PARAMETERS, TABLE
-from sim.world.autopilot.parameters import Parameters
+from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rover import GATE_CHANNELS
 from tests.sim.world.autopilot.autopilot_fixture import command, of_type
 from tests.sim.world.wirings.wiring_fixture import CASES, DRIVEN_US, EVENTS, PILOT_US, driven, load, outcome
@@ -33,7 +33,7 @@ def test_every_parameter_of_a_file_exists_and_is_stored_as_it_stands(wiring, fir
 
 
 def test_the_simulators_own_boat_is_the_recommended_wiring():
-    mine, default = load("gate"), Parameters(BOAT_PARAMETERS)
+    mine, default = load("gate"), ParameterStore(BOAT_PARAMETERS)
     assert {name: default[name] for name in mine} == mine
     assert set(BOAT_PARAMETERS) - set(BOARD_PARAMETERS) <= set(mine)
 

@@ -5,7 +5,7 @@ An order is a zenoh query on `aritra/<boat>/command`: its payload an `Order` as 
     HMAC-SHA256(key, "aritra-order-1" 0 boat 0 payload)
 
 where the boat has a key; the reply is an `OrderOutcome`. Against replays an order names the run of the boat's program,
-an instant on **the boat's own clock** (as telemetry tells it; nobody's wall clock has to be right), its sender's session
+an instant on **the boat's own clock** (from telemetry; nobody's wall clock has to be right), its sender's session
 and a counter that only goes up. Believed is what is signed, of this run, newer than the session's last, and at most
 5 s old; a stop at most a minute: late by a bad radio it is still right to stop. Who repeats an order word for word,
 because no answer came, gets the same answer again, and nothing is done twice.

@@ -187,6 +187,6 @@ class DeviceLink:
         self.state = verdict.state
         if (verdict.state, verdict.cause) != self._told:
             self._told = (verdict.state, verdict.cause)
-            told = LinkStatus(t_ns=t_ns, link=self.name, state=verdict.state, reason=verdict.reason)
-            self._on_messages([told], t_ns)
+            status = LinkStatus(t_ns=t_ns, link=self.name, state=verdict.state, reason=verdict.reason)
+            self._on_messages([status], t_ns)
         return verdict

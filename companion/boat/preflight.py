@@ -129,7 +129,7 @@ class Listener:
             if heard.heartbeat:
                 self._say("reading the autopilot's parameters")
                 await self._read_parameters()
-            return heard, ParameterSet(self._reader.told)
+            return heard, ParameterSet(self._reader.values)
         finally:
             for task in tasks:
                 task.cancel()
@@ -141,7 +141,7 @@ class Listener:
     async def _read_parameters(self) -> None:
         self._reader.ask(wanted(companion_of(self._setup)))
         await self._until(lambda: self._reader.done, PARAMETERS_S)
-        self._reader.ask(wanted_more(ParameterSet(self._reader.told)))
+        self._reader.ask(wanted_more(ParameterSet(self._reader.values)))
         await self._until(lambda: self._reader.done, PARAMETERS_S)
 
     # --- time --------------------------------------------------------------------------------------

@@ -88,7 +88,7 @@ class StartInterlock:
         return alerts
 
     def _judge(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
-        told = ParameterSet(reader.told)
+        told = ParameterSet(reader.values)
         if not self._more:
             self._more = True
             reader.ask(wanted_more(told))

@@ -69,7 +69,7 @@ def bench(args: argparse.Namespace) -> int:
     about = log_metadata("", {})
     program = {"version": about["version"], "git_revision": about["git_revision"]}
     found = run.run(order, args.only, args.growth, program)
-    order.told("")
+    order.progress("")
     table.show(out, found)
     if args.json:
         result.write(args.json, found)
@@ -96,7 +96,7 @@ def _progress() -> Callable[[str], None]:
     """What is being measured, on one line of the terminal; where there is none, a line now and then."""
     live, next_s = sys.stderr.isatty(), 0.0
 
-    def told(text: str) -> None:
+    def progress(text: str) -> None:
         nonlocal next_s
         if live:
             sys.stderr.write(f"\r\x1b[2K{text[:78]}")
@@ -105,7 +105,7 @@ def _progress() -> Callable[[str], None]:
             sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
 
-    return told
+    return progress
 
 
 def _count(text: str) -> int:

@@ -86,8 +86,8 @@ def _begin(console: Console, inputs: Inputs, cases: Sequence[Case], journal: Jou
     kept = f", {done} of them there already" if done else ""
     console.print(Text(f"{inputs.campaign.name}: {len(cases)} cases of {inputs.campaign.kind}{kept}"))
     if others:
-        told = f"{others} results in {journal.path} are of cases that {inputs.name} does not have: they stay there"
-        console.print(Text(told, style="yellow"))
+        note = f"{others} results in {journal.path} are of cases that {inputs.name} does not have: they stay there"
+        console.print(Text(note, style="yellow"))
 
 
 def _run(
@@ -152,13 +152,13 @@ class _Progress:
         self._failed += bool(outcome.error)
         now = time.monotonic()
         if self._bar and self._task is not None:
-            told = f"{self._failed} failed" if self._failed else ""
-            self._bar.update(self._task, completed=self._done, failed=told)
+            failed = f"{self._failed} failed" if self._failed else ""
+            self._bar.update(self._task, completed=self._done, failed=failed)
         elif now - self._told_s >= PLAIN_S or self._done == self._total:
             self._told_s = now
             left_s = (now - self._begun_s) / self._done * (self._total - self._done)
-            told = f"{self._done}/{self._total} done, {self._failed} failed, about {left_s:.0f} s left"
-            self._console.print(Text(told))
+            line = f"{self._done}/{self._total} done, {self._failed} failed, about {left_s:.0f} s left"
+            self._console.print(Text(line))
 
 
 def _tell(
@@ -170,8 +170,8 @@ def _tell(
 
     table, failed = tables.results(cases, journal.outcomes), tables.failures(cases, journal.outcomes)
     if table.height:
-        told = report.quantiles(table, report.main_figures(inputs.campaign, table))
-        console.print(_figures(told.head, told.rows))
+        table_of_figures = report.quantiles(table, report.main_figures(inputs.campaign, table))
+        console.print(_figures(table_of_figures.head, table_of_figures.rows))
     for case, outcome in failed[:LISTED]:
         console.print(Text(f"failed: {case.id} seed {case.seed}: {outcome.error}", style="bold yellow"))
     if len(failed) > LISTED:
@@ -191,8 +191,8 @@ def _figures(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     for name in SHOWN:
         table.add_column(name, justify="left" if name == "figure" else "right", no_wrap=True)
     for row in rows:
-        told = dict(zip(head, row, strict=True))
-        table.add_row(*(told[name] for name in SHOWN))
+        cells = dict(zip(head, row, strict=True))
+        table.add_row(*(cells[name] for name in SHOWN))
     return table
 
 

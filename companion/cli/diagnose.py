@@ -143,8 +143,8 @@ def _causes(found: Diagnosis) -> Table:
     for n in found.causes:
         for i, (key, number) in enumerate(n.numbers.items()):
             low, high = number.ci95
-            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
-            table.add_row(n.effect.name if i == 0 else "", key, *told, f"{n.candidate.nats:.0f}" if i == 0 else "")
+            cells = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
+            table.add_row(n.effect.name if i == 0 else "", key, *cells, f"{n.candidate.nats:.0f}" if i == 0 else "")
         if not n.numbers:
             table.add_row(n.effect.name, "", "", "", "", f"{n.candidate.nats:.0f}")
     return table
@@ -159,6 +159,6 @@ def _gain(found: Diagnosis) -> Table:
     for head in ("channel", "as given", "refitted", "with causes", "gain"):
         table.add_column(head, justify="left" if head == "channel" else "right", no_wrap=True)
     for e in (e for e in found.held_out.errors if e.horizon_s == SHOWN_S):
-        told = (f"{e.rms[m]:.3g}" for m in ("base", "refit", "extended"))
-        table.add_row(f"{e.channel} [{e.unit}]".replace("[", r"\["), *told, f"{100 * e.gain:.0f} %")
+        cells = (f"{e.rms[m]:.3g}" for m in ("base", "refit", "extended"))
+        table.add_row(f"{e.channel} [{e.unit}]".replace("[", r"\["), *cells, f"{100 * e.gain:.0f} %")
     return table

@@ -142,7 +142,7 @@ def _models(found: Identification) -> Table:
     diverged = stability_rows(found.validation)[0]
     for i, score in enumerate(scores, 1):
         share = errors.get(score.name)
-        told = "-" if share is None else f"{100 * share:.3g} %" if share < 100 else "gone"
-        cells = [told, *(row[i] for row in figures), diverged[i].removesuffix(" %")]
+        share_text = "-" if share is None else f"{100 * share:.3g} %" if share < 100 else "gone"
+        cells = [share_text, *(row[i] for row in figures), diverged[i].removesuffix(" %")]
         table.add_row(score.name, *(Text(c.strip("*"), style="bold" if c.startswith("**") else "") for c in cells))
     return table

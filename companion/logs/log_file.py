@@ -98,9 +98,9 @@ class Part:
                 yield from inside
         self.kept_bytes -= skipped
         self.lost_bytes = self.size - self.kept_bytes
-        told = [f"{len(bad_chunks)} damaged chunk(s) left out ({bad_chunks[0]})"] if bad_chunks else []
-        told += [end] if end else []
-        self.damage = f"{self.path}: {'; '.join(told)}" if told else None
+        problems = [f"{len(bad_chunks)} damaged chunk(s) left out ({bad_chunks[0]})"] if bad_chunks else []
+        problems += [end] if end else []
+        self.damage = f"{self.path}: {'; '.join(problems)}" if problems else None
 
 
 class LogFile:

@@ -47,8 +47,8 @@ def replay(pilot: Pilot, messages: Iterable[Message]) -> Report:
                 return Report(steps, inputs, outputs, _differs(steps, message.t_ns, "nothing", expected[0]))
             state = state or pilot.initial(message.t_ns)
             if len(pending) != message.inputs:
-                told = f"{message.inputs} inputs", f"{len(pending)} in the log"
-                return Report(steps, inputs, outputs, _differs(steps, message.t_ns, *told))
+                counts = f"{message.inputs} inputs", f"{len(pending)} in the log"
+                return Report(steps, inputs, outputs, _differs(steps, message.t_ns, *counts))
             given, pending = pending, []
             state, made = pilot.step(state, given, message.t_ns)
             steps, inputs, outputs = steps + 1, inputs + len(given), outputs + len(made)
@@ -57,8 +57,8 @@ def replay(pilot: Pilot, messages: Iterable[Message]) -> Report:
             if expected and _same(message, expected[0]):
                 expected.pop(0)
             elif not isinstance(message, Alert):
-                came = expected[0] if expected else "nothing"
-                return Report(steps, inputs, outputs, _differs(steps, message.t_ns, message, came))
+                replayed = expected[0] if expected else "nothing"
+                return Report(steps, inputs, outputs, _differs(steps, message.t_ns, message, replayed))
         elif isinstance(message, INPUTS):
             pending.append(message)
     return Report(steps, inputs, outputs, None)

@@ -49,19 +49,19 @@ class FoxgloveServer:
 
     def see(self, boat: str, topic: str, data: bytes, unix_ns: int) -> None:
         """One checked sample: JSON of a struct of `shore_messages`. `unix_ns`: now, by our own clock."""
-        told = shore.decode(topic, data)
-        if isinstance(told, shore.About):
-            self._offsets_ns[boat] = told.unix_minus_t_ns
+        sample = shore.decode(topic, data)
+        if isinstance(sample, shore.About):
+            self._offsets_ns[boat] = sample.unix_minus_t_ns
         offset_ns = self._offsets_ns.get(boat)
-        at_ns = unix_ns if offset_ns is None else told.t_ns + offset_ns
+        at_ns = unix_ns if offset_ns is None else sample.t_ns + offset_ns
         self._sample(boat, topic, data, at_ns)
         if topic in ONCE:
             self._once[boat, topic] = data
-        if isinstance(told, shore.StateNow):
+        if isinstance(sample, shore.StateNow):
             self._again(unix_ns, at_ns)
-            self._log(f"/{boat}/pose", pose_in_frame(at_ns, told.north_m, told.east_m, told.psi_rad), at_ns)
-        elif isinstance(told, shore.AlertTold):
-            self._log(f"/{boat}/log", log_line(at_ns, told.level, told.text, boat), at_ns)
+            self._log(f"/{boat}/pose", pose_in_frame(at_ns, sample.north_m, sample.east_m, sample.psi_rad), at_ns)
+        elif isinstance(sample, shore.AlertTold):
+            self._log(f"/{boat}/log", log_line(at_ns, sample.level, sample.text, boat), at_ns)
 
     def close(self) -> None:
         """No more clients."""

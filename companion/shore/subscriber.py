@@ -25,7 +25,7 @@ KEPT_S = 20.0
 
 def listen(
     session: zenoh.Session,
-    heard: Callable[[zenoh.Sample], None],
+    on_sample: Callable[[zenoh.Sample], None],
     *,
     boat: str = "*",
     topic: str = "*",
@@ -33,17 +33,17 @@ def listen(
 ) -> list[object]:
     """Hear boats until what is returned is let go of. Both functions are called on zenoh's threads.
 
-    `heard`: samples come in any order, and some twice (same `run` and `t_ns`). `reach`: a boat came into reach, or went
-    out of it. Ask for liveliness in no other way in this session: zenoh 1.10 often answers a `get` with nothing where a
-    subscriber has just asked for the same (112 of 120, measured), and a subscriber it always tells.
+    `on_sample`: samples come in any order, and some twice (same `run` and `t_ns`). `reach`: a boat came into reach, or
+    went out of it. Ask for liveliness in no other way in this session: zenoh 1.10 often answers a `get` with nothing
+    where a subscriber has just asked for the same (112 of 120, measured), and a subscriber it always tells.
     """
     key = shore.telemetry_key(boat, topic)
     recovery = ext.RecoveryConfig(heartbeat=True, periodic_queries=None)
-    live = ext.declare_advanced_subscriber(session, key, Callback(heard), recovery=recovery)
+    live = ext.declare_advanced_subscriber(session, key, Callback(on_sample), recovery=recovery)
 
     def kept(reply: zenoh.Reply) -> None:
         if reply.ok:
-            heard(reply.ok)
+            on_sample(reply.ok)
 
     def in_reach(token: zenoh.Sample) -> None:
         name, there = str(token.key_expr).split("/")[1], token.kind == zenoh.SampleKind.PUT

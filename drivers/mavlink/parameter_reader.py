@@ -20,10 +20,10 @@ TRIES = 4
 
 
 class ParameterReader:
-    """`told`: values by name as they came; `missing`: names that were asked for in vain."""
+    """`values`: values by name as they came; `missing`: names that were asked for in vain."""
 
     def __init__(self, encoder: MavlinkEncoder, names: Iterable[str] = ()) -> None:
-        self.told: dict[str, float] = {}
+        self.values: dict[str, float] = {}
         self.missing: list[str] = []
         self._encoder = encoder
         self._waiting: deque[str] = deque()
@@ -45,7 +45,7 @@ class ParameterReader:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
         for message in messages:
             if isinstance(message, ParamValue):
-                self.told[message.name] = message.value
+                self.values[message.name] = message.value
                 self._asked.pop(message.name, None)
         out = []
         for name, (tries, due_ns) in list(self._asked.items()):

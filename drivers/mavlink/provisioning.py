@@ -108,10 +108,10 @@ class Provisioner:
         """All parameters by name."""
         everything = await self._wait(self._param.get_all_params(), "read the parameters")
         self._whole = {p.name for p in everything.int_params}
-        told = {p.name: float(p.value) for p in [*everything.int_params, *everything.float_params]}
-        if not told:
+        values = {p.name: float(p.value) for p in [*everything.int_params, *everything.float_params]}
+        if not values:
             raise ProvisioningError("the autopilot does not tell its parameters: is MAVLink signing set up?")
-        return told
+        return values
 
     async def write(self, name: str, value: float) -> float:
         """Set a parameter that `parameters` told of; the value that it then has."""

@@ -24,13 +24,13 @@ def fit(order: BenchRequest) -> Found:
     from sim.fitting.identify.result import fit_structured  # noqa: PLC0415
     from sim.world.teleop_log import teleop_run  # noqa: PLC0415
 
-    order.told("fit: making a log")
+    order.progress("fit: making a log")
     run = teleop_run(order.vessel, SEED, LOG_S)
     ours, theirs = Timed(), Timed()
     for k in range(order.rounds):
-        order.told(f"fit: round {k + 1} of {order.rounds}: {OURS}")
+        order.progress(f"fit: round {k + 1} of {order.rounds}: {OURS}")
         ours.rounds.append(np.array([fit_structured([run], order.vessel).seconds]))
-        order.told(f"fit: round {k + 1} of {order.rounds}: {THEIRS}")
+        order.progress(f"fit: round {k + 1} of {order.rounds}: {THEIRS}")
         theirs.rounds.append(np.array([scipy_fit(run, order.vessel).seconds]))
     for name, t in ((THEIRS, theirs), (OURS, ours)):
         yield BenchRow(

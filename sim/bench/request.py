@@ -19,7 +19,7 @@ Found = Iterator[BenchRow | SolverRefused | Growth]
 
 @dataclass
 class BenchRequest:
-    """`solves` recorded states a round, `rounds` rounds, `cadence_solves` at 10 Hz; `told` hears what is going on."""
+    """`solves` recorded states a round, `rounds` rounds, `cadence_solves` at 10 Hz; `progress` gets lines of text."""
 
     vessel: VesselFile
     vessel_path: Path
@@ -28,7 +28,7 @@ class BenchRequest:
     rounds: int = 3
     cadence_solves: int = 200
     seed: int = 1
-    told: Callable[[str], None] = lambda _: None
+    progress: Callable[[str], None] = lambda _: None
     _worlds: dict[str, BenchWorld] = field(default_factory=dict)
 
     def world(self, problem: str) -> BenchWorld:

@@ -90,7 +90,7 @@ def runners(vessel: VesselFile, steps: int) -> Mapping[str, Callable[[np.ndarray
 
 def simulation(order: BenchRequest) -> Found:
     """Simulation: seconds of the boat per second of one core"""
-    order.told("simulation: building")
+    order.progress("simulation: building")
     steps, n = round(SIMULATED_S / STEP_S), len(order.vessel.thrusters)
     x0, given = np.zeros(6 + n), commands(n, steps)
     runs: dict[str, Callable[[], np.ndarray]] = {
@@ -107,7 +107,7 @@ def simulation(order: BenchRequest) -> Found:
     def timed(run: Callable[[], np.ndarray]) -> Callable[[], float]:
         return lambda: sum(took for took, _ in times_of([run]))
 
-    found = interleaved({name: timed(run) for name, run in runs.items()}, order.rounds, order.told)
+    found = interleaved({name: timed(run) for name, run in runs.items()}, order.rounds, order.progress)
     first, *_ = runs
     for name, t in found.items():
         boats = BOATS if name == TOGETHER else 1

@@ -1,4 +1,4 @@
-"""What one case is told: its files with its values in them. Errors name file and key."""
+"""One case as the worker needs it: its files with its values in them. Errors name file and key."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class CaseSetup:
     world: WorldKeys
 
 
-def told(work: Work) -> CaseSetup:
+def case_setup(work: Work) -> CaseSetup:
     """Everything that `work` says, checked. Raises ConfigError."""
     texts, setup = dict(work.texts), None
     texts["vessel"] = _text(work, "vessel", texts["vessel"])

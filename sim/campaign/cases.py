@@ -82,8 +82,8 @@ def _case(campaign: Campaign, seed: int, point: dict[str, Any], digests: Mapping
 
 def settings_of(campaign: Campaign, values: Mapping[str, Any]) -> Settings:
     """The kind's settings with those values put in. Raises ValueError naming the key."""
-    told = of_head(values, campaign.kind)
+    overrides = of_head(values, campaign.kind)
     try:
-        return msgspec.convert({**msgspec.to_builtins(campaign.settings), **told}, type(campaign.settings))
+        return msgspec.convert({**msgspec.to_builtins(campaign.settings), **overrides}, type(campaign.settings))
     except msgspec.ValidationError as error:
-        raise ValueError(f"{campaign.kind}.{', '.join(told)}: {error}") from None
+        raise ValueError(f"{campaign.kind}.{', '.join(overrides)}: {error}") from None

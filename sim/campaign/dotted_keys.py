@@ -21,8 +21,8 @@ def flat(tables: Mapping[str, Any], where: str, leaf: Callable[[Any], bool]) -> 
         elif isinstance(value, Mapping) and value:
             out |= {f"{key}.{rest}": inner for rest, inner in flat(value, f"{where}.{key}", leaf).items()}
         else:
-            told = {"grid": "a list of values", "draw": "for example { uniform = [0.0, 1.0] }"}
-            raise ValueError(f"{where}.{key}: expected {told.get(where.partition('.')[0], 'a value')}")
+            expected = {"grid": "a list of values", "draw": "for example { uniform = [0.0, 1.0] }"}
+            raise ValueError(f"{where}.{key}: expected {expected.get(where.partition('.')[0], 'a value')}")
     return dict(sorted(out.items()))
 
 

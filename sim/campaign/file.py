@@ -73,11 +73,11 @@ class Draw(Table, frozen=True, kw_only=True):
     choice: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)] | None = None
 
     def __post_init__(self) -> None:
-        told = [name for name in self.__struct_fields__ if getattr(self, name) is not None]
-        if len(told) != 1:
+        given_keys = [name for name in self.__struct_fields__ if getattr(self, name) is not None]
+        if len(given_keys) != 1:
             raise ValueError(f"expected one of {', '.join(self.__struct_fields__)}")
         if (span := self.uniform or self.log_uniform) and not span[0] < span[1]:
-            raise ValueError(f"{told[0]}: expected the smaller number first")
+            raise ValueError(f"{given_keys[0]}: expected the smaller number first")
         if self.log_uniform and self.log_uniform[0] <= 0:
             raise ValueError("log_uniform: expected numbers above 0")
         if self.normal and self.normal[1] <= 0:
@@ -122,37 +122,39 @@ class Campaign(Table, frozen=True, kw_only=True):
 
 def load_campaign(text: str, *, name: str) -> Campaign:
     """Campaign file text -> Campaign. Raises ConfigError naming file and key."""
-    told = parse_toml(text, _Text, name=name)
+    document = parse_toml(text, _Text, name=name)
     try:
-        return _read(told)
+        return _read(document)
     except ValueError as error:
         raise ConfigError(f"{name}: {error}") from None
 
 
-def _read(told: _Text) -> Campaign:
-    seeds = tuple(range(told.seeds.first, told.seeds.first + told.seeds.count)) if isinstance(
-        told.seeds, SeedRange
-    ) else told.seeds  # fmt: skip
+def _read(document: _Text) -> Campaign:
+    seeds = tuple(range(document.seeds.first, document.seeds.first + document.seeds.count)) if isinstance(
+        document.seeds, SeedRange
+    ) else document.seeds  # fmt: skip
     if not seeds or len(set(seeds)) < len(seeds):
         raise ValueError("seeds: expected at least one, each once")
     for other in SETTINGS:
-        if other != told.kind and getattr(told, other) is not None:
-            raise ValueError(f'{other}: kind is "{told.kind}"')
-    for role in told.files:
-        if role not in ROLES[told.kind]:
-            raise ValueError(f"files.{role}: unknown key; of {told.kind} there are {', '.join(ROLES[told.kind])}")
-    varied = {key: _varied(key, v) for key, v in flat(told.grid, "grid", lambda v: isinstance(v, list)).items()}
-    drawn = {key: _drawn(key, v) for key, v in flat(told.draw, "draw", _is_draw).items()}
-    fixed = {key: _fixed(key, v) for key, v in flat(told.set, "set", lambda v: not isinstance(v, dict)).items()}
+        if other != document.kind and getattr(document, other) is not None:
+            raise ValueError(f'{other}: kind is "{document.kind}"')
+    for role in document.files:
+        if role not in ROLES[document.kind]:
+            raise ValueError(
+                f"files.{role}: unknown key; of {document.kind} there are {', '.join(ROLES[document.kind])}"
+            )
+    varied = {key: _varied(key, v) for key, v in flat(document.grid, "grid", lambda v: isinstance(v, list)).items()}
+    drawn = {key: _drawn(key, v) for key, v in flat(document.draw, "draw", _is_draw).items()}
+    fixed = {key: _fixed(key, v) for key, v in flat(document.set, "set", lambda v: not isinstance(v, dict)).items()}
     for key in [*fixed, *varied, *drawn]:
         if (key in fixed) + (key in varied) + (key in drawn) > 1:
             raise ValueError(f"{key}: stands in more than one of set, grid and draw")
     return Campaign(
-        name=told.name,
-        kind=told.kind,
+        name=document.name,
+        kind=document.kind,
         seeds=seeds,
-        files={role: (given,) if isinstance(given, str) else given for role, given in told.files.items()},
-        settings=getattr(told, told.kind) or SETTINGS[told.kind](),
+        files={role: (given,) if isinstance(given, str) else given for role, given in document.files.items()},
+        settings=getattr(document, document.kind) or SETTINGS[document.kind](),
         set=fixed,
         grid=varied,
         draw=drawn,

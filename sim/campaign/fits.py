@@ -31,15 +31,15 @@ SHOWN_S = 10
 """Horizon of the held-out errors that become figures, as the reports of both commands have it."""
 
 
-def identify_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
+def identify_figures(case: CaseSetup, work: Work) -> dict[str, Figure]:
     """Fit the believed vessel; which model to believe, every parameter, and whether its interval holds the truth."""
     settings: Identify = work.settings
     logs, held_out = (
-        _logs(told, work, settings.drive_s),
-        [NamedLog(r.meta.source, r) for r in _read(work, told, "held_out")],
+        _logs(case, work, settings.drive_s),
+        [NamedLog(r.meta.source, r) for r in _read(work, case, "held_out")],
     )
     choices = identification.Choices(block_s=settings.block_s, taylor=settings.taylor, seed=work.seed)
-    found = identification.identify(logs, held_out, told.vessel, choices, lambda: "")
+    found = identification.identify(logs, held_out, case.vessel, choices, lambda: "")
     fit, verdict = found.structured, found.verdict
     out: dict[str, Figure] = {
         "believe": verdict.believe,
@@ -50,7 +50,7 @@ def identify_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
     }
     out |= {f"relative_error_{name.replace(' ', '_')}": error for name, error in verdict.relative_error.items()}
     if settings.drive_s:
-        true = dict(zip((p.name for p in fit.parameters), file_values(told.truth), strict=True))
+        true = dict(zip((p.name for p in fit.parameters), file_values(case.truth), strict=True))
         sure = [p for p in fit.parameters if p.determined and not p.name.startswith("warp_")]
         held = [p.ci95[0] <= true[p.name] <= p.ci95[1] for p in sure]
         out["intervals_that_hold"] = float(np.mean(held)) if held else None
@@ -58,15 +58,15 @@ def identify_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
     return out | {p.name: p.value for p in fit.parameters} | {f"{p.name}_se": p.se for p in fit.parameters}
 
 
-def diagnose_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
+def diagnose_figures(case: CaseSetup, work: Work) -> dict[str, Figure]:
     """Diagnose; the verdict, causes with their numbers, and what they gain on held-out data."""
     settings: Diagnose = work.settings
-    logs = [log.run for log in _logs(told, work, settings.drive_s)]
-    calm = _read(work, told, "reference")
+    logs = [log.run for log in _logs(case, work, settings.drive_s)]
+    calm = _read(work, case, "reference")
     if settings.reference_s:
-        calm = [_drive(told.vessel, told.vessel, work.seed + REFERENCE_SEED, settings.reference_s, Weather())]
+        calm = [_drive(case.vessel, case.vessel, work.seed + REFERENCE_SEED, settings.reference_s, Weather())]
     found = diagnosis.diagnose(
-        logs, told.vessel, reference=calm[0] if calm else None, held_out=_read(work, told, "held_out"),
+        logs, case.vessel, reference=calm[0] if calm else None, held_out=_read(work, case, "held_out"),
         block_s=settings.block_s, identifiability=None, seed=work.seed,
     )  # fmt: skip
     out: dict[str, Figure] = {
@@ -82,10 +82,10 @@ def diagnose_figures(told: CaseSetup, work: Work) -> dict[str, Figure]:
     return out
 
 
-def _logs(told: CaseSetup, work: Work, drive_s: float | None) -> list[NamedLog]:
+def _logs(case: CaseSetup, work: Work, drive_s: float | None) -> list[NamedLog]:
     if drive_s is None:
-        return [NamedLog(run.meta.source, run) for run in _read(work, told, "log")]
-    run = _drive(told.truth, told.vessel, work.seed, drive_s, told.weather)
+        return [NamedLog(run.meta.source, run) for run in _read(work, case, "log")]
+    run = _drive(case.truth, case.vessel, work.seed, drive_s, case.weather)
     return [NamedLog(run.meta.source, run)]
 
 
@@ -97,9 +97,9 @@ def _drive(true: VesselFile, believed: VesselFile, seed: int, drive_s: float, we
     return Run(run.table.select([c for c in run.table.columns if not c.startswith(TRUTH)]), run.meta)
 
 
-def _read(work: Work, told: CaseSetup, role: str) -> list[Run]:
+def _read(work: Work, case: CaseSetup, role: str) -> list[Run]:
     """Logs of a role. ConfigError where one is no longer what the campaign began with."""
-    beside, runs = Beside(told.vessel, _site(work.texts, work.names)), []
+    beside, runs = Beside(case.vessel, _site(work.texts, work.names)), []
     for path, digest in work.logs.get(role, ()):
         if hashlib.sha256(Path(path).read_bytes()).hexdigest() != digest:
             raise ConfigError(f"{path}: is not what it was when the campaign was read")

@@ -13,7 +13,7 @@ import msgspec
 
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
-from sim.campaign.case_files import HEADS, told
+from sim.campaign.case_files import HEADS, case_setup
 from sim.campaign.cases import Case, expand, settings_of
 from sim.campaign.file import LOGS, ROLES, Campaign, load_campaign
 from sim.campaign.runners.job import Work
@@ -144,7 +144,7 @@ def _possible(inputs: Inputs, values: dict[str, Any], where: str) -> None:
         settings_of(campaign, values)
         (case,) = expand(msgspec.structs.replace(alone, files={**campaign.files, **files}), inputs.digests)
         plain = {k: v for k, v in values.items() if k.split(".")[0] not in ("files", campaign.kind)}
-        told(msgspec.structs.replace(inputs.work(case), values=plain))
+        case_setup(msgspec.structs.replace(inputs.work(case), values=plain))
     except ValueError as error:
         raise ConfigError(f"{where}: {error}") from None
 

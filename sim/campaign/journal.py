@@ -75,8 +75,8 @@ class Journal:
         if head.kind != kind:
             raise ConfigError(f"{self.path}: holds a campaign of kind {head.kind}; choose another folder")
         if head.program != self._program:
-            told = _difference(head.program, self._program)
-            raise ConfigError(f"{self.path}: {told}; results of both are not mixed: choose another folder")
+            difference = _difference(head.program, self._program)
+            raise ConfigError(f"{self.path}: {difference}; results of both are not mixed: choose another folder")
 
     def _decoded(self, number: int, line: bytes, kind: type[T]) -> T:
         try:

@@ -30,20 +30,20 @@ JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_r
               "velocity_rmse_m_s", "heading_rmse_deg", "nees", "station_error_m", "station_error_deg")  # fmt: skip
 
 
-def mission_figures(told: CaseSetup, settings: Missions, seed: int) -> dict[str, Figure]:
+def mission_figures(case: CaseSetup, settings: Missions, seed: int) -> dict[str, Figure]:
     """Drive it; what came of it. Figures that cannot be said (it never drove, it has no straight part) are None."""
-    assert told.setup is not None, "missions come with a run file"
-    mind, nmpc = _mind(tuple(sorted(told.setup.files.items())))
-    start = (told.world.north_m, told.world.east_m, math.radians(told.world.psi_deg))
+    assert case.setup is not None, "missions come with a run file"
+    mind, nmpc = _mind(tuple(sorted(case.setup.files.items())))
+    start = (case.world.north_m, case.world.east_m, math.radians(case.world.psi_deg))
     world = WorldSetup(
-        told.truth,
-        told.setup.pilot.site,
+        case.truth,
+        case.setup.pilot.site,
         start=start,
-        weather=told.weather,
-        mismatch=told.world.mismatch,
-        faults=told.faults,
-        voltage_v=told.world.voltage_v,
-        drift_ppm=told.world.drift_ppm,
+        weather=case.weather,
+        mismatch=case.world.mismatch,
+        faults=case.faults,
+        voltage_v=case.world.voltage_v,
+        drift_ppm=case.world.drift_ppm,
     )
     run = SteppedRun(World(world, seed), mind, nmpc.solve)
 
@@ -54,7 +54,7 @@ def mission_figures(told: CaseSetup, settings: Missions, seed: int) -> dict[str,
         return run.world.t_ns - since > settings.station_s * 1e9
 
     finished = run.run(settled, settings.limit_s)
-    figures = {"finished": finished, **_scored(run, told.setup, settings)}
+    figures = {"finished": finished, **_scored(run, case.setup, settings)}
     return figures if finished else figures | dict.fromkeys(("station_error_m", "station_error_deg"))
 
 

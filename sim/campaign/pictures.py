@@ -60,13 +60,13 @@ def errors(sigmas: Mapping[str, np.ndarray]) -> Figure:
 
 def counts(parts: Mapping[str, Mapping[str, int]]) -> Figure:
     """How often each text came, a bar in each part of the grid."""
-    every = sum((Counter(told) for told in parts.values()), Counter[str]())
+    every = sum((Counter(counts_of_part) for counts_of_part in parts.values()), Counter[str]())
     words = [word for word, _ in every.most_common()]
     figure = Figure(figsize=(11, 0.3 * len(words) + 1.2), layout="constrained")
     ax = figure.add_subplot()
     left = np.zeros(len(words))
-    for i, (part, told) in enumerate(parts.items()):
-        many = np.array([told.get(w, 0) for w in words], dtype=float)
+    for i, (part, counts_of_part) in enumerate(parts.items()):
+        many = np.array([counts_of_part.get(w, 0) for w in words], dtype=float)
         ax.barh(np.arange(len(words))[::-1], many, left=left, color=COLOURS[i % len(COLOURS)], label=part)
         left += many
     ax.set_yticks(np.arange(len(words))[::-1], [w or "(none)" for w in words], fontsize=8)

@@ -55,8 +55,8 @@ def quantiles(table: pl.DataFrame, names: Sequence[str]) -> ScoreTable:
             rows.append((name, "0", *["-"] * 7))
             continue
         five = np.quantile(values, [0.0, 0.05, 0.5, 0.95, 1.0])
-        told = (values.mean(), values.std(ddof=1) if len(values) > 1 else np.nan, *five)
-        rows.append((name, str(len(values)), *(f"{v:.4g}" if np.isfinite(v) else "-" for v in told)))
+        statistics = (values.mean(), values.std(ddof=1) if len(values) > 1 else np.nan, *five)
+        rows.append((name, str(len(values)), *(f"{v:.4g}" if np.isfinite(v) else "-" for v in statistics)))
     return ScoreTable(("figure", "cases", "mean", "sd", "least", "5 %", "median", "95 %", "most"), tuple(rows))
 
 
@@ -73,9 +73,9 @@ def parts_of(campaign: Campaign, table: pl.DataFrame) -> dict[str, pl.DataFrame]
         return {"all cases": table}
     out = {}
     for row in rows:
-        told = ", ".join(f"{key.split('.')[-1]} {value}" for key, value in zip(keys, row, strict=True))
+        label = ", ".join(f"{key.split('.')[-1]} {value}" for key, value in zip(keys, row, strict=True))
         here = pl.all_horizontal([pl.col(key).eq_missing(value) for key, value in zip(keys, row, strict=True)])
-        out[told] = table.filter(here)
+        out[label] = table.filter(here)
     return out
 
 
@@ -120,13 +120,13 @@ def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
     if len(parts) > 1 and names:
         sections.append(Section("By point of the grid", tables=(_by_part(parts, names),), note="Median (95 %)."))
     for name in (n for n in WORDS[campaign.kind] if n in table.columns and table[n].n_unique() > 1):
-        told = {part: Counter(str(v) if v is not None else "" for v in rows[name]) for part, rows in parts.items()}
-        figure = pictures.counts(told)
+        counts = {part: Counter(str(v) if v is not None else "" for v in rows[name]) for part, rows in parts.items()}
+        figure = pictures.counts(counts)
         sections.append(Section(f"How often: {name}", figures=((figure, "Cases by what they came to."),)))
     sigmas = _sigmas(table)
     if sigmas:
-        told = "Against the simulated truth: where the bars reach beyond the grey, intervals are too narrow."
-        sections.append(Section("Errors of the parameters", figures=((pictures.errors(sigmas), told),)))
+        caption = "Against the simulated truth: where the bars reach beyond the grey, intervals are too narrow."
+        sections.append(Section("Errors of the parameters", figures=((pictures.errors(sigmas), caption),)))
     return sections
 
 
@@ -137,8 +137,8 @@ def _by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> ScoreTa
         for table in parts.values():
             values = _numbers(table, name)
             values = values[np.isfinite(values)]
-            told = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
-            cells.append(f"{told[0]:.3g} ({told[1]:.3g})" if len(values) else "-")
+            quantile_pair = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
+            cells.append(f"{quantile_pair[0]:.3g} ({quantile_pair[1]:.3g})" if len(values) else "-")
         rows.append((name, *cells))
     return ScoreTable(("figure", *parts), tuple(rows))
 
@@ -163,8 +163,8 @@ def _every(table: pl.DataFrame, cases: Sequence[Case]) -> Section:
 
 def _origin(inputs: Inputs, program: Mapping[str, str]) -> Section:
     files = ScoreTable(("file", "SHA-256"), tuple((name, digest) for name, digest in sorted(inputs.digests.items())))
-    told = ScoreTable(("program", "version"), tuple(program.items()))
-    return Section("What it rests on", tables=(files, told), preformatted=inputs.text, text=True,
+    versions = ScoreTable(("program", "version"), tuple(program.items()))
+    return Section("What it rests on", tables=(files, versions), preformatted=inputs.text, text=True,
                    note=f"Below: {inputs.name} as it was.")  # fmt: skip
 
 

@@ -54,8 +54,8 @@ def check(args: argparse.Namespace, console: Console | None = None) -> int:
     rows = asyncio.run(_look(args, setup, mavlink, uwb, errors))
     level = worst(rows)
     if args.json:
-        told = {"verdict": level, "rows": msgspec.to_builtins(rows)}
-        sys.stdout.write(json.dumps(told, indent=2) + "\n")
+        report = {"verdict": level, "rows": msgspec.to_builtins(rows)}
+        sys.stdout.write(json.dumps(report, indent=2) + "\n")
     else:
         show(rows, console, explain_all=args.all)
     return REFUSED if level == "refuse" else FINE
@@ -73,8 +73,8 @@ async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: P
             clock=BoatClock(),
             say=status.update,
         )
-        heard, told = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
-    return all_rows(setup, heard, told)
+        observations, verdicts = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
+    return all_rows(setup, observations, verdicts)
 
 
 def show(rows: list[Row], console: Console, *, explain_all: bool = False) -> None:
@@ -87,8 +87,8 @@ def show(rows: list[Row], console: Console, *, explain_all: bool = False) -> Non
             Text(row.level, style=STYLES[row.level]), row.area, Text(row.name), Text(row.found), Text(row.needed)
         )
     console.print(table)
-    told = [row for row in rows if explain_all or row.level != "ok"]
-    for row in sorted(told, key=lambda row: ("refuse", "warning", "ok").index(row.level)):
+    listed = [row for row in rows if explain_all or row.level != "ok"]
+    for row in sorted(listed, key=lambda row: ("refuse", "warning", "ok").index(row.level)):
         console.print()
         console.print(Text(f"{row.level}: {row.name} = {row.found}", style=STYLES[row.level]))
         console.print(Text(f"  {row.why}"))

@@ -65,8 +65,8 @@ async def _wire(args: argparse.Namespace, autopilot: Provisioner, console: Conso
     name = f"{args.wiring}.param"
     wanted = parse_parameters((FOLDER / name).read_text(encoding="utf-8"), name=name)
     console.print("reading the autopilot's parameters")
-    told = await autopilot.parameters()
-    found = changes(told, wanted)
+    current = await autopilot.parameters()
+    found = changes(current, wanted)
     if missing := unknown(found):
         raise ProvisioningError(f"the autopilot does not have {', '.join(missing)}: is it ArduPilot Rover 4.6 or 4.7?")
     console.print(_difference(found) if found else Text(f"all {len(wanted)} parameters are as {name} has them"))

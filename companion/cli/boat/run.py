@@ -131,17 +131,17 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
 
 def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
     """Path of the log, its folder made and within its quota; and how to look after the quota again."""
-    told = setup.run.log
-    folder = args.config.parent / told.folder if told.folder else Path()
+    log_settings = setup.run.log
+    folder = args.config.parent / log_settings.folder if log_settings.folder else Path()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{args.config}: log.folder: {folder}: {error.strerror}") from None
     log = args.log or new_log(folder, time.localtime())
-    if told.quota_MB is None:
+    if log_settings.quota_MB is None:
         return log, None
     running = log.name if log.parent.resolve() == folder.resolve() else ""
-    quota_bytes = told.quota_MB * MB
+    quota_bytes = log_settings.quota_MB * MB
 
     def look() -> Swept:
         return sweep(folder, quota_bytes=quota_bytes, running=running, now_s=time.time())
@@ -195,12 +195,12 @@ async def _drive(
         progress.see(alert)
         shore.see(alert)
 
-    told, system = setup.run.forward, setup.run.mavlink.system_id
+    forward, system = setup.run.forward, setup.run.mavlink.system_id
     codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
     guard = None if args.unchecked else StartInterlock(codec, companion_of(setup))
     if not guard:
         tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
-    gate = GcsFirewall(system) if told and told.writable else None
+    gate = GcsFirewall(system) if forward and forward.writable else None
     app = App(
         Pilot(setup.pilot),
         _controller(setup, tell),

@@ -63,8 +63,8 @@ def demo(args: argparse.Namespace) -> int:
     for boat, failure in zip(boats, failures, strict=True):
         if failure:
             print(f"aritra demo: {_of(boat)}{failure}", file=sys.stderr)
-    told = [boat for boat, failure in zip(boats, failures, strict=True) if failure is None]
-    passed = [_score(boat, setup) for boat in told]
+    finished = [boat for boat, failure in zip(boats, failures, strict=True) if failure is None]
+    passed = [_score(boat, setup) for boat in finished]
     return 0 if len(passed) == len(boats) and all(passed) else 1
 
 

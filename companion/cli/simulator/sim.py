@@ -121,7 +121,7 @@ def sim(args: argparse.Namespace) -> int:
 
 def _fleet(args: argparse.Namespace, setup: RunSetup) -> list[argparse.Namespace]:
     """Each boat's own options, `boat` among them; empty: one boat."""
-    (host, port), told = _address(args.udp_to), {}
+    (host, port), endpoints = _address(args.udp_to), {}
     for k, name in enumerate(folders_of(args, setup)):
         own = argparse.Namespace(**vars(args) | {"seed": args.seed + k})
         if args.boats is not None:
@@ -131,11 +131,11 @@ def _fleet(args: argparse.Namespace, setup: RunSetup) -> list[argparse.Namespace
             if args.tcp:
                 tcp_host, tcp_port = _address(args.tcp)
                 own.tcp = f"{tcp_host}:{tcp_port + k * PORTS}"
-        told[name] = own
-    wires = {name: Urls(f"udpin:{own.udp_to}", f"serial:{own.uwb}:115200") for name, own in told.items()}
+        endpoints[name] = own
+    wires = {name: Urls(f"udpin:{own.udp_to}", f"serial:{own.uwb}:115200") for name, own in endpoints.items()}
     for boat in boats_of(args, setup, wires):
-        told[boat.name].boat = boat
-    return list(told.values())
+        endpoints[boat.name].boat = boat
+    return list(endpoints.values())
 
 
 def _truth_log(path: Path, setup: RunSetup) -> Recorder:

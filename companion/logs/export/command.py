@@ -110,8 +110,8 @@ def export_topics(
         raise LogError(_told(error)) from None
     rows = sum(table.height for table in found.by_topic.values())
     size = sum(p.stat().st_size for p in written) / 1e6
-    told = f"wrote {len(found.by_topic)} tables, {rows} rows, {size:.1f} MB to {folder}"
-    return _end(console, told, [*log.damage, *(simulator.damage if simulator else ())])
+    summary_line = f"wrote {len(found.by_topic)} tables, {rows} rows, {size:.1f} MB to {folder}"
+    return _end(console, summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
 
 def export_track(
@@ -127,8 +127,8 @@ def export_track(
         out.write_bytes(log_geojson.collection(path.stem, found, msgspec.json.encode))
     except OSError as error:
         raise LogError(_told(error)) from None
-    told = f"wrote {out}: {len(found)} features, {out.stat().st_size / 1e6:.1f} MB"
-    return _end(console or Console(), told, [*log.damage, *(simulator.damage if simulator else ())])
+    summary_line = f"wrote {out}: {len(found)} features, {out.stat().st_size / 1e6:.1f} MB"
+    return _end(console or Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
 
 def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
@@ -182,8 +182,8 @@ def _told(error: Exception) -> str:
     return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
 
 
-def _end(console: Console, told: str, damage: Sequence[str]) -> int:
-    for line in (told, *damage):
+def _end(console: Console, summary_line: str, damage: Sequence[str]) -> int:
+    for line in (summary_line, *damage):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     return DAMAGED if damage else OK
 

@@ -176,10 +176,10 @@ def _legend(axes: Axes, columns: int) -> None:
     if not handles:
         axes.set_title("")
         return
-    told = [SYMBOLS.get(str(label), _short(str(label))) for label in labels]
+    short_labels = [SYMBOLS.get(str(label), _short(str(label))) for label in labels]
     columns = min(columns, len(handles))
     axes.set_title("\n".join([" "] * -(-len(handles) // columns)), fontsize=7, pad=3)
-    legend = axes.legend(handles, told, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns)
+    legend = axes.legend(handles, short_labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns)
     legend.set_in_layout(False)
 
 

@@ -48,8 +48,8 @@ def features(log: LogFile, site: Site | None = None, truth: LogFile | None = Non
     """
     site = site or site_in(log)
     if site is None:
-        told = "holds no site file, so nobody knows where on the earth its origin lies: name one with --site FILE"
-        raise LogError(f"{log.path}: {told}")
+        reason = "holds no site file, so nobody knows where on the earth its origin lies: name one with --site FILE"
+        raise LogError(f"{log.path}: {reason}")
     drawn = _Drawing(site, zero_ns_of(log), log.wall_offset_ns)
     for message in log.messages(StateEstimate, ModeStatus, Alert, NewMission):
         drawn.see(message)
@@ -110,21 +110,21 @@ class _Drawing:
             case NewMission():
                 self._missions.append((message.name, [(w.north_m, w.east_m) for w in message.waypoints]))
             case Alert() if self._place:
-                told = {"kind": "alert", **self._when(message.t_ns), "level": message.level, "text": message.text}
-                self._points.append(self._feature("Point", self._at(self._place), told))
+                properties = {"kind": "alert", **self._when(message.t_ns), "level": message.level, "text": message.text}
+                self._points.append(self._feature("Point", self._at(self._place), properties))
 
     def features(self, first_mission: list[Place]) -> list[Feature]:
         """Everything seen, lines first."""
         out = [*self._lines("track", self.track), *self._lines("truth", self._truth)]
         for name, places in (("mission of the run file", first_mission), *self._missions):
             if len(places) > 1:
-                told = {"kind": "mission", "name": name}
-                out.append(self._feature("LineString", self._all(places), told))
+                properties = {"kind": "mission", "name": name}
+                out.append(self._feature("LineString", self._all(places), properties))
         ring = _counterclockwise(self._all(self._site.fence))
         out.append(self._feature("Polygon", [ring], {"kind": "fence", "name": self._site.name}))
         for a in self._site.anchors:
-            told = {"kind": "anchor", "name": a.id, "down_m": a.down_m}
-            out.append(self._feature("Point", self._at((a.north_m, a.east_m)), told))
+            properties = {"kind": "anchor", "name": a.id, "down_m": a.down_m}
+            out.append(self._feature("Point", self._at((a.north_m, a.east_m)), properties))
         return out + self._points
 
     def _estimate(self, e: StateEstimate) -> None:
@@ -137,7 +137,7 @@ class _Drawing:
             return
         self._told_ns = e.t_ns
         heading = math.degrees(e.psi_rad) + self._site.rotation_deg
-        told = {
+        properties = {
             "kind": "state",
             **self._when(e.t_ns),
             "heading_deg": round(heading % 360.0, 2) % 360.0,
@@ -148,7 +148,7 @@ class _Drawing:
             "health": e.health,
             "mode": self._mode,
         }
-        self._points.append(self._feature("Point", self._at(self._place), told))
+        self._points.append(self._feature("Point", self._at(self._place), properties))
 
     def _when(self, t_ns: int) -> dict[str, Any]:
         """`t_s` since the log's first message; `time`, ISO 8601, null where the log does not know the wall clock."""

@@ -72,12 +72,12 @@ def _run(args: argparse.Namespace) -> int:
     with console.status(f"reading {args.log}") as status:
         duration_s = _duration_s(log)
         rate_hz = args.rate or view.rate_of(duration_s)
-        told = view.samples(log, rate_hz)
+        samples = view.samples(log, rate_hz)
         overlay, zero_ns = None, 0
         if not args.no_ghosts:
             overlay, zero_ns = _overlay(log, args, lambda text, _share: status.update(f"ghosts: {text}"))
         status.update("writing")
-        data = view.page_data(log, told, overlay, zero_ns)
+        data = view.page_data(log, samples, overlay, zero_ns)
         written = html.page(args.log.name, data)
         try:
             out.write_bytes(written)

@@ -39,22 +39,22 @@ def samples(log: LogFile, rate_hz: float) -> list[shore.ShoreMessage]:
     setup, zero_ns = setup_in(log), zero_ns_of(log)
     software = f"aritra {log.metadata.get('version', 'unknown')}"
     view = TelemetryView(setup.pilot, Who(RUN, setup.digest, software, log.wall_offset_ns, False), rate_hz)
-    told = view.begin(zero_ns)
+    samples = view.begin(zero_ns)
     for message in log.messages():
-        told += view.see(message)
-    return told
+        samples += view.see(message)
+    return samples
 
 
-def page_data(log: LogFile, told: Sequence[shore.ShoreMessage], overlay: Overlay | None, zero_ns: int) -> bytes:
+def page_data(log: LogFile, samples: Sequence[shore.ShoreMessage], overlay: Overlay | None, zero_ns: int) -> bytes:
     """JSON for the page. `overlay`: ghosts on the run's clock, whose t_s = 0 is `zero_ns`."""
-    first = next((t for t in told if isinstance(t, shore.StateNow)), None)
+    first = next((t for t in samples if isinstance(t, shore.StateNow)), None)
     if first is None:
         raise LogError(f"{log.path}: no estimate in it: there is nothing to show")
-    known = next((t for t in told if isinstance(t, shore.StateNow) and t.health in KNOWN), first)
-    about, begin_ns, end_ns = told[0], zero_ns_of(log), max(t.t_ns for t in told)
+    known = next((t for t in samples if isinstance(t, shore.StateNow) and t.health in KNOWN), first)
+    about, begin_ns, end_ns = samples[0], zero_ns_of(log), max(t.t_ns for t in samples)
     assert isinstance(about, shore.About)
     length_s = (end_ns - begin_ns) * 1e-9
-    states = sum(isinstance(t, shore.StateNow) for t in told)
+    states = sum(isinstance(t, shore.StateNow) for t in samples)
     step = max(round(length_s * FULL_HZ / states), 1)
     data = {
         "title": log.path.name,
@@ -64,7 +64,7 @@ def page_data(log: LogFile, told: Sequence[shore.ShoreMessage], overlay: Overlay
         "zero_s": begin_ns * 1e-9,
         "length_s": length_s,
         "start_s": max((known.t_ns - begin_ns) * 1e-9, 0.0),
-        "samples": [(shore.topic_of(t), msgspec.Raw(shore.encode(t))) for t in told],
+        "samples": [(shore.topic_of(t), msgspec.Raw(shore.encode(t))) for t in samples],
         "ghosts": [_ghost(g, overlay, zero_ns, step) for g in overlay.ghosts] if overlay else [],
         "errors": _errors(overlay) if overlay else None,
     }
@@ -72,12 +72,12 @@ def page_data(log: LogFile, told: Sequence[shore.ShoreMessage], overlay: Overlay
 
 
 def _about(log: LogFile, about: shore.About, begin_ns: int, length_s: float) -> str:
-    told = f"{about.vessel} at {about.site}, {length_s:.0f} s"
+    title = f"{about.vessel} at {about.site}, {length_s:.0f} s"
     if log.wall_offset_ns:
         begin = datetime.fromtimestamp((begin_ns + log.wall_offset_ns) * 1e-9, UTC)
-        told += f" from {begin:%Y-%m-%d %H:%M:%S} UTC"
+        title += f" from {begin:%Y-%m-%d %H:%M:%S} UTC"
     damage = ", damaged log" if log.damage else ""
-    return f"{told}, configuration {about.configuration[:12]}, {about.software}{damage}"
+    return f"{title}, configuration {about.configuration[:12]}, {about.software}{damage}"
 
 
 def _ghost(ghost: Ghost, overlay: Overlay, zero_ns: int, step: int) -> dict[str, Any]:

@@ -86,7 +86,7 @@ class Watcher:
         samples = [*self._newest.values(), *self._all]
         if not samples and not new and now_ms - self._last_ms < QUIET_MS:
             return None
-        told = {
+        entry_update = {
             "type": "samples",
             "now_ms": round(now_ms, 1),
             "missed": self._missed,
@@ -97,4 +97,4 @@ class Watcher:
         self._all.clear()
         self._newest.clear()
         self._missed, self._last_ms = 0, now_ms
-        return _ENCODER.encode(told)
+        return _ENCODER.encode(entry_update)

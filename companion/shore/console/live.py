@@ -117,15 +117,15 @@ class Console:
                 await asyncio.sleep(max(FRAME_S - (time.monotonic() - begun_s), 0.01))
 
     def _pump(self) -> None:
-        for heard in self._hearing.take():
-            if heard.topic is None:
-                self.store.alive(heard.boat, heard.there)
+        for received in self._hearing.take():
+            if received.topic is None:
+                self.store.alive(received.boat, received.there)
                 continue
-            sample = self.store.take(heard.boat, heard.topic, heard.data, heard.heard_ns)
+            sample = self.store.take(received.boat, received.topic, received.data, received.heard_ns)
             if sample is None:
                 continue
-            if sender := self._keys.of(heard.boat):
-                sender.hear(self.store.boats[heard.boat].run, sample.t_ns)
+            if sender := self._keys.of(received.boat):
+                sender.hear(self.store.boats[received.boat].run, sample.t_ns)
             for browser in self.browsers:
                 browser.watcher.note(sample)
             for hear in self.also:
@@ -149,8 +149,8 @@ class Console:
 
     def _about(self) -> bytes:
         """What a page must know of its console."""
-        told = {"started": self._started, "commands": bool(self._keys), "problem": self._hearing.problem}
-        return _ENCODER.encode({"type": "console", **told})
+        status = {"started": self._started, "commands": bool(self._keys), "problem": self._hearing.problem}
+        return _ENCODER.encode({"type": "console", **status})
 
     # --- the web -----------------------------------------------------------------------------------
 
@@ -187,8 +187,8 @@ class Console:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
                     with contextlib.suppress(msgspec.MsgspecError):
-                        told = msgspec.json.decode(message.data, type=BrowserSelection)
-                        browser.watcher.choose(self.store.boats, told.choose)
+                        selection = msgspec.json.decode(message.data, type=BrowserSelection)
+                        browser.watcher.choose(self.store.boats, selection.choose)
         finally:
             self.browsers.discard(browser)
             sending.cancel()

@@ -53,29 +53,29 @@ class BoatRecord:
         self.malformed = 0
         self._former: deque[str] = deque(maxlen=RUNS)
 
-    def take(self, topic: str, told: shore.ShoreMessage, heard_ns: int) -> Sample | None:
+    def take(self, topic: str, message: shore.ShoreMessage, heard_ns: int) -> Sample | None:
         """Note one sample; None: of a former run."""
-        if told.run in self._former:
+        if message.run in self._former:
             if heard_ns - self._began_ns > LATE_NS:
                 self.twin_ns = heard_ns
             return None
-        if told.run != self.run:
-            self._begin(told.run, told.t_ns - heard_ns, heard_ns)
+        if message.run != self.run:
+            self._begin(message.run, message.t_ns - heard_ns, heard_ns)
         drifted_ns = self.ahead_ns - round(DRIFT * (heard_ns - self._heard_ns))
-        self.ahead_ns, self._heard_ns = max(told.t_ns - heard_ns, drifted_ns), heard_ns
-        self.newest_ns = max(self.newest_ns, told.t_ns)
-        sample = Sample(self.name, topic, told.t_ns, shore.encode(told))
+        self.ahead_ns, self._heard_ns = max(message.t_ns - heard_ns, drifted_ns), heard_ns
+        self.newest_ns = max(self.newest_ns, message.t_ns)
+        sample = Sample(self.name, topic, message.t_ns, shore.encode(message))
         kept = self.kept.setdefault(topic, deque(maxlen=KEPT.get(topic, 1)))
-        self._newest_ns[topic] = max(told.t_ns, self._newest_ns.get(topic, -1))
-        if kept.maxlen != 1 or not kept or kept[-1].t_ns <= told.t_ns:
+        self._newest_ns[topic] = max(message.t_ns, self._newest_ns.get(topic, -1))
+        if kept.maxlen != 1 or not kept or kept[-1].t_ns <= message.t_ns:
             kept.append(sample)
         return sample
 
-    def knows(self, topic: str, told: shore.ShoreMessage) -> bool:
+    def knows(self, topic: str, message: shore.ShoreMessage) -> bool:
         """Whether it has this very sample: what was kept for latecomers may come twice."""
-        if told.run != self.run or told.t_ns > self._newest_ns.get(topic, -1):
+        if message.run != self.run or message.t_ns > self._newest_ns.get(topic, -1):
             return False
-        return Sample(self.name, topic, told.t_ns, shore.encode(told)) in self.kept[topic]
+        return Sample(self.name, topic, message.t_ns, shore.encode(message)) in self.kept[topic]
 
     def newest(self, topic: str) -> Sample | None:
         """The newest sample of a topic."""
@@ -111,15 +111,15 @@ class BoatStore:
         if len(data) > MAX_BYTES:
             return self._refuse("too long", boat)
         try:
-            told = shore.decode(topic, data)
+            message = shore.decode(topic, data)
         except (ValueError, RecursionError):
             return self._refuse("not understood", boat)
         known = self._boat(boat)
         if known is None:
             return self._refuse("too many boats, or a strange name", boat)
-        if known.knows(topic, told):
+        if known.knows(topic, message):
             return None
-        return known.take(topic, told, heard_ns) or self._refuse("of a former run", boat)
+        return known.take(topic, message, heard_ns) or self._refuse("of a former run", boat)
 
     def alive(self, boat: str, there: bool) -> None:
         """The boat's liveliness token came or went."""

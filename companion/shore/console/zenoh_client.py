@@ -118,9 +118,9 @@ class ZenohClient:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(settle, data)
 
-        def reply(heard: zenoh.Reply) -> None:
-            if heard.ok:
-                on_loop(bytes(heard.ok.payload))
+        def reply(answer: zenoh.Reply) -> None:
+            if answer.ok:
+                on_loop(bytes(answer.ok.payload))
 
         try:
             session.get(
@@ -153,11 +153,11 @@ class ZenohClient:
     def _reach(self, boat: str, there: bool) -> None:
         self._note(ZenohSample(boat, None, b"", there, time.monotonic_ns()))
 
-    def _note(self, heard: ZenohSample) -> None:
+    def _note(self, sample: ZenohSample) -> None:
         if len(self._queue) >= QUEUE:
             self.dropped += 1
         else:
-            self._queue.append(heard)
+            self._queue.append(sample)
 
 
 def _wrong_run(data: bytes) -> bool:

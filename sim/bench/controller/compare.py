@@ -83,10 +83,10 @@ def built(world: BenchWorld, asked: RecordedProblem) -> tuple[list[Planner], dic
 def compared(order: BenchRequest, problem: str) -> tuple[dict[str, Solved], dict[str, str]]:
     """Rounds of every solver of one problem by name, the reference first; and what refused."""
     world = order.world(problem)
-    order.told(f"{problem}: building the solvers")
+    order.progress(f"{problem}: building the solvers")
     asked = recorded(world, order.seed, order.solves)
     planners, refused = built(world, asked[0])
-    return rounds(planners, asked, order.rounds, lambda text: order.told(f"{problem}: {text}")), refused
+    return rounds(planners, asked, order.rounds, lambda text: order.progress(f"{problem}: {text}")), refused
 
 
 def solvers(order: BenchRequest) -> Found:
@@ -165,13 +165,13 @@ def cadence(order: BenchRequest) -> Found:
     for problem in order.problems:
         world = order.world(problem)
         asked = recorded(world, order.seed, order.cadence_solves)
-        order.told(f"{problem}: {len(asked)} solves at 10 Hz, twice {len(asked) * CADENCE_S:.0f} s")
+        order.progress(f"{problem}: {len(asked)} solves at 10 Hz, twice {len(asked) * CADENCE_S:.0f} s")
         found = at_cadence(world, asked)
         yield _row("cadence", problem, "RTI, hot", found.hot)
         yield _row("cadence", problem, "RTI, at 10 Hz", found.rehearsed)
         yield _row("cadence", problem, f"RTI, at 10 Hz, {NO_REHEARSAL}", found.unrehearsed)
         if problem == "production":
-            order.told(f"{problem}: the same by the whole controller")
+            order.progress(f"{problem}: the same by the whole controller")
             found = controller(order, asked)
             yield _row("cadence", problem, "controller, hot", found.hot, note="request to plan")
             yield _row("cadence", problem, AT_CADENCE, found.rehearsed, note="request to plan")

@@ -136,13 +136,13 @@ class Solved(Timed):
 
 
 def interleaved(
-    makers: Mapping[str, Callable[[], float]], count: int, told: Callable[[str], None] = lambda _: None
+    makers: Mapping[str, Callable[[], float]], count: int, progress: Callable[[str], None] = lambda _: None
 ) -> dict[str, Timed]:
-    """`count` rounds in turn of anything that gives the seconds of one call. `told` hears of each."""
+    """`count` rounds in turn of anything that gives the seconds of one call; `progress` gets a line for each round."""
     timed = {name: Timed() for name in makers}
     for k in range(count):
         for name, make in makers.items():
-            told(f"round {k + 1} of {count}: {name}")
+            progress(f"round {k + 1} of {count}: {name}")
             timed[name].rounds.append(np.array([make()]))
     return timed
 
@@ -151,13 +151,13 @@ def rounds(
     planners: Sequence[Planner],
     asked: Sequence[RecordedProblem],
     count: int,
-    told: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Solved]:
-    """`count` interleaved rounds of solvers over the same states. `told` hears of each."""
+    """`count` interleaved rounds of solvers over the same states. `progress` is called with the name of each round."""
     timed = {planner.name: Solved() for planner in planners}
     for k in range(count):
         for planner in planners:
-            told(f"round {k + 1} of {count}: {planner.name}")
+            progress(f"round {k + 1} of {count}: {planner.name}")
             timed[planner.name].add(replay(planner, asked))
     return timed
 

@@ -46,7 +46,7 @@ def starts(vessel: Path) -> Iterator[ProcessStart]:
 
 def start(order: BenchRequest) -> Found:
     """Start-up: a fresh process from nothing to the first plan"""
-    order.told("start: cold, then warm")
+    order.progress("start: cold, then warm")
     try:
         for one in starts(order.vessel_path):
             note = " ".join(word for word in (one.status if one.status != "ok" else "", one.why) if word)

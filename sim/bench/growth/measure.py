@@ -68,11 +68,11 @@ def _solves(order: BenchRequest, by: str, worlds: Mapping[int, BenchWorld]) -> I
     """Medians of the fastest round of three ways to solve, at each size; in each round every size."""
     cases, timed = {}, {}
     for size, world in worlds.items():
-        order.told(f"growth: building {size} {by}")
+        order.progress(f"growth: building {size} {by}")
         cases[size] = _three(world), recorded(world, order.seed, max(order.solves // 2, 3))
     for k in range(order.rounds):
         for size, (planners, asked) in cases.items():
-            order.told(f"growth: round {k + 1} of {order.rounds}, {size} {by}")
+            order.progress(f"growth: round {k + 1} of {order.rounds}, {size} {by}")
             for planner in planners:
                 timed.setdefault(planner.name, {}).setdefault(size, Solved()).add(replay(planner, asked))
     for name, each in timed.items():
@@ -121,7 +121,7 @@ def _timed(order: BenchRequest, what: str, by: str, calls: Mapping[int, Callable
     """Processor seconds of one call at each size: it does not matter who else is on the machine."""
     took = []
     for size, call in calls.items():
-        order.told(f"growth: {what}, {size:g} {by}")
+        order.progress(f"growth: {what}, {size:g} {by}")
         began = time.process_time()
         call()
         took.append(time.process_time() - began)

@@ -18,7 +18,7 @@ from importlib.metadata import version
 from threadpoolctl import threadpool_limits
 
 from companion.logs.metadata import log_metadata
-from sim.campaign.case_files import told
+from sim.campaign.case_files import case_setup
 from sim.campaign.runners.job import CaseOutcome, Figure, Work
 
 LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels", "llvmlite")
@@ -61,10 +61,10 @@ def _figures(work: Work) -> dict[str, Figure]:
     if work.kind == "missions":
         from sim.campaign.mission import mission_figures  # noqa: PLC0415 - each kind's libraries where it is run
 
-        return mission_figures(told(work), work.settings, work.seed)
+        return mission_figures(case_setup(work), work.settings, work.seed)
     from sim.campaign.fits import diagnose_figures, identify_figures  # noqa: PLC0415
 
-    return (identify_figures if work.kind == "identify" else diagnose_figures)(told(work), work)
+    return (identify_figures if work.kind == "identify" else diagnose_figures)(case_setup(work), work)
 
 
 def _finite(value: Figure) -> Figure:

@@ -47,7 +47,7 @@ SEEDS = range(1, 21)
 def _order(full: bool) -> BenchRequest:
     return BenchRequest(
         _vessel(), VESSEL, tuple(STEP_S), solves=STEPS, rounds=9 if full else 3, cadence_solves=600 if full else 200,
-        told=lambda text: print(f"  ({text})", flush=True),
+        progress=lambda text: print(f"  ({text})", flush=True),
     )  # fmt: skip
 
 

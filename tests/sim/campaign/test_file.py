@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.configuration.tables import ConfigError
-from sim.campaign.case_files import told
+from sim.campaign.case_files import case_setup
 from sim.campaign.cases import drawn, expand
 from sim.campaign.dotted_keys import applied, flat
 from sim.campaign.file import Draw, load_campaign
@@ -127,7 +127,7 @@ world.mismatch = 0.1
 """
     inputs, cases = read_campaign(campaign_file(tmp_path, SHORT + more))
     case = next(c for c in cases if c.values["weather.V_c_m_s"] == 0.1)
-    found = told(inputs.work(case))
+    found = case_setup(inputs.work(case))
     assert found.setup is not None and found.setup.pilot.control.latency_s == 0.05
     assert found.setup.pilot.vessel == found.vessel
     assert found.vessel.propulsion.lag_s == found.truth.propulsion.lag_s == 0.2
@@ -144,7 +144,9 @@ def test_files_can_be_points_of_the_grid(tmp_path):
     path.write_text(SHORT.replace("[grid]", '[grid]\nfiles.mission = ["leg.toml", "other.toml"]'))
     inputs, cases = read_campaign(path)
     assert len(cases) == 16 and {c.shown["files.mission"] for c in cases} == {"leg.toml", "other.toml"}
-    ends = {c.files["mission"][0]: told(inputs.work(c)).setup.pilot.mission.path.waypoints[-1].north_m for c in cases}
+    ends = {
+        c.files["mission"][0]: case_setup(inputs.work(c)).setup.pilot.mission.path.waypoints[-1].north_m for c in cases
+    }
     assert ends == {"leg.toml": 13.0, "other.toml": 14.0}
     (tmp_path / "other.toml").write_text((tmp_path / "leg.toml").read_text())
     with pytest.raises(ConfigError, match="8 cases are there twice; do two files hold the same"):

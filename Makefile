@@ -15,7 +15,7 @@ test: $(VENV)/installed
 	scripts/test
 
 long: $(VENV)/installed
-	scripts/test -m long
+	scripts/test long
 
 check: $(VENV)/installed
 	scripts/check

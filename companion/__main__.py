@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -36,6 +37,9 @@ def parser(names: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # what the terminal's language does not know is shown as "?"
     words = sys.argv[1:] if argv is None else argv
     asked = COMMANDS.keys() & words[:1]
     args = parser(asked or COMMANDS).parse_args(words)

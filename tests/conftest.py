@@ -1,4 +1,7 @@
-"""Fixtures that every test may use; tests in real time have another try where the machine stood still."""
+"""Fixtures that every test may use; tests in real time have another try where the machine stood still.
+
+Every test finds the same surroundings (`support/surroundings.py`), whatever terminal, language or home the person has.
+"""
 
 import tempfile
 import time
@@ -10,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 from tests.support.stalls import watched
+from tests.support.surroundings import settle
 
 ROOT = Path(__file__).resolve().parents[1]
 TRIES_MORE = 2
@@ -40,6 +44,12 @@ class OnlyAStall:
     def pytest_terminal_summary(self, terminalreporter):
         for line in self._told:
             terminalreporter.write_line(line)
+
+
+def pytest_configure(config):
+    stack = ExitStack()
+    config.add_cleanup(stack.close)
+    settle(stack)
 
 
 @pytest.hookimpl(trylast=True)

@@ -133,6 +133,11 @@ class App:
         return True
 
     @property
+    def solving(self) -> bool:
+        """Whether the solver has a request in hand."""
+        return self._solver.busy
+
+    @property
     def refusal(self) -> str | None:
         """Why no command but a stop comes to the pilot; None: it may, or waits for the guard's check."""
         if self._failure:

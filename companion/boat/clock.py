@@ -65,6 +65,11 @@ class SimClock:
         self._arrivals += 1
         await sleeper
 
+    def stall(self, t_ns: int) -> None:
+        """Nobody ran until `t_ns`: whoever was due before wakes with the next `advance`, none at the instant meant."""
+        self._sleepers = sorted((max(due_ns, t_ns), k, sleeper) for due_ns, k, sleeper in self._sleepers)
+        self._now_ns = t_ns
+
     async def advance(self, ns: int) -> None:
         """Move on by `ns`, stopping at every sleeper's instant to let it and what it causes run.
 

@@ -80,7 +80,7 @@ def _secret(content: bytes) -> bytes:
 def load_timestamp(path: Path) -> int:
     """What `store_timestamp` wrote; 0 where there is nothing to read."""
     try:
-        return int(path.read_text())
+        return int(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return 0
 
@@ -88,7 +88,7 @@ def load_timestamp(path: Path) -> int:
 def store_timestamp(path: Path, timestamp: int) -> None:
     """Replace the file whole. Waits for the disk; raises OSError."""
     new = path.with_suffix(".new")
-    new.write_text(f"{timestamp}\n")
+    new.write_text(f"{timestamp}\n", encoding="utf-8")
     new.replace(path)
 
 

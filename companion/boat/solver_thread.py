@@ -48,6 +48,11 @@ class SolverThread:
         self._thread = threading.Thread(target=self._run, name="nmpc", daemon=True)
         self._thread.start()
 
+    @property
+    def busy(self) -> bool:
+        """Whether a request is being solved."""
+        return self._busy
+
     def submit(self, request: SolveRequest) -> bool:
         """Start solving; False where the last request is still being solved."""
         if self._busy:

@@ -67,7 +67,7 @@ def one_thread() -> AbstractContextManager[object]:
 def text_of(path: Path) -> str:
     """Of a UTF-8 file; ConfigError where it is none."""
     try:
-        return path.read_text()
+        return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not UTF-8 text") from None
 

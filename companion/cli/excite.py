@@ -136,7 +136,7 @@ def design(args: argparse.Namespace, console: Console) -> int:
     comment = (
         f"Made by `aritra excite design` for vessel {setup.pilot.vessel.name}, site {setup.pilot.site.name}.\n{summary}"
     )
-    args.out.write_text(excitation_toml(plan, comment))
+    args.out.write_text(excitation_toml(plan, comment), encoding="utf-8")
     for line in (*left_out, summary, f"wrote {args.out}; fly it with `aritra run --excite {args.out}`"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if args.picture:
@@ -202,7 +202,7 @@ def fly(args: argparse.Namespace, console: Console) -> int:
         "turned_back": sum("turned back" in note.text for note in flying.notes(flown)),
         "seed": args.seed,
     }
-    (args.out / "flight.json").write_text(json.dumps(figures, indent=2) + "\n")
+    (args.out / "flight.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     if flown.statuses:
         title = (
             f"{_planned(setup).name}: {flown.duration_s:.0f} s, {flown.least_clearance_m:.1f} m from the fence at least"
@@ -232,7 +232,7 @@ def _planned(setup: RunSetup) -> Excitation:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text()
+        return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not UTF-8 text") from None
 

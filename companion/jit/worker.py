@@ -11,10 +11,11 @@ import sys
 from collections.abc import Sequence
 
 from companion.jit.checksummed import Damaged, opened, sealed
+from companion.python_child import python
 
 LIMIT_S = 30.0
 """Twenty times what it takes on a desk; assumed enough for a small board that starts up."""
-COMMAND = (sys.executable, "-P", "-m", "companion.jit.worker")
+COMMAND = tuple(python("-m", "companion.jit.worker"))
 
 
 class ChildFailed(Exception):

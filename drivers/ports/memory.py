@@ -34,6 +34,21 @@ class MemoryPort:
         self._ended = False
         self._waiter: asyncio.Future[None] | None = None
 
+    @property
+    def is_open(self) -> bool:
+        """Whether this end is plugged in."""
+        return self._is_open
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the other end has left since."""
+        return self._ended
+
+    @property
+    def waiting_bytes(self) -> int:
+        """What has come and was not received yet."""
+        return len(self._inbox)
+
     async def open(self) -> None:
         """Plug in."""
         if self._is_open:

@@ -50,7 +50,7 @@ def cpu_model(cpuinfo: str) -> str:
 def _text(path: str) -> str:
     """Of a file of the kernel's; empty where it has none."""
     try:
-        return Path(path).read_text(errors="replace")
+        return Path(path).read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
 

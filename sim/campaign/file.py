@@ -91,7 +91,7 @@ class Draw(Table, frozen=True, kw_only=True):
         return self.uniform or self.log_uniform or (self.normal or (math.nan,))[:1]
 
 
-class _Text(Table, frozen=True, kw_only=True):
+class CampaignText(Table, frozen=True, kw_only=True):
     """The file as it stands."""
 
     format: Literal[1]
@@ -122,14 +122,14 @@ class Campaign(Table, frozen=True, kw_only=True):
 
 def load_campaign(text: str, *, name: str) -> Campaign:
     """Campaign file text -> Campaign. Raises ConfigError naming file and key."""
-    document = parse_toml(text, _Text, name=name)
+    document = parse_toml(text, CampaignText, name=name)
     try:
         return _read(document)
     except ValueError as error:
         raise ConfigError(f"{name}: {error}") from None
 
 
-def _read(document: _Text) -> Campaign:
+def _read(document: CampaignText) -> Campaign:
     seeds = tuple(range(document.seeds.first, document.seeds.first + document.seeds.count)) if isinstance(
         document.seeds, SeedRange
     ) else document.seeds  # fmt: skip

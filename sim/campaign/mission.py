@@ -66,7 +66,7 @@ def _scored(run: SteppedRun, setup: RunSetup, settings: Missions) -> dict[str, F
     track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
     out: dict[str, Figure] = {
         "waypoints_missed": len(points) - passed,
-        "unleased": _unleased([m.index for m in run.of(Tick)], [m.index for m in leases]),
+        "unleased": unleased([m.index for m in run.of(Tick)], [m.index for m in leases]),
         "mode": run.state.helm.mode,
         "simulated_s": run.world.t_ns * 1e-9,
         "plan_share": sum(lease.source == "plan" for lease in driven) / len(driven) if driven else None,
@@ -74,7 +74,7 @@ def _scored(run: SteppedRun, setup: RunSetup, settings: Missions) -> dict[str, F
     return out | _judged(track, points, settings.station_s)
 
 
-def _unleased(ticks: list[int], leases: list[int]) -> bool:
+def unleased(ticks: list[int], leases: list[int]) -> bool:
     """Whether a tick did not end in exactly one lease; the last may still be open."""
     return leases != ticks[: len(leases)] or len(ticks) - len(leases) > 1
 

@@ -34,6 +34,11 @@ class MavlinkServer:
         self._tcp: asyncio.Server | None = None
         self._writers: dict[Hashable, asyncio.StreamWriter] = {}
 
+    @property
+    def waiting_bytes(self) -> int:
+        """What TCP peers have not taken yet."""
+        return sum(writer.transport.get_write_buffer_size() for writer in self._writers.values())
+
     async def open_udp(self, bind: Address, target: Address | None = None) -> Address:
         """Listen on `bind` (port 0: any free one) and talk to `target`. OSError with the reason."""
         loop = asyncio.get_running_loop()

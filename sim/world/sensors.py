@@ -96,7 +96,7 @@ class UwbSensor:
     """Ranges from one tag to the site's anchors."""
 
     def __init__(self, uwb: Uwb, anchors: Sequence[Anchor], faults: UwbFaults, rng: np.random.Generator):
-        self._uwb, self._anchors, self._faults, self._rng = uwb, anchors, faults, rng
+        self._uwb, self._anchors, self.faults, self._rng = uwb, anchors, faults, rng
         self._zero_ns: int | None = None
         self._bias = rng.normal(0, uwb.range_bias_sigma_m, len(anchors))
 
@@ -114,7 +114,7 @@ class UwbSensor:
 
     def measure(self, motion: Motion) -> dict[str, float | None]:
         """Range [m] by anchor; None where the anchor stayed silent."""
-        tag, rng, faults = self.tag_position(motion.x), self._rng, self._faults
+        tag, rng, faults = self.tag_position(motion.x), self._rng, self.faults
         noise = rng.normal(0, self._uwb.range_sigma_m, len(self._anchors))
         silent = rng.uniform(size=len(self._anchors)) < faults.dropout
         far = rng.uniform(size=len(self._anchors)) < faults.nlos

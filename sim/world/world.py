@@ -75,11 +75,11 @@ class Afloat:
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
         self._environment = Environment(_weather(setup), draws["weather"])
-        self._uwb = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws["uwb"])
+        self.uwb_sensor = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws["uwb"])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
         self.tag = tag or UwbTag(vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz)
         self._uwb_due_ns = setup.boot_ns
-        self._in_flight: list[tuple[int, bytes]] = []
+        self.in_flight: list[tuple[int, bytes]] = []
         self.silent_uwb = False
 
     def advance(self, outputs_us: Sequence[int], step_ns: int = STEP_NS) -> Moment:
@@ -98,12 +98,12 @@ class Afloat:
         """Measure when due; hand out what has been under way for the tag's latency."""
         if self.t_ns >= self._uwb_due_ns:
             self._uwb_due_ns += round(1e9 / self.tag.rate_hz)
-            ranges = self._uwb.measure(self.plant.motion)
+            ranges = self.uwb_sensor.measure(self.plant.motion)
             if not self.silent_uwb:
-                data = self.tag.cycle(ranges, self._uwb.fix(ranges), self.t_ns)
-                self._in_flight.append((self._uwb.arrival_ns(self.t_ns), data))
-        due = b"".join(data for ready_ns, data in self._in_flight if ready_ns <= self.t_ns)
-        self._in_flight = [(ready_ns, data) for ready_ns, data in self._in_flight if ready_ns > self.t_ns]
+                data = self.tag.cycle(ranges, self.uwb_sensor.fix(ranges), self.t_ns)
+                self.in_flight.append((self.uwb_sensor.arrival_ns(self.t_ns), data))
+        due = b"".join(data for ready_ns, data in self.in_flight if ready_ns <= self.t_ns)
+        self.in_flight = [(ready_ns, data) for ready_ns, data in self.in_flight if ready_ns > self.t_ns]
         return due
 
     def uwb(self, data: bytes) -> bytes:
@@ -134,7 +134,7 @@ class World(Afloat):
         channels, serial = _channels(self.vessel), setup.serial
         self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
         self.receiver_us = setup.receiver_us
-        self._imu = ImuSensor(self.vessel.sensors.imu, _draws(seed)["imu"])
+        self.imu = ImuSensor(self.vessel.sensors.imu, _draws(seed)["imu"])
         self._frame: SensorFrame | None = None
         self._imu_due_ns = setup.boot_ns
 
@@ -149,8 +149,8 @@ class World(Afloat):
 
     def _sense(self, moment: Moment) -> SensorFrame:
         if self._frame is None or self.t_ns >= self._imu_due_ns:
-            self._imu_due_ns += self._imu.period_ns
-            reading = self._imu.measure(self.plant.motion, moment)
+            self._imu_due_ns += self.imu.period_ns
+            reading = self.imu.measure(self.plant.motion, moment)
             self._frame = SensorFrame(
                 accel_m_s2=reading.accel_m_s2,
                 gyro_rad_s=reading.gyro_rad_s,

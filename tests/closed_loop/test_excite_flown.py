@@ -57,7 +57,8 @@ def check(flown, margin_m):
     assert {m.source for m in leases} == {"neutral", "excitation"}
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
 def test_hard_driving_in_rough_water_stays_inside(seed):
     flown = fly(setup_with(WILD), rough(seed), seed)
     check(flown, WILD.margin_m - 0.4)

@@ -45,11 +45,12 @@ def driven(true, believed, limit_s=90.0):
     return run, run.run(settled(2.0), limit_s)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "vessel",
     [
-        pytest.param(geared(front_port=0.0), id="dead", marks=pytest.mark.long),
-        pytest.param(geared(rear_starboard=-1.0), id="reversed", marks=pytest.mark.long),
+        pytest.param(geared(front_port=0.0), id="dead"),
+        pytest.param(geared(rear_starboard=-1.0), id="reversed"),
         pytest.param(geared(front_port=0.0, rear_starboard=-1.0), id="one dead, one reversed"),
         pytest.param(weakened(), id="everything at once"),
     ],

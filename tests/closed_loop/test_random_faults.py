@@ -9,11 +9,12 @@ import dataclasses
 
 import pytest
 from hypothesis import HealthCheck, given, seed, settings
+from msgspec.structs import replace
 
-from companion.boat.app import _DISPATCH, App
 from companion.core.messages import ModeStatus, OverrideLease
 from companion.core.pilot import annunciator, autopilot_state, manual_control
 from companion.core.pilot.monitors import battery, override_monitor
+from companion.core.pilot.pilot import Pilot
 from drivers.mavlink.encode import MavlinkEncoder
 from tests.support.fault_fixture import FaultBench
 from tests.support.fault_oracle import judge
@@ -80,13 +81,22 @@ def blind_for_ever(patch):
 
 
 def another_channel(patch):
-    override = MavlinkEncoder._override
-    patch.setattr(MavlinkEncoder, "_override", lambda self, pulses: override(self, {**pulses, 5: 1500}))
+    override = MavlinkEncoder.override
+
+    def wider(self, lease):
+        return override(self, replace(lease, channels=(*lease.channels, 5), pwm_us=(*lease.pwm_us, 1500)))
+
+    patch.setattr(MavlinkEncoder, "override", wider)
 
 
 def a_lease_now_and_then(patch):
-    lease = App._lease
-    patch.setitem(_DISPATCH, OverrideLease, lambda app, m: None if m.index % 40 > 36 else lease(app, m))
+    step = Pilot.step
+
+    def forgets(self, *given):
+        state, outputs = step(self, *given)
+        return state, [o for o in outputs if not (isinstance(o, OverrideLease) and o.index % 40 > 36)]
+
+    patch.setattr(Pilot, "step", forgets)
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,7 @@ def test_every_tick_has_one_lease_and_nearly_all_come_from_the_plan(calm):
     assert asked[-1] == "arm" and not set(asked[:-1]) - {"set_mode", "arm"}
 
 
+@pytest.mark.long
 def test_a_tag_that_misses_and_lies_still_leads_past_all_waypoints():
     run = driven(2, **NOISY)
     got = figures(run)
@@ -67,6 +68,7 @@ def test_a_tag_that_misses_and_lies_still_leads_past_all_waypoints():
     assert got["cross_track_rms_m"] <= 0.35 and got["position_rmse_m"] <= 0.4
 
 
+@pytest.mark.long
 def test_eight_seconds_without_the_tag_do_not_lead_astray():
     run = voyage(3)
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 3.0, 40.0)

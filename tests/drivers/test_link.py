@@ -272,7 +272,7 @@ def test_an_hour_of_a_device_that_is_not_there_and_then_comes():
     async def story(bench: Bench) -> None:
         await bench.port.other.close()
         bench.port.plugged = False
-        bench.device._is_open = False
+        await bench.device.close()
         await bench.seconds(3600)
         assert 3600 / 2.0 * 0.9 < bench.port.opened < 3600 / 1.5 * 1.1 + 10
         bench.port.plugged = True
@@ -309,7 +309,7 @@ def test_lasting_garbage_reopens_the_port_so_that_a_udp_lock_is_given_up():
             for _ in range(40):
                 bench.device.send(b"garbage\n")
                 await bench.seconds(0.1)
-            while not bench.device._ended:
+            while not bench.device.has_ended:
                 bench.device.send(b"garbage\n")
                 await bench.seconds(0.1)
             await bench.revive()
@@ -416,20 +416,20 @@ def test_random_lives_keep_to_the_cycle_and_lose_no_message_while_open(seed):
     async def story(bench: Bench) -> None:
         for index in range(400):
             action = rng.choice(["speak", "speak", "speak", "garbage", "unplug", "plug", "wait"])
-            bench.port.plugged = bench.device._is_open
+            bench.port.plugged = bench.device.is_open
             if action == "unplug":
                 await bench.device.close()
-            elif action == "plug" and not bench.device._is_open:
+            elif action == "plug" and not bench.device.is_open:
                 await bench.device.open()
                 bench.port.plugged = True
-            elif action in ("speak", "garbage") and bench.device._is_open and not bench.device._ended:
+            elif action in ("speak", "garbage") and bench.device.is_open and not bench.device.has_ended:
                 text = f"$ {index}" if action == "speak" else f"{index}"
                 heard = bench.link.is_open
                 bench.device.send(f"{text}\n".encode())
                 if action == "speak" and heard:
                     sent.append(text)
             await bench.seconds(rng.choice([0.0, 0.05, 0.5, 1.3, 5.0]))
-            if bench.device._ended:
+            if bench.device.has_ended:
                 await bench.device.close()
 
     bench = live(story)

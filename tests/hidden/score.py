@@ -262,7 +262,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--seconds", type=float, help="length of the training logs; about 300 if not given")
     p.add_argument("--jobs", type=int, default=2, help="cases at once")
     p.add_argument("--timeout", type=float, default=300.0, help="seconds after which a case has failed")
-    p.add_argument("--command", default=f"{shlex.quote(sys.executable)} -m companion diagnose", help="what to judge")
+    p.add_argument("--command", default=f"{shlex.quote(sys.executable)} -P -m companion diagnose", help="what to judge")
     p.add_argument("--keep", action="store_true", help="keep the logs of every case")
     return p
 

@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -15,10 +14,11 @@ import psutil
 import pytest
 
 from companion.__main__ import main
+from companion.python_child import aritra
 from sim.campaign.journal import NAME
 from tests.support.campaign_fixture import SHORT, campaign_file
 
-ARITRA = [sys.executable, "-m", "companion", "campaign"]
+ARITRA = aritra("campaign")
 DEADLINE_S = 120.0
 
 
@@ -43,6 +43,7 @@ def wait_for(condition) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.long
 def test_missions_drive_and_are_told_apart(whole):
     table = pl.read_parquet(whole[1])
     assert table.height == 8 and set(table["mode"]) == {"auto"} and not table["unleased"].any()
@@ -51,6 +52,7 @@ def test_missions_drive_and_are_told_apart(whole):
     assert calm["world.north_m"].to_list() == current["world.north_m"].to_list()
 
 
+@pytest.mark.long
 def test_a_killed_campaign_goes_on_where_it_was_and_ends_in_the_same_bytes(whole, tmp_path):
     path, results = whole
     command = [*ARITRA, str(path), "--out", str(tmp_path), "--jobs", "2"]
@@ -68,6 +70,7 @@ def test_a_killed_campaign_goes_on_where_it_was_and_ends_in_the_same_bytes(whole
     assert (tmp_path / "results.parquet").read_bytes() == results
 
 
+@pytest.mark.long
 def test_a_killed_workers_case_is_done_by_another(whole, tmp_path):
     path, results = whole
     running = subprocess.Popen([*ARITRA, str(path), "--out", str(tmp_path), "--jobs", "2"], stdout=subprocess.DEVNULL)
@@ -101,8 +104,8 @@ def test_a_case_whose_workers_always_die_has_failed(tmp_path):
     assert json.loads((out / "failed.json").read_text())[0]["seed"] == 1
 
 
-def test_ctrl_c_keeps_what_is_done_and_leaves_nobody_behind(whole, tmp_path):
-    command = [*ARITRA, str(whole[0]), "--out", str(tmp_path), "--jobs", "2"]
+def test_ctrl_c_keeps_what_is_done_and_leaves_nobody_behind(tmp_path):
+    command = [*ARITRA, str(campaign_file(tmp_path)), "--out", str(tmp_path), "--jobs", "2"]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     wait_for(lambda: lines(tmp_path) >= 2)
     workers = psutil.Process(running.pid).children(recursive=True)
@@ -113,6 +116,7 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nobody_behind(whole, tmp_path):
     assert psutil.wait_procs(workers, timeout=10.0)[1] == []
 
 
+@pytest.mark.long
 def test_a_case_that_cannot_run_is_listed_and_the_others_are_kept(tmp_path, capsys):
     """Of seeds 1 to 4 some draw a battery of less than no volt: possible in the file, not in the world."""
     path = campaign_file(
@@ -146,6 +150,7 @@ def test_bad_input_is_refused(tmp_path, capsys):
 # --- a cluster -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_cluster_whose_worker_is_killed_midway_gives_the_same_bytes(whole, tmp_path):
     """Two workers in processes of their own; one is killed while it has a case."""
     distributed = pytest.importorskip("distributed", reason="Dask (extra campaign) is not installed")
@@ -174,7 +179,7 @@ def test_a_cluster_whose_worker_is_killed_midway_gives_the_same_bytes(whole, tmp
     assert workers.n_unique() >= 2 and "8 to run on tcp://127.0.0.1:" in done.stdout
 
 
-def test_no_scheduler_is_said(whole, tmp_path, capsys):
+def test_no_scheduler_is_said(tmp_path, capsys):
     pytest.importorskip("distributed", reason="Dask (extra campaign) is not installed")
-    assert main(["campaign", str(whole[0]), "--out", str(tmp_path), "--scheduler", "nonsense://x"]) == 1
+    assert main(["campaign", str(campaign_file(tmp_path)), "--out", str(tmp_path), "--scheduler", "nonsense://x"]) == 1
     assert "no Dask scheduler answers at nonsense://x" in capsys.readouterr().out

@@ -5,14 +5,15 @@ import json
 import os
 import socket
 import subprocess
-import sys
 import time
 
 import pytest
 
+from companion.python_child import aritra
+
 pytestmark = pytest.mark.alone
 
-ARITRA = [sys.executable, "-m", "companion"]
+ARITRA = aritra()
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "160"}
 SOON = 90.0
 
@@ -71,6 +72,7 @@ def rows(done):
     return told["verdict"], {row["name"]: row for row in told["rows"]}
 
 
+@pytest.mark.long
 def test_plain_pass_through_is_refused_provisioned_and_then_accepted(tmp_path):
     with Boat(tmp_path).sailing("--wiring", "unsafe_plain") as boat:
         refused = boat.check()

@@ -125,6 +125,7 @@ def test_stop_goes_with_one_click_and_what_moves_the_boat_asks_first(console, ze
         assert boat.obeyed == ["stop", "hold", "stop"] and page.unexpected() == []
 
 
+@pytest.mark.long
 def test_with_the_keyboard_alone(console, zenoh_port, browser):
     """Every control can be reached, its focus seen; the map moves by arrow keys."""
     with boats(zenoh_port, "one", "two"):
@@ -154,6 +155,7 @@ def test_with_the_keyboard_alone(console, zenoh_port, browser):
         assert page.unexpected() == []
 
 
+@pytest.mark.long
 def test_a_silent_boat_turns_grey_and_its_age_goes_on(console, zenoh_port, browser):
     with boats(zenoh_port) as boat:
         page = Page(browser, console)
@@ -175,6 +177,7 @@ def test_a_silent_boat_turns_grey_and_its_age_goes_on(console, zenoh_port, brows
         assert not page.page.evaluate("document.body.classList.contains('stale')") and page.unexpected() == []
 
 
+@pytest.mark.long
 def test_a_boat_that_does_not_answer_is_told_as_that(console, zenoh_port, browser):
     with boats(zenoh_port, deaf=True):
         page = Page(browser, console)
@@ -185,6 +188,7 @@ def test_a_boat_that_does_not_answer_is_told_as_that(console, zenoh_port, browse
         assert "NO ANSWER" in page.text("#answers li") and "may not have heard it" in page.text("#answers li")
 
 
+@pytest.mark.long
 def test_reload_and_a_killed_server_recover_and_a_stop_meanwhile_arrives(tmp_path, zenoh_port, browser):
     (tmp_path / "boat.key").write_bytes(KEY)
     (tmp_path / "boat.key").chmod(0o600)
@@ -220,6 +224,7 @@ def test_reload_and_a_killed_server_recover_and_a_stop_meanwhile_arrives(tmp_pat
             page.context.close()
 
 
+@pytest.mark.long
 def test_several_boats_each_with_its_own_orders(console, zenoh_port, browser):
     with boats(zenoh_port, "boat-1", "boat-2", "boat-10") as (one, two, ten):
         page = Page(browser, console)
@@ -240,6 +245,7 @@ def test_several_boats_each_with_its_own_orders(console, zenoh_port, browser):
         assert page.unexpected() == []
 
 
+@pytest.mark.long
 def test_on_a_phone(console, zenoh_port, browser):
     with boats(zenoh_port, "boat-1", "boat-2"):
         page = Page(browser, console, width=360, height=740, device_scale_factor=2, has_touch=True, is_mobile=True)
@@ -260,6 +266,7 @@ def test_on_a_phone(console, zenoh_port, browser):
         assert violations(page) == [] and page.unexpected() == []
 
 
+@pytest.mark.long
 def test_figures_can_be_read_in_sunlight(console, zenoh_port, browser):
     """Contrast 7 to 1 (WCAG 2.2 AAA) for all text, live and stale; nothing moves that need not."""
     with boats(zenoh_port) as boat:

@@ -5,7 +5,6 @@ import os
 import secrets
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
@@ -14,6 +13,7 @@ from companion.boat.load_run import EXAMPLES
 from companion.boat.signing_key import load_secret
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.orders import Sender, read_outcome
+from companion.python_child import aritra
 from tests.processes.test_telemetry_process import router
 from tests.support.zenoh_fixture import console, free_port, wait_for
 
@@ -42,12 +42,13 @@ def hold(shore_side, boat, key):
     return [read_outcome(bytes(r.ok.payload)).code for r in replies if r.ok]
 
 
+@pytest.mark.long
 def test_a_demo_of_two_boats_from_shore(tmp_path):
     port, out, text = free_port(), tmp_path / "out", tmp_path / "text.txt"
     command = ["demo", "--config", str(near(tmp_path)), "--boats", "anna,bob", "--stagger", "1", "--out", str(out)]
     command += ["--shore", f"tcp/127.0.0.1:{port}"]
     with router(tmp_path, port), console(port) as shore_side, text.open("w") as file:
-        child = subprocess.Popen([sys.executable, "-m", "companion", *command], stdout=file, stderr=subprocess.STDOUT)
+        child = subprocess.Popen(aritra(*command), stdout=file, stderr=subprocess.STDOUT)
         try:
             wait_for(lambda: shore_side.alive() == {"aritra/anna/alive", "aritra/bob/alive"}, 120.0, text.read_text)
             names = ("anna", "bob")

@@ -28,10 +28,11 @@ NEUTRAL = [65535] * 18
 S = 1_000_000_000
 
 
-def test_everyday_rows():
-    with ThreadPoolExecutor(len(EVERYDAY)) as pool:
-        rows = list(pool.map(lambda name: tried(BY_NAME[name]), EVERYDAY))
-    for name, row in zip(EVERYDAY, rows, strict=True):
+@pytest.mark.parametrize("names", [EVERYDAY[:3], pytest.param(EVERYDAY[3:], marks=pytest.mark.long)], ids="-".join)
+def test_everyday_rows(names):
+    with ThreadPoolExecutor(len(names)) as pool:
+        rows = list(pool.map(lambda name: tried(BY_NAME[name]), names))
+    for name, row in zip(names, rows, strict=True):
         print(row.markdown())
         assert row.thrusters == "neutral", name
         assert row.time_s <= (UNSEEN_S if name.startswith("UWB") else 2.0), row.markdown()
@@ -40,14 +41,20 @@ def test_everyday_rows():
         assert row.broken == dict.fromkeys(ALL_RULES, 0), name
 
 
+OTHERS = [name for name in BY_NAME if name not in EVERYDAY]
+TOGETHER = [OTHERS[k : k + 3] for k in range(0, len(OTHERS), 3)]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", [name for name in BY_NAME if name not in EVERYDAY])
-def test_the_other_rows(name):
-    row = tried(BY_NAME[name])
-    print(row.markdown())
-    assert row.broken == dict.fromkeys(ALL_RULES, 0)
-    assert row.safe, row.markdown()
-    assert TOLD.get(name, "") in row.told
+@pytest.mark.parametrize("names", TOGETHER, ids=" + ".join)
+def test_the_other_rows(names):
+    with ThreadPoolExecutor(len(names)) as pool:
+        rows = list(pool.map(lambda name: tried(BY_NAME[name]), names))
+    for name, row in zip(names, rows, strict=True):
+        print(row.markdown())
+        assert row.broken == dict.fromkeys(ALL_RULES, 0), name
+        assert row.safe, row.markdown()
+        assert TOLD.get(name, "") in row.told, name
 
 
 def _channels(**pulses):

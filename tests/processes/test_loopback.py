@@ -6,7 +6,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 
@@ -18,10 +17,11 @@ from companion.__main__ import main
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, Tick
 from companion.logs.log_file import LogFile
 from companion.logs.recover import recover
+from companion.python_child import aritra
 
 pytestmark = pytest.mark.alone
 
-ARITRA = [sys.executable, "-m", "companion"]
+ARITRA = aritra()
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1"}
 DRIVING_S = 40.0
 

@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from itertools import pairwise
@@ -18,10 +17,11 @@ import pytest
 from companion.boat.load_run import EXAMPLES
 from companion.core.messages import LoopTiming, OverrideLease, VehicleRequest
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra
 
 pytestmark = pytest.mark.alone
 
-ARITRA = [sys.executable, "-m", "companion"]
+ARITRA = aritra()
 WATCHDOG_S = 2.0
 STARTED_S = 40.0
 

@@ -8,7 +8,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -22,6 +21,7 @@ from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.orders import OrderGate, OrderOutcome, OrderRefused, Repeated
 from companion.core.telemetry.view import TelemetryView, Who
+from companion.python_child import aritra
 from tests.support.drive_fixture import by_tick, driving, setup, voyage
 
 S = 1_000_000_000
@@ -124,13 +124,13 @@ def free_environment():
 @contextlib.contextmanager
 def served(log, *arguments):
     """`aritra shore` on a free port (or `--port` among the arguments); its address, and the process."""
-    command = [sys.executable, "-m", "companion", "shore", *map(str, arguments)]
+    command = aritra("shore", *arguments)
     if "--port" not in arguments:
         command += ["--port", "0"]
     with log.open("w") as out:
         child = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, env=free_environment())
     try:
-        end = time.monotonic() + 30
+        end = time.monotonic() + PATIENCE_S
         while not (found := re.search(r"console: (http\S+)", log.read_text())):
             assert child.poll() is None and time.monotonic() < end, log.read_text()
             time.sleep(0.05)
@@ -148,7 +148,7 @@ def chromium():
         pytest.skip("no Chromium on this machine: apt-get install chromium")
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'aritra[dev]'")
     with api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=1e3 * PATIENCE_S)
         try:
             yield browser
         finally:
@@ -160,6 +160,7 @@ class Page:
 
     def __init__(self, browser, address, *, width=1440, height=900, **more):
         self.errors, self.context = [], browser.new_context(viewport={"width": width, "height": height}, **more)
+        self.context.set_default_timeout(1e3 * PATIENCE_S)
         self.page = self.context.new_page()
         self.page.on("console", lambda m: self.errors.append(m.text) if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))

@@ -129,7 +129,7 @@ class FaultBench(Bench):
 
     def play(self):
         """The whole story; returns itself."""
-        self.raised = self.scene(type(self)._story)
+        self.raised = self.scene(lambda _: self._story())
         return self
 
     async def _story(self):
@@ -209,7 +209,7 @@ class FaultBench(Bench):
 
     @property
     def near_open(self):
-        return self.far.other._is_open
+        return self.far.other.is_open
 
     def _stall(self, seconds):
         if self._stall_end_ns is None:
@@ -218,9 +218,8 @@ class FaultBench(Bench):
 
     def _wake(self, t_ns):
         """Everybody who slept through the stall wakes now, none at the instant that was meant."""
-        clock = self.clock
-        clock._sleepers = sorted((max(due, t_ns), k, sleeper) for due, k, sleeper in clock._sleepers)
-        clock._now_ns, self._stall_end_ns = t_ns, None
+        self.clock.stall(t_ns)
+        self._stall_end_ns = None
 
     async def _solve(self, t_ns):
         """The solver's thread gets on at the ends of steps alone: the same story, the same run."""
@@ -229,7 +228,7 @@ class FaultBench(Bench):
         for _ in range(20000):
             if self.brain.open:
                 self.brain.let_go()
-            if not self.app._solver._busy or self.running.done():
+            if not self.app.solving or self.running.done():
                 return
             if self.brain.waiting:
                 if self._solve_due_ns is None:
@@ -247,7 +246,7 @@ class FaultBench(Bench):
         self._on = {kind: (how, until) for kind, (how, until) in self._on.items() if until > t_ns}
         on = self._fault
         self.world.silent_uwb = on("uwb") == "silent"
-        self.world._uwb._faults = UwbFaults(nlos=0.6) if on("uwb") == "nlos" else UwbFaults()
+        self.world.uwb_sensor.faults = UwbFaults(nlos=0.6) if on("uwb") == "nlos" else UwbFaults()
         self.brain.fault = on("solver")
         if self._told.receiver:
             moved = {HAND_CHANNEL - 1: 1900} if on("hand") else {}
@@ -324,7 +323,7 @@ class FaultBench(Bench):
                     self.heard.boat += [(t_ns, m) for m in intact]
                 self._give(self.far, data)
             else:
-                if data and kind == 1 and self.far_tag.other._is_open:
+                if data and kind == 1 and self.far_tag.other.is_open:
                     self.heard.uwb_ns.append(t_ns)
                 self._give(self.far_tag, data)
 

@@ -12,7 +12,7 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TextIO
 
 from companion.boat.app import App
 from companion.boat.clock import Clock
@@ -66,15 +66,18 @@ def teleop(args: argparse.Namespace) -> int:
 
 
 class TeleopConsole:
-    """The person's place: keys and sticks to the App, messages to the view. `gamepad`: its device, or None."""
+    """The person's place: keys and sticks to the App, messages to the view. `gamepad`: its device, or None.
 
-    def __init__(self, descriptor: int, gamepad: str | None) -> None:
+    `out`: where the view is drawn, the terminal where it is None.
+    """
+
+    def __init__(self, descriptor: int, gamepad: str | None, out: TextIO | None = None) -> None:
         self._descriptor, self._gamepad = descriptor, gamepad
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLIN)
         self._keyboard = Keyboard()
         self._seen = TeleopState(())
-        self._view = TeleopView(self._seen, sys.stdout)
+        self._view = TeleopView(self._seen, out or sys.stdout)
         self._marks = 0
 
     def see(self, message: Message) -> None:

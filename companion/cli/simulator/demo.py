@@ -20,6 +20,7 @@ from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
 from companion.cli.simulator.sim import add_world_arguments, world_arguments
+from companion.python_child import aritra
 
 STATION_S = 5.0
 """How long the boat keeps station after the mission before the demo ends."""
@@ -73,7 +74,9 @@ def _score(boat: FleetBoat, setup: RunSetup) -> bool:
     from companion.cli.simulator import summary
 
     score = summary.summarise(_run_log(boat), _truth_log(boat), setup.pilot)
-    (boat.folder / "summary.json").write_text(json.dumps(summary.finite(score.figures), indent=2) + "\n")
+    (boat.folder / "summary.json").write_text(
+        json.dumps(summary.finite(score.figures), indent=2) + "\n", encoding="utf-8"
+    )
     summary.show(score, boat.folder)
     try:
         from companion.cli.simulator import picture
@@ -131,13 +134,13 @@ def _drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) ->
 def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: Path) -> _Pair:
     """Both processes of boat k, in a world with a seed of its own."""
     boat, port, uwb = boats[k], _free_port(), wires / f"uwb-{k}"
-    aritra = [sys.executable, "-m", "companion"]
+    program = aritra()
     config = ["--config", str(boat.config)]
     own = world_arguments(argparse.Namespace(**vars(args) | {"seed": args.seed + k}))
     world = ["--udp-to", f"127.0.0.1:{port}", "--uwb", str(uwb), "--truth", str(_truth_log(boat))]
     urls = ["--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{uwb}:115200", "--log", str(_run_log(boat))]
-    drive = [*aritra, "run", *config, *urls, "--start", "--end-after", str(STATION_S)]
-    return _Pair(boat, [*aritra, "sim", *config, *world, *own], drive, boat.name if len(boats) > 1 else "")
+    drive = [*program, "run", *config, *urls, "--start", "--end-after", str(STATION_S)]
+    return _Pair(boat, [*program, "sim", *config, *world, *own], drive, boat.name if len(boats) > 1 else "")
 
 
 def _run_log(boat: FleetBoat) -> Path:
@@ -156,7 +159,7 @@ def _of(boat: FleetBoat) -> str:
 def _process(command: list[str], name: str) -> Iterator[subprocess.Popen]:
     """A child that is asked to end, and made to after 10 s; its lines begin with `name`, where it has one."""
     pipe = subprocess.PIPE if name else None
-    child = subprocess.Popen(command, stdout=pipe, stderr=pipe and subprocess.STDOUT, text=True)
+    child = subprocess.Popen(command, stdout=pipe, stderr=pipe and subprocess.STDOUT, text=True, errors="replace")
     if child.stdout:
         threading.Thread(target=_retell, args=(child.stdout, name), daemon=True).start()
     try:

@@ -99,7 +99,7 @@ def _boat(
         folder.mkdir(parents=True, exist_ok=True)
         if telemetry and telemetry.command_key == KEY_FILE:
             _make_key(folder / KEY_FILE)
-        boat.config.write_text(HEADER.format(name=name, source=config) + toml_of(run))
+        boat.config.write_text(HEADER.format(name=name, source=config) + toml_of(run), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{error.filename or folder}: {error.strerror}") from None
     return boat

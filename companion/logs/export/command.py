@@ -120,7 +120,7 @@ def export_track(
     """Write the track as GeoJSON. Returns the exit code. Raises LogError, ConfigError."""
     log, simulator = LogFile(path), LogFile(truth) if truth else None
     try:
-        chosen = load_site(site.read_text(), name=str(site)) if site else None
+        chosen = load_site(site.read_text(encoding="utf-8"), name=str(site)) if site else None
         found = log_geojson.features(log, chosen, simulator)
         if out.is_dir():
             raise LogError(f"{out}: is a folder; name the file to write")
@@ -173,8 +173,8 @@ def _run_command(args: argparse.Namespace) -> int:
 def _beside(extras: Extras) -> Any:
     from companion.logs.readers.read_run import Beside
 
-    vessel = load_vessel(extras.vessel.read_text(), name=str(extras.vessel)) if extras.vessel else None
-    site = load_site(extras.site.read_text(), name=str(extras.site)) if extras.site else None
+    vessel = load_vessel(extras.vessel.read_text(encoding="utf-8"), name=str(extras.vessel)) if extras.vessel else None
+    site = load_site(extras.site.read_text(encoding="utf-8"), name=str(extras.site)) if extras.site else None
     return Beside(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
 
 

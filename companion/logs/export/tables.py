@@ -90,21 +90,21 @@ def _frame(batch: Sequence[Message]) -> pl.DataFrame:
         kind = inspect.type_info(field.type)
         if isinstance(kind, inspect.DictType):
             names = sorted({name for value in values for name in value})
-            one = _dtype(kind.value_type)
+            one = dtype_of(kind.value_type)
             columns += [pl.Series(f"{field.name}_{n}", [v.get(n) for v in values], dtype=one) for n in names]
         else:
-            columns.append(pl.Series(field.name, msgspec.to_builtins(values), dtype=_dtype(kind)))
+            columns.append(pl.Series(field.name, msgspec.to_builtins(values), dtype=dtype_of(kind)))
     return pl.DataFrame(columns)
 
 
-def _dtype(kind: inspect.Type) -> Any:
+def dtype_of(kind: inspect.Type) -> Any:
     """polars' type of a field. TypeError: a message has a field of a kind that tables have no form for."""
     if isinstance(kind, inspect.UnionType):
         (kind,) = (option for option in kind.types if not isinstance(option, inspect.NoneType))
     if isinstance(kind, inspect.VarTupleType):
-        return pl.List(_dtype(kind.item_type))
+        return pl.List(dtype_of(kind.item_type))
     if isinstance(kind, inspect.StructType):
-        return pl.Struct({field.name: _dtype(field.type) for field in kind.fields})
+        return pl.Struct({field.name: dtype_of(field.type) for field in kind.fields})
     if type(kind) not in _SCALARS:
         raise TypeError(f"{kind}: no column for it")
     return _SCALARS[type(kind)]

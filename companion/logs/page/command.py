@@ -104,11 +104,11 @@ def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float],
         raise LogError(NEEDS) from None
     try:
         own = setup_in(log).pilot.vessel
-        base = load_vessel(args.vessel.read_text(), name=str(args.vessel)) if args.vessel else own
+        base = load_vessel(args.vessel.read_text(encoding="utf-8"), name=str(args.vessel)) if args.vessel else own
         GhostModel.of(str(args.vessel), base, own)
         models = [GhostModel.of("simulated (base)", base, base)]
         if args.extended:
-            extended = load_vessel(args.extended.read_text(), name=str(args.extended))
+            extended = load_vessel(args.extended.read_text(encoding="utf-8"), name=str(args.extended))
             GhostModel.of(str(args.extended), extended, base)
             models.append(GhostModel.of("simulated (extended)", extended, base))
         say("reading what was measured", 0.0)

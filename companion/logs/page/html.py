@@ -25,7 +25,9 @@ _MAP_COMMENT = re.compile(r"^\s*//# sourceMappingURL=.*$", re.MULTILINE)
 def page(title: str, data: bytes) -> bytes:
     """The file. `data`: JSON for `log.js`. Raises ConfigError where a library is not installed."""
     own = {
-        file.name: file.read_text() for file in files("companion.logs.page").joinpath("web").iterdir() if file.is_file()
+        file.name: file.read_text(encoding="utf-8")
+        for file in files("companion.logs.page").joinpath("web").iterdir()
+        if file.is_file()
     }
     known = {path: asset.data.decode() for path, asset in assets().items()}
     modules = {

@@ -42,7 +42,7 @@ def straight(thrusters: int, settings: NmpcSettings) -> SolveRequest:
 
 def main(vessel_path: str, method: str) -> None:
     """Load, build, plan, tell."""
-    vessel = load_vessel(Path(vessel_path).read_text(), name=vessel_path)
+    vessel = load_vessel(Path(vessel_path).read_text(encoding="utf-8"), name=vessel_path)
     settings = NmpcSettings(method=method)  # type: ignore[arg-type]
     nmpc = Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), settings, time.perf_counter, store=CodeStore.of())
     result, _ = nmpc.solve(straight(len(vessel.thrusters), settings), None)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from companion.python_child import python
 from sim.bench.request import BenchRequest, Found
 from sim.bench.result import BenchRow, SolverRefused
 
@@ -35,7 +35,7 @@ def starts(vessel: Path) -> Iterator[ProcessStart]:
         for name, method in STARTS:
             began = time.time()
             done = subprocess.run(
-                [sys.executable, "-m", "sim.bench.controller.first_plan", str(vessel), method],
+                python("-m", "sim.bench.controller.first_plan", str(vessel), method),
                 env={**os.environ, "ARITRA_CACHE": cache}, capture_output=True, text=True, check=False, timeout=LIMIT_S,
             )  # fmt: skip
             if done.returncode:

@@ -114,7 +114,7 @@ def diagnose(
     RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
     begun = clock()
-    data = _data(runs, held_out, vessel, block_s)
+    data = data_of(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
     entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
     fit = PosteriorFit(
@@ -160,7 +160,8 @@ def diagnose(
     )
 
 
-def _data(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
+def data_of(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
+    """What is fitted, what is held out, and the clock of both."""
     whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
     parted, clock = spread(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:

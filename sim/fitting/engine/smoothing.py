@@ -140,7 +140,7 @@ def _smooth_yaw(run: Run, noise: SmootherNoise, grid: np.ndarray) -> tuple[np.nd
     h = grid[1] - grid[0]
     kf = _kalman_filter(4, 1)
     kf.F, kf.Q = np.eye(4), np.zeros((4, 4))
-    kf.F[:3, :3], kf.Q[:3, :3] = _random_walk(h, noise.yaw_jerk)
+    kf.F[:3, :3], kf.Q[:3, :3] = random_walk(h, noise.yaw_jerk)
     kf.Q[3, 3] = noise.gyro_bias_walk**2 * h + 1e-18
     kf.x = np.array([psi[0], 0.0, 0.0, 0.0])
     bias = noise.gyro_bias_rad_s if gyro.count.any() else 1e-6
@@ -173,7 +173,7 @@ def _smooth_plane(run: Run, noise: SmootherNoise, grid: np.ndarray, yaw: np.ndar
     eye = np.eye(2)
     kf = _kalman_filter(8, 2)
     kf.F, kf.Q = np.eye(8), np.zeros((8, 8))
-    F, Q = _random_walk(h, noise.jerk)
+    F, Q = random_walk(h, noise.jerk)
     kf.F[:6, :6], kf.Q[:6, :6] = np.kron(F, eye), np.kron(Q, eye)
     kf.Q[6:, 6:] = eye * (noise.accel_bias_walk**2 * h + 1e-18)
     kf.x = np.concatenate([origin[0], np.zeros(6)])
@@ -194,7 +194,7 @@ def _smooth_plane(run: Run, noise: SmootherNoise, grid: np.ndarray, yaw: np.ndar
     return _both_ways(kf, len(grid), correct)
 
 
-def _random_walk(h: float, density: float) -> tuple[np.ndarray, np.ndarray]:
+def random_walk(h: float, density: float) -> tuple[np.ndarray, np.ndarray]:
     """F and Q, (3, 3), of [position speed acceleration] with white noise of `density` squared on the jerk."""
     F = np.array([[1, h, h * h / 2], [0, 1, h], [0, 0, 1]])
     Q = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h * h / 2], [h**3 / 6, h * h / 2, h]])

@@ -27,7 +27,9 @@ THRUSTERS = (9, 10, 11, 12)
 class Bench:
     """`sent`: (t_ns, MAVLink message) that left the boat; `seen`: what the App's watcher saw."""
 
-    def __init__(self, path, solver=None, seed=21, mind=None, codec=None, station=None, vision_hz=None, **world):
+    def __init__(
+        self, path, solver=None, seed=21, mind=None, codec=None, station=None, vision_hz=None, guard=None, **world
+    ):  # fmt: skip
         self.clock = SimClock(S)
         told = setup().pilot
         self.mind = mind or pilot()
@@ -47,6 +49,7 @@ class Bench:
             self.mind, solver or nmpc(), mavlink=(near, self.codec), uwb=(tag, self.tag_codec), clock=self.clock,
             recorder=self.recorder, rng=random.Random(3), watch=self._watch,
             forward=station and station(self.clock), vision_hz=vision_hz,
+            guard=guard and guard(self.codec),
         )  # fmt: skip
         self._parser = wire.MAVLink(None)
         self._parser.robust_parsing = True
@@ -81,7 +84,7 @@ class Bench:
                     self._give(self.far, data)
             self._give(self.far_tag, self.garbage or outgoing.uwb)
             await self.clock.advance(STEP_NS)
-            if self.app._solver._busy:
+            if self.app.solving:
                 await asyncio.sleep(0.0005)  # a solve in the thread has a moment, too
             if until():
                 return True
@@ -134,7 +137,7 @@ class Bench:
             self._give(self.far_tag, self.world.uwb(data))
 
     def _give(self, port, data):
-        if data and port.other._is_open and port._is_open and not port._ended:
+        if data and port.other.is_open and port.is_open and not port.has_ended:
             port.send(data)
 
     def _watch(self, message):

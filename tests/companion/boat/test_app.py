@@ -21,6 +21,7 @@ from companion.core.messages import (
 )
 from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogFile
+from drivers.mavlink.session import MavlinkSession
 from tests.companion.boat.app_fixture import Bench, S, neutral, released
 
 
@@ -102,7 +103,7 @@ def test_an_exception_in_the_core_ends_in_neutral_and_is_raised(path):
     after_failure(bench, bench.scene(story), ZeroDivisionError)
 
 
-def fail_in_watch(bench):
+def fail_in_watch(bench, patch):
     def watch(message):
         if isinstance(message, Tick):
             raise ValueError("a bug in what watches")
@@ -110,21 +111,21 @@ def fail_in_watch(bench):
     bench.on_watch = watch
 
 
-def fail_in_encoder(bench):
+def fail_in_encoder(bench, patch):
     def override(lease):
         raise ValueError("a bug in a driver")
 
     bench.codec.encoder.override = override
 
 
-def fail_in_session(bench):
-    def step(messages, t_ns):
+def fail_in_session(bench, patch):
+    def step(session, messages, t_ns):
         raise ValueError("a bug in the session")
 
-    bench.app._session.step = step
+    patch.setattr(MavlinkSession, "step", step)
 
 
-def fail_in_tag(bench):
+def fail_in_tag(bench, patch):
     def feed(data, t_ns):
         raise ValueError("a bug in a codec")
 
@@ -135,12 +136,12 @@ def fail_in_tag(bench):
     ("fault", "driving"),
     [(fail_in_watch, False), (fail_in_encoder, True), (fail_in_session, False), (fail_in_tag, False)],
 )
-def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving):
+def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving, monkeypatch):
     bench = Bench(path)
 
     async def story(bench):
         await (bench.drive() if driving else bench.run(2.0))
-        fault(bench)
+        fault(bench, monkeypatch)
         assert await bench.run(4.0, until=bench.running.done)
 
     after_failure(bench, bench.scene(story), ValueError)
@@ -254,11 +255,11 @@ def test_garbage_from_the_autopilot_does_no_harm(path):
 
 def test_a_loop_that_stands_still_sends_neutral_when_the_lease_is_over(path):
     """Housekeeping speaks where the core does not."""
-    bench = Bench(path)
+    bench = Bench(path, mind=mind())
 
     async def story(bench):
         await bench.drive()
-        bench.app._step = lambda inputs, t_ns: None
+        bench.mind.step = lambda state, inputs, t_ns: (state, [])
         last = bench.of(OverrideLease)[-1]
         await bench.run(1.0)
         after = [(t_ns, pwm) for t_ns, pwm in bench.overrides if t_ns > last.t_ns]

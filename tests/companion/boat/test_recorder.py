@@ -5,7 +5,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import threading
 import time
 import tracemalloc
@@ -25,6 +24,7 @@ from companion.logs.part import log_parts
 from companion.logs.recover import recover
 from companion.logs.schema import RawBytes
 from companion.logs.summary import summarise
+from companion.python_child import python
 
 OFFSET_NS = 1_700_000_000_000_000_000
 
@@ -88,7 +88,7 @@ while True:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_sigkill_loses_at_most_one_second(tmp_path, seed):
     path = tmp_path / "killed.mcap"
-    with subprocess.Popen([sys.executable, "-c", CHILD, path], stdout=subprocess.PIPE) as child:
+    with subprocess.Popen(python("-c", CHILD, path), stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         child.stdout.readline()
         time.sleep(random.Random(seed).uniform(1.2, 2.0))
@@ -215,7 +215,7 @@ print(r.lost, r.problem)
 
 def test_the_kernel_refusing_to_write_ends_one_part_and_the_next_goes_on(tmp_path):
     path = tmp_path / "limited.mcap"
-    run = subprocess.run([sys.executable, "-c", LIMITED, path], capture_output=True, text=True, check=True)
+    run = subprocess.run(python("-c", LIMITED, path), capture_output=True, text=True, check=True)
     lost = int(run.stdout.split()[0])
     assert lost > 0
     assert len(log_parts(path)) > 2

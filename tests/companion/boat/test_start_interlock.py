@@ -20,9 +20,12 @@ class Guarded(Bench):
 
     def __init__(self, path, wiring="gate", changes=None, **world):
         files = parse_parameters(wirings()[wiring], name=wiring)
-        super().__init__(path, parameters={**BOARD_PARAMETERS, **files, **(changes or {})}, **world)
-        self.guard = StartInterlock(self.codec, companion_of(setup()))
-        self.app._guard = self.guard
+        parameters = {**BOARD_PARAMETERS, **files, **(changes or {})}
+        super().__init__(path, parameters=parameters, guard=self._guarding, **world)
+
+    def _guarding(self, codec):
+        self.guard = StartInterlock(codec, companion_of(setup()))
+        return self.guard
 
     def order(self, command):
         self.app.command(OperatorCommand(t_ns=self.clock.now_ns(), command=command))

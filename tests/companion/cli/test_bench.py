@@ -29,6 +29,7 @@ def bench(*words: str) -> int:
     return main(["bench", "--solve", "3", "--rounds", "1", *words])
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not compiled.may_run_what_was_written(), reason="the system forbids machine code")
 def test_solvers_are_measured_shown_and_written(tmp_path, capsys):
     file = tmp_path / "bench.json"
@@ -48,6 +49,7 @@ def test_solvers_are_measured_shown_and_written(tmp_path, capsys):
     assert "solvers" in err
 
 
+@pytest.mark.long
 def test_cadence_says_whether_it_fits(capsys):
     assert bench("--only", "cadence") == 0
     assert re.search(
@@ -55,6 +57,7 @@ def test_cadence_says_whether_it_fits(capsys):
     )
 
 
+@pytest.mark.long
 def test_start_and_simulation_have_their_rows(tmp_path):
     assert bench("--only", "start", "--json", str(tmp_path / "a")) == 0
     rows = read(tmp_path / "a").rows

@@ -5,13 +5,13 @@ import json
 import os
 import socket
 import subprocess
-import sys
 
 import pytest
 
 from companion.__main__ import main, parser
 from companion.boat.load_run import EXAMPLES
 from companion.cli.simulator.sim import add_world_arguments, world_arguments
+from companion.python_child import python
 from tests.support.drive_fixture import setup
 
 SOON = 20.0
@@ -60,7 +60,7 @@ def test_every_command_helps(command, words, capsys):
 )
 def test_a_command_brings_no_slow_library_that_it_does_not_need(modules, slow):
     told = f"import sys, {modules}; print(*sorted(set('{slow}'.split()) & set(sys.modules)))"
-    assert subprocess.check_output([sys.executable, "-c", told], text=True, timeout=120).split() == []
+    assert subprocess.check_output(python("-c", told), text=True, timeout=120).split() == []
 
 
 def test_the_version_is_told(capsys):
@@ -188,7 +188,7 @@ def free_udp_port():
 def test_a_run_whose_core_raises_ends_with_exit_code_1(tmp_path):
     wires = ["--mavlink", f"udpin:127.0.0.1:{free_udp_port()}", "--uwb", f"serial:{tmp_path / 'tag'}:115200"]
     ended = subprocess.run(
-        [sys.executable, "-c", BROKEN, "run", *wires, "--log", str(tmp_path / "run.mcap")],
+        python("-c", BROKEN, "run", *wires, "--log", str(tmp_path / "run.mcap")),
         capture_output=True, text=True, timeout=SOON, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
     assert ended.returncode == 1

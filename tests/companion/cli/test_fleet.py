@@ -5,7 +5,6 @@ import re
 import signal
 import stat
 import subprocess
-import sys
 
 import pytest
 
@@ -16,6 +15,7 @@ from companion.cli.simulator.fleet import MOST, SHORE, FleetWires, absolute, def
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
 from companion.core.telemetry.orders import seal
+from companion.python_child import aritra
 from tests.support.zenoh_fixture import wait_for
 
 TELEMETRY = '\n[telemetry]\nconnect = ["tls/shore:7447"]\nconfig = "zenoh.json5"\nhistory_s = 30.5\n'
@@ -125,7 +125,7 @@ def test_the_simulator_starts_several_boats_on_wires_of_their_own(tmp_path):
            "--uwb", str(tmp_path / "tag"), "--truth", str(tmp_path / "truth.mcap")]  # fmt: skip
     out = tmp_path / "out.txt"
     with out.open("w") as file:
-        child = subprocess.Popen([sys.executable, "-m", "companion", *sim], stdout=file, stderr=subprocess.STDOUT)
+        child = subprocess.Popen(aritra(*sim), stdout=file, stderr=subprocess.STDOUT)
     try:
         wait_for(lambda: out.read_text().count("simulator: ") == 2 or child.poll() is not None, what=out.read_text)
         assert child.poll() is None, out.read_text()

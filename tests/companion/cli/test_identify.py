@@ -163,6 +163,7 @@ def test_a_second_time_is_refused_and_nothing_is_touched(done, capsys):
     assert before == {p.name: p.read_bytes() for p in done.out.iterdir()}
 
 
+@pytest.mark.long
 def test_the_boat_drives_with_the_identified_file(done, tmp_path):
     """Filter and NMPC know the identified boat, the world holds the true one: 14 m, corner, station keeping. Seed 5."""
     text = (EXAMPLES / "aritra.toml").read_text()
@@ -187,6 +188,7 @@ def test_the_boat_drives_with_the_identified_file(done, tmp_path):
     assert found["cross_track_rms_m"] < 0.15
 
 
+@pytest.mark.long
 def test_alternate_blocks_without_the_series_and_what_must_be_looked_at(tmp_path, capsys, quick):
     """A log whose data was edited after it had been written: done, and told, exit code 1. Seed 22."""
     path, out = log(tmp_path / "edited.csv", 22, 80.0), tmp_path / "out"

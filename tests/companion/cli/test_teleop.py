@@ -5,6 +5,7 @@ import io
 import itertools
 import os
 import pty
+import threading
 import tty
 
 import pytest
@@ -60,8 +61,7 @@ def serve(terminal, story):
 
     async def scene():
         clock = SimClock(S)
-        desk = TeleopConsole(terminal[1], None)
-        desk._view = TeleopView(desk._seen, io.StringIO())
+        desk = TeleopConsole(terminal[1], None, io.StringIO())
         task = asyncio.create_task(desk.run(boat, setup(), clock, told.append, lambda: ended.append(True)))
         await story(boat, clock)
         await clock.advance(S // 10)
@@ -172,8 +172,8 @@ def test_a_terminal_that_takes_nothing_is_not_waited_for():
         view = TeleopView(TeleopState(()), out)
         view.start()
         view.close()
-        stuck = view._thread.is_alive()
+        (drawing,) = [thread for thread in threading.enumerate() if thread.name == "view"]
         os.read(reading, 1 << 20)
-        view._thread.join(5)
+        drawing.join(5)
         os.close(reading)
-    assert stuck and not view._thread.is_alive()
+    assert not drawing.is_alive()

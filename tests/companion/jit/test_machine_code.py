@@ -121,7 +121,7 @@ def test_kept_code_is_used_again_and_other_code_is_not_mistaken_for_it(monkeypat
     store, memory = Kept(), np.array([1.0])
     doubling(memory, store)()
     assert memory[0] == 2.0 and len(store) == 1
-    monkeypatch.setattr(machine, "_compiled", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr("llvmlite.binding.create_pass_builder", lambda *_: pytest.fail("compiled again"))
     doubling(memory, store)()
     assert memory[0] == 4.0
     monkeypatch.undo()
@@ -134,7 +134,7 @@ def test_code_that_the_store_makes_elsewhere_is_taken_and_kept(monkeypatch):
     doubling(memory, here)
     elsewhere = Kept()
     elsewhere.elsewhere = next(iter(here.values()))
-    monkeypatch.setattr(machine, "_compiled", lambda *_: pytest.fail("compiled here"))
+    monkeypatch.setattr("llvmlite.binding.create_pass_builder", lambda *_: pytest.fail("compiled here"))
     doubling(memory, elsewhere)()
     assert memory[0] == 2.0 and dict(elsewhere) == dict(here)
 

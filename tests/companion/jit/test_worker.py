@@ -1,7 +1,6 @@
 """Machine code by a child: as it would be made here; whatever goes wrong with the child, it is made all the same."""
 
 import hashlib
-import sys
 import time
 
 import casadi as ca
@@ -11,6 +10,7 @@ import pytest
 from companion.jit import Kernel, Loop, Machine, Operand, machine
 from companion.jit.cache import CodeStore
 from companion.jit.worker import ChildFailed, compiled_apart
+from companion.python_child import python
 
 pytest.importorskip("llvmlite", reason="llvmlite is not installed")
 if not machine.may_run_what_was_written():
@@ -19,22 +19,22 @@ if not machine.may_run_what_was_written():
 TEXT = "define void @nothing(ptr %memory) {\n  ret void\n}\n"
 
 
-def python(code: str) -> tuple[str, ...]:
-    return sys.executable, "-c", f"import sys; sys.stdin.read(); {code}"
+def child(code: str) -> list[str]:
+    return python("-c", f"import sys; sys.stdin.read(); {code}")
 
 
 FAILING = {
-    "ends with an error": (python("sys.exit('out of memory')"), "exit code 1: out of memory"),
-    "is killed": (python("import os; os.kill(os.getpid(), 9)"), "exit code -9"),
-    "hangs": (python("import time; time.sleep(60)"), "no answer within 2 s"),
-    "says nothing": (python("pass"), "answered 0 bytes"),
-    "says nonsense": (python("print('x' * 100)"), "answered 101 bytes"),
+    "ends with an error": (child("sys.exit('out of memory')"), "exit code 1: out of memory"),
+    "is killed": (child("import os; os.kill(os.getpid(), 9)"), "exit code -9"),
+    "hangs": (child("import time; time.sleep(60)"), "no answer within 2 s"),
+    "says nothing": (child("pass"), "answered 0 bytes"),
+    "says nonsense": (child("print('x' * 100)"), "answered 101 bytes"),
     "sends the digest of nothing": (
-        python(f"sys.stdout.buffer.write({hashlib.sha256(b'').digest()!r})"), "answered 32 bytes"),
+        child(f"sys.stdout.buffer.write({hashlib.sha256(b'').digest()!r})"), "answered 32 bytes"),
     "is cut short": (
-        python(f"sys.stdout.buffer.write({hashlib.sha256(b'code').digest() + b'cod'!r})"), "answered 35 bytes"),
+        child(f"sys.stdout.buffer.write({hashlib.sha256(b'code').digest() + b'cod'!r})"), "answered 35 bytes"),
     "is not there": (("/nowhere/python",), "No such file"),
-    "does not read": ((sys.executable, "-c", "import sys; sys.exit(3)"), "exit code 3"),
+    "does not read": (python("-c", "import sys; sys.exit(3)"), "exit code 3"),
 }  # fmt: skip
 
 
@@ -73,7 +73,7 @@ def test_where_the_child_fails_the_code_is_made_here_and_somebody_hears_of_it(tm
 
 
 def test_with_a_child_nothing_is_compiled_here(tmp_path, monkeypatch):
-    monkeypatch.setattr(machine, "_compiled", lambda *_: pytest.fail("compiled in this process"))
+    monkeypatch.setattr("llvmlite.binding.create_pass_builder", lambda *_: pytest.fail("compiled in this process"))
     memory, a = np.array([1.0]), ca.SX.sym("a")
     kernel = Kernel(ca.Function("f", [a], [a + 2]), [Operand(0, 0, (0,))], [Operand(0, 0, (0,))])
     Machine({"go": [Loop([kernel], 1)]}, memory, CodeStore(tmp_path)).entry("go")()

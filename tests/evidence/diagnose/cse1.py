@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from companion.core.model.load_vessel import load_vessel
+from companion.python_child import aritra
 from sim.fitting.identify.result import fit_structured
 from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
 from sim.studies.cse1.study import DATE, RUNS, crude, recording
@@ -39,7 +39,7 @@ def _diagnosed(fitted: tuple[str, ...], held_out: str) -> Iterator[Line]:
     with tempfile.TemporaryDirectory() as folder:
         logs = [str(DATA / f"{name}.csv.gz") for name in fitted]
         words = [*logs, "--vessel", str(_base()), "--held-out", str(DATA / f"{held_out}.csv.gz"), "--out", folder]
-        command = [sys.executable, "-m", "companion", "diagnose", *words, "--no-report"]
+        command = aritra("diagnose", *words, "--no-report")
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT_S, check=False)
         if done.returncode not in (0, 1):
             raise RuntimeError(done.stderr)

@@ -6,6 +6,7 @@ The nonce is the commit: the cases are drawn after the last change of the code. 
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.python_child import aritra, python
 from tests.evidence.line import Line, at_least, at_most, information
 from tests.hidden.score import families_of
 
@@ -25,7 +27,7 @@ CASES, FEW = 300, 20
 CLEAN, FEW_CLEAN = 100, 5
 REMOVED, FEW_REMOVED = 40, 6
 AT_ONCE = 2  # a case has a process of its own
-COMMAND = f"{shlex.quote(sys.executable)} -m companion diagnose"
+COMMAND = shlex.join(aritra("diagnose"))
 VERDICT = f"{COMMAND} --no-report"  # where the time it takes is not the question
 SAME = ("current", "turning_current"), ("wind", "gusty_wind"), ("thruster_gain", "thruster_fouling")
 TOGETHER = {name: pair for pair in SAME for name in pair}
@@ -149,10 +151,11 @@ def nonce() -> str:
 def scored(nonce: str, count: int, *words: str, command: str = COMMAND) -> list[dict[str, Any]]:
     print(f"  nonce {nonce}, {count} cases {' '.join(words)}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        call = [sys.executable, "-m", "tests.hidden.score", "--nonce", nonce, "--cases", str(count), "--out", folder]
+        call = python("-m", "tests.hidden.score", "--nonce", nonce, "--cases", count, "--out", folder)
         call += [*words, "--command", command]
         call += ["--keep"] if count == 1 else []
-        subprocess.run(call, cwd=ROOT, check=True, stdout=sys.stderr if count > 1 else subprocess.DEVNULL)
+        env = os.environ | {"PYTHONPATH": str(ROOT)}
+        subprocess.run(call, cwd=ROOT, env=env, check=True, stdout=sys.stderr if count > 1 else subprocess.DEVNULL)
         results = json.loads((Path(folder) / "results.json").read_text())["results"]
         for path in Path(folder).glob("cases/*/result/findings.json"):
             results[0]["depends_on"] = json.loads(path.read_text())["depends_on"]

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -25,6 +24,7 @@ from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra, python
 from sim.fitting.taylor.abkowitz import AbkowitzModel
 from sim.studies.paper.closed_loop import evidence as paper_evidence
 from sim.studies.ranging.range_runs import range_filter_scores
@@ -143,7 +143,7 @@ def _mission_lines(name: str, runs: list[dict[str, float]], cross_goal: float) -
 def demo(full: bool) -> Iterator[Line]:
     """Demo: two processes in real time"""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "companion", "demo", "--out", folder]
+        command = aritra("demo", "--out", folder)
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             print(done.stdout[-2000:], done.stderr[-2000:])
@@ -160,7 +160,7 @@ def demo(full: bool) -> Iterator[Line]:
             ("rss_mb", 300.0, "MB"),
         ):
             yield at_most(key, figures[key], goal, unit)
-        again = [sys.executable, "-m", "companion", "replay", f"{folder}/run.mcap"]
+        again = aritra("replay", f"{folder}/run.mcap")
         yield exactly(
             "replay of its log: exit code (0: no difference)", subprocess.run(again, check=False).returncode, 0
         )
@@ -170,12 +170,12 @@ def kill(full: bool) -> Iterator[Line]:
     """SIGKILL of the companion under way: what the log keeps"""
     with tempfile.TemporaryDirectory() as folder:
         port, uwb, log = _free_port(), f"{folder}/uwb", Path(folder) / "run.mcap"
-        aritra = [sys.executable, "-m", "companion"]
+        program = aritra()
         sim = subprocess.Popen(
-            [*aritra, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", uwb], stdout=subprocess.DEVNULL
+            [*program, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", uwb], stdout=subprocess.DEVNULL
         )
         wires = ["--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{uwb}:115200", "--log", str(log)]
-        boat = subprocess.Popen([*aritra, "run", *wires, "--start"], stdout=subprocess.DEVNULL)
+        boat = subprocess.Popen([*program, "run", *wires, "--start"], stdout=subprocess.DEVNULL)
         _wait_until_driving(log)
         killed_ns = time.monotonic_ns()
         boat.send_signal(signal.SIGKILL)
@@ -183,11 +183,11 @@ def kill(full: bool) -> Iterator[Line]:
         sim.terminate()
         sim.wait()
         recovered = Path(folder) / "recovered.mcap"
-        code = subprocess.run([*aritra, "log", "recover", str(log), "-o", str(recovered)], check=False).returncode
+        code = subprocess.run([*program, "log", "recover", str(log), "-o", str(recovered)], check=False).returncode
         yield at_most("aritra log recover: exit code (1: damage was found)", code, 1)
         last_ns = max(m.t_ns for m in LogFile(recovered).messages(Tick))
         yield at_most("lost at the end of the recovered log", (killed_ns - last_ns) * 1e-9, 1.0, "s")
-        code = subprocess.run([*aritra, "replay", str(recovered)], check=False).returncode
+        code = subprocess.run([*program, "replay", str(recovered)], check=False).returncode
         yield exactly("replay of the recovered log: exit code", code, 0)
 
 
@@ -232,7 +232,7 @@ def real_input(full: bool) -> Iterator[Line]:
                 name = f"{run}: planar RMSE, {variant.replace('_', ' ')}"
                 yield at_most(name, s["rmse_m"], goal, "m", f"p95 {s['p95_m']:.2f} m, largest {s['max_m']:.2f} m")
     for test in CLIENT_TESTS:
-        command = [sys.executable, "-m", "pytest", "-q", "--no-header", test]
+        command = python("-m", "pytest", "-q", "--no-header", test)
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         summary = done.stdout.strip().splitlines()[-1]
         bad = done.returncode != 0 or "skipped" in summary or "passed" not in summary

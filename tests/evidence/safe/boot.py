@@ -161,7 +161,7 @@ class Bench:
 
     def _start_simulator(self) -> None:
         words = ["sim", "--udp-to", f"127.0.0.1:{self._udp}", "--uwb", f"{self._folder}/tag", "--wiring", "gate"]
-        command = [sys.executable, "-m", "tests.evidence.safe.watched_sim", *words]
+        command = python("-m", "tests.evidence.safe.watched_sim", *words)
         self._process("simulator", command, PYTHONPATH=str(ROOT), SIM_PEN=f"{self._folder}/pen.txt")
 
     def _start_companion(self) -> None:

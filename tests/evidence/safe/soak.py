@@ -26,6 +26,7 @@ import psutil
 from companion.cli.simulator.demo import _free_port
 from companion.core.messages import LoopTiming, OperatorCommand, OverrideLease, Tick
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.support.fault_fixture import FaultBench
 from tests.support.fault_oracle import judge
@@ -142,12 +143,12 @@ def real_time(seconds: float) -> Iterator[Line]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         port, tag = _free_port(), folder / "uwb"
-        aritra = [sys.executable, "-m", "companion"]
+        program = aritra()
         sim = subprocess.Popen(
-            [*aritra, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", str(tag)], cwd=root, stdout=subprocess.DEVNULL
+            [*program, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", str(tag)], cwd=root, stdout=subprocess.DEVNULL
         )
         boat = subprocess.Popen(
-            [*aritra, "run", "--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{tag}:115200",
+            [*program, "run", "--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{tag}:115200",
              "--log", str(folder / "run.mcap"), "--start"],
             cwd=root, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"},
         )  # fmt: skip

@@ -16,7 +16,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -30,10 +29,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from companion.boat.load_run import EXAMPLES
 from companion.core.messages import Alert, ModeStatus, OverrideLease, Tick
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra, python
 from tests.evidence.safe.wire import TagWire, Wire
 
 ROOT = Path(__file__).resolve().parents[3]
-ARITRA = [sys.executable, "-m", "companion"]
+ARITRA = aritra()
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1", "OMP_NUM_THREADS": "1"}
 THRUSTERS, THRUSTER_CHANNELS, STILL_CHANNELS = 4, range(9, 13), range(1, 5)
 NEUTRAL_US, LOW_US, HIGH_US = 1500, 1100, 1900
@@ -218,7 +218,7 @@ class Trial:
 
     def companion(self, name: str, wires: Sequence[str], words: Sequence[str], fault: str = "") -> subprocess.Popen:
         """One more `aritra run`; its log is NAME.mcap but for the first."""
-        command = [*ARITRA] if not fault else [sys.executable, "-m", "tests.evidence.safe.companion_that_breaks", fault]
+        command = [*ARITRA] if not fault else python("-m", "tests.evidence.safe.companion_that_breaks", fault)
         log = self.log if name == "run" else self.folder / f"{name}.mcap"
         command += ["run", *wires, "--uwb", f"serial:{self.folder}/uwb:115200", "--log", str(log), *words]
         return self._start(name, command)
@@ -273,7 +273,7 @@ class Trial:
     def _start_sim(self) -> subprocess.Popen:
         words = ["sim", "--udp-to", f"127.0.0.1:{self.wire.port}", "--tcp", f"127.0.0.1:{self.tcp}"]
         words += ["--uwb", str(self.folder / "tag"), "--truth", str(self.folder / "truth.mcap"), *self._sim_words]
-        command = [sys.executable, "-m", "tests.evidence.safe.watched_sim", *words]
+        command = python("-m", "tests.evidence.safe.watched_sim", *words)
         return self._start("sim", command, SIM_PEN=str(self.pen.path))
 
     def _start(self, name: str, command: Sequence[str], **more: str) -> subprocess.Popen:

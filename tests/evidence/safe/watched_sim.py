@@ -71,8 +71,8 @@ def _silence(world: Watched) -> None:
 
 
 def _ranges(change: Callable[[dict[str, float | None]], dict[str, float | None]], world: Watched) -> None:
-    measure = world._uwb.measure
-    world._uwb.measure = lambda motion: change(measure(motion))
+    measure = world.uwb_sensor.measure
+    world.uwb_sensor.measure = lambda motion: change(measure(motion))
 
 
 def _no_anchors(world: Watched) -> None:

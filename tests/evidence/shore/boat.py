@@ -17,6 +17,7 @@ from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import Message
 from companion.core.telemetry.view import TelemetryView, Who
+from companion.python_child import python
 from sim.world.stepped import SteppedRun
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.main_job.parts import ROOT, _boat, world_of
@@ -110,9 +111,7 @@ def cost(full: bool) -> Iterator[Line]:
         router = subprocess.Popen([sys.executable, ROOT / "deploy/zenoh/router.py", file], stdout=subprocess.PIPE)
         assert router.stdout and router.stdout.readline()
         wants = json.dumps(_quiet("client", [f"tcp/127.0.0.1:{port}"], []))
-        console = subprocess.Popen(
-            [sys.executable, "-c", CONSOLE, wants], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
+        console = subprocess.Popen(python("-c", CONSOLE, wants), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert console.stdout and console.stdout.readline()
         idle = play(ticks, lambda message: None)
         alone = _telemetry(closed_port())
@@ -148,7 +147,7 @@ def closed_port() -> int:
 def outage(full: bool) -> Iterator[Line]:
     """Three programs: signed orders from shore, and a router that stops for 3 s while the boat drives"""
     test = "tests/processes/test_telemetry_process.py"
-    command = [sys.executable, "-m", "pytest", "-q", "-s", "--no-header", test]
+    command = python("-m", "pytest", "-q", "-s", "--no-header", test)
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     for line in done.stdout.splitlines():
         if line.startswith(("neutral", "lateness", "stop ", "hold ")):

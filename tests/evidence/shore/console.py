@@ -8,7 +8,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from types import SimpleNamespace
 import psutil
 from axe_playwright_python.sync_playwright import Axe
 
+from companion.python_child import python
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.evidence.main_job.parts import ROOT
 from tests.processes.test_loopback import GroundStation, free_port, process, wait_for
@@ -140,7 +140,7 @@ def chromium_drives_the_console(full: bool) -> Iterator[Line]:
 def _fleet(port: int, names: list[str]) -> Iterator[subprocess.Popen]:
     """Boats that play a voyage, in a process of their own."""
     env = {"PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}", "PATH": "/usr/bin:/bin"}
-    command = [sys.executable, "-c", FLEET, str(port), ",".join(names)]
+    command = python("-c", FLEET, str(port), ",".join(names))
     child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env)
     try:
         assert child.stdout and child.stdout.readline() == "telling\n"

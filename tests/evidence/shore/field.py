@@ -22,6 +22,7 @@ from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.core.telemetry.structs import StateNow
 from companion.core.telemetry.view import TelemetryView, Who
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra
 from tests.evidence.shore.lossy_link import ADDRESSES
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -107,7 +108,7 @@ class Field:
         sim = ["sim", "--config", config, "--udp-to", at, "--uwb", tag, "--seed", self._seed]
         for words, text in ((sim, f"sim-{name}.txt"), (["run", "--config", config, "--start", *wires], f"{name}.txt")):
             out = self._stack.enter_context((self.folder / text).open("w"))
-            program = [sys.executable, "-m", "companion", *map(str, words)]
+            program = aritra(*words)
             child = self._popen(program, "boat", stdout=out, stderr=subprocess.STDOUT)
         self._companions.append(child)
 

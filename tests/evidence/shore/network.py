@@ -9,7 +9,6 @@ from __future__ import annotations
 import random
 import signal
 import subprocess
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ import numpy as np
 
 from companion.core.messages import LoopTiming, ProcessStats
 from companion.logs.log_file import LogFile
+from companion.python_child import python
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.evidence.shore.field import Field, missing, read_heard
 from tests.evidence.shore.lossy_link import ADDRESSES
@@ -225,11 +225,11 @@ def _link_is_what_it_says(boat: Field) -> Iterator[Line]:
     """The link's own test, with datagrams there and back."""
 
     def ask(n: int) -> tuple[float, float]:
-        words = boat.in_boat([sys.executable, "-c", ASK, str(n)])
+        words = boat.in_boat(python("-c", ASK, str(n)))
         came, wait_s = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
         return float(came), float(wait_s)
 
-    echo = subprocess.Popen(boat.in_shore([sys.executable, "-c", ECHO]), stdout=subprocess.PIPE, text=True)
+    echo = subprocess.Popen(boat.in_shore(python("-c", ECHO)), stdout=subprocess.PIPE, text=True)
     assert echo.stdout and echo.stdout.readline()
     try:
         boat.set_link(loss=LOSS)

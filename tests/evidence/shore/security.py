@@ -27,6 +27,7 @@ from companion.core.messages import LoopTiming, OperatorCommand, ProcessStats
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.orders import MAX_BYTES, WINDOW_S, Sender, read_outcome, seal
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.support.zenoh_fixture import Console, config, free_port, wait_for
 
@@ -56,10 +57,10 @@ class Range:
             self.router = self._popen(router, self.router_out, RUST_LOG=DENIALS)
             wait_for(lambda: "router" in self.router_out.read_text(), 20, self.router_out.read_text)
             udp, tag = free_port(), self.folder / "tag"
-            aritra = [sys.executable, "-m", "companion"]
-            self._popen([*aritra, "sim", "--udp-to", f"127.0.0.1:{udp}", "--uwb", tag], self.folder / "sim.txt")
+            program = aritra()
+            self._popen([*program, "sim", "--udp-to", f"127.0.0.1:{udp}", "--uwb", tag], self.folder / "sim.txt")
             wires = ["--mavlink", f"udpin:127.0.0.1:{udp}", "--uwb", f"serial:{tag}:115200", "--log", self.log]
-            self.boat = self._popen([*aritra, "run", "--config", self._run_file(), *wires], self.out)
+            self.boat = self._popen([*program, "run", "--config", self._run_file(), *wires], self.out)
             wait_for(lambda: "state estimate healthy" in self.out.read_text(), 180, self.out.read_text)
             wait_for(lambda: "is connected" in self.out.read_text(), 20, self.out.read_text)
             self._stack = self._stack.pop_all()

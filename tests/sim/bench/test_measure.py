@@ -1,5 +1,6 @@
 """The benchmark measures what it says: solvers of one problem, one timing, honest ratios, growth, the machine."""
 
+import io
 import time
 from functools import cache
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES
 from companion.core.control.nmpc import Actuation
@@ -24,7 +26,7 @@ from sim.bench.machine import cpu_model, machine
 from sim.bench.request import BenchRequest
 from sim.bench.result import Bench, BenchRow, BenchSettings, SolverRefused, read, write
 from sim.bench.simulation import SIMULATED_S, STEP_S, commands, runners
-from sim.bench.table import quantity, times
+from sim.bench.table import quantity, show, times
 
 BOAT = EXAMPLES / "boats" / "aritra.toml"
 seconds = st.floats(1e-6, 1e2)
@@ -37,7 +39,9 @@ def order() -> BenchRequest:
     )
 
 
-@pytest.mark.parametrize(("problem", "near"), [("production", 0.05), ("paper", 0.02)])
+@pytest.mark.parametrize(
+    ("problem", "near"), [("production", 0.05), pytest.param("paper", 0.02, marks=pytest.mark.long)]
+)
 def test_every_solver_that_runs_here_solves_the_same_problem(problem, near):
     """First commands of six ticks of seed 1 within `near` [N, kgf] of IPOPT's; converged ones within a thousandth."""
     timed, refused = compare.compared(order(), problem)
@@ -194,15 +198,27 @@ def test_the_processor_has_a_name_or_none_is_made_up():
     assert "Foundation" in cpu_model("processor: 0\nHardware\t: Foundation\n") or cpu_model("") != ""
 
 
-def test_a_result_comes_back_from_its_file_as_it_was(tmp_path):
+def result() -> Bench:
     row = BenchRow(part="solvers", problem="paper", name="x", unit="us", p50=1.5, p99=2.0, count=3, off=0.1)
     settings = BenchSettings(
         vessel="a.toml", problems=("paper",), solves=3, rounds=1, cadence_solves=3, seed=1, only="", growth=False
     )
-    bench = Bench(
+    return Bench(
         schema=1, program={}, begun_utc="", seconds=1.0, machine=machine(0.5), settings=settings, rows=(row,),
         refused=(SolverRefused(part="fit", problem="", name="y", why="no"),), growth=(),
     )  # fmt: skip
+
+
+def test_a_result_fits_a_terminal_of_80_columns():
+    out = Console(file=io.StringIO(), width=80)
+    show(out, result())
+    lines = out.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80 and any("1.50 us" in line for line in lines)
+    assert any("not run: fit" in line for line in lines)
+
+
+def test_a_result_comes_back_from_its_file_as_it_was(tmp_path):
+    bench = result()
     write(tmp_path / "b.json", bench)
     assert read(tmp_path / "b.json") == bench
     assert set(msgspec.json.decode((tmp_path / "b.json").read_bytes())) == set(Bench.__struct_fields__)

@@ -164,12 +164,12 @@ def test_every_key_is_in_the_reference():
     from pathlib import Path
 
     from sim.campaign import case_files as documents
-    from sim.campaign.file import Diagnose, Identify, Missions, SeedRange, _Text
+    from sim.campaign.file import CampaignText, Diagnose, Identify, Missions, SeedRange
     from sim.campaign.mission import JUDGED
 
     page = (Path(__file__).resolve().parents[3] / "docs" / "campaign.md").read_text()
     words = set(re.findall(r"[A-Za-z_]+", " ".join(re.findall(r"`([^`]+)`", page)) + page.split("```toml")[1]))
-    tables = (_Text, SeedRange, Missions, Identify, Diagnose, Draw, documents.WorldKeys)
+    tables = (CampaignText, SeedRange, Missions, Identify, Diagnose, Draw, documents.WorldKeys)
     wanted = {key for table in tables for key in table.__struct_fields__} | {*JUDGED, "unleased", "farthest_m"}
     wanted |= {head for heads in documents.HEADS.values() for head in heads}
     wanted |= {f for kind in (documents.Weather, documents.UwbFaults) for f in kind.__dataclass_fields__}

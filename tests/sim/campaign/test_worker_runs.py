@@ -4,7 +4,7 @@ import pytest
 
 from companion.logs.readers.table import write_run
 from sim.campaign.inputs import read_campaign
-from sim.campaign.mission import _unleased
+from sim.campaign.mission import unleased
 from sim.campaign.runners.worker import program, run_work
 from sim.world.teleop_log import teleop_run
 from tests.support.campaign_fixture import campaign_file
@@ -41,6 +41,7 @@ def test_an_identification_of_a_simulated_drive_is_judged_by_its_truth(tmp_path)
     assert run_work(work).figures == f, "the same bits again"
 
 
+@pytest.mark.long
 def test_a_diagnosis_of_a_simulated_drive_names_the_weak_thruster(tmp_path):
     """Seed 3, 120 s; the rear port thruster gives 60 %."""
     more = "[diagnose]\ndrive_s = 120.0\n[set]\ntruth.thrusters.rear_port.gain = 0.6"
@@ -82,4 +83,4 @@ def test_a_mission_that_never_begins_has_no_figures_of_driving(tmp_path):
     [([0, 1], [0, 1], False), ([0, 1], [0], False), ([0, 1], [], True), ([0, 1], [1], True), ([0], [0, 0], True)],
 )
 def test_every_tick_but_an_open_last_one_has_one_lease(ticks, leases, wrong):
-    assert _unleased(ticks, leases) is wrong
+    assert unleased(ticks, leases) is wrong

@@ -52,6 +52,7 @@ def test_a_bollard_pull_says_the_gains_and_no_more() -> None:
     assert settings.sigmas.gain == 0.025 and not settings.overrides
 
 
+@pytest.mark.long
 def test_either_measurement_gives_the_scale_and_the_same_ratios(scores: tuple[BoatScore, ...]) -> None:
     assert [s.lab for s in scores] == [WEIGHED.name, BOLLARD.name]
     for s in scores:
@@ -66,6 +67,7 @@ def test_either_measurement_gives_the_scale_and_the_same_ratios(scores: tuple[Bo
         assert error == pytest.approx(pulled.scale_free_error[name], abs=0.01), name
 
 
+@pytest.mark.long
 def test_identified_moves_like_the_boat_and_the_series_does_not(scores: tuple[BoatScore, ...]) -> None:
     for start in STARTS:
         m = {name: rms(d) for name, d in scores[0].open_loop_m[start].items()}
@@ -74,6 +76,7 @@ def test_identified_moves_like_the_boat_and_the_series_does_not(scores: tuple[Bo
     assert rms(exact["true"]) < 0.05 < rms(scores[0].open_loop_m["filter"]["true"])
 
 
+@pytest.mark.long
 def test_figures_take_boats_together(scores: tuple[BoatScore, ...]) -> None:
     one, all_ = figures(scores[:1]), figures([scores[0], scores[1]])
     assert np.isnan(one.coverage_half) and one.coverage == np.mean(list(scores[0].covered.values()))

@@ -13,6 +13,7 @@ from tests.support.vessel_fixtures import boat
 VESSEL = boat("cse1")
 
 
+@pytest.mark.long
 def test_half_a_run_predicts_the_other_half_and_beats_a_crude_model(shared_data) -> None:
     """The first six minutes of random_run1 fitted, the last five predicted, in every channel at 10 s."""
     run = recording(shared_data / "cse1", RUNS[0])

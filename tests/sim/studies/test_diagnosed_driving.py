@@ -92,6 +92,7 @@ def test_the_estimators_error_is_one_where_every_goal_is_just_met_and_missions_a
     assert not trip(0.1, 1.0, missed=1).finished
 
 
+@pytest.mark.long
 def test_a_boat_that_cannot_move_has_not_finished_and_lies_off_its_leg():
     """All thrusters dead. Seed 62: it rests 1.4 m from the first waypoint; its filter takes it to be under way."""
     adrift = replace(BASE, thrusters=tuple(replace(t, gain=0.0) for t in BASE.thrusters))

@@ -63,6 +63,7 @@ def test_scipy_ends_where_the_fit_does(fitted: tuple[StructuredFit, FitPoint, Ca
     assert np.abs((found.w - point.w) / se).max() < 0.2
 
 
+@pytest.mark.long
 def test_a_plain_call_comes_nearer_and_is_given_up(fitted: tuple[StructuredFit, FitPoint, CasadiProblem]) -> None:
     fit, point, problem = fitted
     start = 0.5 * float(np.sum(problem.residual(problem.start) ** 2))

@@ -3,6 +3,7 @@
 import platform
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from sim.world.plant import Plant, perturbed
 from tests.sim.world.test_plant import by_hand
 from tests.support.vessel_fixtures import boat
 
-pytest.importorskip("llvmlite", reason="llvmlite is not installed")
+llvm = pytest.importorskip("llvmlite.binding", reason="llvmlite is not installed")
 if not machine.may_run_what_was_written():
     pytest.skip("the system forbids machine code", allow_module_level=True)
 
@@ -162,10 +163,8 @@ def test_older_processors_give_the_same_bits(processor, monkeypatch):
     """Narrower vectors; the oldest has no fused operation and calls the C library for it."""
     here = simulate(VESSEL, START, pulses(300), DT, around=Surroundings(0.2, 30.0, 5.0, 80.0)).x
 
-    def target(llvm):
-        return llvm.Target.from_default_triple().create_target_machine(cpu=processor, opt=2, jit=True)
-
-    monkeypatch.setattr(machine, "_target", target)
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: processor)
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: SimpleNamespace(flatten=lambda: ""))
     monkeypatch.setattr(loops.Here, "get", lambda *_: None)
     monkeypatch.setattr(loops.Here, "put", lambda *_: None)
     loops.loop.cache_clear()
@@ -229,8 +228,8 @@ def test_where_there_is_no_machine_code_the_same_call_works(monkeypatch):
 def test_kept_code_that_is_damaged_is_made_anew(tmp_path, monkeypatch):
     monkeypatch.setenv("ARITRA_CACHE", str(tmp_path))
     made = []
-    real = machine._compiled
-    monkeypatch.setattr(machine, "_compiled", lambda *given: made.append(1) or real(*given))
+    real = llvm.create_pass_builder
+    monkeypatch.setattr(llvm, "create_pass_builder", lambda *given: made.append(1) or real(*given))
     answers = []
     for damage in (False, False, True):
         loops.loop.cache_clear()

@@ -150,8 +150,8 @@ def test_the_worlds_tag_drifts():
     world = World(WorldSetup(vessel, SITE, boot_ns=5 * 10**9), seed=1)
     sent = []
     for _ in range(2050):
-        before = len(world._in_flight)  # what waits to arrive
+        before = len(world.in_flight)  # what waits to arrive
         world.step()
-        if len(world._in_flight) > before:
-            sent.append((world._in_flight[-1][0] - world.t_ns) * 1e-9)
+        if len(world.in_flight) > before:
+            sent.append((world.in_flight[-1][0] - world.t_ns) * 1e-9)
     assert np.diff(sent) == pytest.approx(0.01, abs=2e-4) and sent[0] == pytest.approx(0.08)

@@ -78,7 +78,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
 def test_sources_of_chance_are_apart(change):
     """Without wind the ranges' noise is still the same: each thing draws from its own generator."""
     full, less = world(3, **ROUGH), world(3, **{**ROUGH, **change})
-    a, b = full._imu.measure(full.plant.motion, FLAT), less._imu.measure(less.plant.motion, FLAT)
+    a, b = full.imu.measure(full.plant.motion, FLAT), less.imu.measure(less.plant.motion, FLAT)
     assert a == b
 
 
@@ -95,7 +95,7 @@ def test_uwb_bytes_come_the_tags_latency_after_the_measurement(latency_s):
         if k % 10 == 0:
             talk(made)
         data = made.step().uwb
-        places.append((made.t_ns, made._uwb.tag_position(made.plant.motion.x)))
+        places.append((made.t_ns, made.uwb_sensor.tag_position(made.plant.motion.x)))
         heard += [m for m in made.tag_codec.feed(data, made.t_ns) if isinstance(m, UwbRanges)]
     assert len(heard) >= 3
     gaps = [b.t_rx_ns - a.t_rx_ns for a, b in pairwise(heard)]

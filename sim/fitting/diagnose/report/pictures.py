@@ -75,8 +75,8 @@ def over_heading(residue: Residue) -> Figure:
     for i, ax in enumerate(axes):
         ax.set_theta_zero_location("N")
         ax.set_theta_direction(-1)
-        mean, se = _means(psi, residue.force[:, i], edges)
-        cause, _ = _means(psi, residue.cause[:, i], edges)
+        mean, se = means_by_bin(psi, residue.force[:, i], edges)
+        cause, _ = means_by_bin(psi, residue.cause[:, i], edges)
         reach = 1.05 * float(np.nanmax(np.concatenate([np.abs(mean) + 2 * se, np.abs(cause)]), initial=1e-3))
         ring = np.linspace(0, 2 * np.pi, 200)
         ax.plot(ring, np.full(200, reach), color=INK, lw=1.4)
@@ -224,13 +224,13 @@ def _binned(ax: Axes, x: np.ndarray, force: np.ndarray, cause: np.ndarray) -> No
     if len(edges) < 3:
         return
     middle = (edges[:-1] + edges[1:]) / 2
-    mean, se = _means(x, force, edges)
+    mean, se = means_by_bin(x, force, edges)
     ax.errorbar(middle, mean, yerr=2 * se, fmt="o", ms=3, lw=1, color=BASE, zorder=3, label=MEAN)
     if cause.any():
-        ax.plot(middle, _means(x, cause, edges)[0], color=WITH, lw=1.6, zorder=4, label=CHANGE)
+        ax.plot(middle, means_by_bin(x, cause, edges)[0], color=WITH, lw=1.6, zorder=4, label=CHANGE)
 
 
-def _means(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def means_by_bin(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean of y in each bin and its standard error (of neighbours that hang together over 5 s); NaN for a few."""
     of = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     mean, se = np.full(len(edges) - 1, np.nan), np.full(len(edges) - 1, np.nan)

@@ -41,7 +41,7 @@ def sentences(found: Diagnosis) -> list[str]:
     lines += [f"These logs cannot tell {name} from {', '.join(others)}." for name, others in found.confused.items()]
     lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
     if found.causes:
-        lines += [_gain(found.held_out, len(found.causes)), *_outside(found)]
+        lines += [gain_sentence(found.held_out, len(found.causes)), *_outside(found)]
     if found.verdict == "none":
         lines += _could_have_seen(found)
     if _rough_reference(found):
@@ -123,7 +123,8 @@ def error_at(found: HeldOutScore, channel: str, horizon_s: int) -> Error | None:
     return next((e for e in found.errors if e.channel == channel and e.horizon_s == horizon_s), None)
 
 
-def _gain(held_out: HeldOutScore, count: int) -> str:
+def gain_sentence(held_out: HeldOutScore, count: int) -> str:
+    """What it is worth on held-out data that `count` causes were found."""
     error = error_at(held_out, "position", SHOWN_S)
     if error is None or not np.isfinite(error.gain):
         return "What removing this is worth could not be measured on the held-out logs."

@@ -87,7 +87,7 @@ class ManoeuvrePlanner:
         self.fit, self.believed, self.noise = fit, believed, noise
         self._H = H
         self._site = site or _water(fit)
-        self._vessel = _at_rates(fit)
+        self._vessel = at_rates(fit)
 
     def plan(self, library: Excitation, confused: Confused) -> ManoeuvrePlan:
         """For the first `MOST` of these pairs that can be helped."""
@@ -188,7 +188,7 @@ def _water(fit: PosteriorFit) -> Site:
     return Site(name="water of the logs", lat_deg=0.0, lon_deg=0.0, fence=fence, source="assumed")
 
 
-def _at_rates(fit: PosteriorFit) -> VesselFile:
+def at_rates(fit: PosteriorFit) -> VesselFile:
     """The vessel with sensors at the rates of the logs as they were fitted, of inertial ones that of the quickest."""
     vessel, w = fit.physics.vessel, fit.physics.windows
     known = [w.t_s[:, :-1][channel] for channel in np.moveaxis(np.isfinite(w.y), 2, 0)]

@@ -132,12 +132,12 @@ class Refitter:
         model.reduced = fit.reduced(point, fit.effects)
         return point
 
-    def _judged(self, model: CandidateModel, id_: str) -> Candidate:
+    def judged(self, model: CandidateModel, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""
         within = self.fit.prior(model.chosen, model.believed - {id_})
         return beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
 
-    def _start(self, model: CandidateModel, c: Candidate) -> np.ndarray:
+    def start(self, model: CandidateModel, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
         effect = self.by_id[c.id]
         return np.clip(self._nearer(model, effect) if effect.starts else c.values, *effect.limits())

@@ -79,9 +79,9 @@ class Selector(Refitter):
         model, ranking = base, self.screen(base)
         for name in names:
             best = next(c for c in ranking if self.by_id[c.id].name == name)
-            model = self.refit(model, model.believed | {best.id}, {best.id: self._start(model, best)})
+            model = self.refit(model, model.believed | {best.id}, {best.id: self.start(model, best)})
             ranking = self.screen(model)
-        judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
+        judged = [self.judged(model, id_) for id_ in sorted(model.believed)]
         return Selection(base, model, [replace(c, lower=max(c.lower, 0.0)) for c in judged], ranking)
 
     def without(self, selection: Selection, gone: Collection[str]) -> Selection:
@@ -137,13 +137,13 @@ class Selector(Refitter):
         time, is acceptable, and explains nearly as much (`NATS`) is taken before it.
         """
         tried = self._refitted(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
-        if not any(self._judged(m, id_).accepted for m, id_ in tried):
+        if not any(self.judged(m, id_).accepted for m, id_ in tried):
             located = [c for c in ranking if self.by_id[c.id].of and c.nats >= NATS]
             tried += self._refitted(model, [c for c in located if SIZED >= c.size > LOCATED])
         if not tried:
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)
-        judged = [self._judged(m, id_) for m, id_ in tried]
+        judged = [self.judged(m, id_) for m, id_ in tried]
         found = [m.point.cost <= ASTRAY * model.point.cost for m, _ in tried]
         sure = [there and c.accepted for there, c in zip(found, judged, strict=True)]
         best = self._acceptable(tried, judged, sure)
@@ -177,21 +177,21 @@ class Selector(Refitter):
         names: set[str] = set()
         for c in hopeful:
             name = self.by_id[c.id].name
-            sure = any(self._judged(m, id_).accepted for m, id_ in tried)
+            sure = any(self.judged(m, id_).accepted for m, id_ in tried)
             if name in names or len(tried) >= REFIT or (sure and hopeful[0].gain - c.gain > NEAR):
                 continue
             names.add(name)
             with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
                 special = {i for i in model.believed if self.by_id[i].name == self.by_id[c.id].contains}
                 believed = (model.believed - special) | {c.id}
-                after = self.refit(model, believed, {c.id: self._start(model, c)})
+                after = self.refit(model, believed, {c.id: self.start(model, c)})
                 if makes_room(model, after):
                     tried.append((after, c.id))
         return tried
 
     def _pruned(self, model: CandidateModel) -> list[Candidate]:
         """What stands at the end, each judged with the others in place."""
-        judged = [self._judged(model, id_) for id_ in sorted(model.believed)]
+        judged = [self.judged(model, id_) for id_ in sorted(model.believed)]
         return [c for c in judged if c.accepted]
 
     def _in_place(self, model: CandidateModel, rivals: Rivals) -> Rivals:
@@ -214,7 +214,7 @@ class Selector(Refitter):
             left = self.refit(model, model.believed - {id_}, self._nil([id_]))
             best = next((c for c in self.screen(left) if self.by_id[c.id].name == other), None)
             if best is not None:
-                instead = self.refit(left, left.believed | {best.id}, {best.id: self._start(left, best)})
+                instead = self.refit(left, left.believed | {best.id}, {best.id: self.start(left, best)})
                 return max(model.evidence - instead.evidence, 0.0)
         return np.inf
 

@@ -98,6 +98,7 @@ def test_a_mission_beyond_the_fence_ends_at_it_and_not_in_an_emergency():
     assert min(rooms) < 1.0, "it got there"
 
 
+@pytest.mark.long
 def test_without_the_soft_fence_the_table_stops_the_boat_at_it():
     run, rooms = driven(False)
     assert run.state.helm.mode == "safe" and "outside the fence" in run.state.helm.why

@@ -10,6 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.estimation.estimator import Estimator, EstimatorState
+from companion.core.estimation.filter_state import B_RANGE
+from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.ranging.uwb_fusion import UwbFusion
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.geometry.frames import rotate
 from companion.core.messages import (
     AnchorRange,
     Attitude,
@@ -180,6 +185,24 @@ def test_a_boat_put_down_elsewhere_is_found_again(run, estimator) -> None:
             truth = run.truth(e.t_ns / S)
             assert math.hypot(e.north_m - (truth[0] - 8.0), e.east_m - truth[1]) < 0.4
     assert score.estimates[-1].health == "healthy"
+
+
+@pytest.mark.parametrize("arm_m", [(-1.5, 0.7), (1.0, -1.2)])
+def test_a_place_found_anew_is_the_body_s_and_not_the_tag_s(running, estimator, arm_m) -> None:
+    """The tag sits far out: exact ranges of a place 8 m away, until the filter goes there."""
+    uwb = msgspec.structs.replace(boat("aritra").sensors.uwb, x_m=arm_m[0], y_m=arm_m[1])
+    fusion = UwbFusion(basin(), uwb, EstimatorTuning(), Algebra(B_RANGE + len(basin().anchors)))
+    before = belief = estimator.belief(running, 3_300_000_000)
+    place = belief.x[:2] - [8.0, 0.0]
+    tag = (*(place + rotate(belief.x[2], *arm_m)), fusion.arm(belief)[2])
+    z = np.linalg.norm(tag - fusion.anchors_m, axis=1) + belief.x[B_RANGE:]
+    ranges = tuple(AnchorRange(anchor=a.id, range_m=float(d)) for a, d in zip(basin().anchors, z, strict=True))
+    for _ in range(60):
+        belief = msgspec.structs.replace(belief, t_ns=belief.t_ns + S // 10)
+        belief, seen = fusion.fuse_ranges(belief, UwbRanges(t_ns=0, t_rx_ns=0, tag="test", ranges=ranges))
+        if any(one.accepted for one in seen):
+            break
+    assert math.dist(belief.x[:2], place) < 0.05 < math.dist(before.x[:2], place)
 
 
 def test_positions_serve_where_no_ranges_exist(run, estimator) -> None:

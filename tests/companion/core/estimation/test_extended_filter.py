@@ -33,7 +33,8 @@ def pushed(score):
     return float(np.sqrt(np.mean([e.disturbance_n[0] ** 2 for e in score.estimates[200:]])))
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
 def test_nees_is_that_of_the_plain_boat(seed):
     """Without the effects in its file the filter takes them for a force on the body."""
     plain = estimate(simulate(seed, disturbed=False, seconds=40.0), Estimator(BASE, basin()))

@@ -40,6 +40,7 @@ def test_it_survives_being_written_and_must_be_positive():
         load_vessel(text.replace("X_sigma_N = 0.8", "X_sigma_N = 0.0"), name="x")
 
 
+@pytest.mark.long
 def test_an_exact_model_that_is_trusted_estimates_better_and_is_consistent():
     run = simulate(13, disturbed=False, seconds=60.0)
     plain, sure = (estimate(run, Estimator(v, basin())) for v in (BASE, SURE))

@@ -9,8 +9,9 @@ from msgspec.structs import replace as with_
 
 from companion.boat.load_run import setup_of
 from companion.core import messages as m
+from companion.core.estimation.estimator import Estimator
 from companion.core.excitation.file import Steps, excitation_toml
-from companion.core.excitation.flight import FlightState
+from companion.core.excitation.flight import Flight, FlightState
 from companion.core.pilot import thrust_command, transitions
 from companion.core.pilot.conditions import ConditionMonitor
 from companion.core.pilot.modes import THRUSTERS, ModeState
@@ -54,16 +55,20 @@ def test_a_plan_begins_where_the_boat_will_be_when_it_acts():
     vessel = with_(told.vessel, propulsion=with_(told.vessel.propulsion, dead_time_s=0.75))
     mind = pilot_of(vessel=vessel, control=with_(told.control, latency_s=0.5))
     state, t_ns = under_way()
-    mind._driving._estimator = spy = Spy(mind._driving._estimator, "belief")
-    shell = replaced(mind, state, t_ns)
+    shell, filter_ = replaced(mind, state, t_ns), Estimator(vessel, told.site)
     shell.feed(m.Tick(t_ns=t_ns, index=1000))
-    assert [args[1] for args, _ in spy.given][-1] == t_ns + 1250 * MS
     (request,) = [o for o in shell.outputs if isinstance(o, m.SolveRequest)]
-    mind._driving._estimator = spy = Spy(mind._driving._estimator, "command")
+    ahead, sooner = (filter_.belief(shell.state.estimator, t_ns + ms * MS) for ms in (1250, 1249))
+    assert request.x0 == (*ahead.x[:6], *ahead.f_n) != (*sooner.x[:6], *sooner.f_n)
+    before = shell.state.estimator
     shell.feed(plan(1000, t_ns))
-    ((_, acts_ns, f), _), *more = spy.given
-    assert acts_ns == t_ns + 500 * MS and f == (1.0,) * 4 and not more, "and the filter hears when it acts"
-    assert len(request.x0) == 10
+    want = filter_.command(before, t_ns + 500 * MS, (1.0,) * 4).commands
+    assert timeline(shell.state.estimator.commands) == timeline(want), "and the filter hears when it acts"
+    assert want[-1].acts_ns == t_ns + 1250 * MS
+
+
+def timeline(commands):
+    return [(command.acts_ns, *command.f_n) for command in commands]
 
 
 def replaced(mind, state, t_ns):
@@ -93,11 +98,10 @@ def test_the_reference_begins_at_the_state_that_the_plan_begins_at(monkeypatch):
 def test_a_heading_is_turned_into_the_axes_of_the_site():
     told = setup().pilot
     mind = pilot_of(site=with_(told.site, rotation_deg=30.0))
-    mind._hearing._estimator = spy = Spy(mind._hearing._estimator, "step")
     attitude = m.Attitude(t_ns=S, t_rx_ns=S, phi_rad=0.0, theta_rad=0.0, psi_rad=1.0, p_rad_s=0.0, q_rad_s=0.0,
                           r_rad_s=0.0)  # fmt: skip
-    mind.step(mind.initial(0), [attitude], S)
-    assert spy.given[0][0][1].psi_rad == pytest.approx(1.0 - np.deg2rad(30.0))
+    state, _ = mind.step(mind.initial(0), [attitude], S)
+    assert state.estimator.start.heading.psi_rad == pytest.approx(1.0 - np.deg2rad(30.0))
 
 
 def test_at_switch_on_no_force_is_remembered():
@@ -190,31 +194,30 @@ def test_only_the_mission_passes_waypoints(mode, kept, monkeypatch):
 # --- excitation -----------------------------------------------------------------------------------------
 
 
-def test_an_excitation_keeps_two_sigmas_of_its_position_from_the_fence():
+def test_an_excitation_keeps_two_sigmas_of_its_position_from_the_fence(monkeypatch):
     texts = {**setup().files, "excitation.toml": excitation_toml(PLAN)}
     mind = Pilot(setup_of(texts, {name: name for name in texts}).pilot)
     boat = Boat("excitation")
-    boat.mind = mind
-    mind._driving._flight = spy = Spy(mind._driving._flight, "step")
+    boat.mind, given, step = mind, [], Flight.step
+    monkeypatch.setattr(Flight, "step", lambda *args, **words: given.append(words) or step(*args, **words))
     boat.tick()
     at = [o for o in boat.outputs if isinstance(o, m.StateEstimate)][-1].covariance
-    assert spy.given[-1][1]["spread_m"] == pytest.approx(2.0 * np.sqrt(at[0] + at[7])) and at[0] > 0.0 < at[7]
+    assert given[-1]["spread_m"] == pytest.approx(2.0 * np.sqrt(at[0] + at[7])) and at[0] > 0.0 < at[7]
 
 
 @pytest.mark.parametrize(("phase", "level"), [("failed", "warning"), ("done", "info")])
-def test_the_end_of_an_excitation_is_told_and_nothing_is_in_between(phase, level):
+def test_the_end_of_an_excitation_is_told_and_nothing_is_in_between(phase, level, monkeypatch):
     texts = {
         **setup().files,
         "excitation.toml": excitation_toml(of(Steps(name="ahead", X=0.15, levels=(1.0,), hold_s=9.0))),
     }
     mind = Pilot(setup_of(texts, {name: name for name in texts}).pilot)
     boat = Boat("excitation")
-    boat.mind, flight = mind, mind._driving._flight
-    mind._driving._flight = SimpleNamespace(status=flight.status, is_over=flight.is_over, step=flight.step)
+    boat.mind = mind
     boat.tick()
     assert "" not in [o.text for o in boat.outputs if isinstance(o, m.Alert)], "one that goes on says nothing"
     over = FlightState(phase=phase, t_ns=boat.t_ns)
-    mind._driving._flight.step = lambda *args, **kwargs: (over, (0.0,) * 4, "this is the end")
+    monkeypatch.setattr(Flight, "step", lambda *args, **words: (over, (0.0,) * 4, "this is the end"))
     boat.tick()
     told = [(o.level, o.text) for o in boat.outputs if isinstance(o, m.Alert)]
     assert (level, "this is the end") in told and boat.mode == "idle" and not boat.moves

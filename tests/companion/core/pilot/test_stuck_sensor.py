@@ -1,5 +1,6 @@
 """A sensor that is stuck is left out, one that is only quiet is not; blindness is not over because a filter says so."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -40,6 +41,13 @@ def test_one_digit_is_life_and_ends_it():
     again = [replace(IMU, t_ns=k * 20 * MS) for k in range(60)] + [replace(IMU, t_ns=1300 * MS, r_rad_s=0.01)]
     stuck, told = said(again)
     assert stuck[59] and not stuck[60] and told == ["error", "info"]
+
+
+@pytest.mark.parametrize(("period_ms", "stuck_from"), [(20, 50), (240, 5), (260, 4), (900, 4)])
+def test_a_second_and_five_readings_are_needed_and_no_more(period_ms, stuck_from):
+    """Counted from 0: the fifth reading has number 4."""
+    stuck, _ = said([replace(ATTITUDE, t_ns=k * period_ms * MS) for k in range(60)])
+    assert stuck.index(True) == stuck_from
 
 
 def test_two_readings_far_apart_are_no_proof():

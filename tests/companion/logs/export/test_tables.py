@@ -12,7 +12,7 @@ from companion.boat.recorder import Recorder
 from companion.cli import log as log_cli
 from companion.core import messages as m
 from companion.logs.export import command
-from companion.logs.export.tables import _dtype, tables, write
+from companion.logs.export.tables import dtype_of, tables, write
 from companion.logs.log_file import LogFile
 from companion.logs.schema import KINDS
 
@@ -29,7 +29,7 @@ def test_every_message_has_a_form_as_a_table(kind):
     for field in msgspec.structs.fields(kind):
         told = inspect.type_info(field.type)
         if not isinstance(told, inspect.DictType):
-            assert _dtype(told)
+            assert dtype_of(told)
 
 
 def test_tables_hold_what_was_logged_number_by_number(drive_log):

@@ -10,7 +10,7 @@ pytest.importorskip("uplot", reason="the extra `shore` is not installed")
 from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES
 from tests.companion.logs.page.page_logs import page_log
-from tests.support.console_fixture import Page, chromium
+from tests.support.console_fixture import PATIENCE_S, Page, chromium
 
 BASE, EXTENDED = "simulated (base)", "simulated (extended)"
 
@@ -42,7 +42,7 @@ def opened(browser, path: Path, **size) -> tuple[Page, list[str]]:
 
 def until(page: Page, script: str) -> None:
     """Wait for it. The page's own policy forbids what the usual way would do."""
-    end = time.monotonic() + 20.0
+    end = time.monotonic() + PATIENCE_S
     while not page.page.evaluate(script):
         assert time.monotonic() < end, script
         page.page.wait_for_timeout(30)
@@ -125,6 +125,7 @@ def test_without_ghosts_there_is_no_trace_of_them(pages, browser):
     assert not page.unexpected()
 
 
+@pytest.mark.long
 def test_it_fits_a_phone_and_has_no_serious_barriers(pages, browser):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed: the extra `dev`")
     for size in ({"width": 390, "height": 844}, {"width": 1440, "height": 900}):

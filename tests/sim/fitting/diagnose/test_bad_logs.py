@@ -167,7 +167,7 @@ def test_nought_is_the_first_row_of_the_log_although_its_beginning_is_not_fitted
 @pytest.mark.parametrize("block_s", [None, 25.0])
 def test_what_is_held_out_of_a_fitted_log_is_on_its_clock(block_s):
     """Two logs without stamps: in turn, and pieces of each where they are in it."""
-    data = job._data([again(good()), other_good()], (), boat("aritra"), block_s)
+    data = job.data_of([again(good()), other_good()], (), boat("aritra"), block_s)
     second = good().duration_s
     for piece in (*data.fitted, *data.held_out):
         ahead = 0.0 if piece.whole is data.split.used[0].log.run else second
@@ -179,7 +179,7 @@ def test_nought_is_the_first_log_although_nothing_of_it_is_fitted(monkeypatch):
     """Of many long logs a short one may get no piece."""
     monkeypatch.setattr(subsampling, "LONGEST_S", 100.0)
     monkeypatch.setattr(subsampling, "PIECE_S", 75.0)
-    data = job._data([again(good()), other_good()], (), boat("aritra"), None)
+    data = job.data_of([again(good()), other_good()], (), boat("aritra"), None)
     (piece,) = data.fitted
     assert data.clock.start_s(piece) == pytest.approx(good().duration_s)
 

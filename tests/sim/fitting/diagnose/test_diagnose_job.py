@@ -160,6 +160,7 @@ def test_results_are_never_overwritten(weak, capsys):
     assert "holds refitted.toml" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_an_effect_of_ones_own_is_named_from_outside_the_package(tmp_path):
     """The example of docs/diagnose.md: soft iron, put into a clean log by hand; a reference log from before."""
     assert EXAMPLE
@@ -253,6 +254,7 @@ def test_findings_are_plain_json(weak):
     assert data["causes"][0]["parameters"]["gain"]["ci95"][0] < 0.5
 
 
+@pytest.mark.long
 def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak, tmp_path, capsys):
     """A yaw inertia that was not changed comes out as next to nothing beside the thruster that was."""
     words = f"diagnose {weak[0]}/drive.csv --vessel {BOATS}/aritra.toml --no-report --out {tmp_path}/out"
@@ -267,6 +269,7 @@ def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak
     assert "believe 'teather': no such effect; there are " in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monkeypatch):
     """As if the held-out readings had become worse: no name is left, and the files are those of the refitted base."""
     monkeypatch.setattr(job, "refuted", lambda _verdict, _judged: HARMFUL)

@@ -33,7 +33,7 @@ from sim.fitting.diagnose.report.confusion_picture import confusion
 from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
 from sim.fitting.diagnose.selection.distinguishability import ToldApart, sentence, told_apart
 from sim.fitting.diagnose.selection.identifiability import MEDIUM, Apart, apart
-from sim.fitting.diagnose.selection.manoeuvre import NOTHING, ManoeuvrePlan, ManoeuvrePlanner, _at_rates
+from sim.fitting.diagnose.selection.manoeuvre import NOTHING, ManoeuvrePlan, ManoeuvrePlanner, at_rates
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.excite.information import true_nodes
 from sim.fitting.excite.nominal import fly_nominal
@@ -219,14 +219,14 @@ def test_the_manoeuvre_is_planned_at_the_rates_of_samples_not_of_steps_of_integr
             pl.when(pl.col(c).is_not_null() & (turn != turn.shift(1))).then(pl.col(c)).alias(c) for c in columns
         )
     fit: Any = SimpleNamespace(physics=EffectPhysics([Run(table, run.meta)], VESSEL, 1.0))
-    sensors = _at_rates(fit).sensors
+    sensors = at_rates(fit).sensors
     assert sensors.imu.rate_Hz == pytest.approx(4.0, rel=0.05)
     assert sensors.uwb.rate_Hz == pytest.approx(5.0, rel=0.05)
 
 
 def test_the_excite_command_takes_the_manoeuvre(tmp_path, capsys):
     planner, plan, found = planned()
-    final = SimpleNamespace(reduced=SimpleNamespace(H=planner._H), believed=frozenset(), noise=NOISE)
+    final = SimpleNamespace(reduced=SimpleNamespace(H=judged(STRAIGHT)[1]), believed=frozenset(), noise=NOISE)
     selection: Any = SimpleNamespace(final=final, causes=[], rivals={})
     told = told_apart(planner.fit, selection)
     assert told.plan is None and told.file == "" and told.record.manoeuvre == ""
@@ -251,6 +251,7 @@ def noisy(run: Run, seed: int) -> Run:
     return Run(table.select(c for c in table.columns if not c.startswith("true_")), run.meta)
 
 
+@pytest.mark.long
 def test_flown_by_a_boat_that_has_the_cause_the_manoeuvre_shows_it():
     """Oracle: the engine's own evidence in noisy logs (seeds 1, 2) of a boat whose tag sits 0.12 m further ahead."""
     _, plan, _ = planned()

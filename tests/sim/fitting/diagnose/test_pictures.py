@@ -5,7 +5,7 @@ import pytest
 from matplotlib.quiver import Quiver
 
 from sim.fitting.diagnose.report import pictures
-from sim.fitting.diagnose.report.sentences import _gain, visible
+from sim.fitting.diagnose.report.sentences import gain_sentence, visible
 from sim.fitting.diagnose.selection.held_out import MODELS, Error, HeldOutScore
 from sim.fitting.diagnose.selection.residual_forces import Residue
 
@@ -58,7 +58,7 @@ def test_bars_beyond_the_line_say_their_size():
      ((-0.3, -0.1), 1.2, "raises the 10 s position error on held-out data by 20 % (95 %: 10 to 30)")],
 )  # fmt: skip
 def test_gain_is_said_with_its_sign(ci95: tuple[float, float], after: float, said: str):
-    text = _gain(HeldOutScore((_error(ci95, after),), {}, 10, ()), 1)
+    text = gain_sentence(HeldOutScore((_error(ci95, after),), {}, 10, ()), 1)
     assert said in text
     assert ("does not carry over" in text) == (after > 1)
 

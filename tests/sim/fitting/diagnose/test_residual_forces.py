@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.fitting.diagnose.report.pictures import _means
+from sim.fitting.diagnose.report.pictures import means_by_bin
 from sim.fitting.diagnose.selection.residual_forces import LAGS, correlation
 from sim.fitting.engine.block_tridiagonal import Chain
 
@@ -69,7 +69,7 @@ def test_correlation_finds_what_hangs_together_and_stands_outliers():
 
 
 def test_a_bin_with_few_windows_has_no_mean():
-    mean, se = _means(
+    mean, se = means_by_bin(
         np.array([0.1, 0.2, 0.3, 0.4, 1.5]), np.array([1.0, 2.0, 3.0, 2.0, 9.0]), np.array([0.0, 1.0, 2.0])
     )
     assert mean[0] == 2.0 and np.isnan(mean[1]) and np.isnan(se[1])

@@ -179,6 +179,7 @@ def wind_along(data: ResidualAcceleration) -> np.ndarray:
     return np.stack([-0.8 * np.cos(psi), 1.6 * np.sin(psi), 0.1 * np.sin(2 * psi)], axis=1)
 
 
+@pytest.mark.long
 def test_a_gusty_wind_is_told_from_a_steady_one():
     """Seed 8; the fit has found the mean already, so only what comes and goes is left over."""
     rng, data, force = world(8, gusts.STEP_S, 10.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
 from companion.logs.runs.run import Run, RunMeta
-from sim.fitting.engine.smoothing import SmootherNoise, _random_walk, smooth
+from sim.fitting.engine.smoothing import SmootherNoise, random_walk, smooth
 from sim.fitting.taylor.differences import BACKWARD, CENTRAL, FORWARD, derivative
 from sim.fitting.taylor.lanczos import lanczos_filter, lanczos_weights
 from sim.fitting.taylor.pipeline import paper_motion
@@ -174,7 +174,7 @@ def test_the_yaw_stage_equals_one_large_least_squares_problem():
     found = smooth(run, NOISE)
     k, h = len(found.t_s), 0.1
     F, Q = np.eye(4), np.zeros((4, 4))
-    F[:3, :3], Q[:3, :3] = _random_walk(h, NOISE.yaw_jerk)
+    F[:3, :3], Q[:3, :3] = random_walk(h, NOISE.yaw_jerk)
     Q[3, 3] = NOISE.gyro_bias_walk**2 * h + 1e-18
     rows, rhs = [], []
 

@@ -45,6 +45,7 @@ def index(name):
     return prior().parameters.names.index(name)
 
 
+@pytest.mark.long
 def test_a_manoeuvre_shows_what_it_moves_and_nothing_else():
     surge, spin, idle = (after(n).share for n in ("surge steps", "spin both ways", "idle"))
     assert surge[index("X_uu_N_s2_m2")] < 0.1 and surge[index("Y_vv_N_s2_m2")] > 0.95
@@ -80,6 +81,7 @@ def test_information_adds_up_over_runs():
     assert ratio == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_what_is_expected_of_a_log_is_what_the_fit_finds():
     """A noisy log of 150 s (seed 3): standard errors of the fit against those expected from its motion alone."""
     vessel = in_still_air(VESSEL)
@@ -123,6 +125,7 @@ def test_a_recorded_log_of_surge_alone_asks_for_sway_too():
     assert moves(advice.ranked[0], "true_v_m_s") > 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("criterion", ["d", "worst"])
 def test_a_plan_keeps_to_its_time_and_to_the_fence_and_beats_its_first_segment_flown_over(criterion):
     known, every = prior(), tuple(found().values())

@@ -317,7 +317,7 @@ def test_the_command_from_drawing_to_report(tmp_path, capsys):
     assert all(r["memory_mb"] > 0 and r["wall_s"] > 0 for r in results)
     assert json.loads((tmp_path / "out" / "sealed" / "case_0001.json").read_text())["kind"] == "none"
     assert "nothing hidden: any name" in capsys.readouterr().out
-    assert score.main([*words, "--command", f"{sys.executable} -c pass"]) == 0
+    assert score.main([*words, "--command", f"{sys.executable} -P -c pass"]) == 0
     failed = json.loads((tmp_path / "out" / "results.json").read_text())["results"]
     assert [r["outcome"] for r in failed] == ["failure", "failure"]
     assert "no findings.json" in failed[0]["why"]

@@ -68,6 +68,7 @@ def test_seven_point_differences_give_them_back_away_from_steps_and_only_there(l
     assert across.median_rel > 0.3, "commands change once a second: half of all stencils meet a step"
 
 
+@pytest.mark.long
 def test_intervals_cover_what_they_say(logs):
     """16 seeds, errors of 0.01 in the accelerations that hang together for 0.5 s, 2 mm/s in the speeds."""
     fits = [least_squares(noisy(logs, np.random.default_rng([5, k]), 0.01, 0.002)) for k in range(16)]

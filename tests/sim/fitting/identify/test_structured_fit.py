@@ -54,6 +54,7 @@ def test_two_minutes_find_the_boat(result: FitResult) -> None:
     assert all(0.9 < c.rms < 1.1 and abs(c.lag1) < 0.35 for c in result.channels)
 
 
+@pytest.mark.long
 def test_means_of_three_samples_say_as_much_as_the_samples(run: Run, result: FitResult) -> None:
     sigmas = {hz: StructuredFit([run], PRIOR, FitSettings(inertial_hz=hz)).noise.white[0] for hz in (10.0, np.inf)}
     assert sigmas[np.inf] == noise_of(PRIOR).white[0] and sigmas[10.0] == pytest.approx(
@@ -75,6 +76,7 @@ def test_the_common_scale_of_force_and_inertia_is_named_as_undetermined(result: 
     assert np.allclose(list(shared.values()), 1.0, atol=0.1)
 
 
+@pytest.mark.long
 def test_two_logs_say_more_than_one(run: Run, result: FitResult) -> None:
     both = fit_structured([run, teleop_run(TRUE, 12, 120.0)], PRIOR)
     assert both.samples > 1.9 * result.samples
@@ -106,6 +108,7 @@ def _blank(values: np.ndarray):
     return pl.Series(values, nan_to_null=True)
 
 
+@pytest.mark.long
 def test_a_disturbance_widens_the_intervals(result: FitResult) -> None:
     """Gusts and waves that the model does not know become latent acceleration, not false certainty."""
     from sim.world.environment import Weather
@@ -118,6 +121,7 @@ def test_a_disturbance_widens_the_intervals(result: FitResult) -> None:
     assert not far
 
 
+@pytest.mark.long
 def test_waves_within_a_window_make_it_shorter() -> None:
     """Two-second waves are not constant over two seconds: the fit sees it in its residuals and looks closer."""
     from sim.world.environment import Weather
@@ -151,6 +155,7 @@ def test_a_boat_lighter_than_its_file_keeps_added_mass_of_the_right_sign(result:
     np.testing.assert_allclose(M[0, 2], mass_matrix(heavy)[0, 2], rtol=1e-5)
 
 
+@pytest.mark.long
 def test_force_in_newtons_is_known_no_better_than_the_thrusters(run: Run, result: FitResult) -> None:
     """The data fix ratios; the scale is as wide as the prior of the gains says: twice that, twice the interval."""
     wider = fit_structured([run], PRIOR, FitSettings(sigmas=PriorSigmas(gain=0.05)))

@@ -70,6 +70,7 @@ async def session(console, rover):
     assert not modes.armed
 
 
+@pytest.mark.long
 def test_mavproxy_connects_reads_parameters_arms_changes_mode_and_disarms(tmp_path):
     async def scene():
         rover = booted_rover()

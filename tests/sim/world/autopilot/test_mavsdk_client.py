@@ -83,7 +83,7 @@ async def session(mavsdk, rover):
     assert (version.flight_sw_major, version.flight_sw_minor) == (4, 6)
 
 
-@pytest.mark.parametrize("transport", ["tcp", "udp"])
+@pytest.mark.parametrize("transport", ["tcp", pytest.param("udp", marks=pytest.mark.long)])
 def test_mavsdk_connects_reads_parameters_arms_changes_mode_and_disarms(transport):
     port = free_udp_port()
 

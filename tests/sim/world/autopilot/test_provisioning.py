@@ -113,11 +113,10 @@ def keyed(secret):
     return Signing(SigningKey(secret), time.time_ns, key_name="boat.key")
 
 
-def signed_scene(rover, work, signing, serial=1):
+def signed_scene(rover, work, signing):
     """Over TCP that the autopilot takes for SERIAL1, where it wants signatures, with its key in it."""
 
     async def play():
-        rover._serial_of = lambda peer: serial
         rover.key.set(KEY, 1)
         async with (
             served(rover) as (_, tcp),
@@ -136,7 +135,7 @@ async def written_and_sent(autopilot):
 
 
 def test_with_the_key_all_of_it_works_where_signatures_are_asked_for():
-    rover = booted_rover()
+    rover = booted_rover(serial_of=lambda peer: 1)
     rover.files, signing = FtpFiles({}), keyed(KEY)
     told, now, armed = signed_scene(rover, written_and_sent, signing)
     assert len(told) == len(TABLE) and now == rover.vehicle.parameters["FS_ACTION"] == 5.0 and not armed
@@ -145,14 +144,19 @@ def test_with_the_key_all_of_it_works_where_signatures_are_asked_for():
     assert set(signing.counts) <= {"believed", "old"}, "old: before it had heard us, whose clock is right"
 
 
-def test_without_the_key_nothing_is_done_there():
-    rover = booted_rover()
+def test_with_another_key_nothing_is_done_there():
+    rover = booted_rover(serial_of=lambda peer: 1)
     before = {row.name: rover.vehicle.parameters[row.name] for row in TABLE}
-    with pytest.raises(ProvisioningError, match="is MAVLink signing set up"):
-        signed_scene(rover, lambda autopilot: autopilot.parameters(), None)
     with pytest.raises(ProvisioningError, match=r"no autopilot heard .* signed with another key than boat.key"):
         signed_scene(rover, lambda autopilot: autopilot.parameters(), keyed(OTHER))
     assert {name: rover.vehicle.parameters[name] for name in before} == before
+
+
+@pytest.mark.long
+def test_without_signatures_nothing_is_done_there():
+    rover = booted_rover(serial_of=lambda peer: 1)
+    with pytest.raises(ProvisioningError, match="is MAVLink signing set up"):
+        signed_scene(rover, lambda autopilot: autopilot.parameters(), None)
 
 
 def test_an_autopilot_without_a_key_is_not_believed_where_we_have_one():
@@ -167,7 +171,7 @@ def test_an_autopilot_without_a_key_is_not_believed_where_we_have_one():
 
 
 def test_a_relay_answers_the_program_that_spoke_first_and_no_other():
-    rover = booted_rover()
+    rover = booted_rover(serial_of=lambda peer: 1)
 
     async def work(local):
         loop, heard = asyncio.get_running_loop(), {}
@@ -180,7 +184,6 @@ def test_a_relay_answers_the_program_that_spoke_first_and_no_other():
         return {name: b"".join(ear.got) for name, (transport, ear) in heard.items() if transport.close() is None}
 
     async def play():
-        rover._serial_of = lambda peer: 1
         rover.key.set(KEY, 1)
         async with served(rover) as (_, tcp), signing_relay(TcpClientPort(*tcp), keyed(KEY)) as local:
             return await work(local)

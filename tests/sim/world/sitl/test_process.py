@@ -14,6 +14,7 @@ import pytest
 
 from companion.core.messages import GroundTruth, UwbRanges
 from companion.logs.log_file import LogFile
+from companion.python_child import aritra
 from drivers.uwb import uwb_codec
 from tests.sim.world.sitl.test_protocol import packet
 from tests.support.drive_fixture import setup
@@ -44,7 +45,7 @@ class Simulator:
     def start(self, *words):
         self.truth.unlink(missing_ok=True)
         wires = ["--ardupilot-json", f"127.0.0.1:{self.port}", "--uwb", str(self.uwb), "--truth", str(self.truth)]
-        command = [sys.executable, "-m", "companion", "sim", *wires, "--start", "8", "8", "0", *words]
+        command = aritra("sim", *wires, "--start", "8", "8", "0", *words)
         with self._out.open("w") as file:
             self._child = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, env=ENV)
         wait_for(lambda: "waiting for ArduPilot" in self.said, self)
@@ -115,6 +116,7 @@ def test_forward_thrust_moves_the_boat_north_and_a_couple_turns_it(simulator):
     assert frames.startswith(f"{seen['frames']} frames, 0 asked for again, 0 missed")
 
 
+@pytest.mark.long
 def test_losses_and_repeats_change_nothing_and_a_firmware_started_again_begins_anew(shared):
     """Some datagrams lost, either way: the same flight to the last digit. With 32 outputs, too."""
     program = (1, REST), (4, AHEAD), (6, TURN)
@@ -188,12 +190,12 @@ def test_the_companion_drives_a_firmware_that_flies_this_boat(simulator, tmp_pat
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         tcp = probe.getsockname()[1]
-    aritra = [sys.executable, "-m", "companion"]
+    program = aritra()
     wires = ["--mavlink", f"tcp:127.0.0.1:{tcp}", "--uwb", f"serial:{simulator.uwb}:115200"]
     log, out = tmp_path / "run.mcap", tmp_path / "run.txt"
     with contextlib.ExitStack() as stack, out.open("w") as file:
         rover = [sys.executable, str(Path(__file__).with_name("json_rover.py")), str(simulator.port), str(tcp)]
-        for command in (rover, [*aritra, "run", *wires, "--log", str(log), "--start"]):
+        for command in (rover, [*program, "run", *wires, "--log", str(log), "--start"]):
             child = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, env=ENV)
             stack.callback(child.wait, PATIENT_S)
             stack.callback(child.terminate)

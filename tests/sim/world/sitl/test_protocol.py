@@ -298,8 +298,8 @@ def test_whatever_comes_each_frame_is_one_step_and_time_goes_on(doings):
         if doing == "other":
             line.send(0, sender="b", after_ns=0)
             continue
-        count = {"next": count + 1, "again": count, "jump": count + 5, "restart": 0}[doing]
-        fresh = doing in ("next", "jump") or (doing == "restart" and line.backend._count != 0)
+        before, count = count, {"next": count + 1, "again": count, "jump": count + 5, "restart": 0}[doing]
+        fresh = doing in ("next", "jump") or (doing == "restart" and before != 0)
         answer = line.send(count, after_ns=seconds * S + MS)
         if not fresh and not seconds:
             assert answer is None

@@ -1,14 +1,17 @@
-"""CasADi expressions as machine code: the one model, evaluated at the speed of the processor.
+"""Machine code of CasADi expressions: the one model, evaluated at the speed of the processor.
 
-`emit` turns an SX function into LLVM's intermediate language, `program` strings such functions into loops over one
-block of memory, `machine` compiles them with llvmlite (wheels for x86 and aarch64, no compiler needed) and keeps the
-object code. `scan` is a loop of another kind: a recurrence over series of any length, in arrays of the caller, with
-functions of lanes of its own (`lanes`, `elementary`). Whoever uses this has a way without it: CasADi's own interpreter.
-ADR 23 and 24.
+    compile_loops   loops of SX functions over one block of memory (`control.rti.loops`): the NMPC's kernel
+    compile_scan    a recurrence over series of any length, in arrays of the caller: trajectories, fits
+
+Inside: `emit` turns an SX function into LLVM's language, `program` strings such functions into loops, `scan` makes one
+loop, whose functions of lanes are our own (`lanes`, `operators`, `elementary`); `machine` has llvmlite compile them
+(wheels for x86 and aarch64, no compiler needed), `worker` does that in a process of its own, `cache` keeps the code.
+Whoever uses this has a way without it: CasADi's interpreter. Nothing in `companion.core` knows it. ADR 23, 24 and 30.
 """
 
-from companion.jit.machine import Machine, NotCompiled, Store
-from companion.jit.program import Fetch, Kernel, Loop, Operand, Repeat
-from companion.jit.scan import Scan
+from companion.core.control.rti.loops import NotCompiled
+from companion.jit.cache import CodeStore
+from companion.jit.machine import compile_loops
+from companion.jit.scan import ALONE, LANES, Scan, compile_scan
 
-__all__ = ["Fetch", "Kernel", "Loop", "Machine", "NotCompiled", "Operand", "Repeat", "Scan", "Store"]
+__all__ = ["ALONE", "LANES", "CodeStore", "NotCompiled", "Scan", "compile_loops", "compile_scan"]

@@ -3,7 +3,7 @@
 The folder is `$ARITRA_CACHE`, else systemd's `$CACHE_DIRECTORY`, else `$XDG_CACHE_HOME/aritra` or `~/.cache/aritra`.
 Where it cannot be written nothing is kept, and the code is made anew at each start (a second or two). A file holds the
 code behind its SHA-256: one that was cut short or changed is not run but replaced. What is not there yet is made in a
-process of its own (`code_child`): 30 MB of compiler that the companion would keep for ever.
+process of its own (`worker`): 30 MB of compiler that the companion would keep for ever.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def cache_folder(environment: Mapping[str, str]) -> Path:
 
 
 class CodeStore:
-    """A `compiled.Store` in a folder. `make` compiles elsewhere; where it cannot, `tell` hears why."""
+    """Object code in a folder, by key. `make` compiles elsewhere; where it cannot, `tell` hears why."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class CodeStore:
             self._forget_the_oldest()
 
     def made(self, text: str) -> bytes | None:
-        """Object code of a module's text by a process of its own; None where that failed."""
+        """Object code of a module's text by a process of its own; None where that failed: to be made here."""
         try:
             return self._make(text)
         except ChildFailed as error:

@@ -13,13 +13,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 import casadi as ca
 
+from companion.core.control.rti.loops import NotCompiled
+
 Value = tuple[str, bool]
 """Name in the text, and whether it is a lane."""
-
-
-class Unsupported(ValueError):
-    """An operation that has no counterpart here."""
-
 
 BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
 COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
@@ -27,17 +24,20 @@ CALLS = {
     ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
     ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan",
     ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_EXP: "exp", ca.OP_LOG: "log",
-}  # fmt: skip
-"""One argument; LLVM has an intrinsic of the name."""
-CALLS_2 = {
     ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2",
     ca.OP_COPYSIGN: "copysign",
 }  # fmt: skip
+"""LLVM has an intrinsic of the name."""
+
+
+def bits_of(value: float) -> int:
+    """The 64 bits of a double."""
+    return struct.unpack("<Q", struct.pack("<d", value))[0]
 
 
 def constant(value: float) -> str:
     """A number as LLVM writes it: its bits."""
-    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+    return f"0x{bits_of(value):016X}"
 
 
 class Body:
@@ -70,6 +70,20 @@ class Body:
         first = self.add(f"insertelement {kind} poison, double {name}, i32 0")
         return self.add(f"shufflevector {kind} {first}, {kind} poison, <{self.width} x i32> zeroinitializer")
 
+    def gathered(self, place: Callable[[int], str]) -> Value:
+        """A lane of doubles from anywhere; `place`: the pointer to each."""
+        kind, lane = self.type_of(True), "poison"
+        for i in range(self.width):
+            one = self.add(f"load double, ptr {place(i)}, align 8")
+            lane = self.add(f"insertelement {kind} {lane}, double {one}, i32 {i}")
+        return lane, True
+
+    def scatter(self, value: Value, place: Callable[[int], str]) -> None:
+        """The doubles of a lane to anywhere."""
+        for i in range(self.width):
+            one = self.add(f"extractelement {self.type_of(True)} {value[0]}, i32 {i}") if value[1] else value[0]
+            self.lines.append(f"  store double {one}, ptr {place(i)}, align 8")
+
     def alike(self, *values: Value) -> tuple[list[str], bool]:
         """Names of values brought to one kind, and the kind."""
         lane = any(v[1] for v in values)
@@ -96,18 +110,16 @@ class Body:
         return self.add(f"select {bit} {test}, {kind} {y}, {kind} {n}"), lane
 
     def operation(self, op: int, args: Sequence[Value]) -> Value:
-        """One CasADi operation. Raises Unsupported."""
+        """One CasADi operation. Raises NotCompiled."""
         if op in BINARY:
             return self.binary(BINARY[op], args[0], args[1])
         if op in COMPARE:
             return self.where(COMPARE[op], args[0], args[1], ONE, ZERO)
         if op in CALLS:
             return self.call(CALLS[op], *args)
-        if op in CALLS_2:
-            return self.call(CALLS_2[op], *args)
         if rule := RULES.get(op):
             return rule(self, *args)
-        raise Unsupported(f"CasADi operation {op} has no counterpart")
+        raise NotCompiled(f"CasADi operation {op} has no counterpart")
 
 
 ZERO, ONE = (constant(0.0), False), (constant(1.0), False)

@@ -7,8 +7,9 @@ from collections.abc import Collection, Sequence
 
 import casadi as ca
 
-from companion.jit.elementary import OF_LANES, Lines, direction, doubled
+from companion.jit.elementary import OF_LANES, direction, doubled
 from companion.jit.emit import Body, Value, constant
+from companion.jit.operators import Lane
 
 
 class Lanes(Body):
@@ -24,7 +25,7 @@ class Lanes(Body):
         self._steady = steady
         self._products: dict[str, tuple[str, str]] = {}
         self._reciprocals: dict[str, Value] = {}
-        self._angles: dict[str, tuple[str, str]] = {}
+        self._angles: dict[str, tuple[Lane, Lane]] = {}
         self.never_negative: set[str] = set()
 
     def operation(self, op: int, args: Sequence[Value]) -> Value:
@@ -34,15 +35,15 @@ class Lanes(Body):
             return super().operation(op, args)
         known = self._angles.get(names[0])
         if known and op in (ca.OP_SIN, ca.OP_COS):
-            return known[op == ca.OP_COS], True
-        rule, at = OF_LANES.get(op), Lines(self)
-        value = (rule(at, *names), True) if rule else super().operation(op, args)
+            return known[op == ca.OP_COS].name, True
+        rule, lanes = OF_LANES.get(op), [Lane(self, name) for name in names]
+        value = (rule(*lanes).name, True) if rule else super().operation(op, args)
         if op == ca.OP_ATAN2:
-            self._angles[value[0]] = direction(at, *names)
+            self._angles[value[0]] = direction(*lanes)
         elif known and op == ca.OP_NEG:
-            self._angles[value[0]] = self._negative(at.double, known[0]), known[1]
+            self._angles[value[0]] = -known[0], known[1]
         elif known and op == ca.OP_TWICE:
-            self._angles[value[0]] = doubled(at, *known)
+            self._angles[value[0]] = doubled(*known)
         if op in (ca.OP_FABS, ca.OP_SQRT, ca.OP_SQ) or (op == ca.OP_FMAX and any(map(self._is_sure, args))):
             self.never_negative.add(value[0])
         return value

@@ -13,38 +13,19 @@ import importlib
 import mmap
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from companion.jit.emit import Unsupported
-from companion.jit.program import Step, module
-
-
-class NotCompiled(Exception):
-    """No machine code here; the text says why."""
-
-
-class Store(Protocol):
-    """Keeps object code between runs of the program. Must give back what it was given, or nothing."""
-
-    def get(self, key: str) -> bytes | None:
-        """Object code of that key, or None."""
-        ...
-
-    def put(self, key: str, code: bytes) -> None:
-        """Keep it; failing to is no error."""
-        ...
-
-    def made(self, text: str) -> bytes | None:
-        """Object code of a module's text, made elsewhere than in this process; None: to be made here."""
-        ...
+from companion.core.control.rti.loops import NotCompiled, Step
+from companion.jit.cache import CodeStore
+from companion.jit.program import module
 
 
 class Code:
     """Machine code of one module's text, compiled or taken from `store`. Raises NotCompiled."""
 
-    def __init__(self, text: str, store: Store | None = None):
+    def __init__(self, text: str, store: CodeStore | None = None):
         llvm = _llvm()
         target = _target(llvm)
         key = _key(llvm, target, text)
@@ -64,28 +45,23 @@ class Code:
         return self._engine.get_function_address(name)
 
 
-class Machine:
-    """The entries of one module, each over the same memory. `memory`: doubles, contiguous, kept alive here."""
+def compile_loops(
+    entries: Mapping[str, Sequence[Step]], memory: np.ndarray, store: CodeStore | None = None
+) -> dict[str, Callable[[], None]]:
+    """A function for each entry that runs its loops over `memory`: doubles, contiguous. Raises NotCompiled.
 
-    def __init__(self, entries: Mapping[str, Sequence[Step]], memory: np.ndarray, store: Store | None = None):
-        """Compile, or take from `store`. Raises NotCompiled."""
-        self.memory = memory
-        try:
-            text = module(entries)
-        except Unsupported as error:
-            raise NotCompiled(str(error)) from None
-        self._code = Code(text, store)
-        here = ctypes.c_void_p(memory.ctypes.data)
-        self._entries = {name: self._bound(self._code.address(name), here) for name in entries}
+    `store` keeps the code between runs. A function allocates nothing and lets no exception out; whoever holds one keeps
+    code and memory.
+    """
+    code = Code(module(entries), store)
+    here = ctypes.c_void_p(memory.ctypes.data)
 
-    def entry(self, name: str) -> Callable[[], None]:
-        """A function that runs an entry; it allocates nothing and lets no exception out."""
-        return self._entries[name]
+    def bound(name: str) -> Callable[[], None]:
+        function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(code.address(name))
+        function.kept = code, memory  # type: ignore[attr-defined]
+        return partial(function, here)
 
-    def _bound(self, address: int, memory: ctypes.c_void_p) -> Callable[[], None]:
-        function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
-        function.machine = self  # type: ignore[attr-defined]  # whoever holds an entry keeps its code and memory
-        return partial(function, memory)
+    return {name: bound(name) for name in entries}
 
 
 def _llvm() -> Any:

@@ -1,84 +1,15 @@
-"""Loops of SX functions over one block of doubles, as one LLVM module.
-
-A `Kernel` is an SX function with the places of its arguments; a `Loop` runs kernels for k = 0, 1, .. or backwards;
-`Repeat` runs a body while a flag in memory is not nil, up to a count. An entry is a list of them:
-
-    operand of nonzero i, loop index k, lane l:   memory[base + step k + offsets[i] + lane l]
-
-Nothing is allocated while such a program runs, and its time is bounded by its counts.
-"""
+"""Loops of SX functions (`companion.core.control.rti.loops`) as one LLVM module."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import casadi as ca
-
+from companion.core.control.rti.loops import Fetch, Kernel, Loop, Operand, Repeat, Step
 from companion.jit.emit import Body, Value, walk
 
-
-@dataclass(frozen=True)
-class Operand:
-    """Where the nonzeros of one argument are. `lane`: distance between lanes; None: the same for all of them."""
-
-    base: int
-    step: int
-    offsets: Sequence[int]
-    lane: int | None = None
-
-
-@dataclass(frozen=True)
-class Kernel:
-    """An SX function, where its inputs and outputs are, and how many lanes it works on at once."""
-
-    function: ca.Function
-    inputs: Sequence[Operand]
-    outputs: Sequence[Operand]
-    width: int = 1
-
-
-@dataclass(frozen=True)
-class Loop:
-    """The kernels, in their order, for each k of `indices`, which are `first`, `first + by`, .. `count` of them.
-
-    A last step that would go beyond `last` is drawn back to it: lanes that overlap compute the same twice.
-    """
-
-    kernels: Sequence[Kernel]
-    count: int
-    first: int = 0
-    by: int = 1
-    last: int | None = None
-
-
-@dataclass(frozen=True)
-class Repeat:
-    """The body while memory[flag] is not nil, at most `most` times."""
-
-    body: Sequence[Step]
-    flag: int
-    most: int
-
-
-@dataclass(frozen=True)
-class Fetch:
-    """Call the module's code into the cache, up to but without `end`, all lines at once, where they would come one
-    after the other after a sleep. What that is worth: docs/benchmarks/speed.md.
-    """
-
-    end: Kernel
-
-
-Step = Loop | Repeat | Fetch
 LINE = 64
 """Bytes of a cache line; x86-64 and aarch64."""
-
-
-def over(kernels: Sequence[Kernel], stages: int) -> Loop:
-    """A loop over stages for kernels whose lanes are stages."""
-    width = kernels[0].width
-    return Loop(kernels, -(-stages // width), 0, width, stages - width)
 
 
 def module(entries: Mapping[str, Sequence[Step]]) -> str:
@@ -202,6 +133,9 @@ class _Writer:
                 bases[key] = body.add(f"getelementptr double, ptr %memory, i64 {there}")
             return body.add(f"getelementptr double, ptr {bases[key]}, i64 {offset}")
 
+        def apart(operand: Operand, offset: int) -> Callable[[int], str]:
+            return lambda i: place(operand, offset + i * (operand.lane or 0))
+
         def load(index: int, nonzero: int) -> Value:
             operand = kernel.inputs[index]
             offset, kind = operand.offsets[nonzero], body.type_of(True)
@@ -209,11 +143,7 @@ class _Writer:
                 return body.add(f"load double, ptr {place(operand, offset)}, align 8"), False
             if operand.lane == 1:
                 return body.add(f"load {kind}, ptr {place(operand, offset)}, align 8"), True
-            lane = "poison"
-            for i in range(kernel.width):
-                one = body.add(f"load double, ptr {place(operand, offset + i * operand.lane)}, align 8")
-                lane = body.add(f"insertelement {kind} {lane}, double {one}, i32 {i}")
-            return lane, True
+            return body.gathered(apart(operand, offset))
 
         written: list[tuple[Operand, int, Value]] = []
         walk(kernel.function, body, load, lambda i, nz, v: written.append((kernel.outputs[i], nz, v)))
@@ -225,10 +155,7 @@ class _Writer:
                 lane, there = body.spread(value), place(operand, offset)
                 body.lines.append(f"  store {kind} {lane}, ptr {there}, align 8")
             else:
-                for i in range(kernel.width):
-                    one = body.add(f"extractelement {kind} {value[0]}, i32 {i}") if value[1] else value[0]
-                    there = place(operand, offset + i * operand.lane)
-                    body.lines.append(f"  store double {one}, ptr {there}, align 8")
+                body.scatter(value, apart(operand, offset))
         self.intrinsics |= body.intrinsics
         head = f"define internal void @{name}(ptr noalias %memory, i64 %k) {{"
         return "\n".join([head, *body.lines, "  ret void", "}"])

@@ -15,9 +15,10 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
-from companion.jit.emit import Unsupported, Value, walk
+from companion.jit.cache import CodeStore
+from companion.jit.emit import Value, walk
 from companion.jit.lanes import Lanes
-from companion.jit.machine import Code, NotCompiled, Store
+from companion.jit.machine import Code
 
 LANES, ALONE = 8, 2
 """Of one pass for many trajectories, and for one: two lanes were quicker than one or four (doubles that are alone are
@@ -25,14 +26,19 @@ chosen by jumps). Processors with shorter vectors split them.
 """
 
 
-class Scan:
-    """The compiled loop of `function`: carry (c,), constants (q,), any number of series -> carry, row.
+def compile_scan(function: ca.Function, store: CodeStore | None = None, *, first: int = ALONE) -> Scan:
+    """The loop of `function`: carry (c,), constants (q,), any number of series -> carry, row. All dense.
 
-    All dense. Each trajectory comes out the same, bit for bit, alone or beside others. Raises NotCompiled.
+    `store` keeps the code between runs. `first`: lanes of the code that is made at once, ALONE or LANES; the other is
+    made when it is needed. Raises NotCompiled.
     """
+    return Scan(function, store, first)
 
-    def __init__(self, function: ca.Function, store: Store | None = None, *, first: int = ALONE):
-        """`first`: lanes of the code that is made at once, ALONE or LANES; the other is made when it is needed."""
+
+class Scan:
+    """A compiled loop. Each trajectory comes out the same, bit for bit, alone or beside others."""
+
+    def __init__(self, function: ca.Function, store: CodeStore | None, first: int):
         self._function, self._store = function, store
         self._made = {first: self._compiled(first)}
 
@@ -62,10 +68,7 @@ class Scan:
 
     def _compiled(self, width: int) -> tuple[Code, Callable[..., None]]:
         """The code, to be kept alive, and the loop in it."""
-        try:
-            code = Code(_text(self._function, width), self._store)
-        except Unsupported as error:
-            raise NotCompiled(str(error)) from None
+        code = Code(_text(self._function, width), self._store)
         arrays = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64] * (self._function.n_in() - 1)
         kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, *arrays, ctypes.c_int64)
         return code, kind(code.address("scan"))
@@ -79,23 +82,18 @@ def _text(function: ca.Function, width: int) -> str:
     following: dict[int, Value] = {}
     rows: dict[int, Value] = {}
 
+    def place(name: str, nonzero: int) -> Callable[[int], str]:
+        return lambda i: body.add(f"getelementptr double, ptr %at_{name}_{i}, i64 {nonzero}")
+
     def load(index: int, nonzero: int) -> Value:
         if index < 2:
             return f"%{('carry', 'constant')[index]}{nonzero}", True
-        lane = "poison"
-        for i in range(width):
-            place = body.add(f"getelementptr double, ptr %at_{names[index - 2]}_{i}, i64 {nonzero}")
-            one = body.add(f"load double, ptr {place}, align 8")
-            lane = body.add(f"insertelement {wide} {lane}, double {one}, i32 {i}")
-        return lane, True
+        return body.gathered(place(names[index - 2], nonzero))
 
     walk(function, body, load, lambda i, nonzero, value: (following, rows)[i].__setitem__(nonzero, value))
     last = [body.spread(following[i]) for i in range(len(following))]
     for nonzero, value in rows.items():
-        for i in range(width):
-            one = body.add(f"extractelement {wide} {value[0]}, i32 {i}") if value[1] else value[0]
-            place = body.add(f"getelementptr double, ptr %at_out_{i}, i64 {nonzero}")
-            body.lines.append(f"  store double {one}, ptr {place}, align 8")
+        body.scatter(value, place("out", nonzero))
     arguments = "".join(f", ptr noalias %{n}, i64 %{n}_step, i64 %{n}_lane" for n in names)
     return "\n".join([
         *sorted(body.intrinsics),

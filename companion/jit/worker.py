@@ -15,7 +15,7 @@ from companion.python_child import python
 
 LIMIT_S = 30.0
 """Twenty times what it takes on a desk; assumed enough for a small board that starts up."""
-COMMAND = tuple(python("-m", "companion.jit.worker"))
+COMMAND = tuple(python("-c", "from companion.jit.worker import main; main()"))
 
 
 class ChildFailed(Exception):
@@ -45,7 +45,3 @@ def main() -> None:
 
     code = object_code(sys.stdin.buffer.read().decode())
     sys.stdout.buffer.write(sealed(code))
-
-
-if __name__ == "__main__":
-    main()

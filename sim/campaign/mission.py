@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from msgspec.structs import replace
@@ -14,7 +14,7 @@ from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
-from companion.jit.cache import CodeStore
+from companion.jit import CodeStore, compile_loops
 from sim.campaign.case_files import CaseSetup
 from sim.campaign.file import Missions
 from sim.campaign.runners.job import Figure
@@ -97,4 +97,5 @@ def _mind(files: tuple[tuple[str, str], ...]) -> tuple[Pilot, Nmpc]:
     settings = setup_of(dict(files), {name: name for name, _ in files}).pilot
     patient = replace(settings.nmpc, rescue_time_s=PATIENT_S)
     model, actuation = StructuredModel.of(settings.vessel), Actuation.of(settings.vessel)
-    return Pilot(settings), Nmpc(model, actuation, patient, lambda: 0.0, settings.fence, CodeStore.of())
+    compiler = partial(compile_loops, store=CodeStore.of())
+    return Pilot(settings), Nmpc(model, actuation, patient, lambda: 0.0, settings.fence, compiler)

@@ -1,1 +1,1 @@
-"""Research: may import everything, and nothing of the product imports it."""
+"""Studies: measurements behind decisions, kept so that they can be made again. Nothing else imports them."""

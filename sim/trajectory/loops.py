@@ -9,9 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from companion.jit import NotCompiled, Scan
-from companion.jit.cache import CodeStore
-from companion.jit.scan import ALONE
+from companion.jit import ALONE, CodeStore, NotCompiled, Scan, compile_scan
 
 
 class Here(CodeStore):
@@ -60,10 +58,10 @@ def _view(array: Any) -> memoryview:
 def loop(serialized: str, first: int = ALONE) -> tuple[Scan | Interpreted, str]:
     """What runs a serialized function as `Scan` does, and why it is not machine code (empty where it is).
 
-    Made once. `first`: lanes of the code that is made at once, see `Scan`.
+    Made once. `first`: lanes of the code that is made at once, see `compile_scan`.
     """
     function = ca.Function.deserialize(serialized)
     try:
-        return Scan(function, Here.of(), first=first), ""
+        return compile_scan(function, Here.of(), first=first), ""
     except NotCompiled as reason:
         return Interpreted(function), str(reason)

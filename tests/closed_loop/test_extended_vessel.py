@@ -10,6 +10,7 @@ from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import OverrideLease
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
+from companion.jit import compile_loops
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
 from tests.support.drive_fixture import CORNER, START, figures, settled, setup
@@ -40,7 +41,7 @@ def weakened():
 def driven(true, believed, limit_s=90.0):
     told = replace_settings(setup(CORNER).pilot, vessel=believed)
     patient = replace(told.nmpc, rescue_time_s=60.0)
-    nmpc = Nmpc(StructuredModel.of(believed), Actuation.of(believed), patient, lambda: 0.0)
+    nmpc = Nmpc(StructuredModel.of(believed), Actuation.of(believed), patient, lambda: 0.0, compiler=compile_loops)
     run = SteppedRun(World(WorldSetup(true, told.site, start=START), 1), Pilot(told), nmpc.solve)
     return run, run.run(settled(2.0), limit_s)
 

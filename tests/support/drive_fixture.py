@@ -20,6 +20,7 @@ from companion.core.messages import (
 )
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot, PilotState
+from companion.jit import compile_loops
 from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
@@ -54,7 +55,9 @@ def nmpc(points=CORNER) -> Nmpc:
     """The NMPC without wall time: it measures none, and its rescue ends by iterations alone."""
     told = setup(points).pilot
     patient = msgspec.structs.replace(told.nmpc, rescue_time_s=60.0)
-    return Nmpc(StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0, told.fence)
+    return Nmpc(
+        StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0, told.fence, compile_loops
+    )
 
 
 def voyage(seed: int, points=CORNER, wrap=lambda pilot: pilot, **world) -> SteppedRun:

@@ -12,6 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -33,7 +34,7 @@ from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
-from companion.jit.cache import CodeStore
+from companion.jit import CodeStore, compile_loops
 from companion.logs.metadata import log_metadata
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.gcs_firewall import GcsFirewall
@@ -256,7 +257,7 @@ def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:
     pilot = setup.pilot
     nmpc = Nmpc(
         StructuredModel.of(pilot.vessel), Actuation.of(pilot.vessel), pilot.nmpc,
-        time.perf_counter, pilot.fence, CodeStore.of(tell=say),
+        time.perf_counter, pilot.fence, partial(compile_loops, store=CodeStore.of(tell=say)),
     )  # fmt: skip
     if nmpc.why_not_compiled:
         say(f"the controller runs without machine code: {nmpc.why_not_compiled}")

@@ -133,7 +133,7 @@ def _drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) ->
 
 def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: Path) -> _Pair:
     """Both processes of boat k, in a world with a seed of its own."""
-    boat, port, uwb = boats[k], _free_port(), wires / f"uwb-{k}"
+    boat, port, uwb = boats[k], free_port(), wires / f"uwb-{k}"
     program = aritra()
     config = ["--config", str(boat.config)]
     own = world_arguments(argparse.Namespace(**vars(args) | {"seed": args.seed + k}))
@@ -178,7 +178,8 @@ def _retell(lines: IO[str], name: str) -> None:
         print(f"{name}: {line}", end="", flush=True)
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A UDP port of this machine that nobody has taken at this moment."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]

@@ -12,6 +12,7 @@ import numpy as np
 from companion.core.control.nmpc import Actuation, Nmpc, NmpcSettings
 from companion.core.messages import SolveRequest
 from companion.core.model.manoeuvring import StructuredModel
+from companion.jit import compile_loops
 from sim.bench.controller.nlp import Nlp
 from sim.bench.controller.rounds import CADENCE_S, RecordedProblem, Solved, Timed, record, replay, rounds, times_of
 from sim.bench.controller.solvers import CasadiPlanner, Planner, RtiPlanner
@@ -132,7 +133,13 @@ def at_cadence(world: BenchWorld, asked: list[RecordedProblem]) -> Cadence:
 def controller(order: BenchRequest, asked: list[RecordedProblem]) -> Cadence:
     """The whole call that the boat makes, request in and plan out."""
     settings = NmpcSettings()
-    nmpc = Nmpc(StructuredModel.of(order.vessel), Actuation.of(order.vessel), settings, time.perf_counter)
+    nmpc = Nmpc(
+        StructuredModel.of(order.vessel),
+        Actuation.of(order.vessel),
+        settings,
+        time.perf_counter,
+        compiler=compile_loops,
+    )
     requests = [request(k, one) for k, one in enumerate(asked)]
 
     def run(every_s: float, rehearsed: bool) -> Timed:

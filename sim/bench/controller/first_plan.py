@@ -3,7 +3,7 @@
 `python -m sim.bench.controller.first_plan VESSEL METHOD`
 
 Prints a line of JSON: `time.time()` at the plan, memory [MB], status of the plan, why there is no machine code.
-Machine code is kept as on the boat (`companion.jit.cache`).
+Machine code is kept as on the boat (`companion.jit`).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from companion.core.guidance.reference_row import COLUMNS, Column
 from companion.core.messages import SolveRequest
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
-from companion.jit.cache import CodeStore
+from companion.jit import CodeStore, compile_loops
 
 AHEAD_M_S = 0.5
 
@@ -44,7 +45,10 @@ def main(vessel_path: str, method: str) -> None:
     """Load, build, plan, tell."""
     vessel = load_vessel(Path(vessel_path).read_text(encoding="utf-8"), name=vessel_path)
     settings = NmpcSettings(method=method)  # type: ignore[arg-type]
-    nmpc = Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), settings, time.perf_counter, store=CodeStore.of())
+    compiler = partial(compile_loops, store=CodeStore.of())
+    nmpc = Nmpc(
+        StructuredModel.of(vessel), Actuation.of(vessel), settings, time.perf_counter, compiler=compiler
+    )  # fmt: skip
     result, _ = nmpc.solve(straight(len(vessel.thrusters), settings), None)
     at, rss_mb = time.time(), psutil.Process().memory_info().rss / MEGABYTE
     print(json.dumps([at, rss_mb, result.status, nmpc.why_not_compiled]))

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.control.rti.iteration import Rti
-from companion.jit import Store
+from companion.jit import compile_loops
 from sim.bench.controller.nlp import Nlp
 
 SHIFT_S = 0.1
@@ -76,10 +76,10 @@ class RtiPlanner:
 
     def __init__(
         self, name: str, nlp: Nlp, step_s: float, *,
-        iterations: int = 2, to: float = 0.0, store: Store | None = None, compiled: bool = True,
+        iterations: int = 2, to: float = 0.0, compiled: bool = True,
     ):  # fmt: skip
         self.name, self._to = name, to
-        self.rti = Rti(nlp.ocp, iterations=iterations, store=store, compiled=compiled)
+        self.rti = Rti(nlp.ocp, iterations=iterations, compiler=compile_loops if compiled else None)
         self._share = SHIFT_S / step_s
 
     def begin(self, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> None:

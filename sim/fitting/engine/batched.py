@@ -8,7 +8,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from companion.jit.scan import LANES
+from companion.jit import LANES
 from sim.trajectory.loops import loop
 
 

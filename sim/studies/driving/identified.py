@@ -20,6 +20,7 @@ from companion.core.model.integrate import VesselModel
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.pilot import Pilot, PilotSettings
+from companion.jit import compile_loops
 from sim.fitting.taylor.abkowitz import AbkowitzModel
 from sim.world.environment import Weather
 from sim.world.score import estimation, track_of, tracking
@@ -101,7 +102,7 @@ def driven_runs(
     """One mission a seed; filter and NMPC are built once. `settings`: mission, site, control; its vessel is unused."""
     mine = replace(settings, vessel=belief.vessel)
     pilot = Pilot(mine)
-    nmpc = Nmpc(belief.model, Actuation.of(belief.vessel), mine.nmpc, time.perf_counter, mine.fence)
+    nmpc = Nmpc(belief.model, Actuation.of(belief.vessel), mine.nmpc, time.perf_counter, mine.fence, compile_loops)
     for seed in seeds:
         setup = WorldSetup(true, settings.site, start=start_of(seed), weather=weather or Weather())
         run = SteppedRun(World(setup, seed), pilot, nmpc.solve)

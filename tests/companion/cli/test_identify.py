@@ -19,6 +19,7 @@ from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
+from companion.jit import compile_loops
 from companion.logs.readers.table import read_parquet, write_run
 from sim.fitting.identify.record import OUTPUTS, Record
 from sim.fitting.taylor.taylor_file import load_taylor
@@ -180,7 +181,9 @@ def test_the_boat_drives_with_the_identified_file(done, tmp_path):
     assert "identified" in setup.pilot.vessel.damping.source
     told = setup.pilot
     patient = replace(told.nmpc, rescue_time_s=60.0)
-    solver = Nmpc(StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0)
+    solver = Nmpc(
+        StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0, compiler=compile_loops
+    )
     world = World(WorldSetup(TRUE, told.site, start=(8.0, 8.0, 0.35)), 5)
     driven = SteppedRun(world, Pilot(told), solver.solve)
     assert driven.run(settled(2.0), 90.0), "the mission is not done"

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.jit import Fetch, Kernel, Loop, Machine, NotCompiled, Operand, Repeat, machine
-from companion.jit.program import over
+from companion.core.control.rti.loops import Fetch, Kernel, Loop, NotCompiled, Operand, Repeat, over
+from companion.jit import compile_loops, machine
 
 pytest.importorskip("llvmlite", reason="llvmlite is not installed")
 
@@ -35,7 +35,7 @@ def run(function, values, width):
         [Operand(values.size, high, range(high), lane[1])],
         width,
     )  # fmt: skip
-    Machine({"all": [over([kernel], count)]}, memory).entry("all")()
+    compile_loops({"all": [over([kernel], count)]}, memory)["all"]()
     return memory[values.size :].reshape(count, high), np.array(function.map(count)(values.T)).T
 
 
@@ -68,7 +68,7 @@ def counting(most):
     step = ca.Function("step", [n], [n + 1, ca.SX(n + 1 < 3)])
     kernel = Kernel(step, [Operand(0, 0, (0,))], [Operand(0, 0, (0,)), Operand(1, 0, (0,))])
     memory = np.array([0.0, 1.0])
-    Machine({"count": [Repeat([Loop([kernel], 1)], 1, most)]}, memory).entry("count")()
+    compile_loops({"count": [Repeat([Loop([kernel], 1)], 1, most)]}, memory)["count"]()
     return memory.tolist()
 
 
@@ -87,7 +87,7 @@ def test_a_loop_runs_backwards():
     )
     memory = np.zeros(10)
     memory[8:] = 1.0
-    Machine({"all": [Loop([kernel], 8, 7, -1)]}, memory).entry("all")()
+    compile_loops({"all": [Loop([kernel], 8, 7, -1)]}, memory)["all"]()
     assert memory.tolist() == [55.0, 34.0, 21.0, 13.0, 8.0, 5.0, 3.0, 2.0, 1.0, 1.0]
 
 
@@ -97,7 +97,7 @@ def test_calling_code_into_the_cache_changes_no_number(end):
     kernels = [Kernel(ca.Function("f", [A], [A * 3 + k]), [Operand(0, 1, (0,))], [Operand(4, 1, (0,))]) for k in (0, 1)]
     memory = np.arange(8.0)
     steps = [Loop(kernels[:1], 4), Loop(kernels[1:], 2)]
-    Machine({"all": [Fetch(kernels[end]), *steps]}, memory).entry("all")()
+    compile_loops({"all": [Fetch(kernels[end]), *steps]}, memory)["all"]()
     assert memory[4:].tolist() == [1.0, 4.0, 6.0, 9.0]
 
 
@@ -114,7 +114,7 @@ class Kept(dict):
 def doubling(memory, store=None, factor=2.0):
     a = ca.SX.sym("a")
     kernel = Kernel(ca.Function("f", [a], [factor * a]), [Operand(0, 0, (0,))], [Operand(0, 0, (0,))])
-    return Machine({"go": [Loop([kernel], 1)]}, memory, store).entry("go")
+    return compile_loops({"go": [Loop([kernel], 1)]}, memory, store)["go"]
 
 
 def test_kept_code_is_used_again_and_other_code_is_not_mistaken_for_it(monkeypatch):
@@ -166,4 +166,4 @@ def test_an_unknown_operation_is_refused():
     a = ca.SX.sym("a")
     kernel = Kernel(ca.Function("f", [a], [ca.erf(a)]), [Operand(0, 0, (0,))], [Operand(0, 0, (0,))])
     with pytest.raises(NotCompiled, match="no counterpart"):
-        Machine({"go": [Loop([kernel], 1)]}, np.zeros(1))
+        compile_loops({"go": [Loop([kernel], 1)]}, np.zeros(1))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.jit import NotCompiled, Scan, machine, scan
+from companion.jit import NotCompiled, compile_scan, machine, scan
 from companion.jit.elementary import FAR
 
 pytest.importorskip("llvmlite", reason="llvmlite is not installed")
@@ -35,7 +35,7 @@ FUNCTIONS = {
 @pytest.fixture(scope="module")
 def functions():
     outputs = ca.vertcat(*(expression for expression, _ in FUNCTIONS.values()))
-    return Scan(ca.Function("f", [C, Q, ca.vertcat(A, B)], [C, outputs]))
+    return compile_scan(ca.Function("f", [C, Q, ca.vertcat(A, B)], [C, outputs]))
 
 
 def applied(loop, pairs):
@@ -105,7 +105,7 @@ def test_a_loop_is_the_function_again_and_again(m):
     x, q, u, w = drawn(m, 50)
     want_x, rows = x.copy(), np.empty((m, 50, 3))
     want = stepped(want_x, q, u, w)
-    Scan(spring())(x, q, [u, w], rows)
+    compile_scan(spring())(x, q, [u, w], rows)
     np.testing.assert_allclose(rows, want, rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(x, want_x, rtol=1e-11, atol=1e-13)
 
@@ -115,7 +115,7 @@ def test_every_width_gives_the_same_bits(monkeypatch):
     results = []
     for lanes, together in ((8, False), (8, True), (4, True)):
         monkeypatch.setattr(scan, "LANES", lanes)
-        loop, (x, q, u, w) = Scan(spring()), drawn(13, 200)
+        loop, (x, q, u, w) = compile_scan(spring()), drawn(13, 200)
         rows = np.empty((13, 200, 3))
         for part in [slice(0, 13)] if together else [slice(i, i + 1) for i in range(13)]:
             mine = x[part]
@@ -130,15 +130,15 @@ def test_every_width_gives_the_same_bits(monkeypatch):
 def test_rows_may_lie_in_a_larger_array_and_nothing_else_is_touched():
     x, q, u, w = drawn(3, 20)
     large = np.full((5, 22, 3), 7.0)
-    Scan(spring())(x, q, [u, w], large[1:4, 1:21])
+    compile_scan(spring())(x, q, [u, w], large[1:4, 1:21])
     outside = np.ones(large.shape, dtype=bool)
     outside[1:4, 1:21] = False
     assert (large[outside] == 7.0).all()
     assert (large[1:4, 1:21, 2] == 3.0).all()
-    Scan(spring())(x, q, [u[:, :0], w], large[1:4, :0])
+    compile_scan(spring())(x, q, [u[:, :0], w], large[1:4, :0])
     assert (large[outside] == 7.0).all()
 
 
 def test_an_operation_without_counterpart_is_refused():
     with pytest.raises(NotCompiled, match="no counterpart"):
-        Scan(ca.Function("f", [C, Q, A], [ca.erf(C), A]))
+        compile_scan(ca.Function("f", [C, Q, A], [ca.erf(C), A]))

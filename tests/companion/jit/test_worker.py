@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from companion.jit import Kernel, Loop, Machine, Operand, machine
-from companion.jit.cache import CodeStore
+from companion.core.control.rti.loops import Kernel, Loop, Operand
+from companion.jit import CodeStore, compile_loops, machine
 from companion.jit.worker import ChildFailed, compiled_apart
 from companion.python_child import python
 
@@ -65,10 +65,10 @@ def test_where_the_child_fails_the_code_is_made_here_and_somebody_hears_of_it(tm
     memory, a = np.array([1.0]), ca.SX.sym("a")
     kernel = Kernel(ca.Function("f", [a], [2 * a]), [Operand(0, 0, (0,))], [Operand(0, 0, (0,))])
     entries = {"go": [Loop([kernel], 1)]}
-    Machine(entries, memory, store).entry("go")()
+    compile_loops(entries, memory, store)["go"]()
     assert memory[0] == 2.0
     assert len(heard) == 1 and "no memory left" in heard[0]
-    Machine(entries, memory, store).entry("go")()
+    compile_loops(entries, memory, store)["go"]()
     assert memory[0] == 4.0 and len(heard) == 1, "kept: no second try"
 
 
@@ -76,5 +76,5 @@ def test_with_a_child_nothing_is_compiled_here(tmp_path, monkeypatch):
     monkeypatch.setattr("llvmlite.binding.create_pass_builder", lambda *_: pytest.fail("compiled in this process"))
     memory, a = np.array([1.0]), ca.SX.sym("a")
     kernel = Kernel(ca.Function("f", [a], [a + 2]), [Operand(0, 0, (0,))], [Operand(0, 0, (0,))])
-    Machine({"go": [Loop([kernel], 1)]}, memory, CodeStore(tmp_path)).entry("go")()
+    compile_loops({"go": [Loop([kernel], 1)]}, memory, CodeStore(tmp_path))["go"]()
     assert memory[0] == 3.0

@@ -12,7 +12,7 @@ from scipy.stats import beta
 
 from sim.studies.boats.campaign import BoatScore, CampaignFigures, figures, line, one_boat
 from sim.studies.boats.lab_priors import BOLLARD, WEIGHED
-from tests.evidence.identify.paper import _vessel
+from tests.evidence.identify.paper import reference_vessel
 from tests.evidence.line import Line, at_most, between, exactly, information
 
 SEED = 4001
@@ -22,7 +22,7 @@ PROCESSES = 2
 
 
 def _one(case: tuple[int, float, float]) -> tuple[BoatScore, ...]:
-    return one_boat(_vessel(), *case, labs=LABS)
+    return one_boat(reference_vessel(), *case, labs=LABS)
 
 
 def _campaign(full: bool, uwb_hz: float, sigma_m: float, seed: int) -> list[CampaignFigures]:

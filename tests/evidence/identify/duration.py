@@ -14,7 +14,7 @@ from sim.fitting.identify.result import fit_structured
 from sim.fitting.taylor.pipeline import paper_samples
 from sim.fitting.taylor.regression import least_squares
 from sim.world.teleop_log import teleop_run
-from tests.evidence.identify.paper import SAMPLES, SEED, _known, _train, _vessel
+from tests.evidence.identify.paper import SAMPLES, SEED, known_boat, reference_vessel, training_run
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 
 ROUNDS = 3
@@ -24,8 +24,8 @@ BENCH_S = 120.0
 
 def timing(full: bool) -> Iterator[Line]:
     """Time for 13,840 samples, this machine as it is; scipy least_squares with finite differences in turn with ours"""
-    vessel, train = _vessel(), _train()
-    file, settings = _known()
+    vessel, train = reference_vessel(), training_run()
+    file, settings = known_boat()
     told: list[float] = []
     took, cpu = [], []
     for _ in range(ROUNDS):
@@ -50,11 +50,11 @@ def timing(full: bool) -> Iterator[Line]:
 
 def _against_scipy(full: bool) -> Iterator[Line]:
     """Both on the same log, in turn."""
-    vessel = _vessel()
-    run = _train() if full else teleop_run(vessel, SEED, BENCH_S)
+    vessel = reference_vessel()
+    run = training_run() if full else teleop_run(vessel, SEED, BENCH_S)
     seconds = run.table["t_s"].max()
     true = file_values(vessel)
-    file, settings = _known()
+    file, settings = known_boat()
     ours, theirs = [], []
     for _ in range(1 if full else ROUNDS):
         result = fit_structured([run], file, settings)

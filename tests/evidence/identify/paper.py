@@ -47,31 +47,31 @@ SENSOR_SEEDS = 4
 
 
 @cache
-def _vessel() -> VesselFile:
+def reference_vessel() -> VesselFile:
     return in_still_air(load_setup(EXAMPLES / "aritra.toml").pilot.vessel)
 
 
 @cache
-def _known() -> tuple[VesselFile, FitSettings]:
+def known_boat() -> tuple[VesselFile, FitSettings]:
     """What the structured fit starts from: a file that is up to 30 % off everywhere, the thrusters' pull measured."""
     rng = np.random.default_rng(SEED)
-    return measured(draw_boat(_vessel(), rng, gain_sigma=0.0), _vessel(), BOLLARD, rng)
+    return measured(draw_boat(reference_vessel(), rng, gain_sigma=0.0), reference_vessel(), BOLLARD, rng)
 
 
 @cache
-def _train() -> Run:
+def training_run() -> Run:
     """1384 s of teleoperation of the boat of the file: IMU 30 Hz, UWB 1 Hz with 10 cm."""
-    return teleop_run(_vessel(), SEED, TRAIN_S)
+    return teleop_run(reference_vessel(), SEED, TRAIN_S)
 
 
 @cache
 def _unseen(number: int) -> Run:
-    return teleop_run(_vessel(), SEED + 500_000 + number, UNSEEN_S)
+    return teleop_run(reference_vessel(), SEED + 500_000 + number, UNSEEN_S)
 
 
 def _windows(count: int) -> HeldOutWindows:
     """60 s each, one after the other, from logs of their own."""
-    vessel, noise = _vessel(), SmootherNoise.of(_vessel())
+    vessel, noise = reference_vessel(), SmootherNoise.of(reference_vessel())
     parts = []
     for number in range(-(-count // 20)):
         run = _unseen(number)
@@ -81,16 +81,16 @@ def _windows(count: int) -> HeldOutWindows:
 
 
 def _departures(fits: dict[str, np.ndarray], structured: VesselFile, count: int) -> tuple[list[Departure], Box]:
-    _, nu = _train().samples("true_u_m_s", "true_v_m_s", "true_r_rad_s")
+    _, nu = training_run().samples("true_u_m_s", "true_v_m_s", "true_r_rad_s")
     box = Box.of(nu)
-    models = [VesselSimulator("true parameters", _vessel()), VesselSimulator("structured", structured)]
-    models += [TaylorSimulator(name, c, _vessel()) for name, c in fits.items()]
+    models = [VesselSimulator("true parameters", reference_vessel()), VesselSimulator("structured", structured)]
+    models += [TaylorSimulator(name, c, reference_vessel()) for name, c in fits.items()]
     return divergence_study([*models, VelocityStays()], _windows(count), box), box
 
 
 def paper_pipeline(full: bool) -> Iterator[Line]:
     """Paper's pipeline on 13,840 samples of the structured plant (seed 4000), unseen runs from seeds 504000 on"""
-    vessel, noise, train = _vessel(), SmootherNoise.of(_vessel()), _train()
+    vessel, noise, train = reference_vessel(), SmootherNoise.of(reference_vessel()), training_run()
     samples = [paper_samples(train, vessel, noise)]
     fit = least_squares(samples)
     yield exactly("samples", fit.n, SAMPLES)
@@ -102,7 +102,7 @@ def paper_pipeline(full: bool) -> Iterator[Line]:
     shift = noise_shift(by_smoother, [sigma], np.random.default_rng(SEED))
     print("\nPaper's pipeline, as Table 2:\n" + coefficient_table(fit))
     print("\nSame regression on the smoother's speeds and accelerations:\n" + coefficient_table(better, shift) + "\n")
-    file, settings = _known()
+    file, settings = known_boat()
     identified = identified_vessel(file, fit_structured([train], file, settings), date=DATE)
     count = 100
     taylor = {"Taylor (paper)": fit.C, "Taylor (smoother)": better.C}
@@ -131,7 +131,7 @@ def paper_pipeline(full: bool) -> Iterator[Line]:
 
 def _pictures(taylor: dict[str, np.ndarray], structured: VesselFile, found: list[Departure], box: Box) -> list[str]:
     """Writes them under out/identify; their names."""
-    vessel, noise, train = _vessel(), SmootherNoise.of(_vessel()), _train()
+    vessel, noise, train = reference_vessel(), SmootherNoise.of(reference_vessel()), training_run()
     models = [TaylorSimulator(name, c, vessel) for name, c in taylor.items()]
     study = validate(
         [VesselSimulator("structured", structured), *models], [HeldOut(_unseen(0))], vessel, noise, box=box, seed=SEED
@@ -178,7 +178,7 @@ def pysindy(full: bool) -> Iterator[Line]:
     rated = C != 0
     off = np.median(np.abs(exact - C)[rated] / np.abs(C)[rated])
     yield information("exact speeds of the polynomial: median error of pysindy", 100 * off, "%", "differs across steps")
-    vessel, noise, train = _vessel(), SmootherNoise.of(_vessel()), _train()
+    vessel, noise, train = reference_vessel(), SmootherNoise.of(reference_vessel()), training_run()
     samples = [smoother_samples(train, vessel, smooth(train, noise))]
     ours, peer = least_squares(samples), sindy_coefficients(samples)
     print(_side_by_side(ours, peer))

@@ -17,12 +17,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from companion.boat.load_run import EXAMPLES, load_setup
-from companion.cli.simulator.demo import _free_port
+from companion.cli.simulator.demo import free_port
 from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.pilot import Pilot
+from companion.jit import compile_loops
 from companion.logs.log_file import LogFile
 from companion.python_child import aritra, python
 from sim.fitting.taylor.abkowitz import AbkowitzModel
@@ -44,16 +45,20 @@ STATION_S = 30.0
 
 
 @cache
-def _boat():
+def reference_boat():
     setup = load_setup(EXAMPLES / "aritra.toml").pilot
     vessel = setup.vessel
     model = StructuredModel.of(vessel)
-    return setup, Pilot(setup), Nmpc(model, Actuation.of(vessel), setup.nmpc, time.perf_counter, setup.fence)
+    return (
+        setup,
+        Pilot(setup),
+        Nmpc(model, Actuation.of(vessel), setup.nmpc, time.perf_counter, setup.fence, compile_loops),
+    )
 
 
 def world_of(seed: int, disturbed: bool) -> World:
     """Start within 0.5 m and 35 degrees; disturbed: directions of current and wind from the seed."""
-    setup, _, _ = _boat()
+    setup, _, _ = reference_boat()
     rng = np.random.default_rng([seed, 7])
     north, east, psi = 8 + rng.uniform(-0.5, 0.5), 8 + rng.uniform(-0.5, 0.5), rng.uniform(-0.6, 0.6)
     towards, wind_from = rng.uniform(0, 360, 2)
@@ -73,7 +78,7 @@ def world_of(seed: int, disturbed: bool) -> World:
 def drive(case: tuple[int, bool]) -> dict[str, float]:
     """One mission on the stepped clock; its figures."""
     seed, disturbed = case
-    setup, pilot, nmpc = _boat()
+    setup, pilot, nmpc = reference_boat()
     run = SteppedRun(world_of(seed, disturbed), pilot, nmpc.solve)
 
     def finished(run: SteppedRun) -> bool:
@@ -169,7 +174,7 @@ def demo(full: bool) -> Iterator[Line]:
 def kill(full: bool) -> Iterator[Line]:
     """SIGKILL of the companion under way: what the log keeps"""
     with tempfile.TemporaryDirectory() as folder:
-        port, uwb, log = _free_port(), f"{folder}/uwb", Path(folder) / "run.mcap"
+        port, uwb, log = free_port(), f"{folder}/uwb", Path(folder) / "run.mcap"
         program = aritra()
         sim = subprocess.Popen(
             [*program, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", uwb], stdout=subprocess.DEVNULL
@@ -204,7 +209,7 @@ def _wait_until_driving(log: Path) -> None:
 
 def paper(full: bool) -> Iterator[Line]:
     """The paper's preset on its own model (seed 1)"""
-    setup, _, _ = _boat()
+    setup, _, _ = reference_boat()
     model = AbkowitzModel(configuration_matrix(setup.vessel), setup.vessel.propulsion.lag_s)
     figures = paper_evidence(model)
     plain, two = figures["paper"], figures["two_actions"]

@@ -30,6 +30,7 @@ import zenoh
 from companion.core.messages import LinkStatus
 from companion.core.telemetry.structs import telemetry_key
 from companion.logs.log_file import LogFile
+from companion.python_child import python
 from tests.evidence.line import Line, at_most, exactly, information
 from tests.evidence.safe.trial import ARITRA, ENV, ROOT, Pen, free_port, run_file
 from tests.evidence.safe.wire import TagWire

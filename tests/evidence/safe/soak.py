@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from companion.cli.simulator.demo import _free_port
+from companion.cli.simulator.demo import free_port
 from companion.core.messages import LoopTiming, OperatorCommand, OverrideLease, Tick
 from companion.logs.log_file import LogFile
 from companion.python_child import aritra
@@ -142,7 +142,7 @@ def real_time(seconds: float) -> Iterator[Line]:
     root = Path(__file__).resolve().parents[3]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        port, tag = _free_port(), folder / "uwb"
+        port, tag = free_port(), folder / "uwb"
         program = aritra()
         sim = subprocess.Popen(
             [*program, "sim", "--udp-to", f"127.0.0.1:{port}", "--uwb", str(tag)], cwd=root, stdout=subprocess.DEVNULL

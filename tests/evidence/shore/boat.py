@@ -20,7 +20,7 @@ from companion.core.telemetry.view import TelemetryView, Who
 from companion.python_child import python
 from sim.world.stepped import SteppedRun
 from tests.evidence.line import Line, at_most, exactly
-from tests.evidence.main_job.parts import ROOT, _boat, world_of
+from tests.evidence.main_job.parts import ROOT, reference_boat, world_of
 from tests.support.drive_fixture import by_tick
 
 SECONDS = 30.0
@@ -39,7 +39,7 @@ with zenoh.open(c) as s:
 
 def messages_of_a_drive() -> list[list[Message]]:
     """Messages of SECONDS under way (seed 1, calm), one list a tick, the shell's LoopTiming at its end."""
-    _, pilot, nmpc = _boat()
+    _, pilot, nmpc = reference_boat()
     run = SteppedRun(world_of(1, False), pilot, nmpc.solve)
     run.run(lambda r: r.state.helm.mode == "auto", 60.0)
     begun = len(run.messages)
@@ -91,7 +91,7 @@ def _quiet(mode: str, connect: list[str], listen: list[str]) -> dict[str, object
 
 
 def _telemetry(port: int) -> Telemetry:
-    setup, _, _ = _boat()
+    setup, _, _ = reference_boat()
     link = TelemetryLink(connect=(f"tcp/127.0.0.1:{port}",))
     view = TelemetryView(setup, Who("run", "digest", "aritra", 0, False), link.rate_Hz)
     made = Telemetry("aritra", link, config_of(link, Path(), where="evidence"), view)

@@ -33,7 +33,7 @@ LIVE = "document.querySelector('#link').dataset.kind === 'live'"
 REFUSED = ("ERR_CONNECTION_REFUSED", "WebSocket connection")
 FLEET = """
 import sys, time
-from console_bench import TapedBoat
+from tests.support.console_fixture import TapedBoat
 port, names = int(sys.argv[1]), sys.argv[2].split(",")
 boats = []
 for name in names:
@@ -139,7 +139,7 @@ def chromium_drives_the_console(full: bool) -> Iterator[Line]:
 @contextlib.contextmanager
 def _fleet(port: int, names: list[str]) -> Iterator[subprocess.Popen]:
     """Boats that play a voyage, in a process of their own."""
-    env = {"PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}", "PATH": "/usr/bin:/bin"}
+    env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"}
     command = python("-c", FLEET, str(port), ",".join(names))
     child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env)
     try:

@@ -18,7 +18,7 @@ from companion.boat.load_run import EXAMPLES, load_setup
 from companion.boat.recorder import Recorder
 from companion.logs.metadata import log_metadata
 from tests.evidence.line import Line, at_most, information
-from tests.evidence.main_job.parts import ROOT, _boat
+from tests.evidence.main_job.parts import ROOT, reference_boat
 from tests.evidence.shore.boat import closed_port, messages_of_a_drive
 from tests.evidence.shore.field import read_heard
 
@@ -88,7 +88,7 @@ class Trio:
 
 
 def lines(full: bool) -> Iterator[Line]:
-    _boat()
+    reference_boat()
     rng, waits = random.Random(SEED), defaultdict[str, list[float]](list)
     with tempfile.TemporaryDirectory(prefix="aritra-") as name:
         folder, log = Path(name), Path(name) / "drive.mcap"

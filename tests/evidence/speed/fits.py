@@ -12,7 +12,7 @@ from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitPoint, FitSettings, StructuredFit, solve
 from sim.studies.peers.casadi_fit import CasadiFit, PlainFit, casadi_fit, plain_fit
 from sim.studies.peers.casadi_problem import CasadiProblem
-from tests.evidence.identify.paper import _known, _train
+from tests.evidence.identify.paper import known_boat, training_run
 from tests.evidence.line import Line, at_least, at_most, information
 
 ROUNDS, FULL_ROUNDS = 2, 5
@@ -25,7 +25,7 @@ SAME_NATS, SAME_SIGMAS = 0.1, 0.2
 
 def fit_13840(full: bool) -> Iterator[Line]:
     """Structured fit of 13,840 samples (1384 s), and scipy with CasADi Jacobians on the same problem, in turn"""
-    (file, settings), train = _known(), _train()
+    (file, settings), train = known_boat(), training_run()
     wall, cpu, peers = [], [], []
     found = fit_structured([train], file, settings)
     fit, point = _settled(found.window_s, settings)
@@ -73,7 +73,7 @@ def _ratios(
 
 def _settled(window_s: float, settings: FitSettings) -> tuple[StructuredFit, FitPoint]:
     """The same fit, then steps under its last noise until none promises anything."""
-    fit = StructuredFit([_train()], _known()[0], replace(settings, window_s=window_s))
+    fit = StructuredFit([training_run()], known_boat()[0], replace(settings, window_s=window_s))
     point, _ = solve(fit)
     fit.settings = replace(fit.settings, tolerance_nats=1e-3)
     for _ in range(20):

@@ -18,6 +18,7 @@ from companion.core.guidance.reference_row import Column, near
 from companion.core.messages import SolveRequest
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
+from companion.jit import compile_loops
 from sim.bench.controller import compare
 from sim.bench.controller.nlp import Nlp
 from sim.bench.controller.rounds import record
@@ -178,7 +179,7 @@ def _stress(case: tuple[int, int]) -> np.ndarray:
     seed, count = case
     settings = NmpcSettings(**VARIANTS[seed % len(VARIANTS)], rescue_time_s=60.0)
     model, actuation = StructuredModel.of(_vessel()), Actuation.of(_vessel())
-    nmpc = Nmpc(model, actuation, settings, time.perf_counter)
+    nmpc = Nmpc(model, actuation, settings, time.perf_counter, compiler=compile_loops)
     world = production_world(_vessel(), settings)
     nlp = Nlp(world.ocp)
     oracle = CasadiPlanner("IPOPT", nlp, settings.step_s, nlp.solver("ipopt", expand=True))

@@ -217,7 +217,7 @@ def test_where_there_is_no_machine_code_the_same_call_works(monkeypatch):
         raise NotCompiled("llvmlite is not installed")
 
     want = simulate(VESSEL, START, pulses(100), DT)
-    monkeypatch.setattr(loops, "Scan", none)
+    monkeypatch.setattr(loops, "compile_scan", none)
     loops.loop.cache_clear()
     got = simulate(VESSEL, START, pulses(100), DT)
     loops.loop.cache_clear()

@@ -11,9 +11,9 @@ from companion.core.control.nmpc.production import production
 from companion.core.control.nmpc.settings import Actuation
 from companion.core.control.nmpc.warm_start import PSI, WarmStart, rolled_out, shifted, usable
 from companion.core.control.rti.iteration import Rti, SolveInfo
+from companion.core.control.rti.loops import Compiler
 from companion.core.geometry.fence import Fence
 from companion.core.model.integrate import FORCES, VesselModel
-from companion.jit import Store
 
 STILL = 1e-4
 """Share of the cost by which the last step of a cold start may still have changed it."""
@@ -42,7 +42,12 @@ class RealTimeSolver:
     """For one vessel. Belongs to one thread at a time."""
 
     def __init__(
-        self, problem: NmpcProblem, model: VesselModel, actuation: Actuation, fence: Fence | None, store: Store | None
+        self,
+        problem: NmpcProblem,
+        model: VesselModel,
+        actuation: Actuation,
+        fence: Fence | None,
+        compiler: Compiler | None,
     ):
         self._problem = problem
         settings = problem.settings
@@ -50,8 +55,7 @@ class RealTimeSolver:
             production(model, actuation, settings, fence),
             iterations=settings.iterations,
             interpreted=settings.interpreted_iterations,
-            store=store,
-            compiled=settings.method == "rti",
+            compiler=compiler if settings.method == "rti" else None,
         )
 
     def warm(

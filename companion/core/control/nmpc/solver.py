@@ -23,11 +23,11 @@ from companion.core.control.nmpc.problem import NmpcProblem, build
 from companion.core.control.nmpc.real_time import RealTimeSolver, Solution
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.control.nmpc.warm_start import LARGEST, PSI, WarmStart, rolled_out, shifted
+from companion.core.control.rti.loops import Compiler
 from companion.core.geometry.fence import Fence
 from companion.core.guidance.reference_row import COLUMNS, Column, near
 from companion.core.messages import PlanResult, SolveRequest
 from companion.core.model.integrate import FORCES, VesselModel
-from companion.jit import Store
 
 BOUND_TOLERANCE = 1e-6
 """[N] by which a planned command may exceed a limit before it is clipped; more is a failure."""
@@ -52,14 +52,14 @@ class Nmpc:
         settings: NmpcSettings,
         clock: Callable[[], float],
         fence: Fence | None = None,
-        store: Store | None = None,
+        compiler: Compiler | None = None,
     ):
-        """`store` keeps machine code between runs of the program."""
+        """`compiler` makes machine code of the real-time iteration; None: CasADi's interpreter."""
         self.problem: NmpcProblem = build(model, actuation, settings, fence)
         self._actuation, self._clock = actuation, clock
         self._step = QpStep(self.problem)
         kernel = settings.method != "hpipm"
-        self._real_time = RealTimeSolver(self.problem, model, actuation, fence, store) if kernel else None
+        self._real_time = RealTimeSolver(self.problem, model, actuation, fence, compiler) if kernel else None
         self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))
         self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, 10.0)])
 

@@ -1,4 +1,4 @@
-"""The interior-point method as loops of kernels over the memory of `rti_compiled`; controls are its lanes."""
+"""The interior-point method as loops of kernels over the memory of `rti_memory`; controls are its lanes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 
 from companion.core.control.ocp import Ocp
 from companion.core.control.rti import interior_point
-from companion.jit import Kernel, Loop, Operand, Repeat
-from companion.jit.program import Step
+from companion.core.control.rti.loops import Kernel, Loop, Operand, Repeat, Step
 
 
 class Interior:

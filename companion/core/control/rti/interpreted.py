@@ -12,8 +12,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.control.rti import riccati
-from companion.core.control.rti.compiled import SWEEPS, tallied
-from companion.core.control.rti.stage_functions import Parts
+from companion.core.control.rti.stage_functions import SWEEPS, Parts, tallied
 
 
 class InterpretedRti:

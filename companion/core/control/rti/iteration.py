@@ -14,8 +14,8 @@ from typing import NamedTuple
 from companion.core.control.ocp import Ocp
 from companion.core.control.rti.compiled import CompiledRti
 from companion.core.control.rti.interpreted import InterpretedRti
+from companion.core.control.rti.loops import Compiler, NotCompiled
 from companion.core.control.rti.stage_functions import parts
-from companion.jit import NotCompiled, Store
 
 ITERATIONS = 2
 """Of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
@@ -52,16 +52,19 @@ class Rti:
 
     def __init__(
         self, ocp: Ocp, *,
-        iterations: int = ITERATIONS, interpreted: int | None = None, store: Store | None = None, compiled: bool = True,
+        iterations: int = ITERATIONS, interpreted: int | None = None, compiler: Compiler | None = None,
     ):  # fmt: skip
-        """`iterations` of a solve; `interpreted`: of a solve without machine code, None: as many."""
+        """`iterations` of a solve; `interpreted`: of a solve without machine code, None: as many.
+
+        `compiler` makes the machine code; None: CasADi's interpreter.
+        """
         self.ocp = ocp
         made = parts(ocp)
-        self.why_not_compiled = "" if compiled else "not asked for"
+        self.why_not_compiled = "" if compiler else "not asked for"
         self._way: CompiledRti | InterpretedRti | None = None
-        if compiled:
+        if compiler:
             try:
-                self._way = CompiledRti(made, iterations, store)
+                self._way = CompiledRti(made, iterations, compiler)
             except NotCompiled as reason:
                 self.why_not_compiled = str(reason)
         self.iterations = iterations if self._way or interpreted is None else interpreted

@@ -13,6 +13,9 @@ import numpy as np
 
 from companion.core.control.ocp import Ocp
 
+SWEEPS = 12
+"""Quadratic programs solved at most while the active limits change."""
+
 
 @dataclass(frozen=True)
 class Pattern:
@@ -83,3 +86,14 @@ def parts(ocp: Ocp) -> Parts:
         ca.Function("look", stage, ca.cse([gap, ca.sumsqr(ocp.residual)])),
         ca.Function("end_cost", [x, p, q], [ca.sumsqr(ocp.last)]),
     )  # fmt: skip
+
+
+def tallied(ocp: Ocp, sums: ca.SX, gap: ca.SX, cost: ca.SX, x: ca.SX, c: ca.SX) -> ca.SX:
+    """[cost, largest gap over scale, largest excess over a limit, sum of squared gaps], with one more stage."""
+    gaps = ca.fabs(gap) / ca.DM(ocp.scale)
+    excess = ca.fmax(c - ca.DM(ocp.c_max), ca.DM(ocp.c_min) - c)
+    if ocp.forces is not None:
+        excess = ca.fmax(excess, ca.fabs(c - x[ocp.forces : ocp.forces + ocp.nu]) - ocp.rate_n)
+    return ca.vertcat(
+        sums[0] + cost, ca.fmax(sums[1], ca.mmax(gaps)), ca.fmax(sums[2], ca.mmax(excess)), sums[3] + ca.sumsqr(gap)
+    )

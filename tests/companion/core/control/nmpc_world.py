@@ -14,6 +14,7 @@ from companion.core.messages import PlanResult, SolveRequest
 from companion.core.model.integrate import BufferedStep, step_function
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
+from companion.jit import compile_loops
 
 ROOT = Path(__file__).resolve().parents[4]
 TICK_S = 0.1
@@ -46,7 +47,13 @@ def variant(thrusters: int) -> VesselFile:
 def controller(thrusters: int = 4, settings: NmpcSettings | None = None) -> Nmpc:
     """The production NMPC; shared by the tests of a session, as it keeps nothing between solves."""
     vessel = variant(thrusters)
-    return Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), settings or NmpcSettings(), time.perf_counter)
+    return Nmpc(
+        StructuredModel.of(vessel),
+        Actuation.of(vessel),
+        settings or NmpcSettings(),
+        time.perf_counter,
+        compiler=compile_loops,
+    )
 
 
 def request(x0, rows, *, d=(0.0, 0.0, 0.0), f_prev=None, tick: int = 0) -> SolveRequest:

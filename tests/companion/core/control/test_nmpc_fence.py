@@ -11,6 +11,7 @@ from companion.core.geometry.fence import Fence
 from companion.core.guidance.reference_row import Column
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
+from companion.jit import compile_loops
 from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
 from tests.companion.core.control.nmpc_world import controller, request, variant
@@ -26,7 +27,7 @@ NOTCHED = Fence((((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (2.0, 10.0), (2.0
 @cache
 def planner(fence):
     vessel = variant(4)
-    return Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), NmpcSettings(), lambda: 0.0, fence)
+    return Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), NmpcSettings(), lambda: 0.0, fence, compile_loops)
 
 
 def straight(north, east, angle, speed):
@@ -79,7 +80,11 @@ def driven(fenced):
     mine = setup_of(texts, {name: name for name in texts}).pilot
     vessel, quick = mine.vessel, NmpcSettings(rescue_time_s=60.0)
     assert (vessel, mine.fence) == (setup().pilot.vessel, setup().pilot.fence), "the boat of the voyages, and its fence"
-    solver = nmpc() if fenced else Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), quick, lambda: 0.0)
+    solver = (
+        nmpc()
+        if fenced
+        else Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), quick, lambda: 0.0, compiler=compile_loops)
+    )
     world = World(WorldSetup(vessel, mine.site, start=(23.0, 15.0, 0.0)), 3)
     run = SteppedRun(world, Pilot(mine), solver.solve)
     rooms = []

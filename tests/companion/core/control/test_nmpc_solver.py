@@ -13,6 +13,7 @@ from companion.core.control.nmpc.hpipm_step import QpStep
 from companion.core.guidance.reference_row import Column
 from companion.core.model.integrate import step_function
 from companion.core.model.manoeuvring import StructuredModel
+from companion.jit import compile_loops
 from tests.companion.core.control.nmpc_world import controller, leg_rows, request, station_rows, variant
 
 S = NmpcSettings()
@@ -166,9 +167,8 @@ def test_a_bad_request_fails_with_its_reason(name, value):
 def test_a_hopeless_problem_fails_and_the_next_recovers():
     """Too few iterations for a cold start and for the rescue: a plan that does not close is not called ok."""
     vessel = variant(4)
-    nmpc = Nmpc(
-        StructuredModel.of(vessel), ACTUATION, NmpcSettings(cold_iterations=1, rescue_iterations=1), lambda: 0.0
-    )
+    impatient = NmpcSettings(cold_iterations=1, rescue_iterations=1)
+    nmpc = Nmpc(StructuredModel.of(vessel), ACTUATION, impatient, lambda: 0.0, compiler=compile_loops)
     x0 = np.array([0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0.0])
     result, warm = nmpc.solve(request(x0, leg_rows(x0, S, angle=math.pi)), None)
     assert result.status in ("not_converged", "failed") and result.reason and warm is None
@@ -179,7 +179,7 @@ def test_a_hopeless_problem_fails_and_the_next_recovers():
 def test_the_clock_is_the_one_given():
     ticks = itertools.count()
     vessel = variant(4)
-    nmpc = Nmpc(StructuredModel.of(vessel), ACTUATION, S, lambda: float(next(ticks)))
+    nmpc = Nmpc(StructuredModel.of(vessel), ACTUATION, S, lambda: float(next(ticks)), compiler=compile_loops)
     result, _ = nmpc.solve(request(X0, leg_rows(X0, S)), None)
     assert result.solve_time_s == 1.0
 
@@ -219,7 +219,8 @@ def test_one_step_is_several_times_faster_than_ipopt():
 def test_the_interpreter_takes_one_step_and_that_is_close():
     """Seed 15: five states near a leg; half a newton of 68 N."""
     vessel, rng = variant(4), np.random.default_rng(15)
-    other = Nmpc(StructuredModel.of(vessel), ACTUATION, NmpcSettings(method="interpreted"), lambda: 0.0)
+    interpreted = NmpcSettings(method="interpreted")
+    other = Nmpc(StructuredModel.of(vessel), ACTUATION, interpreted, lambda: 0.0, compiler=compile_loops)
     for tick in range(5):
         x0 = X0 + rng.normal(size=10) * 0.05
         asked, warm = request(x0, leg_rows(x0, S), tick=1), warm_start(controller())
@@ -234,7 +235,7 @@ def test_without_machine_code_the_plans_are_the_same(method, apart_n):
     """Seed 15. hpipm leaves a KKT residual of 1e-4 at costs as flat as 2e-4 / N^2."""
     vessel, rng = variant(4), np.random.default_rng(15)
     settings = NmpcSettings(method=method, interpreted_iterations=2)
-    other = Nmpc(StructuredModel.of(vessel), ACTUATION, settings, lambda: 0.0)
+    other = Nmpc(StructuredModel.of(vessel), ACTUATION, settings, lambda: 0.0, compiler=compile_loops)
     assert other.why_not_compiled
     for tick in range(10):
         x0 = X0 + rng.normal(size=10) * 0.05

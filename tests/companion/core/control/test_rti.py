@@ -16,10 +16,11 @@ from companion.core.control.nmpc import Actuation, NmpcSettings
 from companion.core.control.nmpc.production import production
 from companion.core.control.ocp import Ocp
 from companion.core.control.rti.iteration import Rti
+from companion.core.control.rti.loops import Compiler
 from companion.core.guidance.reference_row import Column, near
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
-from companion.jit import machine
+from companion.jit import compile_loops, machine
 from sim.bench.controller.nlp import Nlp
 from sim.bench.controller.paper_problem import paper_ocp
 from sim.fitting.taylor.abkowitz import AbkowitzModel
@@ -27,9 +28,9 @@ from tests.companion.core.control.nmpc_world import leg_rows, variant
 
 S = NmpcSettings()
 WAYS = [
-    pytest.param(True, id="compiled", marks=pytest.mark.skipif(
+    pytest.param(compile_loops, id="compiled", marks=pytest.mark.skipif(
         not machine.may_run_what_was_written(), reason="the system forbids machine code")),
-    pytest.param(False, id="interpreted"),
+    pytest.param(None, id="interpreted"),
 ]  # fmt: skip
 
 
@@ -64,13 +65,13 @@ def dense_optimum(ocp: Ocp, x0, p):
 
 @pytest.mark.parametrize("rate", [False, True], ids=["bounds", "bounds and rates"])
 @pytest.mark.parametrize("seeds", [(1, 2), pytest.param((3, 4, 5, 6), marks=pytest.mark.long)])
-@pytest.mark.parametrize("compiled", WAYS)
-def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiled, seeds, rate):
+@pytest.mark.parametrize("compiler", WAYS)
+def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiler, seeds, rate):
     """Random problems, five starts each, most with several limits active at once."""
     active = 0
     for seed in seeds:
         ocp, rng = linear_ocp(seed, 5 + seed, rate), np.random.default_rng(seed)
-        rti = Rti(ocp, compiled=compiled)
+        rti = Rti(ocp, compiler=compiler)
         for _ in range(5):
             x0, p = rng.normal(size=ocp.nx) * 2, rng.normal(size=(ocp.stages + 1, 1))
             if rate:
@@ -80,7 +81,7 @@ def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiled, seeds, ra
             rti.x0[:], rti.p[:] = x0, p
             rti.iterate()
             came = rti.came()
-            if not came.settled and not compiled:
+            if not came.settled and compiler is None:
                 continue  # the interpreter has no interior point: its caller asks hpipm
             cost, c = dense_optimum(ocp, x0, p)
             assert came.settled and came.defect < 1e-9 and came.excess < 1e-6
@@ -91,14 +92,14 @@ def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiled, seeds, ra
 
 
 @cache
-def boat(compiled: bool, thrusters: int = 4) -> Rti:
+def boat(compiler: Compiler | None, thrusters: int = 4) -> Rti:
     vessel = variant(thrusters)
-    return Rti(production(StructuredModel.of(vessel), Actuation.of(vessel), S), compiled=compiled)
+    return Rti(production(StructuredModel.of(vessel), Actuation.of(vessel), S), compiler=compiler)
 
 
 @cache
 def oracle(name: str) -> tuple[Nlp, ca.Function]:
-    nlp = Nlp(boat(False).ocp, rows=name == "fatrop")
+    nlp = Nlp(boat(None).ocp, rows=name == "fatrop")
     return nlp, nlp.solver(name, expand=True, tolerance=1e-9)
 
 
@@ -122,10 +123,10 @@ def optimum(name: str, rti: Rti):
     return float(answer["f"]), nlp.split(np.array(answer["x"]).ravel())[1]
 
 
-@pytest.mark.parametrize("compiled", WAYS)
-def test_repeated_it_ends_where_ipopt_and_fatrop_end(compiled):
+@pytest.mark.parametrize("compiler", WAYS)
+def test_repeated_it_ends_where_ipopt_and_fatrop_end(compiler):
     """Seed 21: ten states; cost to 1e-6, first command to 1 mN."""
-    rng, rti = np.random.default_rng(21), boat(compiled)
+    rng, rti = np.random.default_rng(21), boat(compiler)
     for _ in range(10):
         near_the_leg(rng, rti)
         for k in range(40):
@@ -152,7 +153,7 @@ def anywhere(rng, rti: Rti):
 @settings(max_examples=60, deadline=None)
 def test_no_plan_goes_beyond_a_limit(seed):
     """Any state, any reference, any active set to begin with: 1e-6 N, or the kernel says that it did not settle."""
-    rti = boat(machine.may_run_what_was_written())
+    rti = boat(compile_loops if machine.may_run_what_was_written() else None)
     anywhere(np.random.default_rng(seed), rti)
     for _ in range(3):
         rti.iterate()
@@ -165,7 +166,7 @@ def test_no_plan_goes_beyond_a_limit(seed):
 
 def test_almost_every_program_is_settled():
     """Seed 22: of 300 first iterations from anywhere; one in ten goes round in circles without a second method."""
-    rng, rti = np.random.default_rng(22), boat(machine.may_run_what_was_written())
+    rng, rti = np.random.default_rng(22), boat(compile_loops if machine.may_run_what_was_written() else None)
     settled = 0
     for _ in range(300):
         anywhere(rng, rti)
@@ -180,7 +181,7 @@ def test_almost_every_program_is_settled():
 def test_both_ways_give_the_same_numbers(thrusters):
     """Seed 23."""
     rng = np.random.default_rng(23)
-    quick, slow = boat(True, thrusters), boat(False, thrusters)
+    quick, slow = boat(compile_loops, thrusters), boat(None, thrusters)
     compared = 0
     for _ in range(40):
         anywhere(rng, quick)
@@ -200,7 +201,7 @@ def test_a_dead_thruster_stays_dead():
     vessel = variant(4)
     limits = Actuation.of(vessel)
     limits.force_min_n[1] = limits.force_max_n[1] = 0.0
-    rti = Rti(production(StructuredModel.of(vessel), limits, S))
+    rti = Rti(production(StructuredModel.of(vessel), limits, S), compiler=compile_loops)
     rng = np.random.default_rng(24)
     x0, _, _ = near_the_leg(rng, rti)
     x0[7] = 0.0
@@ -210,10 +211,10 @@ def test_a_dead_thruster_stays_dead():
     assert rti.came().settled and np.abs(rti.C[:, 1]).max() < 1e-9 and np.abs(rti.C[:, 0]).max() > 0.1
 
 
-@pytest.mark.parametrize("compiled", WAYS)
-def test_preparation_needs_no_state(compiled):
+@pytest.mark.parametrize("compiler", WAYS)
+def test_preparation_needs_no_state(compiler):
     """prepare, then the state, then feedback: the same as all at once."""
-    rti, rng = boat(compiled), np.random.default_rng(25)
+    rti, rng = boat(compiler), np.random.default_rng(25)
     x0, _, _ = near_the_leg(rng, rti)
     guess = rti.X.copy(), rti.C.copy()
     rti.prepare()
@@ -231,7 +232,7 @@ def test_preparation_needs_no_state(compiled):
 @pytest.mark.skipif(not machine.may_run_what_was_written(), reason="the system forbids machine code")
 def test_the_feedback_allocates_nothing():
     """Seen from Python (tracemalloc); the machine code has no call that could allocate, which the next test sees to."""
-    rti = boat(True)
+    rti = boat(compile_loops)
     near_the_leg(np.random.default_rng(26), rti)
     rti.prepare()
     for _ in range(3):
@@ -256,14 +257,14 @@ def test_the_machine_code_calls_nothing_but_mathematics(monkeypatch):
     texts, real = [], machine.module
     monkeypatch.setattr(machine, "module", lambda entries: texts.append(real(entries)) or texts[-1])
     vessel = variant(2)
-    Rti(production(StructuredModel.of(vessel), Actuation.of(vessel), NmpcSettings(stages=5)))
+    Rti(production(StructuredModel.of(vessel), Actuation.of(vessel), NmpcSettings(stages=5)), compiler=compile_loops)
     outside = [line for line in texts[0].splitlines() if line.startswith("declare") and "@llvm." not in line]
     assert texts and not outside and "alloca" not in texts[0]
 
 
-@pytest.mark.parametrize("compiled", WAYS)
-def test_nonsense_ends_with_a_status_too(compiled):
-    rti = boat(compiled)
+@pytest.mark.parametrize("compiler", WAYS)
+def test_nonsense_ends_with_a_status_too(compiler):
+    rti = boat(compiler)
     for value in (np.nan, np.inf, 1e300):
         near_the_leg(np.random.default_rng(27), rti)
         rti.X[3, 4] = value
@@ -275,11 +276,11 @@ def test_nonsense_ends_with_a_status_too(compiled):
     assert rti.came().sane
 
 
-@pytest.mark.parametrize("compiled", WAYS)
-def test_the_papers_problem_too(compiled):
+@pytest.mark.parametrize("compiler", WAYS)
+def test_the_papers_problem_too(compiler):
     """From its equilibrium, a heading step of 0.2 rad: IPOPT's cost and thrust."""
     ocp = paper_ocp(AbkowitzModel(configuration_matrix(variant(4)), 0.1))
-    rti, nlp = Rti(ocp, compiled=compiled), Nlp(ocp)
+    rti, nlp = Rti(ocp, compiler=compiler), Nlp(ocp)
     rti.X[:] = rti.x0[:] = (0.0, 0.5, 0.0, 0.0)
     rti.p[:] = 0.2
     for _ in range(12):
@@ -293,7 +294,7 @@ def test_the_papers_problem_too(compiled):
 @pytest.mark.parametrize("thrusters", [2, 4, 6])
 def test_the_jacobian_is_that_of_casadi(thrusters):
     """Seed 28."""
-    ocp, rng = boat(False, thrusters).ocp, np.random.default_rng(28)
+    ocp, rng = boat(None, thrusters).ocp, np.random.default_rng(28)
     own = ca.jacobian(ocp.following, ca.vertcat(ocp.x, ocp.c))
     both = ca.Function("both", [ocp.x, ocp.c, ocp.q], [ocp.jacobian, own])
     for _ in range(20):

@@ -14,6 +14,7 @@ from companion.core.control.nmpc import Actuation, Nmpc, NmpcSettings
 from companion.core.model.integrate import BufferedStep, step_function
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix, force_expression, force_from_pwm, pwm_from_force
+from companion.jit import compile_loops
 from tests.companion.core.control.nmpc_world import leg_rows, request
 from tests.support.vessel_fixtures import boat
 
@@ -84,7 +85,7 @@ def test_the_plan_asks_no_faster_than_the_thrusters_are():
 def test_the_nmpc_holds_a_leg_and_a_side_force_with_what_is_left(vessel, broken):
     """25 s from 1 m beside the line at 0.5 m/s, 4 N from the side; model and plant the same."""
     s = NmpcSettings()
-    nmpc = Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), s, time.perf_counter)
+    nmpc = Nmpc(StructuredModel.of(vessel), Actuation.of(vessel), s, time.perf_counter, compiler=compile_loops)
     plant, d = BufferedStep(step_function(StructuredModel.of(vessel), 0.1, 4)), np.array([0.0, 4.0, 0.0])
     x, f, warm = np.array([0, 1.0, 0, 0.5, 0, 0, 0, 0, 0, 0]), np.zeros(4), None
     low, high = force_limits(vessel)

@@ -24,7 +24,7 @@ def choose(machine, monkeypatch):
         raise NotCompiled("none here")
 
     if not machine:
-        monkeypatch.setattr(loops, "Scan", none)
+        monkeypatch.setattr(loops, "compile_scan", none)
 
 
 @ways

@@ -41,19 +41,19 @@ class Bench:
         self.rover = Rover(self.boot_ns, {**base, **(changes or {})}, drift_ppm, **rover)
         self.got = defaultdict(list)
         self.sent = defaultdict(bytearray)
-        self._senders = {}
+        self.senders = {}
         self._parsers = {}
 
     def join(self, peer, system=1, component=191):
-        self._senders[peer] = wire.MAVLink(None, system, component)
+        self.senders[peer] = wire.MAVLink(None, system, component)
         self._parsers[peer] = wire.MAVLink(None)
         self.rover.add_link(peer)
 
     def send(self, message, peer="boat"):
         """Hand a message to the autopilot now; returns what it answered at once."""
-        if peer not in self._senders:
+        if peer not in self.senders:
             self.join(peer)
-        sender = self._senders[peer]
+        sender = self.senders[peer]
         data = message.pack(sender)
         sender.seq = (sender.seq + 1) % 256
         return self._take(peer, self.rover.receive(data, peer, self.t_ns))

@@ -104,7 +104,7 @@ def test_any_timestamp_of_a_key_is_survived(timestamp):
 def test_timestamps_rise_over_all_links_and_over_a_new_link():
     bench = signed_bench(1)
     sign(bench, KEY)
-    bench._senders["boat"].signing.timestamp = 500_000
+    bench.senders["boat"].signing.timestamp = 500_000
     bench.send(command(410))
     bench.run(1.5)
     bench.join("late")
@@ -120,7 +120,7 @@ def test_a_new_key_makes_a_new_beginning():
     other = bytes(32 * [9])
     bench.send(wire.MAVLink_setup_signing_message(1, 1, other, 100), "usb")
     sign(bench, other)
-    bench._senders["boat"].signing.timestamp = 150  # lower than what was seen under the old key
+    bench.senders["boat"].signing.timestamp = 150  # lower than what was seen under the old key
     assert bench.ack(command(410)) == FAILED
 
 

@@ -198,7 +198,7 @@ def is_signed(message):
 
 
 def sign(bench, key):
-    signing = bench._senders["boat"].signing
+    signing = bench.senders["boat"].signing
     signing.secret_key, signing.sign_outgoing, signing.timestamp = key, True, 2000
 
 
@@ -224,7 +224,7 @@ def _():
     bench = signed_bench(1)
     sign(bench, KEY)
     assert bench.ack(command(410)) == FAILED
-    replay = command(410).pack(bench._senders["boat"])
+    replay = command(410).pack(bench.senders["boat"])
     assert bench.rover.receive(replay, "boat", bench.t_ns)
     assert not bench.rover.receive(replay, "boat", bench.t_ns)
     sign(bench, bytes(32 * [7]))

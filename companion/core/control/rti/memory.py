@@ -1,0 +1,114 @@
+"""The memory of the compiled real-time iteration: all arrays in one block, and where kernels find their arguments.
+
+Each array begins on a cache line. Matrices of a stage are rows of `wide` doubles, columns [x c 1] and padding, so that
+a row is one lane of kernels; kernels that linearise take stages for lanes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from companion.core.control.rti.loops import Operand
+from companion.core.control.rti.stage_functions import Parts, Pattern
+
+LANES = 8
+"""Stages that are linearised at once, processors with shorter vectors split them; also doubles of a cache line."""
+
+
+class Memory:
+    """`doubles`: all of it; `view`: arrays by name; `base`, `shape`: of each; `wide`: doubles of a matrix's row."""
+
+    def __init__(self, parts: Parts):
+        self._ocp = ocp = parts.ocp
+        n, m, N = ocp.nx, ocp.nu, ocp.stages
+        self.wide = wide = -(-(n + m + 1) // 4) * 4
+        self.shape: dict[str, tuple[int, ...]] = {
+            "X": (N + 1, n), "C": (N, m), "x0": (n,), "p": (N + 1, ocp.p.numel()), "q": (ocp.q.numel(),),
+            "shift": (1,), "active": (N, m), "told": (5,),
+            "dx": (N + 1, n), "dc": (N, m),
+            "AB": (N, n, wide), "Hg": (N, n + m, wide), "end": (n, wide), "P": (n, wide), "Q": (n + m, wide),
+            "law": (3, m), "L": (m, m), "inverse": (m,), "K": (N, m, wide), "W": (N, m, wide),
+            "one": (wide,), "force": (m, wide), "gap": (N, n), "cost": (N + 1,),
+            "barred": (N, n + m, wide), "dead": (m,), "alive": (m,), "c_min": (m,), "c_max": (m,),
+            "s": (N, 4, m), "z": (N, 4, m), "mu": (1,), "share_s": (m,), "share_z": (m,), "sz": (m,), "open": (1,),
+        }  # fmt: skip
+        self.base: dict[str, int] = {}
+        size = 0
+        for name, shape in self.shape.items():
+            self.base[name] = size
+            size += -(-(int(np.prod(shape)) + LANES) // LANES) * LANES
+        room = np.zeros(size + LANES)
+        begin = -(room.__array_interface__["data"][0] // room.itemsize) % LANES
+        self.doubles = room[begin : begin + size]
+        self.view = {name: self._array(name) for name in self.shape}
+        self.base |= {"sums": self.base["told"], "changed": self.base["told"] + 4}
+        self.shape |= {"sums": (4,), "changed": (1,)}
+        v = self.view
+        v["AB"][:, :, : n + m] = parts.D.rest
+        v["Hg"][:, :, : n + m] = parts.H.rest
+        v["end"][:, :n] = parts.H_end.rest
+        v["one"][n + m] = 1.0
+        if ocp.forces is not None:
+            v["force"][np.arange(m), ocp.forces + np.arange(m)] = 1.0
+        v["c_min"][:], v["c_max"][:] = ocp.c_min, ocp.c_max
+        v["dead"][:] = ocp.c_min >= ocp.c_max
+        v["alive"][:] = 1.0 - v["dead"]
+
+    def _array(self, name: str) -> np.ndarray:
+        base, shape = self.base[name], self.shape[name]
+        return self.doubles[base : base + int(np.prod(shape))].reshape(shape)
+
+    def _step(self, name: str) -> int:
+        """From stage to stage."""
+        return int(np.prod(self.shape[name][1:]))
+
+    def one(self, name: str) -> Operand:
+        """The whole array, the same at every stage."""
+        return Operand(self.base[name], 0, range(int(np.prod(self.shape[name]))))
+
+    def staged(self, name: str, *, ahead: int = 0, lanes: bool = False) -> Operand:
+        """Row k (+ ahead) of an array by stage."""
+        step = self._step(name)
+        return Operand(self.base[name] + ahead * step, step, range(step), step if lanes else None)
+
+    def entries(self, name: str, pattern: Pattern, *, lanes: bool = False, staged: bool = True) -> Operand:
+        """Varying entries of a matrix by stage."""
+        step = self._step(name) if staged else 0
+        offsets = (pattern.rows * self.wide + pattern.columns).tolist()
+        return Operand(self.base[name], step, offsets, step if lanes else None)
+
+    def column(self, name: str, rows: int, *, lanes: bool = False, staged: bool = True) -> Operand:
+        """The last column, that of 1: b, g, p or k."""
+        step = self._step(name) if staged else 0
+        offsets = range(self._ocp.nx + self._ocp.nu, rows * self.wide, self.wide)
+        return Operand(self.base[name], step, offsets, step if lanes else None)
+
+    def rows(self, name: str, first: int, count: int, *, staged: bool = False) -> Operand:
+        """Rows of a matrix, their columns as lanes."""
+        step = self._step(name) if staged else 0
+        return Operand(self.base[name], step, range(first * self.wide, (first + count) * self.wide, self.wide), 1)
+
+    def block(self, name: str, rows: Sequence[int], columns: Sequence[int], *, staged: bool = False) -> Operand:
+        """A dense block, column by column as CasADi counts."""
+        step = self._step(name) if staged else 0
+        offsets = [r * self.wide + c for c in columns for r in rows]
+        return Operand(self.base[name], step, offsets)
+
+    def by_stage(self) -> list[Operand]:
+        """Arguments of what is done at each stage: x, c, the next x, p and q, stages as lanes."""
+        x, c, p = (self.staged(name, lanes=True) for name in ("X", "C", "p"))
+        return [x, c, self.staged("X", ahead=1, lanes=True), p, self.one("q")]
+
+    def end(self) -> list[Operand]:
+        """Arguments of what is done at the last x: x, p and q."""
+        return [self.staged("X"), self.staged("p"), self.one("q")]
+
+    def codes(self, name: str) -> Operand:
+        """Of the stage, or of controls that are dead at all stages."""
+        return self.one(name) if name == "dead" else self.staged(name)
+
+    def lane(self, name: str) -> Operand:
+        """One row as a lane."""
+        return Operand(self.base[name], 0, (0,), 1)

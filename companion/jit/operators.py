@@ -1,0 +1,104 @@
+"""Values of a body of lanes with Python's operators: each writes a line of LLVM's language and names its result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from companion.jit.emit import constant
+
+if TYPE_CHECKING:
+    from companion.jit.lanes import Lanes
+
+MAGIC = 1.5 * 2.0**52
+"""Added to a small number it rounds it to a whole one, which then stands in the lowest bits."""
+
+
+def _line(op: str, *, swapped: bool = False) -> Callable[[Any, Any], Any]:
+    return lambda a, b: a.two(op, b, a) if swapped else a.two(op, a, b)
+
+
+@dataclass(frozen=True)
+class Lane:
+    """Doubles side by side; numbers beside them are the same in every lane."""
+
+    body: Lanes
+    name: str
+
+    __add__, __sub__, __mul__, __truediv__ = map(_line, ("fadd", "fsub", "fmul", "fdiv"))
+    __radd__, __rsub__ = _line("fadd", swapped=True), _line("fsub", swapped=True)
+    __rmul__, __rtruediv__ = _line("fmul", swapped=True), _line("fdiv", swapped=True)
+
+    def two(self, op: str, a: Lane | float, b: Lane | float) -> Lane:
+        """fadd, fsub, fmul or fdiv."""
+        return Lane(self.body, self.body.binary(op, (_name(self.body, a), True), (_name(self.body, b), True))[0])
+
+    def __neg__(self) -> Lane:
+        return Lane(self.body, self.body.add(f"fneg {self.body.type_of(True)} {self.name}"))
+
+    def call(self, name: str, *others: Lane) -> Lane:
+        """A function of LLVM's own."""
+        return Lane(self.body, self.body.call(name, *((v.name, True) for v in (self, *others)))[0])
+
+    def test(self, op: str, other: Lane | float) -> Test:
+        """A comparison; `op` as LLVM's fcmp has it."""
+        kind, b = self.body.type_of(True), _name(self.body, other)
+        return Test(self.body, self.body.add(f"fcmp {op} {kind} {self.name}, {b}"))
+
+    def bits(self) -> Bits:
+        """Of these doubles."""
+        width = self.body.width
+        return Bits(self.body, self.body.add(f"bitcast <{width} x double> {self.name} to <{width} x i64>"))
+
+    def rounded(self, factor: float) -> tuple[Lane, Bits]:
+        """`factor` times this, rounded to a whole number: as a double, and as bits whose lowest are that number."""
+        high = self * factor + MAGIC
+        return high - MAGIC, high.bits()
+
+
+@dataclass(frozen=True)
+class Bits:
+    """The 64 bits of each lane."""
+
+    body: Lanes
+    name: str
+
+    __and__, __xor__, __add__, __sub__, __lshift__, __rshift__ = map(_line, ("and", "xor", "add", "sub", "shl", "ashr"))
+
+    def two(self, op: str, _: Bits, other: Bits | int) -> Bits:
+        """and, xor, add, sub, shl, ashr, or a comparison by icmp."""
+        width = self.body.width
+        b = other.name if isinstance(other, Bits) else f"<{', '.join([f'i64 {other}'] * width)}>"
+        return Bits(self.body, self.body.add(f"{op} <{width} x i64> {self.name}, {b}"))
+
+    def odd(self) -> Test:
+        """Whether the lowest is set."""
+        width = self.body.width
+        return Test(self.body, self.body.add(f"trunc <{width} x i64> {self.name} to <{width} x i1>"))
+
+    def negative(self) -> Test:
+        """Whether the highest is set."""
+        return Test(self.body, self.two("icmp slt", self, 0).name)
+
+    def double(self) -> Lane:
+        """The doubles of these bits."""
+        width = self.body.width
+        return Lane(self.body, self.body.add(f"bitcast <{width} x i64> {self.name} to <{width} x double>"))
+
+
+@dataclass(frozen=True)
+class Test:
+    """A yes or no for each lane."""
+
+    body: Lanes
+    name: str
+
+    def choose(self, yes: Lane | float, no: Lane | float) -> Lane:
+        """Lane by lane."""
+        kind, (y, n) = self.body.type_of(True), (_name(self.body, v) for v in (yes, no))
+        return Lane(self.body, self.body.add(f"select <{self.body.width} x i1> {self.name}, {kind} {y}, {kind} {n}"))
+
+
+def _name(body: Lanes, value: Lane | float) -> str:
+    return value.name if isinstance(value, Lane) else body.spread((constant(value), False))

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.geometry.frames import Origin, geodetic_from_site
-from companion.core.guidance.missions.mission import Fence, MissionErrors, kind_of, parse
+from companion.core.guidance.missions.mission import MissionErrors, MissionFence, kind_of, parse
 
 FOLDER = File(__file__).resolve().parents[4] / "deploy"
 ORIGIN = Origin(12.9915, 80.2337)
@@ -321,7 +321,7 @@ def test_toml_needs_no_origin_and_keeps_headings_and_fences_in_site_axes():
     mission = parse(text, "toml")
     assert (mission.name, mission.path.points) == ("there", ((1.0, 2.0),))
     assert mission.end_heading_rad == pytest.approx(math.pi / 2)
-    assert mission.fences == (Fence(False, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))),)
+    assert mission.fences == (MissionFence(False, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))),)
 
 
 def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():

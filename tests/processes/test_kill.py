@@ -10,7 +10,8 @@ import pytest
 
 from tests.evidence.safe.cases import CASES, COMPANION_S, UNSEEN_S
 from tests.evidence.safe.kill import tried
-from tests.evidence.safe.trial import ALL_RULES, Override, Pen, Step, Trial
+from tests.evidence.safe.pen import Override, Pen, Step
+from tests.evidence.safe.trial import ALL_RULES, Trial
 from tests.evidence.safe.wire import delayed, duplicated, garbled, reordered, silent
 
 pytestmark = pytest.mark.alone

@@ -12,7 +12,9 @@ from companion.core.messages import Attitude, ImuSample
 from companion.logs.readers.read_run import read_run
 from companion.logs.runs.run import RunError
 from drivers.mavlink.codec import MavlinkCodec
-from tests.support.fuzzing import READERS, fuzz, log_bytes
+from tests.support.fuzzing.fuzz import fuzz
+from tests.support.fuzzing.inputs import log_bytes
+from tests.support.fuzzing.readers import READERS
 
 BYTES = 8_000
 SEED = 1

@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import asyncio
 import random
-import threading
-from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from companion.boat.load_run import EXAMPLES
-from companion.core.excitation.file import load_excitation
-from companion.core.messages import ManualInput, OperatorCommand, PlanResult
-from companion.core.pilot.pilot import Pilot
+from companion.core.messages import ManualInput, OperatorCommand
 from drivers.mavlink.codec import MavlinkCodec
 from sim.world.sensors import UwbFaults
 from sim.world.world import STEP_NS
 from tests.companion.boat.app_fixture import Bench, S, received
-from tests.support.drive_fixture import nmpc, setup
+from tests.support.drive_fixture import nmpc
+from tests.support.fault_solver import Brain, mind
+from tests.support.fault_wires import Heard, frame_parser, whole
 from tests.support.faults import Fault, Sequence
 
 STICKS_US = (1500,) * 4 + (1000,) + (1500,) * 11
@@ -37,77 +33,6 @@ _IMU = frozenset({"RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "ATTITU
 _STAMPS = ("time_boot_ms", "time_usec")
 _SHARES = {"rest": (0.0, 0.0, 0.0), "moved": (0.6, 0.0, 0.2), "nan": (float("nan"),) * 3, "wild": (3.0, 0.0, 0.0)}
 _GCS = {"disarm": (400, 0), "arm": (400, 1), "hold": (176, 1, 4), "loiter": (176, 1, 5), "manual": (176, 1, 0)}
-
-
-@cache
-def mind() -> Pilot:
-    """The example boat, with an excitation to fly and limits of the battery."""
-    told = setup().pilot
-    library = load_excitation((EXAMPLES / "excitations" / "library.toml").read_text(), name="library.toml")
-    assert told.battery.critical_V, "the example has a critical voltage"
-    return Pilot(replace(told, excitation=library))
-
-
-class Brain:
-    """A solver that waits for `let_go` at every request. `real`: what solves; None: forces to and fro.
-
-    The forces keep the thrusters turning and the boat about where it is: motion that is not due is seen at once.
-    """
-
-    def __init__(self, real=None):
-        self.fault, self.waiting, self.open = "", False, False
-        self._real, self._gate = real, threading.Event()
-
-    def solve(self, request, warm):
-        self.waiting = not self.open
-        if self.waiting:
-            self._gate.wait()
-            self._gate.clear()
-        if self.fault == "raises":
-            raise FloatingPointError("no numbers today")
-        if self._real:
-            plan, warm = self._real.solve(request, warm)
-        else:
-            push = 4.0 if request.index // 5 % 2 else -4.0
-            rows = ((push, -push, push, -push),) * 20
-            plan = PlanResult(t_ns=request.t_ns, index=request.index, status="ok", reason="", solve_time_s=0.0,
-                              iterations=1, cost=0.0, f_n=rows, x=(request.x0,) * 21)  # fmt: skip
-        return self._spoilt(plan), warm
-
-    def let_go(self):
-        self.waiting = False
-        self._gate.set()
-
-    def _spoilt(self, plan):
-        if self.fault == "failed":
-            return _changed(plan, status="failed", reason="for the test", f_n=(), x=())
-        if self.fault == "empty":
-            return _changed(plan, f_n=())
-        value = {"nan": float("nan"), "huge": 1e9}.get(self.fault)
-        return plan if value is None else _changed(plan, f_n=tuple((value,) * len(row) for row in plan.f_n))
-
-
-def _changed(plan, **fields):
-    return type(plan)(**({name: getattr(plan, name) for name in plan.__struct_fields__} | fields))
-
-
-@dataclass
-class Heard:
-    """What reached the two ends, in the order in which it did; times [ns]."""
-
-    boat: list = field(default_factory=list)
-    """(t, MAVLink message) that the boat was given whole."""
-    rover: list = field(default_factory=list)
-    """(t, override) that the autopilot was given whole."""
-    uwb_ns: list = field(default_factory=list)
-    commands: list = field(default_factory=list)
-    sticks: list = field(default_factory=list)
-    esc: list = field(default_factory=list)
-    """(t, outputs 1 to 4 [us], armed and in MANUAL) at every step."""
-    stalls: list = field(default_factory=list)
-    """(from, to) while nothing of the boat ran."""
-    shut_ns: list = field(default_factory=list)
-    """Steps at which the boat's MAVLink port was not open."""
 
 
 class FaultBench(Bench):
@@ -124,7 +49,7 @@ class FaultBench(Bench):
         self._steps, self._stall_end_ns, self._solve_due_ns, self._stick = 0, None, None, "gone"
         self._late: list[tuple[int, int, bytes, list]] = []
         self._last_imu: dict[str, Any] = {}
-        self._at_rover, self._pack = _parser(), _parser()
+        self._at_rover, self._pack = frame_parser(), frame_parser()
         self._gcs = wire.MAVLink(None, srcSystem=255, srcComponent=190)
 
     def play(self):
@@ -295,7 +220,7 @@ class FaultBench(Bench):
             frame = self._tampered(m)
             spoilt = self._corrupt(frame) if how == "corrupt" and self._dice.random() < BROKEN_SHARE else frame
             if frame and spoilt == frame:
-                intact += whole(_parser(), frame)
+                intact += whole(frame_parser(), frame)
             sent += spoilt
         if how == "silent":
             return
@@ -358,14 +283,3 @@ class FaultBench(Bench):
         mav.seq = m.get_seq()
         values = {name: getattr(m, name) for name in m.fieldnames} | fields
         return bytes(type(m)(**values).pack(mav))
-
-
-def _parser():
-    parser = wire.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
-
-
-def whole(parser, data):
-    """Messages that `data` completes, without what is none."""
-    return [m for m in parser.parse_buffer(data) or [] if m.get_type() != "BAD_DATA"]

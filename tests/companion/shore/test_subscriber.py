@@ -11,7 +11,7 @@ import zenoh
 from companion.core.telemetry import structs as shore
 from companion.shore.console.zenoh_client import ZenohClient, config_of
 from companion.shore.subscriber import listen
-from tests.companion.boat.test_telemetry import telemetry, tick
+from tests.companion.boat.telemetry.test_telemetry import telemetry, tick
 from tests.support.zenoh_fixture import config, free_port, router, wait_for
 
 

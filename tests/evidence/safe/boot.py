@@ -32,7 +32,8 @@ from companion.core.telemetry.structs import telemetry_key
 from companion.logs.log_file import LogFile
 from companion.python_child import python
 from tests.evidence.line import Line, at_most, exactly, information
-from tests.evidence.safe.trial import ARITRA, ENV, ROOT, Pen, free_port, run_file
+from tests.evidence.safe.pen import Pen
+from tests.evidence.safe.trial import ARITRA, ENV, ROOT, free_port, run_file
 from tests.evidence.safe.wire import TagWire
 
 WHO = ("simulator", "companion", "tag", "shore")

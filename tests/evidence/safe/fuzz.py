@@ -11,7 +11,8 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 from tests.evidence.line import Line, at_least, at_most, exactly
-from tests.support.fuzzing import READERS, fuzz
+from tests.support.fuzzing.fuzz import fuzz
+from tests.support.fuzzing.readers import READERS
 
 SEED = 2026
 MB = 1_000_000

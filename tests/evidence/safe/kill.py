@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.evidence.line import Line, at_most, exactly, information
-from tests.evidence.safe.cases import CASES, PLAIN, Case, disk_of
+from tests.evidence.safe.acts import disk_of
+from tests.evidence.safe.cases import CASES, PLAIN, Case
 from tests.evidence.safe.trial import ALL_RULES, ARITRA, ENV, Trial
 
 HEAD = "| | broken | thrusters at the end | time | goal | last mode | rules | what it said |"

@@ -16,7 +16,7 @@ from companion.core.messages import GroundTruth, UwbRanges
 from companion.logs.log_file import LogFile
 from companion.python_child import aritra
 from drivers.uwb import uwb_codec
-from tests.sim.world.sitl.test_protocol import packet
+from tests.sim.world.sitl.sitl_fixture import packet
 from tests.support.drive_fixture import setup
 
 pytestmark = pytest.mark.alone

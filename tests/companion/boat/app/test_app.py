@@ -1,11 +1,9 @@
-"""The shell: leases on the wire whatever happens, and neutral, disarm, release at every kind of end."""
+"""The App: leases on the wire whatever the links do, and neutral, disarm, release at every end."""
 
 from __future__ import annotations
 
 import os
 import random
-import threading
-import time
 
 import pytest
 
@@ -19,27 +17,9 @@ from companion.core.messages import (
     PlanResult,
     Tick,
 )
-from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogFile
-from drivers.mavlink.session import MavlinkSession
-from tests.companion.boat.app_fixture import Bench, S, neutral, released
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "run.mcap"
-
-
-def ends_in_order(bench):
-    """Neutral for about a second, then disarm, then release, then nothing."""
-    last = [(t, m.get_type(), m) for t, m in bench.sent if m.get_type() in ("RC_CHANNELS_OVERRIDE", "COMMAND_LONG")]
-    assert released(bench.overrides[-1][1]) and last[-1][1] == "RC_CHANNELS_OVERRIDE"
-    assert (last[-2][2].command, last[-2][2].param1) == (400, 0.0), "disarmed before the release"
-    end_ns = last[-1][0]
-    final = [pwm for t_ns, pwm in bench.overrides[:-1] if t_ns > end_ns - 0.95 * S]
-    assert len(final) >= 9 and all(map(neutral, final))
-    assert not bench.world.rover.vehicle.modes.armed
-    assert bench.world.rover.outputs_us[:4] == (1500,) * 4
+from tests.companion.boat.app.ending import ends_in_order
+from tests.companion.boat.app_fixture import Bench, S, neutral
 
 
 def test_a_run_from_start_to_stop(path):
@@ -65,140 +45,6 @@ def test_a_run_from_start_to_stop(path):
     log = LogFile(path)
     assert sum(isinstance(m, OverrideLease) for m in log.messages()) == len(leases)
     assert sum(len(raw.data) for raw in log.raw("mavlink") if raw.direction == "tx") > 1000
-
-
-class Mind(Pilot):
-    """A pilot that raises at a chosen tick."""
-
-    fails_at: int | None = None
-
-    def step(self, state, inputs, t_ns):
-        if self.fails_at is not None and any(isinstance(i, Tick) and i.index >= self.fails_at for i in inputs):
-            raise ZeroDivisionError("a bug in the core")
-        return super().step(state, inputs, t_ns)
-
-
-def after_failure(bench, error, kind):
-    assert isinstance(error, kind)
-    ends_in_order(bench)
-
-
-def mind():
-    from tests.support.drive_fixture import setup
-
-    return Mind(setup().pilot)
-
-
-def test_an_exception_in_the_core_ends_in_neutral_and_is_raised(path):
-    bench = Bench(path, mind=mind())
-
-    async def story(bench):
-        await bench.drive()
-        assert not neutral(bench.overrides[-1][1])
-        bench.mind.fails_at = bench.of(Tick)[-1].index + 1
-        failed_ns = bench.clock.now_ns()
-        await bench.run(3.0, until=bench.running.done)
-        assert 0.9 * S < bench.clock.now_ns() - failed_ns < 1.6 * S
-
-    after_failure(bench, bench.scene(story), ZeroDivisionError)
-
-
-def fail_in_watch(bench, patch):
-    def watch(message):
-        if isinstance(message, Tick):
-            raise ValueError("a bug in what watches")
-
-    bench.on_watch = watch
-
-
-def fail_in_encoder(bench, patch):
-    def override(lease):
-        raise ValueError("a bug in a driver")
-
-    bench.codec.encoder.override = override
-
-
-def fail_in_session(bench, patch):
-    def step(session, messages, t_ns):
-        raise ValueError("a bug in the session")
-
-    patch.setattr(MavlinkSession, "step", step)
-
-
-def fail_in_tag(bench, patch):
-    def feed(data, t_ns):
-        raise ValueError("a bug in a codec")
-
-    bench.tag_codec.feed = feed
-
-
-@pytest.mark.parametrize(
-    ("fault", "driving"),
-    [(fail_in_watch, False), (fail_in_encoder, True), (fail_in_session, False), (fail_in_tag, False)],
-)
-def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving, monkeypatch):
-    bench = Bench(path)
-
-    async def story(bench):
-        await (bench.drive() if driving else bench.run(2.0))
-        fault(bench, monkeypatch)
-        assert await bench.run(4.0, until=bench.running.done)
-
-    after_failure(bench, bench.scene(story), ValueError)
-
-
-class Stuck:
-    """A solver that does not come back until it is let go."""
-
-    def __init__(self):
-        self.gate = threading.Event()
-
-    def solve(self, request, warm):
-        self.gate.wait()
-        raise AssertionError("let go")
-
-
-def test_a_solver_that_never_returns_leaves_the_leases_to_the_ladder(path):
-    solver = Stuck()
-    bench = Bench(path, solver)
-
-    async def story(bench):
-        await bench.drive()
-        await bench.run(2.0)
-
-    started = time.monotonic()
-    try:
-        assert bench.scene(story) is None
-    finally:
-        solver.gate.set()
-    assert time.monotonic() - started < 30.0
-    assert set(bench.leases_per_tick()[:-12]) == {1}
-    assert {lease.source for lease in bench.of(OverrideLease)} == {"neutral", "pd"}
-    told = [text for text in bench.alerts() if "solver is still busy" in text]
-    assert len(told) == 1, "said once, not at every tick"
-    ends_in_order(bench)
-
-
-class Raising:
-    def solve(self, request, warm):
-        raise FloatingPointError("no numbers today")
-
-
-def test_a_solver_that_raises_has_failed_and_the_run_goes_on(path):
-    bench = Bench(path, Raising())
-
-    async def story(bench):
-        await bench.drive()
-        await bench.run(1.0)
-
-    assert bench.scene(story) is None
-    plans = bench.of(PlanResult)
-    assert len(plans) > 10 and {p.status for p in plans} == {"failed"}
-    assert all("FloatingPointError: no numbers today" in p.reason for p in plans)
-    leases = [lease for lease in bench.of(OverrideLease) if lease.source != "neutral"]
-    assert {lease.source for lease in leases} == {"pd"} and "FloatingPointError" in leases[0].reason
-    assert set(bench.leases_per_tick()[:-12]) == {1}
-    ends_in_order(bench)
 
 
 def test_a_lost_autopilot_stops_the_boat_and_it_goes_on_when_told(path):

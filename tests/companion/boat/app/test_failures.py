@@ -1,0 +1,151 @@
+"""Bugs in the core, in the shell and in the solver: the App ends in neutral, or goes on without them."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from companion.core.messages import (
+    OverrideLease,
+    PlanResult,
+    Tick,
+)
+from companion.core.pilot.pilot import Pilot
+from tests.companion.boat.app.ending import ends_in_order
+from tests.companion.boat.app_fixture import Bench, S, neutral
+
+
+class Mind(Pilot):
+    """A pilot that raises at a chosen tick."""
+
+    fails_at: int | None = None
+
+    def step(self, state, inputs, t_ns):
+        if self.fails_at is not None and any(isinstance(i, Tick) and i.index >= self.fails_at for i in inputs):
+            raise ZeroDivisionError("a bug in the core")
+        return super().step(state, inputs, t_ns)
+
+
+def after_failure(bench, error, kind):
+    assert isinstance(error, kind)
+    ends_in_order(bench)
+
+
+def mind():
+    from tests.support.drive_fixture import setup
+
+    return Mind(setup().pilot)
+
+
+def test_an_exception_in_the_core_ends_in_neutral_and_is_raised(path):
+    bench = Bench(path, mind=mind())
+
+    async def story(bench):
+        await bench.drive()
+        assert not neutral(bench.overrides[-1][1])
+        bench.mind.fails_at = bench.of(Tick)[-1].index + 1
+        failed_ns = bench.clock.now_ns()
+        await bench.run(3.0, until=bench.running.done)
+        assert 0.9 * S < bench.clock.now_ns() - failed_ns < 1.6 * S
+
+    after_failure(bench, bench.scene(story), ZeroDivisionError)
+
+
+def fail_in_watch(bench, patch):
+    def watch(message):
+        if isinstance(message, Tick):
+            raise ValueError("a bug in what watches")
+
+    bench.on_watch = watch
+
+
+def fail_in_encoder(bench, patch):
+    def override(lease):
+        raise ValueError("a bug in a driver")
+
+    bench.codec.encoder.override = override
+
+
+def fail_in_session(bench, patch):
+    def step(session, messages, t_ns):
+        raise ValueError("a bug in the session")
+
+    patch.setattr(MavlinkSession, "step", step)
+
+
+def fail_in_tag(bench, patch):
+    def feed(data, t_ns):
+        raise ValueError("a bug in a codec")
+
+    bench.tag_codec.feed = feed
+
+
+@pytest.mark.parametrize(
+    ("fault", "driving"),
+    [(fail_in_watch, False), (fail_in_encoder, True), (fail_in_session, False), (fail_in_tag, False)],
+)
+def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving, monkeypatch):
+    bench = Bench(path)
+
+    async def story(bench):
+        await (bench.drive() if driving else bench.run(2.0))
+        fault(bench, monkeypatch)
+        assert await bench.run(4.0, until=bench.running.done)
+
+    after_failure(bench, bench.scene(story), ValueError)
+
+
+class Stuck:
+    """A solver that does not come back until it is let go."""
+
+    def __init__(self):
+        self.gate = threading.Event()
+
+    def solve(self, request, warm):
+        self.gate.wait()
+        raise AssertionError("let go")
+
+
+def test_a_solver_that_never_returns_leaves_the_leases_to_the_ladder(path):
+    solver = Stuck()
+    bench = Bench(path, solver)
+
+    async def story(bench):
+        await bench.drive()
+        await bench.run(2.0)
+
+    started = time.monotonic()
+    try:
+        assert bench.scene(story) is None
+    finally:
+        solver.gate.set()
+    assert time.monotonic() - started < 30.0
+    assert set(bench.leases_per_tick()[:-12]) == {1}
+    assert {lease.source for lease in bench.of(OverrideLease)} == {"neutral", "pd"}
+    told = [text for text in bench.alerts() if "solver is still busy" in text]
+    assert len(told) == 1, "said once, not at every tick"
+    ends_in_order(bench)
+
+
+class Raising:
+    def solve(self, request, warm):
+        raise FloatingPointError("no numbers today")
+
+
+def test_a_solver_that_raises_has_failed_and_the_run_goes_on(path):
+    bench = Bench(path, Raising())
+
+    async def story(bench):
+        await bench.drive()
+        await bench.run(1.0)
+
+    assert bench.scene(story) is None
+    plans = bench.of(PlanResult)
+    assert len(plans) > 10 and {p.status for p in plans} == {"failed"}
+    assert all("FloatingPointError: no numbers today" in p.reason for p in plans)
+    leases = [lease for lease in bench.of(OverrideLease) if lease.source != "neutral"]
+    assert {lease.source for lease in leases} == {"pd"} and "FloatingPointError" in leases[0].reason
+    assert set(bench.leases_per_tick()[:-12]) == {1}
+    ends_in_order(bench)

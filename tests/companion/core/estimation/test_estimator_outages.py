@@ -1,0 +1,139 @@
+"""The estimator through outages, jumps, silence and messages out of order. World: estimator_world."""
+
+import math
+
+import msgspec
+import numpy as np
+
+from companion.core.estimation.estimator import Estimator
+from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
+from tests.companion.core.estimation.changed_runs import S, between, changed
+from tests.companion.core.estimation.estimator_world import basin, estimate, without
+from tests.support.vessel_fixtures import boat
+
+
+def test_outage_degrades_then_is_lost_then_recovers(run, estimator) -> None:
+    tuning = msgspec.structs.replace(estimator.tuning, lost_position_sigma_m=0.5)
+    strict = Estimator(boat("aritra"), basin(), tuning)
+    gap = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 12, 32))
+    score = estimate(gap, strict, settle_s=38.0)
+    health = {round(e.t_ns / S, 1): e for e in score.estimates}
+    assert health[11.0].health == "healthy"
+    assert health[15.5].health == "degraded"
+    assert "no UWB accepted" in health[15.5].reason
+    assert health[32.0].health == "lost"
+    assert score.estimates[-1].health == "healthy"
+    assert score.rms()["position_m"] < 0.3
+
+
+def test_a_boat_put_down_elsewhere_is_found_again(run, estimator) -> None:
+    """All ranges jump to those of a place 8 m away: the gate re-opens on their agreement, within 5 s."""
+    anchors = np.array([(a.north_m, a.east_m, a.down_m) for a in basin().anchors])
+
+    def moved(m):
+        if not (isinstance(m, UwbRanges) and between(m, 20, 99)):
+            return m
+        eta = run.truth((m.t_rx_ns / S) - 0.08)
+        tag = np.array([eta[0] - 0.2 * math.cos(eta[2]) - 8.0, eta[1] - 0.2 * math.sin(eta[2]), -0.4])
+        d = np.sqrt(((tag - anchors) ** 2).sum(axis=1))
+        spiky = [float(z) + (20.0 if i == 3 and between(m, 22, 23) else 0.0) for i, z in enumerate(d)]
+        return msgspec.structs.replace(
+            m,
+            ranges=tuple(AnchorRange(anchor=r.anchor, range_m=z) for r, z in zip(m.ranges, spiky, strict=True)),
+        )
+
+    score = estimate(changed(run, moved), estimator)
+    for e in score.estimates:
+        if e.t_ns > 26 * S:
+            truth = run.truth(e.t_ns / S)
+            assert math.hypot(e.north_m - (truth[0] - 8.0), e.east_m - truth[1]) < 0.4
+    assert score.estimates[-1].health == "healthy"
+
+
+@pytest.mark.parametrize("arm_m", [(-1.5, 0.7), (1.0, -1.2)])
+def test_a_place_found_anew_is_the_body_s_and_not_the_tag_s(running, estimator, arm_m) -> None:
+    """The tag sits far out: exact ranges of a place 8 m away, until the filter goes there."""
+    uwb = msgspec.structs.replace(boat("aritra").sensors.uwb, x_m=arm_m[0], y_m=arm_m[1])
+    fusion = UwbFusion(basin(), uwb, EstimatorTuning(), Algebra(B_RANGE + len(basin().anchors)))
+    before = belief = estimator.belief(running, 3_300_000_000)
+    place = belief.x[:2] - [8.0, 0.0]
+    tag = (*(place + rotate(belief.x[2], *arm_m)), fusion.arm(belief)[2])
+    z = np.linalg.norm(tag - fusion.anchors_m, axis=1) + belief.x[B_RANGE:]
+    ranges = tuple(AnchorRange(anchor=a.id, range_m=float(d)) for a, d in zip(basin().anchors, z, strict=True))
+    for _ in range(60):
+        belief = msgspec.structs.replace(belief, t_ns=belief.t_ns + S // 10)
+        belief, seen = fusion.fuse_ranges(belief, UwbRanges(t_ns=0, t_rx_ns=0, tag="test", ranges=ranges))
+        if any(one.accepted for one in seen):
+            break
+    assert math.dist(belief.x[:2], place) < 0.05 < math.dist(before.x[:2], place)
+
+
+def test_positions_serve_where_no_ranges_exist(run, estimator) -> None:
+    rng = np.random.default_rng(5)
+
+    def as_position(m):
+        if not isinstance(m, UwbRanges):
+            return m
+        x = run.truth(m.t_rx_ns / S - 0.08)
+        north = x[0] - 0.2 * math.cos(x[2]) + rng.normal(0, 0.1)
+        east = x[1] - 0.2 * math.sin(x[2]) + rng.normal(0, 0.1)
+        east += 15.0 if between(m, 25, 26) else 0.0
+        return UwbPosition(t_ns=m.t_ns, t_rx_ns=m.t_rx_ns, tag="t", x_m=east, y_m=north, z_m=0.4)
+
+    score = estimate(changed(run, as_position), estimator)
+    assert score.rms()["position_m"] < 0.15
+    assert score.estimates[-1].health == "healthy"
+
+
+def test_positions_are_left_out_while_ranges_come(run, estimator) -> None:
+    state = estimator.initial()
+    for m in run.messages[:1500]:
+        state, _ = estimator.step(state, m)
+        if isinstance(m, UwbRanges):
+            wrong = UwbPosition(t_ns=m.t_ns, t_rx_ns=m.t_rx_ns, tag="t", x_m=0.0, y_m=0.0, z_m=0.0)
+            state, innovations = estimator.step(state, wrong)
+            assert innovations == ()
+    assert estimator.estimate(state, state.history[-1].t_ns).health == "healthy"
+
+
+def test_a_heading_glitch_is_rejected_and_a_heading_reset_is_followed(run, estimator) -> None:
+    def turned(m):
+        glitch = isinstance(m, Attitude) and (between(m, 20, 20.3) or between(m, 30, 99))
+        return msgspec.structs.replace(m, psi_rad=m.psi_rad + 0.3) if glitch else m
+
+    score = estimate(changed(run, turned), estimator)
+    for e in score.estimates:
+        error = (e.psi_rad - run.truth(e.t_ns / S)[2] + math.pi) % math.tau - math.pi
+        if 15 * S < e.t_ns < 30 * S:
+            assert abs(error) < 0.05
+        if e.t_ns > 32 * S:
+            assert abs(error - 0.3) < 0.1
+
+
+def test_without_imu_it_says_so_and_goes_on(run, estimator) -> None:
+    score = estimate(without(run, lambda m: isinstance(m, ImuSample)), estimator)
+    assert score.estimates[-1].health == "degraded"
+    assert "no IMU" in score.estimates[-1].reason
+    assert score.rms()["position_m"] < 0.3
+
+
+def test_silence_of_everything_is_lost_and_then_a_fresh_start(run, estimator) -> None:
+    state = estimator.initial()
+    for m in (m for m in run.messages if between(m, 0, 10)):
+        state, _ = estimator.step(state, m)
+    late = estimator.estimate(state, 60 * S)
+    assert late.health == "lost"
+    assert all(map(math.isfinite, late.covariance))
+    shift = [
+        msgspec.structs.replace(m, t_ns=m.t_ns + 60 * S, t_rx_ns=m.t_rx_ns + 60 * S)
+        for m in run.messages
+        if between(m, 10, 20)
+    ]
+    state, _ = estimator.step(state, shift[0])
+    again = estimator.estimate(state, shift[0].t_ns)
+    assert again.health == "initialising"
+    assert "no sensor message for 60 s" in again.reason
+    for m in shift:
+        state, _ = estimator.step(state, m)
+    assert state.restarts == 1
+    assert estimator.estimate(state, 80 * S).health == "healthy"

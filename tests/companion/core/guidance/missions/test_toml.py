@@ -1,0 +1,67 @@
+"""Missions in TOML: headings and fences in site axes, and every error with its place."""
+
+import math
+
+import pytest
+
+from companion.core.guidance.missions.mission import MissionFence, parse
+from tests.companion.core.guidance.missions.mission_texts import errors
+
+
+def test_toml_needs_no_origin_and_keeps_headings_and_fences_in_site_axes():
+    text = """
+    name = "there"
+    end_heading_deg = 90
+    waypoints = [{ north_m = 1, east_m = 2, acceptance_m = 0.3 }]
+    [[fences]]
+    inclusion = false
+    polygon = [[0, 0], [1, 0], [1, 1]]
+    """
+    mission = parse(text, "toml")
+    assert (mission.name, mission.path.points) == ("there", ((1.0, 2.0),))
+    assert mission.end_heading_rad == pytest.approx(math.pi / 2)
+    assert mission.fences == (MissionFence(False, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))),)
+
+
+def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():
+    text = """
+    end_heading_deg = nan
+    waypoints = [
+        { north_m = 1, east_m = 2, speed = 0.3 },
+        { north_m = 1 },
+        { north_m = 1, east_m = "2" },
+        { north_m = 4, east_m = inf },
+        { north_m = 4, east_m = 5, speed_m_s = -1 },
+    ]
+    fences = [{ inclusion = true, polygon = [[0, 0], [1, 1]] }, { polygon = [] }]
+    """
+    found = errors(text, "toml")
+    expected = [
+        "end_heading_deg: heading is not a number: nan",
+        "waypoints[0].speed: unknown key",
+        "waypoints[1].east_m: missing key",
+        "waypoints[2].east_m: Expected `float`, got `str`",
+        "fences[0]: a fence needs at least 3 corners, not 2",
+        "fences[1].inclusion: missing key",
+        "waypoints[3]: position is not finite",
+        "waypoints[4]: speed must be a positive number, not -1.0",
+    ]
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("waypoint = []", "waypoint: unknown key"),
+        ("name = 'x'", "waypoints: missing key"),
+        ("a = ", "(file): not valid TOML: Invalid value (at "),
+        ("waypoints = []", "(file): a path needs at least one waypoint"),
+        (
+            "waypoints = [{north_m=1, east_m=1}]\nfences = [{inclusion=true, polygon=[[0,0],[1,nan],[1,1]]}]",
+            "fences[0]: has a corner that is not finite",
+        ),
+    ],
+)
+def test_toml_that_is_not_understood_says_where(text, expected):
+    (found,) = errors(text, "toml")
+    assert found.startswith(expected)

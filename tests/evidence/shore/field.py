@@ -1,8 +1,8 @@
 """A boat and a shore as real programs in network namespaces, with a bad radio link between them.
 
 namespace boat     aritra sim, aritra run --start (laps of the square, telemetry to 10.77.0.2)
-lossy_link.py      carries IP packets across
-namespace shore    deploy/zenoh/router.py, shore_listener.py
+lossy_link         carries IP packets across
+namespace shore    deploy/zenoh/router.py, listener
 """
 
 from __future__ import annotations
@@ -61,12 +61,7 @@ class Field:
             for space in self._spaces.values():
                 subprocess.run(["ip", "netns", "add", space], check=True)
                 self._stack.callback(subprocess.run, ["ip", "netns", "del", space], check=False)
-            link = [
-                sys.executable,
-                ROOT / "tests/evidence/shore/lossy_link.py",
-                *self._spaces.values(),
-                str(self._seed),
-            ]
+            link = [sys.executable, "-m", "tests.evidence.shore.lossy_link", *self._spaces.values(), str(self._seed)]
             self._link = self._popen(link, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
             assert self._link.stdout and self._link.stdout.readline() == "carrying\n"
             self.log, self.silent_log = self.folder / "run.mcap", self.folder / "silent.mcap"
@@ -93,7 +88,7 @@ class Field:
 
     def start_listener(self, file: Path) -> subprocess.Popen:
         """A console that writes what it hears to `file`."""
-        words = [sys.executable, ROOT / "tests/evidence/shore/listener.py", ENDPOINT, file]
+        words = [sys.executable, "-m", "tests.evidence.shore.listener", ENDPOINT, file]
         return self._popen(words, "shore", stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
 
     def start_boat(self) -> None:
@@ -167,7 +162,7 @@ class Field:
         words = [str(word) for word in words]
         if side:
             words = self.in_shore(words) if side == "shore" else self.in_boat(words)
-        child = subprocess.Popen(words, text=True, **options)
+        child = subprocess.Popen(words, text=True, cwd=ROOT, **options)
         self._stack.callback(_end, child)
         return child
 

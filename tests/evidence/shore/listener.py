@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""A person's program on shore, as docs/telemetry.md shows it: shore_listener.py ENDPOINT FILE
+"""A person's program on shore, as docs/telemetry.md shows it: python -m tests.evidence.shore.listener ENDPOINT FILE
 
 Writes a line to FILE for every sample of the topic `state`: boat, t_ns, and when it arrived (this machine's monotonic
 clock [ns]). Waits for a router where there is none. Ends with its stdin.

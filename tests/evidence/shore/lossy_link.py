@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""A bad radio link between two network namespaces: lossy_link.py NAMESPACE_A NAMESPACE_B [SEED]
+"""A bad radio link between two network namespaces: -m tests.evidence.shore.lossy_link NAMESPACE_A NAMESPACE_B [SEED]
 
 What `tc netem` does, for kernels that are built without it: a TUN device in each namespace (10.77.0.1 in A, 10.77.0.2
 in B), and whole IP packets carried between them, each way dropped with probability `loss`, late by `delay_s`, or all of

@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""Many boats on one machine: recorded_boats.py ENDPOINT N RUN.mcap [NAME]
+"""Many boats on one machine: python -m tests.evidence.shore.recorded_boats ENDPOINT N RUN.mcap [NAME]
 
 Plays the messages of a real run's log (`aritra demo` writes one) into the telemetry of N boats NAME-1 .. NAME-N (one
 boat: NAME; default `boat`), each with a zenoh session, a thread and keys of its own, at 10 Hz, for ever, each from

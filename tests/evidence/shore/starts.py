@@ -54,15 +54,15 @@ class Trio:
         (folder / "router.json5").write_text(json.dumps(told))
         self._commands = {
             "router": [ROOT / "deploy/zenoh/router.py", folder / "router.json5"],
-            "console": [ROOT / "tests/evidence/shore/listener.py", endpoint, self.heard],
-            "boat": [ROOT / "tests/evidence/shore/recorded_boats.py", endpoint, "1", log],
+            "console": ["-m", "tests.evidence.shore.listener", endpoint, self.heard],
+            "boat": ["-m", "tests.evidence.shore.recorded_boats", endpoint, "1", log],
         }
 
     def start(self, name: str) -> None:
         words = [sys.executable, *map(str, self._commands[name])]
         self._out[name].write_text("")
         with self._out[name].open("w") as out:
-            self._running[name] = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=out)
+            self._running[name] = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=out, cwd=ROOT)
 
     def kill(self, name: str) -> None:
         child = self._running.pop(name)

@@ -14,6 +14,7 @@ from pathlib import Path
 import zenoh
 
 from companion.boat.load_run import EXAMPLES
+from companion.python_child import aritra
 from tests.support.zenoh_fixture import config, free_port, wait_for
 
 ROOT = Path(__file__).resolve().parents[3]

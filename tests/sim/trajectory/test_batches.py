@@ -1,6 +1,7 @@
 """Many trajectories at once, parameters, going on, substeps: each is what it is alone, bit for bit."""
 
 import platform
+from types import SimpleNamespace
 
 import numpy as np
 import pytest

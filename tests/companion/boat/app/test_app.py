@@ -99,22 +99,6 @@ def test_garbage_from_the_autopilot_does_no_harm(path):
     ends_in_order(bench)
 
 
-def test_a_loop_that_stands_still_sends_neutral_when_the_lease_is_over(path):
-    """Housekeeping speaks where the core does not."""
-    bench = Bench(path, mind=mind())
-
-    async def story(bench):
-        await bench.drive()
-        bench.mind.step = lambda state, inputs, t_ns: (state, [])
-        last = bench.of(OverrideLease)[-1]
-        await bench.run(1.0)
-        after = [(t_ns, pwm) for t_ns, pwm in bench.overrides if t_ns > last.t_ns]
-        assert len(after) >= 5 and all(neutral(pwm) for _, pwm in after)
-        assert 0.3 * S <= after[0][0] - last.t_ns <= 0.4 * S
-
-    bench.scene(story)
-
-
 def test_by_hand_over_the_wire_and_neutral_when_the_hands_are_gone(path):
     """No tag, so no estimate: sticks need none. A client that dies leaves neutral within its timeout and a tick."""
     bench = Bench(path)

@@ -13,6 +13,7 @@ from companion.core.messages import (
     Tick,
 )
 from companion.core.pilot.pilot import Pilot
+from drivers.mavlink.session import MavlinkSession
 from tests.companion.boat.app.ending import ends_in_order
 from tests.companion.boat.app_fixture import Bench, S, neutral
 
@@ -149,3 +150,19 @@ def test_a_solver_that_raises_has_failed_and_the_run_goes_on(path):
     assert {lease.source for lease in leases} == {"pd"} and "FloatingPointError" in leases[0].reason
     assert set(bench.leases_per_tick()[:-12]) == {1}
     ends_in_order(bench)
+
+
+def test_a_loop_that_stands_still_sends_neutral_when_the_lease_is_over(path):
+    """Housekeeping speaks where the core does not."""
+    bench = Bench(path, mind=mind())
+
+    async def story(bench):
+        await bench.drive()
+        bench.mind.step = lambda state, inputs, t_ns: (state, [])
+        last = bench.of(OverrideLease)[-1]
+        await bench.run(1.0)
+        after = [(t_ns, pwm) for t_ns, pwm in bench.overrides if t_ns > last.t_ns]
+        assert len(after) >= 5 and all(neutral(pwm) for _, pwm in after)
+        assert 0.3 * S <= after[0][0] - last.t_ns <= 0.4 * S
+
+    bench.scene(story)

@@ -18,6 +18,7 @@ from companion.logs.metadata import log_metadata
 from companion.logs.part import log_parts
 from companion.logs.recover import recover
 from companion.logs.schema import RawBytes
+from companion.python_child import python
 from tests.companion.boat.recorder.recorder_fixture import OFFSET_NS, make, ticks
 
 

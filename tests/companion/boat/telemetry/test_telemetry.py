@@ -1,5 +1,6 @@
 """Telemetry through real zenoh sessions: nobody there, late joiners, outages."""
 
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path

@@ -11,7 +11,7 @@ from companion.core.control.rti.iteration import Rti
 from companion.core.control.rti.loops import Compiler
 from companion.core.guidance.reference_row import Column, near
 from companion.core.model.manoeuvring import StructuredModel
-from companion.jit import machine
+from companion.jit import compile_loops, machine
 from tests.companion.core.control.nmpc_world import leg_rows, variant
 
 S = NmpcSettings()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from companion.core.control.ocp import Ocp
 from companion.core.control.rti.iteration import Rti
-from companion.jit import machine
+from companion.jit import compile_loops, machine
 from sim.bench.controller.nlp import Nlp
 from tests.companion.core.control.rti_fixture import WAYS, anywhere, boat, near_the_leg
 

@@ -4,8 +4,14 @@ import math
 
 import msgspec
 import numpy as np
+import pytest
 
 from companion.core.estimation.estimator import Estimator
+from companion.core.estimation.filter_state import B_RANGE
+from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.ranging.uwb_fusion import UwbFusion
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.geometry.frames import rotate
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
 from tests.companion.core.estimation.changed_runs import S, between, changed
 from tests.companion.core.estimation.estimator_world import basin, estimate, without

@@ -1,5 +1,7 @@
-#!/usr/bin/env python3
-"""Draw figures like the paper's 11 to 18: its NMPC on its own model. scripts/paper_figures --out docs/figures"""
+"""Draw figures like the paper's 11 to 18: its NMPC on its own model.
+
+python -m sim.studies.paper.figures --out docs/figures
+"""
 
 from __future__ import annotations
 
@@ -8,16 +10,14 @@ import json
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402
-
-from sim.fitting.taylor.abkowitz import AbkowitzModel  # noqa: E402
-from sim.bench.controller.paper_problem import PAPER  # noqa: E402
-from sim.studies.paper.closed_loop import ACCEPTANCE_M, WAYPOINTS, PaperTrack, metrics, run, variants  # noqa: E402
-from companion.core.model.thrusters import configuration_matrix  # noqa: E402
-from companion.core.model.load_vessel import load_vessel  # noqa: E402
+from companion.boat.load_run import EXAMPLES
+from companion.core.model.load_vessel import load_vessel
+from companion.core.model.thrusters import configuration_matrix
+from sim.bench.controller.paper_problem import PAPER
+from sim.fitting.taylor.abkowitz import AbkowitzModel
+from sim.studies.paper.closed_loop import ACCEPTANCE_M, WAYPOINTS, PaperTrack, metrics, run, variants
 
 CASES = {
     "paper": "s_c = 0.001, one action applied (Figures 13, 14)",
@@ -29,17 +29,18 @@ NAMES = ("front port", "front starboard", "rear port", "rear starboard")
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Simulate the cases, draw the pictures, print the figures of merit as JSON."""
+    parser = argparse.ArgumentParser(prog="python -m sim.studies.paper.figures", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the pictures; made if absent")
     parser.add_argument("--seed", type=int, default=1, help="of the noise on the estimate")
     args = parser.parse_args()
     try:
         import matplotlib  # noqa: PLC0415
     except ImportError:
-        print("paper_figures: matplotlib is needed: pip install -e '.[analysis]'", file=sys.stderr)
+        print("figures: matplotlib is needed: pip install -e '.[analysis]'", file=sys.stderr)
         return 2
     matplotlib.use("Agg")
-    path = ROOT / "deploy/boats/aritra.toml"
+    path = EXAMPLES / "boats/aritra.toml"
     vessel = load_vessel(path.read_text(), name=path.name)
     model = AbkowitzModel(configuration_matrix(vessel), vessel.propulsion.lag_s)
     tracks = {
@@ -112,6 +113,7 @@ def thrust_lines(axis, track: PaperTrack, part: slice, **style) -> None:
 
 
 def save(figure, path: Path) -> None:
+    """Write a picture, and its name to standard error."""
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     print(path, file=sys.stderr)

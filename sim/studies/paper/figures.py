@@ -41,7 +41,7 @@ def main() -> int:
         return 2
     matplotlib.use("Agg")
     path = EXAMPLES / "boats/aritra.toml"
-    vessel = load_vessel(path.read_text(), name=path.name)
+    vessel = load_vessel(path.read_text(encoding="utf-8"), name=path.name)
     model = AbkowitzModel(configuration_matrix(vessel), vessel.propulsion.lag_s)
     tracks = {
         name: run(model, settings, noise=np.random.default_rng(args.seed) if noisy else None)

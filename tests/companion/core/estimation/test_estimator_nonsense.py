@@ -3,23 +3,11 @@
 import math
 
 import msgspec
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.estimation.estimator import Estimator, EstimatorState
 from companion.core.messages import AnchorRange, Attitude, Battery, ImuSample, UwbPosition, UwbRanges
 from tests.companion.core.estimation.changed_runs import S
-from tests.companion.core.estimation.estimator_world import Run
-
-
-@pytest.fixture(scope="module")
-def running(run: Run, estimator: Estimator) -> EstimatorState:
-    """The state 3.3 s into the run."""
-    state = estimator.initial()
-    for m in run.messages[:330]:
-        state, _ = estimator.step(state, m)
-    return state
 
 
 def test_numbers_that_are_not_finite_start_the_filter_afresh(run, estimator) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run
-from sim.fitting.diagnose.catalogue import catalogue, unaware
+from sim.fitting.diagnose.catalogue import catalogue, without_effects
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
@@ -32,7 +32,7 @@ from sim.fitting.diagnose.selection.distinguishability import ToldApart, told_ap
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
 from sim.fitting.diagnose.selection.search import search
 from sim.fitting.diagnose.selection.select import Selection, Selector
-from sim.fitting.diagnose.vessel_edits.mended_vessel import Named, VesselFiles, mend, refit
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named, VesselFiles, mend, refit
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import fixes_of
@@ -116,7 +116,7 @@ def diagnose(
     begun = clock()
     data = data_of(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    entries = unaware(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
+    entries = without_effects(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
     fit = PosteriorFit(
         EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient)
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
-from sim.fitting.diagnose.catalogue import chance, environment, hull, propulsion, sensors
+from sim.fitting.diagnose.catalogue import environment, hull, propulsion, sensors, stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.propulsion import STARTS, Onset
 from sim.fitting.diagnose.posterior.clock import LogClock
@@ -72,12 +72,12 @@ def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -
     return tuple((t, ONSET_STEP_S) for t in sorted((begins[log] + at - (ends - lengths)[log]).tolist()))
 
 
-def unaware(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
+def without_effects(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
     """`entries` without those of some names, or heads of names (`thruster_gain` of `thruster_gain:rear_port`).
 
     For the question what a diagnosis would say of something that it did not know. ValueError where there is none such.
     """
-    there = {e.name for e in (*entries, *chance.effects()) if e.family != "base"}
+    there = {e.name for e in (*entries, *stochastic.effects()) if e.family != "base"}
     heads = {name.partition(":")[0] for name in there}
     if strange := [name for name in names if name not in there | heads]:
         raise ValueError(f"without {strange[0]!r}: no such effect; there are {', '.join(sorted(heads))}")

@@ -13,8 +13,8 @@ from sim.fitting.diagnose.catalogue.parts import (
     ahead_starboard,
     air_force,
     hull_damping,
-    number,
-    vector,
+    scalar_parameter,
+    vector_parameters,
     wind_force,
     zone,
 )
@@ -33,7 +33,7 @@ def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span
         "environment",
         "nu_r = nu - R^T V_c",
         "drifts the same way over ground whatever the heading, also with thrusters at rest",
-        vector("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
+        vector_parameters("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
         {"water": lambda p, scene: _steady(scene, p["north_m_s"], p["east_m_s"])},
         vector=True,
     )
@@ -46,7 +46,7 @@ def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span
             "environment",
             "tau += c q(V_rw) A (Fossen 2011, 8.1)",
             "pushed the same way over ground, most of all broadside on, even at rest",
-            vector("north_Pa", "east_Pa", "Pa", 16 * PRESSURE, PRESSURE),
+            vector_parameters("north_Pa", "east_Pa", "Pa", 16 * PRESSURE, PRESSURE),
             {"force": lambda p, scene: _wind(vessel, scene, p)},
             vector=True,
         )
@@ -72,7 +72,7 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
         "nu_r = nu - R^T V_c,  V_c turns steadily",
         "drifts as in a current whose direction changes over minutes",
         (
-            *vector("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
+            *vector_parameters("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
             EffectParameter("turn_deg_s", "deg/s", around_deg_s, np.inf, 0.02),
         ),
         {"water": water},
@@ -119,7 +119,7 @@ def _tether(arm_m: float, around_m: float) -> Effect:
         "tau += (f_0 - k p) at a place on the centreline",
         "pulled towards one place, harder the further away",
         (
-            *number("k_N_m", "N/m", 0.5, 0.05, 0.0, 100.0),
+            *scalar_parameter("k_N_m", "N/m", 0.5, 0.05, 0.0, 100.0),
             EffectParameter("north_N", "N", 5.0, PULL_N, 0.5),
             EffectParameter("east_N", "N", 5.0, PULL_N, 0.5),
             EffectParameter("arm_m", "m", around_m, np.inf, 0.05),
@@ -142,7 +142,7 @@ def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
         "environment",
         "D (1 + share) within a circle",
         "sluggish in one part of the basin",
-        (*number("share", "1", 0.8, 0.15, 0.0, 10.0), *where),
+        (*scalar_parameter("share", "1", 0.8, 0.15, 0.0, 10.0), *where),
         {"force": force},
         of="shallow_zone",
         origin={"north_m": centre[0], "east_m": centre[1], "radius_m": ZONE_RADIUS_M},

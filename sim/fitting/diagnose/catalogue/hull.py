@@ -9,7 +9,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import mass_matrix
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
-from sim.fitting.diagnose.catalogue.parts import number, share, vector
+from sim.fitting.diagnose.catalogue.parts import scalar_parameter, share_parameter, vector_parameters
 from sim.fitting.engine.parameters import HULL
 
 BASE_SIGMA = 0.025  # of each number of the vessel file, always: nobody knows them better; assumed
@@ -72,42 +72,42 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
         "hull_fouling",
         "all damping (1 + share)",
         "slower at the same thrust in every direction, stops sooner",
-        share(0.5, 0.08),
+        share_parameter(0.5, 0.08),
         scaled(*DAMPING, "Y_r_N_s", "N_v_N_s"),
     )
     yield entry(
         "payload",
         "M + m at the centre of gravity",
         "slower to start and to stop, same top speed",
-        number("mass_kg", "kg", 0.3 * inertia.mass_kg, 0.06 * inertia.mass_kg, -0.8 * inertia.mass_kg),
+        scalar_parameter("mass_kg", "kg", 0.3 * inertia.mass_kg, 0.06 * inertia.mass_kg, -0.8 * inertia.mass_kg),
         lambda p, c: c | _payload(c, p["mass_kg"], inertia.x_g_m),
     )
     yield entry(
         "added_mass",
         "X_udot, Y_vdot (1 + share)",
         "slower to start and to stop, sideways above all",
-        share(0.6, 0.12),
+        share_parameter(0.6, 0.12),
         lambda p, c: c | {k: c[k] + p["share"] * m for k, m in added.items()},
     )
     yield entry(
         "yaw_inertia",
         "I_z + I",
         "turns begin and end slower",
-        number("I_z_kg_m2", "kg m2", 0.4 * M33, 0.08 * M33, -0.8 * M33),
+        scalar_parameter("I_z_kg_m2", "kg m2", 0.4 * M33, 0.08 * M33, -0.8 * M33),
         lambda p, c: c | {"M33_kg_m2": c["M33_kg_m2"] + p["I_z_kg_m2"]},
     )
     yield moved(
         "cg_shift",
         "x_g + x, y_g + y",
         "turns when it only ought to surge or sway, and the other way round",
-        vector("x_g_m", "y_g_m", "m", 0.1, 0.02),
+        vector_parameters("x_g_m", "y_g_m", "m", 0.1, 0.02),
         lambda p, scene: _shifted(p, scene, inertia.mass_kg),
     )
     yield moved(
         "cross_flow",
         "dY = -rho/2 C_d 1.5 T |v_r + x r| (v_r + x r) dx",
         "more drag in fast sway and fast turns only",
-        number("C_d", "1", 0.6, 0.15),
+        scalar_parameter("C_d", "1", 0.6, 0.15),
         lambda p, scene: _cross_flow(p, scene, vessel),
     )
     yield Effect(
@@ -115,7 +115,7 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
         "hull",
         "Y_r + a, N_v + b",
         "a turn pushes sideways, sideways motion turns",
-        vector("Y_r_N_s", "N_v_N_s", "N s", 6.0, 1.5),
+        vector_parameters("Y_r_N_s", "N_v_N_s", "N s", 6.0, 1.5),
         {"hull": lambda p, c: c | {k: c[k] + p[k] for k in ("Y_r_N_s", "N_v_N_s")}},
         vector=True,
     )
@@ -123,7 +123,7 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
         "munk_moment",
         "N += k u_r v_r",
         "turns broadside while it drifts at speed",
-        number("N_uv_kg", "kg", 20.0, 4.0),
+        scalar_parameter("N_uv_kg", "kg", 20.0, 4.0),
         _munk,
     )
 

@@ -18,21 +18,23 @@ from sim.fitting.engine.parameters import HULL
 REACH = 0.3  # of the smallest size worth a name: how far secants reach
 
 
-def number(
+def scalar_parameter(
     name: str, unit: str, prior: float, smallest: float, lower: float = -np.inf, upper: float = np.inf
 ) -> tuple[EffectParameter, ...]:
     """One parameter of stated prior, smallest size and limits."""
     return (EffectParameter(name, unit, prior, smallest, REACH * smallest, lower, upper),)
 
 
-def share(prior: float, smallest: float, lower: float = -0.95, upper: float = 10.0) -> tuple[EffectParameter, ...]:
+def share_parameter(
+    prior: float, smallest: float, lower: float = -0.95, upper: float = 10.0
+) -> tuple[EffectParameter, ...]:
     """One relative change."""
-    return number("share", "1", prior, smallest, lower, upper)
+    return scalar_parameter("share", "1", prior, smallest, lower, upper)
 
 
-def vector(one: str, other: str, unit: str, prior: float, smallest: float) -> tuple[EffectParameter, ...]:
+def vector_parameters(one: str, other: str, unit: str, prior: float, smallest: float) -> tuple[EffectParameter, ...]:
     """Two parameters that are components of one vector."""
-    return (*number(one, unit, prior, smallest), *number(other, unit, prior, smallest))
+    return (*scalar_parameter(one, unit, prior, smallest), *scalar_parameter(other, unit, prior, smallest))
 
 
 def ahead_starboard(psi_rad: np.ndarray, north: Any, east: Any) -> tuple[np.ndarray, np.ndarray]:

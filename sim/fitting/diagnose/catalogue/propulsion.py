@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import RotorMap, VesselFile
 from companion.core.model.thrust_losses import jet_sign
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
-from sim.fitting.diagnose.catalogue.parts import number, share
+from sim.fitting.diagnose.catalogue.parts import scalar_parameter, share_parameter
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
 WHOLE = 0.02  # sigma of the share of pulses that change places, where two do: all of them; assumed
@@ -31,7 +31,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
             "propulsion",
             "f_i (1 + gain)",
             "pulls to one side in proportion to this thruster's command",
-            number("gain", "1", 0.5, 0.05, -3.0, 2.0),
+            scalar_parameter("gain", "1", 0.5, 0.05, -3.0, 2.0),
             _scaled(vessel, lambda p: 1 + p["gain"], i),
         )
         for onset_s, reach_s in onsets:
@@ -70,7 +70,7 @@ def _trimmed(i: int) -> Callable[[Values, VesselFile], VesselFile]:
     return hook
 
 
-def _scaled(vessel: VesselFile, share: Callable[[Values], float], *which: int) -> dict[str, Hook]:
+def _scaled(vessel: VesselFile, factor: Callable[[Values], float], *which: int) -> dict[str, Hook]:
     """The hook by which some thrusters, or all, give a share of their force.
 
     Where the file has a rate limit by gains in the file itself: the limit acts on what is left of the force.
@@ -79,12 +79,12 @@ def _scaled(vessel: VesselFile, share: Callable[[Values], float], *which: int) -
 
     def maps(p: Values, vessel: VesselFile) -> VesselFile:
         all_ = enumerate(vessel.thrusters)
-        thrusters = tuple(replace(t, gain=t.gain * share(p)) if i in mine else t for i, t in all_)
+        thrusters = tuple(replace(t, gain=t.gain * factor(p)) if i in mine else t for i, t in all_)
         return replace(vessel, thrusters=thrusters)
 
     def thrust(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         out = f.copy()
-        out[..., mine] *= share(p)
+        out[..., mine] *= factor(p)
         return out
 
     return {"maps": maps} if vessel.propulsion.slew_N_s else {"thrust": thrust}
@@ -102,7 +102,7 @@ def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Ef
         "propulsion",
         "f_i (1 + gain) from a time on",
         "as a loss of this thruster that begins during the log",
-        (*number("gain", "1", 0.5, 0.08, -1.0, 0.0), EffectParameter("onset_s", "s", 20.0, np.inf, 3.0)),
+        (*scalar_parameter("gain", "1", 0.5, 0.08, -1.0, 0.0), EffectParameter("onset_s", "s", 20.0, np.inf, 3.0)),
         {"thrust": hook},
         of=f"thruster_fouling:{name}",
         origin={"onset_s": onset_s},
@@ -111,7 +111,7 @@ def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Ef
 
 
 def _between(i: int, name: str, onset_s: float, reach_s: float) -> list[Effect]:
-    return [_fouling(i, name, onset_s + share * reach_s) for share in np.linspace(-1, 1, STARTS)]
+    return [_fouling(i, name, onset_s + offset * reach_s) for offset in np.linspace(-1, 1, STARTS)]
 
 
 def _swap(i: int, j: int) -> Callable[[Values, np.ndarray], np.ndarray]:
@@ -130,7 +130,7 @@ def _common(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "all f (1 - loss)",
         "slower in every direction and slower to start; the same as all mass and damping larger",
-        number("loss", "1", 0.4, 0.05, -2.0, 0.95),
+        scalar_parameter("loss", "1", 0.4, 0.05, -2.0, 0.95),
         _scaled(vessel, lambda p: 1 - p["loss"]),
         same_as=("mass_damping_scale",),
     )
@@ -141,7 +141,7 @@ def _common(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "k_astern (1 + share)",
         "thrusters that run astern give less (or more) than the map has",
-        share(0.4, 0.06),
+        share_parameter(0.4, 0.06),
         {"maps": _maps(lambda m, p: replace(m, k_astern_N_s2=m.k_astern_N_s2 * (1 + p["share"])))},
     )
     yield Effect(
@@ -149,7 +149,7 @@ def _common(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "f (V / V_nominal)^exponent",
         "too strong with a full battery and too weak with an empty one, or the other way round",
-        number("exponent", "1", 1.2, 0.3),
+        scalar_parameter("exponent", "1", 1.2, 0.3),
         {"maps": _maps(lambda m, p: _exponent(m, p["exponent"] / 2, vessel.propulsion.nominal_voltage_V))},
     )
     yield Effect(
@@ -157,7 +157,7 @@ def _common(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "dead band + delta",
         "small commands do less than they should",
-        number("delta_us", "us", 15.0, 4.0, -20.0, 70.0),
+        scalar_parameter("delta_us", "us", 15.0, 4.0, -20.0, 70.0),
         {"maps": _maps(lambda m, p: replace(m, dead_band_us=min(max(m.dead_band_us + p["delta_us"], 0.0), 100.0)))},
     )
 
@@ -189,7 +189,7 @@ def _timing(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "T_lag + lag_s",
         "forces build up and die away slower",
-        number("lag_s", "s", 0.15, 0.03, -0.5, 3.0),
+        scalar_parameter("lag_s", "s", 0.15, 0.03, -0.5, 3.0),
         {"maps": _propulsion("lag_s", least=0.005)},
     )
     yield Effect(
@@ -197,7 +197,7 @@ def _timing(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "t_d + dead_time_s",
         "everything begins later after a command",
-        number("dead_time_s", "s", 0.15, 0.04, -0.5, 2.0),
+        scalar_parameter("dead_time_s", "s", 0.15, 0.04, -0.5, 2.0),
         {"maps": _propulsion("dead_time_s", least=0.0)},
     )
     yield Effect(
@@ -249,7 +249,7 @@ def _flow(vessel: VesselFile) -> Iterator[Effect]:
         "propulsion",
         "f_i - loss |f_i| u_a,i (T_nu |n| u_a: Fossen 2011, 9.2)",
         "thrust falls with speed through the water along the thruster",
-        number("loss_s_m", "s/m", 0.4, 0.05),
+        scalar_parameter("loss_s_m", "s/m", 0.4, 0.05),
         {"thrust": advance},
     )
     if pairs:
@@ -258,6 +258,6 @@ def _flow(vessel: VesselFile) -> Iterator[Effect]:
             "propulsion",
             "f_behind (1 - loss f_ahead / 30 N)",
             "the thruster behind gives less while the one before it blows at it",
-            number("loss", "1", 0.5, 0.10, -0.5, 2.0),
+            scalar_parameter("loss", "1", 0.5, 0.10, -0.5, 2.0),
             {"thrust": wash},
         )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Sight, Values
-from sim.fitting.diagnose.catalogue.parts import north_east, number, vector
+from sim.fitting.diagnose.catalogue.parts import north_east, scalar_parameter, vector_parameters
 
 PSI, RATE, SURGE, SWAY = range(4)
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
@@ -66,7 +66,7 @@ def _inertial() -> Iterator[Effect]:
         "sensors",
         "a + b",
         "specific force that never goes away, the same whatever the boat does",
-        vector("b_x_m_s2", "b_y_m_s2", "m/s^2", 0.1, 0.02),
+        vector_parameters("b_x_m_s2", "b_y_m_s2", "m/s^2", 0.1, 0.02),
         {"imu": added(ax=lambda p, s, y: p["b_x_m_s2"], ay=lambda p, s, y: p["b_y_m_s2"])},
         vector=True,
         same_as=("tilt",),
@@ -75,14 +75,14 @@ def _inertial() -> Iterator[Effect]:
         "gyro_bias",
         "r + b",
         "yaw rate that the heading does not follow, also at rest",
-        number("b_r_rad_s", "rad/s", 0.01, 0.002),
+        scalar_parameter("b_r_rad_s", "rad/s", 0.01, 0.002),
         added(r=lambda p, s, y: p["b_r_rad_s"]),
     )
     yield entry(
         "gyro_scale",
         "r (1 + scale)",
         "yaw rate larger than the change of heading, in proportion",
-        number("scale", "1", 0.1, 0.02),
+        scalar_parameter("scale", "1", 0.1, 0.02),
         added(r=lambda p, s, y: p["scale"] * y[..., RATE]),
         scales="r",
     )
@@ -90,14 +90,14 @@ def _inertial() -> Iterator[Effect]:
         "imu_misalignment",
         "a turned by an angle about z",
         "sideways force in pure surge and the other way round",
-        number("yaw_deg", "deg", 6.0, 1.5),
+        scalar_parameter("yaw_deg", "deg", 6.0, 1.5),
         _misaligned,
     )
     yield entry(
         "imu_lever_arm",
         "a - r^2 l + r_dot x l",
         "specific force with every turn, as if the sensor sat elsewhere",
-        vector("x_m", "y_m", "m", 0.2, 0.04),
+        vector_parameters("x_m", "y_m", "m", 0.2, 0.04),
         added(
             ax=lambda p, s, y: -p["x_m"] * s.r_rad_s**2 - p["y_m"] * s.nu_dot[..., 2],
             ay=lambda p, s, y: -p["y_m"] * s.r_rad_s**2 + p["x_m"] * s.nu_dot[..., 2],
@@ -119,7 +119,7 @@ def _heading() -> Iterator[Effect]:
         "sensors",
         "psi + offset",
         "goes off to one side of where it points, by a constant angle",
-        number("offset_deg", "deg", 5.0, 1.0),
+        scalar_parameter("offset_deg", "deg", 5.0, 1.0),
         {"imu": added(psi=lambda p, s, y: np.radians(p["offset_deg"]))},
         same_as=("uwb_rotation",),
     )
@@ -128,7 +128,7 @@ def _heading() -> Iterator[Effect]:
         "sensors",
         "psi + a cos psi + b sin psi",
         "heading error that depends on the heading",
-        vector("cos_deg", "sin_deg", "deg", 5.0, 1.0),
+        vector_parameters("cos_deg", "sin_deg", "deg", 5.0, 1.0),
         {"imu": added(psi=_iron)},
         vector=True,
     )
@@ -157,28 +157,28 @@ def _tag() -> Iterator[Effect]:
         "uwb_latency",
         "p(t - latency)",
         "positions lag behind in proportion to speed",
-        number("latency_s", "s", 0.2, 0.04),
+        scalar_parameter("latency_s", "s", 0.2, 0.04),
         lambda p, sight, place: place + late(sight, np.full(len(place), p["latency_s"])),
     )
     yield entry(
         "clock_drift",
         "p(t - drift t)",
         "positions lag more and more",
-        number("drift", "s/s", 1.5e-3, 3e-4),
+        scalar_parameter("drift", "s/s", 1.5e-3, 3e-4),
         lambda p, sight, place: place + late(sight, p["drift"] * sight.t_s),
     )
     yield entry(
         "uwb_lever_arm",
         "p + R l",
         "positions circle when the boat turns on the spot",
-        vector("x_m", "y_m", "m", 0.15, 0.03),
+        vector_parameters("x_m", "y_m", "m", 0.15, 0.03),
         lambda p, sight, place: place + np.stack(north_east(sight.psi_rad, p["x_m"], p["y_m"]), axis=1),
     )
     yield entry(
         "uwb_scale",
         "(1 + scale) p",
         "distances over ground too long or too short against speed and inertial sensors",
-        number("scale", "1", 0.05, 0.01),
+        scalar_parameter("scale", "1", 0.05, 0.01),
         lambda p, sight, place: place + p["scale"] * (place - sight.centre_m),
         scales="place",
     )

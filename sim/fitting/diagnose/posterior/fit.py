@@ -20,7 +20,8 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint, Lineariser
 from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics, State
+from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics
+from sim.fitting.diagnose.posterior.state import State
 from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.initial_guess import first_nodes
 from sim.fitting.engine.noise import LATENT, STATE, Noise

@@ -18,8 +18,9 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, slices
 from sim.fitting.diagnose.posterior.parameter_values import Theta, among, secants
-from sim.fitting.diagnose.posterior.physics import Accelerations, EffectPhysics, State
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
+from sim.fitting.diagnose.posterior.state import Accelerations, State
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
 from sim.fitting.engine.jacobian_rows import BLOCK, Pushes, fade, inertial, places, positions, sensitivities
 from sim.fitting.engine.kernels.windows import X0_D

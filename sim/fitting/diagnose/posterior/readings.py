@@ -9,7 +9,8 @@ import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.parameter_values import Theta, values_of
-from sim.fitting.diagnose.posterior.physics import EffectPhysics, State
+from sim.fitting.diagnose.posterior.physics import EffectPhysics
+from sim.fitting.diagnose.posterior.state import State
 from sim.fitting.diagnose.posterior.tag_kinematics import sight
 from sim.fitting.engine.jacobian_rows import fade
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, Noise, whiten

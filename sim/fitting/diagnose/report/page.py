@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.report import pictures
 from sim.fitting.diagnose.report.confusion_picture import confusion
-from sim.fitting.diagnose.report.sentences import sentences, visible
+from sim.fitting.diagnose.report.sentences import sentences, size_text
 from sim.fitting.diagnose.selection.candidate_score import NAMED
 from sim.fitting.diagnose.selection.held_out import CHANNELS, MODELS
 from sim.fitting.diagnose.selection.identifiability import MEDIUM
@@ -71,7 +71,7 @@ def _causes(found: Diagnosis) -> list[Section]:
             low, high = number.ci95
             told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", "" if number.unit == "1" else number.unit)
             rows.append(
-                (n.effect.name, key, *told, f"{c.nats:.0f}", visible(least, "" if n.effect.name in PLAIN else unit))
+                (n.effect.name, key, *told, f"{c.nats:.0f}", size_text(least, "" if n.effect.name in PLAIN else unit))
             )
         if not n.numbers:
             rows.append((n.effect.name, "", "", "", "", f"{c.nats:.0f}", ""))
@@ -193,13 +193,13 @@ def _apart(found: Diagnosis) -> list[Section]:
     told = found.identifiability
     if told is None:
         return []
-    close = told.apart.confused
+    close = told.pairwise.confused
     lines = [f"These logs cannot tell {a} from {b} ({max(nats, 0):.1f} nats)." for a, b, nats in close[:CONFUSED]]
     if len(close) > CONFUSED:
         lines.append(f"So it is with {len(close) - CONFUSED} pairs more.")
-    if told.apart.hidden:
-        lines.append(f"These logs might not have shown, even of medium size: {', '.join(told.apart.hidden)}.")
-    figure = confusion(told.apart)
+    if told.pairwise.hidden:
+        lines.append(f"These logs might not have shown, even of medium size: {', '.join(told.pairwise.hidden)}.")
+    figure = confusion(told.pairwise)
     return [
         Section(
             "What these logs can tell apart",
@@ -219,7 +219,7 @@ def _visible(found: Diagnosis) -> Section:
     for name, (size, unit) in found.visible.items():
         least, least_unit = smallest(by_name[name])
         plain = name in PLAIN
-        rows.append((name, visible(size, "" if plain else unit), visible(least, "" if plain else least_unit)))
+        rows.append((name, size_text(size, "" if plain else unit), size_text(least, "" if plain else least_unit)))
     return Section(
         "What these logs would have shown",
         tables=(ScoreTable(("effect", "from this size on", "smallest size worth a name"), tuple(rows)),),

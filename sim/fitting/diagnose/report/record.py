@@ -11,8 +11,8 @@ import numpy as np
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.report import findings as form
 from sim.fitting.diagnose.report.sentences import sentences
-from sim.fitting.diagnose.vessel_edits.mended_vessel import Named
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named
 from sim.fitting.identify.vessel_out import vessel_toml
 
 RANKED = 12

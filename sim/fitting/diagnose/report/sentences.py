@@ -82,7 +82,7 @@ def _logs(found: Diagnosis) -> str:
     return f"{len(used)} log{'s' if len(used) > 1 else ''}, {seconds / 60:.1f} minutes"
 
 
-def depends(word: str) -> str:
+def dependency_text(word: str) -> str:
     """A word of `depends_on` for people."""
     head, _, tail = word.partition(":")
     return f"thruster {tail}" if tail else WORDS.get(head, head)
@@ -94,9 +94,9 @@ def _left_over(found: Diagnosis) -> str:
     words = list(dict.fromkeys(which if w == "thruster" else w for w in words))
     if not words:
         return "What is left over does not clearly depend on anything that was logged."
-    others = f", perhaps on {' or '.join(depends(w) for w in words[1:3])}" if len(words) > 1 else ""
+    others = f", perhaps on {' or '.join(dependency_text(w) for w in words[1:3])}" if len(words) > 1 else ""
     see = " (see the map)" if words[0] == "position" else ""
-    return f"What is left over depends on {depends(words[0])}{see}{others}."
+    return f"What is left over depends on {dependency_text(words[0])}{see}{others}."
 
 
 def _withdrawn(withdrawn: Mapping[str, str]) -> list[str]:
@@ -157,10 +157,10 @@ def _could_have_seen(found: Diagnosis) -> list[str]:
         sizes = [v for name, v in found.visible.items() if name.partition(":")[0] == head]
         if sizes:
             size, unit = max(sizes)
-            told.append(f"{head} from {visible(size, unit)} on")
+            told.append(f"{head} from {size_text(size, unit)} on")
     return [f"These logs would have shown {', '.join(told)}."] if told else []
 
 
-def visible(size: float, unit: str) -> str:
+def size_text(size: float, unit: str) -> str:
     """A size with its unit; shares in per cent."""
     return f"{100 * size:.2g} %" if unit == "1" else f"{size:.2g} {unit}".rstrip()

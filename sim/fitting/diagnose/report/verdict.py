@@ -16,8 +16,8 @@ from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import SearchResult
 from sim.fitting.diagnose.selection.select import Selection, Selector
-from sim.fitting.diagnose.vessel_edits.mended_vessel import Named, cause_of, place
 from sim.fitting.diagnose.vessel_edits.public_form import public, smallest
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named, cause_of, place
 from sim.fitting.engine.noise import Noise
 
 TOLD_S = 10  # horizon by which causes are judged on held-out logs

@@ -22,7 +22,7 @@ LISTED = 5  # pairs above the line that findings have all the same
 class ToldApart:
     """Everything: all pairs, what goes into findings, and the manoeuvre if one was planned."""
 
-    apart: Apart
+    pairwise: Apart
     record: record.Identifiability
     plan: ManoeuvrePlan | None = None
 

@@ -136,9 +136,9 @@ def _medium(smallest: float, lower: float, upper: float) -> float:
 def _distinct(effects: Sequence[Effect], a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Which pairs are of two names, and of two classes."""
     one = [{e.name, *e.same_as} for e in effects]
-    apart = np.array([[x.name not in other and y.name not in mine for y, other in zip(effects, one, strict=True)]
+    distinct = np.array([[x.name not in other and y.name not in mine for y, other in zip(effects, one, strict=True)]
                       for x, mine in zip(effects, one, strict=True)])  # fmt: skip
-    return np.flatnonzero(apart[a, b])
+    return np.flatnonzero(distinct[a, b])
 
 
 def _alone(K: np.ndarray, blocks: Blocks) -> np.ndarray:

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES, effects
 from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES, effects
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.select import Say, Selection, Selector
-from sim.fitting.diagnose.stochastic_effects import Chance, about_nlos, shaken, stochastic
+from sim.fitting.diagnose.stochastic_effects import StochasticCause, has_accelerations, nlos_cause, stochastic_causes
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,15 @@ def search(
     known = _entries(fit, believed)
     say("base", 0.0)
     base = selector.base()
-    if not shaken(base) and (blind := [name for name in believed if name in (WAVES.name, GUSTY_WIND.name)]):
+    if not has_accelerations(base) and (blind := [name for name in believed if name in (WAVES.name, GUSTY_WIND.name)]):
         raise ValueError(f"believe {blind[0]!r}: accelerations alone show it, and these logs have none")
-    blocked = about_nlos(fit, base) if NLOS.name not in without else None
+    blocked = nlos_cause(fit, base) if NLOS.name not in without else None
     if blocked is not None and (blocked.candidate.accepted or NLOS.name in believed) and blocked.fix_weight is not None:
         fit.lineariser.weight = blocked.fix_weight
         base = selector.base(base.noise)
     selection = selector.of(base, known) if believed else selector.run(base)
     say("waves, gusts, fixes without line of sight", 0.9)
-    by_chance = [c for c in stochastic(fit, selection.final, selection.causes, believed)
+    by_chance = [c for c in stochastic_causes(fit, selection.final, selection.causes, believed)
                  if c.effect.name not in without and (not believed or c.effect.name in believed)]  # fmt: skip
     return SearchResult(selection, _together(fit, selection, by_chance))
 
@@ -96,7 +96,7 @@ def _entries(fit: PosteriorFit, believed: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys(names) if name in there]
 
 
-def _together(fit: PosteriorFit, selection: Selection, by_chance: Sequence[Chance]) -> tuple[Cause, ...]:
+def _together(fit: PosteriorFit, selection: Selection, by_chance: Sequence[StochasticCause]) -> tuple[Cause, ...]:
     by_id = {e.id: e for e in fit.effects}
     replaced = {c.replaces for c in by_chance if c.replaces}
     causes = [Cause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]

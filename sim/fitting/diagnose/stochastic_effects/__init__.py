@@ -1,7 +1,7 @@
 """Causes that push or report at random: waves, gusts, fixes without line of sight. Each has a test of its own.
 
 No column of the linearisation can express them, so the search over the catalogue neither finds them nor, left to
-itself, is safe from them. `stochastic` is to be asked twice:
+itself, is safe from them. `stochastic_causes` is to be asked twice:
 
 1. about the base, before any search: fixes without line of sight weigh what they are worth from then on (`fix_weight`);
 2. about the final model with its causes: waves and, where a wind was found, whether it is gusty.
@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.model.loads import RHO_AIR
-from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene
 from sim.fitting.diagnose.catalogue.parts import wind_force
+from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import NATS, Z95, Candidate
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.stochastic_effects import gusts as gusty
 from sim.fitting.diagnose.stochastic_effects import nlos, waves
-from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration, left_over
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, left_over
 from sim.fitting.engine.windows import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
@@ -32,7 +32,7 @@ DIRECTION_DOUBT_DEG = 1.5  # of a gusty wind, beside what the fit says, which ta
 
 
 @dataclass(frozen=True)
-class Chance:
+class StochasticCause:
     """One such cause: entry, candidate in its parameters, whether the form is in doubt.
 
     `replaces`: name of a cause of the search whose place it takes. `fix_weight` (m,): probability that each fix is as
@@ -46,24 +46,24 @@ class Chance:
     fix_weight: np.ndarray | None = None
 
 
-def stochastic(
+def stochastic_causes(
     fit: PosteriorFit, model: CandidateModel, causes: Sequence[Candidate] = (), sure: Collection[str] = ()
-) -> list[Chance]:
+) -> list[StochasticCause]:
     """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there.
 
     For 12 nats: what chance does varies more than the search's causes, and its echoes count for nothing from then on.
     `sure`: names of those that are there, however small.
     """
-    found = [about_nlos(fit, model)]
-    if shaken(model):
+    found = [nlos_cause(fit, model)]
+    if has_accelerations(model):
         wind = [c for c in causes if c.id == "wind"]
-        found.append(about_waves(fit, model, WAVES.name in sure))
-        found += [about_gusts(fit, model, c, GUSTY_WIND.name in sure) for c in wind]
+        found.append(wave_cause(fit, model, WAVES.name in sure))
+        found += [gust_cause(fit, model, c, GUSTY_WIND.name in sure) for c in wind]
     named = [c for c in found if c is not None and (c.effect.name in sure or _accepted(c.candidate))]
     return sorted(named, key=lambda c: -c.candidate.nats)
 
 
-def shaken(model: CandidateModel) -> bool:
+def has_accelerations(model: CandidateModel) -> bool:
     """Whether accelerations were measured: without them nothing shows waves or gusts."""
     return bool(np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any())
 
@@ -72,18 +72,20 @@ def _accepted(candidate: Candidate) -> bool:
     return candidate.accepted and candidate.nats >= NATS
 
 
-def about_nlos(fit: PosteriorFit, model: CandidateModel) -> Chance | None:
+def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | None:
     """Fixes without line of sight to the anchor that explains them best."""
     places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
     anchors = nlos.anchors_of(fit.physics.runs, places)
     best = nlos.blocked(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]
-    at, C = best.peak.at[nlos.OWN][:2], best.peak.covariance[nlos.OWN, nlos.OWN][:2, :2]
+    at, C = best.posterior.at[nlos.OWN][:2], best.posterior.covariance[nlos.OWN, nlos.OWN][:2, :2]
     values = np.array([best.share, np.exp(at[1]), best.number])
     slope = np.array([best.share * (1 - best.share), values[1]])
-    return Chance(NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.sighted)
+    return StochasticCause(
+        NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.sighted
+    )
 
 
-def about_waves(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> Chance | None:
+def wave_cause(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> StochasticCause | None:
     """Waves, if a quick look shows any worth a name; if they are there for `sure`, what looks most like them."""
     whole = left_over(fit, model, waves.STEP_S, np.inf)
     seen = waves.look(whole)
@@ -93,17 +95,17 @@ def about_waves(fit: PosteriorFit, model: CandidateModel, sure: bool = False) ->
     if not sure and found.width > waves.MOST_WIDTH:
         return None
     F_w, share = waves.rms_force(whole, found.beta_rad, found.T_p_s)
-    own = found.peak.covariance[[waves.T_P, waves.BETA], [waves.T_P, waves.BETA]]
+    own = found.posterior.covariance[[waves.T_P, waves.BETA], [waves.T_P, waves.BETA]]
     sigma = np.array(
         [F_w * share, PERIOD_DOUBT * found.T_p_s * np.sqrt(own[0]), np.hypot(np.degrees(np.sqrt(own[1])), COMPASS_DEG)]
     )
     values = np.array([F_w, found.T_p_s, np.degrees(found.beta_rad)])
     nats = min(found.nats, found.over_own)
     doubt = found.broad or waves.beside_peak(whole, found.beta_rad, found.T_p_s) > waves.OTHER
-    return Chance(WAVES, _candidate(WAVES, nats, values, np.diag(sigma**2)), form_doubtful=doubt)
+    return StochasticCause(WAVES, _candidate(WAVES, nats, values, np.diag(sigma**2)), form_doubtful=doubt)
 
 
-def about_gusts(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure: bool = False) -> Chance | None:
+def gust_cause(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure: bool = False) -> StochasticCause | None:
     """Whether the wind that was found comes and goes, or for `sure` how much; nats over a steady wind."""
     pressure = float(np.hypot(*wind.values))
     if pressure <= 0:
@@ -125,10 +127,10 @@ def about_gusts(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure:
         values[0] * share,
         np.hypot(np.degrees(np.sqrt(across @ wind.covariance @ across)) / pressure, DIRECTION_DOUBT_DEG),
         gustiness * np.hypot(gusty.size_error(time, data.span_s), 2 * share),
-        time * np.sqrt(found.peak.covariance[gusty.TIME, gusty.TIME]),
+        time * np.sqrt(found.posterior.covariance[gusty.TIME, gusty.TIME]),
     ])  # fmt: skip
     candidate = _candidate(GUSTY_WIND, found.nats, values, np.diag(sigma**2))
-    return Chance(GUSTY_WIND, candidate, replaces="wind") if sure or gustiness > gusty.SMALLEST else None
+    return StochasticCause(GUSTY_WIND, candidate, replaces="wind") if sure or gustiness > gusty.SMALLEST else None
 
 
 def _wind_along(fit: PosteriorFit, data: ResidualAcceleration, speed: float, beta_deg: float) -> np.ndarray:

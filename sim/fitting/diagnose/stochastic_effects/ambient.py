@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.fitting.diagnose.stochastic_effects.estimate import Batch, Peak, climb, normal
-from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 from sim.fitting.diagnose.stochastic_effects.process import AMBIENT, NUISANCE, TIME, WHITE, log_likelihood
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
 AMBIENT_TIME_S = 4.0  # prior, within a factor of 2.7; assumed
 SIZES_SIGMA = 1.5  # of the logarithm of all other parameters, about their rough values

@@ -16,8 +16,8 @@ import numpy as np
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
 from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
 from sim.fitting.diagnose.stochastic_effects.estimate import Peak, normal, peak
-from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, WHITE, log_likelihood
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
 STEP_S, BLOCK_S = 0.5, 100.0
 SIZE, TIME = NUISANCE, NUISANCE + 1  # log s, log s of g
@@ -33,14 +33,14 @@ MOST_SIZE = 1.38  # s of a gustiness of 2: more than any wind
 class Gusts:
     """Peak of [noise, log s, log of gust time]; nats over a steady wind; s as the record shows it."""
 
-    peak: Peak
+    posterior: Peak
     nats: float
     size: float
 
     @property
     def gust_time_s(self) -> float:
         """Time constant."""
-        return float(np.exp(self.peak.at[TIME]))
+        return float(np.exp(self.posterior.at[TIME]))
 
 
 def gustiness_of(size: float) -> float:

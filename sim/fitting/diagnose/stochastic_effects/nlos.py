@@ -38,14 +38,14 @@ class Blocked:
     anchor: str
     number: int
     place_m: tuple[float, float]
-    peak: Peak
+    posterior: Peak
     nats: float
     sighted: np.ndarray
 
     @property
     def share(self) -> float:
         """Of fixes."""
-        return float(expit(self.peak.at[SHARE]))
+        return float(expit(self.posterior.at[SHARE]))
 
 
 def anchors_of(runs: Sequence[Run], places_m: np.ndarray) -> dict[str, tuple[float, float]]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
 AMBIENT, WHITE, TIME = slice(0, 3), slice(3, 6), 6
 NUISANCE = 7

@@ -18,8 +18,8 @@ import numpy as np
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
 from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
 from sim.fitting.diagnose.stochastic_effects.estimate import Peak, climb, normal, peak
-from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration
 from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, log_likelihood
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
 STEP_S, BLOCK_S = 0.2, 30.0
 SWAY_SHARE, YAW_ARM_M = 1.5, 0.25  # of a small catamaran; assumed
@@ -53,24 +53,24 @@ class Look:
 class Waves:
     """Peak of [noise, log F_w, log T_p, beta, log width]; nats over ambient noise; over a band fixed to the boat."""
 
-    peak: Peak
+    posterior: Peak
     nats: float
     over_own: float
 
     @property
     def T_p_s(self) -> float:
         """Period of the peak."""
-        return float(np.exp(self.peak.at[T_P]))
+        return float(np.exp(self.posterior.at[T_P]))
 
     @property
     def beta_rad(self) -> float:
         """Where they come from."""
-        return float(self.peak.at[BETA] % (2 * np.pi))
+        return float(self.posterior.at[BETA] % (2 * np.pi))
 
     @property
     def width(self) -> float:
         """Relative half width of the band."""
-        return float(np.exp(self.peak.at[BAND]))
+        return float(np.exp(self.posterior.at[BAND]))
 
     @property
     def broad(self) -> bool:

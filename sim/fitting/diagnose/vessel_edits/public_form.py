@@ -72,15 +72,17 @@ def public(
     entry = PUBLIC.get(family(effect.name))
     if entry is None or entry.form is None:
         return _plain(effect, values, covariance, entry)
-    point = _formed(effect, entry.form, values, place)
-    if set(point) != set(entry.units):
-        raise ValueError(f"effect {effect.id}: public form gives {sorted(point)}, units are of {sorted(entry.units)}")
+    at_estimate = _formed(effect, entry.form, values, place)
+    if set(at_estimate) != set(entry.units):
+        raise ValueError(
+            f"effect {effect.id}: public form gives {sorted(at_estimate)}, units are of {sorted(entry.units)}"
+        )
     rng = np.random.default_rng(seed)
     draws = rng.multivariate_normal(values, (covariance + covariance.T) / 2, DRAWS, method="eigh")
     draws = np.clip(draws, *effect.limits())
     spread = _formed(effect, entry.form, draws.T, place)
     out = {}
-    for name, value in point.items():
+    for name, value in at_estimate.items():
         drawn, at = np.broadcast_to(spread[name], DRAWS), float(value)
         if name in DIRECTIONS:
             drawn = at + (drawn - at + 180) % 360 - 180

@@ -10,7 +10,7 @@ import polars as pl
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
-from sim.fitting.diagnose.catalogue import catalogue, unaware
+from sim.fitting.diagnose.catalogue import catalogue, without_effects
 from sim.fitting.diagnose.catalogue.effect import EffectParameter
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
@@ -32,7 +32,7 @@ def drive(seed: int = 21, seconds: float = 100.0) -> Run:
 
 def bench(run: Run, without: Sequence[str] = ()) -> tuple[PosteriorFit, CandidateModel]:
     fit = PosteriorFit(
-        EffectPhysics([run], VESSEL, 1.0), unaware(catalogue(VESSEL, [run]), without), stated_noise(VESSEL)
+        EffectPhysics([run], VESSEL, 1.0), without_effects(catalogue(VESSEL, [run]), without), stated_noise(VESSEL)
     )
     return fit, Selector(fit).base()
 

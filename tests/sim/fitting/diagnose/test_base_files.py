@@ -20,8 +20,8 @@ from sim.fitting.diagnose.posterior.parameter_values import Theta
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.state import State
 from sim.fitting.diagnose.vessel_edits.extend import extended
-from sim.fitting.diagnose.vessel_edits.mended_vessel import cause_of
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import cause_of
 from sim.fitting.engine.initial_guess import first_nodes
 from sim.fitting.engine.jacobian_rows import Pushes, sensitivities
 from sim.fitting.engine.noise import STATE, L

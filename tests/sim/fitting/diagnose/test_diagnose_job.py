@@ -18,7 +18,7 @@ from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose import job
-from sim.fitting.diagnose.catalogue import catalogue, chance
+from sim.fitting.diagnose.catalogue import catalogue, stochastic
 from sim.fitting.diagnose.catalogue.page import rows
 from sim.fitting.diagnose.report.findings import OUTPUTS, Adequacy, Check, Findings, Identifiability
 from sim.fitting.diagnose.report.page import report
@@ -244,7 +244,7 @@ def test_a_log_that_holds_too_little_is_named_before_the_search(
 
 def test_the_page_of_the_documents_has_every_effect_as_it_is():
     text = PAGE.read_text()
-    for row in rows(VESSEL, (*catalogue(VESSEL, [clean_run(60.0)]), *chance.effects())):
+    for row in rows(VESSEL, (*catalogue(VESSEL, [clean_run(60.0)]), *stochastic.effects())):
         assert row in text, textwrap.fill(row)
 
 

@@ -232,7 +232,7 @@ def test_the_excite_command_takes_the_manoeuvre(tmp_path, capsys):
     assert told.plan is None and told.file == "" and told.record.manoeuvre == ""
     assert {(p.a, p.b) for p in told.record.pairs} >= {(a, b) for a, b, _ in found.confused}
     assert told.record.nothing["yaw_inertia"] < NATS < told.record.nothing["current"]
-    whole = ToldApart(told.apart, told.record, plan)
+    whole = ToldApart(told.pairwise, told.record, plan)
     (tmp_path / "manoeuvre.toml").write_text(whole.file)
     words = f"excite info {tmp_path}/manoeuvre.toml --config {EXAMPLES}/aritra.toml"
     assert main(shlex.split(words)) == 0

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.quiver import Quiver
 
 from sim.fitting.diagnose.report import pictures
-from sim.fitting.diagnose.report.sentences import gain_sentence, visible
+from sim.fitting.diagnose.report.sentences import gain_sentence, size_text
 from sim.fitting.diagnose.selection.held_out import MODELS, Error, HeldOutScore
 from sim.fitting.diagnose.selection.residual_forces import Residue
 
@@ -64,5 +64,5 @@ def test_gain_is_said_with_its_sign(ci95: tuple[float, float], after: float, sai
 
 
 def test_numbers_without_a_unit():
-    assert visible(0.153, "1") == "15 %"
-    assert visible(0.153, "") == "0.15"
+    assert size_text(0.153, "1") == "15 %"
+    assert size_text(0.153, "") == "0.15"

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.model.loads import RHO_AIR
-from sim.fitting.diagnose.catalogue import catalogue, chance
+from sim.fitting.diagnose.catalogue import catalogue, stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
-from sim.fitting.diagnose.vessel_edits.public_form import Place, PublicForm, family, point, public, sentence, smallest
-from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC
+from sim.fitting.diagnose.vessel_edits.public_form import PublicForm, family, point, public, sentence, smallest
+from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, Place
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.hidden.names import FAMILIES
 from tests.support.vessel_fixtures import boat
@@ -20,7 +20,7 @@ from tests.support.vessel_fixtures import boat
 VESSEL = boat("aritra")
 PLACE = Place(np.array([14.0, 16.0]), 200.0)
 EFFECTS = {e.id: e for e in catalogue(VESSEL, [clean_run(60.0)])}
-NAMED = [*(e for e in EFFECTS.values() if e.family != "base"), *chance.effects()]
+NAMED = [*(e for e in EFFECTS.values() if e.family != "base"), *stochastic.effects()]
 SPEED = st.floats(0.01, 1.0)
 ANGLE = st.floats(0.0, 359.9)
 

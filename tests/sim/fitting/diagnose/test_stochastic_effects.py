@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from sim.fitting.diagnose.catalogue.chance import GUSTY_WIND, NLOS, WAVES
+from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.stochastic_effects import gusts, nlos, waves
 from sim.fitting.diagnose.stochastic_effects.ambient import calm, rough
-from sim.fitting.diagnose.stochastic_effects.left_over import ResidualAcceleration, left_over
 from sim.fitting.diagnose.stochastic_effects.process import log_likelihood
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, left_over
 from sim.fitting.diagnose.vessel_edits.edits import NamedCause
 from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.engine.noise import LATENT
@@ -190,8 +190,8 @@ def test_a_gusty_wind_is_told_from_a_steady_one():
     assert found.nats > 30
     assert gusts.gustiness_of(found.size) == pytest.approx(0.35, rel=0.4)
     assert 4.0 < found.gust_time_s < 20.0
-    calm = gusts.gusts(blocks(steady, 200), _cut(wind_along(data), 200))
-    assert calm.nats < 6
+    steady_wind = gusts.gusts(blocks(steady, 200), _cut(wind_along(data), 200))
+    assert steady_wind.nats < 6
 
 
 def _cut(force: np.ndarray, steps: int) -> np.ndarray:
@@ -223,8 +223,8 @@ def test_fixes_without_line_of_sight_name_the_anchor_and_are_weighed_down():
     e[hidden] += (away / np.linalg.norm(away, axis=1)[:, None] * rng.exponential(0.8, (len(e), 1)))[hidden]
     best, second = nlos.blocked(e, places + e, 0.07, ANCHORS)[:2]
     assert best.anchor == "2" and best.number == 2 and best.nats > 50 and best.nats > second.nats + 12
-    sigma = np.sqrt(np.diag(best.peak.covariance))
-    at = best.peak.at
+    sigma = np.sqrt(np.diag(best.posterior.covariance))
+    at = best.posterior.at
     assert abs(np.log(best.share / (1 - best.share)) - np.log(0.06 / 0.94)) < 3 * sigma[nlos.SHARE]
     assert abs(at[nlos.EXTRA] - np.log(0.8)) < 3 * sigma[nlos.EXTRA]
     assert best.sighted[hidden].mean() < 0.4 and best.sighted[~hidden].mean() > 0.97

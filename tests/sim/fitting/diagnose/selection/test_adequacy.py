@@ -14,7 +14,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import mass_matrix
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
-from sim.fitting.diagnose.catalogue import catalogue, unaware
+from sim.fitting.diagnose.catalogue import catalogue, without_effects
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.residual_basis import Group
@@ -129,14 +129,14 @@ def _at_theta(fit: PosteriorFit, model: CandidateModel, theta):
 
 def test_an_entry_can_be_left_out_by_name_or_head():
     entries = catalogue(VESSEL, [drive()])
-    gone = unaware(entries, ["thruster_gain:front_port", "tether"])
+    gone = without_effects(entries, ["thruster_gain:front_port", "tether"])
     assert {e.name for e in entries} - {e.name for e in gone} == {"thruster_gain:front_port", "tether"}
-    heads = {e.name for e in unaware(entries, ["thruster_gain"])}
+    heads = {e.name for e in without_effects(entries, ["thruster_gain"])}
     assert not any(n.startswith("thruster_gain") for n in heads) and "thruster_fouling:front_port" in heads
     with pytest.raises(ValueError, match=r"without 'teather': no such effect; there are .*tether"):
-        unaware(entries, ["teather"])
+        without_effects(entries, ["teather"])
     with pytest.raises(ValueError, match="base:M11_kg"):
-        unaware(entries, ["base:M11_kg"])
+        without_effects(entries, ["base:M11_kg"])
 
 
 def test_the_command_says_which_name_it_does_not_know(tmp_path, capsys):

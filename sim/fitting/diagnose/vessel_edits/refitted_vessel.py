@@ -21,7 +21,8 @@ from sim.fitting.diagnose.selection.held_out import ModelUnderTest
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.vessel_edits.edits import NamedCause
 from sim.fitting.diagnose.vessel_edits.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
-from sim.fitting.diagnose.vessel_edits.public_form import Place, PublicForm, family, point
+from sim.fitting.diagnose.vessel_edits.public_form import PublicForm, family, point
+from sim.fitting.diagnose.vessel_edits.public_table import Place
 
 OF_THE_DAY = ("sensors", "environment")
 REFIT_SIGMAS = 2.0  # of a tolerance band: a gain may then reach the smallest size worth a name, and no more

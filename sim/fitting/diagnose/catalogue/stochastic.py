@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
-from sim.fitting.diagnose.catalogue.parts import number
+from sim.fitting.diagnose.catalogue.parts import scalar_parameter
 
 
 def _beside(name: str, unit: str, prior: float) -> EffectParameter:
@@ -19,7 +19,7 @@ WAVES = Effect(
     "X = a cos q, Y = 1.5 a sin q, N = 0.25 m a sin 2q;  a: narrow band, q = beta + pi - psi",
     "rocked along one direction over ground, with one period",
     (
-        *number("F_w_N", "N", 2.0, 0.4, 0.0),
+        *scalar_parameter("F_w_N", "N", 2.0, 0.4, 0.0),
         _beside("T_p_s", "s", 2.0),
         _beside("beta_wave_deg", "deg", 180.0),
     ),
@@ -31,7 +31,7 @@ GUSTY_WIND = Effect(
     "tau += c q(V_rw) A,  V = V_w (1 + gustiness g), g Gauss-Markov",
     "pushed the same way over ground, now more, now less",
     (
-        *number("V_w_m_s", "m/s", 5.0, 1.5, 0.0),
+        *scalar_parameter("V_w_m_s", "m/s", 5.0, 1.5, 0.0),
         _beside("beta_w_deg", "deg", 180.0),
         _beside("gustiness", "1", 0.5),
         _beside("gust_time_s", "s", 10.0),
@@ -44,7 +44,7 @@ NLOS = Effect(
     "fix = place + extra e, e away from one anchor, extra exponential, in a share of fixes",
     "some positions lie too far from one anchor, never too near",
     (
-        *number("share", "1", 0.1, 0.03, 0.0, 1.0),
+        *scalar_parameter("share", "1", 0.1, 0.03, 0.0, 1.0),
         _beside("extra_m", "m", 1.0),
         _beside("anchor", "1", 10.0),
     ),

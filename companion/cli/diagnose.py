@@ -78,7 +78,7 @@ def add_parser(commands) -> None:
 def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
     """Find, judge, write, tell; the exit code."""
     try:
-        from companion.logs.readers.read_run import Beside, read_run
+        from companion.logs.readers.read_run import ReadOptions, read_run
         from sim.fitting.diagnose import job
         from sim.fitting.diagnose.catalogue import user
         from sim.fitting.diagnose.report import findings, record
@@ -92,8 +92,8 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         vessel, site = given.vessel, given.site
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
         library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
-        telling = partial(distinguishability.told_apart, library=library, site=site, always=args.plan)
-        beside = Beside(vessel, site)
+        telling = partial(distinguishability.distinguishability, library=library, site=site, always=args.plan)
+        beside = ReadOptions(vessel, site)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", *job.STEPS, "report"))
 

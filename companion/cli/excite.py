@@ -127,7 +127,7 @@ def design(args: argparse.Namespace, console: Console) -> int:
         raise ConfigError(f"--minutes: the shortest segment of {args.library} takes {shortest / 60:.2f} min")
     plan, flown = chooser.design(now, library, chosen, setup.pilot.site, budget_s, name=args.out.stem)
     after = now.with_information(planned_information(flown.run, setup.pilot.vessel))
-    console.print(table.choices(chosen[: len(plan.segments)], now, chooser.floor(now, known)))
+    console.print(table.choices(chosen[: len(plan.segments)], now, chooser.least_share(now, known)))
     console.print(table.expected(now, after, "Expected, by the noise of the vessel file's sensors alone"))
     summary = (
         f"{len(plan.segments)} segments, {flown.duration_s:.0f} s, no nearer than {flown.least_clearance_m:.1f} m "
@@ -208,8 +208,8 @@ def fly(args: argparse.Namespace, console: Console) -> int:
             f"{_planned(setup).name}: {flown.duration_s:.0f} s, {flown.least_clearance_m:.1f} m from the fence at least"
         )
         names = [t.name for t in setup.pilot.vessel.thrusters]
-        shown = picture.drawn(flown.truths, flown.statuses)
-        picture.draw(shown, _planned(setup), setup.pilot.site, names, title, args.out / "picture.png")
+        shown = picture.flight_trace(flown.truths, flown.statuses)
+        picture.draw_flight(shown, _planned(setup), setup.pilot.site, names, title, args.out / "picture.png")
     console.print(f"{flown.ending}; wrote {run}, {truth}", highlight=False, markup=False, soft_wrap=True)
     return DONE if flown.done else FAILED
 
@@ -243,7 +243,7 @@ def _read(path: Path) -> Excitation:
 
 def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> Knowledge:
     """What the logs tell, or the vessel file alone. Raises ConfigError naming the log."""
-    from companion.logs.readers.read_run import Beside, read_run
+    from companion.logs.readers.read_run import ReadOptions, read_run
     from companion.logs.runs.run import RunError
     from sim.fitting.engine.windows import StructuredFitError
     from sim.fitting.excite.information import Knowledge, recorded_knowledge
@@ -253,7 +253,7 @@ def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> K
         return Knowledge.prior(vessel)
     with console.status("fits the logs"):
         try:
-            runs = [read_run(path, Beside(vessel, setup.pilot.site)) for path in args.log]
+            runs = [read_run(path, ReadOptions(vessel, setup.pilot.site)) for path in args.log]
             return recorded_knowledge(runs, vessel)
         except (RunError, StructuredFitError) as error:
             raise ConfigError(str(error)) from None
@@ -275,4 +275,4 @@ def _picture_of_plan(flown, plan: Excitation, setup: RunSetup, path: Path) -> No
     far = f"{flown.least_clearance_m:.1f} m from the fence at least"
     title = f"{plan.name}: {flown.duration_s:.0f} s by the vessel file's own boat, {far}"
     names = [t.name for t in setup.pilot.vessel.thrusters]
-    picture.draw(picture.drawn(flown.truths, flown.statuses), plan, setup.pilot.site, names, title, path)
+    picture.draw_flight(picture.flight_trace(flown.truths, flown.statuses), plan, setup.pilot.site, names, title, path)

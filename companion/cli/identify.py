@@ -30,7 +30,7 @@ from companion.cli.analysis import (
 from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
-    from companion.logs.readers.read_run import Beside
+    from companion.logs.readers.read_run import ReadOptions
     from sim.fitting.engine.split import NamedLog
     from sim.fitting.identify.job import Identification
 
@@ -67,7 +67,7 @@ def add_parser(commands) -> None:
 def identify(args: argparse.Namespace, console: Console | None = None) -> int:
     """Fit, judge, write, tell; the exit code."""
     try:
-        from companion.logs.readers.read_run import Beside
+        from companion.logs.readers.read_run import ReadOptions
         from sim.fitting.identify import (
             job,
             record,
@@ -81,7 +81,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         vessel = given.vessel
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
-        beside = Beside(vessel, given.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
+        beside = ReadOptions(vessel, given.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
         choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", *job.STEPS, "report"))
@@ -100,7 +100,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
 
 
 def _read(
-    paths: Sequence[Path], beside: Beside, say: Callable[[str, str, float], None], begin: float
+    paths: Sequence[Path], beside: ReadOptions, say: Callable[[str, str, float], None], begin: float
 ) -> list[NamedLog]:
     from companion.logs.readers.read_run import read_run
     from sim.fitting.engine.split import NamedLog

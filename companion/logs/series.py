@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from companion.core.configuration.site_file import Site
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.messages import (
     GroundTruth,
     GuidanceReference,
@@ -170,5 +170,5 @@ def _fixes(cycles: list[UwbRanges], site: Site | None) -> list[tuple[float, floa
         seen = [(place[r.anchor], r.range_m) for r in cycle.ranges if r.anchor in place]
         if len(seen) >= 3:
             anchors_m, ranges_m = (np.array(column) for column in zip(*seen, strict=True))
-            fixes += [(fix.north_m, fix.east_m) for fix in locate(anchors_m, ranges_m, 0.0, FIX_SPREAD_M)[:1]]
+            fixes += [(fix.north_m, fix.east_m) for fix in multilaterate(anchors_m, ranges_m, 0.0, FIX_SPREAD_M)[:1]]
     return fixes

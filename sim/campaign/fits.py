@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import Run
 from sim.campaign.case_files import CaseSetup
 from sim.campaign.file import Diagnose, Identify
@@ -99,7 +99,7 @@ def _drive(true: VesselFile, believed: VesselFile, seed: int, drive_s: float, we
 
 def _read(work: Work, case: CaseSetup, role: str) -> list[Run]:
     """Logs of a role. ConfigError where one is no longer what the campaign began with."""
-    beside, runs = Beside(case.vessel, _site(work.texts, work.names)), []
+    beside, runs = ReadOptions(case.vessel, _site(work.texts, work.names)), []
     for path, digest in work.logs.get(role, ()):
         if hashlib.sha256(Path(path).read_bytes()).hexdigest() != digest:
             raise ConfigError(f"{path}: is not what it was when the campaign was read")

@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.core.configuration.site_file import Anchor
 from companion.core.configuration.vessel_file import Imu, Uwb
-from companion.core.model.sensor_errors import heading_applied, imu_applied, place_applied, stamp_applied
+from companion.core.model.sensor_errors import apply_heading_errors, apply_imu_errors, apply_uwb_scale, arrival_time_ns
 from sim.world.environment import Moment
 from sim.world.plant import Motion
 
@@ -78,11 +78,11 @@ class ImuSensor:
         self._wander = decay * self._wander + imu.heading_wander_sigma_rad * np.sqrt(1 - decay**2) * rng.normal()
         phi, theta, r = moment.phi_rad, moment.theta_rad, motion.x[5]
         force = specific_force(imu, motion, moment)
-        force[0], force[1], rate = imu_applied(imu, force[0], force[1], r)
+        force[0], force[1], rate = apply_imu_errors(imu, force[0], force[1], r)
         accel = force + self._accel_bias + rng.normal(0, imu.accel_sigma_m_s2, 3)
         gyro = np.array([0.0, 0.0, rate]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s, 3)
         tilt = rng.normal(0, TILT_SIGMA_RAD, 2)
-        psi = heading_applied(imu, motion.x[2]) + self._wander + rng.normal(0, imu.heading_sigma_rad)
+        psi = apply_heading_errors(imu, motion.x[2]) + self._wander + rng.normal(0, imu.heading_sigma_rad)
         return ImuReading(
             (float(accel[0]), float(accel[1]), float(accel[2])),
             (float(gyro[0]), float(gyro[1]), float(gyro[2])),
@@ -105,12 +105,12 @@ class UwbSensor:
         c, s = np.cos(x[2]), np.sin(x[2])
         uwb = self._uwb
         north, east = x[0] + c * uwb.x_m - s * uwb.y_m, x[1] + s * uwb.x_m + c * uwb.y_m
-        return np.array([*place_applied(uwb, north, east), uwb.z_m])
+        return np.array([*apply_uwb_scale(uwb, north, east), uwb.z_m])
 
     def arrival_ns(self, t_ns: int) -> int:
         """When the bytes of what is measured at `t_ns` arrive; the first call sets the start of a drift."""
         self._zero_ns = t_ns if self._zero_ns is None else self._zero_ns
-        return stamp_applied(self._uwb, t_ns, self._zero_ns)
+        return arrival_time_ns(self._uwb, t_ns, self._zero_ns)
 
     def measure(self, motion: Motion) -> dict[str, float | None]:
         """Range [m] by anchor; None where the anchor stayed silent."""

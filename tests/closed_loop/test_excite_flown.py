@@ -8,7 +8,7 @@ import pytest
 from companion.boat.load_run import EXAMPLES, load_setup, setup_of
 from companion.core.excitation.file import Idle, Steps, excitation_toml
 from companion.core.messages import OverrideLease, Tick
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.excite.design import candidates, choose, design
 from sim.fitting.excite.fly import fly, write_logs
@@ -105,7 +105,7 @@ def test_five_minutes_of_a_plan_tell_more_than_five_minutes_of_surge(tmp_path):
         setup = setup_with(designed())
         flown = fly(setup, WorldSetup(true, BASIN, start=MIDDLE), seed, limit_s=60 * MINUTES + 60)
         log, _ = write_logs(flown, setup, tmp_path)
-        plan.append(errors(read_run(log, Beside(setup.pilot.vessel, BASIN)), true))
+        plan.append(errors(read_run(log, ReadOptions(setup.pilot.vessel, BASIN)), true))
         surge.append(errors(teleop_run(true, seed, 60 * MINUTES, imu_hz=50.0, habits=AHEAD_AND_ASTERN), true))
         print(f"seed {seed}: median error {np.median(plan[-1]):.2%} of the plan, {np.median(surge[-1]):.2%} of surge")
     print("pooled", np.median(plan), np.median(surge), "worst", np.max(plan), np.max(surge))

@@ -20,7 +20,7 @@ class TimedCommand(NamedTuple):
     f_n: np.ndarray
 
 
-def later(
+def insert_command(
     commands: tuple[TimedCommand, ...], t_ns: int, f_n: tuple[float, ...], p: Propulsion
 ) -> tuple[TimedCommand, ...]:
     """Timeline with a command given at t_ns; one given earlier than the last replaces what follows it."""
@@ -29,7 +29,7 @@ def later(
     return (*kept, TimedCommand(acts_ns, np.asarray(f_n, dtype=float)))
 
 
-def trimmed(commands: tuple[TimedCommand, ...], t_ns: int) -> tuple[TimedCommand, ...]:
+def drop_expired(commands: tuple[TimedCommand, ...], t_ns: int) -> tuple[TimedCommand, ...]:
     """Timeline without what was over before t_ns."""
     first = 0
     while first + 1 < len(commands) and commands[first + 1].acts_ns <= t_ns:
@@ -37,7 +37,7 @@ def trimmed(commands: tuple[TimedCommand, ...], t_ns: int) -> tuple[TimedCommand
     return commands[first:]
 
 
-def active(commands: tuple[TimedCommand, ...], t_ns: int) -> tuple[np.ndarray, int | None]:
+def active_command(commands: tuple[TimedCommand, ...], t_ns: int) -> tuple[np.ndarray, int | None]:
     """The command that acts at t_ns, and when the next one takes over (None: never)."""
     now = commands[0].f_n
     for command in commands[1:]:

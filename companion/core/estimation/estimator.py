@@ -24,7 +24,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.estimation.command_history import TimedCommand, active, later, trimmed
+from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command
 from companion.core.estimation.filter_state import (
     B_ACCEL,
     B_GYRO,
@@ -37,9 +37,9 @@ from companion.core.estimation.filter_state import (
 )
 from companion.core.estimation.health import assess
 from companion.core.estimation.inertial import Inertial
-from companion.core.estimation.kalman import Algebra
-from companion.core.estimation.model_confidence import weighed
-from companion.core.estimation.plausibility import screened
+from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.model_confidence import update_confidence
+from companion.core.estimation.plausibility import screen
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
@@ -56,7 +56,7 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.sensor_errors import corrected, is_exact, stamp_corrected
+from companion.core.model.sensor_errors import correct_message, is_exact, measurement_time_ns
 
 UNKNOWN_VARIANCE = 1e6
 """Diagonal of the covariance reported before the filter runs: nothing is known."""
@@ -89,7 +89,7 @@ class Estimator:
         sensors = vessel.sensors
         self._exact = is_exact(sensors)
         process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
-        algebra = Algebra(B_RANGE + len(self.anchors))
+        algebra = KalmanEquations(B_RANGE + len(self.anchors))
         self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, len(self.anchors))
         self._inertial = Inertial(process, sensors.imu, self.tuning, algebra)
         self._uwb = UwbFusion(site, sensors.uwb, self.tuning, algebra)
@@ -104,8 +104,8 @@ class Estimator:
         """State after thruster forces [N], in the vessel file's order, were commanded at t_ns."""
         if not all(map(math.isfinite, f_command_n)):
             return _refuse(state, "command: not finite")
-        commands = later(state.commands, t_ns, f_command_n, self.vessel.propulsion)
-        return replace(state, commands=commands if state.history else trimmed(commands, t_ns))
+        commands = insert_command(state.commands, t_ns, f_command_n, self.vessel.propulsion)
+        return replace(state, commands=commands if state.history else drop_expired(commands, t_ns))
 
     def step(self, state: EstimatorState, message: Message) -> tuple[EstimatorState, tuple[Innovation, ...]]:
         """State after one message, and what each of its numbers did. Other kinds of message change nothing.
@@ -114,13 +114,13 @@ class Estimator:
         """
         if not isinstance(message, (ImuSample, Attitude, UwbRanges, UwbPosition)):
             return state, ()
-        good, problem = screened(message)
+        good, problem = screen(message)
         if problem:
             state = _refuse(state, problem)
         if good is None:
             return state, ()
         if not self._exact:
-            good = corrected(self.vessel.sensors, good)
+            good = correct_message(self.vessel.sensors, good)
         if _is_uwb(good) and state.uwb_zero_ns is None:
             state = replace(state, uwb_zero_ns=good.t_ns)
         t_ns = self.instant_ns(good, state.uwb_zero_ns)
@@ -139,7 +139,7 @@ class Estimator:
         t_ns = min(m.t_ns, m.t_rx_ns)
         if not _is_uwb(m):
             return t_ns
-        return stamp_corrected(self.vessel.sensors.uwb, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
+        return measurement_time_ns(self.vessel.sensors.uwb, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
 
     def estimate(self, state: EstimatorState, t_ns: int) -> StateEstimate:
         """Pose of the body origin, velocities, biases, disturbance and health at t_ns."""
@@ -166,7 +166,7 @@ class Estimator:
 
     def _begin(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
         """Give one message to the starter; with the first belief comes the first entry of the history."""
-        start, belief = self._starter.take(state.start, t_ns, m, active(state.commands, t_ns)[0])
+        start, belief = self._starter.take(state.start, t_ns, m, active_command(state.commands, t_ns)[0])
         state = replace(state, start=start)
         if belief is None:
             return state, ()
@@ -190,7 +190,7 @@ class Estimator:
         if not (new and _sound(new[-1].belief)):
             return self._restart(state, "the filter's numbers were no longer finite"), innovations
         history = self._young((*old[:place], *new))
-        return replace(state, history=history, commands=trimmed(state.commands, history[0].t_ns)), innovations
+        return replace(state, history=history, commands=drop_expired(state.commands, history[0].t_ns)), innovations
 
     def _replay(
         self, belief: FilterState, messages: Sequence[tuple[int, Fusible]], state: EstimatorState
@@ -214,7 +214,7 @@ class Estimator:
                 belief, innovations = self._uwb.fuse_ranges(belief, m)
             case UwbPosition():
                 belief, innovations = self._uwb.fuse_position(belief, m)
-        return weighed(belief, innovations, self.tuning), innovations
+        return update_confidence(belief, innovations, self.tuning), innovations
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""

@@ -63,7 +63,7 @@ class BufferedMeasurement(NamedTuple):
 Result = tuple[FilterState, tuple[Innovation, ...]]
 
 
-def report(t_ns: int, sensor: str, nu: np.ndarray, S: np.ndarray, accepted: bool) -> Innovation:
+def innovation_message(t_ns: int, sensor: str, nu: np.ndarray, S: np.ndarray, accepted: bool) -> Innovation:
     """The message for one measurement, d2 = nu^T S^-1 nu."""
     d2 = float(nu[0] ** 2 / S[0, 0]) if len(nu) == 1 else float(nu @ np.linalg.solve(S, nu))
     return Innovation(

@@ -3,7 +3,7 @@
     predict   x+ = f(x),        P+ = F P F^T + Q
     update    S = H P H^T + R,  K = P H^T S^-1,  x+ = x + K nu,  P+ in Joseph's form
 
-filterpy keeps x and P in an object; `Algebra` lends it both for one operation and hands fresh arrays back.
+filterpy keeps x and P in an object; `KalmanEquations` lends it both for one operation and hands fresh arrays back.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class _Filter(ExtendedKalmanFilter):
         self.x = u
 
 
-class Algebra:
+class KalmanEquations:
     """Predict and update for n states. Holds scratch objects only: results depend on arguments alone."""
 
     def __init__(self, n: int):

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from msgspec.structs import replace
 
 from companion.core.estimation.filter_state import LATENT, FilterState
-from companion.core.estimation.ranging.ranges import widen
+from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Innovation
 
@@ -24,7 +24,7 @@ SLACK = 1.5
 """Errors half as large again in the mean square are let pass; assumed."""
 
 
-def weighed(belief: FilterState, innovations: Iterable[Innovation], tuning: EstimatorTuning) -> FilterState:
+def update_confidence(belief: FilterState, innovations: Iterable[Innovation], tuning: EstimatorTuning) -> FilterState:
     """The belief after its UWB innovations, in doubt or not."""
     if tuning.model_error is None or is_in_doubt(belief, tuning):
         return belief
@@ -35,7 +35,7 @@ def weighed(belief: FilterState, innovations: Iterable[Innovation], tuning: Esti
         return replace(belief, doubt=g)
     P = belief.P
     for i, sigma in zip(range(LATENT.start, LATENT.stop), tuning.wary_latent_sigma, strict=True):
-        P = widen(P, (i,), sigma)
+        P = inflate(P, (i,), sigma)
     return replace(belief, doubt=tuning.doubt_limit, P=P)
 
 

@@ -17,7 +17,7 @@ MAX_DISTANCE_M = 2000.0
 """Beyond any UWB; assumed."""
 
 
-def screened(m: Fusible) -> tuple[Fusible | None, str]:
+def screen(m: Fusible) -> tuple[Fusible | None, str]:
     """The message fit for the filter, or None and the reason. Bad ranges are taken out one by one."""
     match m:
         case ImuSample():

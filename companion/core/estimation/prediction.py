@@ -13,9 +13,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu
-from companion.core.estimation.command_history import TimedCommand, active, lagged
+from companion.core.estimation.command_history import TimedCommand, active_command, lagged
 from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, FilterState
-from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
 from companion.core.estimation.tuning import EstimatorTuning
@@ -50,7 +50,13 @@ class Predictor:
     """Constant parts of the prediction; `to` is pure."""
 
     def __init__(
-        self, process: Process, model: VesselModel, imu: Imu, tuning: EstimatorTuning, algebra: Algebra, anchors: int
+        self,
+        process: Process,
+        model: VesselModel,
+        imu: Imu,
+        tuning: EstimatorTuning,
+        algebra: KalmanEquations,
+        anchors: int,
     ):
         self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
         self._tuning, self._algebra = tuning, algebra
@@ -59,7 +65,7 @@ class Predictor:
     def to(self, belief: FilterState, t_ns: int, commands: tuple[TimedCommand, ...]) -> FilterState:
         """Belief at t_ns; an earlier t_ns leaves it as it is. Steps end where a command takes over."""
         while belief.t_ns < t_ns:
-            command_n, until_ns = active(commands, belief.t_ns)
+            command_n, until_ns = active_command(commands, belief.t_ns)
             end_ns = min(t_ns, until_ns or t_ns)
             steps = math.ceil((end_ns - belief.t_ns) * 1e-9 / self._tuning.max_step_s)
             belief = self._step(belief, belief.t_ns + (end_ns - belief.t_ns) // steps, command_n)

@@ -15,13 +15,13 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import Sensors
 from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, FilterState, Fusible, Tilt
 from companion.core.estimation.gates import Gate
-from companion.core.estimation.inertial import levelled
-from companion.core.estimation.ranging.multilateration import locate
-from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistory, fresh
+from companion.core.estimation.inertial import to_level_axes
+from companion.core.estimation.ranging.multilateration import multilaterate
+from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistory, recent_anchors
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position
 from companion.core.messages import Attitude, UwbPosition, UwbRanges
-from companion.core.model.sensor_errors import place_corrected
+from companion.core.model.sensor_errors import correct_uwb_scale
 
 MIRROR_COST = 6.0
 """A second place that costs so much more than the best is out of the question; assumed (log of weights)."""
@@ -68,17 +68,17 @@ class Starter:
 
     def _place(self, start: FilterStart, t_ns: int) -> tuple[float, float] | str:
         """The tag's place [m], or why there is none."""
-        use = fresh(start.latest, t_ns, self._tuning.fix_window_s)
+        use = recent_anchors(start.latest, t_ns, self._tuning.fix_window_s)
         if len(use) < 3:
             return f"{len(use)} of the 3 anchors that a start needs are in range"
         ranges = np.array([seen.range_m for i in use if (seen := start.latest[i])])
-        fixes = locate(self._anchors_m[use], ranges, self._sensors.uwb.z_m, self._tuning.fix_spread_m)
+        fixes = multilaterate(self._anchors_m[use], ranges, self._sensors.uwb.z_m, self._tuning.fix_spread_m)
         good = [f for f in fixes if f.inliers.sum() >= 3 and f.cost <= fixes[0].cost + MIRROR_COST]
         if len(good) > 1:
             good = [f for f in good if inside(self._site.fence, f.north_m, f.east_m)]
         if len(good) != 1:
             return f"{len(good)} places explain the ranges"
-        return place_corrected(self._sensors.uwb, good[0].north_m, good[0].east_m)
+        return correct_uwb_scale(self._sensors.uwb, good[0].north_m, good[0].east_m)
 
     def _judge(
         self, start: FilterStart, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray
@@ -92,7 +92,7 @@ class Starter:
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
         u, tilt = self._sensors.uwb, Tilt(heading.phi_rad, heading.theta_rad)
-        arm = levelled(tilt, u.x_m, u.y_m, u.z_m)
+        arm = to_level_axes(tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
         before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
         if before is None or t_ns <= before[0]:

@@ -140,7 +140,7 @@ class Course:
         return best
 
 
-def still(north_m: float, east_m: float, psi_rad: float, limits: SpeedLimits) -> Course:
+def hold_point(north_m: float, east_m: float, psi_rad: float, limits: SpeedLimits) -> Course:
     """The course of no length: a pose to hold."""
     here = Segment(0.0, 0.0, north_m, east_m, psi_rad, 0.0, 0.0)
     return Course((here,), (0.0, 0.0), (0.0, 0.0), (0.0,), limits)

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from companion.core.geometry.frames import near, rotate, ssa, unrotate
-from companion.core.guidance.course import Course, plan_course, still
+from companion.core.guidance.course import Course, hold_point, plan_course
 from companion.core.guidance.path import SHORTEST_LEG_M, Path, Waypoint, crab_angle, ilos_rate, los_heading
 from companion.core.guidance.reference import GuidanceSettings, ReferenceTrack, Walker, course_rows, los_rows, turn
 from companion.core.messages import GuidanceReference
@@ -98,7 +98,7 @@ def start(
         phase="leg" if route.lengths_m else "station",
         t_ns=t_ns,
         route=route,
-        course=plan_course(route, limits) if route.lengths_m else still(*route.points[0], end_psi, limits),
+        course=plan_course(route, limits) if route.lengths_m else hold_point(*route.points[0], end_psi, limits),
         passed=passed,
         end_psi_rad=end_psi,
         psi_ref_rad=eta[2],
@@ -121,7 +121,7 @@ def hold(
     return GuidanceState(
         phase="station",
         t_ns=t_ns,
-        course=still(eta[0] + dn, eta[1] + de, eta[2], settings.limits),
+        course=hold_point(eta[0] + dn, eta[1] + de, eta[2], settings.limits),
         passed=passed,
         end_psi_rad=eta[2],
         psi_ref_rad=eta[2],
@@ -252,7 +252,7 @@ def _pass_waypoint(state: GuidanceState, settings: GuidanceSettings, eta: Sequen
     if state.target < len(points) - 1:
         return replace(state, target=state.target + 1)
     if settings.steering == "los":
-        state = replace(state, course=still(*points[-1], state.end_psi_rad, settings.limits), s_m=0.0)
+        state = replace(state, course=hold_point(*points[-1], state.end_psi_rad, settings.limits), s_m=0.0)
     return replace(state, phase="station")
 
 

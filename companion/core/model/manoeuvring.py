@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model import loads as term_registry
-from companion.core.model.thrust_losses import is_weakened, weakened
+from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses
 from companion.core.model.thrusters import configuration_matrix
 
 Coefficients = Mapping[str, Any]
@@ -103,7 +103,7 @@ class StructuredModel:
     @property
     def is_linear_in_f(self) -> bool:
         """Whether tau = B f: water that moves past the thrusters does not weaken them."""
-        return not is_weakened(self.vessel)
+        return not has_thrust_losses(self.vessel)
 
     def water_velocity(self, eta: Any) -> Any:
         """nu_c in body axes, shape (3,): what the terms say of moving water."""
@@ -143,7 +143,7 @@ class StructuredModel:
         """tau [N, N, N m] of thruster forces f (n,) [N] on the boat as it moves: B f', f' by `inflow`."""
         if self.is_linear_in_f:
             return ca.mtimes(ca.DM(self.B), f)
-        return ca.mtimes(ca.DM(self.B), weakened(self.vessel, nu - self.water_velocity(eta), f))
+        return ca.mtimes(ca.DM(self.B), apply_thrust_losses(self.vessel, nu - self.water_velocity(eta), f))
 
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration of the body velocities over ground, shape (3,) [m/s^2, m/s^2, rad/s^2]."""

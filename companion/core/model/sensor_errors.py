@@ -28,7 +28,7 @@ NEWTON_STEPS = 8
 """Of the heading with hard iron; amplitudes of 0.5 rad need six to reach rounding."""
 
 
-def imu_applied(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
+def apply_imu_errors(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
     """What the IMU says of specific force [m/s^2] along its x and y and of yaw rate [rad/s]."""
     c, s = np.cos(imu.misalignment_rad), np.sin(imu.misalignment_rad)
     return (
@@ -38,50 +38,50 @@ def imu_applied(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
     )
 
 
-def imu_corrected(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
+def correct_imu(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
     """Specific force along the body's x and y, and yaw rate, of what the IMU says."""
     c, s = np.cos(imu.misalignment_rad), np.sin(imu.misalignment_rad)
     a_x, a_y = a_x - imu.accel_bias_x_m_s2, a_y - imu.accel_bias_y_m_s2
-    return c * a_x - s * a_y, s * a_x + c * a_y, rate_corrected(imu, r)
+    return c * a_x - s * a_y, s * a_x + c * a_y, correct_yaw_rate(imu, r)
 
 
-def rate_corrected(imu: Imu, r: Any) -> Any:
+def correct_yaw_rate(imu: Imu, r: Any) -> Any:
     """Yaw rate of what the gyroscope says [rad/s]."""
     return (r - imu.gyro_bias_rad_s) / (1 + imu.gyro_scale)
 
 
-def heading_applied(imu: Imu, psi: Any) -> Any:
+def apply_heading_errors(imu: Imu, psi: Any) -> Any:
     """What the compass says of a heading [rad], not wrapped."""
     return psi + imu.heading_offset_rad + imu.hard_iron_cos_rad * np.cos(psi) + imu.hard_iron_sin_rad * np.sin(psi)
 
 
-def heading_corrected(imu: Imu, psi_said: Any) -> Any:
+def correct_heading(imu: Imu, psi_said: Any) -> Any:
     """The heading [rad] of which the compass says `psi_said`: unique, as hard iron turns it by less than a radian."""
     a, b = imu.hard_iron_cos_rad, imu.hard_iron_sin_rad
     psi = psi_said - imu.heading_offset_rad
     if a or b:
         for _ in range(NEWTON_STEPS):
-            psi = psi + (psi_said - heading_applied(imu, psi)) / (1 - a * np.sin(psi) + b * np.cos(psi))
+            psi = psi + (psi_said - apply_heading_errors(imu, psi)) / (1 - a * np.sin(psi) + b * np.cos(psi))
     return psi
 
 
-def place_applied(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
+def apply_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
     """Where the tag appears to be [m]."""
     return (1 + uwb.scale) * north, (1 + uwb.scale) * east
 
 
-def place_corrected(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
+def correct_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
     """Where the tag is [m] that appears there."""
     return north / (1 + uwb.scale), east / (1 + uwb.scale)
 
 
-def stamp_applied(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
+def arrival_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
     """When what was measured at `t_ns` arrives; `zero_ns`: t_0 above. Never before it was measured."""
     since = t_ns - zero_ns
     return t_ns + max(0, round(uwb.latency_s * 1e9) + round(uwb.clock_drift_s_s * since))
 
 
-def stamp_corrected(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
+def measurement_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
     """When it was measured that arrived at `t_ns`."""
     since = t_ns - zero_ns - round(uwb.latency_s * 1e9)
     return zero_ns + since - round(since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s))
@@ -101,20 +101,20 @@ IMU_KEYS = (
 
 
 def is_exact(sensors: Sensors) -> bool:
-    """Whether the file knows of no error that `corrected` could take out."""
+    """Whether the file knows of no error that `correct_message` could take out."""
     return not (sensors.uwb.scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
 
 
-def corrected(sensors: Sensors, m: Sensed) -> Sensed:
+def correct_message(sensors: Sensors, m: Sensed) -> Sensed:
     """A sensor's message as a perfect one would have sent it; ranges and stamps are left to the filter's equations."""
     imu = sensors.imu
     if isinstance(m, ImuSample):
-        a_x, a_y, r = imu_corrected(imu, m.ax_m_s2, m.ay_m_s2, m.r_rad_s)
+        a_x, a_y, r = correct_imu(imu, m.ax_m_s2, m.ay_m_s2, m.r_rad_s)
         return replace(m, ax_m_s2=float(a_x), ay_m_s2=float(a_y), r_rad_s=float(r))
     if isinstance(m, Attitude):
-        psi, r = heading_corrected(imu, m.psi_rad), rate_corrected(imu, m.r_rad_s)
+        psi, r = correct_heading(imu, m.psi_rad), correct_yaw_rate(imu, m.r_rad_s)
         return replace(m, psi_rad=ssa(float(psi)), r_rad_s=float(r))
     if isinstance(m, UwbPosition):
-        north, east = place_corrected(sensors.uwb, m.y_m, m.x_m)
+        north, east = correct_uwb_scale(sensors.uwb, m.y_m, m.x_m)
         return replace(m, y_m=float(north), x_m=float(east))
     return m

@@ -24,13 +24,13 @@ SMOOTH_N = 0.1
 """e: forces below which the root and the jet are rounded off; assumed: small beside any force that moves the boat."""
 
 
-def is_weakened(vessel: VesselFile) -> bool:
+def has_thrust_losses(vessel: VesselFile) -> bool:
     """Whether the file has any of it."""
     p = vessel.propulsion
     return p.advance_loss_sqrt_N_s_m != 0.0 or any(w.share for w in p.wash)
 
 
-def weakened(vessel: VesselFile, nu_r: Any, f: Any) -> Any:
+def apply_thrust_losses(vessel: VesselFile, nu_r: Any, f: Any) -> Any:
     """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions."""
     out = [f[i] for i in range(len(vessel.thrusters))]
     if k := vessel.propulsion.advance_loss_sqrt_N_s_m:

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 from companion.core.messages import Alert, Health, OverrideLease, StateEstimate, UwbRanges
 
-HEALED_NS = 2_000_000_000
+RECOVERED_NS = 2_000_000_000
 """A filter that starts again calls itself healthy at once: only after so long is blindness over; assumed."""
 
 
 @dataclass(frozen=True)
-class Annunciator:
-    """What was last told. `degraded_ns`: since when the estimate has not been healthy for `HEALED_NS` in one go;
+class AnnunciatorState:
+    """What was last told. `degraded_ns`: since when the estimate has not been healthy for `RECOVERED_NS` in one go;
 
     `healthy_ns`: since when it is healthy.
     """
@@ -28,12 +28,12 @@ class Annunciator:
     healthy_ns: int | None = None
 
 
-def at_estimate(seen: Annunciator, estimate: StateEstimate) -> tuple[Annunciator, list[Alert]]:
+def at_estimate(seen: AnnunciatorState, estimate: StateEstimate) -> tuple[AnnunciatorState, list[Alert]]:
     """Tell a change of health, with its reason."""
     t_ns, changed = estimate.t_ns, estimate.health != seen.health
     healthy_ns = (seen.healthy_ns or t_ns) if estimate.health == "healthy" else None
     since = (seen.degraded_ns or t_ns) if estimate.health == "degraded" else seen.degraded_ns
-    if healthy_ns is not None and t_ns - healthy_ns >= HEALED_NS:
+    if healthy_ns is not None and t_ns - healthy_ns >= RECOVERED_NS:
         since = None
     seen = replace(seen, health=estimate.health, degraded_ns=since, healthy_ns=healthy_ns)
     if not changed:
@@ -43,7 +43,7 @@ def at_estimate(seen: Annunciator, estimate: StateEstimate) -> tuple[Annunciator
     return seen, [Alert(t_ns=estimate.t_ns, level=level, text=text)]
 
 
-def at_lease(seen: Annunciator, lease: OverrideLease) -> tuple[Annunciator, list[Alert]]:
+def at_lease(seen: AnnunciatorState, lease: OverrideLease) -> tuple[AnnunciatorState, list[Alert]]:
     """Tell when the fallback ladder is entered, changed or left."""
     before, seen = seen.source, replace(seen, source=lease.source)
     if lease.source == before or "neutral" in (before, lease.source):
@@ -54,7 +54,9 @@ def at_lease(seen: Annunciator, lease: OverrideLease) -> tuple[Annunciator, list
     return seen, [Alert(t_ns=lease.t_ns, level="warning", text=text)]
 
 
-def at_ranges(seen: Annunciator, ranges: UwbRanges, anchors: tuple[str, ...]) -> tuple[Annunciator, list[Alert]]:
+def at_ranges(
+    seen: AnnunciatorState, ranges: UwbRanges, anchors: tuple[str, ...]
+) -> tuple[AnnunciatorState, list[Alert]]:
     """Tell, once each, of anchors that the site file does not know: their ranges are not used."""
     new = {r.anchor for r in ranges.ranges} - set(anchors) - seen.strangers
     if not new:
@@ -64,7 +66,7 @@ def at_ranges(seen: Annunciator, ranges: UwbRanges, anchors: tuple[str, ...]) ->
     return replace(seen, strangers=seen.strangers | new), [alert]
 
 
-def blind(seen: Annunciator, t_ns: int, limit_s: float) -> str | None:
+def degraded_too_long(seen: AnnunciatorState, t_ns: int, limit_s: float) -> str | None:
     """Why the boat may not go on with a degraded estimate, or None."""
     if seen.health != "degraded" or seen.degraded_ns is None or t_ns - seen.degraded_ns <= limit_s * 1e9:
         return None

@@ -11,7 +11,7 @@ from companion.core.configuration.run_file import Control
 from companion.core.geometry.fence import Fence
 from companion.core.messages import StateEstimate, Tick
 from companion.core.pilot import annunciator
-from companion.core.pilot.annunciator import Annunciator
+from companion.core.pilot.annunciator import AnnunciatorState
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.battery import BatteryState
 
@@ -32,18 +32,18 @@ class ConditionMonitor:
     since_ns: int | None = None
 
 
-def unfit(estimate: StateEstimate, seen: Annunciator, blind_s: float) -> str | None:
+def unfit(estimate: StateEstimate, seen: AnnunciatorState, blind_s: float) -> str | None:
     """Why the estimate cannot be driven by, or None."""
     if estimate.health not in ("healthy", "degraded"):
         return f"state estimate {estimate.health}: {estimate.reason}"
-    return annunciator.blind(seen, estimate.t_ns, blind_s)
+    return annunciator.degraded_too_long(seen, estimate.t_ns, blind_s)
 
 
 def at_tick(
     watch: ConditionMonitor,
     tick: Tick,
     estimate: StateEstimate,
-    seen: Annunciator,
+    seen: AnnunciatorState,
     fence: Fence,
     pack: BatteryState,
     control: Control,

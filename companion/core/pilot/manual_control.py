@@ -55,7 +55,7 @@ def silent(sticks: Sticks, t_ns: int, timeout_s: float) -> str | None:
     return f"nothing from the sticks ({sticks.last.source}) for {age_s:.1f} s" if age_s > timeout_s else None
 
 
-def trouble(sticks: Sticks, t_ns: int, timeout_s: float) -> str | None:
+def rejection(sticks: Sticks, t_ns: int, timeout_s: float) -> str | None:
     """Why they may not drive, or None."""
     why = silent(sticks, t_ns, timeout_s)
     if why is None and not sticks.rested:

@@ -210,7 +210,7 @@ class ModeState:
 AT_REST = ModeState()
 
 
-def apply(helm: ModeState, event: Event, why: str, t_ns: int) -> tuple[ModeState, list[Alert]]:
+def apply_event(helm: ModeState, event: Event, why: str, t_ns: int) -> tuple[ModeState, list[Alert]]:
     """One event through the table: what steers now, and what there is to tell. `why`: the event in words."""
     entry = TABLE[helm.mode, event].next
     after: Mode = helm.wanted if entry == "wanted" else entry
@@ -227,7 +227,7 @@ def apply(helm: ModeState, event: Event, why: str, t_ns: int) -> tuple[ModeState
     return replace(helm, mode=after, wanted=wanted, why=text if changed or after == "starting" else helm.why), told
 
 
-def look(helm: ModeState, conditions: Mapping[Event, str], t_ns: int) -> tuple[ModeState, list[Alert]]:
+def apply_conditions(helm: ModeState, conditions: Mapping[Event, str], t_ns: int) -> tuple[ModeState, list[Alert]]:
     """One tick: conditions that began or ended since the last, and those that the mode may not have.
 
     `conditions`: those there are now, each in words.
@@ -240,11 +240,11 @@ def look(helm: ModeState, conditions: Mapping[Event, str], t_ns: int) -> tuple[M
         begun = event not in helm.lasting and (minds or helm.mode != "starting")
         if begun or minds:
             before = helm.mode
-            helm, more = apply(helm, event, conditions[event], t_ns)
+            helm, more = apply_event(helm, event, conditions[event], t_ns)
             told += more if begun or helm.mode != before else []
     for event, over in OVER.items():
         if event in helm.lasting and event not in conditions:
-            helm, more = apply(helm, over, over.replace("_", " "), t_ns)
+            helm, more = apply_event(helm, over, over.replace("_", " "), t_ns)
             told += more
     return replace(helm, lasting=frozenset(conditions)), told
 

@@ -56,7 +56,7 @@ class Pilot:
         for message in inputs:
             if handle := self._handlers.get(type(message)):
                 state, more = handle(state, message, t_ns)
-                state, told = transitions.told(state, t_ns, tick=isinstance(message, Tick))
+                state, told = transitions.mode_status(state, t_ns, tick=isinstance(message, Tick))
                 outputs += [*more, *told]
         return state, outputs
 
@@ -82,8 +82,8 @@ class Pilot:
         if silence:
             conditions["link_lost"] = silence
         state = replace(state, lookout=seen, watch=watched, echo=heard, round_trips=trips)
-        helm, judged = modes.look(state.helm, conditions, t_ns)
-        state = transitions.steered(state, helm, t_ns)
+        helm, judged = modes.apply_conditions(state.helm, conditions, t_ns)
+        state = transitions.apply_mode_state(state, helm, t_ns)
         outputs: Outputs = [*alerts, *told, *judged]
         if state.helm.mode == "manual" and (why := self._stick_trouble(state, t_ns)):
             state, more = transitions.event(state, "sticks_lost", why, t_ns)
@@ -103,4 +103,4 @@ class Pilot:
         return state, [*outputs, *more]
 
     def _stick_trouble(self, state: PilotState, t_ns: int) -> str | None:
-        return manual_control.trouble(state.sticks, t_ns, self.settings.control.manual_timeout_s)
+        return manual_control.rejection(state.sticks, t_ns, self.settings.control.manual_timeout_s)

@@ -20,17 +20,17 @@ from companion.core.messages import Message, Mode, PlanResult, StateEstimate
 from companion.core.pilot import autopilot_state as vehicle
 from companion.core.pilot import manual_control as sticks
 from companion.core.pilot import modes
-from companion.core.pilot.annunciator import Annunciator
+from companion.core.pilot.annunciator import AnnunciatorState
 from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.conditions import ConditionMonitor
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import ModeState
 from companion.core.pilot.monitors.battery import BatteryState
 from companion.core.pilot.monitors.link_latency import NO_ANSWER, RoundTrips
-from companion.core.pilot.monitors.override_monitor import NOTHING_SENT, OverrideMonitor
+from companion.core.pilot.monitors.override_monitor import NOTHING_SENT, OverrideState
 from companion.core.pilot.monitors.stuck_sensor import Repeats
 
-NOTHING_SEEN, NOTHING_WATCHED = Annunciator(), ConditionMonitor()
+NOTHING_SEEN, NOTHING_WATCHED = AnnunciatorState(), ConditionMonitor()
 
 Outputs = list[Message]
 """What the boat's rooms want done, said or logged, in this order."""
@@ -76,9 +76,9 @@ class PilotState:
     sticks: Sticks = sticks.NOBODY
     inertial: Mapping[str, Repeats] = field(default_factory=dict)
     """By message: what a sensor keeps saying."""
-    lookout: Annunciator = NOTHING_SEEN
+    lookout: AnnunciatorState = NOTHING_SEEN
     watch: ConditionMonitor = NOTHING_WATCHED
-    echo: OverrideMonitor = NOTHING_SENT
+    echo: OverrideState = NOTHING_SENT
     round_trips: RoundTrips = NO_ANSWER
     open_tick: int | None = None
     asked: tuple[tuple[int, int], ...] = ()

@@ -11,14 +11,14 @@ from companion.core.pilot import manual_control, modes
 from companion.core.pilot.modes import THRUSTERS, Event, ModeState
 from companion.core.pilot.state import Outputs, PilotState
 
-TOLD_NS = 1_000_000_000
+STATUS_PERIOD_NS = 1_000_000_000
 """A ModeStatus at least so often."""
 
 
 def event(state: PilotState, name: Event, why: str, t_ns: int) -> tuple[PilotState, Outputs]:
     """One event through the mode table."""
-    helm, alerts = modes.apply(state.helm, name, why, t_ns)
-    return steered(state, helm, t_ns), list(alerts)
+    helm, alerts = modes.apply_event(state.helm, name, why, t_ns)
+    return apply_mode_state(state, helm, t_ns), list(alerts)
 
 
 def events(state: PilotState, found: Sequence[tuple[Event, str]], t_ns: int) -> tuple[PilotState, Outputs]:
@@ -30,7 +30,7 @@ def events(state: PilotState, found: Sequence[tuple[Event, str]], t_ns: int) -> 
     return state, outputs
 
 
-def steered(state: PilotState, helm: ModeState, t_ns: int) -> PilotState:
+def apply_mode_state(state: PilotState, helm: ModeState, t_ns: int) -> PilotState:
     """Another mode begins with nothing of the one before but the plan between two modes of the controller."""
     before, now = state.helm.mode, helm.mode
     state = replace(state, helm=helm)
@@ -51,10 +51,10 @@ def waiting(state: PilotState, why: str) -> PilotState:
     return replace(state, helm=replace(state.helm, why=why))
 
 
-def told(state: PilotState, t_ns: int, *, tick: bool) -> tuple[PilotState, Outputs]:
+def mode_status(state: PilotState, t_ns: int, *, tick: bool) -> tuple[PilotState, Outputs]:
     """A ModeStatus where the mode is not the one last told, or at a tick, where that was a second ago."""
     helm, (mode, last_ns) = state.helm, state.told
-    due = tick and (last_ns is None or t_ns - last_ns >= TOLD_NS)
+    due = tick and (last_ns is None or t_ns - last_ns >= STATUS_PERIOD_NS)
     if mode == helm.mode and not due:
         return state, []
     status = ModeStatus(t_ns=t_ns, mode=helm.mode, why=helm.why, driving=helm.driving)

@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.messages import Innovation
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, Row
@@ -132,7 +132,7 @@ def hdop(anchors_m: np.ndarray, north_m: float, east_m: float, down_m: float) ->
 
 def _geometry(anchors_m: np.ndarray, ranges_m: np.ndarray, ids: list[str], vessel: VesselFile) -> Iterator[Row]:
     uwb = vessel.sensors.uwb
-    fixes = locate(anchors_m, ranges_m, uwb.z_m, SPREAD_M)
+    fixes = multilaterate(anchors_m, ranges_m, uwb.z_m, SPREAD_M)
     if not fixes:
         yield Row(
             area="uwb", name="geometry", level="refuse", found="no place explains the ranges", needed="one",

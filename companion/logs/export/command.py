@@ -171,11 +171,11 @@ def _run_command(args: argparse.Namespace) -> int:
 
 
 def _beside(extras: Extras) -> Any:
-    from companion.logs.readers.read_run import Beside
+    from companion.logs.readers.read_run import ReadOptions
 
     vessel = load_vessel(extras.vessel.read_text(encoding="utf-8"), name=str(extras.vessel)) if extras.vessel else None
     site = load_site(extras.site.read_text(encoding="utf-8"), name=str(extras.site)) if extras.site else None
-    return Beside(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
+    return ReadOptions(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
 
 
 def _told(error: Exception) -> str:

@@ -98,7 +98,7 @@ def _duration_s(log: LogFile) -> float:
 def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float], None]) -> tuple[Overlay, int]:
     """Ghosts, and the stamp at which their clock begins."""
     try:
-        from companion.logs.readers.read_run import Beside, read_run
+        from companion.logs.readers.read_run import ReadOptions, read_run
         from sim.fitting.validate.ghost import GhostModel, overlay
     except ImportError:
         raise LogError(NEEDS) from None
@@ -112,7 +112,7 @@ def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float],
             GhostModel.of(str(args.extended), extended, base)
             models.append(GhostModel.of("simulated (extended)", extended, base))
         say("reading what was measured", 0.0)
-        run = read_run(log.path, Beside(vessel=base, truth=args.truth))
+        run = read_run(log.path, ReadOptions(vessel=base, truth=args.truth))
         return overlay(run, base, models, every_s=args.every, say=say), run.meta.zero_ns
     except OSError as error:
         raise LogError(f"{error.filename}: {error.strerror}") from None

@@ -79,13 +79,13 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
             **places,
         },
         notes=tuple(notes),
-        **described(vessel, site),
+        **meta_fields(vessel, site),
     )
     run = join(streams, meta)
     return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], len(names), run.meta.zero_ns))
 
 
-def described(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
+def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
     """Fields of RunMeta that the vessel file and the site file know."""
     fields: dict[str, Any] = {}
     if vessel:

@@ -17,9 +17,9 @@ from pymavlink import DFReader
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
-from companion.logs.readers.aritra import NEUTRAL_US, attitude_stream, described, imu_stream
+from companion.logs.readers.aritra import NEUTRAL_US, attitude_stream, imu_stream, meta_fields
 from companion.logs.readers.join import Stream, join
-from companion.logs.readers.positions import from_geodetic
+from companion.logs.readers.positions import geodetic_to_site
 from companion.logs.readers.uwb import UwbLog
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
@@ -60,7 +60,7 @@ def read_dataflash_run(
         Stream.of("battery", ("battery_v",), rows["BAT"], held=True),
     ]
     columns = {"pwm": "RCOU: what left the autopilot", "r_rad_s": "gyroscope of IMU 0"}
-    known = described(vessel, site)
+    known = meta_fields(vessel, site)
     if uwb:
         if offset_s is None and unix_ns is None:
             raise RunError(f"{path}: no GPS time in it: state the offset from the UWB log's clock to this log's")
@@ -107,7 +107,7 @@ def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, 
 def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[Stream, str]:
     """Rows (t_ns, latitude, longitude [deg]) as positions, and from which origin."""
     table = np.array([row[1:3] for row in rows], dtype=float)
-    north, east, said = from_geodetic(table[:, 0], table[:, 1], site)
+    north, east, said = geodetic_to_site(table[:, 0], table[:, 1], site)
     t_ns = np.array([row[0] for row in rows], dtype=np.int64)
     return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), said
 

@@ -14,14 +14,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from companion.core.configuration.site_file import Site
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.geometry.frames import Origin, site_from_geodetic
 
 SPREAD_M = 0.5  # residual of a good range; assumed
 PLAIN_STEPS, STEPS = 8, 16
 
 
-def fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
+def cycle_fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
     """North and east (n,) [m] of cycles with ranges (n,) by anchor, NaN where there is no sound fix."""
     anchors = [a for a in site.anchors if a.id in ranges_m]
     count = len(next(iter(ranges_m.values()), ()))
@@ -34,7 +34,7 @@ def fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> 
     distance = np.sqrt(((p[:, None, :] - places[:, :2]) ** 2).sum(axis=2) + (places[:, 2] - tag_down_m) ** 2)
     odd = (heard & ~(np.abs(z - distance) < SPREAD_M)).any(axis=1)
     for row in np.flatnonzero(odd):
-        found = locate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
+        found = multilaterate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
         sound = found and found[0].inliers.sum() >= 3
         p[row] = (found[0].north_m, found[0].east_m) if sound else (np.nan, np.nan)
     p[heard.sum(axis=1) < 3] = np.nan
@@ -59,7 +59,7 @@ def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarra
     return p
 
 
-def from_geodetic(
+def geodetic_to_site(
     latitude_deg: np.ndarray, longitude_deg: np.ndarray, site: Site | None
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """North, east (n,) [m] in site axes, and in words from which origin: the site's, or the first fix."""

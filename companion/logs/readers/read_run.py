@@ -16,7 +16,7 @@ from companion.logs.runs.run import Run, RunError
 
 
 @dataclass(frozen=True)
-class Beside:
+class ReadOptions:
     """What a log does not hold itself.
 
     `vessel`, `site`: instead of those in the log. `truth`: the simulator's log, for .mcap. `uwb`: a UWB log
@@ -32,9 +32,9 @@ class Beside:
     uwb_offset_s: float | None = None
 
 
-def read_run(path: Path, beside: Beside | None = None) -> Run:
+def read_run(path: Path, beside: ReadOptions | None = None) -> Run:
     """The run in `path`. Raises RunError or LogError naming file and place, OSError where it cannot be read."""
-    given = beside or Beside()
+    given = beside or ReadOptions()
     kind = path.name.lower().removesuffix(".gz").rpartition(".")[2]
     if given.truth and kind != "mcap":
         raise RunError(f"{path}: a log with the truth goes with a .mcap log only")

@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Attitude, Battery, ImuSample, Message
-from companion.logs.readers.aritra import attitude_row, attitude_stream, described, imu_row, imu_stream
+from companion.logs.readers.aritra import attitude_row, attitude_stream, imu_row, imu_stream, meta_fields
 from companion.logs.readers.dataflash import Joined, gps_stream, output_stream
 from companion.logs.readers.join import Stream, join
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -69,7 +69,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
         Stream.of("battery", ("battery_v",), voltages, held=True),
     ]
     columns = {"pwm": "SERVO_OUTPUT_RAW: what left the autopilot", "r_rad_s": f"gyroscope, {source}"}
-    known = described(vessel, site)
+    known = meta_fields(vessel, site)
     fixes = [(t, m.lat / 1e7, m.lon / 1e7) for t, _, m in rows["GPS_RAW_INT"] if m.fix_type >= 3]
     if uwb:
         joined = uwb(round(offset_s * 1e9))

@@ -18,7 +18,7 @@ from companion.core.configuration.site_file import Site
 from companion.core.messages import Message, UwbPosition, UwbRanges
 from companion.logs.log_file import LogFile
 from companion.logs.readers.join import Stream
-from companion.logs.readers.positions import fixes
+from companion.logs.readers.positions import cycle_fixes
 from companion.logs.readers.table import csv_lines
 from companion.logs.runs.run import LogProblem, RunError
 from drivers.uwb import uwb_codec
@@ -61,7 +61,7 @@ def uwb_streams(
     if positions:
         streams.append(Stream.of("UWB positions", ("north_m", "east_m"), positions, outside=outside))
     elif site is not None and cycles:
-        north, east = fixes(ranges, site, tag_down_m)
+        north, east = cycle_fixes(ranges, site, tag_down_m)
         found = np.isfinite(north)
         columns = {"north_m": north[found], "east_m": east[found]}
         streams.append(Stream("UWB positions", t_ns[found], columns, outside=outside))

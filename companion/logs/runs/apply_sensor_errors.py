@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from companion.core.configuration.vessel_file import Imu, Uwb, VesselFile
-from companion.core.model.sensor_errors import heading_corrected, imu_corrected, is_exact, place_corrected
+from companion.core.model.sensor_errors import correct_heading, correct_imu, correct_uwb_scale, is_exact
 from companion.logs.runs.columns import HELD
 from companion.logs.runs.run import Run
 
@@ -24,7 +24,7 @@ def calibrated(run: Run, vessel: VesselFile) -> Run:
     if is_exact(vessel.sensors) and not uwb.clock_drift_s_s:
         return run
     table = _inertial(run.table, imu)
-    north, east = place_corrected(uwb, *(table[name].to_numpy() for name in PLACE))
+    north, east = correct_uwb_scale(uwb, *(table[name].to_numpy() for name in PLACE))
     table = table.with_columns(pl.Series("north_m", north), pl.Series("east_m", east)).fill_nan(None)
     return Run(_in_time(table, uwb, first_fix_s(run)) if uwb.clock_drift_s_s else table, run.meta, run.whole)
 
@@ -39,9 +39,9 @@ def _inertial(table: pl.DataFrame, imu: Imu) -> pl.DataFrame:
     """Heading, yaw rate and specific force. Turned axes need both forces in a row; one alone is then left out."""
     psi, r, a_x, a_y = (table[name].to_numpy() for name in ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2"))
     alone = 0.0 if not imu.misalignment_rad else np.nan
-    x, _, rate = imu_corrected(imu, a_x, np.where(np.isnan(a_y), alone, a_y), r)
-    _, y, _ = imu_corrected(imu, np.where(np.isnan(a_x), alone, a_x), a_y, r)
-    psi = heading_corrected(imu, psi)
+    x, _, rate = correct_imu(imu, a_x, np.where(np.isnan(a_y), alone, a_y), r)
+    _, y, _ = correct_imu(imu, np.where(np.isnan(a_x), alone, a_x), a_y, r)
+    psi = correct_heading(imu, psi)
     psi = (psi + np.pi) % (2 * np.pi) - np.pi
     new = {"psi_rad": psi, "r_rad_s": rate, "ax_m_s2": x, "ay_m_s2": y}
     return table.with_columns(**{name: pl.Series(name, values) for name, values in new.items()}).fill_nan(None)

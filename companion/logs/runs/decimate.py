@@ -20,7 +20,7 @@ GROUPED = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "phi_rad", "theta_rad")
 HOLE = 1.5  # times the usual time between samples: a mean does not reach across such a hole
 
 
-class Thinned(NamedTuple):
+class Decimated(NamedTuple):
     """A log with means for samples, the time that each spans [s] (0: as it was), and what they are means of.
 
     Means lie at `t_s` (m,); the samples of each so much away from it, `around_s` (m, n): in the middle where a hole has
@@ -33,9 +33,9 @@ class Thinned(NamedTuple):
     around_s: np.ndarray
 
 
-def thinned(run: Run, rate_hz: float = RATE_HZ) -> Thinned:
+def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
     """`run` with inertial columns averaged to about `rate_hz`."""
-    as_it_is = Thinned(run, 0.0, np.empty(0), np.empty((0, 1)))
+    as_it_is = Decimated(run, 0.0, np.empty(0), np.empty((0, 1)))
     columns = [c for c in GROUPED if run.known(c)]
     if not columns:
         return as_it_is
@@ -55,11 +55,11 @@ def thinned(run: Run, rate_hz: float = RATE_HZ) -> Thinned:
     held = [c for c in table.columns if c.startswith(HELD)]
     table = table.sort("t_s").with_columns(pl.col(held).forward_fill())
     fewer = Run(_bare(table, held).select(run.table.columns), run.meta, run.whole)
-    return Thinned(fewer, count * step, t_s, around_s)
+    return Decimated(fewer, count * step, t_s, around_s)
 
 
 def _means(run: Run, column: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stamps and values of the means, headings the short way round, and what is averaged, as `Thinned.around_s`."""
+    """Stamps and values of the means, headings the short way round, and what is averaged, as `Decimated.around_s`."""
     t, values = run.samples(column)
     if column == "psi_rad":
         values = np.unwrap(values)

@@ -52,12 +52,12 @@ def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S)
     return [part(run, low_s, high_s, history_s) for low_s, high_s in intervals]
 
 
-def wholes(runs: Sequence[Run]) -> list[Run]:
+def source_runs(runs: Sequence[Run]) -> list[Run]:
     """The logs that `runs` are parts of, each once."""
     return list({id(run.whole): run.whole for run in runs}.values())
 
 
-def recorded(run: Run) -> list[Interval]:
+def recording_intervals(run: Run) -> list[Interval]:
     """From one pause of the recording to the next; all of it where it never paused."""
     t_s = run.table["t_s"].to_numpy()
     since = t_s[t_s >= run.measured_s()[0]]  # before are commands only, those that changed
@@ -80,7 +80,7 @@ def block_intervals(run: Run, block_s: float) -> list[Interval]:
     if not 0 < block_s <= end - begin:
         raise RunError(f"{run.meta.source}: {end - begin:g} s cannot be cut into blocks of {block_s:g} s")
     measured = run.measured_s()
-    laid = [block for low, high in recorded(run) for block in _blocks(low, high, block_s)]
+    laid = [block for low, high in recording_intervals(run) for block in _blocks(low, high, block_s)]
     return [(low, high) for low, high in laid if ((measured >= low) & (measured <= high)).any()]
 
 
@@ -99,7 +99,7 @@ def alternate(run: Run, block_s: float) -> tuple[list[Interval], list[Interval]]
     """
     blocks = block_intervals(run, block_s)
     if len(blocks) < 2:
-        pauses = len(recorded(run)) - 1
+        pauses = len(recording_intervals(run)) - 1
         between = f" between {pauses} pauses of the recording" if pauses else ""
         raise RunError(f"{run.meta.source}: {run.duration_s:g} s{between} hold no two blocks of {block_s:g} s")
     return blocks[::2], blocks[1::2]

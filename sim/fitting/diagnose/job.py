@@ -21,26 +21,26 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.preparation.gaps import pieces, unbroken, without_pauses
-from sim.fitting.diagnose.preparation.subsampling import spread
-from sim.fitting.diagnose.preparation.swapped_columns import refuse_mistaken
+from sim.fitting.diagnose.preparation.gaps import intervals_as_runs, split_at_pauses, without_pauses
+from sim.fitting.diagnose.preparation.subsampling import subsample
+from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns
 from sim.fitting.diagnose.report import findings as record
-from sim.fitting.diagnose.report.verdict import Adequate, conclude, refuted, taken_back
+from sim.fitting.diagnose.report.verdict import Adequate, conclude, held_out_objection, without_causes
 from sim.fitting.diagnose.selection.adequacy import adequacy
-from sim.fitting.diagnose.selection.detectability import visible_from
-from sim.fitting.diagnose.selection.distinguishability import ToldApart, told_apart
+from sim.fitting.diagnose.selection.detectability import detection_limits
+from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
-from sim.fitting.diagnose.selection.search import search
+from sim.fitting.diagnose.selection.search import search_causes
 from sim.fitting.diagnose.selection.select import Selection, Selector
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named, VesselFiles, mend, refit
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
-from sim.fitting.engine.windows import fixes_of
+from sim.fitting.engine.windows import usable_fixes
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """What `diagnose` says it is at, in this order; shares run from 0 to 1 within each."""
 WINDOW_S = 1.0
-Say = Callable[[str, str, float], None]
+Progress = Callable[[str, str, float], None]
 """Step, what of it, share of it that is done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
@@ -76,7 +76,7 @@ class Diagnosis:
     confused: dict[str, tuple[str, ...]]
     withdrawn: dict[str, str]
     adequacy: record.Adequacy | None
-    identifiability: ToldApart | None
+    identifiability: Distinguishability | None
     files: VesselFiles
     held_out: HeldOutScore
     visible: dict[str, tuple[float, str]]
@@ -101,8 +101,8 @@ def diagnose(
     without: Sequence[str] = (),
     known: Sequence[str] = (),
     adequacy: Adequate | None = adequacy,
-    identifiability: Callable[[PosteriorFit, Selection], ToldApart] | None = told_apart,
-    say: Say = lambda _step, _text, _share: None,
+    identifiability: Callable[[PosteriorFit, Selection], Distinguishability] | None = distinguishability,
+    say: Progress = lambda _step, _text, _share: None,
     seed: int = 0,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:
@@ -120,7 +120,7 @@ def diagnose(
     fit = PosteriorFit(
         EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient)
     )
-    found = search(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
+    found = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
     plain, standing = refit(fit, found.selection.base)
@@ -130,8 +130,8 @@ def diagnose(
     say(STEPS[3], "", 0.0)
     believed = {"base": ModelUnderTest({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
     judged = score(data.held_out, vessel, fit.effects, believed, fit.physics, seed)
-    if verdict.causes and not known and (why := refuted(verdict, judged)):
-        verdict = taken_back(fit, verdict, why, ambient, adequacy)
+    if verdict.causes and not known and (why := held_out_objection(verdict, judged)):
+        verdict = without_causes(fit, verdict, why, ambient, adequacy)
         mended = mend(fit, plain, verdict.selection.final, ())
         judged = score(data.held_out, vessel, fit.effects, believed | {"extended": plain}, fit.physics, seed)
     apart = identifiability(fit, verdict.selection) if identifiability else None
@@ -153,7 +153,7 @@ def diagnose(
         identifiability=apart,
         files=mended.files,
         held_out=judged,
-        visible=visible_from(fit, verdict.selection.final),
+        visible=detection_limits(fit, verdict.selection.final),
         problems={used.log.name: problems(used.log.run) for used in data.split.used},
         seed=seed,
         runtime_s=clock() - begun,
@@ -163,12 +163,14 @@ def diagnose(
 def data_of(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
     """What is fitted, what is held out, and the clock of both."""
     whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
-    parted, clock = spread(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
+    parted, clock = subsample(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:
-        refuse_mistaken(used.log.run)
-    outside = [run for out in parted.held_out for run in (pieces(out.run, out.inside) if out.inside else [out.run])]
+        reject_swapped_columns(used.log.run)
+    outside = [
+        run for out in parted.held_out for run in (intervals_as_runs(out.run, out.inside) if out.inside else [out.run])
+    ]
     for run in outside:
-        fixes_of(run)  # they are looked at last, after a long search
+        usable_fixes(run)  # they are looked at last, after a long search
     return Data(parted, list(parted.fitted), outside, clock)
 
 
@@ -176,12 +178,12 @@ def _logs(runs: Sequence[Run]) -> list[NamedLog]:
     return [NamedLog(run.meta.source, run) for run in runs]
 
 
-def _ambient(reference: Run, vessel: VesselFile, say: Say) -> Noise:
+def _ambient(reference: Run, vessel: VesselFile, say: Progress) -> Noise:
     """Noise of sensors and of what nobody can foretell, from a log in which nothing is wrong."""
     say(STEPS[0], reference.meta.source, 0.0)
     run = usable(NamedLog(reference.meta.source, reference), vessel).run
-    refuse_mistaken(run)
-    calm = unbroken(run)
+    reject_swapped_columns(run)
+    calm = split_at_pauses(run)
     everyday = [e for e in catalogue(vessel, calm) if e.everyday]
     model = Selector(PosteriorFit(EffectPhysics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel, calm))).base()
     say(STEPS[0], "", 1.0)

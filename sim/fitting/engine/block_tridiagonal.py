@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.fitting.engine.kernels.block_tridiagonal import back, eliminate, tie
-from sim.fitting.engine.kernels.windows import gather
+from sim.fitting.engine.kernels.block_tridiagonal import add_ties, back_substitute, eliminate
+from sim.fitting.engine.kernels.windows import add_normal_equations
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ class Chain:
     def add_samples(self, window: np.ndarray, J: np.ndarray, residual: np.ndarray) -> None:
         """The same for samples that are each of one `window` (m,): J (m, k, L + P), residual (m, k)."""
         count = J.shape[1]
-        gather(J.reshape(-1, J.shape[2]), residual.ravel(), np.repeat(window, count), self.A, self.B, self.g)
+        add_normal_equations(
+            J.reshape(-1, J.shape[2]), residual.ravel(), np.repeat(window, count), self.A, self.B, self.g
+        )
         self._add_shared(J, residual)
 
     def _add_shared(self, J: np.ndarray, residual: np.ndarray) -> None:
@@ -81,7 +83,7 @@ class Chain:
 
     def add_ties(self, ties: Ties, sigma: np.ndarray) -> None:
         """Add what ties neighbouring nodes; sigma (T, L) of each entry of rho."""
-        border = tie(ties.at, ties.F, ties.G, ties.rho, 1 / sigma, self.A, self.next, self.B, self.g)
+        border = add_ties(ties.at, ties.F, ties.G, ties.rho, 1 / sigma, self.A, self.next, self.B, self.g)
         G = border[:, :-1]
         self.D += G.T @ G  # of one matrix with itself: half the work
         self.d -= G.T @ border[:, -1]
@@ -99,7 +101,7 @@ class Chain:
         step = -np.linalg.solve(D, d)
         given = (last + border @ step).reshape(W, size)
         dz = np.empty((W, size))
-        back(factors, solved, given, dz)
+        back_substitute(factors, solved, given, dz)
         return dz, step, D, log_det
 
     def solve_nodes(self) -> tuple[np.ndarray, float]:
@@ -107,7 +109,7 @@ class Chain:
         W, size = self.g.shape
         factors, solved, log_det = self._eliminated(self.B[:, :, :0])
         dz = np.empty((W, size))
-        back(factors, solved, solved[:, :, -1].copy(), dz)
+        back_substitute(factors, solved, solved[:, :, -1].copy(), dz)
         return dz, log_det
 
     def _eliminated(self, B: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

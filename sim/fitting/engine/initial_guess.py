@@ -12,7 +12,7 @@ from sim.fitting.engine.windows import PSI, RATE, Windows
 REACH = 3.0  # fixes to either side, in units of their median spacing or 0.8 s, whichever is longer
 
 
-def first_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
+def initial_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
     """Nodes (W, L): states guessed, biases and latent force nil."""
     uwb = parameters.vessel.sensors.uwb
     arm = np.array([uwb.x_m, uwb.y_m])
@@ -30,7 +30,7 @@ def first_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
         place = fixes.place_m[mine] - _turned(heading, np.tile(arm, (len(when), 1)))
         reach = REACH * max(0.8, float(np.median(np.diff(when))))
         track = np.empty((len(at), 2, 2))
-        local_lines(when, place, at, reach, track)
+        local_line_fits(when, place, at, reach, track)
         z[span, :2] = track[:, 0]
         z[span, 3:5] = _turned(-psi, track[:, 1])
     return z
@@ -49,7 +49,7 @@ def _turned(psi: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def local_lines(t: np.ndarray, place: np.ndarray, at: np.ndarray, reach: float, track: np.ndarray) -> None:
+def local_line_fits(t: np.ndarray, place: np.ndarray, at: np.ndarray, reach: float, track: np.ndarray) -> None:
     """Places and velocities at instants (n,), track (n, 2, 2), from those (m, 2) at rising t: lines by least squares,
 
     weighted by nearness, over all within `reach`, at least four.

@@ -7,10 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
-from sim.fitting.engine.jacobian_rows import BLOCK, fade, inertial, places, positions, sensitivities
+from sim.fitting.engine.jacobian_rows import (
+    BLOCK,
+    fade,
+    imu_jacobian,
+    jacobian_columns,
+    position_jacobian,
+    sensitivities,
+)
 from sim.fitting.engine.kernels.windows import X0_D
 from sim.fitting.engine.model import CompiledModel
-from sim.fitting.engine.motion import Mover, WindowMotion
+from sim.fitting.engine.motion import WindowIntegrator, WindowMotion
 from sim.fitting.engine.noise import STATE, L, Noise
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.sensors import ImuResiduals, TagResiduals
@@ -41,7 +48,7 @@ class FitProblem:
     def __init__(self, windows: Windows, parameters: Parameters, compiled: CompiledModel):
         imu = parameters.vessel.sensors.imu
         self.windows, self.parameters = windows, parameters
-        self.move = Mover(windows, parameters, compiled)
+        self.move = WindowIntegrator(windows, parameters, compiled)
         self.imu, self.tag = ImuResiduals(windows, (imu.x_m, imu.y_m)), TagResiduals(windows, parameters)
 
     def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise, motion: WindowMotion | None = None) -> Linearised:
@@ -52,7 +59,7 @@ class FitProblem:
         size = np.sqrt((fix_residual**2).sum(axis=1))
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
         W, P = self.windows.size[0], len(q)
-        place, direct = places(self.parameters.moving), np.empty((W, self.windows.size[1], 4, 0))
+        place, direct = jacobian_columns(self.parameters.moving), np.empty((W, self.windows.size[1], 4, 0))
         imu_slopes, tag_slopes, wander = self.imu.slopes(motion), self.tag.slopes(path), fade(self.windows, noise)
         chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, len(place)))
         samples, whitened = np.zeros((len(size), 2, L + P)), fix_residual * root[:, None]
@@ -61,11 +68,11 @@ class FitProblem:
             A, pushes, h_s = motion.A[part], motion.pushes.part(part), self.windows.h_s[part]
             S, known = sensitivities(A, pushes, h_s), np.isfinite(self.windows.y[part])
             steps = h_s, wander[part]
-            rows = inertial(S, A, pushes, imu_slopes[part], direct[part], known, steps, noise, place, L + P)
+            rows = imu_jacobian(S, A, pushes, imu_slopes[part], direct[part], known, steps, noise, place, L + P)
             chain.add(part, rows.reshape(len(rows), -1, L + P), np.nan_to_num(residual[part]).reshape(len(rows), -1))
             mine = np.flatnonzero((path.window >= part.start) & (path.window < part.stop))
             at, nothing = (path.window[mine] - start, path.step[mine]), np.empty((len(mine), 2, 0))
-            samples[mine] = positions(S, at, tag_slopes[mine], nothing, root[mine] / noise.fix_m, place, L + P)
+            samples[mine] = position_jacobian(S, at, tag_slopes[mine], nothing, root[mine] / noise.fix_m, place, L + P)
             ends[part] = S[:, -1]
         self.tag.add_own(samples, path, root / noise.fix_m)
         chain.add_samples(path.window, samples, whitened)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fitting.engine.jacobian_rows import Pushes
+from sim.fitting.engine.jacobian_rows import AccelerationPartials
 from sim.fitting.engine.kernels.windows import MIDDLE
 from sim.fitting.engine.model import N_HULL, CompiledModel
 from sim.fitting.engine.noise import LATENT, STATE
@@ -31,11 +31,11 @@ class WindowMotion:
     x: np.ndarray
     nu_dot: np.ndarray
     A: np.ndarray
-    pushes: Pushes
+    pushes: AccelerationPartials
 
 
 @dataclass(frozen=True)
-class Mover:
+class WindowIntegrator:
     """Integrates the windows of one problem."""
 
     windows: Windows
@@ -75,7 +75,7 @@ class Mover:
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()
         return WindowMotion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
 
-    def _late(self, nodes: np.ndarray, late: np.ndarray) -> Pushes:
+    def _late(self, nodes: np.ndarray, late: np.ndarray) -> AccelerationPartials:
         """`late` (W, K, 3): what a second of dead time adds to nu over a step, exactly.
 
         At the steps alone d(nu_dot) would not tell, it jumps with the commands.
@@ -85,7 +85,7 @@ class Mover:
         h_s = self.windows.h_s[..., None]
         mean = np.divide(late, h_s, out=np.zeros_like(late), where=h_s > 0)  # short windows end in steps of no length
         bump = (mean - ends) / MIDDLE[0]
-        return Pushes(nodes, bump[..., None], np.array([dead]))
+        return AccelerationPartials(nodes, bump[..., None], np.array([dead]))
 
     def _configuration(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """B (3, n) and what a degree of azimuth adds to each column."""

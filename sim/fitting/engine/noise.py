@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
-from sim.fitting.engine.kernels.windows import whitened
+from sim.fitting.engine.kernels.windows import whiten_rows
 
 NODE = ("x", "y", "psi", "u", "v", "r", "d_u", "d_v", "d_r", "b_ax", "b_ay", "b_r", "wander", "offset")
 STATE, LATENT, BIAS_AX, BIAS_AY, BIAS_R, WANDER, OFFSET = slice(0, 6), slice(6, 9), 9, 10, 11, 12, 13
@@ -79,5 +79,5 @@ def whiten(rows: np.ndarray, known: np.ndarray, h_s: np.ndarray, noise: Noise) -
     Scalar Kalman filter per window; its gains do not depend on the rows, so residual and Jacobian pass it alike.
     """
     out = rows[:, :, None].copy()
-    whitened(out, 0, known, h_s, noise.white[0], noise.wander_rad, noise.wander_time_s)
+    whiten_rows(out, 0, known, h_s, noise.white[0], noise.wander_rad, noise.wander_time_s)
     return out[:, :, 0]

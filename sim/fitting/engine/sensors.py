@@ -62,13 +62,13 @@ class TagResiduals:
     windows: Windows
     parameters: Parameters
 
-    def residual(self, path: PathResiduals, q: np.ndarray, noise: Noise) -> np.ndarray:
+    def residual(self, path: TagPath, q: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured place, whitened, shape (m, 2)."""
         place = path.x[:, :2] + path.turned(path.shift)
         warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
 
-    def slopes(self, path: PathResiduals) -> np.ndarray:
+    def slopes(self, path: TagPath) -> np.ndarray:
         """What places change with the state at the step before, (m, 2, 6); the warp's share of it is left out."""
         delta = path.delta_s
         C = np.zeros((len(delta), 2, 6))
@@ -78,7 +78,7 @@ class TagResiduals:
         C[:, :, 5] = delta * (path.R @ (TURN @ path.arm))
         return C
 
-    def add_own(self, rows: np.ndarray, path: PathResiduals, scale: np.ndarray) -> None:
+    def add_own(self, rows: np.ndarray, path: TagPath, scale: np.ndarray) -> None:
         """Latency, arm and warp in rows (m, 2, L + P), times `scale` (m,)."""
         at, warp, by = L + self.parameters.thrusters.stop + 2, L + self.parameters.warp.start, scale[:, None]
         delta = path.delta_s
@@ -92,7 +92,7 @@ class TagResiduals:
     def _middle(self) -> np.ndarray:
         return self.windows.fixes.place_m.mean(axis=0)
 
-    def path(self, motion: WindowMotion, q: np.ndarray) -> PathResiduals:
+    def path(self, motion: WindowMotion, q: np.ndarray) -> TagPath:
         """Where the tag went, near each sample."""
         at = self.parameters.thrusters.stop + 3
         when = self.windows.fixes.t_s - q[self.parameters.thrusters.stop + 2]
@@ -101,11 +101,11 @@ class TagResiduals:
         r = x[:, 5:6]
         velocity = x[:, 3:5] + r * (TURN @ arm)
         gain = nd[:, :2] + nd[:, 2:] * (TURN @ arm) + r * (velocity @ TURN.T)
-        return PathResiduals(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
+        return TagPath(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
 
 
 @dataclass(frozen=True)
-class PathResiduals:
+class TagPath:
     """The tag near each sample: body-axes velocity and acceleration at the step before, `delta_s` earlier."""
 
     window: np.ndarray

@@ -34,7 +34,7 @@ class NamedLog:
 
 
 @dataclass(frozen=True)
-class Used:
+class LogUse:
     """What became of one log: intervals [s] on its own clock."""
 
     log: NamedLog
@@ -48,7 +48,7 @@ class Split:
 
     fitted: tuple[Run, ...]
     held_out: tuple[HeldOut, ...]
-    used: tuple[Used, ...]
+    used: tuple[LogUse, ...]
     rule: str
 
 
@@ -65,8 +65,8 @@ def split(
             raise JobError(f"{log.name}: holds the same data as {other}; name each log once")
         seen[log.run.data_hash] = log.name
     if held_out:
-        used = [Used(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ()) for log in logs]
-        used += [Used(_long(log, LEAST_HELD_OUT_S, "to be held out"), (), (_all(log),)) for log in held_out]
+        used = [LogUse(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ()) for log in logs]
+        used += [LogUse(_long(log, LEAST_HELD_OUT_S, "to be held out"), (), (_all(log),)) for log in held_out]
         rule = "the logs named to be held out; all others were fitted whole"
     elif block_s:
         used = [_alternate(log, block_s) for log in logs]
@@ -106,18 +106,18 @@ def _long(log: NamedLog, least_s: float, what: str) -> NamedLog:
     return log
 
 
-def _alternate(log: NamedLog, block_s: float) -> Used:
+def _alternate(log: NamedLog, block_s: float) -> LogUse:
     if block_s < LEAST_HELD_OUT_S:
         raise JobError(f"blocks of {block_s:g} s: {LEAST_HELD_OUT_S:g} s are the least to be judged by")
     try:
         fitted, out = alternate(log.run, block_s)
     except RunError as error:
         raise JobError(f"{error}; choose shorter blocks, {LEAST_HELD_OUT_S:g} s at least, or hold out a log") from None
-    return Used(log, tuple(fitted), tuple(out))
+    return LogUse(log, tuple(fitted), tuple(out))
 
 
-def _tail(log: NamedLog) -> Used:
+def _tail(log: NamedLog) -> LogUse:
     out_s = max(SHARE * log.run.duration_s, LEAST_HELD_OUT_S)
     _long(log, LEAST_FIT_S + LEAST_HELD_OUT_S, "when its last part is held out (or hold out another log)")
     fitted, out = tail(log.run, out_s)
-    return Used(log, (fitted,), (out,))
+    return LogUse(log, (fitted,), (out,))

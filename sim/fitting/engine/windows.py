@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.apply_sensor_errors import calibrated
-from companion.logs.runs.decimate import Thinned
+from companion.logs.runs.decimate import Decimated
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
@@ -93,7 +93,7 @@ class Windows:
         return int(np.isfinite(self.y).any(axis=2).sum())
 
 
-def cut(
+def cut_windows(
     runs: Sequence[Run],
     vessel: VesselFile,
     window_s: float,
@@ -101,7 +101,7 @@ def cut(
     tied: bool = True,
     offsets_s: Sequence[float] = (0.0,),
     max_step_s: float = MAX_STEP_S,
-    means: Sequence[Thinned] = (),
+    means: Sequence[Decimated] = (),
 ) -> Windows:
     """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position.
 
@@ -165,7 +165,7 @@ def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tupl
     return t, y, np.unique(starts)
 
 
-def _around(t_s: np.ndarray, means: Thinned | None) -> np.ndarray:
+def _around(t_s: np.ndarray, means: Decimated | None) -> np.ndarray:
     """How far the samples of the mean at each of the instants (m,) are from it, (m, n); nil where there is none."""
     if means is None or not len(means.t_s):
         return np.zeros((len(t_s), 1))
@@ -196,15 +196,15 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
 
 def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:
     """Position samples of all runs, but for those at the very ends."""
-    found = [fixes_of(run, offset_s) for run, offset_s in laid]
+    found = [usable_fixes(run, offset_s) for run, offset_s in laid]
     owners = [np.full(len(t), i) for i, (t, _) in enumerate(found)]
     return Fixes(np.concatenate([t for t, _ in found]), np.concatenate([p for _, p in found]), np.concatenate(owners))
 
 
-def fixes_of(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def usable_fixes(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and places (m, 2) of the positions of a run that a fit can use. Raises StructuredFitError for too few."""
     first, (t, place) = _begin_s(run) + offset_s, run.samples("north_m", "east_m")
-    inside = off_the_ends(t, first, run.samples("psi_rad")[0][-1])
+    inside = inside_edges(t, first, run.samples("psi_rad")[0][-1])
     if inside.sum() < LEAST_FIXES:
         raise StructuredFitError(
             f"{run.meta.source}: {inside.sum()} positions while heading and commands are known; "
@@ -213,7 +213,7 @@ def fixes_of(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     return t[inside], place[inside]
 
 
-def off_the_ends(fixes_s: np.ndarray, begin_s: float, end_s: float) -> np.ndarray:
+def inside_edges(fixes_s: np.ndarray, begin_s: float, end_s: float) -> np.ndarray:
     """Which positions lie between these by more than `EDGE_S`."""
     return (fixes_s > begin_s + EDGE_S) & (fixes_s < end_s - EDGE_S)
 

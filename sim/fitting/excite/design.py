@@ -23,8 +23,8 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, Segment
-from sim.fitting.excite.information import Knowledge, of_interest, planned_information
-from sim.fitting.excite.nominal import Nominal, fly_nominal
+from sim.fitting.excite.information import Knowledge, indices_of_interest, planned_information
+from sim.fitting.excite.nominal import NominalFlight, fly_nominal
 
 Criterion = Literal["d", "worst"]
 ENOUGH = 10.0
@@ -95,15 +95,15 @@ def candidates(
     return found, left_out
 
 
-def floor(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> np.ndarray:
+def least_share(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> np.ndarray:
     """Share of the prior that is left when the library has been flown `ENOUGH` times, (P,)."""
     everything = sum((c.information for c in library), start=np.zeros_like(known.precision))
     return known.with_information(ENOUGH * everything).share
 
 
-def worth(known: Knowledge, candidate: CandidateManoeuvre, least: np.ndarray, criterion: Criterion) -> float:
-    """Of one candidate [1/s]; `least`: as `floor`."""
-    after, of = known.with_information(candidate.information), of_interest(known.vessel)
+def worth_per_s(known: Knowledge, candidate: CandidateManoeuvre, least: np.ndarray, criterion: Criterion) -> float:
+    """Of one candidate [1/s]; `least`: as `least_share`."""
+    after, of = known.with_information(candidate.information), indices_of_interest(known.vessel)
     d = 0.5 * (_log_det(known, of) - _log_det(after, of)) / candidate.duration_s
     if criterion == "d":
         return d
@@ -125,12 +125,12 @@ def advise(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> Advice:
     It is about the parameters that are not determined and that some candidate would help; where there is none, about
     the one farthest from the best that is to be had. Ranked by the fall of their log shares per second.
     """
-    of, after = of_interest(known.vessel), [known.with_information(c.information) for c in library]
+    of, after = indices_of_interest(known.vessel), [known.with_information(c.information) for c in library]
     shares = np.array([k.share for k in after])
     helped = shares.min(axis=0) < HARDLY * known.share
     about = [int(i) for i in of if known.undetermined[i] and helped[i]]
     if not about:
-        about = [int(of[np.argmax(known.share[of] / floor(known, library)[of])])]
+        about = [int(of[np.argmax(known.share[of] / least_share(known, library)[of])])]
     fall = np.log(known.share[about] / shares[:, about]).sum(axis=1) / [c.duration_s for c in library]
     ranked = tuple(library[i] for i in np.argsort(-fall))
     best = shares.argmin(axis=0)
@@ -142,12 +142,12 @@ def choose(
     known: Knowledge, library: Sequence[CandidateManoeuvre], budget_s: float, criterion: Criterion = "d"
 ) -> tuple[CandidateManoeuvre, ...]:
     """Candidates in order of choice until nothing fits into `budget_s`, stretched by `STRETCH`, any more."""
-    least, chosen, left_s = floor(known, library), [], STRETCH * budget_s
+    least, chosen, left_s = least_share(known, library), [], STRETCH * budget_s
     while True:
         fits = [c for c in library if c.duration_s <= left_s and sum(c is other for other in chosen) < MOST_TIMES]
         if not fits:
             return tuple(chosen)
-        best = max(fits, key=lambda c: worth(known, c, least, criterion))
+        best = max(fits, key=lambda c: worth_per_s(known, c, least, criterion))
         chosen.append(best)
         known, left_s = known.with_information(best.information), left_s - best.duration_s
 
@@ -160,7 +160,7 @@ def design(
     budget_s: float,
     *,
     name: str,
-) -> tuple[Excitation, Nominal]:
+) -> tuple[Excitation, NominalFlight]:
     """The plan of `chosen` segments and its nominal flight; last ones are dropped until it keeps to `budget_s`.
 
     Raises ConfigError where not even the first one fits.

@@ -28,7 +28,7 @@ AFTER_S = 1.0
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlownExcitation:
     """One flight: every message, how it ended in words, how near the true boat came to the fence [m]."""
 
     messages: tuple[Message, ...]
@@ -46,7 +46,7 @@ class Flown:
 
 def fly(
     setup: RunSetup, world: WorldSetup, seed: int, say: Callable[[str], None] = lambda _: None, limit_s: float = LIMIT_S
-) -> Flown:
+) -> FlownExcitation:
     """Fly the setup's excitation in `world` until it is over or the boat has stopped for good."""
     run = SteppedRun(World(world, seed), Pilot(setup.pilot), _no_plan, begin="excite")
     next_ns, started = 0, False
@@ -67,19 +67,19 @@ def fly(
     track = np.array([(m.north_m, m.east_m) for m in truths])
     clearance = float(Pen(setup.pilot.site).clearance(track).min())
     done = bool(statuses) and statuses[-1].phase == "done"
-    return Flown(tuple(run.messages), done, ending, clearance, statuses, truths)
+    return FlownExcitation(tuple(run.messages), done, ending, clearance, statuses, truths)
 
 
 def _no_plan(request: SolveRequest, warm: Any) -> NoReturn:
     raise AssertionError(f"tick {request.index}: an excitation asks for no plan")
 
 
-def notes(flown: Flown) -> list[Alert]:
+def notes(flown: FlownExcitation) -> list[Alert]:
     """What the boat had to say."""
     return [m for m in flown.messages if isinstance(m, Alert)]
 
 
-def write_logs(flown: Flown, setup: RunSetup, folder: Path) -> tuple[Path, Path]:
+def write_logs(flown: FlownExcitation, setup: RunSetup, folder: Path) -> tuple[Path, Path]:
     """run.mcap and truth.mcap into `folder`. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     run, truth = folder / "run.mcap", folder / "truth.mcap"

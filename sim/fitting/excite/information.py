@@ -77,7 +77,7 @@ class Knowledge:
         return self.share > UNDETERMINED
 
 
-def of_interest(vessel: VesselFile) -> np.ndarray:
+def indices_of_interest(vessel: VesselFile) -> np.ndarray:
     """Indices of what a manoeuvre is for: inertia, damping, gains, dead time, lag; not the sensors' places."""
     return np.arange(len(HULL) + len(vessel.thrusters) + 2)
 

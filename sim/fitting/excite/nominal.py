@@ -18,7 +18,7 @@ from companion.core.excitation.file import Excitation
 from companion.core.excitation.flight import BEGINNING, Flight
 from companion.core.geometry.frames import ssa
 from companion.core.messages import ExcitationStatus, GroundTruth
-from companion.logs.readers.aritra import described
+from companion.logs.readers.aritra import meta_fields
 from companion.logs.runs.run import Run, RunMeta
 from sim.world.environment import Environment, Weather
 from sim.world.plant import Motion, Plant
@@ -30,7 +30,7 @@ LIMIT_S = 7200.0  # a flight that takes longer has lost its way
 
 
 @dataclass(frozen=True)
-class Nominal:
+class NominalFlight:
     """One flight: log, status and truth at every tick, what it had to say when, how near it came to the fence [m]."""
 
     run: Run
@@ -52,7 +52,7 @@ class Nominal:
 
 def fly_nominal(
     excitation: Excitation, vessel: VesselFile, site: Site, *, limit_s: float = LIMIT_S, step_ns: int = STEP_NS
-) -> Nominal:
+) -> NominalFlight:
     """Fly `excitation` from rest in the middle of `site`, until it is over. Raises ConfigError where it cannot be.
 
     `step_ns`: of the plant; a tick is a whole number of them.
@@ -77,7 +77,7 @@ def fly_nominal(
         rows.sense(plant)
         plant.step(calm)
     run = rows.run(vessel, site, excitation.name)
-    return Nominal(run, tuple(statuses), tuple(truths), tuple(notes), clearance)
+    return NominalFlight(run, tuple(statuses), tuple(truths), tuple(notes), clearance)
 
 
 def truth_of(t_ns: int, x: np.ndarray) -> GroundTruth:
@@ -141,4 +141,4 @@ class _Rows:
         held = [*self._names, "battery_v"]
         table = table.with_columns(pl.col(held).forward_fill())
         source = f"nominal flight of {name}"
-        return Run(table, RunMeta(vessel=vessel.name, source=source, clock="simulated", **described(vessel, site)))
+        return Run(table, RunMeta(vessel=vessel.name, source=source, clock="simulated", **meta_fields(vessel, site)))

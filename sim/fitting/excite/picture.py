@@ -23,7 +23,7 @@ MAP = "tab20"
 
 
 @dataclass(frozen=True)
-class Drawn:
+class FlightTrace:
     """What is drawn: instants (k,) [s], [north, east, psi, u, v, r] (k, 6), segment (k,) or -1, forces (k, n) [N]."""
 
     t_s: np.ndarray
@@ -32,7 +32,7 @@ class Drawn:
     f_n: np.ndarray
 
 
-def drawn(truths: Sequence[GroundTruth], statuses: Sequence[ExcitationStatus]) -> Drawn:
+def flight_trace(truths: Sequence[GroundTruth], statuses: Sequence[ExcitationStatus]) -> FlightTrace:
     """Of the true motion, from the first status to the last."""
     first, last = statuses[0].t_ns, statuses[-1].t_ns
     kept = [m for m in truths if first <= m.t_ns <= last]
@@ -41,10 +41,12 @@ def drawn(truths: Sequence[GroundTruth], statuses: Sequence[ExcitationStatus]) -
     which = np.array([s.segment if s.phase == "fly" else -1 for s in statuses])
     x = np.array([(m.north_m, m.east_m, m.psi_rad, m.u_m_s, m.v_m_s, m.r_rad_s) for m in kept])
     at = np.maximum(np.searchsorted(stamps, t_ns, side="right") - 1, 0)
-    return Drawn((t_ns - first) * 1e-9, x, which[at], np.array([m.f_n for m in kept]))
+    return FlightTrace((t_ns - first) * 1e-9, x, which[at], np.array([m.f_n for m in kept]))
 
 
-def draw(flight: Drawn, excitation: Excitation, site: Site, thrusters: Sequence[str], title: str, path: Path) -> None:
+def draw_flight(
+    flight: FlightTrace, excitation: Excitation, site: Site, thrusters: Sequence[str], title: str, path: Path
+) -> None:
     """Write the picture as PNG. Raises OSError."""
     colours = mpl.colormaps[MAP]
     names = list(dict.fromkeys(s.name for s in excitation.segments))
@@ -68,7 +70,7 @@ def draw(flight: Drawn, excitation: Excitation, site: Site, thrusters: Sequence[
         figure.savefig(path, dpi=110)
 
 
-def _track(ax: Any, flight: Drawn, excitation: Excitation, site: Site, colour: Sequence[Any]) -> None:
+def _track(ax: Any, flight: FlightTrace, excitation: Excitation, site: Site, colour: Sequence[Any]) -> None:
     corners, pen = np.array([*site.fence, site.fence[0]]), Pen(site)
     ax.plot(corners[:, 1], corners[:, 0], color="#222222", lw=1.0, ls=":", label="fence")
     north, east = pen.middle
@@ -87,7 +89,7 @@ def _track(ax: Any, flight: Drawn, excitation: Excitation, site: Site, colour: S
     ax.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(0.0, -0.06), ncols=4, frameon=False)
 
 
-def _bands(ax: Any, flight: Drawn, colour: Sequence[Any]) -> None:
+def _bands(ax: Any, flight: FlightTrace, colour: Sequence[Any]) -> None:
     for a, b in _stretches(flight.segment):
         if flight.segment[a] >= 0:
             end = flight.t_s[min(b, len(flight.t_s) - 1)]

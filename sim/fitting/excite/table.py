@@ -8,8 +8,8 @@ import numpy as np
 from rich.table import Table
 
 from sim.fitting.engine.units import unit_of
-from sim.fitting.excite.design import Advice, CandidateManoeuvre, worth
-from sim.fitting.excite.information import Knowledge, of_interest
+from sim.fitting.excite.design import Advice, CandidateManoeuvre, worth_per_s
+from sim.fitting.excite.information import Knowledge, indices_of_interest
 
 FEW = 5
 
@@ -76,7 +76,7 @@ def choices(chosen: Sequence[CandidateManoeuvre], start: Knowledge, least: np.nd
         table.add_column(name, justify="right" if name in ("time", "nats") else "left")
     known = start
     for c in chosen:
-        nats = worth(known, c, least, "d") * c.duration_s
+        nats = worth_per_s(known, c, least, "d") * c.duration_s
         table.add_row(c.segment.name, f"{c.duration_s:.0f} s", f"{nats:.2f}", c.segment.why)
         known = known.with_information(c.information)
     return table
@@ -84,7 +84,7 @@ def choices(chosen: Sequence[CandidateManoeuvre], start: Knowledge, least: np.nd
 
 def worst_open(known: Knowledge) -> str:
     """How many parameters of interest are not determined, in words."""
-    of = of_interest(known.vessel)
+    of = indices_of_interest(known.vessel)
     names = [known.parameters.names[i] for i in of if known.undetermined[i]]
     return f"{len(of) - len(names)} of {len(of)} parameters determined" + (
         f"; not: {', '.join(names)}" if names else ""

@@ -24,11 +24,11 @@ from sim.fitting.engine.jacobian_rows import sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
 from sim.fitting.engine.linearise import HUBER
 from sim.fitting.engine.model import compile_model
-from sim.fitting.engine.motion import Mover
+from sim.fitting.engine.motion import WindowIntegrator
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.engine.parameters import SENSORS, WARP, Parameters
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
-from sim.fitting.engine.windows import Windows, cut
+from sim.fitting.engine.windows import Windows, cut_windows
 
 HORIZON_S = 15.0  # 10 and 20 s predict alike; chosen on the even blocks of cse1's random_run1 (docs/cse1.md)
 OVERLAP = 3  # windows that each instant lies in
@@ -43,7 +43,7 @@ Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Target:
+class HorizonTarget:
     """What the windows should arrive at: x0 (W, 6), measured (W, m, 6) at steps `at` (m,), NaN where unknown."""
 
     windows: Windows
@@ -52,10 +52,10 @@ class Target:
     measured: np.ndarray
 
 
-def target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) -> Target:
+def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) -> HorizonTarget:
     """Overlapping windows of all runs, with the smoother's states."""
     offsets = tuple(k * horizon_s / OVERLAP for k in range(OVERLAP))
-    windows = cut(runs, vessel, horizon_s, tied=False, offsets_s=offsets)
+    windows = cut_windows(runs, vessel, horizon_s, tied=False, offsets_s=offsets)
     t_s = windows.t_s[:, ::THIN]
     around_s = tuple(around[:, ::THIN] for around in windows.around_s)
     windows = replace(windows, t_s=t_s, h_s=np.diff(t_s, axis=1), around_s=around_s)
@@ -70,7 +70,7 @@ def target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) -> Target:
             measured[span] = _at(t_s[span][:, at], smoothed.t_s, states)
             measured[span][_distance(t_s[span][:, at], fixes) > KNOWN_S] = np.nan
             measured[span][windows.h_s[span][:, at - 1] == 0] = np.nan  # beyond the window's end
-    return Target(windows, x0, at, measured)
+    return HorizonTarget(windows, x0, at, measured)
 
 
 def _at(t_s: np.ndarray, known_s: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -99,11 +99,11 @@ class HorizonFit:
     def __init__(
         self, runs: Sequence[Run], vessel: VesselFile, parameters: Parameters, horizon_s: float = HORIZON_S
     ) -> None:
-        self.target = target(runs, vessel, horizon_s)
+        self.target = horizon_target(runs, vessel, horizon_s)
         windows = self.target.windows
         W, K = windows.size
         self.parameters = parameters
-        self.move = Mover(windows, parameters, compile_model(vessel, K, W))
+        self.move = WindowIntegrator(windows, parameters, compile_model(vessel, K, W))
         self._z = np.zeros((W, L))
         self._z[:, STATE] = self.target.x0
         self.sigma = _scale(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))
@@ -175,7 +175,7 @@ def _scale(error: np.ndarray) -> np.ndarray:
     return np.maximum(sigma, 1e-6)
 
 
-def held_fixed(parameters: Parameters) -> Parameters:
+def with_tag_fixed(parameters: Parameters) -> Parameters:
     """The same with what poses alone cannot tell held at the file's values: the tag's latency, place and warp."""
     fixed = dict.fromkeys((*SENSORS, *WARP), (None, 0.0))
     return replace(parameters, overrides={**fixed, **(parameters.overrides or {})})

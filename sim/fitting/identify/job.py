@@ -27,7 +27,7 @@ from sim.fitting.taylor.sindy import sindy_coefficients
 from sim.fitting.validate.divergence import Departure, departure
 from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
-from sim.fitting.validate.scores import Box
+from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
@@ -145,7 +145,7 @@ def identify(
     same_day = all(used.fitted_s for used in parted.used if used.held_out_s)
     of_the_day = identified_vessel(vessel, structured, date=now()[:10], session=True) if same_day else identified
     models.append(VesselSimulator(NAMES["structured"], of_the_day))
-    box = Box.of(np.concatenate([s.nu for s in motion.smoothed]))
+    box = SpeedBox.of(np.concatenate([s.nu for s in motion.smoothed]))
     validation, departures = _judge(models, parted, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
     return Identification(
@@ -209,7 +209,7 @@ def _judge(
     parted: Split,
     vessel: VesselFile,
     noise: SmootherNoise,
-    box: Box,
+    box: SpeedBox,
     seed: int,
     say: Say,
 ) -> tuple[Validation, tuple[Departure, ...]]:

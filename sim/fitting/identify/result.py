@@ -14,7 +14,7 @@ from companion.logs.runs.run import Run
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
-from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, held_fixed
+from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, with_tag_fixed
 from sim.fitting.identify.horizon import solve as solve_horizon
 from sim.fitting.identify.structured_fit import WINDOWS_S, FitPoint, FitSettings, Say, StructuredFit, solve
 
@@ -37,14 +37,14 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     determined: bool
 
 
-class Direction(msgspec.Struct, frozen=True, kw_only=True):
+class OpenDirection(msgspec.Struct, frozen=True, kw_only=True):
     """A combination that the data do not determine: its share of the prior sigma, and who takes part how much."""
 
     share_of_prior: float
     parts: dict[str, float]
 
 
-class Channel(msgspec.Struct, frozen=True, kw_only=True):
+class ResidualChannel(msgspec.Struct, frozen=True, kw_only=True):
     """Whitened residuals of one channel: how many, white sigma found, rms (1: as believed), lag-1 correlation."""
 
     name: str
@@ -65,8 +65,8 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
 
     parameters: tuple[Estimate, ...]
     covariance: tuple[tuple[float, ...], ...]
-    directions: tuple[Direction, ...]
-    channels: tuple[Channel, ...]
+    directions: tuple[OpenDirection, ...]
+    channels: tuple[ResidualChannel, ...]
     latent: tuple[float, float, float]
     latent_share: tuple[float, float, float]
     window_s: float
@@ -118,13 +118,13 @@ def fit_structured(
 def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, say: Say) -> FitResult:
     fit = StructuredFit(runs, vessel, settings)
     point, iterations = solve(fit, say)
-    return summary(fit, point, iterations, runs)
+    return fit_result(fit, point, iterations, runs)
 
 
 def _fit_horizon(
     runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, horizon_s: float, say: Say
 ) -> FitResult:
-    parameters = held_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
+    parameters = with_tag_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
     fit = HorizonFit(runs, vessel, parameters, horizon_s)
     point, iterations = solve_horizon(fit, settings.iterations, say)
     C_w = fit.covariance(point)
@@ -152,7 +152,7 @@ def _fit_horizon(
     )
 
 
-def summary(fit: StructuredFit, point: FitPoint, iterations: int, runs: Sequence[Run]) -> FitResult:
+def fit_result(fit: StructuredFit, point: FitPoint, iterations: int, runs: Sequence[Run]) -> FitResult:
     """Values and intervals at a converged point."""
     parameters = fit.parameters
     D = fit.assemble(point, fit.noise)[0].solve()[2]
@@ -216,7 +216,7 @@ def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> tuple[Direction, ...]:
+def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> tuple[OpenDirection, ...]:
     """Principal axes of the posterior, in units of the prior, that kept most of their prior width."""
     values, axes = np.linalg.eigh(C_w / np.outer(spread, spread))
     found = []
@@ -227,11 +227,11 @@ def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> 
         change /= change[np.abs(axis).argmax()]
         order = [int(i) for i in np.argsort(-np.abs(axis)) if abs(axis[i]) > 0.01]
         parts = {names[i]: round(float(change[i]), 3) for i in order}
-        found.append(Direction(share_of_prior=float(np.sqrt(value)), parts=parts))
+        found.append(OpenDirection(share_of_prior=float(np.sqrt(value)), parts=parts))
     return tuple(found)
 
 
-def _channels(fit: StructuredFit, point: FitPoint) -> tuple[Channel, ...]:
+def _channels(fit: StructuredFit, point: FitPoint) -> tuple[ResidualChannel, ...]:
     out = []
     for i, name in enumerate(CHANNEL_NAMES):
         series = point.at.residuals[..., i].ravel()
@@ -243,8 +243,10 @@ def _channels(fit: StructuredFit, point: FitPoint) -> tuple[Channel, ...]:
     return tuple(out)
 
 
-def _channel(name: str, series: np.ndarray, sigma: float) -> Channel:
+def _channel(name: str, series: np.ndarray, sigma: float) -> ResidualChannel:
     series = series[np.isfinite(series)]
     square = float(series @ series)
     lag1 = float(series[1:] @ series[:-1]) / square
-    return Channel(name=name, count=len(series), sigma=sigma, rms=float(np.sqrt(square / len(series))), lag1=lag1)
+    return ResidualChannel(
+        name=name, count=len(series), sigma=sigma, rms=float(np.sqrt(square / len(series))), lag1=lag1
+    )

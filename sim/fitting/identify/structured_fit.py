@@ -17,15 +17,15 @@ from scipy.optimize import minimize
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
-from companion.logs.runs.decimate import RATE_HZ, Thinned, thinned
+from companion.logs.runs.decimate import RATE_HZ, Decimated, decimated
 from companion.logs.runs.run import Run
 from sim.fitting.engine.block_tridiagonal import Chain
-from sim.fitting.engine.initial_guess import first_nodes
+from sim.fitting.engine.initial_guess import initial_nodes
 from sim.fitting.engine.linearise import HUBER, FitProblem, Linearised
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.noise import STATE, Noise, noise_of
 from sim.fitting.engine.parameters import Parameters, PriorSigmas
-from sim.fitting.engine.windows import MAX_STEP_S, Windows, cut
+from sim.fitting.engine.windows import MAX_STEP_S, Windows, cut_windows
 
 MEAN_STEP_S = 1.5 / RATE_HZ  # of integration, where thrust is averaged as the samples are: a late sample splits no step
 WINDOWS_S = (2.0, 0.5)  # the second where the first leaves residuals that are not white
@@ -78,7 +78,7 @@ class StructuredFit:
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: FitSettings):
         self.settings = settings
         self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
-        fewer = [thinned(run, settings.inertial_hz) for run in runs]
+        fewer = [decimated(run, settings.inertial_hz) for run in runs]
         self.windows = _windows(fewer, vessel, settings.window_s or WINDOWS_S[0])
         W, K = self.windows.size
         self.problem = FitProblem(self.windows, self.parameters, compile_model(vessel, K, W))
@@ -87,7 +87,7 @@ class StructuredFit:
         noise = replace(noise, latent_time_s=settings.latent_time_s)
         self.stated = noise
         self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
-        self._z0 = first_nodes(self.windows, self.parameters)
+        self._z0 = initial_nodes(self.windows, self.parameters)
         self._first = np.flatnonzero(self.windows.first)
 
     def begin(self) -> FitPoint:
@@ -187,13 +187,13 @@ def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
     return replace(noise, latent=(x, y, n))
 
 
-def _windows(fewer: Sequence[Thinned], vessel: VesselFile, window_s: float) -> Windows:
+def _windows(fewer: Sequence[Decimated], vessel: VesselFile, window_s: float) -> Windows:
     """Logs with fewer inertial samples as windows."""
     step_s = MEAN_STEP_S if all(each.width_s for each in fewer) else MAX_STEP_S
-    return cut([each.run for each in fewer], vessel, window_s, max_step_s=step_s, means=fewer)
+    return cut_windows([each.run for each in fewer], vessel, window_s, max_step_s=step_s, means=fewer)
 
 
-def _of_means(noise: Noise, runs: Sequence[Run], fewer: Sequence[Thinned]) -> Noise:
+def _of_means(noise: Noise, runs: Sequence[Run], fewer: Sequence[Decimated]) -> Noise:
     """White noise of samples as that of their means."""
     logged, left = (sum(len(run.samples("psi_rad")[0]) for run in some) for some in (runs, [f.run for f in fewer]))
     share = float(np.sqrt(left / logged))
@@ -207,7 +207,7 @@ def _command_rms(windows: Windows, vessel: VesselFile) -> np.ndarray:
     return np.maximum(np.sqrt((steady**2).mean(axis=0)) / np.diag(mass_matrix(vessel)), 1e-6)
 
 
-def rescaled(noise: Noise, at: Linearised, stated: Noise) -> tuple[Noise, float]:
+def white_from_residuals(noise: Noise, at: Linearised, stated: Noise) -> tuple[Noise, float]:
     """White noise as the residuals show it, and the largest change as a factor - 1.
 
     From their 90 % quantile, which a few outliers do not move; within `FACTORS` of what the sensors are stated to have.
@@ -229,13 +229,13 @@ def _bounded(sigma: float, whitened: np.ndarray, stated: float) -> float:
     known = whitened[np.isfinite(whitened).reshape(len(whitened), -1).all(axis=1)]
     if not len(known):
         return sigma
-    rho = correlation(known)
+    rho = lag1_correlation(known)
     share = np.sqrt((1 + rho) / (1 - rho)) if rho > COLOURED + 2 / np.sqrt(len(known)) else 1.0
     found = sigma * share * np.quantile(np.abs(known), 0.9) / Q90
     return float(np.clip(found, FACTORS[0] * stated, FACTORS[1] * stated))
 
 
-def correlation(residuals: np.ndarray) -> float:
+def lag1_correlation(residuals: np.ndarray) -> float:
     """Of neighbours in time, (m,) or (m, 2), about zero; beyond HUBER sigmas they count as HUBER."""
     r = np.clip(residuals, -HUBER, HUBER)
     return float(np.clip((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-12), -0.99, 0.99))
@@ -272,7 +272,7 @@ def _retuned(fit: StructuredFit, point: FitPoint) -> tuple[Noise, bool]:
 
     White noise that hardly changed stays as it was, which saves a linearisation.
     """
-    found, change = rescaled(fit.noise, point.at, fit.stated)
+    found, change = white_from_residuals(fit.noise, point.at, fit.stated)
     noise, same = (fit.noise, True) if change < SAME_WHITE else (found, False)
     if fit.settings.latent:
         before = np.array(noise.latent)

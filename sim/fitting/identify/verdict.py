@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.parameters import WARP
-from sim.fitting.identify.result import COLOURED, Direction, FitResult
+from sim.fitting.identify.result import COLOURED, FitResult, OpenDirection
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Score, best_baseline
 from sim.fitting.validate.study import BASELINE_NAMES, Validation
@@ -107,7 +107,7 @@ def advice(structured: FitResult) -> list[tuple[tuple[str, ...], str]]:
     return [(mine, text) for mine, text in found if mine]
 
 
-def common_scale(structured: FitResult) -> Direction | None:
+def common_scale(structured: FitResult) -> OpenDirection | None:
     """The direction in which all forces and inertias change together, where the data leave it open."""
     heads = ("M11_kg", "M22_kg")
     return next((d for d in structured.directions if all(abs(d.parts.get(h, 0.0)) > 0.5 for h in heads)), None)

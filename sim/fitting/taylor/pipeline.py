@@ -59,7 +59,7 @@ def smoother_samples(run: Run, vessel: VesselFile, smoothed: Smoothed) -> Sample
     return Samples(smoothed.nu, smoothed.nu_dot, forces_kgf(run, vessel, smoothed.t_s), rate_hz)
 
 
-def held(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def held_commands(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pulse widths (k, n) and volts (k,) in force at each instant; before the first stamp: neutral, first volts."""
     names = [f"pwm_{name}" for name in run.thrusters]
     stamps, pwm = run.samples(*names)
@@ -76,7 +76,7 @@ def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:
     names = tuple(t.name for t in vessel.thrusters)
     if run.thrusters != names:
         raise ValueError(f"{run.meta.source}: thrusters {run.thrusters}, but {vessel.name} has {names}")
-    pwm, volts = held(run, t_s)
+    pwm, volts = held_commands(run, t_s)
     volts = np.where(np.isnan(volts), vessel.propulsion.nominal_voltage_V, volts)
     return body_forces(vessel, pwm, volts, settings_at(run, t_s)) / KGF_N
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.validate.protocol import Simulator
-from sim.fitting.validate.scores import Box, errors, simulated
+from sim.fitting.validate.scores import SpeedBox, errors, simulated
 from sim.fitting.validate.windows import HeldOutWindows
 
 
@@ -29,7 +29,7 @@ class Departure:
     position_m: np.ndarray
 
 
-def departure(name: str, states: np.ndarray, windows: HeldOutWindows, box: Box) -> Departure:
+def departure(name: str, states: np.ndarray, windows: HeldOutWindows, box: SpeedBox) -> Departure:
     """Of a model's `states` (m, k, 6) on the windows.
 
     `box`: speeds that the training logs held; a run that leaves three times that, or is not finite, has diverged.
@@ -43,7 +43,7 @@ def departure(name: str, states: np.ndarray, windows: HeldOutWindows, box: Box) 
     return Departure(name, len(states), at / RATE_HZ, gone[:, at].mean(axis=0), first, quantiles)
 
 
-def divergence_study(models: Sequence[Simulator], windows: HeldOutWindows, box: Box) -> list[Departure]:
+def divergence_study(models: Sequence[Simulator], windows: HeldOutWindows, box: SpeedBox) -> list[Departure]:
     """Each model on the same unseen runs."""
     return [departure(model.name, simulated(model, windows), windows, box) for model in models]
 

@@ -21,7 +21,7 @@ from sim.fitting.engine.split import JobError, NamedLog, usable
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.protocol import CHANNELS, Commands, Simulator
 from sim.fitting.validate.scores import errors, simulated
-from sim.fitting.validate.windows import HeldOutWindows, Reference, cut, reference
+from sim.fitting.validate.windows import HeldOutWindows, Reference, cut_held_out, reference_motion
 
 SHORTEST_S = 1.0
 """Of a last piece."""
@@ -103,7 +103,7 @@ def overlay(
     """
     run = usable(NamedLog(run.meta.source, calibrated(run, vessel)), vessel).run
     say("what the boat did", 0.0)
-    ref = reference(run, SmootherNoise.of(vessel))
+    ref = reference_motion(run, SmootherNoise.of(vessel))
     windows = _pieces(run, ref, vessel, every_s)
     t_s = windows.start_s[:, None] + np.arange(windows.truth.shape[1]) / RATE_HZ
     ghosts = []
@@ -117,4 +117,4 @@ def overlay(
 
 def _pieces(run: Run, ref: Reference, vessel: VesselFile, every_s: float) -> HeldOutWindows:
     volts = vessel.propulsion.nominal_voltage_V
-    return cut(run, ref, volts, horizon_s=every_s, stride_s=every_s, shortest_s=min(SHORTEST_S, every_s))
+    return cut_held_out(run, ref, volts, horizon_s=every_s, stride_s=every_s, shortest_s=min(SHORTEST_S, every_s))

@@ -76,7 +76,7 @@ class TaylorSimulator:
 
 
 @dataclass(frozen=True)
-class VelocityStays:
+class ConstantVelocity:
     """u, v, r stay what they were: the boat goes on in its circle, whatever it is told."""
 
     name: str = "velocity stays"
@@ -87,7 +87,7 @@ class VelocityStays:
 
 
 @dataclass(frozen=True)
-class VelocityZero:
+class ZeroVelocity:
     """The boat stops at once and stays where it is."""
 
     name: str = "velocity is zero"

@@ -28,14 +28,14 @@ SPEEDS = ("u", "v", "r")
 
 
 @dataclass(frozen=True)
-class Box:
+class SpeedBox:
     """Range of [u v r], `low`, `high` (3,) [m/s, m/s, rad/s]."""
 
     low: np.ndarray
     high: np.ndarray
 
     @classmethod
-    def of(cls, nu: np.ndarray) -> Box:
+    def of(cls, nu: np.ndarray) -> SpeedBox:
         """The range of the finite rows of `nu` (..., 3)."""
         flat = nu.reshape(-1, 3)
         flat = flat[np.isfinite(flat).all(axis=1)]
@@ -89,7 +89,7 @@ def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def score(
-    model: Simulator, windows: HeldOutWindows, box: Box, second_windows: HeldOutWindows | None = None
+    model: Simulator, windows: HeldOutWindows, box: SpeedBox, second_windows: HeldOutWindows | None = None
 ) -> tuple[Score, np.ndarray]:
     """The model's score and its states. `second_windows`: windows of 1 s, 1 s apart, in order, for whiteness."""
     states = simulated(model, windows)

@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.validate.protocol import STEP_S, Commands, Simulator
-from sim.fitting.validate.scores import Box
+from sim.fitting.validate.scores import SpeedBox
 
 SECONDS = 60.0
 HOLD_S = 10.0
@@ -32,7 +32,7 @@ class Stability:
     runs: int
 
 
-def stability(model: Simulator, vessel: VesselFile, box: Box, seed: int, runs: int = RUNS) -> Stability:
+def stability(model: Simulator, vessel: VesselFile, box: SpeedBox, seed: int, runs: int = RUNS) -> Stability:
     """Runs of `SECONDS` from states drawn uniformly in the box; pulse widths uniform within the vessel's limits."""
     rng = np.random.default_rng(seed)
     n, steps, hold = len(vessel.thrusters), round(SECONDS / STEP_S), round(HOLD_S / STEP_S)

@@ -10,13 +10,13 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.splits import HeldOut
 from sim.fitting.engine.smoothing import SmootherNoise
-from sim.fitting.validate.models import VelocityStays, VelocityZero
+from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
 from sim.fitting.validate.protocol import Simulator
-from sim.fitting.validate.scores import Box, Score, score
+from sim.fitting.validate.scores import Score, SpeedBox, score
 from sim.fitting.validate.stability import Stability, stability
-from sim.fitting.validate.windows import HeldOutWindows, Reference, cut, joined, reference
+from sim.fitting.validate.windows import HeldOutWindows, Reference, concatenated, cut_held_out, reference_motion
 
-BASELINES = (VelocityStays(), VelocityZero())
+BASELINES = (ConstantVelocity(), ZeroVelocity())
 BASELINE_NAMES = tuple(model.name for model in BASELINES)
 
 
@@ -31,7 +31,7 @@ class Validation:
     held_out: tuple[HeldOut, ...]
     references: tuple[Reference, ...]
     windows: HeldOutWindows
-    box: Box
+    box: SpeedBox
     scores: tuple[Score, ...]
     stabilities: tuple[Stability, ...]
     states: tuple[np.ndarray, ...]
@@ -43,7 +43,7 @@ def validate(
     vessel: VesselFile,
     noise: SmootherNoise,
     *,
-    box: Box | None = None,
+    box: SpeedBox | None = None,
     horizon_s: float = 60.0,
     stride_s: float = 5.0,
     seed: int = 0,
@@ -59,12 +59,17 @@ def validate(
         raise ValueError("every model needs a name of its own")
     volts = vessel.propulsion.nominal_voltage_V
     say("what the boat did", 0.0)
-    references = tuple(reference(part.run, noise) for part in held_out)
+    references = tuple(reference_motion(part.run, noise) for part in held_out)
     pairs = list(zip(held_out, references, strict=True))
-    cuts = [cut(p.run, ref, volts, horizon_s=horizon_s, stride_s=stride_s, inside=p.inside) for p, ref in pairs]
-    seconds = [cut(p.run, ref, volts, horizon_s=1.0, stride_s=1.0, shortest_s=1.0, inside=p.inside) for p, ref in pairs]
-    windows, second_windows = joined(cuts), joined(seconds)
-    box = box or Box.of(windows.truth[..., 3:])
+    cuts = [
+        cut_held_out(p.run, ref, volts, horizon_s=horizon_s, stride_s=stride_s, inside=p.inside) for p, ref in pairs
+    ]
+    seconds = [
+        cut_held_out(p.run, ref, volts, horizon_s=1.0, stride_s=1.0, shortest_s=1.0, inside=p.inside)
+        for p, ref in pairs
+    ]
+    windows, second_windows = concatenated(cuts), concatenated(seconds)
+    box = box or SpeedBox.of(windows.truth[..., 3:])
     scored, stabilities = [], []
     for i, model in enumerate(everyone):
         say(model.name, 0.2 + 0.8 * i / len(everyone))

@@ -14,7 +14,7 @@ import numpy as np
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise, smooth
 from sim.fitting.engine.thrust.forces import settings_at
-from sim.fitting.taylor.pipeline import held
+from sim.fitting.taylor.pipeline import held_commands
 from sim.fitting.validate.protocol import STEP_S, Commands
 
 BEFORE_S = 2.0
@@ -33,7 +33,7 @@ class Reference:
     source: str
 
 
-def reference(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Reference:
+def reference_motion(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Reference:
     """Truth where the run has it, else smoothed; unknown further than `max_gap_s` / 2 from any position sample."""
     if all(run.known(name) for name in TRUTH):
         t, values = run.samples(*TRUTH)
@@ -63,7 +63,7 @@ class HeldOutWindows:
         return (self.truth.shape[1] - 1) / RATE_HZ
 
 
-def cut(
+def cut_held_out(
     run: Run,
     ref: Reference,
     nominal_v: float,
@@ -100,14 +100,14 @@ def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Co
     """Pulse widths and volts in force in the middle of each step."""
     before = round(BEFORE_S / STEP_S)
     t = start_s[:, None] + (np.arange(-before, steps) + 0.5) * STEP_S
-    pwm, volts = held(run, t.ravel())
+    pwm, volts = held_commands(run, t.ravel())
     pwm = pwm.reshape(*t.shape, -1)
     volts = np.where(np.isnan(volts), nominal_v, volts).reshape(t.shape)
     settings = settings_at(run, t[:, before:])
     return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before], settings)
 
 
-def joined(parts: Sequence[HeldOutWindows]) -> HeldOutWindows:
+def concatenated(parts: Sequence[HeldOutWindows]) -> HeldOutWindows:
     """Windows of several runs of one boat as one set; all of one horizon."""
     return HeldOutWindows(
         np.concatenate([p.x0 for p in parts]),

@@ -24,7 +24,7 @@ from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.pipeline import paper_samples, smoother_samples
 from sim.fitting.taylor.regression import least_squares
 from sim.studies.boats.draw import draw_boat, in_still_air
-from sim.studies.boats.lab_priors import BOLLARD, Lab, measured
+from sim.studies.boats.lab_priors import BOLLARD, LabPriors, measured
 from sim.studies.boats.open_loop import STARTS, distances, rms
 from sim.world.teleop_log import teleop_run
 
@@ -89,7 +89,7 @@ def boats_campaign(
     sigma_m: float,
     seed: int,
     *,
-    lab: Lab = BOLLARD,
+    lab: LabPriors = BOLLARD,
     train_s: float = TRAIN_S,
     say: Callable[[str], None] = lambda _: None,
 ) -> CampaignFigures:
@@ -108,7 +108,7 @@ def one_boat(
     uwb_hz: float,
     sigma_m: float,
     *,
-    labs: Sequence[Lab] = (BOLLARD,),
+    labs: Sequence[LabPriors] = (BOLLARD,),
     train_s: float = TRAIN_S,
 ) -> tuple[BoatScore, ...]:
     """One boat from its seed, every parameter up to 30 % off: flown twice, fitted on the first log, judged on the
@@ -123,7 +123,7 @@ def one_boat(
     return tuple(judged(vessel, boat, train, unseen, seed, lab) for lab in labs)
 
 
-def judged(vessel: VesselFile, boat: VesselFile, train: Run, unseen: Run, seed: int, lab: Lab) -> BoatScore:
+def judged(vessel: VesselFile, boat: VesselFile, train: Run, unseen: Run, seed: int, lab: LabPriors) -> BoatScore:
     """Fit `train` from `vessel` with what `lab` measured; compare with the true `boat`, also on `unseen`."""
     boat = in_still_air(boat)
     file, settings = measured(in_still_air(vessel), boat, lab, np.random.default_rng([seed, 1]))

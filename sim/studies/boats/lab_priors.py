@@ -24,7 +24,7 @@ ADDED_MASS_SHARE = 0.145
 
 
 @dataclass(frozen=True)
-class Lab:
+class LabPriors:
     """One sigma of each measurement, as a share; None: not made."""
 
     name: str
@@ -32,14 +32,14 @@ class Lab:
     gain: float | None = None
 
 
-WEIGHED = Lab("boat weighed to 0.5 %", mass=0.005)
+WEIGHED = LabPriors("boat weighed to 0.5 %", mass=0.005)
 """0.2 kg of 45 kg, a bathroom scale; assumed."""
-BOLLARD = Lab("each thruster's pull known to 2.5 %", gain=0.025)
+BOLLARD = LabPriors("each thruster's pull known to 2.5 %", gain=0.025)
 """A spring scale on a line; assumed."""
 
 
 def measured(
-    vessel: VesselFile, boat: VesselFile, lab: Lab, rng: np.random.Generator
+    vessel: VesselFile, boat: VesselFile, lab: LabPriors, rng: np.random.Generator
 ) -> tuple[VesselFile, FitSettings]:
     """The file that a fit of the true `boat` starts from, and its settings: `vessel` with what `lab` measured."""
     if lab.mass is not None:
@@ -52,7 +52,7 @@ def measured(
     return vessel, settings_for(vessel, lab)
 
 
-def settings_for(vessel: VesselFile, lab: Lab) -> FitSettings:
+def settings_for(vessel: VesselFile, lab: LabPriors) -> FitSettings:
     """Priors that say what `lab` knows: of surge inertia where the boat was weighed, of gains where they were."""
     sigmas = PriorSigmas(gain=WIDE_GAIN if lab.gain is None else lab.gain)
     if lab.mass is None:

@@ -14,12 +14,12 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.model import compile_model
-from sim.fitting.engine.motion import Mover
+from sim.fitting.engine.motion import WindowIntegrator
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
-from sim.fitting.engine.windows import Windows, cut
-from sim.fitting.taylor.pipeline import held
+from sim.fitting.engine.windows import Windows, cut_windows
+from sim.fitting.taylor.pipeline import held_commands
 from sim.fitting.validate.models import TaylorSimulator
 from sim.fitting.validate.protocol import STEP_S, Commands
 
@@ -44,11 +44,11 @@ def distances(
     `taylor`: coefficients (3, 23), forces by the thruster map of the vessel "file".
     """
     known = vessels["file"]
-    windows = cut([unseen], known, HORIZON_S)
+    windows = cut_windows([unseen], known, HORIZON_S)
     t, truth = unseen.samples(*TRUTH)
     truth[:, 2] = np.unwrap(truth[:, 2])
-    x0 = _start(unseen, known, windows.t_s[:, 0], at(windows.t_s[:, 0], t, truth), start, rng)
-    end = at(windows.t_s[:, -1], t, truth)[:, :2]
+    x0 = _start(unseen, known, windows.t_s[:, 0], interpolated(windows.t_s[:, 0], t, truth), start, rng)
+    end = interpolated(windows.t_s[:, -1], t, truth)[:, :2]
     found = {name: _off(vessel_ends(windows, vessel, x0), end) for name, vessel in vessels.items()}
     series = {name: _off(_taylor_ends(unseen, windows, C, vessels["file"], x0), end) for name, C in taylor.items()}
     return found | series
@@ -59,14 +59,16 @@ def vessel_ends(windows: Windows, vessel: VesselFile, x0: np.ndarray) -> np.ndar
     W, K = windows.size
     z = np.zeros((W, L))
     z[:, STATE] = x0
-    return Mover(windows, Parameters(vessel), compile_model(vessel, K, W))(file_values(vessel), z).x[:, -1, :2]
+    return WindowIntegrator(windows, Parameters(vessel), compile_model(vessel, K, W))(file_values(vessel), z).x[
+        :, -1, :2
+    ]
 
 
 def _taylor_ends(unseen: Run, windows: Windows, C: np.ndarray, vessel: VesselFile, x0: np.ndarray) -> np.ndarray:
     begin, last = windows.t_s[:, 0], windows.t_s[:, -1]
     steps = np.round((last - begin) / STEP_S).astype(int)
     t = begin[:, None] + (np.arange(steps.max()) + 0.5) * STEP_S
-    pwm, volts = held(unseen, t.ravel())
+    pwm, volts = held_commands(unseen, t.ravel())
     pwm = pwm.reshape(*t.shape, -1)
     states = TaylorSimulator("taylor", C, vessel).simulate(x0, Commands(pwm, volts.reshape(t.shape), pwm[:, :0]))
     return states[np.arange(len(steps)), steps, :2]
@@ -80,12 +82,12 @@ def _start(
     if start == "filter":
         return true + rng.normal(size=true.shape) * np.array(FILTER_SIGMA)
     smoothed = smooth(unseen, SmootherNoise.of(vessel))
-    x0 = at(t_s, smoothed.t_s, np.hstack([smoothed.eta, smoothed.nu]))
+    x0 = interpolated(t_s, smoothed.t_s, np.hstack([smoothed.eta, smoothed.nu]))
     x0[:, 2] += 2 * np.pi * np.round((true[:, 2] - x0[:, 2]) / (2 * np.pi))
     return x0
 
 
-def at(t_s: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+def interpolated(t_s: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
     """`values` (k, n), known at `t` (k,), linearly at `t_s`."""
     return np.column_stack([np.interp(t_s, t, column) for column in values.T])
 

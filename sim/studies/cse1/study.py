@@ -27,16 +27,16 @@ from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.pipeline import smoother_samples
 from sim.fitting.taylor.regression import least_squares
-from sim.fitting.validate.models import TaylorSimulator, VelocityStays, VelocityZero, VesselSimulator
+from sim.fitting.validate.models import ConstantVelocity, TaylorSimulator, VesselSimulator, ZeroVelocity
 from sim.fitting.validate.protocol import CHANNELS, Simulator
-from sim.fitting.validate.scores import Box, score
-from sim.fitting.validate.windows import HeldOutWindows, cut, reference
+from sim.fitting.validate.scores import SpeedBox, score
+from sim.fitting.validate.windows import HeldOutWindows, cut_held_out, reference_motion
 
 RUNS = ("random_run1", "random_run3", "dptest")
 BLOCK_S = 60.0
 HORIZONS_S = (5, 10, 20)
 STRUCTURED, CRUDE, TAYLOR, TAYLOR_SAME = "structured", "crude", "Taylor", "Taylor, forces as identified"
-BASELINES = (VelocityStays(), VelocityZero())
+BASELINES = (ConstantVelocity(), ZeroVelocity())
 DATE = "in the study"
 
 
@@ -103,7 +103,7 @@ def trimmed(vessel: VesselFile, run: Run) -> VesselFile:
 
 def errors_of(title: str, simulators: Sequence[Simulator], windows: HeldOutWindows) -> Errors:
     """Of all models and both baselines."""
-    box, rms, count = Box.of(windows.truth[..., 3:]), {}, np.zeros(0)
+    box, rms, count = SpeedBox.of(windows.truth[..., 3:]), {}, np.zeros(0)
     for model in (*simulators, *BASELINES):
         one, _ = score(model, windows, box)
         at = [one.horizons_s.index(h) for h in HORIZONS_S]
@@ -115,7 +115,7 @@ def errors_of(title: str, simulators: Sequence[Simulator], windows: HeldOutWindo
 def held_out(run: Run, vessel: VesselFile, inside: Sequence[Interval] | None = None) -> HeldOutWindows:
     """Windows as `validate` cuts them."""
     volts = vessel.propulsion.nominal_voltage_V
-    return cut(run, reference(run, SmootherNoise.of(vessel)), volts, inside=inside)
+    return cut_held_out(run, reference_motion(run, SmootherNoise.of(vessel)), volts, inside=inside)
 
 
 def blocks(run: Run, vessel: VesselFile) -> tuple[Errors, FitResult]:

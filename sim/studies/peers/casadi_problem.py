@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from sim.fitting.engine.initial_guess import first_nodes
+from sim.fitting.engine.initial_guess import initial_nodes
 from sim.fitting.engine.noise import STATE, L, Noise, whiten
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.thrust.history import ThrustHistory
@@ -52,7 +52,7 @@ class CasadiProblem:
         self._active, self._cells = functions.active, functions.cells
         self._path, self._whole = Called(functions.path), Called(functions.whole)
         self._fix, self._fix_whole = Called(functions.fix), Called(functions.fix_whole)
-        self._z0 = first_nodes(windows, parameters)
+        self._z0 = initial_nodes(windows, parameters)
         self._first = np.flatnonzero(windows.first)
         self._tied, self._span_s = windows.tied()
         self._decay = self._sigma = np.empty(0)

@@ -17,17 +17,17 @@ import numpy as np
 
 from companion.core.configuration.tables import Table
 from companion.core.estimation.gates import Gate, GateRule
-from companion.core.estimation.kalman import Algebra
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
     AnchorHistory,
     RangeLayout,
     RangeModel,
-    fresh,
     fuse_range,
     line_of_sight,
-    nearest_place,
+    nearest_fix,
+    recent_anchors,
 )
 from companion.core.estimation.tuning import RANGE_GATE
 
@@ -88,7 +88,7 @@ class RangeFilter:
         """`anchors_m` (m, 3) NED (or any axes with a common vertical), `down_m`: the tag's height there."""
         self.anchors_m, self.down_m = anchors_m, down_m
         self.tuning = tuning or RangeFilterTuning()
-        self._algebra = Algebra(BIAS + len(anchors_m))
+        self._algebra = KalmanEquations(BIAS + len(anchors_m))
 
     def initial(self) -> RangeState:
         """State before the first range."""
@@ -112,12 +112,12 @@ class RangeFilter:
     def _start(self, latest: tuple[AnchorHistory | None, ...], t_ns: int) -> tuple[Hypothesis, ...]:
         """One hypothesis per place that explains the ranges at hand; none before the window has passed."""
         tuning, m = self.tuning, len(self.anchors_m)
-        use = fresh(latest, t_ns, tuning.window_s)
+        use = recent_anchors(latest, t_ns, tuning.window_s)
         first_ns = min(seen.t_ns for seen in latest if seen)
         if len(use) < 3 or (len(use) < m and t_ns - first_ns < tuning.window_s * 1e9):
             return ()
         ranges = np.array([seen.range_m for i in use if (seen := latest[i])])
-        fixes = locate(self.anchors_m[use], ranges, self.down_m, tuning.fix_spread_m)
+        fixes = multilaterate(self.anchors_m[use], ranges, self.down_m, tuning.fix_spread_m)
         sigmas = [PLACE_SIGMA_M] * 2 + [tuning.start_velocity_sigma_m_s] * 2 + [tuning.bias_sigma_m] * m
         P = np.diag(np.square(sigmas))
         return tuple(
@@ -157,7 +157,7 @@ class RangeFilter:
 
     def _find(self, latest: tuple[AnchorHistory | None, ...], t_ns: int, x: np.ndarray) -> tuple[float, float] | None:
         """The place nearest to x that the latest ranges explain."""
-        return nearest_place(
+        return nearest_fix(
             self.anchors_m, latest, x[BIAS:], t_ns, window_s=self.tuning.window_s, down_m=self.down_m,
             spread_m=self.tuning.fix_spread_m, near_m=(x[0], x[1]),
         )  # fmt: skip

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.core.geometry.frames import rotate, ssa
-from companion.core.model.sensor_errors import heading_applied, imu_applied
+from companion.core.model.sensor_errors import apply_heading_errors, apply_imu_errors
 from sim.world.environment import Moment
 from sim.world.sensors import specific_force
 from sim.world.sitl.protocol import PhysicsState, Vec3
@@ -59,14 +59,14 @@ class SitlPhysics:
         p, q, r = _body_rates(self._tilt or tilt, tilt, r, frame_s)
         self._tilt = tilt
         force = specific_force(imu, motion, moment)
-        a_x, a_y, r = imu_applied(imu, force[0], force[1], r)
+        a_x, a_y, r = apply_imu_errors(imu, force[0], force[1], r)
         return PhysicsState(
             timestamp_s=(world.t_ns - self._start_ns) * 1e-9,
             gyro_rad_s=(p, q, float(r)),
             accel_m_s2=(float(a_x), float(a_y), float(force[2])),
             position_m=(north, east, 0.0),
             velocity_m_s=(north_speed, east_speed, 0.0),
-            attitude_rad=(*tilt, ssa(heading_applied(imu, psi) + self._rotation_rad)),
+            attitude_rad=(*tilt, ssa(apply_heading_errors(imu, psi) + self._rotation_rad)),
             voltage_v=world.plant.voltage_v,
             current_a=world.plant.current_a,
         )

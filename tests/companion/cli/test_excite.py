@@ -9,7 +9,7 @@ import pytest
 from companion.boat.load_run import EXAMPLES, load_setup, setup_of
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import excitation_toml, load_excitation
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from tests.companion.cli.test_cli import exit_code
 from tests.support.excitation_fixture import LIBRARY
 
@@ -39,7 +39,7 @@ def test_from_the_design_of_a_plan_to_the_log_and_what_comes_next(tmp_path, libr
     figures = json.loads((out / "flight.json").read_text())
     assert figures["done"] and figures["least_clearance_m"] > made.margin_m and figures["seed"] == 5
     assert (out / "picture.png").stat().st_size > 10_000
-    run = read_run(out / "run.mcap", Beside(truth=out / "truth.mcap"))
+    run = read_run(out / "run.mcap", ReadOptions(truth=out / "truth.mcap"))
     assert run.duration_s > figures["duration_s"] - 1 and run.known("true_u_m_s") and not run.meta.notes
     assert exit_code(["excite", "next", "--library", str(library), "--log", str(out / "run.mcap")]) == 0
     told = capsys.readouterr().out

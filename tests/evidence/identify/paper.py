@@ -24,11 +24,11 @@ from sim.fitting.taylor.sindy import sindy_coefficients
 from sim.fitting.taylor.taylor_file import coefficient_table
 from sim.fitting.validate.divergence import Departure, divergence_study, divergence_table
 from sim.fitting.validate.figures import comparison, divergence, training_log
-from sim.fitting.validate.models import TaylorSimulator, VelocityStays, VesselSimulator
-from sim.fitting.validate.scores import Box
+from sim.fitting.validate.models import ConstantVelocity, TaylorSimulator, VesselSimulator
+from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.stability import stability
 from sim.fitting.validate.study import HeldOut, validate
-from sim.fitting.validate.windows import HeldOutWindows, cut, joined, reference
+from sim.fitting.validate.windows import HeldOutWindows, concatenated, cut_held_out, reference_motion
 from sim.studies.boats.campaign import DATE, TRAIN_S
 from sim.studies.boats.draw import draw_boat, in_still_air
 from sim.studies.boats.lab_priors import BOLLARD, measured
@@ -76,16 +76,16 @@ def _windows(count: int) -> HeldOutWindows:
     for number in range(-(-count // 20)):
         run = _unseen(number)
         volts = vessel.propulsion.nominal_voltage_V
-        parts.append(cut(run, reference(run, noise), volts, stride_s=60.0, shortest_s=60.0))
-    return joined(parts)
+        parts.append(cut_held_out(run, reference_motion(run, noise), volts, stride_s=60.0, shortest_s=60.0))
+    return concatenated(parts)
 
 
-def _departures(fits: dict[str, np.ndarray], structured: VesselFile, count: int) -> tuple[list[Departure], Box]:
+def _departures(fits: dict[str, np.ndarray], structured: VesselFile, count: int) -> tuple[list[Departure], SpeedBox]:
     _, nu = training_run().samples("true_u_m_s", "true_v_m_s", "true_r_rad_s")
-    box = Box.of(nu)
+    box = SpeedBox.of(nu)
     models = [VesselSimulator("true parameters", reference_vessel()), VesselSimulator("structured", structured)]
     models += [TaylorSimulator(name, c, reference_vessel()) for name, c in fits.items()]
-    return divergence_study([*models, VelocityStays()], _windows(count), box), box
+    return divergence_study([*models, ConstantVelocity()], _windows(count), box), box
 
 
 def paper_pipeline(full: bool) -> Iterator[Line]:
@@ -129,7 +129,9 @@ def paper_pipeline(full: bool) -> Iterator[Line]:
     yield exactly("pictures as Figures 5 to 10, and of divergence", len(written), 4, "", ", ".join(written))
 
 
-def _pictures(taylor: dict[str, np.ndarray], structured: VesselFile, found: list[Departure], box: Box) -> list[str]:
+def _pictures(
+    taylor: dict[str, np.ndarray], structured: VesselFile, found: list[Departure], box: SpeedBox
+) -> list[str]:
     """Writes them under out/identify; their names."""
     vessel, noise, train = reference_vessel(), SmootherNoise.of(reference_vessel()), training_run()
     models = [TaylorSimulator(name, c, vessel) for name, c in taylor.items()]
@@ -190,7 +192,7 @@ def pysindy(full: bool) -> Iterator[Line]:
     models = {"regression": ours.C, "pysindy": peer}
     _, nu = train.samples("true_u_m_s", "true_v_m_s", "true_r_rad_s")
     simulators = [TaylorSimulator(name, c, vessel) for name, c in models.items()]
-    for d in divergence_study(simulators, _windows(100), Box.of(nu)):
+    for d in divergence_study(simulators, _windows(100), SpeedBox.of(nu)):
         note = f"{d.position_m[9, 1]:.2f} m after 10 s, {d.position_m[29, 1]:.2f} m after 30 s"
         yield information(f"{d.name}: runs of {d.runs} that diverge in 60 s", d.diverged[-1] * d.runs, "", note)
 

@@ -8,7 +8,7 @@ from companion.core.model.manoeuvring import mass_matrix
 from sim.fitting.engine.parameters import Parameters
 from sim.studies.boats.campaign import BoatScore, figures, line, one_boat
 from sim.studies.boats.draw import draw_boat, in_still_air
-from sim.studies.boats.lab_priors import BOLLARD, WEIGHED, WIDE_GAIN, Lab, measured, settings_for
+from sim.studies.boats.lab_priors import BOLLARD, WEIGHED, WIDE_GAIN, LabPriors, measured, settings_for
 from sim.studies.boats.open_loop import STARTS, distances, rms
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
@@ -35,11 +35,11 @@ def test_the_prior_of_surge_inertia_is_the_scale_and_the_added_mass_together() -
     centre, sigma = (a[Parameters(FILE).names.index("M11_kg")] for a in _prior(WEIGHED))
     assert centre == pytest.approx(np.log(mass_matrix(FILE)[0, 0]))
     assert sigma == pytest.approx(np.hypot(0.005 * 45.0, 0.145 * 4.5) / 49.5)
-    no_scale = _prior(Lab("nothing measured"))[1]
+    no_scale = _prior(LabPriors("nothing measured"))[1]
     assert no_scale[Parameters(FILE).names.index("M11_kg")] == 0.5
 
 
-def _prior(lab: Lab) -> tuple[np.ndarray, np.ndarray]:
+def _prior(lab: LabPriors) -> tuple[np.ndarray, np.ndarray]:
     settings = settings_for(FILE, lab)
     return Parameters(FILE, settings.sigmas, settings.overrides).prior
 

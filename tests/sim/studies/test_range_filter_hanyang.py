@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.ranging.multilateration import multilaterate
 from sim.studies.ranging.range_filter import RangeFilterTuning
 from sim.studies.ranging.range_runs import TAG_DOWN_M, filtered, load_run, range_filter_scores, score
 
@@ -52,7 +52,7 @@ def test_fixes_equal_scipys_robust_least_squares(shared_data: Path) -> None:
         if k % 50 or len(latest) < 4:
             continue
         z = np.array([latest[i] for i in range(4)])
-        fix = locate(run.anchors_m, z, TAG_DOWN_M, 1.0)[0]
+        fix = multilaterate(run.anchors_m, z, TAG_DOWN_M, 1.0)[0]
         if not fix.inliers.all():
             continue
 

@@ -31,7 +31,7 @@ class PositionFix:
     cost: float
 
 
-def locate(anchors_m: np.ndarray, ranges_m: np.ndarray, down_m: float, spread_m: float) -> list[PositionFix]:
+def multilaterate(anchors_m: np.ndarray, ranges_m: np.ndarray, down_m: float, spread_m: float) -> list[PositionFix]:
     """Places that explain the ranges, cheapest first.
 
     `anchors_m` (m, 3) NED, `ranges_m` (m,), `down_m`: height of the tag, `spread_m`: a good range's residual.

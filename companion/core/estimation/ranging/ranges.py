@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.core.estimation.gates import Gate, GateRule, Verdict, judge
-from companion.core.estimation.kalman import Algebra
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.ranging.multilateration import multilaterate
 
 VELOCITY_SIGMA_M_S = 0.5
 """How unsure of its speed a filter is that finds itself in the wrong place; assumed."""
@@ -48,7 +48,7 @@ class RangeModel(NamedTuple):
     row: np.ndarray
 
 
-class Fused(NamedTuple):
+class RangeUpdate(NamedTuple):
     """What became of one range."""
 
     x: np.ndarray
@@ -67,7 +67,7 @@ def line_of_sight(tag_m: np.ndarray, anchor_m: np.ndarray) -> tuple[float, np.nd
 
 
 def fuse_range(
-    algebra: Algebra,
+    algebra: KalmanEquations,
     layout: RangeLayout,
     x: np.ndarray,
     P: np.ndarray,
@@ -81,7 +81,7 @@ def fuse_range(
     rule: GateRule,
     spread_m: float,
     t_ns: int,
-) -> Fused:
+) -> RangeUpdate:
     """Judge one range and, unless it is rejected, update with it.
 
     When the gate re-opens, the surprise has one of two owners. `find` is asked for the place nearest to x
@@ -93,7 +93,7 @@ def fuse_range(
     nu, S = range_m - at.h, float(at.row @ P @ at.row) + sigma_m**2
     verdict, gate = judge(gates[anchor], rule, t_ns, nu, math.sqrt(S))
     if verdict == "rejected":
-        return Fused(x, P, gate, verdict, nu, S)
+        return RangeUpdate(x, P, gate, verdict, nu, S)
     correction = nu
     if verdict == "reopened":
         place = find(x)
@@ -103,11 +103,11 @@ def fuse_range(
             at = model(x)
             correction = range_m - at.h
         elif place or _trusted(gates, anchor, rule, t_ns):
-            P = widen(forget(P, (layout.bias + anchor,)), (layout.bias + anchor,), abs(nu))
+            P = inflate(decorrelate(P, (layout.bias + anchor,)), (layout.bias + anchor,), abs(nu))
         else:
-            P = widen(widen(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
+            P = inflate(inflate(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
     x, P = algebra.update(x, P, np.array([correction]), at.row[None, :], R)
-    return Fused(x, P, gate, verdict, nu, S)
+    return RangeUpdate(x, P, gate, verdict, nu, S)
 
 
 def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> bool:
@@ -116,21 +116,21 @@ def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> b
     return sum(of_late) >= 2
 
 
-def nearest_place(
+def nearest_fix(
     anchors_m: np.ndarray, latest: Sequence[AnchorHistory | None], biases_m: np.ndarray, t_ns: int, *,
     window_s: float, down_m: float, spread_m: float, near_m: tuple[float, float],
 ) -> tuple[float, float] | None:  # fmt: skip
     """Place of the tag [m] closest to `near_m` among those that three or more recent ranges explain."""
-    use = fresh(latest, t_ns, window_s)
+    use = recent_anchors(latest, t_ns, window_s)
     if len(use) < 3:
         return None
     ranges = np.array([seen.range_m for i in use if (seen := latest[i])]) - biases_m[use]
-    good = [f for f in locate(anchors_m[use], ranges, down_m, spread_m) if f.inliers.sum() >= 3]
+    good = [f for f in multilaterate(anchors_m[use], ranges, down_m, spread_m) if f.inliers.sum() >= 3]
     places = [(f.north_m, f.east_m) for f in good]
     return min(places, key=lambda p: math.dist(p, near_m), default=None)
 
 
-def fresh(latest: Sequence[AnchorHistory | None], t_ns: int, window_s: float) -> list[int]:
+def recent_anchors(latest: Sequence[AnchorHistory | None], t_ns: int, window_s: float) -> list[int]:
     """Numbers of the anchors whose latest range is no older than `window_s`."""
     oldest = t_ns - round(window_s * 1e9)
     return [i for i, seen in enumerate(latest) if seen and seen.t_ns >= oldest]
@@ -140,13 +140,13 @@ def relocate(
     layout: RangeLayout, x: np.ndarray, P: np.ndarray, place_m: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """State put at `place_m` with a wide position, decorrelated from the rest; velocities made unsure."""
-    P, x = forget(P, layout.position), x.copy()
+    P, x = decorrelate(P, layout.position), x.copy()
     for i, value in zip(layout.position, place_m, strict=True):
         x[i], P[i, i] = value, PLACE_SIGMA_M**2
-    return x, widen(P, layout.velocity, VELOCITY_SIGMA_M_S)
+    return x, inflate(P, layout.velocity, VELOCITY_SIGMA_M_S)
 
 
-def widen(P: np.ndarray, indices: tuple[int, ...], sigma: float) -> np.ndarray:
+def inflate(P: np.ndarray, indices: tuple[int, ...], sigma: float) -> np.ndarray:
     """P with `sigma` squared added to the variances at `indices`."""
     P = P.copy()
     for i in indices:
@@ -154,7 +154,7 @@ def widen(P: np.ndarray, indices: tuple[int, ...], sigma: float) -> np.ndarray:
     return P
 
 
-def forget(P: np.ndarray, indices: tuple[int, ...]) -> np.ndarray:
+def decorrelate(P: np.ndarray, indices: tuple[int, ...]) -> np.ndarray:
     """P with the given states' correlations removed, their variances kept."""
     P = P.copy()
     variances = [P[i, i] for i in indices]

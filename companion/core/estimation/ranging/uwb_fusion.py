@@ -14,38 +14,38 @@ from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import Uwb
-from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, report
+from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, innovation_message
 from companion.core.estimation.gates import judge
-from companion.core.estimation.inertial import levelled
-from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.inertial import to_level_axes
+from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
     VELOCITY_SIGMA_M_S,
     AnchorHistory,
     RangeModel,
-    forget,
+    decorrelate,
     fuse_range,
+    inflate,
     line_of_sight,
-    nearest_place,
-    widen,
+    nearest_fix,
 )
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate
 from companion.core.messages import UwbPosition, UwbRanges
-from companion.core.model.sensor_errors import place_applied, place_corrected
+from companion.core.model.sensor_errors import apply_uwb_scale, correct_uwb_scale
 
 
 class UwbFusion:
     """Constant parts of the UWB equations; the methods are pure."""
 
-    def __init__(self, site: Site, uwb: Uwb, tuning: EstimatorTuning, algebra: Algebra):
+    def __init__(self, site: Site, uwb: Uwb, tuning: EstimatorTuning, algebra: KalmanEquations):
         self._uwb, self._tuning, self._algebra = uwb, tuning, algebra
         self.number = {a.id: i for i, a in enumerate(site.anchors)}
         self.anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
 
     def arm(self, belief: FilterState) -> tuple[float, float, float]:
         """Lever arm of the tag in level axes [m]."""
-        return levelled(belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
+        return to_level_axes(belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
 
     def fuse_ranges(self, belief: FilterState, m: UwbRanges) -> Result:
         """One cycle of the tag, range by range; anchors that the site file does not know are left out."""
@@ -68,7 +68,7 @@ class UwbFusion:
             accepted = fused.verdict != "rejected"
             uwb_ns = belief.t_ns if accepted else uwb_ns
             nu, S = np.array([fused.innovation]), np.array([[fused.S]])
-            innovations.append(report(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
+            innovations.append(innovation_message(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
         after = replace(
             belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), uwb_ns=uwb_ns,
             ranges_ns=belief.t_ns if known else belief.ranges_ns,
@@ -78,7 +78,7 @@ class UwbFusion:
     def range_model(self, anchor: int, arm: tuple[float, float, float], x: np.ndarray) -> RangeModel:
         """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""
         dx, dy = rotate(x[2], arm[0], arm[1])
-        north, east = place_applied(self._uwb, x[0] + dx, x[1] + dy)
+        north, east = apply_uwb_scale(self._uwb, x[0] + dx, x[1] + dy)
         distance, e = line_of_sight(np.array([north, east, arm[2]]), self.anchors_m[anchor])
         e = (1 + self._uwb.scale) * e
         row = np.zeros(len(x))
@@ -90,13 +90,13 @@ class UwbFusion:
     ) -> tuple[float, float] | None:
         """Place of the body origin nearest to x that the ranges at hand explain."""
         dx, dy = rotate(x[2], arm[0], arm[1])
-        place = nearest_place(
+        place = nearest_fix(
             self.anchors_m, latest, x[B_RANGE:], t_ns, window_s=self._tuning.fix_window_s, down_m=arm[2],
-            spread_m=self._tuning.fix_spread_m, near_m=place_applied(self._uwb, x[0] + dx, x[1] + dy),
+            spread_m=self._tuning.fix_spread_m, near_m=apply_uwb_scale(self._uwb, x[0] + dx, x[1] + dy),
         )  # fmt: skip
         if place is None:
             return None
-        north, east = place_corrected(self._uwb, *place)
+        north, east = correct_uwb_scale(self._uwb, *place)
         return north - dx, east - dy
 
     def fuse_position(self, belief: FilterState, m: UwbPosition) -> Result:
@@ -115,12 +115,12 @@ class UwbFusion:
             S = H @ P @ H.T + R
             rule = self._tuning.position_gate
             verdict, gates[axis] = judge(gates[axis], rule, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0]))
-            innovations.append(report(belief.t_ns, f"position {name}", nu, S, verdict != "rejected"))
+            innovations.append(innovation_message(belief.t_ns, f"position {name}", nu, S, verdict != "rejected"))
             if verdict == "rejected":
                 continue
             if verdict == "reopened":
-                P = widen(forget(P, (axis,)), (axis,), max(PLACE_SIGMA_M, abs(float(nu[0]))))
-                P = widen(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
+                P = inflate(decorrelate(P, (axis,)), (axis,), max(PLACE_SIGMA_M, abs(float(nu[0]))))
+                P = inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
             x, P = self._algebra.update(x, P, nu, H, R)
             uwb_ns = belief.t_ns
         return replace(belief, x=x, P=P, position_gates=tuple(gates), uwb_ns=uwb_ns), tuple(innovations)

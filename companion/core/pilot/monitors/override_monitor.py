@@ -43,7 +43,7 @@ _REMEMBERED = 50
 
 
 @dataclass(frozen=True)
-class OverrideMonitor:
+class OverrideState:
     """`sent`: (from, until [ns], pulses [us]) of the latest leases; `base_us`: channels as the transmitter had them;
     `rc_bad_ns`, `servo_bad_ns`: since when they disagree; `episodes`: when channels began to, of late; `told`: what is
     known to be wrong, by echo; `carries`: output (from 1) -> thruster (from 0), as the autopilot told.
@@ -63,16 +63,16 @@ class OverrideMonitor:
     carries: Mapping[int, int] = field(default_factory=dict)
 
 
-NOTHING_SENT = OverrideMonitor()
+NOTHING_SENT = OverrideState()
 
 
-def at_lease(echo: OverrideMonitor, lease: OverrideLease) -> OverrideMonitor:
+def at_lease(echo: OverrideState, lease: OverrideLease) -> OverrideState:
     """Remember what was sent."""
     until_ns = lease.t_ns + round(lease.valid_for_s * 1e9)
     return replace(echo, sent=(*echo.sent, (lease.t_ns, until_ns, lease.pwm_us))[-_REMEMBERED:])
 
 
-def may_show(echo: OverrideMonitor, t_ns: int) -> list[tuple[int, ...]]:
+def expected_pulses(echo: OverrideState, t_ns: int) -> list[tuple[int, ...]]:
     """Pulses that an echo of `t_ns` may show, in the order of the lease's channels; none: nothing was sent by then."""
     found: list[tuple[int, ...]] = []
     for k, (begin_ns, end_ns, pwm_us) in enumerate(echo.sent):
@@ -87,12 +87,12 @@ def may_show(echo: OverrideMonitor, t_ns: int) -> list[tuple[int, ...]]:
 
 
 def at_rc(
-    echo: OverrideMonitor, message: RcChannels, channels: Sequence[int], system_id: int
-) -> tuple[OverrideMonitor, list[tuple[Event, str]]]:
+    echo: OverrideState, message: RcChannels, channels: Sequence[int], system_id: int
+) -> tuple[OverrideState, list[tuple[Event, str]]]:
     """What an RC_CHANNELS says of our overrides, and of the pilot's hands. `channels`: ours, as in the lease."""
     t_ns = message.t_ns
     echo, taken = _hands(replace(echo, rc_ns=t_ns), message, channels)
-    shown = may_show(echo, t_ns)
+    shown = expected_pulses(echo, t_ns)
     wrong = _wrong(message.pwm_us, [c - 1 for c in channels], shown)
     if not shown:
         return echo, taken
@@ -107,7 +107,7 @@ def at_rc(
     return replace(echo, rc_bad_ns=since_ns, rc_ignored=ignored, rc_why=why), taken
 
 
-def at_parameter(echo: OverrideMonitor, message: ParamValue, channels: Sequence[int]) -> OverrideMonitor:
+def at_parameter(echo: OverrideState, message: ParamValue, channels: Sequence[int]) -> OverrideState:
     """A SERVOn_FUNCTION tells which thruster output n carries; other parameters nothing. `channels`: the thrusters'."""
     if not (found := _FUNCTION.match(message.name)) or not math.isfinite(message.value):
         return echo
@@ -117,17 +117,17 @@ def at_parameter(echo: OverrideMonitor, message: ParamValue, channels: Sequence[
     return replace(echo, carries=carries if told.thruster is None else {**carries, number: told.thruster})
 
 
-def outputs_of(echo: OverrideMonitor, thrusters: int) -> list[int]:
+def outputs_of(echo: OverrideState, thrusters: int) -> list[int]:
     """The output (from 1) of each thruster: the lowest that carries it; its own number where none is known to."""
     carried = {thruster: number for number, thruster in sorted(echo.carries.items(), reverse=True)}
     return [carried.get(thruster, thruster + 1) for thruster in range(thrusters)]
 
 
-def at_servo(echo: OverrideMonitor, message: ServoOutput, thrusters: int) -> tuple[OverrideMonitor, list[Alert]]:
+def at_servo(echo: OverrideState, message: ServoOutput, thrusters: int) -> tuple[OverrideState, list[Alert]]:
     """What a SERVO_OUTPUT_RAW says of the `thrusters`' outputs."""
     t_ns = message.t_ns
     echo = replace(echo, servo_ns=t_ns)
-    shown = [pwm_us[:thrusters] for pwm_us in may_show(echo, t_ns)]
+    shown = [pwm_us[:thrusters] for pwm_us in expected_pulses(echo, t_ns)]
     at_rest = bool(shown) and all(set(pwm_us) == {NEUTRAL_US} for pwm_us in shown)
     if at_rest:
         shown = [*shown, (0,) * thrusters]  # no pulse is neutral, too
@@ -148,7 +148,7 @@ def at_servo(echo: OverrideMonitor, message: ServoOutput, thrusters: int) -> tup
     return replace(echo, servo_told=kind), [Alert(t_ns=t_ns, level="error", text=why)]
 
 
-def at_tick(echo: OverrideMonitor, t_ns: int, *, heard: bool) -> tuple[OverrideMonitor, dict[Event, str], list[Alert]]:
+def at_tick(echo: OverrideState, t_ns: int, *, heard: bool) -> tuple[OverrideState, dict[Event, str], list[Alert]]:
     """Conditions, and echoes that do not come. `heard`: heartbeats do."""
     found: dict[Event, str] = {"override_ignored": echo.rc_why} if echo.rc_ignored and heard else {}
     if not heard or not echo.sent:
@@ -168,8 +168,8 @@ def at_tick(echo: OverrideMonitor, t_ns: int, *, heard: bool) -> tuple[OverrideM
 
 
 def _hands(
-    echo: OverrideMonitor, message: RcChannels, ours: Sequence[int]
-) -> tuple[OverrideMonitor, list[tuple[Event, str]]]:
+    echo: OverrideState, message: RcChannels, ours: Sequence[int]
+) -> tuple[OverrideState, list[tuple[Event, str]]]:
     """Channels that only a transmitter moves."""
     base = echo.base_us or message.pwm_us
     moved = [

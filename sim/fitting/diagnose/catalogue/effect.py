@@ -1,7 +1,7 @@
 """An entry of the catalogue: one way in which boat, water or sensors may differ from what the vessel file says.
 
 An effect is a table row plus the one line of physics, written as hooks. Each hook takes the effect's parameters `p`
-(by name; nil means "as the file has it"), the `Scene` or `Sight`, and what stands so far, and returns what stands then:
+(by name; nil means "as the file has it"), the `Scene` or `TagKinematics`, and what stands so far, and returns what stands then:
 
     hull     (p, c)             coefficients by name, as `sim.fitting.engine.parameters.HULL`
     pwm      (p, pwm_us)        pulse widths (c, n) as they reach the ESCs
@@ -192,7 +192,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Sight:
+class TagKinematics:
     """The tag at each position sample, (m,) or (m, 2): when, where the model has it, how it moves (NED).
 
     `t_s` since the first position of the log, from which a clock drifts; `clock_s` that all logs share.
@@ -208,7 +208,7 @@ class Sight:
     centre_m: np.ndarray
 
 
-def slices(chosen: Sequence[Effect]) -> dict[str, slice]:
+def parameter_slices(chosen: Sequence[Effect]) -> dict[str, slice]:
     """Where each effect's parameters are."""
     found, at = {}, 0
     for e in chosen:

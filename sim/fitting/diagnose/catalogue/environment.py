@@ -10,13 +10,13 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.loads import RHO_AIR
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import (
-    ahead_starboard,
     air_force,
     hull_damping,
+    ned_to_body,
     scalar_parameter,
     vector_parameters,
     wind_force,
-    zone,
+    zone_weight,
 )
 
 FASTEST_DEG_S = 1.2  # of a current that turns; the search starts from rates up to this; assumed
@@ -110,7 +110,7 @@ def _tether(arm_m: float, around_m: float) -> Effect:
         at_north = scene.north_m + arm * np.cos(scene.psi_rad) - scene.centre_m[0]
         at_east = scene.east_m + arm * np.sin(scene.psi_rad) - scene.centre_m[1]
         north, east = p["north_N"] - p["k_N_m"] * at_north, p["east_N"] - p["k_N_m"] * at_east
-        X, Y = ahead_starboard(scene.psi_rad, north, east)
+        X, Y = ned_to_body(scene.psi_rad, north, east)
         return np.stack([X, Y, arm * Y], axis=-1)
 
     return Effect(
@@ -133,7 +133,7 @@ def _tether(arm_m: float, around_m: float) -> Effect:
 def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
     def force(p: Values, scene: Scene) -> np.ndarray:
         at = (centre[0] + p["north_m"], centre[1] + p["east_m"])
-        inside = zone(scene.north_m, scene.east_m, at, max(ZONE_RADIUS_M + p["radius_m"], 1.0))
+        inside = zone_weight(scene.north_m, scene.east_m, at, max(ZONE_RADIUS_M + p["radius_m"], 1.0))
         return -p["share"] * inside[..., None] * hull_damping(vessel, scene)
 
     where = (EffectParameter(name, "m", 2.0, np.inf, 0.5) for name in ("north_m", "east_m", "radius_m"))

@@ -37,19 +37,19 @@ def vector_parameters(one: str, other: str, unit: str, prior: float, smallest: f
     return (*scalar_parameter(one, unit, prior, smallest), *scalar_parameter(other, unit, prior, smallest))
 
 
-def ahead_starboard(psi_rad: np.ndarray, north: Any, east: Any) -> tuple[np.ndarray, np.ndarray]:
+def ned_to_body(psi_rad: np.ndarray, north: Any, east: Any) -> tuple[np.ndarray, np.ndarray]:
     """Components in body axes of a vector given by north and east."""
     c, s = np.cos(psi_rad), np.sin(psi_rad)
     return c * north + s * east, c * east - s * north
 
 
-def north_east(psi_rad: np.ndarray, ahead: Any, starboard: Any) -> tuple[np.ndarray, np.ndarray]:
+def body_to_ned(psi_rad: np.ndarray, ahead: Any, starboard: Any) -> tuple[np.ndarray, np.ndarray]:
     """The other way round."""
     c, s = np.cos(psi_rad), np.sin(psi_rad)
     return c * ahead - s * starboard, s * ahead + c * starboard
 
 
-def zone(north_m: np.ndarray, east_m: np.ndarray, centre: tuple[float, float], radius_m: float) -> np.ndarray:
+def zone_weight(north_m: np.ndarray, east_m: np.ndarray, centre: tuple[float, float], radius_m: float) -> np.ndarray:
     """1 inside a circle, 0 outside, over an edge of half a metre (assumed)."""
     inside = radius_m - np.hypot(north_m - centre[0], east_m - centre[1])
     return 1 / (1 + np.exp(-np.clip(inside / 0.5, -50, 50)))

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Sight, Values
-from sim.fitting.diagnose.catalogue.parts import north_east, scalar_parameter, vector_parameters
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, TagKinematics, Values
+from sim.fitting.diagnose.catalogue.parts import body_to_ned, scalar_parameter, vector_parameters
 
 PSI, RATE, SURGE, SWAY = range(4)
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
@@ -150,7 +150,7 @@ def _tag() -> Iterator[Effect]:
         several = len(parameters) > 1
         return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scales=scales)
 
-    def late(sight: Sight, delay_s: np.ndarray) -> np.ndarray:
+    def late(sight: TagKinematics, delay_s: np.ndarray) -> np.ndarray:
         return -delay_s[:, None] * sight.velocity_m_s + (delay_s**2 / 2)[:, None] * sight.acceleration_m_s2
 
     yield entry(
@@ -172,7 +172,7 @@ def _tag() -> Iterator[Effect]:
         "p + R l",
         "positions circle when the boat turns on the spot",
         vector_parameters("x_m", "y_m", "m", 0.15, 0.03),
-        lambda p, sight, place: place + np.stack(north_east(sight.psi_rad, p["x_m"], p["y_m"]), axis=1),
+        lambda p, sight, place: place + np.stack(body_to_ned(sight.psi_rad, p["x_m"], p["y_m"]), axis=1),
     )
     yield entry(
         "uwb_scale",

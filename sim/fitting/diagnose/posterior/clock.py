@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from companion.logs.runs.run import Run
-from companion.logs.runs.splits import wholes
+from companion.logs.runs.splits import source_runs
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class LogClock:
     @classmethod
     def of(cls, fitted: Sequence[Run], held_out: Sequence[Run] = ()) -> LogClock:
         """By the stamps, else one after the other. `held_out` move nothing of the others."""
-        logs, both = wholes(fitted), wholes([*fitted, *held_out])
+        logs, both = source_runs(fitted), source_runs([*fitted, *held_out])
         begins = _stamps_s(logs) if _by_stamps(logs) else _in_turn_s(logs, 0.0)
         end = max(begin + log.duration_s for begin, log in zip(begins, logs, strict=True))
         later = _stamps_s(both)[len(logs) :] if _by_stamps(both) else _in_turn_s(both[len(logs) :], end)

@@ -10,13 +10,13 @@ import casadi as ca
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.integrate import eta_dot
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrust_losses import is_weakened
+from companion.core.model.thrust_losses import has_thrust_losses
 from sim.fitting.engine.batched import Batch, Rollout
 from sim.fitting.engine.model import N_HULL, symbolic_model
 
 
 @dataclass(frozen=True)
-class InWater(StructuredModel):
+class MovingWaterModel(StructuredModel):
     """The model in water that moves over ground with `flow` (north, east) [m/s], beside what the file says."""
 
     flow: Any = None
@@ -40,17 +40,17 @@ class CompiledWindows(NamedTuple):
     M_inv: ca.Function
 
 
-def compiled(vessel: VesselFile, steps: int, windows: int) -> CompiledWindows:
+def compile_windows(vessel: VesselFile, steps: int, windows: int) -> CompiledWindows:
     """For `windows` windows of `steps` steps each.
 
     tau: body force (3,); in a file whose thrusters lose thrust to moving water the forces (n,) of each after it, by
     which the model takes off what is lost, and by which there are slopes too.
     """
-    tau = ca.SX.sym("tau", 3 + (len(vessel.thrusters) if is_weakened(vessel) else 0))
+    tau = ca.SX.sym("tau", 3 + (len(vessel.thrusters) if has_thrust_losses(vessel) else 0))
     x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("d", 3)
     water = ca.SX.sym("water", 2)
     base = symbolic_model(vessel, p)
-    model = InWater(base.vessel, base.c, base.term_values, water)
+    model = MovingWaterModel(base.vessel, base.c, base.term_values, water)
     pushed, f = tau[:3], tau[3:]
     if f.numel():
         pushed += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)

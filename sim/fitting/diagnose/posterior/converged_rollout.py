@@ -8,22 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.parameter_values import Theta
-from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics, acting, large
-from sim.fitting.diagnose.posterior.state import State
-from sim.fitting.engine.jacobian_rows import Pushes, sensitivities
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
+from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics, nameable, with_hooks
+from sim.fitting.diagnose.posterior.state import WindowTrajectories
+from sim.fitting.engine.jacobian_rows import AccelerationPartials, sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
 
 STILL, MOST_PASSES = 1e-3, 20  # of x y psi u v r in their units, and passes until then; assumed
 
 
-def settled(physics: EffectPhysics, effects: Sequence[Effect], theta: Theta, z: np.ndarray) -> State:
+def converged_rollout(
+    physics: EffectPhysics, effects: Sequence[Effect], theta: ParameterValues, z: np.ndarray
+) -> WindowTrajectories:
     """As `EffectPhysics.move` from nodes z, but passes go on until the motion stands still.
 
     Of effects of some size each pass takes what it changes of their forces along, to first order (Newton's step).
     Where the motion is thrown out of bounds on the way, as `EffectPhysics.move` has it.
     """
-    pushing = large(acting(effects, theta, PUSHES), theta)
+    pushing = nameable(with_hooks(effects, theta, PUSHES), theta)
     now = physics.one_pass(effects, theta, z, None)
     for _ in range(MOST_PASSES):
         before, now = now, physics.one_pass(effects, theta, z, now)
@@ -36,12 +38,18 @@ def settled(physics: EffectPhysics, effects: Sequence[Effect], theta: Theta, z: 
     return now
 
 
-def _nearer(physics: EffectPhysics, effects: Sequence[Effect], theta: Theta, before: State, now: State) -> State:
+def _nearer(
+    physics: EffectPhysics,
+    effects: Sequence[Effect],
+    theta: ParameterValues,
+    before: WindowTrajectories,
+    now: WindowTrajectories,
+) -> WindowTrajectories:
     """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
     feedback, (W, K) = physics.feedback(effects, theta, now), physics.windows.size
     old, new = (physics.extra(effects, theta, physics.scene(s), now.forces.f)[0] for s in (before, now))
     a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.react.T, now.with_feedback(feedback).A
-    pushes = Pushes.of(a[..., None], np.zeros((W, K, 3, 1)))
+    pushes = AccelerationPartials.of(a[..., None], np.zeros((W, K, 3, 1)))
     dx = sensitivities(A, pushes, physics.windows.h_s)[..., X0_D]
     nu_dot = now.nu_dot + a + (A[..., 3:, :] @ dx[..., None])[..., 0]
     return replace(now, x=now.x + dx, nu_dot=nu_dot)

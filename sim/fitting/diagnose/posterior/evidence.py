@@ -46,7 +46,7 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedNormalEquations:
     """All parameters with the nodes eliminated: Hessian H (P, P) and b = -gradient (P,) of the data at theta0 (P,).
 
     `constant`: what the log evidence has beside [nats].

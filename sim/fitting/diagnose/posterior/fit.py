@@ -17,13 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
+from sim.fitting.diagnose.posterior.evidence import Prior, ReducedNormalEquations
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint, Lineariser
-from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import PUSHES, EffectPhysics
-from sim.fitting.diagnose.posterior.state import State
+from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.engine.block_tridiagonal import Chain
-from sim.fitting.engine.initial_guess import first_nodes
+from sim.fitting.engine.initial_guess import initial_nodes
 from sim.fitting.engine.noise import LATENT, STATE, Noise
 
 NEAR = 300.0  # nats: a step that promises less is so short that secants of all but the believed effects stay
@@ -36,7 +36,7 @@ class PosteriorFit:
     def __init__(self, physics: EffectPhysics, effects: Sequence[Effect], noise: Noise):
         self.physics, self.effects, self.noise = physics, tuple(effects), noise
         self.lineariser = Lineariser(physics)
-        self.z0 = first_nodes(physics.windows, physics.parameters)
+        self.z0 = initial_nodes(physics.windows, physics.parameters)
         self._first = np.flatnonzero(physics.windows.first)
         self.settled: dict[str, float] = {}
 
@@ -46,7 +46,7 @@ class PosteriorFit:
         return Prior(*(np.concatenate(one) for one in zip(*each, strict=True)))
 
     def point(
-        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], before: LinearisationPoint | None = None
+        self, theta: ParameterValues, z: np.ndarray, chosen: Sequence[Effect], before: LinearisationPoint | None = None
     ) -> LinearisationPoint:
         """Linearised at theta, z; `before`: a point near it."""
         state = self.physics.move(self.effects, theta, z, before.state if before else None)
@@ -82,9 +82,9 @@ class PosteriorFit:
         P = self.assembled(point, self.noise)[0].covariance()
         self.settled = {name: float((P * share).sum()) for name, share in point.shares.items()}
 
-    def _priors(self, theta: Theta, chosen: Sequence[Effect], prior: Prior) -> tuple[float, np.ndarray]:
+    def _priors(self, theta: ParameterValues, chosen: Sequence[Effect], prior: Prior) -> tuple[float, np.ndarray]:
         """What the parameters cost by their priors and by n log(1 + p) of those that scale [nats]; its slope (P,)."""
-        now = flat(theta, chosen)
+        now = stack_parameters(theta, chosen)
         scaled, slope = self._scales(now, chosen)
         return prior.cost(now) + scaled, prior.slope(now) + slope
 
@@ -106,7 +106,9 @@ class PosteriorFit:
         dz, log_det = chain.solve_nodes()
         return dz, -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
 
-    def reduced(self, point: LinearisationPoint, chosen: Sequence[Effect], noise: Noise | None = None) -> Reduced:
+    def reduced(
+        self, point: LinearisationPoint, chosen: Sequence[Effect], noise: Noise | None = None
+    ) -> ReducedNormalEquations:
         """Nodes eliminated."""
         chain, cost, log_sigma = self.assembled(point, noise or self.noise)
         guard = self.prior(chosen, frozenset()).precision
@@ -115,14 +117,14 @@ class PosteriorFit:
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
         b = D @ dw
         nodes = promised - 0.5 * float(b @ dw)
-        now = flat(point.theta, chosen)
+        now = stack_parameters(point.theta, chosen)
         scaled, slope = self._scales(now, chosen)
         constant = nodes - cost - 0.5 * log_det - log_sigma - scaled
-        return Reduced(D - np.diag(guard), b - slope, now, constant)
+        return ReducedNormalEquations(D - np.diag(guard), b - slope, now, constant)
 
     def solve(
         self,
-        theta: Theta,
+        theta: ParameterValues,
         z: np.ndarray,
         chosen: Sequence[Effect],
         believed: frozenset[str],
@@ -136,7 +138,7 @@ class PosteriorFit:
 
     def descend(
         self,
-        theta: Theta,
+        theta: ParameterValues,
         z: np.ndarray,
         chosen: Sequence[Effect],
         believed: frozenset[str],
@@ -163,7 +165,7 @@ class PosteriorFit:
         prior: Prior,
         limits: tuple[np.ndarray, np.ndarray],
     ) -> tuple[LinearisationPoint, float]:
-        now = flat(point.theta, chosen)
+        now = stack_parameters(point.theta, chosen)
         plain, cost, _ = self.assembled(point, self.noise)
         priors, slope = self._priors(point.theta, chosen, prior)
         plain.D += np.diag(prior.precision)
@@ -175,7 +177,7 @@ class PosteriorFit:
             dz, dw, promised = _bounded(chain, now, limits)
             if not promised >= 1e-3:  # or NaN: the motion was thrown out of bounds
                 return point, 0.0
-            theta = unflat(np.clip(now + dw, *limits), chosen)
+            theta = unstack_parameters(np.clip(now + dw, *limits), chosen)
             with np.errstate(all="ignore"):
                 state = self._moved(theta, point.z + dz, chosen, believed, point)
                 after = self._total(theta, point.z + dz, chosen, prior, point, state)
@@ -189,8 +191,13 @@ class PosteriorFit:
         return point, 0.0
 
     def _moved(
-        self, theta: Theta, z: np.ndarray, chosen: Sequence[Effect], believed: frozenset[str], near: LinearisationPoint
-    ) -> State:
+        self,
+        theta: ParameterValues,
+        z: np.ndarray,
+        chosen: Sequence[Effect],
+        believed: frozenset[str],
+        near: LinearisationPoint,
+    ) -> WindowTrajectories:
         """The motion at theta, z: small effects that are not believed in by the secants of a point near it."""
         size = {e.id: max(e.size(t[e.id]) for t in (theta, near.theta) if e.id in t) for e in chosen if e.id in theta}
         lively = [e for e in chosen if e.id in believed or "hull" in e.hooks or size.get(e.id, 0.0) >= 1]
@@ -200,17 +207,19 @@ class PosteriorFit:
         small = [{i: values for i, values in t.items() if i not in ids} for t in (theta, near.theta)]
         d = near.z[:, LATENT]
         before = self.physics.remainder(lively, near.theta, near.state, d)
-        given = before.with_(near.columns.a.along(flat(small[0], chosen) - flat(small[1], chosen)))
+        given = before.with_(
+            near.columns.a.along(stack_parameters(small[0], chosen) - stack_parameters(small[1], chosen))
+        )
         return self.physics.move(lively, theta, z, near.state, given, near.state.feedback)
 
     def _total(
         self,
-        theta: Theta,
+        theta: ParameterValues,
         z: np.ndarray,
         chosen: Sequence[Effect],
         prior: Prior,
         near: LinearisationPoint,
-        state: State,
+        state: WindowTrajectories,
     ) -> float:
         data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
         ties = self.noise.tie(near.ties.span_s)[1]
@@ -236,12 +245,12 @@ def _bounded(
     return dz, dw, promised / 2
 
 
-def flat(theta: Theta, chosen: Sequence[Effect]) -> np.ndarray:
+def stack_parameters(theta: ParameterValues, chosen: Sequence[Effect]) -> np.ndarray:
     """Parameters of `chosen` one after the other, (P,)."""
     return np.concatenate([theta.get(e.id, np.zeros(len(e.parameters))) for e in chosen])
 
 
-def unflat(values: np.ndarray, chosen: Sequence[Effect]) -> dict[str, np.ndarray]:
+def unstack_parameters(values: np.ndarray, chosen: Sequence[Effect]) -> dict[str, np.ndarray]:
     """The other way round; parameters that are all nil are left out."""
     theta, at = {}, 0
     for e in chosen:

@@ -16,13 +16,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, slices
-from sim.fitting.diagnose.posterior.parameter_values import Theta, among, secants
+from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, including, secant_steps
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
-from sim.fitting.diagnose.posterior.state import Accelerations, State
+from sim.fitting.diagnose.posterior.state import Accelerations, WindowTrajectories
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
-from sim.fitting.engine.jacobian_rows import BLOCK, Pushes, fade, inertial, places, positions, sensitivities
+from sim.fitting.engine.jacobian_rows import (
+    BLOCK,
+    AccelerationPartials,
+    fade,
+    imu_jacobian,
+    jacobian_columns,
+    position_jacobian,
+    sensitivities,
+)
 from sim.fitting.engine.kernels.windows import X0_D
 from sim.fitting.engine.linearise import HUBER
 from sim.fitting.engine.noise import STATE, L, Noise
@@ -48,9 +56,9 @@ class LinearisationPoint:
     `residuals` (W, K, 4), `fix_residuals` (m, 2): whitened, NaN where nothing was measured.
     """
 
-    theta: Theta
+    theta: ParameterValues
     z: np.ndarray
-    state: State
+    state: WindowTrajectories
     chain: Chain
     ties: Ties
     cost: float
@@ -76,7 +84,7 @@ class Lineariser:
         self._by_window = np.argsort(self.readings.window, kind="stable")
 
     def columns(
-        self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, chosen: Sequence[Effect]
     ) -> JacobianColumns:
         """Secants of all parameters of `chosen`; `effects`: those that may be in theta."""
         W, K = self.windows.size
@@ -85,8 +93,8 @@ class Lineariser:
         read = self.readings
         now = {"imu": read.imu(effects, theta, state), "tag": read.tag(effects, theta, state)}
         known = {e.id for e in effects} & theta.keys()
-        for each in secants(chosen, theta):
-            name, every = each.effect.id, among(effects, each.effect)
+        for each in secant_steps(chosen, theta):
+            name, every = each.effect.id, including(effects, each.effect)
             for hook, reading, out in (("imu", read.imu, imu), ("tag", read.tag, tag)):
                 if hook in each.effect.hooks:
                     without = now[hook] if name in known else reading(every, {**theta, name: each.now}, state)
@@ -99,15 +107,15 @@ class Lineariser:
         self,
         columns: JacobianColumns,
         effects: Sequence[Effect],
-        theta: Theta,
-        state: State,
+        theta: ParameterValues,
+        state: WindowTrajectories,
         chosen: Sequence[Effect],
         which: Sequence[Effect],
     ) -> JacobianColumns:
         """`columns` of `chosen` with those of `which` computed anew."""
         if not which:
             return columns
-        at = slices(chosen)
+        at = parameter_slices(chosen)
         index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in which])
         fresh = self.columns(effects, theta, state, which)
 
@@ -122,11 +130,11 @@ class Lineariser:
     def point(
         self,
         effects: Sequence[Effect],
-        theta: Theta,
+        theta: ParameterValues,
         z: np.ndarray,
         noise: Noise,
         chosen: Sequence[Effect],
-        state: State,
+        state: WindowTrajectories,
         columns: JacobianColumns | None = None,
     ) -> LinearisationPoint:
         """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `chosen`.
@@ -139,7 +147,7 @@ class Lineariser:
         size = np.sqrt((fix**2).sum(axis=1))
         root = np.sqrt(self.weight * np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
         W, P = self.windows.size[0], columns.a.nodes.shape[3]
-        pushes = Pushes.of(columns.a.nodes, columns.a.bump)
+        pushes = AccelerationPartials.of(columns.a.nodes, columns.a.bump)
         chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, X0_D + P))
         shares = {name: np.zeros((W, L, L)) for name in (*SCALED, "place")}
         ordered = self.readings.window[self._by_window]
@@ -163,7 +171,7 @@ class Lineariser:
     def _rows(
         self,
         A: np.ndarray,
-        pushes: Pushes,
+        pushes: AccelerationPartials,
         columns: JacobianColumns,
         slopes: tuple[np.ndarray, np.ndarray],
         root: np.ndarray,
@@ -177,14 +185,18 @@ class Lineariser:
         """
         P, read, h_s = columns.imu.shape[3], self.readings, self.windows.h_s[part]
         S = sensitivities(A, pushes, h_s)
-        known, wander, place = np.isfinite(self.windows.y[part]), fade(self.windows, noise)[part], places(np.arange(P))
-        imu = inertial(S, A, pushes, slopes[0][part], columns.imu[part], known, (h_s, wander), noise, place, L + P)
+        known, wander, place = (
+            np.isfinite(self.windows.y[part]),
+            fade(self.windows, noise)[part],
+            jacobian_columns(np.arange(P)),
+        )
+        imu = imu_jacobian(S, A, pushes, slopes[0][part], columns.imu[part], known, (h_s, wander), noise, place, L + P)
         at = read.window[mine] - part.start, read.index[mine]
-        tag = positions(S, at, slopes[1][mine], columns.tag[mine], root[mine] / noise.fix_m, place, L + P)
+        tag = position_jacobian(S, at, slopes[1][mine], columns.tag[mine], root[mine] / noise.fix_m, place, L + P)
         return S, imu, tag
 
     def cost(
-        self, effects: Sequence[Effect], theta: Theta, z: np.ndarray, noise: Noise, state: State
+        self, effects: Sequence[Effect], theta: ParameterValues, z: np.ndarray, noise: Noise, state: WindowTrajectories
     ) -> tuple[float, np.ndarray]:
         """Cost of the data alone [nats] where the boat moves as in `state`, and what the ties leave (T, L)."""
         residual, fix = self.readings.residuals(effects, theta, state, z, noise)
@@ -195,7 +207,7 @@ class Lineariser:
         at, span = self.windows.tied()
         return at, noise.tie(span)[0], span
 
-    def _ties(self, state: State, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
+    def _ties(self, state: WindowTrajectories, ends: np.ndarray, z: np.ndarray, noise: Noise) -> Ties:
         at, decay, span = self._tied(noise)
         F = np.zeros((len(at), L, L))
         diagonal = np.arange(L)
@@ -204,7 +216,7 @@ class Lineariser:
         return Ties(_rho(state, z, at, decay), F, ends[at, :, X0_D:].copy(), at, span)
 
 
-def _rho(state: State, z: np.ndarray, at: np.ndarray, decay: np.ndarray) -> np.ndarray:
+def _rho(state: WindowTrajectories, z: np.ndarray, at: np.ndarray, decay: np.ndarray) -> np.ndarray:
     reached = decay * z[at]
     reached[:, STATE] = state.x[at, -1]
     return z[at + 1] - reached

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
-from companion.logs.runs.splits import wholes
+from companion.logs.runs.splits import source_runs
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.engine.noise import Noise, noise_of
@@ -35,19 +35,19 @@ def stated_noise(vessel: VesselFile, runs: Sequence[Run] = ()) -> Noise:
     `runs`: what is fitted. Pieces of a log begin with biases and offsets of their own: these are taken for so much
     larger that all pieces together tell no more of what they have in common than their one log does.
     """
-    share = np.sqrt(len(runs) / len(wholes(runs))) if runs else 1.0
+    share = np.sqrt(len(runs) / len(source_runs(runs))) if runs else 1.0
     noise = noise_of(vessel)
     x, y, n = (share * sigma for sigma in noise.bias)
     return replace(with_latent(noise, np.array(START)), slack=SLACK, bias=(x, y, n), offset_rad=share * OFFSET_RAD)
 
 
-def shares_of(noise: Noise) -> list[Noise]:
+def latent_scales(noise: Noise) -> list[Noise]:
     """`noise` with the latent acceleration whole, and with the smaller shares of it that `LATENTS` names."""
     latent = np.array(noise.latent)
     return [noise, *(with_latent(noise, np.maximum(share * latent, FLOOR)) for share in LATENTS[1:])]
 
 
-def whitened(noise: Noise, point: LinearisationPoint, stated: Noise) -> Noise:
+def estimated_white_noise(noise: Noise, point: LinearisationPoint, stated: Noise) -> Noise:
     """White noise as the residuals' 90 % quantile shows it, which a few outliers do not move."""
     white = [
         _bounded(now, point.residuals[..., c], said)
@@ -64,7 +64,7 @@ def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
     return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, WITHIN[0] * stated, WITHIN[1] * stated))
 
 
-def tuned_latent(fit: PosteriorFit, point: LinearisationPoint) -> Noise:
+def estimated_latent(fit: PosteriorFit, point: LinearisationPoint) -> Noise:
     """The latent acceleration of greatest evidence at a point, by parabolas along each axis of its logarithm."""
     at = np.log(np.maximum(np.array(fit.noise.latent), FLOOR))
 

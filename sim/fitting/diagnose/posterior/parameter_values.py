@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 
-Theta = Mapping[str, np.ndarray]
+ParameterValues = Mapping[str, np.ndarray]
 """Parameters by effect id; effects that are not in it do nothing."""
 NEARBY = 0.1  # of the value of a far effect that is believed in: how far its secant reaches
 
 
-def values_of(effects: Sequence[Effect], theta: Theta, *stages: str) -> list[tuple[Effect, dict[str, float]]]:
+def values_by_name(
+    effects: Sequence[Effect], theta: ParameterValues, *stages: str
+) -> list[tuple[Effect, dict[str, float]]]:
     """Effects of `theta` that have one of the hooks, with their parameters by name."""
     wanted = frozenset(stages)
     return [
@@ -25,7 +27,7 @@ def values_of(effects: Sequence[Effect], theta: Theta, *stages: str) -> list[tup
 
 
 @dataclass(frozen=True)
-class Secants:
+class SecantSteps:
     """Of one effect: its values `now`, and by column of all chosen parameters the step to take, each of one alone."""
 
     effect: Effect
@@ -33,15 +35,15 @@ class Secants:
     steps: dict[int, np.ndarray]
 
 
-def secants(chosen: Sequence[Effect], theta: Theta) -> Iterator[Secants]:
+def secant_steps(chosen: Sequence[Effect], theta: ParameterValues) -> Iterator[SecantSteps]:
     """Each effect of `chosen` in its turn."""
-    for effect, columns in zip(chosen, slices(chosen).values(), strict=True):
+    for effect, columns in zip(chosen, parameter_slices(chosen).values(), strict=True):
         now = theta.get(effect.id, np.zeros(len(effect.parameters)))
         reaches = [NEARBY * abs(v) if effect.far and v else p.step for p, v in zip(effect.parameters, now, strict=True)]
         signed = [r if v + r <= p.upper else -r for p, v, r in zip(effect.parameters, now, reaches, strict=True)]
-        yield Secants(effect, now, dict(zip(range(columns.start, columns.stop), np.diag(signed), strict=True)))
+        yield SecantSteps(effect, now, dict(zip(range(columns.start, columns.stop), np.diag(signed), strict=True)))
 
 
-def among(effects: Sequence[Effect], effect: Effect) -> Sequence[Effect]:
+def including(effects: Sequence[Effect], effect: Effect) -> Sequence[Effect]:
     """`effects` with `effect`, where it is: which of two that scale the same number comes first matters."""
     return effects if any(e.id == effect.id for e in effects) else [*effects, effect]

@@ -16,22 +16,22 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrust_losses import is_weakened
+from companion.core.model.thrust_losses import has_thrust_losses
 from companion.core.model.thrusters import configuration_matrix
 from companion.logs.runs.apply_sensor_errors import first_fix_s
-from companion.logs.runs.decimate import thinned
+from companion.logs.runs.decimate import decimated
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene, Values
 from sim.fitting.diagnose.posterior.clock import LogClock
-from sim.fitting.diagnose.posterior.compiled import compiled
-from sim.fitting.diagnose.posterior.parameter_values import Theta, among, secants, values_of
-from sim.fitting.diagnose.posterior.state import Accelerations, Feedback, State
-from sim.fitting.diagnose.posterior.thrust import Propelled
-from sim.fitting.engine.jacobian_rows import columns_last
+from sim.fitting.diagnose.posterior.compiled import compile_windows
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, including, secant_steps, values_by_name
+from sim.fitting.diagnose.posterior.state import Accelerations, Feedback, WindowTrajectories
+from sim.fitting.diagnose.posterior.thrust import WindowThrust
+from sim.fitting.engine.jacobian_rows import side_by_side
 from sim.fitting.engine.model import N_HULL
 from sim.fitting.engine.noise import LATENT, STATE
 from sim.fitting.engine.parameters import HULL, Parameters, file_values
-from sim.fitting.engine.windows import Windows, cut
+from sim.fitting.engine.windows import Windows, cut_windows
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 WATER, THRUST = frozenset({"water"}), frozenset({"thrust"})  # stages of hooks
@@ -43,15 +43,15 @@ class EffectPhysics:
     """The model of `vessel` on the windows of `runs`. `clock`: of the logs that these are parts of, and of others."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float, clock: LogClock | None = None):
-        fewer = [thinned(run) for run in runs]
+        fewer = [decimated(run) for run in runs]
         self.runs, self.vessel = tuple(each.run for each in fewer), vessel
-        self.windows: Windows = cut(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
+        self.windows: Windows = cut_windows(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
         self.parameters = Parameters(vessel)
         self.q = file_values(vessel)
-        self.B, self._weakened = configuration_matrix(vessel), is_weakened(vessel)
+        self.B, self._weakened = configuration_matrix(vessel), has_thrust_losses(vessel)
         self.flow = np.array(ca.DM(StructuredModel.of(vessel).water_velocity(ca.DM.zeros(3))))[:2, 0]  # everywhere
         W, K = self.windows.size
-        self._rollout, self._rates, self._slopes, self._M_inv = compiled(vessel, K, W)
+        self._rollout, self._rates, self._slopes, self._M_inv = compile_windows(vessel, K, W)
         self.clock = clock or LogClock.of(runs)
         ahead_s = np.array([self.clock.ahead_s(run) for run in runs])
         self.clock_s = self.windows.t_s + ahead_s[self.windows.run][:, None]
@@ -59,37 +59,37 @@ class EffectPhysics:
         self.first_fix_s = np.array([first_fix_s(run) for run in runs])[self.windows.fixes.run]
         self.middle_s = float(self.clock_s.min() + self.clock_s.max()) / 2
         self.centre_m = self.windows.fixes.place_m.mean(axis=0)
-        self.thrusters = Propelled(self.runs, vessel, self.windows, [each.width_s for each in fewer])
+        self.thrusters = WindowThrust(self.runs, vessel, self.windows, [each.width_s for each in fewer])
 
-    def hull(self, effects: Sequence[Effect], theta: Theta) -> np.ndarray:
+    def hull(self, effects: Sequence[Effect], theta: ParameterValues) -> np.ndarray:
         """Coefficients (12,) in the order of HULL with the effects in them."""
         c: Values = dict(zip(HULL, map(float, self.q[:N_HULL]), strict=True))
-        for effect, p in values_of(effects, theta, "hull"):
+        for effect, p in values_by_name(effects, theta, "hull"):
             c = effect.hooks["hull"](p, c)
         return np.array([c[name] for name in HULL])
 
     def move(
         self,
         effects: Sequence[Effect],
-        theta: Theta,
+        theta: ParameterValues,
         z: np.ndarray,
-        before: State | None,
+        before: WindowTrajectories | None,
         given: Accelerations | None = None,
         feedback: Feedback | None = None,
-    ) -> State:
+    ) -> WindowTrajectories:
         """Trajectories from nodes z (W, L); `before`: a motion near this one, for effects that depend on it.
 
         `given`: of what is not among `effects`; `feedback`: of a motion so near that it will do.
         """
-        felt = acting(effects, theta, PUSHES)
-        passes = 3 if large(felt, theta) else 2 if acting(effects, theta, WATER | PUSHES) else 1
+        felt = with_hooks(effects, theta, PUSHES)
+        passes = 3 if nameable(felt, theta) else 2 if with_hooks(effects, theta, WATER | PUSHES) else 1
         for _ in range(passes):
             before = self.one_pass(effects, theta, z, before, given)
         assert before is not None
         feedback = feedback or (self.feedback(felt, theta, before) if felt else None)
         return before if feedback is None else before.with_feedback(feedback)
 
-    def feedback(self, effects: Sequence[Effect], theta: Theta, state: State) -> Feedback:
+    def feedback(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> Feedback:
         """Of the forces of `effects` on the motion `state`."""
         scene, motion = self.scene(state), np.concatenate([state.x, state.nu_dot], axis=2)
         now = self.extra(effects, theta, scene, state.forces.f)[0][..., :3]
@@ -105,11 +105,11 @@ class EffectPhysics:
     def one_pass(
         self,
         effects: Sequence[Effect],
-        theta: Theta,
+        theta: ParameterValues,
         z: np.ndarray,
-        before: State | None,
+        before: WindowTrajectories | None,
         given: Accelerations | None = None,
-    ) -> State:
+    ) -> WindowTrajectories:
         """As `move`, with what depends on the motion as it is along `before` (None: without)."""
         W, K = self.windows.size
         forces, hull = self.thrusters.forces(effects, theta), self.hull(effects, theta)
@@ -134,9 +134,13 @@ class EffectPhysics:
         A, M_inv, nu_dot = self._rates(*self._flat(x, hull, tau, water, np.repeat(d, K + 1, axis=0)))
         A, M_inv = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy(), M_inv[0].reshape(3, 3).T.copy()
         ids = frozenset(e.id for e in effects)
-        return State(x, nu_dot.reshape(W, K + 1, 3).copy(), A, M_inv, tau, water, forces, hull, None, given, ids)
+        return WindowTrajectories(
+            x, nu_dot.reshape(W, K + 1, 3).copy(), A, M_inv, tau, water, forces, hull, None, given, ids
+        )
 
-    def remainder(self, effects: Sequence[Effect], theta: Theta, state: State, d: np.ndarray) -> Accelerations:
+    def remainder(
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, d: np.ndarray
+    ) -> Accelerations:
         """What of the accelerations in `state` does not come from `effects` nor from d (W, 3)."""
         if state.given is not None and state.by == frozenset(e.id for e in effects):
             return state.given
@@ -155,12 +159,12 @@ class EffectPhysics:
         return x.reshape(n, 6), np.tile(hull, (n, 1)), tau.reshape(n, -1), water.reshape(n, 2), *more
 
     def drive(self, f: np.ndarray) -> np.ndarray:
-        """Body force (W, k, 3) of thruster forces (W, k, n); these after it where the file weakens them: `compiled`."""
+        """Body force (W, k, 3) of thruster forces (W, k, n); these after it where the file weakens them: `compile_windows`."""
         tau = (f.reshape(-1, f.shape[2]) @ self.B.T).reshape(*f.shape[:2], 3)  # one product, not one for each window
         return np.concatenate([tau, f], axis=2) if self._weakened else tau
 
     def extra(
-        self, effects: Sequence[Effect], theta: Theta, scene: Scene, f: np.ndarray
+        self, effects: Sequence[Effect], theta: ParameterValues, scene: Scene, f: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """`drive` (W, K+1, 3 or more) and water velocity (W, K+1, 2) that hooks add along `scene`.
 
@@ -168,27 +172,27 @@ class EffectPhysics:
         """
         hooked, water = f, np.zeros((*f.shape[:2], 2))
         tau = np.zeros((*f.shape[:2], 3 + self._weakened * f.shape[2]))
-        flows = values_of(effects, theta, "water")
+        flows = values_by_name(effects, theta, "water")
         for effect, p in flows:
             water += effect.hooks["water"](p, scene)
         if flows:
             scene = dataclass_replace(scene, water=water + self.flow)
-        for effect, p in values_of(effects, theta, "thrust"):
+        for effect, p in values_by_name(effects, theta, "thrust"):
             hooked = effect.hooks["thrust"](p, scene, hooked)
         if hooked is not f:
             tau = self.drive(hooked - f)
-        for effect, p in values_of(effects, theta, "force"):
+        for effect, p in values_by_name(effects, theta, "force"):
             tau[..., :3] += effect.hooks["force"](p, scene)
         return tau, water
 
-    def scene(self, state: State) -> Scene:
+    def scene(self, state: WindowTrajectories) -> Scene:
         """What hooks see of the motion."""
         w = self.windows
         water = state.water + self.flow
         return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, water)
 
     def accelerations(
-        self, effects: Sequence[Effect], theta: Theta, state: State, chosen: Sequence[Effect]
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, chosen: Sequence[Effect]
     ) -> Accelerations:
         """What one unit of each parameter of `chosen` changes of nu_dot, (.., P), by secants along `state`.
 
@@ -201,7 +205,7 @@ class EffectPhysics:
         scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
         react = np.eye(3) if state.feedback is None else state.feedback.react
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
-        hooked = large(acting(effects, theta, THRUST), theta)
+        hooked = nameable(with_hooks(effects, theta, THRUST), theta)
         others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in hooked}}
         f = state.forces.f
         changed = self.extra(hooked, theta, scene, f)[0]
@@ -210,8 +214,8 @@ class EffectPhysics:
             by = push.reshape(flat, -1)
             return by[:, :3] @ state.M_inv.T + _times(by[:, 3:].T[:, :, None], G_f)
 
-        for each in secants(chosen, theta):
-            effect, hooks, every = each.effect, set(each.effect.hooks), among(effects, each.effect)
+        for each in secant_steps(chosen, theta):
+            effect, hooks, every = each.effect, set(each.effect.hooks), including(effects, each.effect)
             ids = {effect.id}.union(*(others[stage] for stage in hooks & others.keys()))
             along = [e for e in every if e.id in ids]
             acts = hooks & (WATER | PUSHES)
@@ -234,22 +238,22 @@ class EffectPhysics:
                     lighter = (np.asarray(self._M_inv(hull)) - state.M_inv).T
                     if lighter.any():
                         bump[at] += pushed.reshape(W * K, 3) @ (lighter @ turn)
-        return Accelerations(columns_last(nodes).reshape(W, K + 1, 3, P), columns_last(bump).reshape(W, K, 3, P))
+        return Accelerations(side_by_side(nodes).reshape(W, K + 1, 3, P), side_by_side(bump).reshape(W, K, 3, P))
 
 
-def acting(effects: Sequence[Effect], theta: Theta, stages: frozenset[str]) -> list[Effect]:
+def with_hooks(effects: Sequence[Effect], theta: ParameterValues, stages: frozenset[str]) -> list[Effect]:
     """Effects of `theta` that have a hook of `stages`."""
     return [e for e in effects if e.id in theta and not stages.isdisjoint(e.hooks)]
 
 
-def large(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
+def nameable(effects: Sequence[Effect], theta: ParameterValues) -> list[Effect]:
     """Those large enough for a name."""
     return [e for e in effects if e.size(theta[e.id]) >= 1]
 
 
-def _in_water(effects: Sequence[Effect], theta: Theta) -> list[Effect]:
+def _in_water(effects: Sequence[Effect], theta: ParameterValues) -> list[Effect]:
     """What moving water is made of, and forces of some size, which may go by the motion through it."""
-    moving, pushing = acting(effects, theta, WATER), large(acting(effects, theta, PUSHES), theta)
+    moving, pushing = with_hooks(effects, theta, WATER), nameable(with_hooks(effects, theta, PUSHES), theta)
     return [*moving, *(e for e in pushing if e not in moving)]
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.parameter_values import Theta, values_of
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, values_by_name
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.posterior.state import State
-from sim.fitting.diagnose.posterior.tag_kinematics import sight
+from sim.fitting.diagnose.posterior.state import WindowTrajectories
+from sim.fitting.diagnose.posterior.tag_kinematics import tag_kinematics
 from sim.fitting.engine.jacobian_rows import fade
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, Noise, whiten
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY
@@ -31,7 +31,7 @@ class Readings:
         self.window, self.index = self.windows.before(self._when)
         self._delta = self._when - self.windows.t_s[self.window, self.index]
 
-    def imu(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+    def imu(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> np.ndarray:
         """psi, r, a_x, a_y as the sensors should say, without node biases, (W, K, 4)."""
         K = self.windows.size[1]
         x, nd = state.x[:, :K], state.nu_dot[:, :K]
@@ -41,25 +41,25 @@ class Readings:
         ay = nd[..., 1] + u * r - ly * r**2 + lx * nd[..., 2]
         y = np.stack([x[..., 2], r, ax, ay], axis=2)
         scene = self.physics.scene(state).part(K)
-        for effect, p in values_of(effects, theta, "imu"):
+        for effect, p in values_by_name(effects, theta, "imu"):
             y = effect.hooks["imu"](p, scene, y)
         return y
 
-    def tag(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+    def tag(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> np.ndarray:
         """Places as the tag should report them, (m, 2)."""
         w, k = self.window, self.index
         return self._seen(effects, theta, state.x[w, k], state.nu_dot[w, k])
 
-    def _seen(self, effects: Sequence[Effect], theta: Theta, x: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
+    def _seen(self, effects: Sequence[Effect], theta: ParameterValues, x: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
         """The same from states (m, 6) and accelerations (m, 3) at the nodes before."""
-        seen = sight(self.physics, x, nu_dot, self._delta, self._arm, self._when)
+        seen = tag_kinematics(self.physics, x, nu_dot, self._delta, self._arm, self._when)
         place = seen.place_m
-        for effect, p in values_of(effects, theta, "tag"):
+        for effect, p in values_by_name(effects, theta, "tag"):
             place = effect.hooks["tag"](p, seen, place)
         return place
 
     def residuals(
-        self, effects: Sequence[Effect], theta: Theta, state: State, z: np.ndarray, noise: Noise
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, z: np.ndarray, noise: Noise
     ) -> tuple[np.ndarray, np.ndarray]:
         """Whitened, (W, K, 4) and (m, 2)."""
         error = self.imu(effects, theta, state) - self.windows.y
@@ -72,14 +72,16 @@ class Readings:
         out[..., PSI] = np.where(known, psi[..., 0], np.nan)
         return out, (self.tag(effects, theta, state) - self.windows.fixes.place_m) / noise.fix_m
 
-    def slopes(self, effects: Sequence[Effect], theta: Theta, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories
+    ) -> tuple[np.ndarray, np.ndarray]:
         """By differences: what psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9); what the
 
         tag's places change with x y psi u v r at the node before, (m, 2, 6).
         """
         return self._imu_slopes(effects, theta, state), self._tag_slopes(effects, theta, state)
 
-    def _imu_slopes(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+    def _imu_slopes(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> np.ndarray:
         """What psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, by differences, (W, K, 4, 9)."""
         now, motion = self.imu(effects, theta, state), np.concatenate([state.x, state.nu_dot], axis=2)
         slopes = np.empty((*now.shape, 9))
@@ -90,7 +92,7 @@ class Readings:
             slopes[..., j] = (self.imu(effects, theta, there) - now) / NUDGE
         return slopes
 
-    def _tag_slopes(self, effects: Sequence[Effect], theta: Theta, state: State) -> np.ndarray:
+    def _tag_slopes(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> np.ndarray:
         """What the tag's places change with x y psi u v r at the node before, by differences, (m, 2, 6)."""
         w, k = self.window, self.index
         x, nu_dot, A = state.x[w, k], state.nu_dot[w, k], state.A[w, k, 3:]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.fitting.diagnose.posterior.thrust import Forces
+from sim.fitting.diagnose.posterior.thrust import ThrusterForces
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Feedback:
 
 
 @dataclass(frozen=True)
-class State:
+class WindowTrajectories:
     """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them (`drive`).
 
     `feedback`: what the effects' forces add to A; `given`: accelerations that came from outside the effects, see
@@ -53,13 +53,13 @@ class State:
     M_inv: np.ndarray
     tau: np.ndarray
     water: np.ndarray
-    forces: Forces
+    forces: ThrusterForces
     hull: np.ndarray
     feedback: Feedback | None
     given: Accelerations | None
     by: frozenset[str]
 
-    def with_feedback(self, feedback: Feedback) -> State:
+    def with_feedback(self, feedback: Feedback) -> WindowTrajectories:
         """As it moves where its forces depend on it."""
         A = self.A.copy()
         A[..., 3:, :] = feedback.react @ (A[..., 3:, :] + self.M_inv @ feedback.slopes)

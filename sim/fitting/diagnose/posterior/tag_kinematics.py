@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Sight
+from sim.fitting.diagnose.catalogue.effect import TagKinematics
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 
 
-def sight(
+def tag_kinematics(
     physics: EffectPhysics, x: np.ndarray, nu_dot: np.ndarray, delta_s: np.ndarray, arm: np.ndarray, when: np.ndarray
-) -> Sight:
+) -> TagKinematics:
     """The tag `delta_s` (m,) after states x (m, 6) with accelerations nu_dot (m, 3), to second order."""
     c, s, r = np.cos(x[:, 2]), np.sin(x[:, 2]), x[:, 5]
     u, v = x[:, 3] - r * arm[1], x[:, 4] + r * arm[0]
@@ -21,7 +21,7 @@ def sight(
     def turned(ahead: np.ndarray, across: np.ndarray) -> np.ndarray:
         return np.stack([c * ahead - s * across, s * ahead + c * across], axis=1)
 
-    return Sight(
+    return TagKinematics(
         when - physics.first_fix_s,
         physics.fix_clock_s,
         x[:, 2] + delta_s * r,

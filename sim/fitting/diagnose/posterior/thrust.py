@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import Propulsion, VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Values
-from sim.fitting.diagnose.posterior.parameter_values import Theta, secants, values_of
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, secant_steps, values_by_name
 from sim.fitting.engine.thrust.battery import PulseSeries, commands_of, pulses_of
 from sim.fitting.engine.thrust.history import SlewedHistory, ThrustCommands, ThrustHistory
 from sim.fitting.engine.windows import Windows
@@ -22,7 +22,7 @@ KEPT = 48  # results by cache: a log of ten minutes takes half a megabyte each
 
 
 @dataclass(frozen=True)
-class Forces:
+class ThrusterForces:
     """Thruster forces at nodes (W, K+1, n) and mid-steps (W, K, n) before any hook on them."""
 
     f: np.ndarray
@@ -32,20 +32,20 @@ class Forces:
         """What the middle of each step has beyond the mean of its ends, (W, K, n)."""
         return self.middle - (self.f[:, :-1] + self.f[:, 1:]) / 2
 
-    def less(self, other: Forces) -> Forces:
+    def less(self, other: ThrusterForces) -> ThrusterForces:
         """Without those of `other`."""
-        return Forces(self.f - other.f, self.middle - other.middle)
+        return ThrusterForces(self.f - other.f, self.middle - other.middle)
 
-    def plus(self, other: Forces) -> Forces:
+    def plus(self, other: ThrusterForces) -> ThrusterForces:
         """With those of `other`."""
-        return Forces(self.f + other.f, self.middle + other.middle)
+        return ThrusterForces(self.f + other.f, self.middle + other.middle)
 
-    def times(self, share: float | np.ndarray) -> Forces:
+    def times(self, share: float | np.ndarray) -> ThrusterForces:
         """A share of all, or of each thruster's (n,)."""
-        return Forces(share * self.f, share * self.middle)
+        return ThrusterForces(share * self.f, share * self.middle)
 
 
-class Propelled:
+class WindowThrust:
     """The thrusters of `vessel` under the commands of `runs`. `means_s`: by run, over how long samples are averaged."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, windows: Windows, means_s: Sequence[float]):
@@ -54,21 +54,23 @@ class Propelled:
         self._middle = windows.t_s[:, :-1] + windows.h_s / 2
         self._commands, self._driven = _Cache(self._steady), _Cache(self._averaged)
 
-    def forces(self, effects: Sequence[Effect], theta: Theta) -> Forces:
+    def forces(self, effects: Sequence[Effect], theta: ParameterValues) -> ThrusterForces:
         """Thruster forces with effects on commands, force maps, dead time and lag.
 
         Effects too small for a name are taken as linear: one secant each from nil, which is kept.
         """
         large = self._large(effects, theta)
         forces = self._exact(effects, large)
-        small = [e for e, _ in values_of(effects, theta, "pwm", "maps") if e.id not in large]
-        for each in secants(small, {}):
+        small = [e for e, _ in values_by_name(effects, theta, "pwm", "maps") if e.id not in large]
+        for each in secant_steps(small, {}):
             for step in each.steps.values():
                 share = float(theta[each.effect.id] @ (step != 0)) / float(step.sum())
                 forces = forces.plus(self._from_nil(effects, large, each.effect, step).times(share))
         return forces
 
-    def change(self, effects: Sequence[Effect], theta: Theta, effect: Effect, step: np.ndarray) -> Forces:
+    def change(
+        self, effects: Sequence[Effect], theta: ParameterValues, effect: Effect, step: np.ndarray
+    ) -> ThrusterForces:
         """What `step` of `effect` changes of the forces at theta."""
         large = self._large(effects, theta)
         if effect.id not in large:
@@ -76,11 +78,13 @@ class Propelled:
         there = {**large, effect.id: large[effect.id] + step}
         return self._exact(effects, there).less(self._exact(effects, large))
 
-    def _large(self, effects: Sequence[Effect], theta: Theta) -> Theta:
+    def _large(self, effects: Sequence[Effect], theta: ParameterValues) -> ParameterValues:
         """Those of `theta` that are not taken as linear."""
-        return {e.id: theta[e.id] for e, _ in values_of(effects, theta, "pwm", "maps") if e.size(theta[e.id]) >= 1}
+        return {e.id: theta[e.id] for e, _ in values_by_name(effects, theta, "pwm", "maps") if e.size(theta[e.id]) >= 1}
 
-    def _from_nil(self, effects: Sequence[Effect], large: Theta, effect: Effect, step: np.ndarray) -> Forces:
+    def _from_nil(
+        self, effects: Sequence[Effect], large: ParameterValues, effect: Effect, step: np.ndarray
+    ) -> ThrusterForces:
         """What `step` changes of the forces with no other effect about but those that are there as a whole.
 
         Of the force that large gains leave to each thruster, where these are in the file's own maps.
@@ -90,24 +94,24 @@ class Propelled:
         unit = self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
         return unit.times(self._left(effects, large))
 
-    def _left(self, effects: Sequence[Effect], large: Theta) -> np.ndarray:
+    def _left(self, effects: Sequence[Effect], large: ParameterValues) -> np.ndarray:
         """Share of each thruster's gain that effects on the maps leave, (n,): all of a dead one's nothing."""
         both = zip(self._mapped(effects, large).thrusters, self.vessel.thrusters, strict=True)
         return np.array([now.gain / was.gain if was.gain else 1.0 for now, was in both])
 
-    def _mapped(self, effects: Sequence[Effect], theta: Theta) -> VesselFile:
+    def _mapped(self, effects: Sequence[Effect], theta: ParameterValues) -> VesselFile:
         vessel = self.vessel
-        for effect, p in values_of(effects, theta, "maps"):
+        for effect, p in values_by_name(effects, theta, "maps"):
             vessel = effect.hooks["maps"](p, vessel)
         return vessel
 
-    def _exact(self, effects: Sequence[Effect], theta: Theta) -> Forces:
+    def _exact(self, effects: Sequence[Effect], theta: ParameterValues) -> ThrusterForces:
         vessel = self._mapped(effects, theta)
-        pulses = values_of(effects, theta, "pwm")
+        pulses = values_by_name(effects, theta, "pwm")
         key = (tuple(vessel.force_maps.items()), vessel.thrusters, tuple((e.id, *p.values()) for e, p in pulses))
         return self._driven((key, vessel.propulsion), key, vessel, pulses)
 
-    def _averaged(self, key: Hashable, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Forces:
+    def _averaged(self, key: Hashable, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> ThrusterForces:
         """Forces at the lag and the dead time of `vessel`. `key`: of the commands, which know neither."""
         commands = self._commands(key, vessel, pulses)
         gains, f, middle = np.array([t.gain for t in vessel.thrusters]), [], []
@@ -115,7 +119,7 @@ class Propelled:
             history = _history(dataclass_replace(own, force_n=own.force_n * gains), vessel.propulsion)
             f.append(_mean(history, self.windows.t_s[span], width))
             middle.append(_mean(history, self._middle[span], width))
-        driven = Forces(np.concatenate(f), np.concatenate(middle))
+        driven = ThrusterForces(np.concatenate(f), np.concatenate(middle))
         for kept in (driven.f, driven.middle):
             kept.flags.writeable = False  # they are handed out again
         return driven

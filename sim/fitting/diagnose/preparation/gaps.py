@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from companion.logs.runs.run import LogProblem, Run
-from companion.logs.runs.splits import HeldOut, Interval, part, parts, recorded
-from sim.fitting.engine.split import JobError, NamedLog, Split, Used
-from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, off_the_ends
+from companion.logs.runs.splits import HeldOut, Interval, part, parts, recording_intervals
+from sim.fitting.engine.split import JobError, LogUse, NamedLog, Split
+from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
 
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
 
-def unbroken(run: Run) -> list[Run]:
+def split_at_pauses(run: Run) -> list[Run]:
     """`run` cut where its recording paused; the run itself where it never did. JobError where nothing long is left."""
-    spans = recorded(run)
-    return [run] if len(spans) == 1 else pieces(run, _left(run, spans, spans, "used"))
+    spans = recording_intervals(run)
+    return [run] if len(spans) == 1 else intervals_as_runs(run, _left(run, spans, spans, "used"))
 
 
 def without_pauses(found: Split) -> Split:
@@ -28,7 +28,7 @@ def without_pauses(found: Split) -> Split:
     Of a log without pauses that is in one piece, all stays. JobError where nothing is left of a log.
     """
     used = tuple(_without_pauses(one) for one in found.used)
-    fitted = tuple(run for one in used for run in pieces(one.log.run, one.fitted_s))
+    fitted = tuple(run for one in used for run in intervals_as_runs(one.log.run, one.fitted_s))
     both = [(was, now) for was, now in zip(found.used, used, strict=True) if was.held_out_s]
     held_out = tuple(
         out if now is was else HeldOut(now.log.run, now.held_out_s)
@@ -37,9 +37,9 @@ def without_pauses(found: Split) -> Split:
     return replace(found, fitted=fitted, used=used, held_out=held_out)
 
 
-def pieces(run: Run, intervals: Sequence[Interval]) -> list[Run]:
+def intervals_as_runs(run: Run, intervals: Sequence[Interval]) -> list[Run]:
     """Intervals without pauses as runs, with the commands just before them, but none from before a pause."""
-    spans, out = recorded(run), []
+    spans, out = recording_intervals(run), []
     for begin, end in spans:
         mine = [interval for interval in intervals if begin <= interval[0] <= end]
         after = begin > spans[0][0] and mine
@@ -47,7 +47,7 @@ def pieces(run: Run, intervals: Sequence[Interval]) -> list[Run]:
     return out
 
 
-def enough(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
+def usable_intervals(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
     """Those of the intervals that are long enough and hold what a fit needs."""
     pulses = [f"pwm_{name}" for name in run.thrusters]
     known = [run.samples(*columns)[0] for columns in (pulses, ("psi_rad",), ("north_m", "east_m"))]
@@ -60,12 +60,12 @@ def _fits(commands_s: np.ndarray, heading_s: np.ndarray, fixes_s: np.ndarray) ->
     if len(fixes_s) < FIXES or not len(commands_s) or not len(heading_s):
         return False
     begin_s, end_s = max(heading_s[0], commands_s[0] + SETTLE_S), heading_s[-1]
-    return bool(end_s - begin_s >= PIECE_S / 2 and off_the_ends(fixes_s, begin_s, end_s).sum() >= LEAST_FIXES)
+    return bool(end_s - begin_s >= PIECE_S / 2 and inside_edges(fixes_s, begin_s, end_s).sum() >= LEAST_FIXES)
 
 
-def _without_pauses(used: Used) -> Used:
+def _without_pauses(used: LogUse) -> LogUse:
     run = used.log.run
-    spans = recorded(run)
+    spans = recording_intervals(run)
     if len(spans) == 1 and len(used.fitted_s) <= 1 and len(used.held_out_s) <= 1:
         return used
     fitted_s = _left(run, used.fitted_s, spans, "fitted")
@@ -74,12 +74,12 @@ def _without_pauses(used: Used) -> Used:
     if left_s > 1.0:
         text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
         run = run.with_notes([LogProblem(kind="left out", text=text)])
-    return Used(NamedLog(used.log.name, run), fitted_s, held_out_s)
+    return LogUse(NamedLog(used.log.name, run), fitted_s, held_out_s)
 
 
 def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
-    """What the pauses between `spans` leave of intervals and is `enough`. JobError where nothing is left of any."""
-    left = tuple(enough(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
+    """What the pauses between `spans` leave of intervals and is `usable_intervals`. JobError where nothing is left of any."""
+    left = tuple(usable_intervals(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
     if some and not left:
         pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
         raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")

@@ -9,19 +9,19 @@ from math import floor
 import numpy as np
 
 from companion.logs.runs.splits import Interval
-from sim.fitting.diagnose.preparation.gaps import NEEDED, enough, pieces
+from sim.fitting.diagnose.preparation.gaps import NEEDED, intervals_as_runs, usable_intervals
 from sim.fitting.engine.split import JobError, Split
 
 LONGEST_S = 1000.0  # of all fitted logs together: a quarter of an hour tells nearly every cause; assumed
 PIECE_S = 50.0  # long against every time constant of a boat, short against drift and draining batteries; assumed
 
 
-def spread(found: Split) -> Split:
+def subsample(found: Split) -> Split:
     """`found`, or where more than `LONGEST_S` would be fitted, pieces that last so long, evenly spread over it."""
     total_s = sum(high - low for used in found.used for low, high in used.fitted_s)
     if total_s <= LONGEST_S:
         return found
-    usable = [enough(used.log.run, [p for one in used.fitted_s for p in _pieces(one)]) for used in found.used]
+    usable = [usable_intervals(used.log.run, [p for one in used.fitted_s for p in _pieces(one)]) for used in found.used]
     usable_s = sum(high - low for some in usable for low, high in some)
     share, seen, kept = min(LONGEST_S / max(usable_s, PIECE_S), 1.0), 0, []
     for used, some in zip(found.used, usable, strict=True):
@@ -32,7 +32,7 @@ def spread(found: Split) -> Split:
                 begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
                 taken.append((begun, piece[1]))  # one with its neighbour
         kept.append(replace(used, fitted_s=tuple(taken)))
-    fitted = tuple(run for used in kept for run in pieces(used.log.run, used.fitted_s))
+    fitted = tuple(run for used in kept for run in intervals_as_runs(used.log.run, used.fitted_s))
     if not fitted:
         raise JobError(f"{total_s / 60:.0f} minutes to fit, but no piece of {PIECE_S:g} s can be used: {NEEDED}")
     rule = f"{found.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"

@@ -39,7 +39,7 @@ SLIPS = {
 """What may have happened to columns, with what undoes it: to positions, to accelerations."""
 
 
-def refuse_mistaken(run: Run) -> None:
+def reject_swapped_columns(run: Run) -> None:
     """Raises JobError naming the log and the columns that are swapped, reversed or in other units."""
     name = run.meta.source
     for problem in problems(run):

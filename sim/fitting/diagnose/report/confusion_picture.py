@@ -6,28 +6,28 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
-from sim.fitting.diagnose.selection.candidate_score import NATS
-from sim.fitting.diagnose.selection.identifiability import Apart
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
+from sim.fitting.diagnose.selection.identifiability import PairwiseEvidence
 
 MOST = 50.0
 """Nats beyond which nobody asks."""
-EDGES = (0, 3, 6, NATS, 20, 35, MOST)
+EDGES = (0, 3, 6, DECISIVE_NATS, 20, 35, MOST)
 SHADES = ("#67000d", "#cb181d", "#fc9272", "#c6dbef", "#6baed6", "#2171b5")
 """Reds below 12 nats, blues above."""
 ROWS = 45
 TELLING = 2.0  # nats by which a rival must explain more than nothing to have a column
 
 
-def confusion(found: Apart) -> Figure | None:
+def confusion(found: PairwiseEvidence) -> Figure | None:
     """Rows: true cause of medium size; columns: what it could be taken for, "nothing" first; clipped at `MOST`.
 
     Of the causes that the log shows, those with a rival below `MOST`; of the rivals, those that explain more of some
     cause than nothing does. None: there are no such pairs.
     """
-    grid = np.where((found.nothing >= NATS)[:, None], np.nan_to_num(found.nats, nan=np.inf), np.inf)
+    grid = np.where((found.nothing >= DECISIVE_NATS)[:, None], np.nan_to_num(found.nats, nan=np.inf), np.inf)
     explains = (grid < MOST) & (grid < found.nothing[:, None] - TELLING)
     columns = np.flatnonzero(explains.any(axis=0))
-    rows = np.flatnonzero((found.nothing >= NATS) & ((found.nothing < MOST) | explains.any(axis=1)))
+    rows = np.flatnonzero((found.nothing >= DECISIVE_NATS) & ((found.nothing < MOST) | explains.any(axis=1)))
     if not len(rows):
         return None
     rows = rows[np.argsort(grid[rows].min(axis=1), kind="stable")][:ROWS]

@@ -134,7 +134,7 @@ class NoiseCard(_Struct, frozen=True, kw_only=True):
     ambient: tuple[float, float, float] | None
 
 
-class Visible(_Struct, frozen=True, kw_only=True):
+class DetectionLimit(_Struct, frozen=True, kw_only=True):
     """The size from which on these logs would have shown an effect."""
 
     size: float
@@ -170,7 +170,7 @@ class Findings(_Struct, frozen=True, kw_only=True):
     ranking: tuple[RankRecord, ...]
     adequacy: Adequacy | None
     identifiability: Identifiability | None
-    visible_from: dict[str, Visible]
+    visible_from: dict[str, DetectionLimit]
     held_out: tuple[HeldOutRecord, ...]
     one_step_nats: dict[str, Number]
     noise_card: NoiseCard

@@ -9,10 +9,15 @@ from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.report import pictures
 from sim.fitting.diagnose.report.confusion_picture import confusion
 from sim.fitting.diagnose.report.sentences import sentences, size_text
-from sim.fitting.diagnose.selection.candidate_score import NAMED
+from sim.fitting.diagnose.selection.candidate_score import LEAST_EVIDENCE_NATS
 from sim.fitting.diagnose.selection.held_out import CHANNELS, MODELS
 from sim.fitting.diagnose.selection.identifiability import MEDIUM
-from sim.fitting.diagnose.selection.residual_forces import Residue, correlation, pulses, residue
+from sim.fitting.diagnose.selection.residual_forces import (
+    ResidualForces,
+    autocorrelation,
+    pulse_widths_and_voltage,
+    residual_forces,
+)
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
 from sim.fitting.identify.report.tables import intervals
 from sim.fitting.validate.report import Section, page
@@ -30,7 +35,7 @@ Z975 = 1.959964
 
 def report(found: Diagnosis) -> str:
     """The page, as text."""
-    before, after = residues(found)
+    before, after = residual_forces_before_and_after(found)
     maps = ((pictures.over_basin(before, after), "Mean residual force in cells of the basin, as arrows."),)
     doubt = found.adequacy is not None and not found.adequacy.passed
     sections = [
@@ -49,7 +54,7 @@ def report(found: Diagnosis) -> str:
     return page(f"Diagnosis of {found.base.name}", sections)
 
 
-def residues(found: Diagnosis) -> tuple[Residue, Residue]:
+def residual_forces_before_and_after(found: Diagnosis) -> tuple[ResidualForces, ResidualForces]:
     """What the refitted base leaves over, with what the causes and numbers beside them change; what is left then."""
     final, given = found.selection.final, found.refit.theta
     ids = {n.fitted for n in found.causes} | set(given)
@@ -57,8 +62,8 @@ def residues(found: Diagnosis) -> tuple[Residue, Residue]:
     changed = [e for e in found.fit.effects if e.id in final.point.theta and (e.id in ids or acts & set(e.hooks))]
     changed = changed if found.causes else []
     more = {e.id: final.point.theta[e.id] - given.get(e.id, 0.0) for e in changed}
-    before = residue(found.fit, found.refit_point, found.refit.noise, more, changed)
-    return before, residue(found.fit, final.point, final.noise, {}, [])
+    before = residual_forces(found.fit, found.refit_point, found.refit.noise, more, changed)
+    return before, residual_forces(found.fit, final.point, final.noise, {}, [])
 
 
 def _causes(found: Diagnosis) -> list[Section]:
@@ -116,8 +121,8 @@ def _held_out(found: Diagnosis) -> Section:
     )
 
 
-def _left_over(found: Diagnosis, before: Residue, after: Residue, maps: Pictures) -> Section:
-    pwm, volts = pulses(found.fit.physics)
+def _left_over(found: Diagnosis, before: ResidualForces, after: ResidualForces, maps: Pictures) -> Section:
+    pwm, volts = pulse_widths_and_voltage(found.fit.physics)
     speeds = {name: before.x[:, i] for i, name in enumerate(("u [m/s]", "v [m/s]", "r [rad/s]"), 3)}
     if np.isfinite(volts).any():
         speeds["battery [V]"] = volts
@@ -141,7 +146,7 @@ def _whiteness(found: Diagnosis):
         n: int(np.isfinite(final.residuals[..., i]).sum()) for i, n in enumerate(("heading", "yaw rate", "a_x", "a_y"))
     }
     seen |= {"north": len(final.fix_residuals), "east": len(final.fix_residuals)}
-    return pictures.whiteness(correlation(found.refit_point), correlation(final), seen)
+    return pictures.whiteness(autocorrelation(found.refit_point), autocorrelation(final), seen)
 
 
 def _evidence(found: Diagnosis) -> Section:
@@ -154,7 +159,7 @@ def _evidence(found: Diagnosis) -> Section:
         "Evidence",
         figures=(
             (
-                pictures.evidence(named, others, NAMED),
+                pictures.evidence(named, others, LEAST_EVIDENCE_NATS),
                 "Logarithmic beyond 10. Grey beyond the line: not surely larger than the smallest size worth a name, "
                 "or no better as one cause than as one of many small imperfections. Beside the bars: the size, in "
                 "units of that.",

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.fitting.diagnose.selection.held_out import CHANNELS, HORIZONS_S, MODELS, Error, Replay
-from sim.fitting.diagnose.selection.residual_forces import Residue
+from sim.fitting.diagnose.selection.held_out import CHANNELS, HORIZONS_S, MODELS, OpenLoopError, Replay
+from sim.fitting.diagnose.selection.residual_forces import ResidualForces
 from sim.fitting.validate.figures import COLOURS, GREYS, INK
 
 BASE, WITH = COLOURS[0], COLOURS[1]
@@ -27,7 +27,7 @@ NATS_TICKS = (0, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000, 5
 TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 3, 5, 10, 20, 50, 100)
 
 
-def over_time(before: Residue, after: Residue) -> Figure:
+def over_time(before: ResidualForces, after: ResidualForces) -> Figure:
     """Latent force over the shared clock with 2 sigma: refitted base against the model with the causes."""
     figure = Figure(figsize=(11, 6.2))
     axes = figure.subplots(3, 1, sharex=True, gridspec_kw=GRID)
@@ -46,7 +46,7 @@ def over_time(before: Residue, after: Residue) -> Figure:
     return figure
 
 
-def against(residue: Residue, columns: Mapping[str, np.ndarray]) -> Figure:
+def against(residue: ResidualForces, columns: Mapping[str, np.ndarray]) -> Figure:
     """Residual force of the refitted base over values of its windows by label; what the causes change through it."""
     figure = Figure(figsize=(11, 6.4))
     axes = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False, gridspec_kw=GRID)
@@ -63,7 +63,7 @@ def against(residue: Residue, columns: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-def over_heading(residue: Residue) -> Figure:
+def over_heading(residue: ResidualForces) -> Figure:
     """Residual force over heading, polar: on the dark ring it is nil, outside it the force is positive."""
     figure = Figure(figsize=(11, 4.4))
     psi = np.mod(residue.x[:, 2], 2 * np.pi)
@@ -94,7 +94,7 @@ def over_heading(residue: Residue) -> Figure:
     return figure
 
 
-def over_basin(before: Residue, after: Residue) -> Figure:
+def over_basin(before: ResidualForces, after: ResidualForces) -> Figure:
     """Mean residual force in cells of the basin as arrows: refitted base, and with the causes, to one scale."""
     figure = Figure(figsize=(11, 5.4))
     axes = figure.subplots(1, 2, gridspec_kw=GRID)
@@ -134,7 +134,7 @@ def tracks(replays: Sequence[Replay]) -> Figure:
     return figure
 
 
-def held_out(errors: Sequence[Error]) -> Figure:
+def held_out(errors: Sequence[OpenLoopError]) -> Figure:
     """Rms error on held-out logs by channel and horizon, with 95 % intervals."""
     shown = {channel: mine for channel in CHANNELS if (mine := [e for e in errors if e.channel == channel])}
     figure = Figure(figsize=(11, 3.4))
@@ -241,7 +241,7 @@ def means_by_bin(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.nd
     return mean, se
 
 
-def _cells(residue: Residue, size_m: float) -> np.ndarray:
+def _cells(residue: ResidualForces, size_m: float) -> np.ndarray:
     """Rows north, east, force north, force east of each cell with enough windows."""
     psi, (X, Y) = residue.x[:, 2], residue.force[:, :2].T
     c, s = np.cos(psi), np.sin(psi)

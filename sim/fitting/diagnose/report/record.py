@@ -71,7 +71,7 @@ def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], co
         ranking=tuple(_ranking(found)),
         adequacy=found.adequacy,
         identifiability=found.identifiability.record if found.identifiability is not None else None,
-        visible_from={k: form.Visible(size=size, unit=unit) for k, (size, unit) in found.visible.items()},
+        visible_from={k: form.DetectionLimit(size=size, unit=unit) for k, (size, unit) in found.visible.items()},
         held_out=tuple(_held_out(found)),
         one_step_nats={name: _number(nats) for name, nats in found.held_out.nats.items()},
         noise_card=_noise(found),

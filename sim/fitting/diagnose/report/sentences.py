@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sim.fitting.diagnose.job import Diagnosis
-from sim.fitting.diagnose.selection.held_out import Error, HeldOutScore
+from sim.fitting.diagnose.selection.held_out import HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
 
 SHOWN_S = 10
@@ -118,7 +118,7 @@ def _same(name: str, others: Sequence[str]) -> str:
     return f"No log can tell {name} from {', '.join(others)}: they leave the same signature."
 
 
-def error_at(found: HeldOutScore, channel: str, horizon_s: int) -> Error | None:
+def error_at(found: HeldOutScore, channel: str, horizon_s: int) -> OpenLoopError | None:
     """The figure of a channel at a horizon, if the held-out logs reach it."""
     return next((e for e in found.errors if e.channel == channel and e.horizon_s == horizon_s), None)
 

@@ -10,9 +10,9 @@ import numpy as np
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.report import findings as record
-from sim.fitting.diagnose.selection.adequacy import Judgement
+from sim.fitting.diagnose.selection.adequacy import AdequacyJudgement
 from sim.fitting.diagnose.selection.held_out import HeldOutScore
-from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
+from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import SearchResult
 from sim.fitting.diagnose.selection.select import Selection, Selector
@@ -28,7 +28,7 @@ OUTDONE = "one kind of function of another nature explains more than all causes 
 FALLEN = "too small, or too unsure, beside the causes that are left"
 HARMFUL = "readings of the held-out logs become worse"
 UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
-Adequate = Callable[[PosteriorFit, Selection, Noise | None, Echoes, bool], Judgement]
+Adequate = Callable[[PosteriorFit, Selection, Noise | None, Masking, bool], AdequacyJudgement]
 """What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
 
 
@@ -58,7 +58,7 @@ def conclude(
     doubtful: frozenset[str] = frozenset()
     left: record.Adequacy | None = None
     if adequate:
-        sound, found, withdrawn = standing(fit, found, ambient, adequate, known)
+        sound, found, withdrawn = withdraw_unsupported(fit, found, ambient, adequate, known)
         doubtful, left = sound.doubtful, sound.adequacy
     named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
     same = {n.effect.name: n.effect.same_as for n in named}
@@ -67,16 +67,16 @@ def conclude(
     return DiagnosisVerdict(found.selection, causes, verdict, confused, left, withdrawn)
 
 
-def standing(
+def withdraw_unsupported(
     fit: PosteriorFit, found: SearchResult, ambient: Noise | None, adequate: Adequate, known: bool
-) -> tuple[Judgement, SearchResult, dict[str, str]]:
+) -> tuple[AdequacyJudgement, SearchResult, dict[str, str]]:
     """What is left over, the causes that can stand, and by name why the others are taken back.
 
     Judged anew where it was judged beside a cause that fell with them, or by the echoes of one that is gone.
     """
     withdrawn: dict[str, str] = {}
     while True:
-        before, echoes = found, Echoes.of(c.effect.name for c in found.causes)
+        before, echoes = found, Masking.of(c.effect.name for c in found.causes)
         sound = adequate(fit, found.selection, ambient, echoes, known)
         if not sound.withdrawn:
             return sound, found, withdrawn
@@ -85,21 +85,21 @@ def standing(
         why = {id_: OUTDONE if id_ in sound.outdone else UNNEEDED for id_ in sound.withdrawn}
         gone = {c.effect.name: why.get(c.fitted, FALLEN) for c in before.causes if c.effect.name not in names}
         withdrawn |= gone
-        if FALLEN not in gone.values() and Echoes.of(names) == echoes:
+        if FALLEN not in gone.values() and Masking.of(names) == echoes:
             return sound, found, withdrawn
 
 
-def taken_back(
+def without_causes(
     fit: PosteriorFit, verdict: DiagnosisVerdict, why: str, ambient: Noise | None, adequate: Adequate | None
 ) -> DiagnosisVerdict:
     """Without any of the causes, as held-out logs ask: unknown, and what the base leaves over."""
     withdrawn = verdict.withdrawn | {n.effect.name: why for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
-    left = adequate(fit, selection, ambient, SILENCE, False).adequacy if adequate else None
+    left = adequate(fit, selection, ambient, NO_MASKING, False).adequacy if adequate else None
     return DiagnosisVerdict(selection, (), "unknown", {}, left, withdrawn)
 
 
-def refuted(verdict: DiagnosisVerdict, judged: HeldOutScore) -> str:
+def held_out_objection(verdict: DiagnosisVerdict, judged: HeldOutScore) -> str:
     """Why none of the causes can be right, seen from the held-out logs, whose readings none makes surely better.
 
     They make them surely worse; or something is left over beside them and one is in doubt by its form, so that evidence

@@ -22,20 +22,20 @@ from collections.abc import Iterator
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.residual_basis.basis import Basis
-from sim.fitting.diagnose.residual_basis.group import Group, widened
+from sim.fitting.diagnose.residual_basis.group import FunctionGroup, append_groups
 from sim.fitting.diagnose.residual_basis.motion import by_speed
 from sim.fitting.diagnose.residual_basis.surroundings import by_heading, by_position
 from sim.fitting.diagnose.residual_basis.thrust import by_load, by_thruster, by_voltage
 from sim.fitting.diagnose.residual_basis.time import by_period, by_time
 
-__all__ = ["Group", "groups_at", "widened"]
+__all__ = ["FunctionGroup", "append_groups", "groups_at"]
 
 
-def groups_at(physics: EffectPhysics, point: LinearisationPoint) -> tuple[Group, ...]:
+def groups_at(physics: EffectPhysics, point: LinearisationPoint) -> tuple[FunctionGroup, ...]:
     """All groups at a fitted `point`; those for which nothing was logged are left out."""
     basis = Basis(physics, point)
 
-    def each() -> Iterator[Group]:
+    def each() -> Iterator[FunctionGroup]:
         for maker in (by_position, by_heading, by_speed, by_thruster, by_load, by_voltage, by_time, by_period):
             yield from maker(basis)
 

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Values
-from sim.fitting.diagnose.catalogue.parts import ahead_starboard, hull_damping, north_east
+from sim.fitting.diagnose.catalogue.parts import body_to_ned, hull_damping, ned_to_body
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.residual_basis.group import SIZES, Group, group, means
+from sim.fitting.diagnose.residual_basis.group import SIZES, FunctionGroup, function_group, window_means
 from sim.fitting.engine.noise import LATENT, L
 
 Functions = Mapping[str, np.ndarray]
@@ -44,7 +44,7 @@ class Basis:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Over each window, (W, K or K + 1, c) -> (W, c)."""
-        return means(self.physics, values)
+        return window_means(self.physics, values)
 
     def axes(self, letters: str) -> list[np.ndarray]:
         """Unit accelerations (W, 3): X, Y, K of the boat, N, E of the world."""
@@ -52,12 +52,12 @@ class Basis:
         for i, letter in enumerate("XYK"):
             out[letter] = np.tile(np.eye(3)[i], (self.W, 1))
         for letter, ne in (("N", (1.0, 0.0)), ("E", (0.0, 1.0))):
-            out[letter] = np.column_stack([*ahead_starboard(self.psi, *ne), np.zeros(self.W)])
+            out[letter] = np.column_stack([*ned_to_body(self.psi, *ne), np.zeros(self.W)])
         return [out[letter] for letter in letters]
 
     def velocity(self) -> np.ndarray:
         """Over ground, north and east, (W, 2)."""
-        return np.stack(north_east(self.psi, self.x[:, 3], self.x[:, 4]), axis=1)
+        return np.stack(body_to_ned(self.psi, self.x[:, 3], self.x[:, 4]), axis=1)
 
     @cached_property
     def water(self) -> list[np.ndarray]:
@@ -78,7 +78,7 @@ class Basis:
 
     def on_nodes(
         self, name: str, words: tuple[str, ...], kind: str, entries: Sequence[int | np.ndarray], functions: Functions
-    ) -> Group:
+    ) -> FunctionGroup:
         """Each function on each of `entries`: of the node (index), or accelerations (W, 3)."""
         columns, names = [], []
         for key, value in functions.items():
@@ -90,30 +90,30 @@ class Basis:
                     node[:, LATENT] = value[:, None] * entry
                 columns.append(node)
                 names.append(f"{key} {i}")
-        return group(name, words, kind, names, np.stack(columns, axis=2))
+        return function_group(name, words, kind, names, np.stack(columns, axis=2))
 
     def of_thrust(
         self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share", mine: np.ndarray | float = 1.0
-    ) -> Group:
+    ) -> FunctionGroup:
         """Changes of the thruster forces. `mine` (n,): what they are multiplied with, one thruster being 1."""
 
         def thrust(p: Values, _scene: Scene, f: np.ndarray) -> np.ndarray:
             return f + mine * sum(v * factors[key] for key, v in p.items() if v)
 
-        return group(name, words, kind, list(factors), hooks={"thrust": thrust})
+        return function_group(name, words, kind, list(factors), hooks={"thrust": thrust})
 
-    def of_force(self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share") -> Group:
+    def of_force(self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share") -> FunctionGroup:
         """Forces on the body, (W, K + 1, 3) [N, N, N m]."""
 
         def force(p: Values, scene: Scene) -> np.ndarray:
             return sum((v * factors[key] for key, v in p.items() if v), start=np.zeros((*scene.t_s.shape, 3)))
 
-        return group(name, words, kind, list(factors), hooks={"force": force})
+        return function_group(name, words, kind, list(factors), hooks={"force": force})
 
-    def of_hull(self, name: str, words: tuple[str, ...], coefficients: Mapping[str, Sequence[str]]) -> Group:
+    def of_hull(self, name: str, words: tuple[str, ...], coefficients: Mapping[str, Sequence[str]]) -> FunctionGroup:
         """Shares of the hull's coefficients, by name of the function."""
 
         def hull(p: Values, c: Mapping[str, float]) -> Mapping[str, float]:
             return {**c, **{n: c[n] * (1 + v) for key, v in p.items() for n in coefficients[key]}}
 
-        return group(name, words, "share", list(coefficients), hooks={"hull": hull})
+        return function_group(name, words, "share", list(coefficients), hooks={"hull": hull})

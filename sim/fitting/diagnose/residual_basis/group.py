@@ -35,7 +35,7 @@ SIZES = {
 
 
 @dataclass(frozen=True)
-class Group:
+class FunctionGroup:
     """Functions that are tried together. `words`: what they depend on, as in `depends_on`, the most telling first.
 
     `effect`: one parameter each; `nodes` (W, L, p): what one unit of each does to the nodes, where it has no hooks.
@@ -45,11 +45,11 @@ class Group:
     effect: Effect
     nodes: np.ndarray | None = None
 
-    def named(self) -> Group:
+    def named(self) -> FunctionGroup:
         """The same without its functions, which take room."""
         return replace(self, effect=replace(self.effect, hooks={}), nodes=None)
 
-    def of_means(self, physics: EffectPhysics, point: LinearisationPoint, effects: Sequence[Effect]) -> Group:
+    def of_means(self, physics: EffectPhysics, point: LinearisationPoint, effects: Sequence[Effect]) -> FunctionGroup:
         """By nodes: what it does on the mean of each window, as if it did not vary within.
 
         Groups with hooks move the boat, never a sensor. `effects`: those at work at `point`.
@@ -58,31 +58,31 @@ class Group:
             return self
         a = physics.accelerations([*effects, self.effect], point.theta, point.state, [self.effect]).nodes
         nodes = np.zeros((len(a), L, a.shape[3]))
-        nodes[:, LATENT] = means(physics, a.reshape(*a.shape[:2], -1)).reshape(len(a), 3, -1)
+        nodes[:, LATENT] = window_means(physics, a.reshape(*a.shape[:2], -1)).reshape(len(a), 3, -1)
         return replace(self, nodes=nodes)
 
 
-def means(physics: EffectPhysics, values: np.ndarray) -> np.ndarray:
+def window_means(physics: EffectPhysics, values: np.ndarray) -> np.ndarray:
     """Over each window, (W, K or K + 1, c) -> (W, c); steps that only fill a window up count nothing."""
     h_s = physics.windows.h_s
     return np.einsum("wk,wkc->wc", h_s, values[:, : h_s.shape[1]]) / h_s.sum(axis=1)[:, None]
 
 
-def group(
+def function_group(
     name: str,
     words: tuple[str, ...],
     kind: str,
     names: list[str],
     nodes: np.ndarray | None = None,
     hooks: Mapping[str, Hook] | None = None,
-) -> Group:
+) -> FunctionGroup:
     """`kind`: of size, see `SIZES`; `names`: of the parameters. Either `nodes` or `hooks`."""
     size = SIZES[kind]
     parameters = tuple(EffectParameter(n, "", size, size, size) for n in names)
-    return Group(words, Effect(f"generic:{name}", "generic", name, "", parameters, hooks or {}), nodes)
+    return FunctionGroup(words, Effect(f"generic:{name}", "generic", name, "", parameters, hooks or {}), nodes)
 
 
-def widened(point: LinearisationPoint, groups: Sequence[Group]) -> LinearisationPoint:
+def append_groups(point: LinearisationPoint, groups: Sequence[FunctionGroup]) -> LinearisationPoint:
     """`point` with the columns of `groups`, which have nodes, behind those that it has."""
     nodes = np.concatenate([g.nodes for g in groups if g.nodes is not None], axis=2)
     chain, ties = point.chain, point.ties

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.parts import north_east
+from sim.fitting.diagnose.catalogue.parts import body_to_ned
 from sim.fitting.diagnose.residual_basis.basis import Basis
-from sim.fitting.diagnose.residual_basis.group import Group, group
+from sim.fitting.diagnose.residual_basis.group import FunctionGroup, function_group
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, L
 
 WORD = ("speed",)
@@ -23,7 +23,7 @@ INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2")
 FEW = ("u", "v", "r", "ur", "rR")
 
 
-def by_speed(basis: Basis) -> Iterator[Group]:
+def by_speed(basis: Basis) -> Iterator[FunctionGroup]:
     """Capitals are moduli."""
     products = _products(basis.x[:, 3:])
     within = _products(basis.point.state.x[..., 3:])
@@ -42,7 +42,7 @@ def by_speed(basis: Basis) -> Iterator[Group]:
     for what, kind, entries in (("heading", "heading", [OFFSET]), ("yaw rate", "rate", [BIAS_R]),
                                 ("specific force", "accel", [BIAS_AX, BIAS_AY])):  # fmt: skip
         yield basis.on_nodes(f"{what} error over speed", WORD, kind, entries, few)
-    yield group("place error over speed", WORD, "place", ["along", "across", "along 2", "across 2", "x r", "y r"],
+    yield function_group("place error over speed", WORD, "place", ["along", "across", "along 2", "across 2", "x r", "y r"],
                 _ways(basis))  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def _products(nu: np.ndarray) -> dict[str, np.ndarray]:
     return {n: np.prod([speeds[c] for c in n], axis=0) for n in PRODUCTS}
 
 
-def _shares(basis: Basis) -> Iterator[Group]:
+def _shares(basis: Basis) -> Iterator[FunctionGroup]:
     """Damping and inertia, each in proportion to what it is; and inertia of one axis felt on another."""
     yield basis.of_hull("damping", WORD, {axis: COEFFICIENTS[axis] for axis in "XYK"})
     yield basis.of_hull("inertia", WORD, {name: (name,) for name in INERTIA})
@@ -67,7 +67,7 @@ def _ways(basis: Basis) -> np.ndarray:
     along, r = basis.velocity(), basis.x[:, 5]
     speed = np.hypot(*along.T)[:, None]
     across = np.column_stack([-along[:, 1], along[:, 0]])
-    turning = [np.column_stack(north_east(basis.psi, *one)) for one in ((r, 0 * r), (0 * r, r))]
+    turning = [np.column_stack(body_to_ned(basis.psi, *one)) for one in ((r, 0 * r), (0 * r, r))]
     nodes = np.zeros((basis.W, L, 6))
     nodes[:, :2] = np.stack([along, across, along * speed, across * speed, *turning], axis=2)
     return nodes

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from sim.fitting.diagnose.residual_basis.basis import Basis
-from sim.fitting.diagnose.residual_basis.group import Group
+from sim.fitting.diagnose.residual_basis.group import FunctionGroup
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, OFFSET
 
 ORDER, TURNS = 4, 3
 BENDS = 5  # turns that drag is followed over: it may be larger on a narrow range of headings
 
 
-def by_position(basis: Basis) -> Iterator[Group]:
+def by_position(basis: Basis) -> Iterator[FunctionGroup]:
     """Fields over the range of places."""
     places = basis.physics.windows.fixes.place_m
     low, high = np.quantile(places, (0.02, 0.98), axis=0)
@@ -36,7 +36,7 @@ def by_position(basis: Basis) -> Iterator[Group]:
     yield basis.on_nodes("place error over position", word, "place", [0, 1], broad)
 
 
-def by_heading(basis: Basis) -> Iterator[Group]:
+def by_heading(basis: Basis) -> Iterator[FunctionGroup]:
     """Waves over the heading, and constants of the world, which the boat feels by its heading."""
     word, constant = ("heading",), {"1": np.ones(basis.W)}
     yield basis.on_nodes("steady force over ground", word, "force", basis.axes("NE"), constant)

@@ -10,15 +10,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from sim.fitting.diagnose.residual_basis.basis import Basis
-from sim.fitting.diagnose.residual_basis.group import Group
-from sim.fitting.diagnose.selection.residual_forces import volts
+from sim.fitting.diagnose.residual_basis.group import FunctionGroup
+from sim.fitting.diagnose.selection.residual_forces import battery_voltage
 
 PLAY = (0.02, 0.05, 0.1)  # of the largest pulse, to either side: a command must turn so far first; assumed
 STEP_S = 0.05  # half of it to either side, for how fast thrust changes; assumed
 AGO_S = (0.1, 0.2, 0.4, 0.8)  # as it was so long ago: lags and delays are shorter than the last; assumed
 
 
-def by_thruster(basis: Basis) -> Iterator[Group]:
+def by_thruster(basis: Basis) -> Iterator[FunctionGroup]:
     """Each alone, all alike, and each beside each other."""
     f, n = basis.f, len(basis.names)
     largest = max(float(np.abs(f).max()), 1e-9)
@@ -48,7 +48,7 @@ def by_thruster(basis: Basis) -> Iterator[Group]:
         for i in range(n) for j in range(n) if i != j})  # fmt: skip
 
 
-def by_load(basis: Basis) -> Iterator[Group]:
+def by_load(basis: Basis) -> Iterator[FunctionGroup]:
     """All alike, with what all give now or gave lately."""
     total = np.abs(basis.f).sum(axis=2)
     load = total / max(float(total.max()), 1e-9)
@@ -58,9 +58,9 @@ def by_load(basis: Basis) -> Iterator[Group]:
     yield basis.of_thrust("thrust over past load", ("load",), past)
 
 
-def by_voltage(basis: Basis) -> Iterator[Group]:
+def by_voltage(basis: Basis) -> Iterator[FunctionGroup]:
     """All alike, where it was logged."""
-    logged = volts(basis.physics, basis.physics.windows.t_s)
+    logged = battery_voltage(basis.physics, basis.physics.windows.t_s)
     if np.isfinite(logged).all() and np.ptp(logged) > 0:
         off = ((logged - logged.mean()) / np.ptp(logged))[..., None]
         yield basis.of_thrust("thrust over voltage", ("voltage",), {str(k): basis.f * off**k for k in (1, 2)})

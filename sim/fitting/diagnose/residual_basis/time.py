@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.parts import north_east
+from sim.fitting.diagnose.catalogue.parts import body_to_ned
 from sim.fitting.diagnose.residual_basis.basis import Basis, Functions
-from sim.fitting.diagnose.residual_basis.group import Group, group
+from sim.fitting.diagnose.residual_basis.group import FunctionGroup, function_group
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, L
 
 SLOW = 6
@@ -18,7 +18,7 @@ MOST_S = 3600.0  # for which periods are told apart: logs may lie days apart
 WORD = ("time",)
 
 
-def by_time(basis: Basis) -> Iterator[Group]:
+def by_time(basis: Basis) -> Iterator[FunctionGroup]:
     """Slowly."""
     low, high = basis.clock.min(), basis.clock.max()
     phase = np.pi * (basis.clock - low) / max(high - low, 1.0)
@@ -35,13 +35,13 @@ def by_time(basis: Basis) -> Iterator[Group]:
         yield basis.on_nodes(f"{what} error over time", WORD, kind, [entry], slow)
     late = np.zeros((basis.W, L, SLOW))
     late[:, :2] = basis.velocity()[:, :, None] * np.stack(list(slow.values()), axis=1)[:, None]
-    yield group("delay of places over time", WORD, "place", list(slow), late)
+    yield function_group("delay of places over time", WORD, "place", list(slow), late)
 
 
-def by_period(basis: Basis) -> Iterator[Group]:
+def by_period(basis: Basis) -> Iterator[FunctionGroup]:
     """To and fro."""
     latent = basis.point.z[:, LATENT]
-    north, east = north_east(basis.psi, latent[:, 0], latent[:, 1])
+    north, east = body_to_ned(basis.psi, latent[:, 0], latent[:, 1])
     driven = basis.mean(basis.f) @ basis.physics.B.T @ basis.turn
     shares = (driven * latent) @ (1 / np.maximum(latent.std(axis=0), 1e-9) ** 2)
     found = _peaks(basis.clock, {"thrust": shares, "N": north, "E": east, "K": latent[:, 2]})

@@ -18,17 +18,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import slices
-from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
+from sim.fitting.diagnose.catalogue.effect import parameter_slices
+from sim.fitting.diagnose.posterior.evidence import Prior, ReducedNormalEquations
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.noise import FLOOR, shares_of
+from sim.fitting.diagnose.posterior.noise import FLOOR, latent_scales
 from sim.fitting.diagnose.report.findings import RIVAL_NATS, Adequacy, Check
-from sim.fitting.diagnose.residual_basis import Group, groups_at, widened
-from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
-from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
+from sim.fitting.diagnose.residual_basis import FunctionGroup, append_groups, groups_at
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
+from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
 from sim.fitting.diagnose.selection.model import CandidateModel
-from sim.fitting.diagnose.selection.residual_forces import correlation
+from sim.fitting.diagnose.selection.residual_forces import autocorrelation
 from sim.fitting.diagnose.selection.select import Selection
 from sim.fitting.engine.noise import Noise
 
@@ -43,32 +43,32 @@ WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent o
 
 
 @dataclass(frozen=True)
-class UnexplainedForce:
+class GroupEvidence:
     """Nats of every group, best first, beside some causes. `evidence`: with all groups within their bands [nats].
 
     By id of the causes, `akin`: the groups whose functions can stand in for it; `support`: nats for it over its absence
     while all groups are free within their bands. `limit`: nats from which on something is left over.
     """
 
-    nats: tuple[tuple[Group, float], ...]
+    nats: tuple[tuple[FunctionGroup, float], ...]
     evidence: float
     akin: Mapping[str, frozenset[str]]
     support: Mapping[str, float]
-    limit: float = NATS
+    limit: float = DECISIVE_NATS
 
     @property
-    def counted(self) -> tuple[Group, ...]:
+    def counted(self) -> tuple[FunctionGroup, ...]:
         """Groups that reach the limit, best first, without the echoes of the best."""
         least = max(self.limit, ECHO * self.nats[0][1])
         return tuple(group for group, nats in self.nats if nats >= least)
 
-    def is_akin(self, cause: str, groups: Sequence[Group]) -> bool:
+    def is_akin(self, cause: str, groups: Sequence[FunctionGroup]) -> bool:
         """Whether one of `groups` is of the kind of a cause."""
         return any(group.effect.id in self.akin.get(cause, frozenset()) for group in groups)
 
 
 @dataclass(frozen=True)
-class Judgement:
+class AdequacyJudgement:
     """What to report, and ids of causes.
 
     `doubtful`: of the right kind, their form is in doubt; `withdrawn`: not to be named; `outdone`, of these: because
@@ -81,9 +81,9 @@ class Judgement:
     outdone: frozenset[str] = frozenset()
 
 
-def left_over(
-    fit: PosteriorFit, model: CandidateModel, causes: Sequence[str], echoes: Echoes = SILENCE
-) -> UnexplainedForce:
+def group_evidence(
+    fit: PosteriorFit, model: CandidateModel, causes: Sequence[str], echoes: Masking = NO_MASKING
+) -> GroupEvidence:
     """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
     every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
     if echoes.within:
@@ -92,7 +92,7 @@ def left_over(
     groups, within = (*hooked, *on_nodes), [*model.chosen, *(g.effect for g in hooked)]
     fit.noise = model.noise
     point = fit.point(model.point.theta, model.point.z, within, model.point).judged_only()
-    point = widened(point, on_nodes)
+    point = append_groups(point, on_nodes)
     chosen = [*within, *(g.effect for g in on_nodes)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
     own = fit.prior(model.chosen, frozenset(causes))
@@ -101,8 +101,8 @@ def left_over(
     best, before = np.full(len(groups), -np.inf), -np.inf
     akin: dict[str, frozenset[str]] = {}
     support: dict[str, float] = {}
-    where = slices(model.chosen)
-    for noise in shares_of(model.noise):
+    where = parameter_slices(model.chosen)
+    for noise in latent_scales(model.noise):
         reduced = fit.reduced(point, chosen, noise)
         evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
         for i, at in enumerate(_at(groups, start)):
@@ -115,18 +115,18 @@ def left_over(
             support = {id_: -posterior.absent(where[id_]) for id_ in causes}
         akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
     order = np.argsort(-best)
-    return UnexplainedForce(
+    return GroupEvidence(
         tuple((groups[i].named(), float(best[i] - before)) for i in order), before, akin, support, echoes.limit
     )
 
 
-def _at(groups: Sequence[Group], start: int) -> list[slice]:
+def _at(groups: Sequence[FunctionGroup], start: int) -> list[slice]:
     """Where the parameters of each group are."""
     ends = start + np.cumsum([len(g.effect.parameters) for g in groups])
     return [slice(int(end) - len(g.effect.parameters), int(end)) for g, end in zip(groups, ends, strict=True)]
 
 
-def _akin(reduced: Reduced, cause: slice, groups: Sequence[Group], start: int) -> frozenset[str]:
+def _akin(reduced: ReducedNormalEquations, cause: slice, groups: Sequence[FunctionGroup], start: int) -> frozenset[str]:
     """Groups that explain most of what the cause at `cause` does to these logs, in the metric of the data."""
     values = reduced.theta0[cause]
     whole = float(values @ reduced.H[cause, cause] @ values)
@@ -139,16 +139,16 @@ def _akin(reduced: Reduced, cause: slice, groups: Sequence[Group], start: int) -
     return frozenset(mimics)
 
 
-def checks(found: UnexplainedForce, model: CandidateModel, ambient: Noise | None) -> tuple[Check, ...]:
+def checks(found: GroupEvidence, model: CandidateModel, ambient: Noise | None) -> tuple[Check, ...]:
     """The best group of every word, which decide, and what is only said."""
-    best: dict[str, tuple[Group, float]] = {}
+    best: dict[str, tuple[FunctionGroup, float]] = {}
     for group, nats in found.nats:
         best.setdefault(group.words[0].partition(":")[0], (group, nats))
     out = [
         Check(name=f"{group.effect.equation} [nats]", value=nats, limit=found.limit, passed=nats < found.limit)
         for group, nats in best.values()
     ]
-    alike = {k: v for k, v in correlation(model.point).items() if np.isfinite(v).all()}
+    alike = {k: v for k, v in autocorrelation(model.point).items() if np.isfinite(v).all()}
     said = [(f"correlation of residuals, {k}", float(np.abs(v[:3]).max()), WHITE) for k, v in alike.items()]
     point = model.point
     for name, values in (("inertial", point.residuals), ("position", point.fix_residuals)):
@@ -163,8 +163,8 @@ def checks(found: UnexplainedForce, model: CandidateModel, ambient: Noise | None
 
 
 def adequacy(
-    fit: PosteriorFit, selection: Selection, ambient: Noise | None, echoes: Echoes = SILENCE, known: bool = False
-) -> Judgement:
+    fit: PosteriorFit, selection: Selection, ambient: Noise | None, echoes: Masking = NO_MASKING, known: bool = False
+) -> AdequacyJudgement:
     """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
 
     Not to be named is a cause that the groups' bands make unnecessary; and none is where one group alone explains more
@@ -172,43 +172,43 @@ def adequacy(
     explains about as much (`RIVAL_NATS`), whatever its kind. Causes that are `known` stand.
     """
     model, causes = selection.final, [c.id for c in selection.causes]
-    found = left_over(fit, model, causes, echoes)
-    withdrawn = {id_ for id_, nats in found.support.items() if nats < NAMED and not known}
+    found = group_evidence(fit, model, causes, echoes)
+    withdrawn = {id_ for id_, nats in found.support.items() if nats < LEAST_EVIDENCE_NATS and not known}
     causes = [id_ for id_ in causes if id_ not in withdrawn]
     if withdrawn:
         model = model if causes else selection.base
-        found = left_over(fit, model, causes, echoes)
+        found = group_evidence(fit, model, causes, echoes)
     first, outdone = found, frozenset()
     if causes and (found.counted or len(causes) >= MANY):
-        first = left_over(fit, selection.base, [], echoes)
+        first = group_evidence(fit, selection.base, [], echoes)
         if not known and _stand_in(causes, found, first):
             outdone = frozenset(causes)
             withdrawn, causes, found, model = withdrawn | outdone, [], first, selection.base
     said, words = checks(found, model, ambient), depends_on(found, first)
     if not echoes.far_out:
-        out = far_out(model.point)
+        out = outlier_check(model.point)
         said, words = (out, *said), words if out.passed else tuple(dict.fromkeys((*words, "position")))
     report = Adequacy(passed=not any(c.decides and not c.passed for c in said), checks=said, depends_on=words)
     doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.counted))
-    return Judgement(report, doubtful, frozenset(withdrawn), outdone)
+    return AdequacyJudgement(report, doubtful, frozenset(withdrawn), outdone)
 
 
-def _stand_in(causes: Sequence[str], found: UnexplainedForce, first: UnexplainedForce) -> bool:
+def _stand_in(causes: Sequence[str], found: GroupEvidence, first: GroupEvidence) -> bool:
     """Whether `causes`, beside which `found` is left over, stand in for the best group of what the base leaves."""
     group, nats = first.nats[0]
     alone = first.evidence + nats - found.evidence
     akin = any(found.is_akin(id_, [group]) for id_ in causes)
-    return (alone >= NATS and not akin) or (alone > -RIVAL_NATS and len(causes) >= MANY)
+    return (alone >= DECISIVE_NATS and not akin) or (alone > -RIVAL_NATS and len(causes) >= MANY)
 
 
-def far_out(point: LinearisationPoint) -> Check:
+def outlier_check(point: LinearisationPoint) -> Check:
     """How many fixes are further from where they should be than chance explains: something stands in their way."""
     size = np.linalg.norm(point.fix_residuals, axis=1)
     share = float(np.mean(size[np.isfinite(size)] > FAR_OUT)) if np.isfinite(size).any() else 0.0
     return Check(name=f"share of fixes beyond {FAR_OUT:g} sigma", value=share, limit=OFTEN, passed=share < OFTEN)
 
 
-def depends_on(found: UnexplainedForce, first: UnexplainedForce) -> tuple[str, ...]:
+def depends_on(found: GroupEvidence, first: GroupEvidence) -> tuple[str, ...]:
     """Words of what is left over, the most likely first: what explains more of the base, before any cause came."""
     nats = {group.effect.id: value for group, value in first.nats}
     groups = sorted(found.counted, key=lambda group: -nats.get(group.effect.id, -np.inf))

@@ -1,7 +1,7 @@
 """One effect beside those believed in, and whether it may be named.
 
-Accepted is an effect whose evidence against "it is not there" is at least `NAMED`, against "it is within its tolerance
-band" at least `GAIN`, and whose size exceeds the smallest worth a name by its lower 95 % limit.
+Accepted is an effect whose evidence against "it is not there" is at least `LEAST_EVIDENCE_NATS`, against "it is within its tolerance
+band" at least `LEAST_GAIN_NATS`, and whose size exceeds the smallest worth a name by its lower 95 % limit.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.evidence import Posterior, Prior
 
-NAMED = 9.0  # nats, eight thousand to one: hundreds of cases had nothing false above 5 (ADR 16)
-NATS = 12.0  # for one of two explanations over the other
-GAIN = 1.5  # nats over the tolerance band: four to one
+LEAST_EVIDENCE_NATS = 9.0  # nats, eight thousand to one: hundreds of cases had nothing false above 5 (ADR 16)
+DECISIVE_NATS = 12.0  # for one of two explanations over the other
+LEAST_GAIN_NATS = 1.5  # nats over the tolerance band: four to one
 BEYOND = 2.0  # standard errors by which a value may seem to be beyond its limits
 Z95 = 1.644854  # one-sided
 
@@ -35,10 +35,10 @@ class Candidate:
     @property
     def accepted(self) -> bool:
         """Large and sure enough to be named, and not as well explained within its tolerance band."""
-        return self.nats >= NAMED and self.gain >= GAIN and self.lower > 1.0
+        return self.nats >= LEAST_EVIDENCE_NATS and self.gain >= LEAST_GAIN_NATS and self.lower > 1.0
 
 
-def beside(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
+def score_candidate(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
     """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
     gain, values, C = posterior.instead(at, Prior(*effect.believed()))
     size = effect.size(values)

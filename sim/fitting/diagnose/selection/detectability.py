@@ -13,23 +13,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
-from sim.fitting.diagnose.selection.candidate_score import NAMED, Z95
+from sim.fitting.diagnose.selection.candidate_score import LEAST_EVIDENCE_NATS, Z95
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
 
 BLIND = 1000.0  # times the smallest size worth a name
 
 
-def visible_from(fit: PosteriorFit, model: CandidateModel) -> dict[str, tuple[float, str]]:
+def detection_limits(fit: PosteriorFit, model: CandidateModel) -> dict[str, tuple[float, str]]:
     """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen.
 
     Left out are those that these logs would not show at any size: of a sensor that is not in them.
     """
     assert model.reduced is not None
     C = model.reduced.posterior(fit.prior(fit.effects, model.believed)).covariance
-    at = slices(fit.effects)
+    at = parameter_slices(fit.effects)
     found: dict[str, tuple[float, Effect]] = {}
     for effect, share in _shares(fit, model, C, at):
         if effect.name not in found or share < found[effect.name][0]:
@@ -51,5 +51,5 @@ def _shares(
         J = np.linalg.inv(C[np.ix_(index, index)]) - np.diag(1 / effect.tolerance()[sure] ** 2)
         J = np.outer(least, least) * J
         se = 1 / np.sqrt(max(float(np.linalg.eigvalsh(J).min()), 1e-12))
-        price = NAMED + float(np.maximum(np.log(prior / least / se), 0.0).sum())
+        price = LEAST_EVIDENCE_NATS + float(np.maximum(np.log(prior / least / se), 0.0).sum())
         yield effect, max(1 + Z95 * se, se * float(np.sqrt(2 * price)))

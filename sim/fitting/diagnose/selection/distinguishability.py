@@ -8,9 +8,16 @@ from companion.core.configuration.site_file import Site
 from companion.core.excitation.file import Excitation, excitation_toml
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.report import findings as record
-from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
-from sim.fitting.diagnose.selection.identifiability import MEDIUM, Apart, apart
-from sim.fitting.diagnose.selection.manoeuvre import ENOUGH, NOTHING, Confused, ManoeuvrePlan, ManoeuvrePlanner, needed
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
+from sim.fitting.diagnose.selection.identifiability import MEDIUM, PairwiseEvidence, pairwise_evidence
+from sim.fitting.diagnose.selection.manoeuvre import (
+    ENOUGH,
+    NOTHING,
+    ConfusedPairs,
+    ManoeuvrePlan,
+    ManoeuvrePlanner,
+    nats_needed,
+)
 from sim.fitting.diagnose.selection.select import Selection
 
 ASKED = 12  # pairs for which a manoeuvre is looked for, worst first
@@ -19,10 +26,10 @@ LISTED = 5  # pairs above the line that findings have all the same
 
 
 @dataclass(frozen=True)
-class ToldApart:
+class Distinguishability:
     """Everything: all pairs, what goes into findings, and the manoeuvre if one was planned."""
 
-    pairwise: Apart
+    pairwise: PairwiseEvidence
     record: record.Identifiability
     plan: ManoeuvrePlan | None = None
 
@@ -34,14 +41,14 @@ class ToldApart:
         return excitation_toml(self.plan.excitation, f"By `aritra diagnose`.\n{self.record.manoeuvre}")
 
 
-def told_apart(
+def distinguishability(
     fit: PosteriorFit,
     selection: Selection,
     *,
     library: Excitation | None = None,
     site: Site | None = None,
     always: bool = False,
-) -> ToldApart:
+) -> Distinguishability:
     """Beside the causes that were found, at the noise that is left with them.
 
     A manoeuvre is planned from `library` for pairs with a cause that was named; with `always` also for the worst of
@@ -49,18 +56,18 @@ def told_apart(
     """
     final = selection.final
     assert final.reduced is not None
-    found = apart(fit, final.reduced.H, final.believed)
+    found = pairwise_evidence(fit, final.reduced.H, final.believed)
     pairs = _of_named(fit, selection, found)
     if always and not pairs:
         alone = zip(found.names, found.nothing, strict=True)
-        pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < NAMED]
+        pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < LEAST_EVIDENCE_NATS]
     plan = None
     if library is not None and pairs:
         plan = ManoeuvrePlanner(fit, final.reduced.H, final.believed, final.noise, site).plan(library, pairs[:ASKED])
-    return ToldApart(found, _record(found, plan), plan)
+    return Distinguishability(found, _record(found, plan), plan)
 
 
-def _of_named(fit: PosteriorFit, selection: Selection, found: Apart) -> list[tuple[str, str, float]]:
+def _of_named(fit: PosteriorFit, selection: Selection, found: PairwiseEvidence) -> list[tuple[str, str, float]]:
     """Pairs with a cause that was named and is not so large that the logs tell it anyway; those that came near first.
 
     Nats go with the square of the size.
@@ -70,24 +77,26 @@ def _of_named(fit: PosteriorFit, selection: Selection, found: Apart) -> list[tup
     near = {(a, b) for a, rivals in selection.rivals.items() for b, behind in rivals if behind < record.RIVAL_NATS}
     told = [p for p in found.pairs() if p[0] in size]
     close = [p for p in told if p[:2] in near and p[2] < ENOUGH]
-    return close + [p for p in told if p[2] < NATS and p[2] * (size[p[0]] / MEDIUM) ** 2 < NATS and p not in close]
+    return close + [
+        p for p in told if p[2] < DECISIVE_NATS and p[2] * (size[p[0]] / MEDIUM) ** 2 < DECISIVE_NATS and p not in close
+    ]
 
 
-def _record(found: Apart, plan: ManoeuvrePlan | None) -> record.Identifiability:
-    shown = {n for n, nats in zip(found.names, found.nothing, strict=True) if nats >= NATS}
-    others = [p for p in found.pairs() if p[0] in shown and p[2] >= NATS][:LISTED]
+def _record(found: PairwiseEvidence, plan: ManoeuvrePlan | None) -> record.Identifiability:
+    shown = {n for n, nats in zip(found.names, found.nothing, strict=True) if nats >= DECISIVE_NATS}
+    others = [p for p in found.pairs() if p[0] in shown and p[2] >= DECISIVE_NATS][:LISTED]
     return record.Identifiability(
         pairs=tuple(record.Pair(a=a, b=b, nats=nats) for a, b, nats in (*found.confused, *others)),
         nothing={n: float(nats) for n, nats in zip(found.names, found.nothing, strict=True)},
-        manoeuvre=sentence(plan) if plan is not None else "",
+        manoeuvre=manoeuvre_sentence(plan) if plan is not None else "",
         manoeuvre_file=record.MANOEUVRE if plan is not None and plan.excitation is not None else "",
         manoeuvre_pairs=tuple(record.Pair(a=a, b=b, nats=nats) for a, b, _, nats in plan.pairs) if plan else (),
     )
 
 
-def sentence(plan: ManoeuvrePlan) -> str:
+def manoeuvre_sentence(plan: ManoeuvrePlan) -> str:
     """What these logs cannot do, and what would."""
-    told = [p for p in plan.pairs if p[3] >= needed(p[1])]
+    told = [p for p in plan.pairs if p[3] >= nats_needed(p[1])]
     words = []
     if told and plan.excitation is not None:
         what = ", ".join(dict.fromkeys(s.name for s in plan.excitation.segments))
@@ -96,14 +105,14 @@ def sentence(plan: ManoeuvrePlan) -> str:
             f"These logs {_cannot([p[:3] for p in told])}; {plan.duration_s:.0f} s of {what} would "
             f"(estimated {'at least ' if len(told) > 1 else ''}{least:.0f} nats): {record.MANOEUVRE}."
         )
-    lost = [*plan.beyond, *(p for p in plan.pairs if p[3] < needed(p[1]))]
+    lost = [*plan.beyond, *(p for p in plan.pairs if p[3] < nats_needed(p[1]))]
     if lost:
         most, pairs = max(0.0, *(p[3] for p in lost)), " nor ".join(_tell(a, b) for a, b, _, _ in lost[:SAID])
         words.append(f"No manoeuvre of the library would {pairs} (at most {int(most)} nats).")
     return " ".join(words)
 
 
-def _cannot(pairs: Confused) -> str:
+def _cannot(pairs: ConfusedPairs) -> str:
     return "cannot " + " nor ".join(f"{_tell(a, b)} ({max(nats, 0):.0f} nats)" for a, b, nats in pairs)
 
 

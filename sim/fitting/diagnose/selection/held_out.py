@@ -22,10 +22,10 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import part
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.posterior.converged_rollout import settled
+from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, STATE, WANDER, Noise
@@ -48,12 +48,12 @@ MODELS = ("base", "refit", "extended")
 class ModelUnderTest:
     """One model: parameters of effects, and the noise that goes with them."""
 
-    theta: Theta
+    theta: ParameterValues
     noise: Noise
 
 
 @dataclass(frozen=True)
-class Error:
+class OpenLoopError:
     """Rms error of one channel at one horizon, of `MODELS`, each with its 95 % interval; gain against the refit."""
 
     horizon_s: int
@@ -80,7 +80,7 @@ class Replay:
 class HeldOutScore:
     """`errors` by horizon and channel; `nats`: log likelihood of one step by model; typical windows to look at."""
 
-    errors: tuple[Error, ...]
+    errors: tuple[OpenLoopError, ...]
     nats: dict[str, float]
     samples: int
     replays: tuple[Replay, ...]
@@ -176,7 +176,7 @@ def _open_loop(
     """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
     physics, windows = lines.physics, lines.windows
     with np.errstate(all="ignore"):
-        state = settled(physics, effects, model.theta, z)
+        state = converged_rollout(physics, effects, model.theta, z)
         error = lines.imu(effects, model.theta, state) - windows.y
         said = lines.tag(effects, model.theta, state)
     off = said - windows.fixes.place_m
@@ -213,7 +213,9 @@ def _groups(far: EffectPhysics, of: Sequence[int]) -> np.ndarray:
     return groups.ravel()
 
 
-def _errors(squares: Mapping[str, Mapping[str, np.ndarray]], groups: np.ndarray, seed: int) -> tuple[Error, ...]:
+def _errors(
+    squares: Mapping[str, Mapping[str, np.ndarray]], groups: np.ndarray, seed: int
+) -> tuple[OpenLoopError, ...]:
     count = int(groups.max()) + 1
     draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), BOOTSTRAPS)
     found = []
@@ -239,7 +241,7 @@ def _errors(squares: Mapping[str, Mapping[str, np.ndarray]], groups: np.ndarray,
 
 def _error(
     horizon: int, channel: str, unit: str, rms: dict[str, float], drawn: dict[str, np.ndarray], windows: int
-) -> Error:
+) -> OpenLoopError:
     def interval(values: np.ndarray) -> tuple[float, float]:
         low, high = np.quantile(values, (0.025, 0.975))
         return float(low), float(high)
@@ -248,7 +250,7 @@ def _error(
         gain = 1 - rms["extended"] / rms["refit"]
         gains = np.nan_to_num(1 - drawn["extended"] / drawn["refit"])
     ci95 = {name: interval(values) for name, values in drawn.items()}
-    return Error(horizon, channel, unit, rms, ci95, gain, interval(gains), windows)
+    return OpenLoopError(horizon, channel, unit, rms, ci95, gain, interval(gains), windows)
 
 
 def _replays(

@@ -19,16 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
-from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
 
 MEDIUM = 4.0  # times the smallest size worth a name
 WEAKEST = 5  # pairs above it that are listed all the same
 
 
 @dataclass(frozen=True)
-class Apart:
+class PairwiseEvidence:
     """`nats` (n, n): by which the truth (row) beats each rival (column), NaN for itself and its class; `nothing` (n,):
 
     by which it beats "nothing is there".
@@ -50,21 +50,21 @@ class Apart:
 
         two names once.
         """
-        shown = {n for n, nats in zip(self.names, self.nothing, strict=True) if nats >= NATS}
+        shown = {n for n, nats in zip(self.names, self.nothing, strict=True) if nats >= DECISIVE_NATS}
         out: dict[frozenset[str], tuple[str, str, float]] = {}
         for a, b, nats in self.pairs():
-            if nats < NATS and a in shown:
+            if nats < DECISIVE_NATS and a in shown:
                 out.setdefault(frozenset((a, b)), (a, b, nats))
         return list(out.values())
 
     @property
     def hidden(self) -> list[str]:
         """Causes of medium size that the log could not have named."""
-        return [n for n, nats in zip(self.names, self.nothing, strict=True) if nats < NAMED]
+        return [n for n, nats in zip(self.names, self.nothing, strict=True) if nats < LEAST_EVIDENCE_NATS]
 
 
 @dataclass(frozen=True)
-class Blocks:
+class EffectBlocks:
     """Parameters of each effect, (n, width): where they are in H, prior and band variances, medium sizes.
 
     Padding has index 0 and nil elsewhere.
@@ -77,13 +77,13 @@ class Blocks:
     vector: np.ndarray
 
 
-def apart(
+def pairwise_evidence(
     fit: PosteriorFit,
     H: np.ndarray,
     believed: frozenset[str] = frozenset(),
     effects: Sequence[Effect] = (),
     only: Sequence[str] = (),
-) -> Apart:
+) -> PairwiseEvidence:
     """What a log tells apart by the Hessian H (P, P) of all parameters of `effects`, nodes eliminated.
 
     `believed`: effects taken to be there; `effects`: default those of `fit`; `only`: names to look at (default: all).
@@ -93,7 +93,7 @@ def apart(
     always = np.concatenate([np.full(len(e.parameters), e.everyday or e.id in believed) for e in every])
     sigma = np.where(always, sigma, 0.0)
     mine = [e for e in every if e.family != "base" and (not only or e.name in only)]
-    K, blocks = beside(H, sigma), _blocks(mine, slices(every), sigma)
+    K, blocks = marginal_information(H, sigma), _blocks(mine, parameter_slices(every), sigma)
     names = tuple(dict.fromkeys(e.name for e in mine))
     of = np.array([names.index(e.name) for e in mine])
     alone, nothing = _alone(K, blocks), np.full(len(names), -np.inf)
@@ -103,10 +103,10 @@ def apart(
     pairs = pairs[:, _distinct(mine, *pairs)]
     nats = np.full((len(names), len(names)), np.inf)
     np.minimum.at(nats, (of[pairs[0]], of[pairs[1]]), _between(K, blocks, pairs))
-    return Apart(names, np.where(np.isfinite(nats), nats, np.nan), nothing)
+    return PairwiseEvidence(names, np.where(np.isfinite(nats), nats, np.nan), nothing)
 
 
-def beside(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def marginal_information(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Information (P, P) beside what varies anyhow with `sigma` (P,); nil: it does not."""
     there = np.flatnonzero(sigma > 0)
     factor = np.linalg.cholesky(H[np.ix_(there, there)] + np.diag(1 / sigma[there] ** 2))
@@ -114,7 +114,7 @@ def beside(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return H - half.T @ half
 
 
-def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) -> Blocks:
+def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) -> EffectBlocks:
     """All effects, one row each; `sigma` (P,) of what varies anyhow."""
     width = max(len(e.parameters) for e in effects)
     index = np.zeros((len(effects), width), dtype=int)
@@ -125,7 +125,7 @@ def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) 
         prior[i, :k] = [p.prior**2 + p.mean**2 for p in e.parameters]
         band[i, :k] = sigma[at[e.id]] ** 2
         medium[i, :k] = [_medium(p.smallest, p.lower, p.upper) for p in e.parameters]
-    return Blocks(index, prior, band, medium, np.array([e.vector for e in effects]))
+    return EffectBlocks(index, prior, band, medium, np.array([e.vector for e in effects]))
 
 
 def _medium(smallest: float, lower: float, upper: float) -> float:
@@ -141,13 +141,13 @@ def _distinct(effects: Sequence[Effect], a: np.ndarray, b: np.ndarray) -> np.nda
     return np.flatnonzero(distinct[a, b])
 
 
-def _alone(K: np.ndarray, blocks: Blocks) -> np.ndarray:
+def _alone(K: np.ndarray, blocks: EffectBlocks) -> np.ndarray:
     """Each effect against its own absence, (n,)."""
     Q, price = _gain(_parts(K, blocks.index, blocks.prior > 0), blocks.prior - blocks.band, -blocks.band)
     return _least(Q, price, blocks.medium, blocks.vector)
 
 
-def _between(K: np.ndarray, blocks: Blocks, pairs: np.ndarray) -> np.ndarray:
+def _between(K: np.ndarray, blocks: EffectBlocks, pairs: np.ndarray) -> np.ndarray:
     """The first of each pair (2, m) against the second, (m,)."""
     a, width = pairs[0], blocks.index.shape[1]
     index = blocks.index[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)

@@ -23,17 +23,19 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, Segment, Steps
 from companion.logs.runs.run import Run
-from sim.fitting.diagnose.catalogue.effect import Effect, slices
+from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
-from sim.fitting.diagnose.selection.identifiability import apart
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
+from sim.fitting.diagnose.selection.identifiability import pairwise_evidence
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.engine.noise import STATE, L, Noise
 from sim.fitting.excite.information import true_nodes
 from sim.fitting.excite.nominal import fly_nominal
 
-ENOUGH = 2 * NATS  # estimated: the real boat is not quite its model, and noise moves the evidence by a few nats
+ENOUGH = (
+    2 * DECISIVE_NATS
+)  # estimated: the real boat is not quite its model, and noise moves the evidence by a few nats
 LONGEST_S = 600.0
 ENDLESS = 3.0  # times the library: what that does not tell, ten minutes of its best will not either
 MOST = 3  # pairs that a plan is for
@@ -48,7 +50,7 @@ TEN_MINUTES = Steps(
 )
 ANYTHING = 30.0  # times the usual biases of a log: as good as unknown
 NOTHING = ""
-Confused = Sequence[tuple[str, str, float]]
+ConfusedPairs = Sequence[tuple[str, str, float]]
 """Truth, rival (`NOTHING`: that nothing is there), nats of the logs."""
 
 
@@ -66,7 +68,7 @@ class ManoeuvrePlan:
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class _FlownSegment:
     """`H`: as if the biases of this log were unknown; what they tell comes once, with the whole plan."""
 
     segment: Segment
@@ -89,15 +91,15 @@ class ManoeuvrePlanner:
         self._site = site or _water(fit)
         self._vessel = at_rates(fit)
 
-    def plan(self, library: Excitation, confused: Confused) -> ManoeuvrePlan:
+    def plan(self, library: Excitation, confused: ConfusedPairs) -> ManoeuvrePlan:
         """For the first `MOST` of these pairs that can be helped."""
         names = {n for a, b, _ in confused for n in (a, b)}
         effects = [e for e in self.fit.effects if e.everyday or e.id in self.believed or e.name in names]
         candidates, H = self._candidates(library, effects, names), self._of(effects)
         once = self.told(max(candidates, key=lambda c: c.duration_s).run, effects) if candidates else np.zeros_like(H)
         limit = self._nats(H + once + ENDLESS * sum((c.H for c in candidates), np.zeros_like(H)), effects, confused)
-        helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= needed(pair[1])][:MOST]
-        beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < needed(p[1]))
+        helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= nats_needed(pair[1])][:MOST]
+        beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < nats_needed(p[1]))
         segments = self._chosen(candidates, H + once, effects, helped) if helped else []
         excitation = replace(library, name="manoeuvre", segments=tuple(segments))
         run = self._flown(excitation) if segments else None
@@ -105,11 +107,11 @@ class ManoeuvrePlanner:
             return ManoeuvrePlan(None, 0.0, (), beyond)
         after = self._nats(H + self.told(run, effects), effects, helped)
         pairs = tuple((*pair, float(then)) for pair, then in zip(helped, after, strict=True))
-        helps = any(then >= needed(b) for _, b, _, then in pairs)
+        helps = any(then >= nats_needed(b) for _, b, _, then in pairs)
         return ManoeuvrePlan(excitation if helps else None, run.duration_s, pairs, beyond)
 
     def _chosen(
-        self, candidates: Sequence[_Candidate], H: np.ndarray, effects: Sequence[Effect], confused: Confused
+        self, candidates: Sequence[_FlownSegment], H: np.ndarray, effects: Sequence[Effect], confused: ConfusedPairs
     ) -> list[Segment]:
         """One by one, until all pairs are told apart or the time is over."""
         chosen, now, left_s = [], self._nats(H, effects, confused), LONGEST_S
@@ -123,13 +125,13 @@ class ManoeuvrePlanner:
             now = self._nats(H, effects, confused)
         return chosen or [c.segment for c in candidates[:1]]
 
-    def _candidates(self, library: Excitation, effects: Sequence[Effect], names: set[str]) -> list[_Candidate]:
+    def _candidates(self, library: Excitation, effects: Sequence[Effect], names: set[str]) -> list[_FlownSegment]:
         slow = any(family(name) in SLOW for name in names)
         found = []
         for segment in (*library.segments, *((TEN_MINUTES,) if slow else ())):
             run = self._flown(replace(library, segments=(segment,), name=segment.name))
             if run is not None:
-                found.append(_Candidate(segment, run, self.told(run, effects, own=ANYTHING)))
+                found.append(_FlownSegment(segment, run, self.told(run, effects, own=ANYTHING)))
         return found
 
     def _flown(self, excitation: Excitation) -> Run | None:
@@ -156,21 +158,21 @@ class ManoeuvrePlanner:
         z[:, STATE] = true_nodes(physics.windows, run)
         return fit.reduced(fit.point({}, z, effects), effects).H
 
-    def _nats(self, H: np.ndarray, effects: Sequence[Effect], confused: Confused) -> np.ndarray:
+    def _nats(self, H: np.ndarray, effects: Sequence[Effect], confused: ConfusedPairs) -> np.ndarray:
         names = [n for a, b, _ in confused for n in (a, b) if n]
-        found = apart(self.fit, H, self.believed, effects, names)
+        found = pairwise_evidence(self.fit, H, self.believed, effects, names)
         at = {n: i for i, n in enumerate(found.names)}
         return np.array([found.nothing[at[a]] if b == NOTHING else found.nats[at[a], at[b]] for a, b, _ in confused])
 
     def _of(self, effects: Sequence[Effect]) -> np.ndarray:
-        at = slices(self.fit.effects)
+        at = parameter_slices(self.fit.effects)
         index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in effects])
         return self._H[np.ix_(index, index)]
 
 
-def needed(rival: str) -> float:
+def nats_needed(rival: str) -> float:
     """Nats from which on a cause is told from a rival; from nothing, named."""
-    return NAMED if rival == NOTHING else NATS
+    return LEAST_EVIDENCE_NATS if rival == NOTHING else DECISIVE_NATS
 
 
 def _worth(now: np.ndarray, then: np.ndarray) -> float:

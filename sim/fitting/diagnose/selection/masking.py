@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from sim.fitting.diagnose.selection.candidate_score import NATS
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
 
 GUSTY_NATS = 24.0  # one gust is felt in many windows, which count as so many: assumed
 
 
 @dataclass(frozen=True)
-class Echoes:
+class Masking:
     """What causes of chance leave behind, which says nothing new beside them.
 
     `names`: how the names of such groups begin; `within`: what varies within a window; `far_out`: fixes far out;
@@ -21,22 +21,22 @@ class Echoes:
     names: tuple[str, ...] = ()
     within: bool = False
     far_out: bool = False
-    limit: float = NATS
+    limit: float = DECISIVE_NATS
 
     @staticmethod
-    def of(causes: Iterable[str]) -> Echoes:
+    def of(causes: Iterable[str]) -> Masking:
         """Of all `causes` (names) together."""
-        every = [ECHOES[name] for name in causes if name in ECHOES]
+        every = [MASKED_BY[name] for name in causes if name in MASKED_BY]
         names = tuple(name for echo in every for name in echo.names)
-        limit = max((echo.limit for echo in every), default=NATS)
-        return Echoes(names, any(e.within for e in every), any(e.far_out for e in every), limit)
+        limit = max((echo.limit for echo in every), default=DECISIVE_NATS)
+        return Masking(names, any(e.within for e in every), any(e.far_out for e in every), limit)
 
 
-SILENCE = Echoes()
-ECHOES = {
-    "waves": Echoes(("force, periodic",), within=True),
-    "gusty_wind": Echoes(("force, periodic", "force over time", "water over time", "force over position",
+NO_MASKING = Masking()
+MASKED_BY = {
+    "waves": Masking(("force, periodic",), within=True),
+    "gusty_wind": Masking(("force, periodic", "force over time", "water over time", "force over position",
                           "pull over position", "place error over position", "force over speed"), limit=GUSTY_NATS),
-    "nlos": Echoes(("place error", "scale of places"), far_out=True),
+    "nlos": Masking(("place error", "scale of places"), far_out=True),
 }  # fmt: skip
 """By cause. A boat that is blown about is pushed by other forces at other times, and so at other places and speeds."""

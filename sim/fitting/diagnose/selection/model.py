@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import Effect, slices
-from sim.fitting.diagnose.posterior.evidence import Reduced
+from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
+from sim.fitting.diagnose.posterior.evidence import ReducedNormalEquations
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.noise import START, tuned_latent, whitened
-from sim.fitting.diagnose.selection.candidate_score import Candidate, beside
+from sim.fitting.diagnose.posterior.noise import START, estimated_latent, estimated_white_noise
+from sim.fitting.diagnose.selection.candidate_score import Candidate, score_candidate
 from sim.fitting.engine.noise import Noise
 from sim.fitting.identify.structured_fit import with_latent
 
@@ -35,9 +35,9 @@ class CandidateModel:
     point: LinearisationPoint
     noise: Noise
     chosen: tuple[Effect, ...]
-    own: Reduced
+    own: ReducedNormalEquations
     evidence: float
-    reduced: Reduced | None = None
+    reduced: ReducedNormalEquations | None = None
 
 
 class Refitter:
@@ -59,8 +59,8 @@ class Refitter:
         point = self._roughly(stated, {})
         for steps in (2, 1, 2):
             point = fit.solve(point.theta, point.z, chosen, none, steps=steps, before=point)
-            fit.noise = whitened(fit.noise, point, stated)
-            fit.noise = tuned_latent(fit, point)
+            fit.noise = estimated_white_noise(fit.noise, point, stated)
+            fit.noise = estimated_latent(fit, point)
             fit.settle(point)
         return self._finished(frozenset(), point, chosen)
 
@@ -87,10 +87,10 @@ class Refitter:
         else:
             point = self._first(theta, values, start, chosen, believed)
         point = fit.solve(point.theta, point.z, chosen, believed, steps=4, tolerance=1.0, before=point)
-        fit.noise = tuned_latent(fit, point)
+        fit.noise = estimated_latent(fit, point)
         for _ in range(ROUNDS):
             point, there = fit.descend(point.theta, point.z, chosen, believed, steps=4, tolerance=0.3, before=point)
-            was, fit.noise = fit.noise, tuned_latent(fit, point)
+            was, fit.noise = fit.noise, estimated_latent(fit, point)
             if there and np.abs(np.log(np.divide(fit.noise.latent, was.latent))).max() < SAME:
                 break
         return self._finished(believed, point, chosen)
@@ -135,7 +135,7 @@ class Refitter:
     def judged(self, model: CandidateModel, id_: str) -> Candidate:
         """One of those believed in, with the others in place."""
         within = self.fit.prior(model.chosen, model.believed - {id_})
-        return beside(model.own.posterior(within), slices(model.chosen)[id_], self.by_id[id_])
+        return score_candidate(model.own.posterior(within), parameter_slices(model.chosen)[id_], self.by_id[id_])
 
     def start(self, model: CandidateModel, c: Candidate) -> np.ndarray:
         """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
@@ -148,7 +148,7 @@ class Refitter:
         fit.noise = model.noise
         chosen = [*model.chosen, *starts]
         reduced = fit.reduced(fit.point(model.point.theta, model.point.z, chosen, model.point), chosen)
-        posterior, at = reduced.posterior(fit.prior(chosen, model.believed)), slices(chosen)
-        best = max(starts, key=lambda e: beside(posterior, at[e.id], e).gain)
+        posterior, at = reduced.posterior(fit.prior(chosen, model.believed)), parameter_slices(chosen)
+        best = max(starts, key=lambda e: score_candidate(posterior, at[e.id], e).gain)
         moved = [best.origin.get(p.name, 0.0) - effect.origin.get(p.name, 0.0) for p in effect.parameters]
-        return beside(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)
+        return score_candidate(posterior, at[best.id], best).values * (np.array(moved) == 0) + np.array(moved)

@@ -15,7 +15,7 @@ from companion.core.model.manoeuvring import mass_matrix
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Values
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.engine.noise import LATENT, Noise
 
@@ -23,7 +23,7 @@ LAGS = 20
 
 
 @dataclass(frozen=True)
-class Residue:
+class ResidualForces:
     """Of W windows of all logs: middle times [s] of the log and of the shared clock, log, state (W, 6), latent force
 
     and its sigma (W, 3) [N, N, N m]; what the model with the causes adds to the force there, (W, 3).
@@ -38,9 +38,9 @@ class Residue:
     cause: np.ndarray
 
 
-def residue(
-    fit: PosteriorFit, point: LinearisationPoint, noise: Noise, theta: Theta, causes: Sequence[Effect]
-) -> Residue:
+def residual_forces(
+    fit: PosteriorFit, point: LinearisationPoint, noise: Noise, theta: ParameterValues, causes: Sequence[Effect]
+) -> ResidualForces:
     """At `point`, linearised with `noise`; `causes`: effects whose force along this motion is wanted, when `theta` is
 
     added to what the point has of them.
@@ -50,19 +50,23 @@ def residue(
     chain, _, _ = fit.assembled(point, noise)
     variance = chain.covariance()[:, LATENT, LATENT]
     windows = physics.windows
-    return Residue(
+    return ResidualForces(
         windows.t_s.mean(axis=1),
         physics.clock_s.mean(axis=1),
         windows.run,
         point.state.x.mean(axis=1),
         point.z[:, LATENT] @ M.T,
         np.sqrt(np.einsum("ij,wjk,ik->wi", M, variance, M)),
-        caused(physics, fit.effects, point, theta, causes) @ M.T,
+        cause_accelerations(physics, fit.effects, point, theta, causes) @ M.T,
     )
 
 
-def caused(
-    physics: EffectPhysics, effects: Sequence[Effect], point: LinearisationPoint, theta: Theta, causes: Sequence[Effect]
+def cause_accelerations(
+    physics: EffectPhysics,
+    effects: Sequence[Effect],
+    point: LinearisationPoint,
+    theta: ParameterValues,
+    causes: Sequence[Effect],
 ) -> np.ndarray:
     """Mean acceleration in each window that `theta` of `causes` adds at `point`, (W, 3); nil for sensor effects."""
     if not causes:
@@ -86,7 +90,7 @@ def _whole(effect: Effect, values: np.ndarray) -> Effect:
     return Effect(f"all of {effect.id}", effect.family, effect.equation, "", (share,), hooks)
 
 
-def correlation(point: LinearisationPoint) -> dict[str, np.ndarray]:
+def autocorrelation(point: LinearisationPoint) -> dict[str, np.ndarray]:
     """Correlation of whitened residuals with those some samples before, by channel, (LAGS,)."""
     series = {name: point.residuals[..., i].ravel() for i, name in enumerate(("heading", "yaw rate", "a_x", "a_y"))}
     series |= {"north": point.fix_residuals[:, 0], "east": point.fix_residuals[:, 1]}
@@ -101,7 +105,7 @@ def correlation(point: LinearisationPoint) -> dict[str, np.ndarray]:
     return out
 
 
-def pulses(physics: EffectPhysics) -> tuple[np.ndarray, np.ndarray]:
+def pulse_widths_and_voltage(physics: EffectPhysics) -> tuple[np.ndarray, np.ndarray]:
     """Thruster pulse widths [us] (W, n) and battery voltage [V] (W,) in the middle of each window; NaN: unknown."""
     names = [f"pwm_{t.name}" for t in physics.vessel.thrusters]
     middle = physics.windows.t_s.mean(axis=1)
@@ -109,10 +113,10 @@ def pulses(physics: EffectPhysics) -> tuple[np.ndarray, np.ndarray]:
     for run, span in zip(physics.runs, physics.windows.spans, strict=True):
         t, values = run.samples(*names)
         pwm[span] = values.reshape(len(t), -1)[_before(t, middle[span])]
-    return pwm, volts(physics, middle)
+    return pwm, battery_voltage(physics, middle)
 
 
-def volts(physics: EffectPhysics, t_s: np.ndarray) -> np.ndarray:
+def battery_voltage(physics: EffectPhysics, t_s: np.ndarray) -> np.ndarray:
     """Battery voltage [V] as last logged at instants t_s (W, ..) of the windows; NaN: unknown."""
     out = np.full(t_s.shape, np.nan)
     for run, span in zip(physics.runs, physics.windows.spans, strict=True):

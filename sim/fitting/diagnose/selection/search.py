@@ -12,12 +12,12 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES, effects
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import Candidate
-from sim.fitting.diagnose.selection.select import Say, Selection, Selector
+from sim.fitting.diagnose.selection.select import Progress, Selection, Selector
 from sim.fitting.diagnose.stochastic_effects import StochasticCause, has_accelerations, nlos_cause, stochastic_causes
 
 
 @dataclass(frozen=True)
-class Cause:
+class AcceptedCause:
     """One accepted cause: its entry, and by what entry of the fit it stands there (empty: by none).
 
     `form_doubtful`: the family is right, its form is not quite.
@@ -34,7 +34,7 @@ class SearchResult:
     """The selection and all causes, the surest first."""
 
     selection: Selection
-    causes: tuple[Cause, ...]
+    causes: tuple[AcceptedCause, ...]
 
     def rivals(self, fit: PosteriorFit) -> dict[str, list[tuple[str, float]]]:
         """By cause, what explains nearly as much and how far it is behind [nats], all by their names in findings.
@@ -60,8 +60,11 @@ class SearchResult:
                                       for c in kept))  # fmt: skip
 
 
-def search(
-    fit: PosteriorFit, without: Sequence[str] = (), believed: Sequence[str] = (), say: Say = lambda _text, _share: None
+def search_causes(
+    fit: PosteriorFit,
+    without: Sequence[str] = (),
+    believed: Sequence[str] = (),
+    say: Progress = lambda _text, _share: None,
 ) -> SearchResult:
     """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
 
@@ -96,9 +99,11 @@ def _entries(fit: PosteriorFit, believed: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys(names) if name in there]
 
 
-def _together(fit: PosteriorFit, selection: Selection, by_chance: Sequence[StochasticCause]) -> tuple[Cause, ...]:
+def _together(
+    fit: PosteriorFit, selection: Selection, by_chance: Sequence[StochasticCause]
+) -> tuple[AcceptedCause, ...]:
     by_id = {e.id: e for e in fit.effects}
     replaced = {c.replaces for c in by_chance if c.replaces}
-    causes = [Cause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]
-    causes += [Cause(c.effect, c.candidate, c.replaces, c.form_doubtful) for c in by_chance]
+    causes = [AcceptedCause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]
+    causes += [AcceptedCause(c.effect, c.candidate, c.replaces, c.form_doubtful) for c in by_chance]
     return tuple(sorted(causes, key=lambda c: -c.candidate.nats))

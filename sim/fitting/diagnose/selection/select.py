@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.fitting.diagnose.catalogue.effect import slices
+from sim.fitting.diagnose.catalogue.effect import parameter_slices
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
-from sim.fitting.diagnose.posterior.noise import shares_of
+from sim.fitting.diagnose.posterior.noise import latent_scales
 from sim.fitting.diagnose.report.findings import RIVAL_NATS
-from sim.fitting.diagnose.selection.candidate_score import NATS, Candidate, beside
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, Candidate, score_candidate
 from sim.fitting.diagnose.selection.model import CandidateModel, Refitter
 
 REFIT = 3  # how many candidates a round refits
@@ -26,7 +26,7 @@ LOCATED = 0.35  # the same of one of many places or times, which are seen smalle
 NEAR = 12.0  # nats behind the first within which a candidate is refitted
 MOST = 4
 ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
-Say = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 Rivals = dict[str, list[tuple[str, float]]]
 """By name of a cause what could stand in its place, by name, and how many nats less that explains."""
 
@@ -45,11 +45,11 @@ class Selection:
 class Selector(Refitter):
     """Greedy search over one catalogue."""
 
-    def __init__(self, fit: PosteriorFit, say: Say = lambda _text, _share: None):
+    def __init__(self, fit: PosteriorFit, say: Progress = lambda _text, _share: None):
         super().__init__(fit)
         self.say = say
         self.named = [e for e in fit.effects if e.family != "base"]
-        self._at = slices(fit.effects)
+        self._at = parameter_slices(fit.effects)
 
     def screen(self, model: CandidateModel) -> list[Candidate]:
         """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
@@ -58,7 +58,7 @@ class Selector(Refitter):
         scores: dict[str, float] = {}
         believed = [self.by_id[i] for i in model.believed]
         said = {name for e in believed for name in (e.name, e.contains)}
-        for noise in shares_of(model.noise):
+        for noise in latent_scales(model.noise):
             reduced = model.reduced if noise is model.noise else self.fit.reduced(point, self.fit.effects, noise)
             assert reduced is not None
             within = self.fit.prior(self.fit.effects, model.believed)
@@ -66,7 +66,7 @@ class Selector(Refitter):
             for effect in self.named:
                 if effect.name in said:
                     continue
-                candidate = beside(posterior, self._at[effect.id], effect)
+                candidate = score_candidate(posterior, self._at[effect.id], effect)
                 if evidence + candidate.gain > scores.get(effect.id, -np.inf):
                     found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
@@ -134,11 +134,11 @@ class Selector(Refitter):
         more than it did.
 
         Of many places or times, one at which an impossible value explains most is chance: what has neither place nor
-        time, is acceptable, and explains nearly as much (`NATS`) is taken before it.
+        time, is acceptable, and explains nearly as much (`DECISIVE_NATS`) is taken before it.
         """
         tried = self._refitted(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
         if not any(self.judged(m, id_).accepted for m, id_ in tried):
-            located = [c for c in ranking if self.by_id[c.id].of and c.nats >= NATS]
+            located = [c for c in ranking if self.by_id[c.id].of and c.nats >= DECISIVE_NATS]
             tried += self._refitted(model, [c for c in located if SIZED >= c.size > LOCATED])
         if not tried:
             return None, []
@@ -168,7 +168,7 @@ class Selector(Refitter):
         if not effects[0].of or np.isfinite(judged[0].lower):
             return None
         behind = [tried[0][0].evidence - m.evidence for m, _ in tried]
-        near = (k for k, e in enumerate(effects) if behind[k] < NATS and not e.of)
+        near = (k for k, e in enumerate(effects) if behind[k] < DECISIVE_NATS and not e.of)
         return next((k for k in near if sure[k]), None)
 
     def _refitted(self, model: CandidateModel, hopeful: Sequence[Candidate]) -> list[tuple[CandidateModel, str]]:
@@ -185,7 +185,7 @@ class Selector(Refitter):
                 special = {i for i in model.believed if self.by_id[i].name == self.by_id[c.id].contains}
                 believed = (model.believed - special) | {c.id}
                 after = self.refit(model, believed, {c.id: self.start(model, c)})
-                if makes_room(model, after):
+                if justifies_removal(model, after):
                     tried.append((after, c.id))
         return tried
 
@@ -223,6 +223,6 @@ class Selector(Refitter):
         return {i: np.zeros(len(self.by_id[i].parameters)) for i in ids if self.by_id[i].everyday}
 
 
-def makes_room(before: CandidateModel, after: CandidateModel) -> bool:
+def justifies_removal(before: CandidateModel, after: CandidateModel) -> bool:
     """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
-    return before.believed <= after.believed or after.evidence - before.evidence >= NATS
+    return before.believed <= after.believed or after.evidence - before.evidence >= DECISIVE_NATS

@@ -19,7 +19,7 @@ from sim.fitting.diagnose.catalogue.effect import Effect, Scene
 from sim.fitting.diagnose.catalogue.parts import wind_force
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
-from sim.fitting.diagnose.selection.candidate_score import NATS, Z95, Candidate
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, Z95, Candidate
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.stochastic_effects import gusts as gusty
 from sim.fitting.diagnose.stochastic_effects import nlos, waves
@@ -69,7 +69,7 @@ def has_accelerations(model: CandidateModel) -> bool:
 
 
 def _accepted(candidate: Candidate) -> bool:
-    return candidate.accepted and candidate.nats >= NATS
+    return candidate.accepted and candidate.nats >= DECISIVE_NATS
 
 
 def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | None:

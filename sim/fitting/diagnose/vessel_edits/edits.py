@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Thruster, VesselFile, Wash
 from companion.core.model.loads import RHO_AIR, values
-from companion.core.model.sensor_errors import imu_applied
+from companion.core.model.sensor_errors import apply_imu_errors
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.hull import RHO_WATER
 from sim.fitting.diagnose.catalogue.propulsion import WASH_N
@@ -122,7 +122,7 @@ def _sensed(vessel: VesselFile, cause: NamedCause, table: str, **keys: float) ->
 
 def _accel_bias(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
-    x, y, _ = imu_applied(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
+    x, y, _ = apply_imu_errors(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
     return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
 
 

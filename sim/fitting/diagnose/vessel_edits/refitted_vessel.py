@@ -14,8 +14,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.noise import tuned_latent
-from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.noise import estimated_latent
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.held_out import ModelUnderTest
 from sim.fitting.diagnose.selection.model import CandidateModel
@@ -83,7 +83,7 @@ def refit(fit: PosteriorFit, base: CandidateModel) -> tuple[ModelUnderTest, Line
     theta = {e.id: np.clip(base.point.theta[e.id], *e.limits()) for e in few}
     fit.noise = base.noise
     found = fit.solve(theta, base.point.z, few, frozenset(), steps=2, before=base.point)
-    fit.noise = tuned_latent(fit, found)
+    fit.noise = estimated_latent(fit, found)
     found = fit.solve(found.theta, found.z, few, frozenset(), steps=1, before=found)
     return ModelUnderTest(found.theta, fit.noise), found
 
@@ -117,7 +117,7 @@ def mend(fit: PosteriorFit, plain: ModelUnderTest, final: CandidateModel, causes
     return MendedVessel(VesselFiles(first, numbers, trusted(extended, final.noise, LEFT_OUT), left), sayable)
 
 
-def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -> Theta:
+def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -> ParameterValues:
     """Base numbers beside the causes, to stand in a file alone: what the hull might have beyond them is held at nil.
 
     Free beside them are the bands of sensors and environment, which no file gets: what they did that day is not the
@@ -135,5 +135,5 @@ def _is_number(effect: Effect) -> bool:
     return effect.everyday and (effect.family == "base" or family(effect.name) in FOLDED)
 
 
-def _nuisances(fit: PosteriorFit, theta: Theta, names: set[str] | tuple[str, ...]) -> list[NamedCause]:
+def _nuisances(fit: PosteriorFit, theta: ParameterValues, names: set[str] | tuple[str, ...]) -> list[NamedCause]:
     return [cause_of(fit, e, theta[e.id], NOTE) for e in fit.effects if e.id in theta and e.name not in names]

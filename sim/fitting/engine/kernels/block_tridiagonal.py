@@ -10,7 +10,7 @@ from sim.fitting.engine.kernels.windows import add_times, kernel
 
 
 @kernel
-def tie(
+def add_ties(
     at: np.ndarray, F: np.ndarray, G: np.ndarray, rho: np.ndarray, each: np.ndarray,
     A: np.ndarray, following: np.ndarray, B: np.ndarray, g: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
@@ -104,7 +104,7 @@ def eliminate(
 
 
 @kernel
-def back(factors: np.ndarray, solved: np.ndarray, given: np.ndarray, dz: np.ndarray) -> None:
+def back_substitute(factors: np.ndarray, solved: np.ndarray, given: np.ndarray, dz: np.ndarray) -> None:
     """Steps dz (W, L) from the last node to the first: factor^T dz_w = -given_w - solved_w[:, :L] dz_{w+1}."""
     W, L = dz.shape
     for w in range(W - 1, -1, -1):

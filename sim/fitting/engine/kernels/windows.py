@@ -90,7 +90,9 @@ def _moved(S: np.ndarray, A: np.ndarray, a: np.ndarray, w: int, k: int, moved: n
 
 
 @kernel
-def carried(A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, h: np.ndarray, S: np.ndarray) -> None:
+def propagate_sensitivities(
+    A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, h: np.ndarray, S: np.ndarray
+) -> None:
     """Fill S (W, K+1, 6, C), from the identity at each node.
 
         S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A), A the mean of both ends
@@ -139,7 +141,7 @@ def carried(A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, 
 
 
 @kernel
-def imu_rows(
+def fill_imu_rows(
     S: np.ndarray,
     A: np.ndarray,
     a: np.ndarray,
@@ -152,7 +154,7 @@ def imu_rows(
     """Fill the columns `place` (C,) of J (W, K, 4, ..): derivatives of psi, r, a_x, a_y, times `scale` (W, K, 4).
 
     slopes (W, K, 4, 9): of the four to x y psi u v r u_dot v_dot r_dot; direct (W, K, 4, P or 0): what the others add.
-    S, A and a as of `carried`.
+    S, A and a as of `propagate_sensitivities`.
     """
     W, K = scale.shape[:2]
     C, extra = S.shape[3], direct.shape[3] > 0
@@ -177,7 +179,7 @@ def imu_rows(
 
 
 @kernel
-def whitened(
+def whiten_rows(
     J: np.ndarray, channel: int, known: np.ndarray, h: np.ndarray, white: float, wander: float, wander_time_s: float
 ) -> None:
     """Turn heading rows J[:, :, channel] of J (W, K, n, C) into innovations of unit variance: see `noise.whiten`."""
@@ -198,7 +200,7 @@ def whitened(
 
 
 @kernel
-def fix_rows(
+def fill_fix_rows(
     S: np.ndarray,
     window: np.ndarray,
     index: np.ndarray,
@@ -224,7 +226,7 @@ def fix_rows(
 
 
 @kernel
-def gather(
+def add_normal_equations(
     J: np.ndarray, residual: np.ndarray, window: np.ndarray, A: np.ndarray, B: np.ndarray, g: np.ndarray
 ) -> None:
     """Add J^T J and J^T r of rows J (n, L + P), r (n,) to the blocks of their windows: A (W, L, L), B (W, L, P), g."""
@@ -240,7 +242,7 @@ def gather(
 
 
 @kernel
-def interleaved(columns: np.ndarray, out: np.ndarray) -> None:
+def transposed_into(columns: np.ndarray, out: np.ndarray) -> None:
     """out (n, P) from columns (P, n)."""
     P, n = columns.shape
     for i in range(n):

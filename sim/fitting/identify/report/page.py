@@ -20,7 +20,7 @@ from sim.fitting.identify.report.tables import (
     taylor_table,
     white_table,
 )
-from sim.fitting.identify.result import Direction
+from sim.fitting.identify.result import OpenDirection
 from sim.fitting.identify.verdict import JUDGED_S, NAMES
 from sim.fitting.validate.divergence import divergence_table
 from sim.fitting.validate.figures import divergence, training_log
@@ -83,7 +83,7 @@ def _parameters(found: Identification) -> Section:
     )
 
 
-def _direction(direction: Direction) -> str:
+def _direction(direction: OpenDirection) -> str:
     parts = ", ".join(f"{value:+.2g} {name}" for name, value in list(direction.parts.items())[:8])
     more = " .." if len(direction.parts) > 8 else ""
     share = 100 * min(direction.share_of_prior, 1.0)

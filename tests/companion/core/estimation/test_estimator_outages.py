@@ -8,7 +8,7 @@ import pytest
 
 from companion.core.estimation.estimator import Estimator
 from companion.core.estimation.filter_state import B_RANGE
-from companion.core.estimation.kalman import Algebra
+from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate
@@ -60,7 +60,7 @@ def test_a_boat_put_down_elsewhere_is_found_again(run, estimator) -> None:
 def test_a_place_found_anew_is_the_body_s_and_not_the_tag_s(running, estimator, arm_m) -> None:
     """The tag sits far out: exact ranges of a place 8 m away, until the filter goes there."""
     uwb = msgspec.structs.replace(boat("aritra").sensors.uwb, x_m=arm_m[0], y_m=arm_m[1])
-    fusion = UwbFusion(basin(), uwb, EstimatorTuning(), Algebra(B_RANGE + len(basin().anchors)))
+    fusion = UwbFusion(basin(), uwb, EstimatorTuning(), KalmanEquations(B_RANGE + len(basin().anchors)))
     before = belief = estimator.belief(running, 3_300_000_000)
     place = belief.x[:2] - [8.0, 0.0]
     tag = (*(place + rotate(belief.x[2], *arm_m)), fusion.arm(belief)[2])

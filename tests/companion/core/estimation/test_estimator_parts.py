@@ -11,15 +11,15 @@ from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 from scipy.optimize import approx_fprime, least_squares
 
-from companion.core.estimation.command_history import TimedCommand, active, lagged, later, trimmed
+from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command, lagged
 from companion.core.estimation.filter_state import B_RANGE, Tilt
 from companion.core.estimation.gates import Gate, GateRule, judge
 from companion.core.estimation.health import position_sigma_m
-from companion.core.estimation.inertial import levelled
-from companion.core.estimation.kalman import Algebra
-from companion.core.estimation.plausibility import screened
+from companion.core.estimation.inertial import to_level_axes
+from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.plausibility import screen
 from companion.core.estimation.process import Process
-from companion.core.estimation.ranging.multilateration import locate
+from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.start import inside
 from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
@@ -87,7 +87,7 @@ def test_imu_equation_equals_the_second_derivative_of_the_imus_place(process: Pr
 def test_levelled_removes_gravity_whatever_roll_and_pitch() -> None:
     for phi, theta in ((0.1, 0.0), (0.0, -0.2), (0.3, 0.25)):
         at_rest = -9.81 * np.array([-math.sin(theta), math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)])
-        np.testing.assert_allclose(levelled(Tilt(phi, theta), *at_rest), [0, 0, -9.81], atol=1e-12)
+        np.testing.assert_allclose(to_level_axes(Tilt(phi, theta), *at_rest), [0, 0, -9.81], atol=1e-12)
 
 
 def test_lag_is_exact_and_its_mean_is_the_mean() -> None:
@@ -102,15 +102,15 @@ def test_lag_is_exact_and_its_mean_is_the_mean() -> None:
 def test_commands_act_after_the_dead_time_and_the_past_is_forgotten() -> None:
     p = boat("aritra").propulsion
     line = (TimedCommand(-(1 << 62), np.zeros(4)),)
-    line = later(line, 0, (1.0,) * 4, p)
-    line = later(line, S, (2.0,) * 4, p)
+    line = insert_command(line, 0, (1.0,) * 4, p)
+    line = insert_command(line, S, (2.0,) * 4, p)
     act = round(p.dead_time_s * 1e9)
-    assert active(line, act - 1)[0][0] == 0.0
-    assert active(line, act)[0][0] == 1.0
-    assert active(line, act)[1] == S + act
-    assert active(line, 5 * S) == (line[-1].f_n, None)
-    assert len(trimmed(line, act)) == 2
-    assert len(later(line, 0, (3.0,) * 4, p)) == 2
+    assert active_command(line, act - 1)[0][0] == 0.0
+    assert active_command(line, act)[0][0] == 1.0
+    assert active_command(line, act)[1] == S + act
+    assert active_command(line, 5 * S) == (line[-1].f_n, None)
+    assert len(drop_expired(line, act)) == 2
+    assert len(insert_command(line, 0, (3.0,) * 4, p)) == 2
 
 
 def test_gate_lets_no_spike_pass_however_wide_the_filter_is() -> None:
@@ -168,7 +168,9 @@ def test_fix_equals_scipys_robust_least_squares(north: float, east: float, seed:
 
     oracle = least_squares(residual, [north, east], loss="cauchy", f_scale=0.3).x
     # a spike may by chance fit a second place with two good ranges: then both are candidates
-    fix = min(locate(ANCHORS, z, -0.4, 0.6), key=lambda f: math.hypot(f.north_m - oracle[0], f.east_m - oracle[1]))
+    fix = min(
+        multilaterate(ANCHORS, z, -0.4, 0.6), key=lambda f: math.hypot(f.north_m - oracle[0], f.east_m - oracle[1])
+    )
     np.testing.assert_allclose([fix.north_m, fix.east_m], oracle, atol=2e-2)
     assert fix.inliers.sum() == (3 if spike else 4)
 
@@ -176,12 +178,12 @@ def test_fix_equals_scipys_robust_least_squares(north: float, east: float, seed:
 def test_anchors_in_a_line_leave_two_places() -> None:
     line = np.array([[0.0, 0.0, -2.0], [0.0, 10.0, -2.0], [0.0, 20.0, -2.0]])
     z = np.sqrt(((np.array([7.0, 12.0, 0.0]) - line) ** 2).sum(axis=1))
-    fixes = locate(line, z, 0.0, 0.6)
+    fixes = multilaterate(line, z, 0.0, 0.6)
     assert sorted(round(f.north_m, 3) for f in fixes if f.cost < 0.01) == [-7.0, 7.0]
 
 
 def test_fewer_than_two_anchors_give_no_place() -> None:
-    assert locate(ANCHORS[:1], np.array([5.0]), 0.0, 0.6) == []
+    assert multilaterate(ANCHORS[:1], np.array([5.0]), 0.0, 0.6) == []
 
 
 def test_inside_a_polygon() -> None:
@@ -200,7 +202,7 @@ def test_position_sigma_is_the_largest_semi_axis() -> None:
 
 def test_bad_ranges_are_taken_out_one_by_one() -> None:
     ranges = tuple(AnchorRange(anchor=str(i), range_m=z) for i, z in enumerate((3.0, math.nan, -1.0, 4.0)))
-    good, problem = screened(UwbRanges(t_ns=0, t_rx_ns=0, tag="t", ranges=ranges))
+    good, problem = screen(UwbRanges(t_ns=0, t_rx_ns=0, tag="t", ranges=ranges))
     assert isinstance(good, UwbRanges)
     assert [r.anchor for r in good.ranges] == ["0", "3"]
     assert "range" in problem
@@ -209,7 +211,7 @@ def test_bad_ranges_are_taken_out_one_by_one() -> None:
 @pytest.mark.parametrize("scale", [0.0, 0.05, -0.2])
 def test_range_jacobian_equals_finite_differences(scale: float) -> None:
     told = replace(boat("aritra").sensors.uwb, scale=scale)
-    uwb = UwbFusion(basin(), told, EstimatorTuning(), Algebra(B_RANGE + 4))
+    uwb = UwbFusion(basin(), told, EstimatorTuning(), KalmanEquations(B_RANGE + 4))
     rng, arm = np.random.default_rng(7), (-0.2, 0.15, -0.4)
     for anchor in range(4):
         x = rng.normal(0, 1, B_RANGE + 4) + np.r_[15.0, 12.0, np.zeros(B_RANGE + 2)]
@@ -223,7 +225,7 @@ def test_update_equals_the_information_form(m: int) -> None:
     A, H = rng.normal(size=(5, 5)), rng.normal(size=(m, 5))
     x, P, R, nu = rng.normal(size=5), A @ A.T + np.eye(5), np.diag(rng.uniform(0.1, 1, m)), rng.normal(size=m)
     x_before, P_before = x.copy(), P.copy()
-    x_after, P_after = Algebra(5).update(x, P, nu, H, R)
+    x_after, P_after = KalmanEquations(5).update(x, P, nu, H, R)
     information = np.linalg.inv(P) + H.T @ np.linalg.inv(R) @ H
     np.testing.assert_allclose(P_after, np.linalg.inv(information), atol=1e-9)
     np.testing.assert_allclose(x_after, x + np.linalg.solve(information, H.T @ np.linalg.solve(R, nu)), atol=1e-9)

@@ -8,7 +8,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from companion.core.geometry.frames import ssa
-from companion.core.guidance.course import SpeedLimits, corner_speed, plan_course, still
+from companion.core.guidance.course import SpeedLimits, corner_speed, hold_point, plan_course
 from companion.core.guidance.path import Path, Waypoint
 
 TURNS = st.floats(-3.14159, 3.14159)
@@ -135,7 +135,7 @@ def test_follow_on_a_retraced_line_keeps_to_the_leg_being_driven():
 
 
 def test_holding_is_a_course_of_no_length():
-    course = still(3.0, 4.0, 1.0, LIMITS)
+    course = hold_point(3.0, 4.0, 1.0, LIMITS)
     assert course.at(0.0) == (3.0, 4.0, 1.0)
     assert (course.length_m, course.speed_at(0.0)) == (0.0, 0.0)
     assert course.follow(9.0, 9.0, 0.0, 0.5, 0.5) == 0.0

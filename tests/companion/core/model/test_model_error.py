@@ -9,7 +9,7 @@ from companion.core.configuration.vessel_file import ModelError
 from companion.core.estimation.estimator import Estimator
 from companion.core.estimation.filter_state import LATENT, FilterState, Tilt
 from companion.core.estimation.gates import Gate
-from companion.core.estimation.model_confidence import is_in_doubt, weighed
+from companion.core.estimation.model_confidence import is_in_doubt, update_confidence
 from companion.core.estimation.prediction import noise_model
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Innovation
@@ -78,17 +78,17 @@ def belief() -> FilterState:
 def test_doubt_does_not_come_by_chance_and_comes_of_errors_half_as_large_again(seed):
     """Half an hour at four ranges a second; then d2 with a mean of 2.25."""
     tuning, rng = EstimatorTuning(model_error=SURE.model_error), np.random.default_rng(seed)
-    calm = weighed(belief(), map(innovation, rng.normal(size=7200) ** 2), tuning)
+    calm = update_confidence(belief(), map(innovation, rng.normal(size=7200) ** 2), tuning)
     assert not is_in_doubt(calm, tuning) and np.array_equal(calm.P, np.eye(17))
-    off = weighed(calm, map(innovation, 2.25 * rng.normal(size=400) ** 2), tuning)
+    off = update_confidence(calm, map(innovation, 2.25 * rng.normal(size=400) ** 2), tuning)
     assert is_in_doubt(off, tuning)
     assert np.diag(off.P)[LATENT] == pytest.approx(1 + np.square([4.0, 4.0, 1.5]))
 
 
 def test_wild_ranges_count_no_more_than_three_sigma_and_plain_files_are_never_in_doubt():
     tuning = EstimatorTuning(model_error=SURE.model_error)
-    assert weighed(belief(), [innovation(1e6)] * 5, tuning).doubt == pytest.approx(5 * 7.5)
-    assert weighed(belief(), [innovation(9.0)] * 500, EstimatorTuning()).doubt == 0.0
+    assert update_confidence(belief(), [innovation(1e6)] * 5, tuning).doubt == pytest.approx(5 * 7.5)
+    assert update_confidence(belief(), [innovation(9.0)] * 500, EstimatorTuning()).doubt == 0.0
 
 
 def test_where_the_file_says_more_than_the_tuning_doubt_changes_nothing():

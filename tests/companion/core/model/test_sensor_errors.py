@@ -39,48 +39,48 @@ uwbs = st.builds(
 
 @given(imus, number, number, number)
 def test_imu_corrected_undoes_applied(imu, a_x, a_y, r):
-    assert cal.imu_corrected(imu, *cal.imu_applied(imu, a_x, a_y, r)) == pytest.approx((a_x, a_y, r), abs=1e-9)
+    assert cal.correct_imu(imu, *cal.apply_imu_errors(imu, a_x, a_y, r)) == pytest.approx((a_x, a_y, r), abs=1e-9)
 
 
 @settings(max_examples=300)
 @given(imus, st.floats(-7, 7))
 def test_heading_corrected_undoes_applied(imu, psi):
-    assert cal.heading_corrected(imu, cal.heading_applied(imu, psi)) == pytest.approx(psi, abs=1e-9)
+    assert cal.correct_heading(imu, cal.apply_heading_errors(imu, psi)) == pytest.approx(psi, abs=1e-9)
 
 
 @given(uwbs, number, number)
 def test_place_corrected_undoes_applied(uwb, north, east):
-    assert cal.place_corrected(uwb, *cal.place_applied(uwb, north, east)) == pytest.approx((north, east))
+    assert cal.correct_uwb_scale(uwb, *cal.apply_uwb_scale(uwb, north, east)) == pytest.approx((north, east))
 
 
 @given(uwbs, st.integers(0, 3600 * 10**9), st.integers(0, 10**18))
 def test_stamp_corrected_undoes_applied(uwb, since, zero):
-    late = cal.stamp_applied(uwb, zero + since, zero)
+    late = cal.arrival_time_ns(uwb, zero + since, zero)
     assert late >= zero + since
     if uwb.latency_s + uwb.clock_drift_s_s * since * 1e-9 > 0:  # nothing arrives before it was measured
-        assert cal.stamp_corrected(uwb, late, zero) == pytest.approx(zero + since, abs=200)
+        assert cal.measurement_time_ns(uwb, late, zero) == pytest.approx(zero + since, abs=200)
 
 
 @given(number, number, number, st.integers(0, 10**18), st.integers(0, 10**13))
 def test_without_known_errors_not_a_bit_changes(a, b, c, t_ns, since):
     imu, uwb = BASE.sensors.imu, BASE.sensors.uwb
     assert cal.is_exact(BASE.sensors)
-    assert cal.imu_applied(imu, a, b, c) == (a, b, c) == cal.imu_corrected(imu, a, b, c)
-    assert cal.heading_applied(imu, a) == a == cal.heading_corrected(imu, a)
-    assert cal.place_applied(uwb, a, b) == (a, b) == cal.place_corrected(uwb, a, b)
-    assert cal.stamp_corrected(uwb, t_ns + since, t_ns) == t_ns + since - 80_000_000
+    assert cal.apply_imu_errors(imu, a, b, c) == (a, b, c) == cal.correct_imu(imu, a, b, c)
+    assert cal.apply_heading_errors(imu, a) == a == cal.correct_heading(imu, a)
+    assert cal.apply_uwb_scale(uwb, a, b) == (a, b) == cal.correct_uwb_scale(uwb, a, b)
+    assert cal.measurement_time_ns(uwb, t_ns + since, t_ns) == t_ns + since - 80_000_000
 
 
 def test_by_hand():
     """IMU turned a quarter to starboard: its x is the body's y, its y the body's minus x."""
     imu = replace(BASE.sensors.imu, misalignment_rad=np.pi / 2, accel_bias_x_m_s2=0.1, gyro_scale=0.02)
-    assert cal.imu_applied(imu, 1.0, 2.0, 0.5) == pytest.approx((2.1, -1.0, 0.51))
+    assert cal.apply_imu_errors(imu, 1.0, 2.0, 0.5) == pytest.approx((2.1, -1.0, 0.51))
     iron = replace(BASE.sensors.imu, heading_offset_rad=0.1, hard_iron_cos_rad=0.03, hard_iron_sin_rad=-0.02)
-    assert cal.heading_applied(iron, 0.0) == pytest.approx(0.13)
-    assert cal.heading_applied(iron, np.pi / 2) == pytest.approx(np.pi / 2 + 0.08)
+    assert cal.apply_heading_errors(iron, 0.0) == pytest.approx(0.13)
+    assert cal.apply_heading_errors(iron, np.pi / 2) == pytest.approx(np.pi / 2 + 0.08)
     uwb = replace(BASE.sensors.uwb, scale=0.01, clock_drift_s_s=1e-3)
-    assert cal.place_applied(uwb, 20.0, -10.0) == pytest.approx((20.2, -10.1))
-    assert cal.stamp_applied(uwb, 105 * 10**9, 5 * 10**9) == 105 * 10**9 + 80_000_000 + 100_000_000
+    assert cal.apply_uwb_scale(uwb, 20.0, -10.0) == pytest.approx((20.2, -10.1))
+    assert cal.arrival_time_ns(uwb, 105 * 10**9, 5 * 10**9) == 105 * 10**9 + 80_000_000 + 100_000_000
 
 
 # --- the filter ----------------------------------------------------------------------------------------------
@@ -154,11 +154,11 @@ def test_the_filter_that_does_not_know_them_is_led_astray(wrong):
 
 def test_positions_from_the_tag_and_attitudes_are_corrected_too():
     at = UwbPosition(t_ns=0, t_rx_ns=0, tag="t", x_m=-10.3, y_m=20.6, z_m=1.0)
-    assert cal.corrected(KNOWN.sensors, at) == replace(at, x_m=-10.3 / 1.03, y_m=20.6 / 1.03)
+    assert cal.correct_message(KNOWN.sensors, at) == replace(at, x_m=-10.3 / 1.03, y_m=20.6 / 1.03)
     none = UwbRanges(t_ns=0, t_rx_ns=0, tag="t", ranges=())
-    assert cal.corrected(KNOWN.sensors, none) is none
+    assert cal.correct_message(KNOWN.sensors, none) is none
     turned = Attitude(t_ns=0, t_rx_ns=0, phi_rad=0.1, theta_rad=0.2, psi_rad=-3.1, p_rad_s=0, q_rad_s=0, r_rad_s=0.57)
-    got = cal.corrected(KNOWN.sensors, turned)
+    got = cal.correct_message(KNOWN.sensors, turned)
     assert isinstance(got, Attitude) and -np.pi <= got.psi_rad < np.pi
     assert got.r_rad_s == pytest.approx(0.5) and (got.phi_rad, got.theta_rad) == (0.1, 0.2)
 

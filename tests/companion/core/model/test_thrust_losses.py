@@ -11,7 +11,7 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Wash
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrust_losses import is_weakened, jet_sign, weakened
+from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses, jet_sign
 from tests.support.vessel_fixtures import BOATS, boat
 
 BASE = boat("aritra")
@@ -27,13 +27,13 @@ def having(advance=0.0, *wash):
 
 
 def lost(vessel, nu_r, f):
-    return np.array(ca.DM(weakened(vessel, ca.DM(nu_r), ca.DM(f)))).ravel()
+    return np.array(ca.DM(apply_thrust_losses(vessel, ca.DM(nu_r), ca.DM(f)))).ravel()
 
 
 def test_a_file_without_any_of_it_is_b_f_to_the_last_operation():
     model, f = StructuredModel.of(BASE), ca.SX.sym("f", 4)
-    assert not is_weakened(having()) and not is_weakened(having(0.0, (2, 0, 0.0)))
-    assert is_weakened(having(0.1)) and is_weakened(having(0.0, (2, 0, 0.1)))
+    assert not has_thrust_losses(having()) and not has_thrust_losses(having(0.0, (2, 0, 0.0)))
+    assert has_thrust_losses(having(0.1)) and has_thrust_losses(having(0.0, (2, 0, 0.1)))
     assert model.is_linear_in_f
     plain = ca.Function("a", [f], [ca.mtimes(ca.DM(model.B), f)])
     assert ca.Function("b", [f], [model.thrust(None, None, f)]).n_instructions() == plain.n_instructions()
@@ -76,7 +76,7 @@ def test_wash_never_turns_a_thruster_round():
 def test_jacobians_are_finite_everywhere():
     vessel = having(2.0, (REAR_PORT, FRONT_PORT, 0.9))
     nu, f = ca.SX.sym("nu", 3), ca.SX.sym("f", 4)
-    J = ca.Function("J", [nu, f], [ca.jacobian(weakened(vessel, nu, f), ca.vertcat(nu, f))])
+    J = ca.Function("J", [nu, f], [ca.jacobian(apply_thrust_losses(vessel, nu, f), ca.vertcat(nu, f))])
     for at in ((0, 0, 0, 0), (1e-9, 0, -1e-9, 0), (0.05, -0.05, 38, -30)):
         slope = np.array(J(ca.DM([1.0, -0.5, 0.3]), ca.DM(at)))
         assert np.isfinite(slope).all() and np.abs(slope).max() < 15

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from companion.core.messages import AnchorRange, OverrideLease, StateEstimate, UwbRanges
 from companion.core.pilot import annunciator
-from companion.core.pilot.annunciator import Annunciator
+from companion.core.pilot.annunciator import AnnunciatorState
 
 S = 1_000_000_000
 ESTIMATE = StateEstimate(
@@ -27,7 +27,7 @@ def told(step, seen, messages):
 
 def test_health_is_told_once_per_change():
     sick = replace(ESTIMATE, health="degraded", reason="no UWB for 3.0 s")
-    _, texts = told(annunciator.at_estimate, Annunciator(), [ESTIMATE, ESTIMATE, sick, sick, ESTIMATE])
+    _, texts = told(annunciator.at_estimate, AnnunciatorState(), [ESTIMATE, ESTIMATE, sick, sick, ESTIMATE])
     assert texts == [
         [("info", "state estimate healthy")], [],
         [("warning", "state estimate degraded: no UWB for 3.0 s")], [],
@@ -38,7 +38,7 @@ def test_health_is_told_once_per_change():
 def test_the_ladder_is_told_when_it_is_entered_and_left_but_not_the_start():
     pd = replace(LEASE, source="pd", reason="no plan in time")
     neutral = replace(LEASE, source="neutral")
-    _, texts = told(annunciator.at_lease, Annunciator(), [neutral, LEASE, pd, pd, LEASE, neutral])
+    _, texts = told(annunciator.at_lease, AnnunciatorState(), [neutral, LEASE, pd, pd, LEASE, neutral])
     assert texts == [
         [], [], [("warning", "driving by pd: no plan in time")], [], [("info", "the controller's plans are back")], []
     ]  # fmt: skip
@@ -47,16 +47,16 @@ def test_the_ladder_is_told_when_it_is_entered_and_left_but_not_the_start():
 def test_an_unknown_anchor_is_told_once():
     cycle = UwbRanges(t_ns=0, t_rx_ns=0, tag="tag", ranges=(
         AnchorRange(anchor="0CA8", range_m=1.0), AnchorRange(anchor="1151", range_m=2.0)))  # fmt: skip
-    seen, first = annunciator.at_ranges(Annunciator(), cycle, ("1151", "0ca8"))
+    seen, first = annunciator.at_ranges(AnnunciatorState(), cycle, ("1151", "0ca8"))
     assert len(first) == 1 and "0CA8 is not in the site file (it knows 1151, 0ca8)" in first[0].text
     assert annunciator.at_ranges(seen, cycle, ("1151", "0ca8")) == (seen, [])
 
 
 def test_blind_counts_from_the_first_degraded_estimate_and_starts_again_when_it_heals():
     sick = [replace(ESTIMATE, health="degraded", t_ns=k * S) for k in range(1, 20)]
-    seen, _ = told(annunciator.at_estimate, Annunciator(), sick[:10])
-    assert annunciator.blind(seen, 16 * S, 15.0) is None
-    assert annunciator.blind(seen, 17 * S, 15.0) == "state estimate degraded for more than 15 s"
+    seen, _ = told(annunciator.at_estimate, AnnunciatorState(), sick[:10])
+    assert annunciator.degraded_too_long(seen, 16 * S, 15.0) is None
+    assert annunciator.degraded_too_long(seen, 17 * S, 15.0) == "state estimate degraded for more than 15 s"
     well = [replace(ESTIMATE, t_ns=k * S) for k in (15, 16, 17)]
     healed, _ = told(annunciator.at_estimate, seen, [*well, sick[18]])
-    assert annunciator.blind(healed, 25 * S, 15.0) is None
+    assert annunciator.degraded_too_long(healed, 25 * S, 15.0) is None

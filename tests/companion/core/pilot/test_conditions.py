@@ -10,7 +10,7 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.geometry.fence import Fence
 from companion.core.messages import Battery, StateEstimate, Tick
 from companion.core.pilot import conditions as watching
-from companion.core.pilot.annunciator import Annunciator
+from companion.core.pilot.annunciator import AnnunciatorState
 from companion.core.pilot.conditions import LATE_TICKS, PLANLESS_NS, ConditionMonitor
 from companion.core.pilot.monitors.battery import LIMIT_NS, BatteryState, read
 
@@ -28,7 +28,7 @@ ESTIMATE = StateEstimate(
 def at(watch=None, estimate=ESTIMATE, lateness_ms=0, pack=FULL, plan_ns=0, seen=None):
     tick = Tick(t_ns=estimate.t_ns, index=1, lateness_ns=lateness_ms * MS)
     return watching.at_tick(
-        watch or ConditionMonitor(), tick, estimate, seen or Annunciator(), SQUARE, pack, Control(), plan_ns
+        watch or ConditionMonitor(), tick, estimate, seen or AnnunciatorState(), SQUARE, pack, Control(), plan_ns
     )  # fmt: skip
 
 
@@ -110,7 +110,7 @@ def test_without_an_estimate_the_boat_is_where_it_was():
 def test_degraded_is_no_obstacle_until_it_has_lasted():
     sick = with_(ESTIMATE, health="degraded", reason="no UWB")
     assert set(at(estimate=sick)[1]) == {"degraded"}
-    since = Annunciator(health="degraded", degraded_ns=sick.t_ns - 16 * S)
+    since = AnnunciatorState(health="degraded", degraded_ns=sick.t_ns - 16 * S)
     assert set(at(estimate=sick, seen=since)[1]) == {"degraded", "unfit"}
     assert set(at(estimate=with_(sick, health="initialising"))[1]) == {"degraded", "unfit"}
 

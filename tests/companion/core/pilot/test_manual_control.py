@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from companion.core.control.allocation import allocate
 from companion.core.messages import ManualInput
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.manual_control import AHEAD_NS, AT_REST, NOBODY, StickForce, hear, locked, silent, trouble
+from companion.core.pilot.manual_control import AHEAD_NS, AT_REST, NOBODY, StickForce, hear, locked, rejection, silent
 from tests.support.drive_fixture import setup
 
 MS = 1_000_000
@@ -31,7 +31,7 @@ def after(*inputs, start=NOBODY):
 
 def test_a_stick_that_is_held_from_the_beginning_does_nothing():
     sticks = after(*(stick(k * 100, 0.6) for k in range(20)))
-    assert "have not been at rest" in (trouble(sticks, 1900 * MS, 0.5) or "")
+    assert "have not been at rest" in (rejection(sticks, 1900 * MS, 0.5) or "")
 
 
 @pytest.mark.parametrize(("share", "free"), [(AT_REST, False), (-AT_REST, False), (0.0499, True), (-0.0499, True)])
@@ -39,22 +39,22 @@ def test_a_stick_that_is_held_from_the_beginning_does_nothing():
 def test_rest_is_all_three_below_a_twentieth(axis, share, free):
     assert AT_REST == 0.05
     sticks = after(stick(0, **{axis: share}), stick(100, 0.6))
-    assert (trouble(sticks, 100 * MS, 0.5) is None) == free
+    assert (rejection(sticks, 100 * MS, 0.5) is None) == free
 
 
 def test_half_a_second_of_silence_locks_until_the_next_rest():
     sticks = after(stick(0), stick(100, 0.6))
-    assert trouble(sticks, 600 * MS, 0.5) is None
-    assert "nothing from the sticks (pad) for 0.6 s" in (trouble(sticks, 701 * MS, 0.5) or "")
+    assert rejection(sticks, 600 * MS, 0.5) is None
+    assert "nothing from the sticks (pad) for 0.6 s" in (rejection(sticks, 701 * MS, 0.5) or "")
     back = after(stick(702, 0.6), stick(800, 0.6), start=sticks)
-    assert silent(back, 800 * MS, 0.5) is None and trouble(back, 800 * MS, 0.5) is not None
-    assert trouble(after(stick(900), stick(1000, 0.9), start=back), 1000 * MS, 0.5) is None
+    assert silent(back, 800 * MS, 0.5) is None and rejection(back, 800 * MS, 0.5) is not None
+    assert rejection(after(stick(900), stick(1000, 0.9), start=back), 1000 * MS, 0.5) is None
 
 
 def test_another_hand_must_have_been_at_rest_too():
     sticks = after(stick(0), stick(100, 0.6), stick(150, 0.5, source="keyboard"))
-    assert "keyboard" in (trouble(sticks, 150 * MS, 0.5) or "")
-    assert trouble(after(stick(200, source="keyboard"), start=sticks), 200 * MS, 0.5) is None
+    assert "keyboard" in (rejection(sticks, 150 * MS, 0.5) or "")
+    assert rejection(after(stick(200, source="keyboard"), start=sticks), 200 * MS, 0.5) is None
 
 
 @pytest.mark.parametrize(
@@ -75,9 +75,9 @@ def test_a_stamp_from_the_future_is_silence():
 
 def test_locked_sticks_must_come_to_rest_again():
     sticks = locked(after(stick(0), stick(100, 0.6)))
-    assert trouble(sticks, 100 * MS, 0.5) is not None
-    assert trouble(after(stick(150, 0.6), start=sticks), 150 * MS, 0.5) is not None
-    assert trouble(after(stick(150, 0.01), start=sticks), 150 * MS, 0.5) is None
+    assert rejection(sticks, 100 * MS, 0.5) is not None
+    assert rejection(after(stick(150, 0.6), start=sticks), 150 * MS, 0.5) is not None
+    assert rejection(after(stick(150, 0.01), start=sticks), 150 * MS, 0.5) is None
 
 
 shares = st.floats(-1, 1)

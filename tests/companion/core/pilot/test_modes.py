@@ -19,8 +19,8 @@ from companion.core.pilot.modes import (
     THRUSTERS,
     WANTED,
     ModeState,
-    apply,
-    look,
+    apply_conditions,
+    apply_event,
     waits_for,
 )
 
@@ -42,7 +42,7 @@ def test_every_pair_has_an_outcome():
 @pytest.mark.parametrize(("mode", "event"), PAIRS)
 def test_every_pair_is_told_in_a_sentence_and_leaves_a_sound_helm(mode, event):
     before = ModeState(mode, "excitation", "because")
-    after, told = apply(before, event, "why it is so", 5)
+    after, told = apply_event(before, event, "why it is so", 5)
     outcome = TABLE[mode, event]
     assert after.mode == ("excitation" if outcome.next == "wanted" else outcome.next)
     assert after.driving == (THRUSTERS[after.mode] != "neutral") == (after.mode in DRIVING)
@@ -111,14 +111,14 @@ def test_by_hand_a_boat_can_be_fetched():
     for condition in ("unfit", "degraded", "battery_critical", "solver_failing"):
         assert TABLE["manual", condition].next == "manual"
     beyond = ModeState("safe", lasting=frozenset(["fence_breached"]))
-    asked, _ = apply(beyond, "manual", "manual by the operator", 0)
-    asked, _ = look(asked, {"fence_breached": "outside the fence"}, 0)
+    asked, _ = apply_event(beyond, "manual", "manual by the operator", 0)
+    asked, _ = apply_conditions(asked, {"fence_breached": "outside the fence"}, 0)
     assert asked.mode == "locked" and waits_for(asked, {"fence_breached": "outside"}) is None
-    driving, _ = apply(asked, "ready", "all is ready", 0)
-    driving, told = look(driving, {"fence_breached": "outside the fence"}, 0)
+    driving, _ = apply_event(asked, "ready", "all is ready", 0)
+    driving, told = apply_conditions(driving, {"fence_breached": "outside the fence"}, 0)
     assert driving.mode == "manual" and not told
-    back, _ = look(driving, {}, 0)
-    again, told = look(back, {"fence_breached": "outside the fence"}, 0)
+    back, _ = apply_conditions(driving, {}, 0)
+    again, told = apply_conditions(back, {"fence_breached": "outside the fence"}, 0)
     assert again.mode == "safe" and "fetch it by hand" in told[0].text
 
 
@@ -142,7 +142,7 @@ def test_by_hand_a_boat_can_be_fetched():
     ],
 )
 def test_sentences_as_people_read_them(mode, event, text):
-    helm, told = apply(ModeState(mode, "hold"), event, "why", 0)
+    helm, told = apply_event(ModeState(mode, "hold"), event, "why", 0)
     assert (told[0].text if told else helm.why) == text
     assert not told or helm.mode == mode or helm.why == text
 
@@ -151,7 +151,7 @@ def test_levels_as_people_see_them():
     """Motion that ended against the operator's wish is an error, what goes on a warning, what got better an info."""
 
     def levels(mode, event):
-        return [a.level for a in apply(ModeState(mode, "hold"), event, "why", 0)[1]]
+        return [a.level for a in apply_event(ModeState(mode, "hold"), event, "why", 0)[1]]
 
     assert levels("auto", "disarmed") == levels("auto", "solver_failing") == ["error"]
     assert (
@@ -190,16 +190,16 @@ def test_in_any_history_no_mode_drives_against_its_needs_and_only_operators_end_
         before = helm
         if isinstance(item, frozenset):
             present = item
-            helm, told = look(helm, dict.fromkeys(present, "why"), 0)
+            helm, told = apply_conditions(helm, dict.fromkeys(present, "why"), 0)
             assert helm.lasting == present
             assert not (helm.driving and NEEDS[helm.mode] & present)
             assert len(told) <= 2 * len(present) + len(before.lasting)
-            assert look(helm, dict.fromkeys(present, "why"), 0)[1] == [], "said once"
+            assert apply_conditions(helm, dict.fromkeys(present, "why"), 0)[1] == [], "said once"
         elif item == "ready":
             if waits_for(helm, dict.fromkeys(present, "why")) is None:
-                helm, _ = apply(helm, item, "why", 0)
+                helm, _ = apply_event(helm, item, "why", 0)
         else:
-            helm, _ = apply(helm, item, "why", 0)
+            helm, _ = apply_event(helm, item, "why", 0)
         asked = item in OPERATOR or (asked and helm.mode not in ("safe", "idle"))
         if helm.driving and not before.driving:
             assert asked and item not in OPERATOR
@@ -211,10 +211,10 @@ def test_in_any_history_no_mode_drives_against_its_needs_and_only_operators_end_
 def test_starting_waits_for_what_may_pass_and_gives_up_where_it_may_not():
     waiting = ModeState("starting", "auto")
     for condition in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late"):
-        helm, _ = look(waiting, {condition: "why"}, 0)
+        helm, _ = apply_conditions(waiting, {condition: "why"}, 0)
         assert helm.mode == "starting" and waits_for(helm, {condition: "why"}) == "why"
     for condition in ("fence_breached", "battery_critical"):
-        helm, told = look(replace(waiting, lasting=frozenset([condition])), {condition: "why"}, 0)
+        helm, told = apply_conditions(replace(waiting, lasting=frozenset([condition])), {condition: "why"}, 0)
         assert helm.mode == "safe" and told, "also where it was there before"
     excitation = ModeState("starting", "excitation")
     assert waits_for(excitation, {"degraded": "no UWB"}) == "no UWB"
@@ -222,22 +222,22 @@ def test_starting_waits_for_what_may_pass_and_gives_up_where_it_may_not():
 
 
 def test_paused_goes_on_with_a_healthy_estimate_only():
-    helm, told = look(ModeState("excitation"), {"degraded": "no UWB"}, 0)
+    helm, told = apply_conditions(ModeState("excitation"), {"degraded": "no UWB"}, 0)
     assert helm.mode == "paused" and told[0].level == "warning"
-    helm, _ = look(helm, {"degraded": "no UWB", "unfit": "lost"}, 0)
+    helm, _ = apply_conditions(helm, {"degraded": "no UWB", "unfit": "lost"}, 0)
     assert helm.mode == "safe"
-    helm, _ = look(helm, {}, 0)
+    helm, _ = apply_conditions(helm, {}, 0)
     assert helm.mode == "safe"
-    helm, _ = look(ModeState("paused", lasting=frozenset(["degraded"])), {}, 0)
+    helm, _ = apply_conditions(ModeState("paused", lasting=frozenset(["degraded"])), {}, 0)
     assert helm.mode == "excitation"
 
 
 def test_wanted_is_what_was_asked_for_last():
     for command, mode in WANTED.items():
-        helm, _ = apply(AT_REST, command, "asked", 0)
+        helm, _ = apply_event(AT_REST, command, "asked", 0)
         assert (helm.mode, helm.wanted) == ("starting", mode)
-        assert apply(helm, "ready", "all is ready", 0)[0].mode == mode
-        kept, _ = apply(helm, "start", "asked", 0)
+        assert apply_event(helm, "ready", "all is ready", 0)[0].mode == mode
+        kept, _ = apply_event(helm, "start", "asked", 0)
         assert kept.wanted == "auto"
 
 

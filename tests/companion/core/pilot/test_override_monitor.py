@@ -12,13 +12,13 @@ from companion.core.pilot.monitors.override_monitor import (
     SILENT_NS,
     SLACK_NS,
     WINDOW_NS,
-    OverrideMonitor,
+    OverrideState,
     at_lease,
     at_parameter,
     at_rc,
     at_servo,
     at_tick,
-    may_show,
+    expected_pulses,
     outputs_of,
 )
 
@@ -70,7 +70,7 @@ def heard(echo, messages):
 
 
 def firsts(echo, t_ms):
-    return [pwm[0] for pwm in may_show(echo, t_ms * MS)]
+    return [pwm[0] for pwm in expected_pulses(echo, t_ms * MS)]
 
 
 def test_an_echo_may_show_what_was_in_force_at_any_instant_of_its_window():
@@ -93,7 +93,7 @@ def test_where_a_lease_has_run_out_neutral_may_be_seen():
 
 
 def test_before_the_first_lease_nothing_is_expected():
-    assert may_show(NOTHING_SENT, 0) == [] and may_show(sent((1000, NEUTRAL)), 900 * MS) == []
+    assert expected_pulses(NOTHING_SENT, 0) == [] and expected_pulses(sent((1000, NEUTRAL)), 900 * MS) == []
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
@@ -325,5 +325,5 @@ def test_echoes_that_do_not_come_are_told_once_each_and_only_of_a_living_autopil
         echo, _, alerts = at_tick(at_lease(echo, lease(t_ms, NEUTRAL)), t_ms * MS, heard=True)
         told += [(t_ms, a.text.split(" for")[0]) for a in alerts]
     assert told == [(SILENT_NS // MS + 100, "no SERVO_OUTPUT_RAW"), (SILENT_NS // MS + 3000, "no RC_CHANNELS")]
-    echo, _, alerts = at_tick(OverrideMonitor(sent=echo.sent, rc_ns=0, servo_ns=0), 90_000 * MS, heard=False)
+    echo, _, alerts = at_tick(OverrideState(sent=echo.sent, rc_ns=0, servo_ns=0), 90_000 * MS, heard=False)
     assert alerts == [] and at_tick(echo, 90_100 * MS, heard=True)[2] == [], "silence counts from the first heartbeat"

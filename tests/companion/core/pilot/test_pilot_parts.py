@@ -234,7 +234,7 @@ def test_a_plan_is_kept_between_two_modes_of_the_controller_only(before, after):
     state, t_ns = under_way()
     kept = plan(1, t_ns)
     state = replace(state, helm=ModeState(before), plan=kept, asked=((1, t_ns),), watch=ConditionMonitor(since_ns=5))
-    then = transitions.steered(state, ModeState(after), t_ns + S)
+    then = transitions.apply_mode_state(state, ModeState(after), t_ns + S)
     if before == after or {before, after} <= set(MODES_OF_A_CONTROLLER):
         assert then.plan is kept and then.asked and then.watch.since_ns == 5
     else:

@@ -61,11 +61,11 @@ def test_a_filter_that_starts_again_does_not_begin_the_blind_time_anew():
         accel_bias_m_s2=(0.0, 0.0), gyro_bias_rad_s=0.0, anchor_bias_m={}, disturbance_n=(0.0, 0.0, 0.0),
         health="healthy", reason="",
     )  # fmt: skip
-    seen, blind = annunciator.Annunciator(), []
+    seen, blind = annunciator.AnnunciatorState(), []
     story = ["degraded"] * 40 + ["healthy"] * 10 + ["degraded"] * 20 + ["healthy"] * 30 + ["degraded"] * 40
     for k, health in enumerate(story):
         t_ns = (k + 1) * 100 * MS
         seen, _ = annunciator.at_estimate(seen, replace(estimate, t_ns=t_ns, health=health))
-        blind.append(annunciator.blind(seen, t_ns, 5.0) is not None)
+        blind.append(annunciator.degraded_too_long(seen, t_ns, 5.0) is not None)
     assert not any(blind[:51]) and all(blind[51:70]), "5 s after it began, though healthy in between"
     assert not any(blind[70:]), "three healthy seconds: begins anew"

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core import messages as m
 from companion.logs.log_file import LogError
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.readers.uwb import read_uwb
 from companion.logs.runs.problems import grouped, problems
 from companion.logs.runs.run import Run, RunError
@@ -94,7 +94,7 @@ def test_truth_in_the_log_or_beside_it(run: Run, tmp_path):
     apart = record(tmp_path / "a.mcap", [x for x in simulated() if not isinstance(x, m.GroundTruth)])
     beside = record(tmp_path / "truth.mcap", truths)
     assert not read_run(apart).known("true_u_m_s")
-    joined = read_run(apart, Beside(truth=beside))
+    joined = read_run(apart, ReadOptions(truth=beside))
     assert joined.table.equals(run.table)
 
 
@@ -142,7 +142,7 @@ def test_a_log_without_files_names_thrusters_by_channel(tmp_path):
     assert run.thrusters == ("ch9", "ch10", "ch11", "ch12")
     assert run.meta.latency_s is None
     setup = load_setup(EXAMPLES / "aritra.toml").pilot
-    told = read_run(tmp_path / "a.mcap", Beside(vessel=setup.vessel, site=setup.site))
+    told = read_run(tmp_path / "a.mcap", ReadOptions(vessel=setup.vessel, site=setup.site))
     assert told.thrusters == THRUSTERS
     assert told.meta.site == "basin"
 

@@ -10,7 +10,7 @@ from pymavlink import DFReader
 
 from companion.boat.load_run import EXAMPLES
 from companion.core.configuration.site_file import load_site
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.problems import grouped, problems
 from companion.logs.runs.run import RunError
 from tests.companion.logs.readers.run_logs import dataflash
@@ -89,7 +89,7 @@ def written(tmp_path: Path, **options) -> Path:
 
 
 def test_outputs_take_the_vessels_names_and_no_pulse_is_told_as_neutral(tmp_path):
-    run = read_run(written(tmp_path), Beside(vessel=boat("aritra")))
+    run = read_run(written(tmp_path), ReadOptions(vessel=boat("aritra")))
     assert run.thrusters == tuple(t.name for t in boat("aritra").thrusters)
     when, pwm = run.commands()
     assert pwm[0].tolist() == [1600.0, 1500.0, 1400.0, 1500.0]
@@ -104,7 +104,7 @@ def test_outputs_take_the_vessels_names_and_no_pulse_is_told_as_neutral(tmp_path
 
 def test_gps_in_site_axes_and_without_a_site_from_the_first_fix(tmp_path):
     path = written(tmp_path, gps=True)
-    t_s, places = read_run(path, Beside(site=SITE)).samples("north_m", "east_m")
+    t_s, places = read_run(path, ReadOptions(site=SITE)).samples("north_m", "east_m")
     c, s = np.cos(np.deg2rad(SITE.rotation_deg)), np.sin(np.deg2rad(SITE.rotation_deg))
     np.testing.assert_allclose(places @ [c, -s], t_s, rtol=0.01, atol=0.02)
     np.testing.assert_allclose(places @ [s, c], 0.0, atol=0.02)
@@ -130,7 +130,9 @@ def uwb_lines(path: Path, offset_s: float = 0.0) -> Path:
 
 
 def test_a_uwb_log_is_joined_by_gps_time_or_by_a_stated_offset(tmp_path):
-    beside = Beside(vessel=boat("aritra"), site=SITE, uwb=uwb_lines(tmp_path / "uwb.txt"), uwb_format="dwm1001-lep")
+    beside = ReadOptions(
+        vessel=boat("aritra"), site=SITE, uwb=uwb_lines(tmp_path / "uwb.txt"), uwb_format="dwm1001-lep"
+    )
     run = read_run(written(tmp_path, gps=True), beside)
     t_s, places = run.samples("north_m", "east_m")
     expected = [k for k in range(30) if k != 4]
@@ -141,18 +143,18 @@ def test_a_uwb_log_is_joined_by_gps_time_or_by_a_stated_offset(tmp_path):
     blind = written(tmp_path)
     with pytest.raises(RunError, match=r"made\.BIN: no GPS time in it: state the offset"):
         read_run(blind, beside)
-    stated = Beside(uwb=beside.uwb, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
+    stated = ReadOptions(uwb=beside.uwb, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
     assert read_run(blind, stated).samples("north_m")[0] == pytest.approx(t_s, abs=1e-6)
-    wrong = read_run(blind, Beside(uwb=beside.uwb, uwb_format="dwm1001-lep", uwb_offset_s=0.0))
+    wrong = read_run(blind, ReadOptions(uwb=beside.uwb, uwb_format="dwm1001-lep", uwb_offset_s=0.0))
     assert "missing" in {p.kind for p in wrong.meta.notes}
     with pytest.raises(RunError, match=r"uwb\.txt: its wire format is not known"):
-        read_run(blind, Beside(uwb=beside.uwb, uwb_offset_s=0.0))
+        read_run(blind, ReadOptions(uwb=beside.uwb, uwb_offset_s=0.0))
 
 
 def test_text_stamps_may_be_iso_and_a_log_without_stamps_is_refused(tmp_path):
     iso = tmp_path / "iso.txt"
     iso.write_text("2023-11-14T22:13:25.250+00:00, POS,2.00,3.00,0.10,90\n")
-    beside = Beside(uwb=iso, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
+    beside = ReadOptions(uwb=iso, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
     assert read_run(written(tmp_path), beside).samples("east_m")[0].tolist() == [0.25]
     iso.write_text("POS,2.00,3.00,0.10,90\n")
     with pytest.raises(RunError, match=r"iso\.txt: line 1: expected a stamp"):

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from companion.boat.load_run import EXAMPLES
 from companion.core.configuration.site_file import load_site
-from companion.logs.readers.positions import SPREAD_M, fixes
+from companion.logs.readers.positions import SPREAD_M, cycle_fixes
 
 SITE = load_site((EXAMPLES / "sites" / "basin.toml").read_text(), name="basin.toml")
 PLACES = np.array([(a.north_m, a.east_m, a.down_m) for a in SITE.anchors])
@@ -22,7 +22,7 @@ def ranges_to(tag: np.ndarray) -> np.ndarray:
 
 
 def found(z: np.ndarray) -> np.ndarray:
-    return np.column_stack(fixes({k: z[:, i] for i, k in enumerate(IDS)}, SITE, TAG_DOWN_M))
+    return np.column_stack(cycle_fixes({k: z[:, i] for i, k in enumerate(IDS)}, SITE, TAG_DOWN_M))
 
 
 @given(st.lists(st.tuples(st.floats(0.5, 29.5), st.floats(0.5, 29.5)), min_size=1, max_size=20))
@@ -56,5 +56,5 @@ def test_too_few_or_contradicting_ranges_give_no_fix():
     assert np.isnan(got[0]).all()
     np.testing.assert_allclose(got[1], tag[1], atol=1e-3)
     assert np.isnan(got[2]).all()
-    strange = fixes({"FFFF": np.array([1.0, 2.0])}, SITE, TAG_DOWN_M)
+    strange = cycle_fixes({"FFFF": np.array([1.0, 2.0])}, SITE, TAG_DOWN_M)
     assert np.isnan(strange).all() and strange[0].shape == (2,)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.readers.table import read_csv, write_run
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from tests.companion.logs.readers.run_logs import clean_run
@@ -164,9 +164,9 @@ def test_other_files_are_refused_with_their_name(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_run(tmp_path / "absent.csv")
     with pytest.raises(RunError, match="UWB log is joined"):
-        read_run(path, Beside(uwb=path))
+        read_run(path, ReadOptions(uwb=path))
     with pytest.raises(RunError, match="truth goes with"):
-        read_run(path, Beside(truth=path))
+        read_run(path, ReadOptions(truth=path))
 
 
 def test_another_version_and_bad_metadata_are_refused(lines):

@@ -8,7 +8,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.problems import grouped, problems
 from companion.logs.runs.run import RunError
 from drivers.mavlink.decode import G0_M_S2
@@ -132,12 +132,12 @@ def test_a_uwb_log_beside_is_on_the_same_clock(tmp_path):
     uwb = tmp_path / "uwb.txt"
     uwb.write_text("".join(f"{UNIX_US / 1e6 + k:.3f} POS,1.00,{k}.00,0.10,90\n" for k in range(5)))
     path = Autopilot(20.0).write(tmp_path / "a.tlog")
-    run = read_run(path, Beside(uwb=uwb, uwb_format="dwm1001-lep"))
+    run = read_run(path, ReadOptions(uwb=uwb, uwb_format="dwm1001-lep"))
     t_s, places = run.samples("north_m", "east_m")
     zero_s = run.meta.zero_ns / 1e9 - UNIX_US / 1e6
     np.testing.assert_allclose(t_s + zero_s, np.arange(1, 5), atol=1e-6)  # the first lies before the log
     assert places.tolist() == [[float(k), 1.0] for k in range(1, 5)]
-    moved = read_run(path, Beside(uwb=uwb, uwb_format="dwm1001-lep", uwb_offset_s=0.5))
+    moved = read_run(path, ReadOptions(uwb=uwb, uwb_format="dwm1001-lep", uwb_offset_s=0.5))
     np.testing.assert_allclose(moved.samples("north_m")[0] + zero_s, np.arange(5) + 0.5, atol=1e-6)
 
 

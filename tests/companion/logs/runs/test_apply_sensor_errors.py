@@ -5,9 +5,9 @@ import polars as pl
 import pytest
 from msgspec.structs import replace
 
-from companion.core.model.sensor_errors import heading_applied, imu_applied, place_applied
+from companion.core.model.sensor_errors import apply_heading_errors, apply_imu_errors, apply_uwb_scale
 from companion.logs.runs.apply_sensor_errors import calibrated
-from companion.logs.runs.decimate import thinned
+from companion.logs.runs.decimate import decimated
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import part
 from tests.support.vessel_fixtures import boat
@@ -33,9 +33,9 @@ def log(wrong=None):
     north, east = 10 + np.sin(t_p), 8 + np.cos(t_p)
     if wrong:
         imu, uwb = wrong.sensors.imu, wrong.sensors.uwb
-        psi = (heading_applied(imu, psi) + np.pi) % (2 * np.pi) - np.pi
-        a_x, a_y, r = imu_applied(imu, a_x, a_y, r)
-        north, east = place_applied(uwb, north, east)
+        psi = (apply_heading_errors(imu, psi) + np.pi) % (2 * np.pi) - np.pi
+        a_x, a_y, r = apply_imu_errors(imu, a_x, a_y, r)
+        north, east = apply_uwb_scale(uwb, north, east)
         t_p = t_p + uwb.clock_drift_s_s * (t_p - t_p[0] - uwb.latency_s)
     one = pl.DataFrame({"t_s": t, "psi_rad": psi, "r_rad_s": r, "ax_m_s2": a_x, "ay_m_s2": a_y})
     two = pl.DataFrame({"t_s": t_p, "north_m": north, "east_m": east})
@@ -76,7 +76,7 @@ def test_a_part_of_a_log_is_freed_of_the_drift_since_the_log_began():
     known = vessel(clock_drift_s_s=0.017)
     drifting, (t_good, good) = log(known), log().samples("north_m", "east_m")
     for piece in (part(drifting, 20.0, 28.0), part(part(drifting, 10.0, 29.0), 20.0, 28.0),
-                  thinned(part(drifting, 20.0, 28.0)).run):  # fmt: skip
+                  decimated(part(drifting, 20.0, 28.0)).run):  # fmt: skip
         t, places = calibrated(piece, known).samples("north_m", "east_m")
         mine = slice(start := np.searchsorted(t_good, t[0] - 0.1), start + len(t))
         assert t == pytest.approx(t_good[mine], abs=2e-3)

@@ -7,7 +7,7 @@ import polars as pl
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.logs.runs.decimate import thinned
+from companion.logs.runs.decimate import decimated
 from companion.logs.runs.run import Run, RunMeta
 
 
@@ -41,7 +41,7 @@ def log(rate_hz: float, seconds: float, seed: int, hole: tuple[float, float] | N
 @given(rate=st.sampled_from((20.0, 30.0, 40.0, 50.0)), seed=st.integers(0, 1000))
 def test_means_carry_no_delay_and_nothing_else_is_lost(rate, seed):
     run = log(rate, 12.0, seed)
-    fewer, width_s, at, around = thinned(run)
+    fewer, width_s, at, around = decimated(run)
     assert abs(width_s - 0.1) < 0.035
     assert np.array_equal(at, fewer.samples("ax_m_s2")[0]) and np.abs(around.sum(axis=1)).max() < 1e-9
     samples = (at[:, None] + around).ravel()
@@ -60,12 +60,12 @@ def test_means_carry_no_delay_and_nothing_else_is_lost(rate, seed):
 
 def test_no_mean_reaches_across_a_hole():
     run = log(30.0, 12.0, 1, hole=(4.0, 7.5))
-    t, a = thinned(run).run.samples("ax_m_s2")
+    t, a = decimated(run).run.samples("ax_m_s2")
     assert not ((t > 4.01) & (t < 7.49)).any()
     assert np.abs(a - 2.0 * t).max() < 1e-9
 
 
 def test_a_slow_log_stays_as_it_is():
     run = log(10.0, 12.0, 1)
-    as_it_is = thinned(run)
+    as_it_is = decimated(run)
     assert as_it_is.run is run and as_it_is.width_s == 0.0

@@ -11,8 +11,8 @@ from companion.logs.runs.splits import HISTORY_S, alternate, block_intervals, pa
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustHistory
-from sim.fitting.engine.windows import cut
-from sim.fitting.taylor.pipeline import held, paper_samples, smoother_samples
+from sim.fitting.engine.windows import cut_windows
+from sim.fitting.taylor.pipeline import held_commands, paper_samples, smoother_samples
 from sim.world.teleop_log import teleop_run
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.support.vessel_fixtures import boat
@@ -44,7 +44,7 @@ def test_a_part_holds_what_was_measured_inside_and_nothing_else(low, length):
 def test_commands_and_voltage_are_as_in_the_whole_run(low, length):
     found = part(CLEAN, low, low + length)
     at = np.linspace(max(low - HISTORY_S, 0.0), min(low + length, 59.9), 200)
-    for mine, whole in zip(held(found, at), held(CLEAN, at), strict=True):
+    for mine, whole in zip(held_commands(found, at), held_commands(CLEAN, at), strict=True):
         assert np.array_equal(mine, whole)
 
 
@@ -87,7 +87,7 @@ def test_smoothing_of_a_part_begins_with_its_measurements(run):
 
 def test_the_fit_sees_thrusters_as_in_the_whole_run_and_loses_no_sample(run):
     block = part(run, 20.0, 40.0)
-    windows = cut([block], VESSEL, 2.0)
+    windows = cut_windows([block], VESSEL, 2.0)
     assert windows.t_s[0, 0] == pytest.approx(20.0, abs=0.04)
     at = windows.t_s[:, 0]
     whole, ours = (
@@ -98,7 +98,7 @@ def test_the_fit_sees_thrusters_as_in_the_whole_run_and_loses_no_sample(run):
     )
     assert np.abs(ours - whole).max() < 0.05, "N; the voltage's sag is estimated from each run by itself"
     bare = part(run, 20.0, 40.0, history_s=0.0)
-    assert cut([bare], VESSEL, 2.0).t_s[0, 0] > 20.9, "without history the first second is lost"
+    assert cut_windows([bare], VESSEL, 2.0).t_s[0, 0] > 20.9, "without history the first second is lost"
 
 
 def test_a_part_after_a_pause_knows_the_command_in_force():
@@ -106,7 +106,7 @@ def test_a_part_after_a_pause_knows_the_command_in_force():
     paused = Run(CLEAN.table.filter((t_s < 10.0) | (t_s > 20.0)), CLEAN.meta)
     found = part(paused, 20.0, 30.0)
     assert found.table["t_s"][0] < 10.0
-    assert np.array_equal(held(found, np.array([19.0]))[0], held(paused, np.array([19.0]))[0])
+    assert np.array_equal(held_commands(found, np.array([19.0]))[0], held_commands(paused, np.array([19.0]))[0])
 
 
 @pytest.mark.parametrize(

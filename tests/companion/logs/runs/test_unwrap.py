@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import integrated, unwrapped
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
-from sim.fitting.engine.windows import PSI, cut
+from sim.fitting.engine.windows import PSI, cut_windows
 from sim.world.teleop_log import teleop_run
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.support.vessel_fixtures import boat
@@ -57,7 +57,7 @@ def test_without_a_dropout_it_is_the_short_way_round_whatever_the_gyro_says():
 def test_the_fit_and_the_smoother_see_all_the_turns():
     """Ten radians within the dropout: 30 in a minute."""
     run = turning(teleop_run(VESSEL, 6, 60.0), 0.5, 20.0, 40.0, "psi_rad")
-    seen = cut([run], VESSEL, 2.0).y[..., PSI]
+    seen = cut_windows([run], VESSEL, 2.0).y[..., PSI]
     first, *_, last = seen[np.isfinite(seen)]
     assert last - first == pytest.approx(0.5 * 59.0, abs=0.1)
     psi = smooth(run, SmootherNoise.of(VESSEL)).eta[:, 2]

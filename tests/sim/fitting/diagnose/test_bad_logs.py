@@ -15,16 +15,16 @@ from companion.logs.runs.run import Run
 from companion.logs.runs.splits import part, parts
 from sim.fitting.diagnose import job
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Sight
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, TagKinematics
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
-from sim.fitting.diagnose.posterior.state import State
+from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.preparation import subsampling
-from sim.fitting.diagnose.preparation.gaps import unbroken
-from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, refuse_mistaken
+from sim.fitting.diagnose.preparation.gaps import split_at_pauses
+from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, reject_swapped_columns
 from sim.fitting.diagnose.selection.held_out import MODELS, ModelUnderTest, score
 from sim.fitting.engine.split import JobError
 from tests.evidence.diagnose import survive
@@ -73,7 +73,7 @@ def test_an_hours_log_takes_ten_minutes_at_most():
 @pytest.mark.parametrize("spins", [False, True])
 @pytest.mark.parametrize("name", ["aritra", "twin"])
 def test_good_columns_are_not_taken_for_others(uwb_hz, spins, name):
-    refuse_mistaken(good(uwb_hz, spins, name))
+    reject_swapped_columns(good(uwb_hz, spins, name))
 
 
 @pytest.mark.parametrize("slip", SLIPS)
@@ -86,7 +86,7 @@ def test_every_slip_is_told_by_its_columns(slip):
         new[one] = m[0, 0] * pl.col(one) + m[0, 1] * pl.col(other)
         new[other] = m[1, 0] * pl.col(one) + m[1, 1] * pl.col(other)
     with pytest.raises(JobError) as refused:
-        refuse_mistaken(Run(run.table.with_columns(**new), run.meta))
+        reject_swapped_columns(Run(run.table.with_columns(**new), run.meta))
     assert slip.partition(":")[0] in str(refused.value) and run.meta.source in str(refused.value)
 
 
@@ -100,7 +100,7 @@ def test_large_faults_of_sensors_are_not_taken_for_slips():
     )
     table = table.join(late, on="t_s", how="full", coalesce=True).sort("t_s")
     held = [c for c in table.columns if c.startswith(("pwm_", "battery_v"))]
-    refuse_mistaken(Run(table.with_columns(pl.col(held).forward_fill()), run.meta))
+    reject_swapped_columns(Run(table.with_columns(pl.col(held).forward_fill()), run.meta))
 
 
 @settings(max_examples=20, deadline=None)
@@ -108,7 +108,7 @@ def test_large_faults_of_sensors_are_not_taken_for_slips():
 def test_a_pause_parts_a_log_and_no_measurement_is_lost(begin, length):
     run = good()
     paused = Run(survive.without_rows(begin, begin + length)(run.table), run.meta)
-    pieces = unbroken(paused)
+    pieces = split_at_pauses(paused)
     assert len(pieces) == 2
     for column in ("psi_rad", "north_m"):
         together = np.concatenate([piece.samples(column)[1] for piece in pieces])
@@ -118,16 +118,16 @@ def test_a_pause_parts_a_log_and_no_measurement_is_lost(begin, length):
 
 def test_a_log_without_pause_stays_as_it_is():
     run = good()
-    assert unbroken(run) == [run]
+    assert split_at_pauses(run) == [run]
     inside = part(run, 40.0, 80.0)  # with the commands of two seconds before, of which only changes are rows
-    assert unbroken(inside) == [inside]
+    assert split_at_pauses(inside) == [inside]
 
 
 def test_nothing_but_pauses_is_refused():
     run = good()
     rows = [run.table.filter(pl.col("t_s").is_between(a, a + 6.0)) for a in (0.0, 10.0, 20.0)]
     with pytest.raises(JobError, match="pauses 2 times, first at 6"):
-        unbroken(Run(pl.concat(rows), run.meta))
+        split_at_pauses(Run(pl.concat(rows), run.meta))
 
 
 def again(run: Run, moved_s: float = 0.0, zero_s: int = 0) -> Run:
@@ -245,7 +245,7 @@ def test_a_clock_drifts_from_the_first_position_of_its_log_in_findings_and_files
     assert moved_m == pytest.approx(speed_m_s * moved_s, abs=1e-6)
 
 
-def sight_of(readings: Readings, state: State) -> Sight:
+def sight_of(readings: Readings, state: WindowTrajectories) -> TagKinematics:
     """What hooks see of the tag."""
     seen = []
     look = Effect(

@@ -13,17 +13,17 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile, Wash
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.posterior.converged_rollout import settled
+from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.posterior.parameter_values import Theta
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.posterior.state import State
+from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.vessel_edits.extend import extended
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import cause_of
-from sim.fitting.engine.initial_guess import first_nodes
-from sim.fitting.engine.jacobian_rows import Pushes, sensitivities
+from sim.fitting.engine.initial_guess import initial_nodes
+from sim.fitting.engine.jacobian_rows import AccelerationPartials, sensitivities
 from sim.fitting.engine.noise import STATE, L
 from sim.studies.boats.draw import in_still_air
 from sim.world.teleop_log import teleop_run
@@ -74,7 +74,7 @@ def test_thrust_that_moving_water_takes_off_is_taken_off_as_the_plant_does():
     assert (missed(RUN, WEAKENED) < 0.1 * missed(RUN, PLAIN)).all()
 
 
-def along_itself(fit: PosteriorFit, theta: Theta) -> State:
+def along_itself(fit: PosteriorFit, theta: ParameterValues) -> WindowTrajectories:
     """The motion once what goes by it is along itself."""
     state = None
     for _ in range(4):
@@ -95,7 +95,7 @@ def test_columns_know_what_the_file_takes_off(name):
     effect = next(e for e in fit.effects if e.id == name)
     state = fit.physics.move(fit.effects, {}, fit.z0, None)
     columns = fit.physics.accelerations(fit.effects, {}, state, [effect])
-    S = sensitivities(state.A, Pushes.of(columns.nodes, columns.bump), fit.physics.windows.h_s)
+    S = sensitivities(state.A, AccelerationPartials.of(columns.nodes, columns.bump), fit.physics.windows.h_s)
     for j, parameter in enumerate(effect.parameters):
         step = parameter.step * np.eye(len(effect.parameters))[j]
         ahead, behind = (fit.physics.move(fit.effects, {name: s * step}, fit.z0, None) for s in (1, -1))
@@ -109,7 +109,7 @@ def test_an_open_loop_settles_where_the_file_weakens_thrust(theta):
     """Forces are those along the motion itself."""
     fit, theta = weakened_in_a_current(), {name: np.array(values) for name, values in theta.items()}
     physics = EffectPhysics([RUN], fit.physics.vessel, 12.0)
-    state = settled(physics, fit.effects, theta, first_nodes(physics.windows, physics.parameters))
+    state = converged_rollout(physics, fit.effects, theta, initial_nodes(physics.windows, physics.parameters))
     more, _ = physics.extra(fit.effects, theta, physics.scene(state), state.forces.f)
     np.testing.assert_allclose(state.tau, physics.drive(state.forces.f) + more, atol=0.05)
 

@@ -24,8 +24,8 @@ from sim.fitting.diagnose.report.findings import OUTPUTS, Adequacy, Check, Findi
 from sim.fitting.diagnose.report.page import report
 from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.report.verdict import HARMFUL
-from sim.fitting.diagnose.selection.distinguishability import ToldApart
-from sim.fitting.diagnose.selection.identifiability import Apart
+from sim.fitting.diagnose.selection.distinguishability import Distinguishability
+from sim.fitting.diagnose.selection.identifiability import PairwiseEvidence
 from sim.world.teleop_log import teleop_run
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.support.vessel_fixtures import BOATS, boat
@@ -112,8 +112,8 @@ def test_what_is_left_over_and_what_cannot_be_told_apart_is_on_the_page(weak):
     found = weak[2]
     checks = (Check(name="autocorrelation of heading", value=0.4, limit=0.1, passed=False),)
     doubt = Adequacy(passed=False, checks=checks, depends_on=("speed", "thruster:rear_port"))
-    seen = Apart(("lag", "dead_time"), np.array([[np.nan, 3.0], [49.0, np.nan]]), np.array([40.0, 70.0]))
-    apart = ToldApart(seen, Identifiability(manoeuvre="60 s of spins both ways would."))
+    seen = PairwiseEvidence(("lag", "dead_time"), np.array([[np.nan, 3.0], [49.0, np.nan]]), np.array([40.0, 70.0]))
+    apart = Distinguishability(seen, Identifiability(manoeuvre="60 s of spins both ways would."))
     page = report(dataclasses.replace(found, verdict="partial", adequacy=doubt, identifiability=apart))
     for words in (
         "one cause is named, but something is left over",

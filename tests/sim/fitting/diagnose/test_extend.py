@@ -10,11 +10,11 @@ from msgspec.structs import replace
 
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.sensor_errors import imu_applied, imu_corrected
-from companion.core.model.thrust_losses import weakened
+from companion.core.model.sensor_errors import apply_imu_errors, correct_imu
+from companion.core.model.thrust_losses import apply_thrust_losses
 from sim.fitting.diagnose.catalogue import catalogue
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene
-from sim.fitting.diagnose.posterior.converged_rollout import settled
+from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
@@ -101,7 +101,7 @@ def test_wash_blows_where_the_thruster_ahead_pushes_its_water_whichever_way_it_i
     told = point(effect, np.array([0.3]), PLACE)
     washed = extended(vessel, NamedCause(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
     for f in ([20.0, 0, 20, 0], [-20.0, 0, 20, 0], [0, 20.0, 0, 20], [0, -20.0, 0, 20]):
-        expected = np.array(weakened(washed, np.zeros(3), np.array(f, dtype=float))).ravel()
+        expected = np.array(apply_thrust_losses(washed, np.zeros(3), np.array(f, dtype=float))).ravel()
         found = effect.hooks["thrust"]({"loss": 0.3}, None, np.array([[f]], dtype=float))[0, 0]
         np.testing.assert_allclose(found, expected, atol=0.01)
 
@@ -115,7 +115,7 @@ def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():
     states = true_nodes(physics.windows, run)
     z = np.zeros((len(states), L))
     z[:, STATE] = states
-    there = settled(physics, [one.effect], {one.effect.id: np.array([4.0, 0.0, 0.0, 0.0])}, z)
+    there = converged_rollout(physics, [one.effect], {one.effect.id: np.array([4.0, 0.0, 0.0, 0.0])}, z)
     off_m = np.linalg.norm(there.x[:-1, -1, :2] - states[1:, :2], axis=1)
     assert len(off_m) and off_m.max() < 0.05
 
@@ -208,7 +208,7 @@ def test_a_bias_beside_a_turned_imu_is_what_the_engine_has(m_rad):
     for one in sorted((bias, turn), key=lambda c: list(EFFECTS).index(c.effect.id)):
         y = one.effect.hooks["imu"](one.own, None, y)
     there = with_causes(base, [bias, turn])[0].sensors.imu
-    assert imu_corrected(imu, *imu_applied(there, 0.7, -0.4, 0.1))[:2] == pytest.approx(y[0, 0, 2:], abs=1e-12)
+    assert correct_imu(imu, *apply_imu_errors(there, 0.7, -0.4, 0.1))[:2] == pytest.approx(y[0, 0, 2:], abs=1e-12)
 
 
 def test_a_second_tether_pulls_as_the_engine_has_both():

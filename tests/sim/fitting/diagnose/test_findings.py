@@ -11,10 +11,10 @@ from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.catalogue.user import user_effects
 from sim.fitting.diagnose.report import verdict
 from sim.fitting.diagnose.report.findings import Adequacy, verdict_of
-from sim.fitting.diagnose.selection.adequacy import Judgement
+from sim.fitting.diagnose.selection.adequacy import AdequacyJudgement
 from sim.fitting.diagnose.selection.candidate_score import Candidate
-from sim.fitting.diagnose.selection.masking import SILENCE, Echoes
-from sim.fitting.diagnose.selection.search import Cause, SearchResult
+from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
+from sim.fitting.diagnose.selection.search import AcceptedCause, SearchResult
 from tests.support.vessel_fixtures import boat
 
 GOOD, BAD = Adequacy(passed=True), Adequacy(passed=False, depends_on=("heading",))
@@ -47,8 +47,8 @@ def test_the_verdict(names, rivals, adequacy, wanted):
     assert verdict_of(names, rivals, {"accel_bias": ("tilt",)}, adequacy) == wanted
 
 
-def cause(name: str, fitted: str, contains: str = "") -> Cause:
-    return Cause(entry(name, contains), Candidate(fitted, 50.0, 50.0, np.ones(1), np.eye(1), 5.0, 4.0), fitted)
+def cause(name: str, fitted: str, contains: str = "") -> AcceptedCause:
+    return AcceptedCause(entry(name, contains), Candidate(fitted, 50.0, 50.0, np.ones(1), np.eye(1), 5.0, 4.0), fitted)
 
 
 def entry(name: str, contains: str = "") -> Effect:
@@ -82,9 +82,11 @@ def test_rivals_have_the_names_of_findings_and_are_not_there_already():
 
 def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_without_their_echoes(monkeypatch):
     """A gusty wind that smooth functions make unnecessary, and a wash that was there only beside it; then a tether."""
-    judged = iter(Judgement(left, withdrawn=frozenset({id_})) for left, id_ in ((GOOD, "wind"), (BAD, "tether")))
+    judged = iter(
+        AdequacyJudgement(left, withdrawn=frozenset({id_})) for left, id_ in ((GOOD, "wind"), (BAD, "tether"))
+    )
     stay = iter([{"lag", "tether"}, {"lag"}])
-    asked: list[Echoes] = []
+    asked: list[Masking] = []
 
     def adequate(_fit, _selection, _ambient, echoes, _known):
         asked.append(echoes)
@@ -97,10 +99,10 @@ def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_w
     monkeypatch.setattr(SearchResult, "without", without)
     none: Any = None
     causes = (cause("gusty_wind", "wind"), *(cause(name, name) for name in ("wash", "lag", "tether")))
-    sound, found, withdrawn = verdict.standing(none, SearchResult(none, causes), None, adequate, False)
+    sound, found, withdrawn = verdict.withdraw_unsupported(none, SearchResult(none, causes), None, adequate, False)
     assert [c.effect.name for c in found.causes] == ["lag"] and not sound.adequacy.passed
     assert withdrawn == {"gusty_wind": verdict.UNNEEDED, "wash": verdict.FALLEN, "tether": verdict.UNNEEDED}
-    assert asked == [Echoes.of(["gusty_wind"]), SILENCE], (
+    assert asked == [Masking.of(["gusty_wind"]), NO_MASKING], (
         "and no more: a tether has no echoes, and nothing fell with it"
     )
 
@@ -130,7 +132,7 @@ def test_held_out_readings_take_causes_back(said, causes, gains, why):
     there: Any = SimpleNamespace(
         verdict=said, causes=[SimpleNamespace(fitted=id_, form_doubtful=doubt) for id_, doubt in causes]
     )
-    assert verdict.refuted(there, judged(**gains)) == why
+    assert verdict.held_out_objection(there, judged(**gains)) == why
 
 
 @pytest.mark.parametrize(

@@ -24,15 +24,15 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, load_excitation
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import TOLERANCE, Effect, EffectParameter, slices
-from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
+from sim.fitting.diagnose.catalogue.effect import TOLERANCE, Effect, EffectParameter, parameter_slices
+from sim.fitting.diagnose.posterior.evidence import Prior, ReducedNormalEquations
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.report.confusion_picture import confusion
-from sim.fitting.diagnose.selection.candidate_score import NAMED, NATS
-from sim.fitting.diagnose.selection.distinguishability import ToldApart, sentence, told_apart
-from sim.fitting.diagnose.selection.identifiability import MEDIUM, Apart, apart
+from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
+from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability, manoeuvre_sentence
+from sim.fitting.diagnose.selection.identifiability import MEDIUM, PairwiseEvidence, pairwise_evidence
 from sim.fitting.diagnose.selection.manoeuvre import NOTHING, ManoeuvrePlan, ManoeuvrePlanner, at_rates
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.excite.information import true_nodes
@@ -97,7 +97,7 @@ def written_out(fit, H: np.ndarray, a: Effect, b: Effect | None, w: np.ndarray) 
                 sigma += [p.prior for p in e.parameters] if e is there else list(e.tolerance())
             at += width
         data = (H @ w)[kept]
-        reduced = Reduced(H[np.ix_(kept, kept)], data, np.zeros(len(kept)), 0.0)
+        reduced = ReducedNormalEquations(H[np.ix_(kept, kept)], data, np.zeros(len(kept)), 0.0)
         values.append(reduced.evidence(Prior.round_nil(np.array(sigma))))
     return values[0] - values[1]
 
@@ -109,7 +109,7 @@ def test_nats_are_differences_of_evidence_at_the_worst_direction(seed):
     fit = catalogued(effect("one", 0.3), effect("two", 0.5, 0.5, vector=True), effect("far", 0.4, far=True))
     J = rng.normal(size=(9, 4)) * 3
     H = J.T @ J
-    found = apart(fit, H)
+    found = pairwise_evidence(fit, H)
     one, two, far = fit.effects
     only = np.array([MEDIUM * 0.3, 0, 0, 0])
     assert found.nothing[0] == pytest.approx(written_out(fit, H, one, None, only), abs=1e-6)
@@ -128,7 +128,7 @@ def test_causes_with_the_same_columns_are_never_told_apart(seed):
     rng = np.random.default_rng(seed)
     column, other = rng.normal(size=(2, 30)) * 20
     J = np.stack([column, column, other], axis=1)
-    found = apart(catalogued(effect("one", 0.3), effect("twin", 0.3), effect("other", 0.2)), J.T @ J)
+    found = pairwise_evidence(catalogued(effect("one", 0.3), effect("twin", 0.3), effect("other", 0.2)), J.T @ J)
     assert found.nats[0, 1] == pytest.approx(0.0, abs=1e-6) and found.nats[1, 0] == pytest.approx(0.0, abs=1e-6)
     assert found.nothing[0] < (MEDIUM / TOLERANCE) ** 2 / 2, "the twin may explain it, that far out of its band"
 
@@ -137,34 +137,40 @@ def test_what_could_have_been_named_is_not_said_to_be_hidden():
     """From 9 nats a cause is named; a pair takes 12, which a cause that gives less itself cannot reach."""
     nats = np.full((3, 3), 11.0)
     np.fill_diagonal(nats, np.nan)
-    found = Apart(("one", "two", "three"), nats, np.array([NAMED - 0.1, NAMED + 0.1, NATS + 0.1]))
+    found = PairwiseEvidence(
+        ("one", "two", "three"),
+        nats,
+        np.array([LEAST_EVIDENCE_NATS - 0.1, LEAST_EVIDENCE_NATS + 0.1, DECISIVE_NATS + 0.1]),
+    )
     assert found.hidden == ["one"]
     assert {p[0] for p in found.confused} == {"three"}
 
 
 def test_a_manoeuvre_shows_a_cause_from_where_it_would_be_named():
     ten = ((ARM, NOTHING, 3.0, 10.0), (PORT, STARBOARD, 3.0, 10.0))
-    text = sentence(ManoeuvrePlan(LIBRARY, 60.0, ten, (("wash", NOTHING, 0.0, 8.9),)))
+    text = manoeuvre_sentence(ManoeuvrePlan(LIBRARY, 60.0, ten, (("wash", NOTHING, 0.0, 8.9),)))
     assert text.startswith(f"These logs cannot show {ARM} of medium size (3 nats); 60 s of ")
     assert f"would show wash of medium size nor tell {PORT} from {STARBOARD} (at most 10 nats)" in text
 
 
 def test_one_class_is_no_pair():
     H = np.diag([1e3, 1e3, 1e3])
-    found = apart(catalogued(effect("one", 0.3, same_as=("two",)), effect("two", 0.3), effect("three", 0.3)), H)
+    found = pairwise_evidence(
+        catalogued(effect("one", 0.3, same_as=("two",)), effect("two", 0.3), effect("three", 0.3)), H
+    )
     assert np.isnan(found.nats[0, 1]) and np.isnan(found.nats[1, 0]) and np.isnan(np.diag(found.nats)).all()
     assert np.isfinite(found.nats[0, 2])
 
 
 def test_a_cause_alone_has_no_rival():
-    found = apart(catalogued(effect("one", 0.3)), np.diag([1e3]))
-    assert np.isnan(found.nats).all() and not found.pairs() and found.nothing[0] > NATS
+    found = pairwise_evidence(catalogued(effect("one", 0.3)), np.diag([1e3]))
+    assert np.isnan(found.nats).all() and not found.pairs() and found.nothing[0] > DECISIVE_NATS
 
 
 @pytest.mark.parametrize("times", [2, 4])
 def test_a_longer_log_tells_more(times):
     fit, H = judged(STRAIGHT)
-    short, long = apart(fit, H), apart(fit, times * H)
+    short, long = pairwise_evidence(fit, H), pairwise_evidence(fit, times * H)
     known = np.nan_to_num(short.nats) > 1
     assert known.sum() > 100
     assert (long.nats[known] > short.nats[known] - 2).all(), "no more than the price of knowing better"
@@ -173,21 +179,21 @@ def test_a_longer_log_tells_more(times):
 
 
 def test_straight_lines_confuse_and_hide_what_all_axes_tell():
-    straight = apart(*judged(STRAIGHT, 2))
-    rich = apart(*judged(RICH))
+    straight = pairwise_evidence(*judged(STRAIGHT, 2))
+    rich = pairwise_evidence(*judged(RICH))
     both = {frozenset(p[:2]) for p in straight.confused}
     assert frozenset((PORT, STARBOARD)) in both
     assert len(rich.confused) <= 1, "five minutes tell latency from drift, three do not"
     hidden = {"cg_shift", "cross_flow", "yaw_inertia", "gyro_scale", "uwb_lever_arm"}
     assert hidden <= set(straight.hidden) and len(straight.hidden) > 2 * len(rich.hidden)
-    below = [sum(p[2] < NATS for p in found.pairs()) for found in (straight, rich)]
+    below = [sum(p[2] < DECISIVE_NATS for p in found.pairs()) for found in (straight, rich)]
     assert below[0] > 2 * below[1]
 
 
 @cache
-def planned() -> tuple[ManoeuvrePlanner, ManoeuvrePlan, Apart]:
+def planned() -> tuple[ManoeuvrePlanner, ManoeuvrePlan, PairwiseEvidence]:
     fit, H = judged(STRAIGHT)
-    found = apart(fit, H)
+    found = pairwise_evidence(fit, H)
     planner = ManoeuvrePlanner(fit, H, frozenset(), NOISE, SITE)
     mine = [p for p in found.confused if {p[0], p[1]} == {PORT, STARBOARD}]
     lost = [(n, NOTHING, float(found.nothing[found.names.index(n)])) for n in (ARM, "accel_bias")]
@@ -198,12 +204,12 @@ def test_the_manoeuvre_is_the_one_that_helps():
     _, plan, _ = planned()
     assert plan.excitation is not None
     (a, b, before, after), (arm, nothing, _, shown) = plan.pairs
-    assert {a, b} == {PORT, STARBOARD} and before < NATS < after
-    assert (arm, nothing) == (ARM, NOTHING) and shown > NATS
+    assert {a, b} == {PORT, STARBOARD} and before < DECISIVE_NATS < after
+    assert (arm, nothing) == (ARM, NOTHING) and shown > DECISIVE_NATS
     names = {s.name for s in plan.excitation.segments}
     assert "spin both ways" in names and "surge steps" not in names, "no more of the same"
     assert [p[0] for p in plan.beyond] == ["accel_bias"], "no manoeuvre shows what each log may have of its own"
-    text = sentence(plan)
+    text = manoeuvre_sentence(plan)
     assert text.startswith(f"These logs cannot tell {a} from {b} (") and "manoeuvre.toml" in text
     assert "No manoeuvre of the library would show accel_bias of medium size" in text
 
@@ -228,11 +234,11 @@ def test_the_excite_command_takes_the_manoeuvre(tmp_path, capsys):
     planner, plan, found = planned()
     final = SimpleNamespace(reduced=SimpleNamespace(H=judged(STRAIGHT)[1]), believed=frozenset(), noise=NOISE)
     selection: Any = SimpleNamespace(final=final, causes=[], rivals={})
-    told = told_apart(planner.fit, selection)
+    told = distinguishability(planner.fit, selection)
     assert told.plan is None and told.file == "" and told.record.manoeuvre == ""
     assert {(p.a, p.b) for p in told.record.pairs} >= {(a, b) for a, b, _ in found.confused}
-    assert told.record.nothing["yaw_inertia"] < NATS < told.record.nothing["current"]
-    whole = ToldApart(told.pairwise, told.record, plan)
+    assert told.record.nothing["yaw_inertia"] < DECISIVE_NATS < told.record.nothing["current"]
+    whole = Distinguishability(told.pairwise, told.record, plan)
     (tmp_path / "manoeuvre.toml").write_text(whole.file)
     words = f"excite info {tmp_path}/manoeuvre.toml --config {EXAMPLES}/aritra.toml"
     assert main(shlex.split(words)) == 0
@@ -264,20 +270,20 @@ def test_flown_by_a_boat_that_has_the_cause_the_manoeuvre_shows_it():
     nats = []
     for runs in (logs[:1], logs):
         effects = [e for e in catalogue(VESSEL, runs) if e.everyday]
-        fit, at = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), effects, NOISE), slices(effects)[ARM]
+        fit, at = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), effects, NOISE), parameter_slices(effects)[ARM]
         point = fit.solve({}, fit.z0, effects, frozenset(), steps=3)
         posterior = fit.reduced(point, effects).posterior(fit.prior(effects, frozenset()))
         nats.append(posterior.instead(at, Prior.round_nil(np.full(2, 0.15)))[0] - posterior.absent(at))
-    assert nats[0] < NATS < nats[1]
+    assert nats[0] < DECISIVE_NATS < nats[1]
 
 
 def test_the_map_shows_what_is_confused():
     names = ("one", "two", "three")
     nats = np.array([[np.nan, 3.0, 80.0], [4.0, np.nan, 70.0], [90.0, 100.0, np.nan]])
-    figure = confusion(Apart(names, nats, np.array([30.0, 40.0, 99.0])))
+    figure = confusion(PairwiseEvidence(names, nats, np.array([30.0, 40.0, 99.0])))
     assert figure is not None
     ax = figure.axes[0]
     assert [t.get_text() for t in ax.get_yticklabels()] == ["one", "two"]
     assert [t.get_text() for t in ax.get_xticklabels()] == ["nothing", "one", "two"]
     assert [t.get_text() for t in ax.texts] == ["30", "3", "40", "4"]
-    assert confusion(Apart(names, np.where(np.isfinite(nats), 90.0, nats), np.full(3, 99.0))) is None
+    assert confusion(PairwiseEvidence(names, np.where(np.isfinite(nats), 90.0, nats), np.full(3, 99.0))) is None

@@ -6,20 +6,20 @@ from matplotlib.quiver import Quiver
 
 from sim.fitting.diagnose.report import pictures
 from sim.fitting.diagnose.report.sentences import gain_sentence, size_text
-from sim.fitting.diagnose.selection.held_out import MODELS, Error, HeldOutScore
-from sim.fitting.diagnose.selection.residual_forces import Residue
+from sim.fitting.diagnose.selection.held_out import MODELS, HeldOutScore, OpenLoopError
+from sim.fitting.diagnose.selection.residual_forces import ResidualForces
 
 
-def _residue(n: int = 200, seed: int = 3) -> Residue:
+def _residue(n: int = 200, seed: int = 3) -> ResidualForces:
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(n, 6))
     t = np.arange(float(n))
-    return Residue(t, t, np.zeros(n), x, rng.normal(size=(n, 3)), np.ones((n, 3)), rng.normal(size=(n, 3)))
+    return ResidualForces(t, t, np.zeros(n), x, rng.normal(size=(n, 3)), np.ones((n, 3)), rng.normal(size=(n, 3)))
 
 
-def _error(gain_ci95: tuple[float, float], after: float) -> Error:
+def _error(gain_ci95: tuple[float, float], after: float) -> OpenLoopError:
     rms = {"base": 1.2, "refit": 1.0, "extended": after}
-    return Error(10, "position", "m", rms, dict.fromkeys(MODELS, (0.9, 1.3)), 1 - after, gain_ci95, 40)
+    return OpenLoopError(10, "position", "m", rms, dict.fromkeys(MODELS, (0.9, 1.3)), 1 - after, gain_ci95, 40)
 
 
 def test_channels_without_data_have_no_picture():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.fitting.diagnose.report.pictures import means_by_bin
-from sim.fitting.diagnose.selection.residual_forces import LAGS, correlation
+from sim.fitting.diagnose.selection.residual_forces import LAGS, autocorrelation
 from sim.fitting.engine.block_tridiagonal import Chain
 
 
@@ -61,7 +61,7 @@ def test_correlation_finds_what_hangs_together_and_stands_outliers():
     channels = np.stack([slow, white, gaps, np.full(4000, np.nan)], axis=-1).reshape(40, 100, 4)
     wild = rng.normal(size=(300, 2))
     wild[100] = 1e6
-    found = correlation(Residuals(channels, wild))  # type: ignore[arg-type]  # stands for a point
+    found = autocorrelation(Residuals(channels, wild))  # type: ignore[arg-type]  # stands for a point
     assert found["heading"][:3] == pytest.approx([0.8, 0.64, 0.512], abs=0.06)
     for name in ("yaw rate", "a_x", "north", "east"):
         assert np.abs(found[name]).max() < 0.25

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
-from companion.logs.runs.splits import HISTORY_S, part, recorded
+from companion.logs.runs.splits import HISTORY_S, part, recording_intervals
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.preparation.gaps import PIECE_S as SHORTEST_S
 from sim.fitting.diagnose.preparation.gaps import without_pauses
-from sim.fitting.diagnose.preparation.subsampling import LONGEST_S, PIECE_S, spread
-from sim.fitting.engine.split import JobError, NamedLog, Split, Used, split
-from sim.fitting.engine.windows import cut
+from sim.fitting.diagnose.preparation.subsampling import LONGEST_S, PIECE_S, subsample
+from sim.fitting.engine.split import JobError, LogUse, NamedLog, Split, split
+from sim.fitting.engine.windows import cut_windows
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.support.vessel_fixtures import boat
 
@@ -24,7 +24,7 @@ from tests.support.vessel_fixtures import boat
 def found(*lengths_s: float) -> Split:
     """Logs of which all is fitted."""
     logs = [NamedLog(f"log {i}", clean_run(seconds, i)) for i, seconds in enumerate(lengths_s)]
-    used = tuple(Used(log, ((0.0, seconds),), ()) for log, seconds in zip(logs, lengths_s, strict=True))
+    used = tuple(LogUse(log, ((0.0, seconds),), ()) for log, seconds in zip(logs, lengths_s, strict=True))
     return Split(tuple(log.run for log in logs), (), used, "all")
 
 
@@ -34,14 +34,14 @@ def lasting(some: Split) -> float:
 
 def test_what_is_short_is_fitted_whole():
     short = found(400.0, 500.0)
-    assert spread(short) is short
+    assert subsample(short) is short
 
 
 @settings(max_examples=8, deadline=None)
 @given(st.lists(st.integers(60, 1800), min_size=1, max_size=3).filter(lambda some: sum(some) > LONGEST_S))
 def test_of_long_logs_so_much_is_fitted_and_from_everywhere(lengths_s):
     """Seconds of the pieces; none overlap; no two neighbours that are left out lie further apart than the share."""
-    some = spread(found(*map(float, lengths_s)))
+    some = subsample(found(*map(float, lengths_s)))
     assert lasting(some) == pytest.approx(LONGEST_S, abs=1.5 * PIECE_S)
     assert len(some.fitted) == sum(len(used.fitted_s) for used in some.used)
     gap_s = PIECE_S * (sum(lengths_s) / LONGEST_S + 2)
@@ -56,7 +56,7 @@ def test_of_long_logs_so_much_is_fitted_and_from_everywhere(lengths_s):
 
 
 def test_the_rule_says_what_was_left_out():
-    assert "of 40 minutes to fit, pieces of 50 s" in spread(found(2400.0)).rule
+    assert "of 40 minutes to fit, pieces of 50 s" in subsample(found(2400.0)).rule
 
 
 VESSEL = boat("aritra")
@@ -89,12 +89,12 @@ def blank(run: Run, begin_s: float, end_s: float, *columns: str) -> Run:
 def whole(run: Run, block_s: float | None = None, held_out: Run | None = None) -> Split:
     """As `diagnose` divides logs."""
     others = [NamedLog("other", held_out)] if held_out is not None else []
-    return spread(without_pauses(split([NamedLog("log", run)], others, VESSEL, block_s)))
+    return subsample(without_pauses(split([NamedLog("log", run)], others, VESSEL, block_s)))
 
 
 def unbroken(runs) -> bool:
     """Whether what is measured in any run lies within a second of the next, and the fit takes them all."""
-    cut(list(runs), VESSEL, 1.0)
+    cut_windows(list(runs), VESSEL, 1.0)
     return all(np.diff(run.measured_s()).max() <= 1.0 for run in runs)
 
 
@@ -142,7 +142,7 @@ def test_of_a_long_log_in_which_little_can_be_used_all_of_that_is_fitted(known_s
 def test_blocks_are_laid_between_pauses(begin, length):
     found = whole(with_gaps(thin(330.0), (begin, begin + length)), block_s=25.0)
     used = found.used[0]
-    spans = recorded(used.log.run)
+    spans = recording_intervals(used.log.run)
     for low, high in (*used.fitted_s, *used.held_out_s):
         assert any(a <= low and high <= b for a, b in spans) and high - low >= SHORTEST_S
     assert unbroken(found.fitted)

@@ -10,13 +10,13 @@ from msgspec.structs import replace
 from companion.core.model.integrate import FORCES
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
-from sim.fitting.engine.initial_guess import local_lines
+from sim.fitting.engine.initial_guess import local_line_fits
 from sim.fitting.engine.noise import STATE, L, noise_of, whiten
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
 from sim.fitting.engine.units import unit_of
-from sim.fitting.engine.windows import StructuredFitError, cut
+from sim.fitting.engine.windows import StructuredFitError, cut_windows
 from sim.fitting.identify.structured_fit import FitSettings, StructuredFit
 from sim.studies.boats.draw import draw_boat
 from sim.world.environment import Environment, Weather
@@ -200,14 +200,14 @@ def test_a_run_without_positions_is_refused_by_name() -> None:
         run.table.with_columns(north_m=None, east_m=None).cast({"north_m": float, "east_m": float}), run.meta
     )
     with pytest.raises(StructuredFitError, match="teleop_run seed 1: the fit needs psi_rad and north_m, east_m"):
-        cut([blind], boat("aritra"), 2.0)
+        cut_windows([blind], boat("aritra"), 2.0)
     with pytest.raises(StructuredFitError, match="too short"):
-        cut([teleop_run(boat("aritra"), 1, 4.0)], boat("aritra"), 2.0)
+        cut_windows([teleop_run(boat("aritra"), 1, 4.0)], boat("aritra"), 2.0)
 
 
 def test_windows_hold_each_sample_once() -> None:
     run = teleop_run(boat("aritra"), 2, 30.0)
-    windows = cut([run, run], boat("aritra"), 2.0)
+    windows = cut_windows([run, run], boat("aritra"), 2.0)
     t, _ = run.samples("psi_rad")
     assert windows.samples() == 2 * int((t[:-1] >= t[0] + 1.0).sum())
     assert windows.first.sum() == 2
@@ -227,7 +227,7 @@ def test_first_guesses_are_weighted_lines_through_near_fixes(seed: int, count: i
     rng = np.random.default_rng(seed)
     t, at = np.cumsum(rng.uniform(0.05, 1.5, count)), rng.uniform(-2, 1.2 * count, 6)
     place, track = rng.normal(size=(count, 2)), np.empty((6, 2, 2))
-    local_lines(t, place, at, reach, track)
+    local_line_fits(t, place, at, reach, track)
     for t0, found in zip(at, track, strict=True):
         far = max(reach, np.sort(np.abs(t - t0))[3] * 1.01)
         near = np.abs(t - t0) < far

@@ -8,8 +8,8 @@ import pytest
 
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Idle
-from sim.fitting.excite.design import advise, candidates, choose, design, floor, worth
-from sim.fitting.excite.information import Knowledge, of_interest, planned_information, recorded_knowledge
+from sim.fitting.excite.design import advise, candidates, choose, design, least_share, worth_per_s
+from sim.fitting.excite.information import Knowledge, indices_of_interest, planned_information, recorded_knowledge
 from sim.fitting.excite.nominal import fly_nominal
 from sim.fitting.identify.result import fit_structured
 from sim.fitting.identify.structured_fit import StructuredFit
@@ -50,7 +50,7 @@ def test_a_manoeuvre_shows_what_it_moves_and_nothing_else():
     surge, spin, idle = (after(n).share for n in ("surge steps", "spin both ways", "idle"))
     assert surge[index("X_uu_N_s2_m2")] < 0.1 and surge[index("Y_vv_N_s2_m2")] > 0.95
     assert spin[index("N_rr_N_m_s2")] < 0.1 and spin[index("X_uu_N_s2_m2")] > 0.95
-    assert idle[of_interest(VESSEL)] == pytest.approx(1.0, abs=0.02)
+    assert idle[indices_of_interest(VESSEL)] == pytest.approx(1.0, abs=0.02)
     assert after("opposed thrusters").share[index("gain_rear_port")] < 0.7 < after("surge steps").share[index("M22_kg")]
 
 
@@ -76,7 +76,7 @@ def test_information_adds_up_over_runs():
         z[span, STATE] = np.column_stack([np.interp(fit.windows.t_s[span, 0], t, c) for c in truth.T])
     together = fit.assemble(fit.point(fit.parameters.prior[0], z), fit.noise)[0].solve()[2]
     summed = prior().precision + sum(planned_information(run, VESSEL) for run in runs)
-    of = of_interest(VESSEL)
+    of = indices_of_interest(VESSEL)
     ratio = np.sqrt(np.diag(np.linalg.inv(together))[of] / np.diag(np.linalg.inv(summed))[of])
     assert ratio == pytest.approx(1.0, abs=0.1)
 
@@ -87,7 +87,7 @@ def test_what_is_expected_of_a_log_is_what_the_fit_finds():
     vessel = in_still_air(VESSEL)
     run = teleop_run(vessel, 3, 150.0, imu_hz=50.0)
     fitted, expected = fit_structured([run], vessel), prior().with_information(planned_information(run, vessel))
-    of = of_interest(VESSEL)
+    of = indices_of_interest(VESSEL)
     ratio = np.array([p.se for p in fitted.parameters])[of] / expected.se[of]
     print(dict(zip(np.array(expected.parameters.names)[of], ratio.round(2), strict=True)))
     assert (ratio > 1 / 1.5).all() and (ratio < 1.5).all()
@@ -135,18 +135,18 @@ def test_a_plan_keeps_to_its_time_and_to_the_fence_and_beats_its_first_segment_f
     assert "idle" not in [s.name for s in plan.segments]
     told = known.with_information(planned_information(flown.run, VESSEL))
     same = known.with_information(3 * found()["surge steps"].information)
-    of = of_interest(VESSEL)
+    of = indices_of_interest(VESSEL)
     assert np.linalg.slogdet(told.covariance[np.ix_(of, of)])[1] < np.linalg.slogdet(same.covariance[np.ix_(of, of)])[1]
     assert not told.undetermined[of].any()
 
 
 def test_greedy_takes_the_worthiest_first_and_worth_falls_as_more_is_known():
     known, every = prior(), tuple(found().values())
-    least = floor(known, every)
+    least = least_share(known, every)
     first = choose(known, every, 40.0)[0]
-    values = {c.segment.name: worth(known, c, least, "d") for c in every if c.duration_s <= 56.0}
+    values = {c.segment.name: worth_per_s(known, c, least, "d") for c in every if c.duration_s <= 56.0}
     assert first.segment.name == max(values, key=lambda name: values[name])
-    assert worth(known.with_information(first.information), first, least, "d") < values[first.segment.name] / 3
+    assert worth_per_s(known.with_information(first.information), first, least, "d") < values[first.segment.name] / 3
 
 
 def test_what_a_boat_cannot_fly_is_left_out_and_nothing_at_all_is_an_error():

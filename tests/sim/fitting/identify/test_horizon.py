@@ -12,7 +12,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.parameters import Parameters, file_values
-from sim.fitting.identify.horizon import HorizonFit, held_fixed
+from sim.fitting.identify.horizon import HorizonFit, with_tag_fixed
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
@@ -108,7 +108,7 @@ def test_the_identified_file_predicts_another_log_of_the_day(result: FitResult) 
 
 
 def test_scores_are_the_derivative_of_the_cost(run: Run) -> None:
-    parameters = held_fixed(Parameters(FILE))
+    parameters = with_tag_fixed(Parameters(FILE))
     fit = HorizonFit([Run(run.table[:1200], run.meta)], FILE, parameters)
     mean, spread = parameters.prior
     w = mean + 0.1 * spread * np.sin(np.arange(len(mean)))

@@ -6,15 +6,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from companion.logs.readers.read_run import Beside, read_run
+from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import LogProblem, Run, RunMeta
 from sim.fitting.engine.parameters import WARP, Parameters
 from sim.fitting.engine.split import JobError, NamedLog, split
-from sim.fitting.identify.result import Channel, Estimate, FitResult
+from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel
 from sim.fitting.identify.verdict import MANOEUVRES, NAMES, NEEDED, advice, relative_error, verdict
-from sim.fitting.validate.models import VelocityStays, VelocityZero
+from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
 from sim.fitting.validate.protocol import CHANNELS
-from sim.fitting.validate.scores import Box, Score
+from sim.fitting.validate.scores import Score, SpeedBox
 from sim.fitting.validate.stability import Stability
 from sim.fitting.validate.study import Validation
 from sim.fitting.validate.windows import HeldOutWindows
@@ -100,7 +100,7 @@ def test_blocks_that_do_not_fit_are_refused(run, block_s, words):
 
 def test_a_log_of_ours_has_the_vessel_files_thrusters(tmp_path):
     """15 s of the stepped world: read, and refused for its length alone."""
-    run = read_run(record(tmp_path / "run.mcap", simulated()), Beside(VESSEL))
+    run = read_run(record(tmp_path / "run.mcap", simulated()), ReadOptions(VESSEL))
     with pytest.raises(JobError, match=r"run\.mcap: 1\d\.\d s; 50 s are the least"):
         split([NamedLog("run.mcap", run)], [], VESSEL)
 
@@ -121,11 +121,11 @@ def score(name: str, error: float, channels=CHANNELS) -> Score:
 
 def validation(**errors: float) -> Validation:
     scores = [score(NAMES[k], e) for k, e in errors.items()]
-    scores += [score(VelocityStays().name, 1.0), score(VelocityZero().name, 2.0)]
+    scores += [score(ConstantVelocity().name, 1.0), score(ZeroVelocity().name, 2.0)]
     stable = tuple(Stability(s.name, 0.0, 0.0, 1.0, 100) for s in scores)
     nothing = np.zeros((9, 301, 6))
     windows = HeldOutWindows(nothing[:, 0], nothing, None, np.zeros(9))  # type: ignore[arg-type]  # commands: not looked at
-    return Validation("x", (), (), windows, Box(np.zeros(3), np.ones(3)), tuple(scores), stable, ())
+    return Validation("x", (), (), windows, SpeedBox(np.zeros(3), np.ones(3)), tuple(scores), stable, ())
 
 
 def fit(undetermined=(), *, converged=True, white=True) -> FitResult:
@@ -136,7 +136,7 @@ def fit(undetermined=(), *, converged=True, white=True) -> FitResult:
     )  # fmt: skip
     return FitResult(
         parameters=estimates, covariance=(), directions=(), latent=(0, 0, 0), latent_share=(0, 0, 0), window_s=2.0,
-        channels=(Channel(name="psi", count=100, sigma=1.0, rms=1.0, lag1=0.0 if white else 0.5),), white=white,
+        channels=(ResidualChannel(name="psi", count=100, sigma=1.0, rms=1.0, lag1=0.0 if white else 0.5),), white=white,
         samples=100, fixes=10, iterations=5, converged=converged, seconds=1.0, data_hashes=("a",), vessel="x",
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import JobError
 from sim.fitting.validate.ghost import GhostModel, overlay
-from sim.fitting.validate.models import VelocityStays, VesselSimulator
+from sim.fitting.validate.models import ConstantVelocity, VesselSimulator
 from sim.fitting.validate.protocol import CHANNELS
 from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
@@ -30,7 +30,7 @@ def without_truth(run: Run) -> Run:
 
 def test_the_true_model_stays_with_the_boat_and_another_does_not(run):
     heavy = replace(VESSEL, inertia=replace(VESSEL.inertia, mass_kg=1.5 * VESSEL.inertia.mass_kg))
-    found = overlay(run, VESSEL, [TRUE, VesselSimulator("heavy", heavy), VelocityStays()], every_s=5.0)
+    found = overlay(run, VESSEL, [TRUE, VesselSimulator("heavy", heavy), ConstantVelocity()], every_s=5.0)
     true, heavy_one, still = (ghost.rms(5.0) for ghost in found.ghosts)
     assert true["position"] < 0.02
     assert true["heading"] < 0.05
@@ -50,7 +50,7 @@ def test_every_piece_begins_where_the_boat_was_and_where_the_last_one_ended_in_t
 
 
 def test_errors_are_those_of_the_drawn_states(run):
-    found = overlay(run, VESSEL, [VelocityStays()], every_s=4.0)
+    found = overlay(run, VESSEL, [ConstantVelocity()], every_s=4.0)
     (ghost,) = found.ghosts
     off = np.hypot(*(ghost.x - found.truth)[:, 40, :2].T)
     assert ghost.rms(4.0)["position"] == pytest.approx(np.sqrt(np.nanmean(off**2)))

@@ -9,19 +9,19 @@ from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from sim.fitting.engine.thrust.forces import thruster_forces
 from sim.fitting.taylor.abkowitz import C, regressor
-from sim.fitting.validate.models import TaylorSimulator, VelocityStays, VelocityZero, VesselSimulator
+from sim.fitting.validate.models import ConstantVelocity, TaylorSimulator, VesselSimulator, ZeroVelocity
 from sim.fitting.validate.protocol import STEP_S, Commands
-from sim.fitting.validate.scores import Box, score
+from sim.fitting.validate.scores import SpeedBox, score
 from sim.fitting.validate.stability import stability
-from sim.fitting.validate.windows import cut, reference
+from sim.fitting.validate.windows import cut_held_out, reference_motion
 from tests.sim.fitting.validate.example_vessel import NOISE, VESSEL
 
-BOX = Box(np.array([-1.0, -0.6, -1.1]), np.array([1.0, 0.6, 1.1]))
+BOX = SpeedBox(np.array([-1.0, -0.6, -1.1]), np.array([1.0, 0.6, 1.1]))
 
 
 @pytest.fixture(scope="module")
 def windows(run):
-    return cut(run, reference(run, NOISE), 15.0, horizon_s=20.0, stride_s=10.0)
+    return cut_held_out(run, reference_motion(run, NOISE), 15.0, horizon_s=20.0, stride_s=10.0)
 
 
 def commands(pwm, steps, m=1, volts=15.0):
@@ -88,17 +88,17 @@ def test_the_taylor_model_against_scipy():
 def test_what_needs_no_model():
     """A quarter circle of radius u / r in closed form; the other stays where it is."""
     x0 = np.array([[0.0, 0.0, 0.0, 0.5, 0.0, np.pi / 20]])
-    stays = VelocityStays().simulate(x0, commands([1900] * 4, 200))[0]
+    stays = ConstantVelocity().simulate(x0, commands([1900] * 4, 200))[0]
     assert np.allclose(stays[-1, :3], [0.5 / (np.pi / 20), 0.5 / (np.pi / 20), np.pi / 2])
-    zero = VelocityZero().simulate(x0, commands([1900] * 4, 200))[0]
+    zero = ZeroVelocity().simulate(x0, commands([1900] * 4, 200))[0]
     assert np.array_equal(zero[0], x0[0])
     assert np.array_equal(zero[1:], np.zeros((200, 6)))
-    straight = VelocityStays().simulate(np.array([[0, 0, np.pi / 2, 0.3, 0.1, 0.0]]), commands([1500] * 4, 20))[0]
+    straight = ConstantVelocity().simulate(np.array([[0, 0, np.pi / 2, 0.3, 0.1, 0.0]]), commands([1500] * 4, 20))[0]
     assert np.allclose(straight[-1, :2], [-0.1, 0.3])
 
 
 def test_a_boat_comes_to_rest_and_the_printed_model_does_not():
-    box = Box(np.array([0.43, -0.22, -0.57]), np.array([0.85, 0.22, 0.57]))
+    box = SpeedBox(np.array([0.43, -0.22, -0.57]), np.array([0.85, 0.22, 0.57]))
     good = stability(VesselSimulator("file", VESSEL), VESSEL, BOX, 1, runs=25)
     assert (good.driven_diverged, good.free_diverged, good.free_at_rest) == (0.0, 0.0, 1.0)
     bad = stability(TaylorSimulator("printed", C, VESSEL), VESSEL, box, 1, runs=25)

@@ -9,7 +9,7 @@ from sim.fitting.taylor.abkowitz import C
 from sim.fitting.validate.divergence import divergence_study, divergence_table
 from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Commands
-from sim.fitting.validate.scores import Box, errors, score, whiteness
+from sim.fitting.validate.scores import SpeedBox, errors, score, whiteness
 from sim.fitting.validate.windows import HeldOutWindows
 from tests.sim.fitting.validate.example_vessel import VESSEL
 
@@ -39,7 +39,7 @@ def test_errors_tell_unknown_from_gone_and_wrap_the_heading():
 
 
 def test_the_box():
-    box = Box.of(np.array([[0.0, -1, 0], [1, 1, 2], [np.nan, 9, 9]]))
+    box = SpeedBox.of(np.array([[0.0, -1, 0], [1, 1, 2], [np.nan, 9, 9]]))
     assert np.array_equal(box.low, [0, -1, 0]) and np.array_equal(box.high, [1, 1, 2])
     inside = [[1.99, 2.99, 3.99], [-0.99, 0, 1]]
     outside = [[2.01, 0, 1], [0.5, 0, -2.01], [np.nan, 0, 0], [np.inf, 0, 0]]
@@ -57,7 +57,7 @@ def test_scores_of_known_errors():
     states[3, 200:] = np.nan
     zero = np.zeros((4, 600, 4))
     windows = HeldOutWindows(truth[:, 0], truth, Commands(zero, zero[..., 0], zero[:, :1]), np.zeros(4))
-    box = Box(np.full(3, -1.0), np.ones(3))
+    box = SpeedBox(np.full(3, -1.0), np.ones(3))
     found, _ = score(Told("told", states), windows, box)
     at = {h: i for i, h in enumerate(found.horizons_s)}
     assert found.horizons_s == (1, 2, 5, 10, 20, 30)

@@ -9,7 +9,7 @@ import pytest
 
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.smoothing import smooth
-from sim.fitting.taylor.pipeline import held, paper_motion, paper_samples
+from sim.fitting.taylor.pipeline import held_commands, paper_motion, paper_samples
 from sim.fitting.validate.divergence import divergence_study
 from sim.fitting.validate.figures import divergence, training_log
 from sim.fitting.validate.models import VesselSimulator
@@ -17,51 +17,51 @@ from sim.fitting.validate.protocol import CHANNELS, STEP_S
 from sim.fitting.validate.report import Section, report
 from sim.fitting.validate.study import HeldOut, validate
 from sim.fitting.validate.table import sentences, table
-from sim.fitting.validate.windows import cut, joined, reference
+from sim.fitting.validate.windows import concatenated, cut_held_out, reference_motion
 from tests.sim.fitting.validate.example_vessel import NOISE, VESSEL
 from tests.support.vessel_fixtures import boat
 
 
 def test_windows_stay_within_what_is_held_out(run):
-    ref = reference(run, NOISE)
-    found = cut(run, ref, 15.0, horizon_s=20.0, stride_s=5.0, inside=[(10.0, 40.0), (60.0, 72.0)])
+    ref = reference_motion(run, NOISE)
+    found = cut_held_out(run, ref, 15.0, horizon_s=20.0, stride_s=5.0, inside=[(10.0, 40.0), (60.0, 72.0)])
     assert list(found.start_s.round(6)) == [10, 15, 20, 25, 30, 60], "each has at least 10 s to run"
     lasts = np.isfinite(found.truth[..., 0]).sum(axis=1) - 1
     ends = found.start_s + lasts / 10
     assert (ends <= np.where(found.start_s < 50, 40.0, 72.0) + 1e-6).all()
     assert np.array_equal(found.truth[:, 0], found.x0)
-    pwm, _ = held(run, found.start_s[1] + STEP_S * (np.arange(400) + 0.5))
+    pwm, _ = held_commands(run, found.start_s[1] + STEP_S * (np.arange(400) + 0.5))
     assert np.array_equal(found.commands.pwm_us[1], pwm)
-    earlier, _ = held(run, found.start_s[1] - STEP_S * (np.arange(40) + 0.5))
+    earlier, _ = held_commands(run, found.start_s[1] - STEP_S * (np.arange(40) + 0.5))
     assert np.array_equal(found.commands.before_us[1], earlier[::-1])
-    assert len(joined([found, found]).x0) == 12
+    assert len(concatenated([found, found]).x0) == 12
 
 
 def test_too_short_a_run_is_refused(run):
     with pytest.raises(ValueError, match=r"seed 4: no window of 10 s"):
-        cut(run, reference(run, NOISE), 15.0, inside=[(3.0, 9.0)])
+        cut_held_out(run, reference_motion(run, NOISE), 15.0, inside=[(3.0, 9.0)])
 
 
 def test_without_truth_the_smoother_is_the_reference_and_gaps_are_unknown(run):
     plain = run.table.drop([c for c in run.table.columns if c.startswith("true_")])
     hole = (pl.col("t_s") > 30.0) & (pl.col("t_s") < 50.0)
     plain = plain.with_columns(pl.when(hole).then(None).otherwise(pl.col(c)).alias(c) for c in ("north_m", "east_m"))
-    found = reference(Run(plain, run.meta), NOISE)
+    found = reference_motion(Run(plain, run.meta), NOISE)
     assert found.source == "the smoothed measurements"
-    truth = reference(run, NOISE)
+    truth = reference_motion(run, NOISE)
     k = min(len(found.x), len(truth.x))
     known = np.isfinite(found.x[:k]).all(axis=1)
     assert not known[330:470].any() and known[:280].all()
     assert np.abs(found.x[:k] - truth.x[:k])[known, 3:].max() < 0.1
     with pytest.raises(ValueError, match="no window"):
-        cut(Run(plain, run.meta), found, 15.0, inside=[(32.0, 48.0)])
+        cut_held_out(Run(plain, run.meta), found, 15.0, inside=[(32.0, 48.0)])
 
 
 def test_held_before_anything_was_sent():
     table = pl.DataFrame({"t_s": [0.0, 1.0], "pwm_a": [None, 1600.0], "battery_v": [None, None], "psi_rad": [0.0, 0.0],
                           "r_rad_s": [0.0, 0.0], "ax_m_s2": [0.0, 0.0], "ay_m_s2": [0.0, 0.0],
                           "north_m": [0.0, 0.0], "east_m": [0.0, 0.0]}).cast(pl.Float64)  # fmt: skip
-    pwm, volts = held(Run(table, RunMeta()), np.array([-1.0, 0.5, 1.0]))
+    pwm, volts = held_commands(Run(table, RunMeta()), np.array([-1.0, 0.5, 1.0]))
     assert list(pwm[:, 0]) == [1500.0, 1500.0, 1600.0]
     assert np.isnan(volts).all()
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.fitting.diagnose.catalogue.effect import Scene, slices
-from sim.fitting.diagnose.posterior.converged_rollout import settled
+from sim.fitting.diagnose.catalogue.effect import Scene, parameter_slices
+from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.engine.initial_guess import first_nodes
-from sim.fitting.engine.jacobian_rows import Pushes, sensitivities
+from sim.fitting.engine.initial_guess import initial_nodes
+from sim.fitting.engine.jacobian_rows import AccelerationPartials, sensitivities
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, bench, short
 
 SMOOTH = ["base:M11_kg", "base:N_v_N_s", "hull_fouling", "payload", "cg_shift", "yaw_inertia", "cross_flow", "current",
@@ -38,7 +38,7 @@ def test_columns_are_the_derivatives_of_the_motion(name, beside):
         there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
     state = physics.move(fit.effects, there, fit.z0, None)
     columns = physics.accelerations(fit.effects, there, state, [effect])
-    S = sensitivities(state.A, Pushes.of(columns.nodes, columns.bump), physics.windows.h_s)
+    S = sensitivities(state.A, AccelerationPartials.of(columns.nodes, columns.bump), physics.windows.h_s)
     now = there.get(name, np.zeros(len(effect.parameters)))
     for j, parameter in enumerate(effect.parameters):
         step = np.zeros(len(effect.parameters))
@@ -54,10 +54,10 @@ def test_a_shallow_zone_that_is_everywhere_is_a_fouled_hull_also_in_an_open_loop
     """Oracle: the model integrated with twice its damping. Three passes would be metres off."""
     fit, _ = bench()
     physics = EffectPhysics([short()], VESSEL, 15.0)
-    z = first_nodes(physics.windows, physics.parameters)
+    z = initial_nodes(physics.windows, physics.parameters)
     everywhere = {"shallow_zone@4": np.array([1.0, 0.0, 0.0, 1e3])}
     expected = physics.move(fit.effects, {"hull_fouling": np.array([1.0])}, z, None).x
-    assert np.abs(settled(physics, fit.effects, everywhere, z).x - expected).max() < 0.01
+    assert np.abs(converged_rollout(physics, fit.effects, everywhere, z).x - expected).max() < 0.01
     assert np.abs(physics.move(fit.effects, everywhere, z, None).x - expected)[..., :2].max() > 1.0
 
 
@@ -74,7 +74,7 @@ def test_an_open_loop_goes_on_until_forces_are_those_along_its_own_motion(theta)
     fit, _ = bench()
     physics = EffectPhysics([short()], VESSEL, 15.0)
     theta = {name: np.array(values) for name, values in theta.items()}
-    state = settled(physics, fit.effects, theta, first_nodes(physics.windows, physics.parameters))
+    state = converged_rollout(physics, fit.effects, theta, initial_nodes(physics.windows, physics.parameters))
     scene = physics.scene(state)
     more, water = physics.extra(fit.effects, theta, scene, state.forces.f)
     np.testing.assert_allclose(state.tau, state.forces.f @ physics.B.T + more, atol=0.05)
@@ -132,7 +132,7 @@ def test_every_entry_changes_something():
     state = fit.physics.move(fit.effects, {}, fit.z0, None)
     columns = fit.lineariser.columns(fit.effects, {}, state, fit.effects)
     silent = set()
-    for effect, at in zip(fit.effects, slices(fit.effects).values(), strict=True):
+    for effect, at in zip(fit.effects, parameter_slices(fit.effects).values(), strict=True):
         first = at.start
         moved = max(np.abs(part[..., first]).max() for part in (columns.a.nodes, columns.imu, columns.tag))
         if moved == 0:

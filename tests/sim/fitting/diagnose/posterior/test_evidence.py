@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from sim.fitting.diagnose.catalogue.effect import ABSENT, TOLERANCE
-from sim.fitting.diagnose.posterior.evidence import Prior, Reduced
+from sim.fitting.diagnose.posterior.evidence import Prior, ReducedNormalEquations
 from tests.sim.fitting.diagnose.posterior_fixture import bench
 
 
@@ -23,7 +23,7 @@ def test_evidence_is_that_of_a_linear_gaussian_model(seed, count):
     prior = Prior(sigma, mean)
     residual = J @ theta0 - y
     constant = -0.5 * float(residual @ residual) - 4 * np.log(2 * np.pi)
-    reduced = Reduced(J.T @ J, -J.T @ residual, theta0, constant)
+    reduced = ReducedNormalEquations(J.T @ J, -J.T @ residual, theta0, constant)
     expected = multivariate_normal(J @ mean, J @ np.diag(sigma**2) @ J.T + np.eye(8)).logpdf(y)
     assert reduced.evidence(prior) == pytest.approx(expected, abs=1e-6)
     gone = slice(0, 1)

@@ -10,13 +10,13 @@ import pytest
 from companion.core.model.manoeuvring import mass_matrix
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.report.sentences import WORDS
-from sim.fitting.diagnose.residual_basis import Group, groups_at, widened
+from sim.fitting.diagnose.residual_basis import FunctionGroup, append_groups, groups_at
 from sim.fitting.engine.noise import BIAS_AX, LATENT, OFFSET, L
 from tests.sim.fitting.diagnose.adequacy_fixture import UNIT, VESSEL, clean
 
 
-def shifted(effect_nodes: np.ndarray) -> Group:
-    return Group(("time",), Effect("one", "generic", "one", "", UNIT, {}), effect_nodes[:, :, None])
+def shifted(effect_nodes: np.ndarray) -> FunctionGroup:
+    return FunctionGroup(("time",), Effect("one", "generic", "one", "", UNIT, {}), effect_nodes[:, :, None])
 
 
 def _heading(p, scene, y):
@@ -57,7 +57,7 @@ def test_what_moves_a_node_is_what_the_engine_would_have_made_of_it(hooks, entry
     )
     nodes = np.zeros((len(model.point.z), L))
     nodes[:, entry] = value
-    found = widened(model.point, (shifted(nodes),))
+    found = append_groups(model.point, (shifted(nodes),))
     whole = np.zeros_like(found.chain.B[:, :, -1]) + wanted.chain.B[:, :, 0]
     scale = np.abs(whole).max(axis=0) + 1e-9
     assert (np.abs(found.chain.B[:, :, -1] - whole) <= 0.03 * scale).all()
@@ -93,7 +93,7 @@ def test_shares_of_the_hull_are_of_the_hull_as_it_is_found():
 
 def test_a_force_that_does_not_vary_within_windows_is_its_mean():
     fit, model = clean()
-    pushed = Group(("speed",), Effect("one", "generic", "one", "", UNIT, {"force": _push}))
+    pushed = FunctionGroup(("speed",), Effect("one", "generic", "one", "", UNIT, {"force": _push}))
     nodes = pushed.of_means(fit.physics, model.point, fit.effects).nodes
     assert nodes is not None
     np.testing.assert_allclose(nodes[:, LATENT, 0], np.tile([0.3, -0.2, 0.5], (len(nodes), 1)), rtol=0.02)

@@ -17,12 +17,12 @@ from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue, without_effects
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
-from sim.fitting.diagnose.residual_basis import Group
+from sim.fitting.diagnose.residual_basis import FunctionGroup
 from sim.fitting.diagnose.selection.adequacy import (
-    UnexplainedForce,
+    GroupEvidence,
     adequacy,
     depends_on,
-    left_over,
+    group_evidence,
 )
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.model import CandidateModel
@@ -58,22 +58,22 @@ def _weaker(vessel: VesselFile) -> VesselFile:
     return replace(vessel, thrusters=tuple(replace(t, gain=0.75 * t.gain) for t in vessel.thrusters))
 
 
-def named(group_name: str, word: str) -> Group:
-    return Group((word,), Effect(group_name, "generic", "", "", UNIT, {}), np.zeros((2, L, 1)))
+def named(group_name: str, word: str) -> FunctionGroup:
+    return FunctionGroup((word,), Effect(group_name, "generic", "", "", UNIT, {}), np.zeros((2, L, 1)))
 
 
 def test_what_is_left_over_without_the_echoes_of_the_best():
     a, b, c, d = (named(n, w) for n, w in (("a", "heading"), ("b", "time"), ("c", "speed"), ("d", "load")))
-    found = UnexplainedForce(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
+    found = GroupEvidence(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
     assert found.counted == (a, b)
     assert found.is_akin("tether", found.counted) and not found.is_akin("lag", found.counted)
-    assert not UnexplainedForce(((a, 11.0), (b, 3.0)), 0.0, {}, {}).counted
+    assert not GroupEvidence(((a, 11.0), (b, 3.0)), 0.0, {}, {}).counted
 
 
 def test_what_explains_more_of_the_base_comes_first():
     a, b, c = (named(n, w) for n, w in (("a", "heading"), ("b", "thruster:x"), ("c", "time")))
-    after = UnexplainedForce(((a, 50.0), (b, 40.0), (c, 3.0)), 0.0, {}, {})
-    before = UnexplainedForce(((c, 900.0), (b, 800.0), (a, 100.0)), 0.0, {}, {})
+    after = GroupEvidence(((a, 50.0), (b, 40.0), (c, 3.0)), 0.0, {}, {})
+    before = GroupEvidence(((c, 900.0), (b, 800.0), (a, 100.0)), 0.0, {}, {})
     assert depends_on(after, before) == ("thruster:x", "heading")
     assert depends_on(after, after) == ("heading", "thruster:x")
 
@@ -118,7 +118,7 @@ def test_a_cause_is_akin_to_the_group_that_can_stand_in_for_it():
     moved = CandidateModel(
         model.believed, _at_theta(fit, model, theta), model.noise, model.chosen, model.own, model.evidence
     )
-    akin = left_over(fit, moved, [name]).akin[name]
+    akin = group_evidence(fit, moved, [name]).akin[name]
     assert "generic:thrust, front_port" in akin
     assert not {i for i in akin if "error" in i or "rear" in i.partition(",")[2]}
 

@@ -15,9 +15,9 @@ from sim.fitting.diagnose.selection.adequacy import (
     FAR_OUT,
     OFTEN,
     adequacy,
-    far_out,
+    outlier_check,
 )
-from sim.fitting.diagnose.selection.masking import Echoes
+from sim.fitting.diagnose.selection.masking import Masking
 from sim.fitting.diagnose.selection.select import Selection
 from tests.sim.fitting.diagnose.adequacy_fixture import clean, compass_off_by_place, faulty, other
 
@@ -86,9 +86,9 @@ def _obstructed(run: Run) -> Run:
 def test_fixes_far_out_are_something_left_over_unless_a_cause_explains_them():
     fit, model = faulty(_obstructed)
     selection = Selection(model, model, [], [])
-    share = far_out(model.point)
+    share = outlier_check(model.point)
     assert 0.04 < share.value < 0.09 and share.limit == OFTEN and f"{FAR_OUT:g}" in share.name
     report = adequacy(fit, selection, None).adequacy
     assert not report.passed and report.depends_on == ("position",)
-    assert share.name not in {c.name for c in adequacy(fit, selection, None, Echoes(far_out=True)).adequacy.checks}
-    assert far_out(clean()[1].point).passed
+    assert share.name not in {c.name for c in adequacy(fit, selection, None, Masking(far_out=True)).adequacy.checks}
+    assert outlier_check(clean()[1].point).passed

@@ -16,8 +16,8 @@ from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.model import CandidateModel
-from sim.fitting.diagnose.selection.search import search
-from sim.fitting.diagnose.selection.select import Rivals, Selection, Selector, makes_room
+from sim.fitting.diagnose.selection.search import search_causes
+from sim.fitting.diagnose.selection.select import Rivals, Selection, Selector, justifies_removal
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, bench, short
 
 
@@ -26,9 +26,9 @@ def test_a_special_case_makes_room_only_for_what_explains_more():
         return CandidateModel(frozenset(believed), None, None, (), None, evidence)
 
     steady = model(0.0, "current")
-    assert not makes_room(steady, model(11.0, "turning_current@1"))
-    assert makes_room(steady, model(13.0, "turning_current@1"))
-    assert makes_room(steady, model(1.0, "current", "lag")), "judged by its own nats"
+    assert not justifies_removal(steady, model(11.0, "turning_current@1"))
+    assert justifies_removal(steady, model(13.0, "turning_current@1"))
+    assert justifies_removal(steady, model(1.0, "current", "lag")), "judged by its own nats"
 
 
 def searching(before: CandidateModel, gains: dict[str, float], refused: tuple[str, ...] = ()) -> Selector:
@@ -181,4 +181,4 @@ def test_what_does_not_stand_without_a_cause_that_is_taken_back_goes_too():
 def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():
     fit, _ = bench()
     with pytest.raises(ValueError, match="'turning_current' or 'current', not both"):
-        search(fit, believed=("current", "turning_current"))
+        search_causes(fit, believed=("current", "turning_current"))

@@ -77,7 +77,7 @@ def packs_for_ever(patch):
 
 
 def blind_for_ever(patch):
-    patch.setattr(annunciator, "blind", lambda *_: None)
+    patch.setattr(annunciator, "degraded_too_long", lambda *_: None)
 
 
 def another_channel(patch):

@@ -41,7 +41,7 @@ from companion.core.messages import (
     Tick,
     VehicleRequest,
 )
-from companion.core.pilot.autopilot_state import HEARTBEAT_LOST_NS
+from companion.core.pilot.autopilot_state import AutopilotState, is_alive
 from companion.core.pilot.pilot import Pilot, PilotState
 from drivers.link import DeviceLink, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
@@ -275,10 +275,9 @@ class App:
             self._recorder.record_raw("mavlink", "tx", frame)
 
     def _is_disarmed(self) -> bool:
-        heartbeat = self.state.vehicle.heartbeat
-        return (
-            heartbeat is not None and not heartbeat.armed and self._clock.now_ns() - heartbeat.t_ns <= HEARTBEAT_LOST_NS
-        )
+        autopilot = self.state.monitor(AutopilotState)
+        armed = autopilot.heartbeat is None or autopilot.heartbeat.armed
+        return not armed and is_alive(autopilot.heartbeat_ns, self._clock.now_ns())
 
     # --- devices -----------------------------------------------------------------------------------
 

@@ -11,14 +11,12 @@ from collections.abc import Iterable
 
 from companion.boat.load_run import RunSetup
 from companion.core.messages import Alert, Heartbeat, Message, OperatorCommand
+from companion.core.pilot.autopilot_state import is_alive
 from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
 from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.preflight.wiring import Companion
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
-
-SILENCE_NS = 3_000_000_000
-"""Heartbeats come at 1 Hz; after this long without one the autopilot may have been set up anew (assumed)."""
 
 
 class StartInterlock:
@@ -54,7 +52,7 @@ class StartInterlock:
     def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
         beat = any(isinstance(message, Heartbeat) for message in messages)
-        silent = beat and self._heard_ns is not None and t_ns - self._heard_ns > SILENCE_NS
+        silent = beat and self._heard_ns is not None and not is_alive(self._heard_ns, t_ns)
         self._heard_ns = t_ns if beat else self._heard_ns
         if silent or self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots

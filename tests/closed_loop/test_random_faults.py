@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from msgspec.structs import replace
@@ -61,7 +59,7 @@ def no_patience_limit(patch):
 
 
 def no_ears_for_disarming(patch):
-    patch.setattr(autopilot_state, "hear", lambda known, beat: (dataclasses.replace(known, heartbeat=beat), []))
+    patch.setattr(autopilot_state, "changes", lambda *_: {})
 
 
 def no_eyes_for_hands(patch):

@@ -1,6 +1,6 @@
-"""The autopilot as its heartbeats show it: getting it to let us drive, and noticing who takes that away.
+"""The autopilot as its heartbeats show it: whether it is alive, armed and in MANUAL, and the requests for that.
 
-Overrides flow from the first tick; then MANUAL is asked for, then arming, each again every second. Somebody
+Overrides flow from the first tick; then MANUAL is requested, then arming, each again every second. Somebody
 else's disarm or mode change is an event of the mode table (`modes`): what was MANUAL or armed no longer is.
 Without a receiver the autopilot boots into HOLD and stays there until overrides flow.
 """
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from companion.core.messages import Heartbeat, VehicleRequest
 from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 
 MANUAL = 0
 """ArduPilot Rover's custom mode in which RC overrides reach the thrusters."""
@@ -22,48 +23,68 @@ HEARTBEAT_LOST_NS = 3_000_000_000
 
 @dataclass(frozen=True)
 class AutopilotState:
-    """What is known of the autopilot, and when something was last asked of it."""
+    """The latest heartbeat, and when [ns] the latest request was made."""
 
     heartbeat: Heartbeat | None = None
     asked_ns: int | None = None
+
+    @property
+    def heartbeat_ns(self) -> int | None:
+        """Instant of the latest heartbeat [ns]; None: there was none."""
+        return self.heartbeat.t_ns if self.heartbeat else None
 
 
 UNKNOWN = AutopilotState()
 
 
-def hear(vehicle: AutopilotState, heartbeat: Heartbeat) -> tuple[AutopilotState, list[tuple[Event, str]]]:
-    """A heartbeat, and what it takes away of what the one before showed, in words."""
-    before, events = vehicle.heartbeat, []
+class AutopilotMonitor(Monitor[AutopilotState]):
+    """Events `disarmed` and `mode_changed`, condition `link_lost`."""
+
+    hears = (Heartbeat,)
+    initial = UNKNOWN
+
+    def on_message(self, state: AutopilotState, message: Heartbeat, t_ns: int) -> tuple[AutopilotState, MonitorReport]:
+        """A heartbeat, compared with the one before."""
+        return replace(state, heartbeat=message), MonitorReport(changes(state.heartbeat, message))
+
+    def on_tick(self, state: AutopilotState, view: TickView) -> tuple[AutopilotState, MonitorReport]:
+        """Whether heartbeats come."""
+        if view.autopilot_alive:
+            return state, NOTHING
+        if state.heartbeat_ns is None:
+            return state, MonitorReport({"link_lost": "no heartbeat from the autopilot yet"})
+        silent_s = (view.t_ns - state.heartbeat_ns) * 1e-9
+        return state, MonitorReport({"link_lost": f"no heartbeat from the autopilot for {silent_s:.1f} s"})
+
+
+def changes(before: Heartbeat | None, heartbeat: Heartbeat) -> dict[Event, str]:
+    """Events of a heartbeat that is no longer armed or in MANUAL as the one before was."""
+    events: dict[Event, str] = {}
     if before is not None and before.armed and not heartbeat.armed:
-        events.append(("disarmed", "the autopilot was disarmed"))
+        events["disarmed"] = "the autopilot was disarmed"
     if before is not None and before.custom_mode == MANUAL != heartbeat.custom_mode:
-        events.append(("mode_changed", f"the autopilot's mode was changed to {heartbeat.custom_mode}"))
-    return replace(vehicle, heartbeat=heartbeat), events
+        events["mode_changed"] = f"the autopilot's mode was changed to {heartbeat.custom_mode}"
+    return events
 
 
-def silence(vehicle: AutopilotState, t_ns: int) -> str | None:
-    """Why the autopilot counts as lost, or None."""
-    if vehicle.heartbeat is None:
-        return "no heartbeat from the autopilot yet"
-    silent_ns = t_ns - vehicle.heartbeat.t_ns
-    if silent_ns > HEARTBEAT_LOST_NS:
-        return f"no heartbeat from the autopilot for {silent_ns * 1e-9:.1f} s"
-    return None
+def is_alive(heartbeat_ns: int | None, t_ns: int) -> bool:
+    """Whether the autopilot is alive at `t_ns`: its latest heartbeat [ns] is not too old."""
+    return heartbeat_ns is not None and t_ns - heartbeat_ns <= HEARTBEAT_LOST_NS
 
 
-def prepare(vehicle: AutopilotState, t_ns: int) -> tuple[AutopilotState, list[VehicleRequest], str]:
-    """One tick on the way to driving: what to ask for now, and what is waited for (empty: ready)."""
-    heartbeat = vehicle.heartbeat
+def prepare(state: AutopilotState, t_ns: int) -> tuple[AutopilotState, list[VehicleRequest], str]:
+    """One tick before driving: requests to send now, and what is waited for (empty: ready)."""
+    heartbeat = state.heartbeat
     if heartbeat is None:
-        return vehicle, [], "waiting for the autopilot"
+        return state, [], "waiting for the autopilot"
     if heartbeat.custom_mode == MANUAL and heartbeat.armed:
-        return replace(vehicle, asked_ns=None), [], ""
-    wanted = "MANUAL" if heartbeat.custom_mode != MANUAL else "armed"
-    why = f"waiting for the autopilot to be {wanted}"
-    if vehicle.asked_ns is not None and t_ns - vehicle.asked_ns < RETRY_NS:
-        return vehicle, [], why
-    if wanted == "MANUAL":
+        return replace(state, asked_ns=None), [], ""
+    missing = "MANUAL" if heartbeat.custom_mode != MANUAL else "armed"
+    why = f"waiting for the autopilot to be {missing}"
+    if state.asked_ns is not None and t_ns - state.asked_ns < RETRY_NS:
+        return state, [], why
+    if missing == "MANUAL":
         request = VehicleRequest(t_ns=t_ns, action="set_mode", custom_mode=MANUAL)
     else:
         request = VehicleRequest(t_ns=t_ns, action="arm")
-    return replace(vehicle, asked_ns=t_ns), [request], why
+    return replace(state, asked_ns=t_ns), [request], why

@@ -1,4 +1,4 @@
-"""Manual driving: shares of what the thrusters can give, and the dead man's grip.
+"""Manual driving: shares of the thrusters' reach, and the dead man's grip.
 
 Sticks count while they are fresh. When they are silent for `manual_timeout_s`, or their source changes, the mode
 is `locked`: neutral, until all three have been at rest. So a stick that is held, or a client that comes back, never
@@ -17,6 +17,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.signal import axis_reach
 from companion.core.messages import ManualInput
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
 
 AT_REST = 0.05
 """Shares below this are a stick that nobody holds; assumed: the dead zone of ordinary gamepads."""
@@ -26,7 +27,7 @@ AHEAD_NS = 50_000_000
 
 @dataclass(frozen=True)
 class Sticks:
-    """The latest good input, and whether its source has been at rest since it was last heard anew."""
+    """The latest valid input, and whether its source has been at rest since its latest silence or change."""
 
     last: ManualInput | None = None
     rested: bool = False
@@ -35,7 +36,21 @@ class Sticks:
 NOBODY = Sticks()
 
 
-def hear(sticks: Sticks, message: ManualInput, t_ns: int, timeout_s: float) -> Sticks:
+class StickMonitor(Monitor[Sticks]):
+    """Keeps the latest valid input; `rejection` judges it, in the modes that want sticks."""
+
+    hears = (ManualInput,)
+    initial = NOBODY
+
+    def __init__(self, timeout_s: float):
+        self._timeout_s = timeout_s
+
+    def on_message(self, state: Sticks, message: ManualInput, t_ns: int) -> tuple[Sticks, MonitorReport]:
+        """One input."""
+        return take_input(state, message, t_ns, self._timeout_s), NOTHING
+
+
+def take_input(sticks: Sticks, message: ManualInput, t_ns: int, timeout_s: float) -> Sticks:
     """Take an input; one that is not finite, beyond -1 to 1, out of order or from the future counts as silence."""
     shares, last = _shares(message), sticks.last
     if not all(math.isfinite(s) and abs(s) <= 1.0 for s in shares) or message.t_ns > t_ns + AHEAD_NS:
@@ -48,7 +63,7 @@ def hear(sticks: Sticks, message: ManualInput, t_ns: int, timeout_s: float) -> S
 
 
 def silent(sticks: Sticks, t_ns: int, timeout_s: float) -> str | None:
-    """Why the sticks do not count, or None."""
+    """Why the sticks are silent, or None."""
     if sticks.last is None:
         return "no sticks yet"
     age_s = (t_ns - sticks.last.t_ns) * 1e-9

@@ -1,8 +1,8 @@
-"""The boat's mind, pure: `step(state, inputs, t) -> (state, outputs)`. It composes the other rooms.
+"""The boat's pilot, pure: `step(state, inputs, t) -> (state, outputs)`. It composes the other modules of this folder.
 
-    Tick      -> estimate, conditions, mode table (`modes`); then what the mode's thrusters do (`driving`)
-    plans     -> the lease of the open tick (`driving`)
-    all else  -> `hearing`
+    every message -> monitors (`monitors.table`), then its handler here, in `inputs` or in `thrust_command`
+    Tick          -> estimate, conditions, mode table (`modes`); then what the mode's thrusters do (`thrust_command`)
+    plans         -> the lease of the open tick (`thrust_command`)
 
 Every tick ends in exactly one OverrideLease, neutral in every mode that does not drive.
 """
@@ -14,10 +14,13 @@ from dataclasses import replace
 
 from companion.core.estimation.estimator import Estimator
 from companion.core.messages import Message, PlanDeadline, PlanResult, StateEstimate, Tick
-from companion.core.pilot import annunciator, autopilot_state, manual_control, modes, transitions
-from companion.core.pilot import conditions as watch
+from companion.core.pilot import autopilot_state, manual_control, modes, transitions
+from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.inputs import Handler, InputHandler
-from companion.core.pilot.monitors import battery, link_latency, override_monitor
+from companion.core.pilot.manual_control import Sticks
+from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.monitor import TickView
+from companion.core.pilot.monitors.table import monitors_of
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
 
@@ -31,9 +34,10 @@ class Pilot:
         self.settings = settings
         vessel = settings.vessel
         self.channels = (*(t.channel for t in vessel.thrusters), *settings.control.neutral_channels)
-        self._estimator, self._fence = Estimator(vessel, settings.site), settings.fence
-        self._hearing = InputHandler(settings, self._estimator, self.channels)
-        self._driving = ThrustCommander(settings, self._estimator, self.channels)
+        self._estimator = Estimator(vessel, settings.site)
+        self._monitors = monitors_of(settings, self.channels, self._estimator.anchors)
+        self._hearing = InputHandler(settings, self._estimator)
+        self._driving = ThrustCommander(settings, self._estimator, self.channels, self._monitors)
         self._handlers: Mapping[type[Message], Handler] = {
             **self._hearing.handlers(),
             Tick: self._tick,
@@ -43,22 +47,31 @@ class Pilot:
 
     def initial(self, t_ns: int) -> PilotState:
         """State at switch-on: nothing known, thrusters at rest."""
-        vessel = self.settings.vessel
         return PilotState(
             estimator=self._estimator.initial(),
-            pack=battery.BatteryState(vessel.propulsion.nominal_voltage_V),
-            f_command_n=(0.0,) * len(vessel.thrusters),
+            monitors=self._monitors.initial(),
+            f_command_n=(0.0,) * len(self.settings.vessel.thrusters),
         )
 
     def step(self, state: PilotState, inputs: Sequence[Message], t_ns: int) -> tuple[PilotState, Outputs]:
         """Take `inputs` in order at `t_ns` [ns]; what is to be done, said or logged."""
         outputs: Outputs = []
         for message in inputs:
-            if handle := self._handlers.get(type(message)):
-                state, more = handle(state, message, t_ns)
-                state, told = transitions.mode_status(state, t_ns, tick=isinstance(message, Tick))
-                outputs += [*more, *told]
+            state, more = self._take(state, message, t_ns)
+            state, status = transitions.mode_status(state, t_ns, tick=isinstance(message, Tick))
+            outputs += [*more, *status]
         return state, outputs
+
+    def _take(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs]:
+        """One message: monitors that may withhold it, its handler, all other monitors."""
+        state, outputs, withheld = self._monitors.screen(state, message, t_ns)
+        if withheld:
+            return state, outputs
+        if handle := self._handlers.get(type(message)):
+            state, more = handle(state, message, t_ns)
+            outputs += more
+        state, more = self._monitors.hear(state, message, t_ns)
+        return state, [*outputs, *more]
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
         estimate = self._estimator.estimate(state.estimator, t_ns)
@@ -70,37 +83,34 @@ class Pilot:
         return state, [estimate, *outputs, *more]
 
     def _judge(self, state: PilotState, tick: Tick, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
-        """Conditions through the mode table, and what is still asked of autopilot and sticks."""
-        silence = autopilot_state.silence(state.vehicle, t_ns)
-        seen, alerts = annunciator.at_estimate(state.lookout, estimate)
-        watched, conditions = watch.at_tick(
-            state.watch, tick, estimate, seen, self._fence, state.pack, self.settings.control, state.plan_ns
-        )
-        heard, more, told = override_monitor.at_tick(state.echo, t_ns, heard=silence is None)
-        trips, late = link_latency.at_tick(state.round_trips, t_ns, heard=silence is None)
-        conditions |= more | late
-        if silence:
-            conditions["link_lost"] = silence
-        state = replace(state, lookout=seen, watch=watched, echo=heard, round_trips=trips)
-        helm, judged = modes.apply_conditions(state.helm, conditions, t_ns)
+        """Conditions through the mode table, and what is still wanted of autopilot and sticks."""
+        state, outputs = self._monitors.hear(state, estimate, t_ns)
+        alive = autopilot_state.is_alive(state.monitor(AutopilotState).heartbeat_ns, t_ns)
+        view = TickView(t_ns, tick.lateness_ns, estimate, state.plan_ns, alive)
+        state, conditions, alerts = self._monitors.on_tick(state, view)
+        helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)
         state = transitions.apply_mode_state(state, helm, t_ns)
-        outputs: Outputs = [*alerts, *told, *judged]
-        if state.helm.mode == "manual" and (why := self._stick_trouble(state, t_ns)):
+        outputs += [*alerts, *changes]
+        if state.helm.mode == "manual" and (why := self._stick_rejection(state, t_ns)):
             state, more = transitions.event(state, "sticks_lost", why, t_ns)
-            return state, [*outputs, *more]
-        if state.helm.mode not in ("starting", "locked"):
-            return state, outputs
-        missing = modes.waits_for(state.helm, conditions)
-        if missing:
-            return transitions.waiting(state, missing), outputs
-        known, requests, waiting = autopilot_state.prepare(state.vehicle, t_ns)
-        state, outputs = replace(state, vehicle=known), [*outputs, *requests]
-        if not waiting and state.helm.mode == "locked":
-            waiting = self._stick_trouble(state, t_ns) or ""
-        if waiting:
-            return transitions.waiting(state, waiting), outputs
-        state, more = transitions.event(state, "ready", "all is ready", t_ns)
+        elif state.helm.mode in ("starting", "locked"):
+            state, more = self._make_ready(state, conditions, t_ns)
+        else:
+            more = []
         return state, [*outputs, *more]
 
-    def _stick_trouble(self, state: PilotState, t_ns: int) -> str | None:
-        return manual_control.rejection(state.sticks, t_ns, self.settings.control.manual_timeout_s)
+    def _make_ready(self, state: PilotState, conditions: Mapping[Event, str], t_ns: int) -> tuple[PilotState, Outputs]:
+        """Requests to the autopilot, and `ready` once nothing is missing any more."""
+        if missing := modes.waits_for(state.helm, conditions):
+            return transitions.waiting(state, missing), []
+        autopilot, requests, missing = autopilot_state.prepare(state.monitor(AutopilotState), t_ns)
+        state = state.with_monitors(autopilot)
+        if not missing and state.helm.mode == "locked":
+            missing = self._stick_rejection(state, t_ns) or ""
+        if missing:
+            return transitions.waiting(state, missing), list(requests)
+        state, more = transitions.event(state, "ready", "all is ready", t_ns)
+        return state, [*requests, *more]
+
+    def _stick_rejection(self, state: PilotState, t_ns: int) -> str | None:
+        return manual_control.rejection(state.monitor(Sticks), t_ns, self.settings.control.manual_timeout_s)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 from companion.core.configuration.run_file import BatteryLimits, Control
 from companion.core.configuration.site_file import Site
@@ -17,23 +18,12 @@ from companion.core.guidance import guidance
 from companion.core.guidance.guidance import GuidanceSettings, GuidanceState
 from companion.core.guidance.missions.mission import Mission
 from companion.core.messages import Message, Mode, PlanResult, StateEstimate
-from companion.core.pilot import autopilot_state as vehicle
-from companion.core.pilot import manual_control as sticks
 from companion.core.pilot import modes
-from companion.core.pilot.annunciator import AnnunciatorState
-from companion.core.pilot.autopilot_state import AutopilotState
-from companion.core.pilot.conditions import ConditionMonitor
-from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import ModeState
-from companion.core.pilot.monitors.battery import BatteryState
-from companion.core.pilot.monitors.link_latency import NO_ANSWER, RoundTrips
-from companion.core.pilot.monitors.override_monitor import NOTHING_SENT, OverrideState
-from companion.core.pilot.monitors.stuck_sensor import Repeats
-
-NOTHING_SEEN, NOTHING_WATCHED = AnnunciatorState(), ConditionMonitor()
 
 Outputs = list[Message]
-"""What the boat's rooms want done, said or logged, in this order."""
+"""Messages to be sent, shown or logged, in this order."""
+Own = TypeVar("Own")
 
 
 @dataclass(frozen=True)
@@ -64,22 +54,15 @@ class PilotState:
     """Everything the boat remembers between steps."""
 
     estimator: EstimatorState
-    pack: BatteryState
+    monitors: Mapping[type, Any]
+    """State of each monitor, by its type: see `monitor` and `with_monitors`."""
     f_command_n: tuple[float, ...]
     helm: ModeState = modes.AT_REST
-    vehicle: AutopilotState = vehicle.UNKNOWN
     guidance: GuidanceState = guidance.IDLE
     flight: FlightState = BEGINNING
     passed: tuple[guidance.Passage, ...] = ()
     mission: Mission | None = None
-    """One that came under way (NewMission), instead of the configured one."""
-    sticks: Sticks = sticks.NOBODY
-    inertial: Mapping[str, Repeats] = field(default_factory=dict)
-    """By message: what a sensor keeps saying."""
-    lookout: AnnunciatorState = NOTHING_SEEN
-    watch: ConditionMonitor = NOTHING_WATCHED
-    echo: OverrideState = NOTHING_SENT
-    round_trips: RoundTrips = NO_ANSWER
+    """One loaded under way (NewMission), instead of the configured one."""
     open_tick: int | None = None
     asked: tuple[tuple[int, int], ...] = ()
     """Tick and instant [ns] of the latest SolveRequests."""
@@ -89,3 +72,11 @@ class PilotState:
     plan_ns: int = 0
     told: tuple[Mode, int | None] = ("idle", None)
     """Mode and instant [ns] of the latest ModeStatus."""
+
+    def monitor(self, kind: type[Own]) -> Own:
+        """State of one monitor, for instance `monitor(BatteryState).voltage_v`."""
+        return self.monitors[kind]
+
+    def with_monitors(self, *states: object) -> PilotState:
+        """With these states of monitors instead of those of the same types."""
+        return replace(self, monitors={**self.monitors, **{type(state): state for state in states}})

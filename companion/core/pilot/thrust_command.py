@@ -31,9 +31,11 @@ from companion.core.messages import (
     StateEstimate,
 )
 from companion.core.model.thrusters import NEUTRAL_US
-from companion.core.pilot import annunciator, manual_control, transitions
+from companion.core.pilot import manual_control, transitions
+from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import THRUSTERS
-from companion.core.pilot.monitors import override_monitor
+from companion.core.pilot.monitors.battery import BatteryState
+from companion.core.pilot.monitors.table import MonitorTable
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 
 SPREAD_SIGMAS = 2.0
@@ -45,14 +47,16 @@ REMEMBERED_TICKS = 20
 class ThrustCommander:
     """Settings, estimator and what is compiled for them; all that changes is in PilotState."""
 
-    def __init__(self, settings: PilotSettings, estimator: Estimator, channels: tuple[int, ...]):
-        self.settings, self._estimator, self._channels = settings, estimator, channels
+    def __init__(
+        self, settings: PilotSettings, estimator: Estimator, channels: tuple[int, ...], monitors: MonitorTable
+    ):
+        self.settings, self._estimator, self._channels, self._monitors = settings, estimator, channels, monitors
         vessel = settings.vessel
         self._n = len(vessel.thrusters)
         self._still = (NEUTRAL_US,) * (len(channels) - self._n)
         self._flight: Flight | None = None
-        if told := settings.excitation:
-            self._flight = Flight(told, vessel, settings.site, name=told.name)
+        if excitation := settings.excitation:
+            self._flight = Flight(excitation, vessel, settings.site, name=excitation.name)
         self._sticks, self._limits = manual_control.StickForce(vessel), force_limits(vessel)
         self._latency_ns = round(settings.control.latency_s * 1e9)
         self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
@@ -80,13 +84,14 @@ class ThrustCommander:
         """The sticks' forces, no faster than the thrusters may change."""
         last, propulsion = np.array(state.f_command_n), self.settings.vessel.propulsion
         most = propulsion.rate_limit_N_s * self.settings.control.period_s
-        wanted = allocate(self._sticks.tau(state.sticks), self.settings.vessel)
+        sticks = state.monitor(Sticks)
+        wanted = allocate(self._sticks.tau(sticks), self.settings.vessel)
         f = np.clip(np.clip(wanted, last - most, last + most), *self._limits)
-        source = state.sticks.last.source if state.sticks.last else ""
+        source = sticks.last.source if sticks.last else ""
         return self._lease(state, f, "manual", source, t_ns)
 
     def _begin(self, state: PilotState, eta, nu, t_ns: int) -> PilotState:
-        """Start what is wanted, once driving is allowed; a mission goes on where it was left."""
+        """Guidance begins: to keep station or to follow the mission, which goes on where it was left."""
         if state.guidance.phase != "idle":
             return state
         g, mission = self.settings.guidance, state.mission or self.settings.mission
@@ -142,7 +147,7 @@ class ThrustCommander:
         return np.concatenate([belief.x[:6], belief.f_n])
 
     def planned(self, state: PilotState, plan: PlanResult, t_ns: int) -> tuple[PilotState, Outputs]:
-        """A plan has come: of use if it is sound, and the open tick's lease if it answers that."""
+        """A plan arrives: kept if it is sound, and the open tick's lease if it answers that tick."""
         problem, asked_ns = _unsound(plan, self._n), dict(state.asked).get(plan.index)
         if problem is None and asked_ns is not None and (state.plan is None or asked_ns >= state.plan_ns):
             state = replace(state, plan=plan, plan_ns=asked_ns)
@@ -179,16 +184,16 @@ class ThrustCommander:
             t_ns=t_ns,
             index=state.open_tick,
             channels=self._channels,
-            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.pack.voltage_v) + self._still,
+            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.monitor(BatteryState).voltage_v) + self._still,
             valid_for_s=self.settings.control.lease_s,
             source=source,
             reason=reason,
             f_command_n=f,
         )
-        told = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
-        seen, alerts = annunciator.at_lease(state.lookout, lease)
-        state = replace(state, estimator=told, f_command_n=f, open_tick=None, lookout=seen)
-        return replace(state, echo=override_monitor.at_lease(state.echo, lease)), [lease, *alerts]
+        estimator = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
+        state = replace(state, estimator=estimator, f_command_n=f, open_tick=None)
+        state, alerts = self._monitors.hear(state, lease, t_ns)
+        return state, [lease, *alerts]
 
 
 def _unsound(plan: PlanResult, n: int) -> str | None:

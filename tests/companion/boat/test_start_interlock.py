@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from companion.boat.start_interlock import StartInterlock, companion_of
 from companion.cli.simulator.autopilot_options import wirings
 from companion.core.messages import OperatorCommand
-from companion.core.pilot.monitors.override_monitor import outputs_of
+from companion.core.pilot.monitors.override_monitor import OverrideState, outputs_of
 from companion.core.preflight.parameter_file import parse_parameters
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
 from tests.companion.boat.app_fixture import Bench
@@ -67,7 +67,7 @@ def test_thrusters_on_other_outputs_are_watched_where_they_are(path):
     async def story(bench):
         bench.order("start")
         assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
-        assert outputs_of(bench.app.state.echo, 4) == [8, 7, 6, 5]
+        assert outputs_of(bench.app.state.monitor(OverrideState), 4) == [8, 7, 6, 5]
         await bench.run(4.0)
         assert bench.mode == "auto" and not told(bench, "SERVOn_FUNCTION")
         bench.world.rover.vehicle.parameters.set("SERVO6_FUNCTION", 0.0)

@@ -6,8 +6,6 @@ The median of the last `ENOUGH` answers counts, so that one that was held up sto
 together the quickest: what waited together was held up together, and the last one asked tells how the line is now.
 An autopilot that has never answered (old firmware) is not judged; `aritra check` says so. One that has, and does so
 no more though its heartbeats come, is late beyond measure.
-
-A value and pure functions, like `echo` beside it.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 from companion.core.messages import TimeSync
-from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.preflight.link import LATE_NS
 
 PROMPT_NS = 300_000_000
@@ -42,30 +40,35 @@ class RoundTrips:
 NO_ANSWER = RoundTrips()
 
 
-def hear(trips: RoundTrips, answer: TimeSync) -> RoundTrips:
-    """One TIMESYNC. Questions (tc1 is 0) and repeated answers change nothing; the codec drops answers to others."""
-    took_ns = answer.t_ns - answer.ts1_ns
-    repeated = trips.asked_ns is not None and answer.ts1_ns <= trips.asked_ns
-    if answer.tc1_ns == 0 or repeated or took_ns < 0:
-        return trips
-    before = trips.took_ns
-    if before and answer.t_ns - trips.heard_ns < TOGETHER_NS:
-        took_ns, before = min(took_ns, before[-1]), before[:-1]
-    took = (*before, took_ns)[-ENOUGH:]
-    return replace(trips, took_ns=took, asked_ns=answer.ts1_ns, heard_ns=answer.t_ns)
+class LinkLatencyMonitor(Monitor[RoundTrips]):
+    """Condition `link_late`."""
 
+    hears = (TimeSync,)
+    initial = NO_ANSWER
 
-def at_tick(trips: RoundTrips, t_ns: int, *, heard: bool) -> tuple[RoundTrips, dict[Event, str]]:
-    """The condition at `t_ns`. `heard`: heartbeats come; without them what was known is of another link."""
-    if not heard or trips.asked_ns is None:
-        return NO_ANSWER, {}
-    if (silent_ns := t_ns - trips.asked_ns) > SILENT_NS:
-        text = f"the autopilot has not answered TIMESYNC for {silent_ns * 1e-9:.0f} s, though its heartbeats come"
-        return replace(trips, took_ns=(), late=True), {"link_late": text}
-    if len(trips.took_ns) == ENOUGH:
-        middle_ns = median(trips.took_ns)
-        trips = replace(trips, late=middle_ns > (PROMPT_NS if trips.late else LATE_NS))
-    if not trips.late:
-        return trips, {}
-    shown = f" ({median(trips.took_ns) * 1e-6:.0f} ms)" if trips.took_ns else ""
-    return trips, {"link_late": f"what is sent to the autopilot and back arrives late{shown}"}
+    def on_message(self, state: RoundTrips, message: TimeSync, t_ns: int) -> tuple[RoundTrips, MonitorReport]:
+        """One TIMESYNC. Questions (tc1 is 0) and repeated answers change nothing; the codec drops answers to others."""
+        took_ns = message.t_ns - message.ts1_ns
+        repeated = state.asked_ns is not None and message.ts1_ns <= state.asked_ns
+        if message.tc1_ns == 0 or repeated or took_ns < 0:
+            return state, NOTHING
+        before = state.took_ns
+        if before and message.t_ns - state.heard_ns < TOGETHER_NS:
+            took_ns, before = min(took_ns, before[-1]), before[:-1]
+        latest = (*before, took_ns)[-ENOUGH:]
+        return replace(state, took_ns=latest, asked_ns=message.ts1_ns, heard_ns=message.t_ns), NOTHING
+
+    def on_tick(self, state: RoundTrips, view: TickView) -> tuple[RoundTrips, MonitorReport]:
+        """Judge the link. After a silence of the autopilot what was known is of another link."""
+        if not view.autopilot_alive or state.asked_ns is None:
+            return NO_ANSWER, NOTHING
+        if (silent_ns := view.t_ns - state.asked_ns) > SILENT_NS:
+            text = f"the autopilot has not answered TIMESYNC for {silent_ns * 1e-9:.0f} s, though its heartbeats come"
+            return replace(state, took_ns=(), late=True), MonitorReport({"link_late": text})
+        if len(state.took_ns) == ENOUGH:
+            limit_ns = PROMPT_NS if state.late else LATE_NS
+            state = replace(state, late=median(state.took_ns) > limit_ns)
+        if not state.late:
+            return state, NOTHING
+        duration = f" ({median(state.took_ns) * 1e-6:.0f} ms)" if state.took_ns else ""
+        return state, MonitorReport({"link_late": f"what is sent to the autopilot and back arrives late{duration}"})

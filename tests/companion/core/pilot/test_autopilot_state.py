@@ -10,11 +10,12 @@ from companion.core.pilot.autopilot_state import (
     MANUAL,
     RETRY_NS,
     UNKNOWN,
+    AutopilotMonitor,
     AutopilotState,
-    hear,
+    is_alive,
     prepare,
-    silence,
 )
+from tests.companion.core.pilot.monitor_fixture import view
 
 S = 1_000_000_000
 NOW = 100 * S
@@ -49,13 +50,14 @@ NEITHER = heartbeat(armed=False, mode=HOLD)
     ],
 )
 def test_only_what_was_there_can_be_taken_away(before, now, events):
-    vehicle, found = hear(AutopilotState(before, asked_ns=7), now)
-    assert vehicle == AutopilotState(now, asked_ns=7)
-    assert [event for event, _ in found] == events and all(words for _, words in found)
+    state, report = AutopilotMonitor().on_message(AutopilotState(before, asked_ns=7), now, NOW)
+    assert state == AutopilotState(now, asked_ns=7)
+    assert list(report.events) == events and all(report.events.values())
 
 
 def test_the_words_name_the_mode():
-    assert hear(AutopilotState(READY), HELD)[1] == [("mode_changed", "the autopilot's mode was changed to 4")]
+    _, report = AutopilotMonitor().on_message(AutopilotState(READY), HELD, NOW)
+    assert report.events == {"mode_changed": "the autopilot's mode was changed to 4"}
 
 
 def test_manual_is_asked_for_before_arming_and_both_again_each_second():
@@ -77,6 +79,13 @@ def test_without_a_heartbeat_nothing_is_asked_for():
 
 def test_at_the_very_beginning_of_time_it_asks_too():
     assert [m.action for m in prepare(AutopilotState(HELD), 0)[1]] == ["set_mode"]
+
+
+def silence(state, t_ns):
+    alive = is_alive(state.heartbeat_ns, t_ns)
+    same, report = AutopilotMonitor().on_tick(state, view(t_ns, autopilot_alive=alive))
+    assert same == state and set(report.events) == (set() if alive else {"link_lost"})
+    return report.events.get("link_lost")
 
 
 def test_lost_is_three_seconds_of_silence():

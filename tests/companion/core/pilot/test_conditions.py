@@ -8,11 +8,13 @@ from msgspec.structs import replace as with_
 from companion.core.configuration.run_file import BatteryLimits, Control, load_run
 from companion.core.configuration.tables import ConfigError
 from companion.core.geometry.fence import Fence
-from companion.core.messages import Battery, StateEstimate, Tick
-from companion.core.pilot import conditions as watching
-from companion.core.pilot.annunciator import AnnunciatorState
-from companion.core.pilot.conditions import LATE_TICKS, PLANLESS_NS, ConditionMonitor
-from companion.core.pilot.monitors.battery import LIMIT_NS, BatteryState, read
+from companion.core.messages import Battery, StateEstimate
+from companion.core.pilot.annunciator import Annunciator, AnnunciatorState
+from companion.core.pilot.monitors.battery import LIMIT_NS, BatteryMonitor, BatteryState
+from companion.core.pilot.monitors.fence_distance import FenceMonitor, FenceState
+from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag, LoopLagMonitor
+from companion.core.pilot.monitors.plan_gap import PLANLESS_NS, ControllerTime, PlanGapMonitor
+from tests.companion.core.pilot.monitor_fixture import view
 
 S, MS = 1_000_000_000, 1_000_000
 LIMITS = BatteryLimits(low_V=14.0, critical_V=13.2, low_percent=30, critical_percent=15)
@@ -25,11 +27,25 @@ ESTIMATE = StateEstimate(
 )  # fmt: skip
 
 
-def at(watch=None, estimate=ESTIMATE, lateness_ms=0, pack=FULL, plan_ns=0, seen=None):
-    tick = Tick(t_ns=estimate.t_ns, index=1, lateness_ns=lateness_ms * MS)
-    return watching.at_tick(
-        watch or ConditionMonitor(), tick, estimate, seen or AnnunciatorState(), SQUARE, pack, Control(), plan_ns
-    )  # fmt: skip
+MONITORS = {
+    AnnunciatorState: Annunciator((), Control().blind_s),
+    FenceState: FenceMonitor(SQUARE),
+    BatteryState: BatteryMonitor(15.0, LIMITS),
+    ControllerTime: PlanGapMonitor(),
+    LoopLag: LoopLagMonitor(Control().period_s),
+}
+
+
+def at(*states, estimate=ESTIMATE, lateness_ms=0, plan_ns=0):
+    """A tick for all of them; those not among `states` are as at switch-on, with a full pack."""
+    given = {type(state): state for state in (FULL, *states)}
+    seen, conditions = view(estimate.t_ns, lateness_ns=lateness_ms * MS, estimate=estimate, plan_ns=plan_ns), {}
+    after = {}
+    for kind, monitor in MONITORS.items():
+        after[kind], report = monitor.on_tick(given.get(kind, monitor.initial), seen)
+        conditions |= report.events
+        assert not report.alerts
+    return after, conditions
 
 
 def drained(volts, seconds, percent=None, start=FULL, limits=LIMITS, t0_ns=1000 * S):
@@ -37,12 +53,16 @@ def drained(volts, seconds, percent=None, start=FULL, limits=LIMITS, t0_ns=1000 
     pack = start
     for k in range(round(2 * seconds) + 1):
         reading = Battery(t_ns=t0_ns + k * S // 2, voltage_v=volts, remaining_percent=percent)
-        pack = read(pack, reading, 15.0, limits)
+        pack, report = BatteryMonitor(15.0, limits).on_message(pack, reading, reading.t_ns)
+        assert not report.events and not report.alerts
     return pack
 
 
 def test_a_quiet_boat_has_no_conditions():
-    assert at() == (ConditionMonitor(), {})
+    after, conditions = at()
+    assert conditions == {} and after == {kind: monitor.initial for kind, monitor in MONITORS.items()} | {
+        BatteryState: FULL
+    }
 
 
 @pytest.mark.parametrize(
@@ -51,7 +71,7 @@ def test_a_quiet_boat_has_no_conditions():
 def test_a_sagging_pack_becomes_low_and_critical(volts, low, critical):
     pack = drained(volts, 40)
     assert (pack.low, pack.critical) == (low, critical)
-    _, found = at(pack=pack)
+    _, found = at(pack)
     assert set(found) == ({"battery_low"} if low else set()) | ({"battery_critical"} if critical else set())
 
 
@@ -92,18 +112,19 @@ def test_limits_the_wrong_way_round_are_refused_with_their_key():
 
 
 def test_beyond_the_fence_and_back_with_room_to_spare():
-    watch = ConditionMonitor()
+    fence = FenceState()
     for east, outside in ((9.9, False), (10.1, True), (9.9, True), (9.71, True), (9.69, False), (10.1, True)):
-        watch, found = at(watch, with_(ESTIMATE, east_m=east))
-        assert (watch.outside, "fence_breached" in found) == (outside, outside), east
+        after, found = at(fence, estimate=with_(ESTIMATE, east_m=east))
+        fence = after[FenceState]
+        assert (fence.outside, "fence_breached" in found) == (outside, outside), east
     assert found["fence_breached"] == "outside the fence by 0.1 m"
 
 
 def test_without_an_estimate_the_boat_is_where_it_was():
     lost = with_(ESTIMATE, east_m=50.0, health="lost", reason="why")
-    assert not at(ConditionMonitor(outside=False), lost)[0].outside
-    watch, found = at(ConditionMonitor(outside=True), lost)
-    assert watch.outside and found["fence_breached"] == "outside the fence"
+    assert not at(FenceState(outside=False), estimate=lost)[0][FenceState].outside
+    after, found = at(FenceState(outside=True), estimate=lost)
+    assert after[FenceState].outside and found["fence_breached"] == "outside the fence"
     assert found["unfit"] == found["degraded"] == "state estimate lost: why"
 
 
@@ -111,25 +132,26 @@ def test_degraded_is_no_obstacle_until_it_has_lasted():
     sick = with_(ESTIMATE, health="degraded", reason="no UWB")
     assert set(at(estimate=sick)[1]) == {"degraded"}
     since = AnnunciatorState(health="degraded", degraded_ns=sick.t_ns - 16 * S)
-    assert set(at(estimate=sick, seen=since)[1]) == {"degraded", "unfit"}
+    assert set(at(since, estimate=sick)[1]) == {"degraded", "unfit"}
     assert set(at(estimate=with_(sick, health="initialising"))[1]) == {"degraded", "unfit"}
 
 
 def test_a_loop_is_late_after_ten_late_ticks_in_a_row():
-    watch = ConditionMonitor()
+    lag = LoopLag()
     assert LATE_TICKS == 10
     for _ in range(LATE_TICKS - 1):
-        watch, found = at(watch, lateness_ms=100)
+        after, found = at(lag, lateness_ms=100)
+        lag = after[LoopLag]
         assert not found
-    assert set(at(watch, lateness_ms=100)[1]) == {"loop_lag"}
-    watch, found = at(watch, lateness_ms=99)
-    assert not found and watch.late_ticks == 0
+    assert set(at(lag, lateness_ms=100)[1]) == {"loop_lag"}
+    after, found = at(lag, lateness_ms=99)
+    assert not found and after[LoopLag].late_ticks == 0
 
 
 def test_a_solver_fails_after_five_seconds_without_a_plan():
     now = ESTIMATE.t_ns
     assert PLANLESS_NS == 5 * S
-    driving = ConditionMonitor(since_ns=now - PLANLESS_NS - 1)
+    driving = ControllerTime(since_ns=now - PLANLESS_NS - 1)
     assert set(at(driving)[1]) == {"solver_failing"}
     assert not at(driving, plan_ns=now - PLANLESS_NS)[1], "the last plan is no older"
     assert not at(replace(driving, since_ns=now - PLANLESS_NS))[1], "it has not driven for longer"

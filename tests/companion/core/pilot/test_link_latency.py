@@ -5,13 +5,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.messages import TimeSync
-from companion.core.pilot.monitors.link_latency import NO_ANSWER, at_tick, hear
+from companion.core.pilot.monitors.link_latency import NO_ANSWER, LinkLatencyMonitor
+from tests.companion.core.pilot.monitor_fixture import view
 
 MS = 1_000_000
+MONITOR = LinkLatencyMonitor()
 
 
 def answer(asked_ms, took_ms):
     return TimeSync(t_ns=(asked_ms + took_ms) * MS, tc1_ns=7, ts1_ns=asked_ms * MS)
+
+
+def hear(trips, message):
+    trips, report = MONITOR.on_message(trips, message, message.t_ns)
+    assert not report.events and not report.alerts
+    return trips
 
 
 def after(*answers, trips=NO_ANSWER):
@@ -26,9 +34,9 @@ def steady(took_ms, count=8, from_ms=0):
 
 def condition(trips, t_ms, heard=True):
     """Seen at a tick: the state, and the words or None."""
-    trips, found = at_tick(trips, t_ms * MS, heard=heard)
-    assert set(found) <= {"link_late"} and bool(found) == trips.late
-    return trips, found.get("link_late")
+    trips, report = MONITOR.on_tick(trips, view(t_ms * MS, autopilot_alive=heard))
+    assert set(report.events) <= {"link_late"} and bool(report.events) == trips.late and not report.alerts
+    return trips, report.events.get("link_late")
 
 
 @pytest.mark.parametrize(("took_ms", "late"), [(1, False), (200, False), (500, False), (501, True), (1000, True)])

@@ -10,7 +10,16 @@ from hypothesis import strategies as st
 from companion.core.control.allocation import allocate
 from companion.core.messages import ManualInput
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.manual_control import AHEAD_NS, AT_REST, NOBODY, StickForce, hear, locked, rejection, silent
+from companion.core.pilot.manual_control import (
+    AHEAD_NS,
+    AT_REST,
+    NOBODY,
+    StickForce,
+    StickMonitor,
+    locked,
+    rejection,
+    silent,
+)
 from tests.support.drive_fixture import setup
 
 MS = 1_000_000
@@ -19,6 +28,12 @@ VESSEL = setup().pilot.vessel
 
 def stick(t_ms, surge=0.0, sway=0.0, yaw=0.0, source="pad"):
     return ManualInput(t_ns=t_ms * MS, surge=surge, sway=sway, yaw=yaw, source=source)
+
+
+def hear(sticks, message, t_ns, timeout_s):
+    sticks, report = StickMonitor(timeout_s).on_message(sticks, message, t_ns)
+    assert not report.events and not report.alerts
+    return sticks
 
 
 def after(*inputs, start=NOBODY):

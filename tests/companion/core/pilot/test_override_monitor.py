@@ -12,15 +12,16 @@ from companion.core.pilot.monitors.override_monitor import (
     SILENT_NS,
     SLACK_NS,
     WINDOW_NS,
+    OverrideMonitor,
     OverrideState,
     at_lease,
     at_parameter,
     at_rc,
     at_servo,
-    at_tick,
     expected_pulses,
     outputs_of,
 )
+from tests.companion.core.pilot.monitor_fixture import view
 
 MS = 1_000_000
 CHANNELS = (9, 10, 1)
@@ -55,6 +56,12 @@ def rc(t_ms, shown, **others):
 
 def servo(t_ms, *outputs):
     return ServoOutput(t_ns=t_ms * MS, pwm_us=(*outputs, *[0] * (16 - len(outputs))))
+
+
+def at_tick(echo, t_ns, *, heard):
+    monitor = OverrideMonitor(CHANNELS, 2, 1)
+    echo, report = monitor.on_tick(echo, view(t_ns, autopilot_alive=heard))
+    return echo, report.events, list(report.alerts)
 
 
 def heard(echo, messages):
@@ -188,9 +195,9 @@ def test_fewer_channels_than_ours_do_not_show_them():
 def test_a_channel_that_is_not_ours_and_moves_is_a_hand(before, after, taken):
     echo, first = at_rc(sent((0, NEUTRAL)), rc(100, NEUTRAL, c6=before), CHANNELS, 1)
     _, events = at_rc(echo, rc(300, NEUTRAL, c6=after), CHANNELS, 1)
-    assert first == [] and [event for event, _ in events] == (["rc_takeover"] if taken else [])
+    assert first == {} and list(events) == (["rc_takeover"] if taken else [])
     if taken:
-        assert f"RC channel 6 from 1500 to {after} us" in events[0][1]
+        assert f"RC channel 6 from 1500 to {after} us" in events["rc_takeover"]
 
 
 def test_a_slow_hand_is_one_too_and_is_told_once():
@@ -204,8 +211,8 @@ def test_a_slow_hand_is_one_too_and_is_told_once():
 def test_our_own_channels_are_no_hand_and_a_receiver_that_comes_is_none():
     echo, _ = at_rc(driving(4000), rc(1000, (1620, 1380, 1500), c6=0), CHANNELS, 1)
     echo, events = at_rc(echo, rc(1200, (1900, 1100, 1900), c6=1100), CHANNELS, 1)
-    assert events == [] and echo.base_us[5] == 1100
-    assert at_rc(echo, rc(1400, NEUTRAL, c6=1300), CHANNELS, 1)[1] != []
+    assert events == {} and echo.base_us[5] == 1100
+    assert at_rc(echo, rc(1400, NEUTRAL, c6=1300), CHANNELS, 1)[1] != {}
 
 
 # --- SERVO_OUTPUT_RAW ------------------------------------------------------------------------------------

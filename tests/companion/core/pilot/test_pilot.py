@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from companion.core import messages as m
+from companion.core.pilot.monitors.battery import BatteryState
 from tests.support.drive_fixture import pilot, setup, under_way
 
 S, MS = 1_000_000_000, 1_000_000
@@ -388,17 +389,17 @@ def test_without_an_estimate_nothing_is_asked_for():
 @pytest.mark.parametrize("voltage_v", [0.0, -1.0, 1.5, 7.4, 22.6, 65.535, NAN, INF])
 def test_a_voltage_that_no_pack_has_changes_nothing(voltage_v):
     shell = on_the_leg()
-    before = shell.state.pack.voltage_v
+    before = shell.state.monitor(BatteryState).voltage_v
     for _ in range(50):
         shell.feed(m.Battery(t_ns=shell.t_ns, voltage_v=voltage_v))
-    assert shell.state.pack.voltage_v == before
+    assert shell.state.monitor(BatteryState).voltage_v == before
 
 
 def test_a_sagging_pack_is_followed_and_gets_longer_pulses():
     shell, low = on_the_leg(), on_the_leg()
     for _ in range(50):
         low.feed(m.Battery(t_ns=low.t_ns, voltage_v=13.0))
-    assert low.state.pack.voltage_v == pytest.approx(13.0, abs=0.01)
+    assert low.state.monitor(BatteryState).voltage_v == pytest.approx(13.0, abs=0.01)
     for each in (shell, low):
         going(each)
     assert low.lease.pwm_us[0] > shell.lease.pwm_us[0]

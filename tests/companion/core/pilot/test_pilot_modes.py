@@ -11,11 +11,15 @@ from companion.boat.load_run import setup_of
 from companion.core import messages as m
 from companion.core.excitation.file import Steps, excitation_toml
 from companion.core.excitation.flight import FlightState
-from companion.core.pilot.conditions import LATE_TICKS, ConditionMonitor
+from companion.core.pilot.annunciator import AnnunciatorState
+from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import EVENTS, MODES, OVER, TABLE, THRUSTERS, WANTED, ModeState
 from companion.core.pilot.monitors.battery import BatteryState
 from companion.core.pilot.monitors.link_latency import NO_ANSWER
+from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag
+from companion.core.pilot.monitors.override_monitor import OverrideState
+from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
 from tests.companion.core.pilot.test_pilot import Shell, heartbeat, operator, plan
 from tests.support.drive_fixture import setup, under_way
@@ -47,8 +51,9 @@ class Boat(Shell):
         helm = ModeState(mode, "hold", "because")
         beat = heartbeat(t_ns)
         flying = FlightState(phase="fly", t_ns=t_ns, f_n=(0.0,) * 4)
-        state = replace(state, helm=helm, vehicle=replace(state.vehicle, heartbeat=beat), sticks=at_hand,
-                        told=(mode, t_ns), flight=flying, watch=ConditionMonitor(since_ns=t_ns), plan=None, asked=(),
+        autopilot = replace(state.monitor(AutopilotState), heartbeat=beat)
+        state = state.with_monitors(autopilot, at_hand, ControllerTime(since_ns=t_ns))
+        state = replace(state, helm=helm, told=(mode, t_ns), flight=flying, plan=None, asked=(),
                         guidance=type(state.guidance)(), plan_ns=t_ns, open_tick=None)  # fmt: skip
         super().__init__(state, t_ns, index=5000)
 
@@ -63,7 +68,7 @@ class Boat(Shell):
         self.t_ns += 100 * MS
         self.index += 1
         if self.heartbeats:
-            self.feed(with_(self.state.vehicle.heartbeat, t_ns=self.t_ns))
+            self.feed(with_(self.state.monitor(AutopilotState).heartbeat, t_ns=self.t_ns))
         if self.sticks is not None:
             self.feed(stick(self.t_ns, self.sticks))
         before = len(self.leases)
@@ -87,6 +92,10 @@ def stick(t_ns, surge, source="pad"):
 
 def change(boat, **fields):
     boat.state = replace(boat.state, **fields)
+
+
+def monitors(boat, *states):
+    boat.state = boat.state.with_monitors(*states)
 
 
 def lasting(boat, condition):
@@ -117,39 +126,36 @@ def cause(boat, event):  # noqa: PLR0912
                 boat.feed(m.RcChannels(t_ns=t_ns, pwm_us=tuple({**SENT, 6: pwm}.values())))
         case "link_lost":
             boat.heartbeats = False
-            change(boat, vehicle=replace(state.vehicle, heartbeat=heartbeat(t_ns - 4 * S)))
+            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - 4 * S)))
         case "unfit":
             change(boat, estimator=boat.mind.initial(0).estimator)
         case "degraded":
-            change(boat, lookout=replace(state.lookout, degraded_ns=None))
+            monitors(boat, replace(state.monitor(AnnunciatorState), degraded_ns=None))
             sensors(boat, 4000)
-            change(
-                boat,
-                watch=ConditionMonitor(since_ns=boat.t_ns),
-                plan_ns=boat.t_ns,
-                flight=replace(state.flight, t_ns=boat.t_ns),
-            )
+            monitors(boat, ControllerTime(since_ns=boat.t_ns))
+            change(boat, plan_ns=boat.t_ns, flight=replace(state.flight, t_ns=boat.t_ns))
             boat.feed(heartbeat(boat.t_ns), stick(boat.t_ns, boat.sticks))
-            change(boat, sticks=replace(boat.state.sticks, rested=state.sticks.rested))
+            monitors(boat, replace(boat.state.monitor(Sticks), rested=state.monitor(Sticks).rested))
         case "fence_breached":
             boat.mind = minds()[1]
         case "battery_low":
-            change(boat, pack=BatteryState(13.9, low=True, low_ns=0))
+            monitors(boat, BatteryState(13.9, low=True, low_ns=0))
         case "battery_critical":
-            change(boat, pack=BatteryState(13.0, critical=True, critical_ns=0))
+            monitors(boat, BatteryState(13.0, critical=True, critical_ns=0))
         case "override_ignored":
-            change(boat, echo=replace(state.echo, rc_ignored=True, rc_why="not taken"))
+            monitors(boat, replace(state.monitor(OverrideState), rc_ignored=True, rc_why="not taken"))
         case "solver_failing":
-            change(boat, watch=ConditionMonitor(since_ns=t_ns - 10 * S), plan_ns=0)
+            monitors(boat, ControllerTime(since_ns=t_ns - 10 * S))
+            change(boat, plan_ns=0)
         case "loop_lag":
-            change(boat, watch=replace(state.watch, late_ticks=LATE_TICKS))
+            monitors(boat, LoopLag(late_ticks=LATE_TICKS))
         case "link_late":
-            change(boat, round_trips=NO_ANSWER)
+            monitors(boat, NO_ANSWER)
             heard = [t_ns - k * 250 * MS for k in (4, 3, 2, 1, 0)]
             boat.feed(*(m.TimeSync(t_ns=rx_ns, tc1_ns=1, ts1_ns=rx_ns - S) for rx_ns in heard))
         case "sticks_lost":
             boat.sticks = None
-            change(boat, sticks=replace(state.sticks, last=stick(t_ns - S, 0.5)))
+            monitors(boat, replace(state.monitor(Sticks), last=stick(t_ns - S, 0.5)))
         case "ready":
             boat.sticks = 0.0
         case "finished":

@@ -13,8 +13,9 @@ from companion.core.estimation.estimator import Estimator
 from companion.core.excitation.file import Steps, excitation_toml
 from companion.core.excitation.flight import Flight, FlightState
 from companion.core.pilot import thrust_command, transitions
-from companion.core.pilot.conditions import ConditionMonitor
+from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.modes import THRUSTERS, ModeState
+from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
 from tests.companion.core.pilot.test_pilot import Shell, operator, plan
 from tests.companion.core.pilot.test_pilot_modes import PLAN, Boat
@@ -131,7 +132,7 @@ def test_one_row_of_another_length_spoils_a_plan(rows):
     boat.tick()
     before = boat.state.plan
     boat.t_ns += 100 * MS
-    boat.feed(with_(boat.state.vehicle.heartbeat, t_ns=boat.t_ns), m.Tick(t_ns=boat.t_ns, index=7000))
+    boat.feed(with_(boat.state.monitor(AutopilotState).heartbeat, t_ns=boat.t_ns), m.Tick(t_ns=boat.t_ns, index=7000))
     boat.feed(plan(7000, boat.t_ns, f_n=rows))
     assert boat.state.plan is before and boat.leases[-1].source == "shifted_plan"
 
@@ -233,13 +234,14 @@ MODES_OF_A_CONTROLLER = [mode for mode, turns in THRUSTERS.items() if turns == "
 def test_a_plan_is_kept_between_two_modes_of_the_controller_only(before, after):
     state, t_ns = under_way()
     kept = plan(1, t_ns)
-    state = replace(state, helm=ModeState(before), plan=kept, asked=((1, t_ns),), watch=ConditionMonitor(since_ns=5))
+    state = replace(state, helm=ModeState(before), plan=kept, asked=((1, t_ns),))
+    state = state.with_monitors(ControllerTime(since_ns=5))
     then = transitions.apply_mode_state(state, ModeState(after), t_ns + S)
     if before == after or {before, after} <= set(MODES_OF_A_CONTROLLER):
-        assert then.plan is kept and then.asked and then.watch.since_ns == 5
+        assert then.plan is kept and then.asked and then.monitor(ControllerTime).since_ns == 5
     else:
         since_ns = t_ns + S if after in MODES_OF_A_CONTROLLER else None
-        assert then.plan is None and not then.asked and then.watch.since_ns == since_ns
+        assert then.plan is None and not then.asked and then.monitor(ControllerTime).since_ns == since_ns
     assert (then.guidance.phase == "idle") == (before != after)
 
 
@@ -252,6 +254,9 @@ def test_the_controller_s_time_without_a_plan_counts_from_its_own_beginning():
     for _ in range(40):
         boat.t_ns += 100 * MS
         boat.index += 1
-        boat.feed(with_(boat.state.vehicle.heartbeat, t_ns=boat.t_ns), m.Tick(t_ns=boat.t_ns, index=boat.index))
+        boat.feed(
+            with_(boat.state.monitor(AutopilotState).heartbeat, t_ns=boat.t_ns),
+            m.Tick(t_ns=boat.t_ns, index=boat.index),
+        )
         boat.feed(m.PlanDeadline(t_ns=boat.t_ns, index=boat.index))
     assert not [o for o in boat.outputs if isinstance(o, m.Alert) and "no usable plan" in o.text]

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from companion.core.messages import Attitude, ImuSample, StateEstimate
 from companion.core.pilot import annunciator
-from companion.core.pilot.monitors.stuck_sensor import LEAST, NOTHING_HEARD, STUCK_NS, hear
+from companion.core.pilot.monitors.stuck_sensor import LEAST, STUCK_NS, SensorRepeats, StuckSensorMonitor
 
 MS = 1_000_000
 IMU = ImuSample(
@@ -17,13 +17,13 @@ ATTITUDE = Attitude(t_ns=0, t_rx_ns=0, phi_rad=0.0, theta_rad=0.0, psi_rad=1.0, 
 
 
 def said(messages):
-    """(stuck after each, levels of what was told)."""
-    known, stuck, told = NOTHING_HEARD, [], []
+    """(withheld, each; levels of the alerts)."""
+    state, stuck, levels = SensorRepeats(), [], []
     for message in messages:
-        known, alerts = hear(known, message, message.t_ns)
-        stuck.append(known.stuck)
-        told += [a.level for a in alerts]
-    return stuck, told
+        state, report = StuckSensorMonitor().on_message(state, message, message.t_ns)
+        stuck.append(report.withhold)
+        levels += [a.level for a in report.alerts]
+    return stuck, levels
 
 
 @given(st.integers(5, 250), st.sampled_from([IMU, ATTITUDE]))

@@ -1,0 +1,92 @@
+"""The table of monitors, and the loops of the pilot over it: every monitor is named here and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from companion.core.messages import Alert, Message
+from companion.core.pilot import transitions
+from companion.core.pilot.annunciator import Annunciator
+from companion.core.pilot.autopilot_state import AutopilotMonitor
+from companion.core.pilot.manual_control import StickMonitor
+from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.battery import BatteryMonitor
+from companion.core.pilot.monitors.fence_distance import FenceMonitor
+from companion.core.pilot.monitors.link_latency import LinkLatencyMonitor
+from companion.core.pilot.monitors.loop_lag import LoopLagMonitor
+from companion.core.pilot.monitors.monitor import Monitor, TickView
+from companion.core.pilot.monitors.override_monitor import OverrideMonitor
+from companion.core.pilot.monitors.plan_gap import PlanGapMonitor
+from companion.core.pilot.monitors.stuck_sensor import StuckSensorMonitor
+from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+
+
+def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tuple[str, ...]) -> MonitorTable:
+    """The monitors of one run, in the order in which they report.
+
+    `channels`: RC channels of the thrusters, then those held still; `anchors`: names that the estimator knows.
+    """
+    vessel, control = settings.vessel, settings.control
+    return MonitorTable(
+        (
+            StuckSensorMonitor(),
+            AutopilotMonitor(),
+            Annunciator(anchors, control.blind_s),
+            FenceMonitor(settings.fence),
+            BatteryMonitor(vessel.propulsion.nominal_voltage_V, settings.battery),
+            PlanGapMonitor(),
+            LoopLagMonitor(control.period_s),
+            OverrideMonitor(channels, len(vessel.thrusters), settings.system_id),
+            LinkLatencyMonitor(),
+            StickMonitor(control.manual_timeout_s),
+        )
+    )
+
+
+class MonitorTable:
+    """Monitors in order. All that changes is in `PilotState.monitors`, by the type of the state."""
+
+    def __init__(self, monitors: Iterable[Monitor[Any]]):
+        self._monitors = tuple(monitors)
+        kinds = {kind for monitor in self._monitors for kind in monitor.hears}
+        self._screens, self._listeners = (
+            {kind: [m for m in self._monitors if kind in m.hears and m.screens is screens] for kind in kinds}
+            for screens in (True, False)
+        )
+
+    def initial(self) -> Mapping[type, Any]:
+        """All states at switch-on."""
+        return {type(monitor.initial): monitor.initial for monitor in self._monitors}
+
+    def screen(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs, bool]:
+        """Monitors that come before the estimator; the last value: a monitor withholds the message."""
+        return _hear(self._screens.get(type(message), []), state, message, t_ns)
+
+    def hear(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs]:
+        """All other monitors of the message: their alerts, and their events through the mode table."""
+        return _hear(self._listeners.get(type(message), []), state, message, t_ns)[:2]
+
+    def on_tick(self, state: PilotState, view: TickView) -> tuple[PilotState, dict[Event, str], list[Alert]]:
+        """All monitors at a tick: conditions that hold, and alerts."""
+        own, conditions, alerts = dict(state.monitors), dict[Event, str](), list[Alert]()
+        for monitor in self._monitors:
+            kind = type(monitor.initial)
+            own[kind], report = monitor.on_tick(own[kind], view)
+            conditions.update(report.events)
+            alerts += report.alerts
+        return replace(state, monitors=own), conditions, alerts
+
+
+def _hear(
+    monitors: Iterable[Monitor[Any]], state: PilotState, message: Message, t_ns: int
+) -> tuple[PilotState, Outputs, bool]:
+    outputs: Outputs = []
+    withhold = False
+    for monitor in monitors:
+        own, report = monitor.on_message(state.monitor(type(monitor.initial)), message, t_ns)
+        state, changes = transitions.events(state.with_monitors(own), report.events, t_ns)
+        outputs += [*report.alerts, *changes]
+        withhold = withhold or report.withhold
+    return state, outputs, withhold

@@ -15,6 +15,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from companion.core.constants import GRAVITY_M_S2
 from companion.core.messages import (
     Attitude,
     AutopilotInfo,
@@ -28,8 +29,6 @@ from companion.core.messages import (
     TimeSync,
 )
 
-G0_M_S2 = 9.80665
-"""Standard gravity, 3rd CGPM (1901): what one "g" of an IMU message means."""
 MILLI = 1e-3
 UINT16_MAX = 65535
 UINT8_MAX = 255
@@ -122,7 +121,7 @@ def _scaled_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:
     """All six axes exactly 0 is how ArduPilot reports an IMU that is not there (seen in the real log)."""
     if not any((m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro)):
         return None
-    return _imu(m, t_ns, t_rx_ns, MILLI * G0_M_S2, MILLI)
+    return _imu(m, t_ns, t_rx_ns, MILLI * GRAVITY_M_S2, MILLI)
 
 
 def _highres_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:

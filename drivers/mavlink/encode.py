@@ -14,11 +14,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.messages import OverrideLease
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.vision import VisionPose
 
-PWM_MIN_US, PWM_NEUTRAL_US, PWM_MAX_US = 1100, 1500, 1900
+PWM_MIN_US, PWM_MAX_US = 1100, 1900
 """Pulse widths of the thrusters' speed controllers [us] (Blue Robotics Basic ESC)."""
 CHANNELS = 16
 """Channels that an override reaches; ArduPilot ignores 17 and 18."""
@@ -71,7 +72,7 @@ class MavlinkEncoder:
 
     def neutral(self, channels: Iterable[int]) -> bytes:
         """Override of `channels` with 1500 us."""
-        return self._override(dict.fromkeys(_check_channels(channels), PWM_NEUTRAL_US))
+        return self._override(dict.fromkeys(_check_channels(channels), NEUTRAL_US))
 
     def release(self, channels: Iterable[int]) -> bytes:
         """Hand `channels` back to the receiver."""

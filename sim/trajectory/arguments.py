@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.thrusters import NEUTRAL_US
+from companion.core.constants import NEUTRAL_US
 from sim.trajectory.step import GONE, TURNED, Drive, StepKind, parameters_of
 
 STABLE = 2.5

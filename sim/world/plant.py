@@ -16,10 +16,11 @@ import numpy as np
 from msgspec.structs import replace as replace_fields
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.core.model.integrate import FORCES, BufferedStep, DelayLine, rk4, state_rate
 from companion.core.model.loads import values
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrusters import NEUTRAL_US, force_from_pwm
+from companion.core.model.thrusters import force_from_pwm
 from sim.world.environment import Moment
 
 R_BATTERY_OHM = 0.05  # assumed: 4S pack with leads

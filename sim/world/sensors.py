@@ -17,11 +17,16 @@ import numpy as np
 
 from companion.core.configuration.site_file import Anchor
 from companion.core.configuration.vessel_file import Imu, Uwb
-from companion.core.model.sensor_errors import apply_heading_errors, apply_imu_errors, apply_uwb_scale, arrival_time_ns
+from companion.core.constants import GRAVITY_M_S2
+from companion.core.model.sensor_errors import (
+    apply_heading_errors,
+    apply_imu_errors,
+    apply_uwb_scale,
+    arrival_time_ns,
+)
 from sim.world.environment import Moment
 from sim.world.plant import Motion
 
-G = 9.80665  # m/s^2, standard gravity
 TILT_SIGMA_RAD = 0.002  # noise of the autopilot's roll and pitch; assumed
 
 
@@ -52,9 +57,9 @@ def specific_force(imu: Imu, motion: Motion, moment: Moment) -> np.ndarray:
     phi, theta = moment.phi_rad, moment.theta_rad
     return np.array(
         [
-            u_dot - v * r - imu.x_m * r**2 - imu.y_m * r_dot + G * np.sin(theta),
-            v_dot + u * r + imu.x_m * r_dot - imu.y_m * r**2 - G * np.cos(theta) * np.sin(phi),
-            -G * np.cos(theta) * np.cos(phi),
+            u_dot - v * r - imu.x_m * r**2 - imu.y_m * r_dot + GRAVITY_M_S2 * np.sin(theta),
+            v_dot + u * r + imu.x_m * r_dot - imu.y_m * r**2 - GRAVITY_M_S2 * np.cos(theta) * np.sin(phi),
+            -GRAVITY_M_S2 * np.cos(theta) * np.cos(phi),
         ]
     )
 

@@ -16,8 +16,8 @@ from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Anchor
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.core.control.allocation import allocate, pulse_widths
-from companion.core.model.thrusters import NEUTRAL_US
 from companion.logs.runs.run import Run, RunMeta
 from sim.world.environment import Environment, Moment, Weather
 from sim.world.plant import Motion, Plant

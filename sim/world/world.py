@@ -20,6 +20,7 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.core.messages import GroundTruth
 from companion.core.model.loads import values
 from sim.world.autopilot import SensorFrame
@@ -88,7 +89,7 @@ class Afloat:
         Outputs 1..n go to the thrusters in the vessel file's order; 0 is no pulse.
         """
         pulses = outputs_us[: len(self.vessel.thrusters)]
-        self.plant.command(self.t_ns, tuple(float(p) if p else 1500.0 for p in pulses))
+        self.plant.command(self.t_ns, tuple(float(p) if p else float(NEUTRAL_US) for p in pulses))
         moment = self._environment.step(self.t_ns * 1e-9, step_ns * 1e-9)
         self.plant.step(moment, step_ns)
         self.t_ns += step_ns

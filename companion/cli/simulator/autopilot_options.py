@@ -8,13 +8,13 @@ from typing import Any
 from companion.boat.load_run import EXAMPLES
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.parameter_file import parse_parameters
 
 FOLDER = EXAMPLES / "ardupilot"
 """Parameter files, one a wiring, and the Lua gate."""
 WIRED_CHANNELS = (9, 10, 11, 12)
 """The thrusters' RC channels in those files."""
-CENTRE_US = 1500
 
 
 def wirings() -> dict[str, str]:
@@ -49,7 +49,7 @@ def autopilot(args: argparse.Namespace, vessel: VesselFile) -> dict[str, Any]:
         ParameterStore(parameters)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    receiver_us = (CENTRE_US,) * (args.receiver or 0)
+    receiver_us = (NEUTRAL_US,) * (args.receiver or 0)
     return {
         "parameters": parameters,
         "receiver_us": receiver_us,

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu
+from companion.core.constants import GRAVITY_M_S2
 from companion.core.estimation.filter_state import (
     B_PSI,
     DYNAMIC,
@@ -28,8 +29,6 @@ from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Attitude, ImuSample
-
-GRAVITY_M_S2 = 9.80665
 
 
 def to_level_axes(tilt: Tilt, x: float, y: float, z: float) -> tuple[float, float, float]:

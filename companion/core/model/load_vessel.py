@@ -8,6 +8,7 @@ import numpy as np
 
 from companion.core.configuration.tables import ConfigError, parse_toml
 from companion.core.configuration.vessel_file import RotorMap, VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.core.model import loads
 from companion.core.model import manoeuvring as model
 
@@ -26,7 +27,7 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
         at = f"thrusters[{i}]"
         if t.force_map not in vessel.force_maps:
             yield f"{at}.force_map: no table force_maps.{t.force_map}; there are {sorted(vessel.force_maps)}"
-        if not t.pwm_min_us < 1500 < t.pwm_max_us:
+        if not t.pwm_min_us < NEUTRAL_US < t.pwm_max_us:
             yield f"{at}.pwm_min_us: expected pwm_min_us < 1500 < pwm_max_us"
         if not t.force_min_N < t.force_max_N:
             yield f"{at}.force_min_N: expected force_min_N < force_max_N"

@@ -35,8 +35,8 @@ from companion.core.configuration.vessel_file import (
     Thruster,
     VesselFile,
 )
+from companion.core.constants import NEUTRAL_US
 
-NEUTRAL_US = 1500
 SPAN_US = 400.0
 _GRID = np.linspace(0.0, 1.0, 2001)  # command grid of the inverse, 0.2 us apart
 

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.control.allocation import allocate, force_limits, pulse_widths
 from companion.core.control.fallback import FallbackSettings, command
 from companion.core.estimation.estimator import Estimator
@@ -30,7 +31,6 @@ from companion.core.messages import (
     SolveRequest,
     StateEstimate,
 )
-from companion.core.model.thrusters import NEUTRAL_US
 from companion.core.pilot import manual_control, transitions
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import THRUSTERS

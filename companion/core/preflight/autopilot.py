@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.rows import RENAMED, Level, ParameterSet, Row, number, numbers
 from companion.core.preflight.wiring import (
     BAND_US,
     DRIVING,
     MORE_OUTPUTS,
-    NEUTRAL_US,
     OUTPUTS,
     Companion,
     Output,

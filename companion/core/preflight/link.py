@@ -9,9 +9,10 @@ import re
 import statistics
 from collections.abc import Iterator
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, ParameterSet, Row, numbers
-from companion.core.preflight.wiring import BAND_US, NEUTRAL_US, Companion, Output, wiring
+from companion.core.preflight.wiring import BAND_US, Companion, Output, wiring
 
 BOAT = 11
 """MAV_TYPE_SURFACE_BOAT."""

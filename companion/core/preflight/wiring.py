@@ -20,7 +20,6 @@ from companion.core.preflight.rows import ParameterSet
 Kind = Literal["plain", "scaled", "script", "motor", "other"]
 
 OUTPUTS, MORE_OUTPUTS = 16, 32
-NEUTRAL_US = 1500
 BAND_US = 25
 """A speed controller stands still within 1475 to 1525 us (Blue Robotics Basic ESC)."""
 MOTORS = range(33, 37)

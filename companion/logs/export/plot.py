@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.messages import (
     GroundTruth,
     GuidanceReference,
@@ -196,7 +197,7 @@ def speeds(axes: Axes, series: Series) -> None:
 def pwm(axes: Axes, series: Series) -> None:
     """Pulse widths of the thrusters; shaded where a rung below the plan made them."""
     axes.set(title="Thruster PWM", ylabel="[us]")
-    axes.axhline(1500, color=BLACK, lw=0.7)
+    axes.axhline(NEUTRAL_US, color=BLACK, lw=0.7)
     for column, pwm_us in enumerate(series.pwm_us.T):
         label = f"T{column + 1}"
         if column < len(series.channels):

@@ -18,6 +18,7 @@ from companion.core.configuration.run_file import load_run
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.core.messages import (
     Attitude,
     Battery,
@@ -35,7 +36,6 @@ from companion.logs.readers.join import Stream, join
 from companion.logs.readers.uwb import uwb_streams
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
-NEUTRAL_US = 1500.0
 OBEY_S = 0.6
 """An output follows a lease within this: 0.5 s of override timeout, and the latency of its telemetry (observed)."""
 OBEY_US = 10.0  # assumed
@@ -158,12 +158,12 @@ def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int,
     for lease in leases:
         t_ns = lease.t_ns + link_ns
         if end_ns is not None and t_ns > end_ns:
-            rows.append((end_ns, *(NEUTRAL_US for _ in names)))
+            rows.append((end_ns, *(float(NEUTRAL_US) for _ in names)))
         given = lease.pwm_us[: len(names)]
         rows.append((t_ns, *given, *(np.nan for _ in range(len(names) - len(given)))))
         end_ns = t_ns + round(lease.valid_for_s * 1e9)
     if end_ns is not None and end_ns <= last_ns:
-        rows.append((end_ns, *(NEUTRAL_US for _ in names)))
+        rows.append((end_ns, *(float(NEUTRAL_US) for _ in names)))
     return Stream.of("commands", [f"pwm_{name}" for name in names], rows, held=True)
 
 

@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from companion.core.constants import NEUTRAL_US
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.table import csv_lines, numbers, text_columns
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 THRUSTERS = ("port_surge", "port_sway", "starboard_surge", "starboard_sway", "bow")
-NEUTRAL_US, SPAN_US = 1500.0, 400.0
+SPAN_US = 400.0
 BEYOND = 1.01  # the joystick's counts end at 1.0028 (observed)
 _NEEDED = ("t", "x", "y", "phi", "theta", "psi", "u1", "u2", "u3", "u4", "u5", "tracking_lost")
 CAPSIZED_RAD = 0.5  # the ship rolls by 0.06 rad at most (observed); beyond this she would not float

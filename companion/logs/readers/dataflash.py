@@ -17,6 +17,7 @@ from pymavlink import DFReader
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.logs.readers.aritra import NEUTRAL_US, attitude_stream, imu_stream, meta_fields
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.positions import geodetic_to_site
@@ -100,7 +101,7 @@ def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, 
         if dead.any():
             text = f"pwm_{name}: output {i + 1} had no pulse in {int(dead.sum())} of {len(dead)} records: neutral"
             notes.append(LogProblem(kind="no pulse", text=text))
-        columns[f"pwm_{name}"] = np.where(dead, NEUTRAL_US, pwm_us)
+        columns[f"pwm_{name}"] = np.where(dead, float(NEUTRAL_US), pwm_us)
     return Stream("outputs", t_ns, columns, held=True)
 
 

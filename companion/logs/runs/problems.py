@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
+from companion.core.constants import NEUTRAL_US
 from companion.logs.runs.run import LogProblem, Run
 
 GAP_PERIODS, GAP_S, END_S = 3.5, 0.2, 1.0
@@ -140,7 +141,7 @@ def _idle(run: Run) -> Iterator[LogProblem]:
     t_s = run.table["t_s"].to_numpy()
     pwm_us = run.table.select(f"pwm_{name}" for name in run.thrusters).to_numpy()
     with np.errstate(invalid="ignore"):
-        rest = np.all(np.abs(pwm_us - 1500.0) <= IDLE_US, axis=1)
+        rest = np.all(np.abs(pwm_us - NEUTRAL_US) <= IDLE_US, axis=1)
     for at_s, length_s, _ in _stretches(rest, t_s, IDLE_S):
         yield LogProblem(kind="idle", text="all thrusters rest", t_s=at_s, length_s=length_s)
     for i, name in enumerate(run.thrusters):

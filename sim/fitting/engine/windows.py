@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import GRAVITY_M_S2
 from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.decimate import Decimated
 from companion.logs.runs.run import Run
@@ -22,7 +23,6 @@ from sim.fitting.engine.thrust.history import ThrustCommands
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 PSI, RATE, SURGE, SWAY = range(4)
 MAX_STEP_S = 0.05  # yaw, the fastest motion, has a time constant of about 2 s, thrusters 0.1 s
-G = 9.80665  # m/s^2, standard gravity
 LEVEL_S = 0.3  # roll and pitch are averaged over so long before they level specific force: their noise would add to it
 SETTLE_S = 1.0  # after the first command: what the thrusters did before is not in the log, and forgotten by then
 EDGE_S = 0.5  # fixes so near an end of a run are left out, whatever the latency turns out to be
@@ -190,7 +190,7 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
     out = list(channels)
     for i, sign, column in ((SURGE, -1.0, 1), (SWAY, 1.0, 0)):
         t, a = channels[i]
-        out[i] = (t, a + sign * G * np.sin(np.interp(t, t_tilt, tilt[:, column])))
+        out[i] = (t, a + sign * GRAVITY_M_S2 * np.sin(np.interp(t, t_tilt, tilt[:, column])))
     return out
 
 

@@ -23,9 +23,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from companion.core.constants import GRAVITY_M_S2
 from sim.fitting.taylor import abkowitz_table as table
 
-KGF_N = 9.80665
+KGF_N = GRAVITY_M_S2
 """One kilogram-force [N], by definition."""
 
 C = np.array([table.SURGE, table.SWAY, table.YAW])

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, binned, rotations
 from sim.fitting.engine.thrust.forces import body_forces, settings_at
@@ -63,7 +64,7 @@ def held_commands(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pulse widths (k, n) and volts (k,) in force at each instant; before the first stamp: neutral, first volts."""
     names = [f"pwm_{name}" for name in run.thrusters]
     stamps, pwm = run.samples(*names)
-    pwm = np.vstack([np.full((1, len(names)), 1500.0), pwm.reshape(len(stamps), len(names))])
+    pwm = np.vstack([np.full((1, len(names)), float(NEUTRAL_US)), pwm.reshape(len(stamps), len(names))])
     volt_stamps, volts = run.samples("battery_v")
     if not len(volts):
         volt_stamps, volts = np.zeros(1), np.full(1, np.nan)

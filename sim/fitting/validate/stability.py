@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
 from sim.fitting.validate.protocol import STEP_S, Commands, Simulator
 from sim.fitting.validate.scores import SpeedBox
 
@@ -39,7 +40,7 @@ def stability(model: Simulator, vessel: VesselFile, box: SpeedBox, seed: int, ru
     x0 = np.hstack([np.zeros((runs, 3)), rng.uniform(box.low, box.high, (runs, 3))])
     low, high = np.array([(t.pwm_min_us, t.pwm_max_us) for t in vessel.thrusters], dtype=float).T
     drawn = rng.uniform(low, high, (runs, -(-steps // hold), n))
-    neutral = np.array([1500.0 + t.trim_us for t in vessel.thrusters])
+    neutral = np.array([NEUTRAL_US + t.trim_us for t in vessel.thrusters])
     still = np.tile(neutral, (runs, 2, 1))
     volts = np.full((runs, steps), vessel.propulsion.nominal_voltage_V)
     driven = model.simulate(x0, Commands(np.repeat(drawn, hold, axis=1)[:, :steps], volts, still))

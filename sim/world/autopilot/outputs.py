@@ -19,6 +19,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 
+from companion.core.constants import NEUTRAL_US
 from sim.world.autopilot.failsafe import RADIO, Failsafe
 from sim.world.autopilot.mixer import FACTORS, FIRST_FUNCTION, OMNI_X, OmniMixer
 from sim.world.autopilot.modes import Mode, ModeControl
@@ -27,7 +28,6 @@ from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 from sim.world.autopilot.stick import pulse_us, share
 
-NEUTRAL_US = 1500
 GATE_MIN_US, GATE_MAX_US = 1100, 1900
 _GATE_EXTRA_NS = 22_000_000
 _S = 1_000_000_000

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from companion.core.constants import GRAVITY_M_S2
 from sim.world.autopilot.failsafe import Failsafe
 from sim.world.autopilot.firmware import Firmware
 from sim.world.autopilot.modes import Mode, ModeControl
@@ -41,7 +42,7 @@ class SensorFrame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 AT_REST = SensorFrame(
-    accel_m_s2=(0.0, 0.0, -9.80665),
+    accel_m_s2=(0.0, 0.0, -GRAVITY_M_S2),
     gyro_rad_s=(0.0, 0.0, 0.0),
     phi_rad=0.0,
     theta_rad=0.0,

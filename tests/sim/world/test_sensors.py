@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
+from companion.core.constants import GRAVITY_M_S2
 from sim.world.environment import Moment
 from sim.world.plant import Motion
-from sim.world.sensors import G, ImuSensor, UwbFaults, UwbSensor
+from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
 from tests.support.drive_fixture import setup
 from tests.support.vessel_fixtures import boat
 
@@ -42,7 +43,7 @@ def distances(sensor, motion=REST):
 
 def test_at_rest_the_imu_feels_gravity_and_nothing_else():
     reading = imu(1, **EXACT).measure(REST, LEVEL)
-    assert reading.accel_m_s2 == pytest.approx((0, 0, -G), abs=1e-9)
+    assert reading.accel_m_s2 == pytest.approx((0, 0, -GRAVITY_M_S2), abs=1e-9)
     assert reading.gyro_rad_s == pytest.approx((0, 0, 0), abs=1e-9)
     assert reading.psi_rad == pytest.approx(0.7, abs=1e-9)
 
@@ -51,9 +52,9 @@ def test_tilted_at_rest_gravity_is_what_the_attitude_says():
     phi, theta = 0.2, -0.1
     tilted = Moment(0, 0, 0, 0, np.zeros(3), phi, theta)
     reading = imu(1, **EXACT).measure(REST, tilted)
-    told = G * np.array([np.sin(theta), -np.cos(theta) * np.sin(phi), -np.cos(theta) * np.cos(phi)])
+    told = GRAVITY_M_S2 * np.array([np.sin(theta), -np.cos(theta) * np.sin(phi), -np.cos(theta) * np.cos(phi)])
     assert reading.accel_m_s2 == pytest.approx(told, abs=1e-9)
-    assert np.linalg.norm(reading.accel_m_s2) == pytest.approx(G)
+    assert np.linalg.norm(reading.accel_m_s2) == pytest.approx(GRAVITY_M_S2)
 
 
 def test_off_the_centre_of_a_turn_the_imu_feels_the_lever_arm():
@@ -63,7 +64,7 @@ def test_off_the_centre_of_a_turn_the_imu_feels_the_lever_arm():
     motion = Motion(0, np.array([0, 0, 0, u, v, r, 0, 0, 0, 0]), np.array([0.05, -0.02, r_dot]))
     omega = np.array([0, 0, r])
     told = (np.array([0.05, -0.02, 0]) + np.cross(omega, [u, v, 0]) + np.cross(omega, np.cross(omega, place))
-            + np.cross([0, 0, r_dot], place) - [0, 0, G])  # fmt: skip
+            + np.cross([0, 0, r_dot], place) - [0, 0, GRAVITY_M_S2])  # fmt: skip
     reading = imu(1, x_m=0.3, y_m=-0.2, **EXACT).measure(motion, LEVEL)
     assert reading.accel_m_s2 == pytest.approx(told, abs=1e-9)
     assert reading.gyro_rad_s[2] == pytest.approx(r, abs=1e-9)

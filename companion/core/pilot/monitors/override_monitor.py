@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.messages import Alert, OverrideLease, ParamValue, RcChannels, ServoOutput
-from companion.core.model.thrusters import NEUTRAL_US
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.preflight.wiring import output

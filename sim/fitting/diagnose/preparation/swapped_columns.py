@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.core.constants import GRAVITY_M_S2
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import integrated
 from sim.fitting.engine.split import JobError
-from sim.fitting.engine.windows import G
 
 NEEDED = ("psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
 SPAN_S = 2.0  # T, or two fixes if that is longer: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
@@ -102,7 +102,7 @@ def _gravity(run: Run, t_s: np.ndarray) -> np.ndarray:
         return np.zeros((len(t_s), 2))
     at, tilt = run.samples("phi_rad", "theta_rad")
     phi, theta = (np.interp(t_s, at, tilt[:, i]) for i in range(2))
-    return G * np.column_stack([-np.sin(theta), np.sin(phi)])
+    return GRAVITY_M_S2 * np.column_stack([-np.sin(theta), np.sin(phi)])
 
 
 def _turned(psi: np.ndarray, v: np.ndarray) -> np.ndarray:

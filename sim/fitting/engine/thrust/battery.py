@@ -15,7 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import PitchMap, RotorMap, VesselFile
-from companion.core.model.thrusters import NEUTRAL_US, setting_share
+from companion.core.constants import NEUTRAL_US
+from companion.core.model.thrusters import setting_share
 from companion.logs.runs.run import Run
 from sim.fitting.engine.parameters import adjustable
 from sim.fitting.engine.thrust.forces import Settings, setting_rows, settings_at, thruster_forces

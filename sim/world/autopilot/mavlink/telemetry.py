@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
+from companion.core.constants import GRAVITY_M_S2
 from sim.world.autopilot.modes import Mode
 from sim.world.autopilot.vehicle import SimulatedVehicle
 
-G_M_S2 = 9.80665
 _STATE_CALIBRATING, _STATE_STANDBY, _STATE_ACTIVE, _STATE_CRITICAL = 2, 3, 4, 5
 _GYRO, _ACCEL, _MOTORS, _RC = 0x1, 0x2, 0x8000, 0x10000
 _FENCE, _AHRS, _BATTERY, _PREARM = 0x100000, 0x200000, 0x2000000, 0x10000000
@@ -139,7 +139,7 @@ def autopilot_version(v: SimulatedVehicle) -> wire.MAVLink_message:
 
 
 def _imu(v: SimulatedVehicle) -> tuple[int, int, int, int, int, int]:
-    xacc, yacc, zacc = _int16(v.sensors.accel_m_s2, G_M_S2 / 1000.0)
+    xacc, yacc, zacc = _int16(v.sensors.accel_m_s2, GRAVITY_M_S2 / 1000.0)
     xgyro, ygyro, zgyro = _int16(v.sensors.gyro_rad_s, 1e-3)
     return xacc, yacc, zacc, xgyro, ygyro, zgyro
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.messages import Heartbeat, RcChannels, ServoOutput
 from companion.core.preflight.autopilot import parameter_rows
 from companion.core.preflight.link import rest_rows
 from companion.core.preflight.observations import Disk, Observations
 from companion.core.preflight.rows import ParameterSet, Row
-from companion.core.preflight.wiring import BAND_US, NEUTRAL_US, Companion
+from companion.core.preflight.wiring import BAND_US, Companion
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, TABLE
 from tests.sim.world.autopilot.autopilot_fixture import Bench, command
 from tests.sim.world.wirings.wiring_fixture import load

@@ -12,7 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as wire
 import deploy
 from companion.cli.simulator.autopilot_options import FOLDER, WIRED_CHANNELS, wirings
 from companion.core.configuration.run_file import Control, MavlinkLink
-from drivers.mavlink.encode import PWM_MAX_US, PWM_MIN_US, PWM_NEUTRAL_US
+from companion.core.constants import NEUTRAL_US
+from drivers.mavlink.encode import PWM_MAX_US, PWM_MIN_US
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, BOAT_PARAMETERS, TABLE
 from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rover import GATE_CHANNELS
@@ -140,9 +141,9 @@ def test_the_script_and_the_rest_of_the_boat_agree_on_channels_and_limits():
     functions = [int(n) for n in re.search(r"FUNCTIONS = \{([^}]*)\}", script)[1].split(",")]
     assert channels == WIRED_CHANNELS == GATE_CHANNELS
     assert not set(channels) & set(Control().neutral_channels)
-    assert limits == (PWM_MIN_US, PWM_NEUTRAL_US, PWM_MAX_US)
+    assert limits == (PWM_MIN_US, NEUTRAL_US, PWM_MAX_US)
     assert functions == [load("gate")[f"SERVO{n}_FUNCTION"] for n in range(1, 5)]
-    assert {load("gate")[f"SERVO{n}_TRIM"] for n in range(1, 5)} == {PWM_NEUTRAL_US}
+    assert {load("gate")[f"SERVO{n}_TRIM"] for n in range(1, 5)} == {NEUTRAL_US}
 
 
 def test_the_files_come_with_the_package():

@@ -1,0 +1,6 @@
+"""Constants that every room shares."""
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity (CGPM 1901): one g of an accelerometer, one kgf over one kg."""
+NEUTRAL_US = 1500
+"""Pulse width [us] at which a thruster stands still: the middle of ArduPilot's RC and servo outputs."""

@@ -11,22 +11,24 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from msgspec.structs import replace
 
 from companion.boat.clock import Clock
+from companion.boat.devices.autopilot_commands import AutopilotCommands
+from companion.boat.devices.uwb_tag import UwbTag, uwb_timing
+from companion.boat.fault_barrier import FaultBarrier
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
 from companion.boat.process_stats import ProcessMeter
 from companion.boat.recorder import Recorder
 from companion.boat.solver_thread import REHEARSAL_S, Solver, SolverThread
 from companion.boat.start_interlock import StartInterlock
+from companion.boat.tick_timing import TickTiming
 from companion.core.messages import (
     Alert,
-    ImuSample,
-    LoopTiming,
     ManualInput,
     Message,
     NewMission,
@@ -34,11 +36,9 @@ from companion.core.messages import (
     OverrideLease,
     PlanDeadline,
     PlanResult,
-    ProcessStats,
     SolveRequest,
     StateEstimate,
     StepMark,
-    Tick,
     VehicleRequest,
 )
 from companion.core.pilot.autopilot_state import AutopilotState, is_alive
@@ -52,15 +52,7 @@ from drivers.uwb import UwbCodec
 NEUTRAL_REPEATS = 10
 NEUTRAL_PERIOD_S = 0.1
 """Neutral is sent ten times in a second before a release: without a receiver a release changes nothing."""
-UWB_STALE_PERIODS = 2.5
-UWB_LOST_S = 20.0
-"""A tag's cycles jitter, and a DWM1001 takes 5-20 s from opening its port to its first range."""
-UWB_RETRY_S = 0.25
-"""A tag is plugged in while all else waits for it: its port is tried so often. Assumed."""
-IMU_AGE_NS, NUDGE_NS = 4_000_000, 1_000_000
-"""Age of the newest IMU bytes that a tick aims at, and how far it moves for that at a time; assumed."""
 HOUSEKEEPING_NS = 100_000_000
-STATS_NS = 1_000_000_000
 
 
 class App:
@@ -84,42 +76,43 @@ class App:
         self.state: PilotState = pilot.initial(clock.now_ns())
         self._pilot, self._clock, self._recorder, self._watch = pilot, clock, recorder, watch
         self._control = pilot.settings.control
-        self._codec, self._uwb_codec = mavlink[1], uwb[1]
-        self._session = MavlinkSession(self._codec)
+        settings, codec = pilot.settings, mavlink[1]
+        self._session = MavlinkSession(codec)
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
-        told = pilot.settings
-        self._position = PositionFeed(vision_hz, told.site, told.vessel, self._codec) if vision_hz else None
+        self._uwb = self._link("uwb", *uwb, rng, uwb_timing(settings.vessel.sensors.uwb.rate_Hz))
+        self._tag = UwbTag(self._uwb, uwb[1], recorder)
+        position = PositionFeed(vision_hz, settings.site, settings.vessel, codec) if vision_hz else None
+        self._autopilot = AutopilotCommands(
+            self._mavlink, codec, pilot.channels, recorder, forward=forward, position=position
+        )
         self._forward, self._guard = forward, guard
         if forward:
-            self._codec.framer.on_frame = forward.show
-        self._uwb = self._link("uwb", *uwb, rng, uwb_timing(pilot.settings.vessel.sensors.uwb.rate_Hz))
+            codec.framer.on_frame = forward.show
         self._solver = SolverThread(solver, self._planned)
-        self._imu_rx_ns: int | None = None
-        self._tick = Tick(t_ns=0, index=-1)
-        self._tick_imu_ns: int | None = None
+        self._period_ns = round(self._control.period_s * 1e9)
+        self._timing = TickTiming(self._period_ns)
         self._stop = asyncio.Event()
-        self._uwb_online = False
         self._solver_stuck = False
-        self._failure: Exception | None = None
+        self._faults = FaultBarrier(self._fail)
         self._lease_end_ns = clock.now_ns()
 
     async def run(self) -> None:
         """Until `stop`; ends with neutral, disarm and a release. Raises what was raised inside, after neutral."""
         try:
             async with asyncio.TaskGroup() as group:
-                links = [group.create_task(self._guarded(link.run())) for link in (self._mavlink, self._uwb)]
+                links = [group.create_task(self._faults.task(link.run())) for link in (self._mavlink, self._uwb)]
                 if self._forward:
-                    station = self._forward.run(self._pass_on, self._note, self._is_disarmed)
-                    links.append(group.create_task(self._guarded(station)))
-                loops = [group.create_task(self._guarded(loop)) for loop in (self._ticks(), self._housekeeping())]
+                    station = self._forward.run(self._autopilot.pass_on, self._note, self._is_disarmed)
+                    links.append(group.create_task(self._faults.task(station)))
+                loops = [group.create_task(self._faults.task(loop)) for loop in (self._ticks(), self._housekeeping())]
                 await self._stop.wait()
                 await self._let_go(loops)
                 for task in links:
                     task.cancel()
         finally:
             self._solver.close()
-        if self._failure:
-            raise self._failure
+        if self._faults.failure:
+            raise self._faults.failure
 
     def stop(self) -> None:
         """End the run from a signal handler or a task."""
@@ -127,7 +120,7 @@ class App:
 
     def command(self, command: OperatorCommand) -> bool:
         """Hand an operator's command to the pilot, once the guard lets it pass; whether the pilot has it now."""
-        if self._failure or not (self._guard is None or self._guard.passes(command)):
+        if self._faults.failure or not (self._guard is None or self._guard.passes(command)):
             return False
         self._step([command], self._clock.now_ns())
         return True
@@ -140,78 +133,49 @@ class App:
     @property
     def refusal(self) -> str | None:
         """Why no command but a stop comes to the pilot; None: it may, or waits for the guard's check."""
-        if self._failure:
+        if self._faults.failure:
             return "the run ends after a fault"
         return self._guard.refusal if self._guard else None
 
     def load(self, mission: NewMission) -> bool:
         """Hand the pilot another mission, unless one is driven; whether it has it now."""
-        if self._failure or self.state.helm.on_mission:
+        if self._faults.failure or self.state.helm.on_mission:
             return False
         self._step([mission], self._clock.now_ns())
         return True
 
     def manual(self, sticks: ManualInput) -> None:
-        """Hand sticks to the pilot; they count in manual mode, once they have been at rest (`core.sticks`)."""
+        """Hand sticks to the pilot; they count in manual mode, once they have been at rest (`manual_control`)."""
         self._step([sticks], self._clock.now_ns())
 
-    # --- what goes wrong ---------------------------------------------------------------------------
-
-    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
-        """One task; a fault in it leaves the others running until neutral has been sent."""
-        try:
-            await work
-        except Exception as error:
-            self._fail(error)
-
-    def _safely(self, call: Callable[..., None], *args: Any) -> None:
-        """Call it, unless the run has failed already; what it raises ends the run, safely."""
-        if self._failure:
-            return
-        try:
-            call(*args)
-        except Exception as error:
-            self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        self._failure = self._failure or error
-        self._send(self._codec.encoder.neutral(self._pilot.channels))
+    def _fail(self) -> None:
+        self._autopilot.neutral()
         self._stop.set()
 
     # --- the loop ----------------------------------------------------------------------------------
 
     async def _ticks(self) -> None:
         """The control period: a tick, then the deadline of its plan, then a rehearsal for the next."""
-        period_ns = round(self._control.period_s * 1e9)
         deadline_ns = round(self._control.plan_deadline_s * 1e9)
-        due_ns = self._clock.now_ns() + period_ns
+        due_ns = self._clock.now_ns() + self._period_ns
         for index in range(1 << 62):
             await self._clock.sleep_until(due_ns)
             now = self._clock.now_ns()
-            self._tick = Tick(t_ns=now, index=index, lateness_ns=now - due_ns)
-            self._tick_imu_ns = self._imu_rx_ns
-            self._step([self._tick], now)
+            self._step([self._timing.begin(index, due_ns, now)], now)
             await self._clock.sleep_until(due_ns + deadline_ns)
             if self.state.open_tick == index:
                 now = self._clock.now_ns()
                 self._step([PlanDeadline(t_ns=now, index=index)], now)
-            due_ns = max(due_ns + period_ns + self._nudge_ns(), self._clock.now_ns())
+            due_ns = max(self._timing.next_due_ns(due_ns), self._clock.now_ns())
             await self._clock.sleep_until(due_ns - round(REHEARSAL_S * 1e9))
             self._solver.rehearse()
-
-    def _nudge_ns(self) -> int:
-        """Moves the next tick towards `IMU_AGE_NS` after an IMU sample, so that it plans from a fresh one."""
-        if self._tick_imu_ns is None:
-            return 0
-        off_ns = IMU_AGE_NS - (self._tick.t_ns - self._tick_imu_ns)
-        return max(-NUDGE_NS, min(NUDGE_NS, off_ns))
 
     def _planned(self, result: PlanResult) -> None:
         now = self._clock.now_ns()
         self._step([replace(result, t_ns=now)], now)
 
     def _step(self, inputs: Sequence[Message], t_ns: int) -> None:
-        self._safely(self._think, inputs, t_ns)
+        self._faults.call(self._think, inputs, t_ns)
 
     def _think(self, inputs: Sequence[Message], t_ns: int) -> None:
         """One logged call of the core, and what follows from it."""
@@ -229,13 +193,10 @@ class App:
     # --- outputs -----------------------------------------------------------------------------------
 
     def _lease(self, lease: OverrideLease) -> None:
-        sent = self._send(self._codec.encoder.override(lease))
+        sent = self._autopilot.override(lease)
         now = self._clock.now_ns()
         self._lease_end_ns = now + round(lease.valid_for_s * 1e9)
-        age_ms = None if self._tick_imu_ns is None else (now - self._tick_imu_ns) * 1e-6
-        lateness_ms = self._tick.lateness_ns * 1e-6
-        timing = LoopTiming(t_ns=now, index=lease.index, lateness_ms=lateness_ms, imu_to_override_ms=age_ms, sent=sent)
-        self._note(timing)
+        self._note(self._timing.of_lease(lease, now, sent=sent))
 
     def _solve(self, request: SolveRequest) -> None:
         stuck, self._solver_stuck = self._solver_stuck, not self._solver.submit(request)
@@ -244,37 +205,17 @@ class App:
             self._note(Alert(t_ns=request.t_ns, level="warning", text=text))
 
     def _ask_vehicle(self, request: VehicleRequest) -> None:
-        encoder = self._codec.encoder
-        if request.action == "set_mode":
-            self._send(encoder.set_mode(request.custom_mode or 0))
-        else:
-            self._send(encoder.arm() if request.action == "arm" else encoder.disarm())
+        self._autopilot.request(request)
 
     def _tell_position(self, estimate: StateEstimate) -> None:
-        if self._position:
-            restarts, begins = self.state.estimator.restarts, self._session.begins
-            for frame in self._position.frames(estimate, restarts=restarts, begins=begins):
-                self._send(frame)
+        self._autopilot.position(estimate, restarts=self.state.estimator.restarts, begins=self._session.begins)
 
     def _note(self, message: Message) -> None:
         self._recorder.record(message)
         self._watch(message)
 
-    def _send(self, data: bytes) -> bool:
-        """Whether the port was open for it."""
-        if sent := self._mavlink.send(data):
-            self._recorder.record_raw("mavlink", "tx", data)
-            if self._forward:
-                self._forward.show_own(data)
-        return sent
-
-    # --- the ground station ------------------------------------------------------------------------
-
-    def _pass_on(self, frame: bytes) -> None:
-        if self._mavlink.send(frame):
-            self._recorder.record_raw("mavlink", "tx", frame)
-
     def _is_disarmed(self) -> bool:
+        """As far as the ground station is concerned: only a living autopilot can be known to be disarmed."""
         autopilot = self.state.monitor(AutopilotState)
         armed = autopilot.heartbeat is None or autopilot.heartbeat.armed
         return not armed and is_alive(autopilot.heartbeat_ns, self._clock.now_ns())
@@ -282,7 +223,7 @@ class App:
     # --- devices -----------------------------------------------------------------------------------
 
     def _link(self, name: str, port: Port, codec: Any, rng: random.Random, timing: LinkTiming) -> DeviceLink:
-        hear = self._hear_autopilot if name == "mavlink" else self._think
+        take = self._hear_autopilot if name == "mavlink" else self._think
         return DeviceLink(
             name,
             port,
@@ -290,80 +231,53 @@ class App:
             now_ns=self._clock.now_ns,
             sleep_until=self._clock.sleep_until,
             rng=rng,
-            on_messages=lambda messages, t_ns: self._safely(hear, messages, t_ns),
+            on_messages=lambda messages, t_ns: self._faults.call(take, messages, t_ns),
             on_bytes=lambda data, t_ns: self._recorder.record_raw(name, "rx", data),
             timing=timing,
         )
 
     def _hear_autopilot(self, messages: Sequence[Message], t_ns: int) -> None:
-        for message in messages:
-            if isinstance(message, ImuSample):
-                self._imu_rx_ns = message.t_rx_ns
+        self._timing.hear(messages)
         self._talk(messages, t_ns)
         self._think(messages, t_ns)
 
     def _talk(self, messages: Sequence[Message], t_ns: int) -> None:
-        for frame in self._session.step(messages, t_ns):
-            self._send(frame)
-        for alert in self._session.take_alerts():
-            self._note(alert)
-        if self._guard:
-            self._ask_guard(self._guard, messages, t_ns)
-
-    def _ask_guard(self, guard: StartInterlock, messages: Sequence[Message], t_ns: int) -> None:
-        """Its questions to the autopilot, what it says, and the command that waited for it."""
-        for frame in guard.step(messages, t_ns):
-            self._send(frame)
-        for alert in guard.take_alerts():
-            self._note(alert)
-        if command := guard.take_command():
+        """Frames and alerts of the session and of the guard, and the command that waited for the guard's check."""
+        for partner in (self._session, self._guard) if self._guard else (self._session,):
+            for frame in partner.step(messages, t_ns):
+                self._autopilot.send(frame)
+            for alert in partner.take_alerts():
+                self._note(alert)
+        if self._guard and (command := self._guard.take_command()):
             self._step([replace(command, t_ns=t_ns)], t_ns)
 
     async def _housekeeping(self) -> None:
         """What goes on in silence: neutral after a lease, the session, the tag's shell, figures, the log."""
-        meter = ProcessMeter()
-        stats_due_ns = self._clock.now_ns() + STATS_NS
-        told: str | None = None
+        meter = ProcessMeter(self._clock.now_ns())
+        problem: str | None = None
         while True:
             now = self._clock.now_ns()
             if now >= self._lease_end_ns:
-                self._send(self._codec.encoder.neutral(self._pilot.channels))
+                self._autopilot.neutral()
             self._talk((), now)
-            self._talk_to_tag(now)
-            if now >= stats_due_ns:
-                stats_due_ns = now + STATS_NS
-                cpu_percent, rss_mb = meter.read(now)
-                self._note(ProcessStats(t_ns=now, cpu_percent=cpu_percent, rss_mb=rss_mb))
-            if self._recorder.problem and self._recorder.problem != told:
-                told = self._recorder.problem
-                self._watch(Alert(t_ns=now, level="error", text=told))
+            self._tag.step(now)
+            if stats := meter.step(now):
+                self._note(stats)
+            if self._recorder.problem and self._recorder.problem != problem:
+                problem = self._recorder.problem
+                self._watch(Alert(t_ns=now, level="error", text=problem))
             await self._clock.sleep_until(now + HOUSEKEEPING_NS)
-
-    def _talk_to_tag(self, t_ns: int) -> None:
-        online, self._uwb_online = self._uwb_online, self._uwb.is_open
-        opened = self._uwb_online and not online
-        for data in (self._uwb_codec.start_bytes() if opened else []) + self._uwb_codec.step(t_ns):
-            if self._uwb.send(data):
-                self._recorder.record_raw("uwb", "tx", data)
 
     async def _let_go(self, loops: Sequence[asyncio.Task[None]]) -> None:
         """Neutral for a second, disarm, and only then hand the channels back; nothing takes them again."""
         self.command(OperatorCommand(t_ns=self._clock.now_ns(), command="stop"))
         for _ in range(NEUTRAL_REPEATS):
-            self._send(self._codec.encoder.neutral(self._pilot.channels))
+            self._autopilot.neutral()
             await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))
         for task in loops:
             task.cancel()
-        self._send(self._codec.encoder.disarm())
-        self._send(self._codec.encoder.release(self._pilot.channels))
+        self._autopilot.release()
         await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))  # let them leave
-
-
-def uwb_timing(rate_hz: float) -> LinkTiming:
-    """When a tag that measures at `rate_hz` counts as stale and as lost."""
-    stale_s = max(LinkTiming().stale_after_s, UWB_STALE_PERIODS / rate_hz)
-    lost_s = max(UWB_LOST_S, 2 * stale_s)
-    return LinkTiming(stale_after_s=stale_s, lost_after_s=lost_s, backoff_max_s=UWB_RETRY_S)
 
 
 _DISPATCH: dict[type[Message], Callable[[App, Any], None]] = {

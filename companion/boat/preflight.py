@@ -18,8 +18,8 @@ from typing import Any
 
 from msgspec.structs import replace as struct_replace
 
-from companion.boat.app import uwb_timing
 from companion.boat.clock import Clock
+from companion.boat.devices.uwb_tag import uwb_timing
 from companion.boat.load_run import RunSetup, warnings
 from companion.boat.log_quota import MB, NAME
 from companion.boat.start_interlock import companion_of

@@ -1,0 +1,305 @@
+"""The shell: leases on the wire whatever happens, and neutral, disarm, release at every kind of end."""
+
+from __future__ import annotations
+
+import os
+import random
+import threading
+import time
+
+import pytest
+
+from companion.boat.devices.uwb_tag import uwb_timing
+from companion.core.messages import (
+    LoopTiming,
+    ManualInput,
+    ModeStatus,
+    OperatorCommand,
+    OverrideLease,
+    PlanResult,
+    Tick,
+)
+from companion.core.pilot.pilot import Pilot
+from companion.logs.log_file import LogFile
+from tests.companion.boat.app_fixture import Bench, S, neutral, released
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.mcap"
+
+
+def ends_in_order(bench):
+    """Neutral for about a second, then disarm, then release, then nothing."""
+    last = [(t, m.get_type(), m) for t, m in bench.sent if m.get_type() in ("RC_CHANNELS_OVERRIDE", "COMMAND_LONG")]
+    assert released(bench.overrides[-1][1]) and last[-1][1] == "RC_CHANNELS_OVERRIDE"
+    assert (last[-2][2].command, last[-2][2].param1) == (400, 0.0), "disarmed before the release"
+    end_ns = last[-1][0]
+    final = [pwm for t_ns, pwm in bench.overrides[:-1] if t_ns > end_ns - 0.95 * S]
+    assert len(final) >= 9 and all(map(neutral, final))
+    assert not bench.world.rover.vehicle.modes.armed
+    assert bench.world.rover.outputs_us[:4] == (1500,) * 4
+
+
+def test_a_run_from_start_to_stop(path):
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        await bench.run(2.0)
+        bench.decided = [lease.pwm_us[:4] for lease in bench.of(OverrideLease)]
+        bench.sent_then = [pwm[8:12] for t_ns, pwm in bench.overrides if t_ns >= bench.of(Tick)[0].t_ns]
+
+    assert bench.scene(story) is None
+    assert bench.sent_then == bench.decided, "what was decided is what was sent"
+    counts = bench.leases_per_tick()
+    driven = counts[:-12]  # the last second has the neutrals of the end beside the leases
+    assert len(driven) > 60 and set(driven) == {1}
+    ticks, leases = bench.of(Tick), bench.of(OverrideLease)
+    assert [t.index for t in ticks] == [lease.index for lease in leases] == [t.index for t in bench.of(LoopTiming)]
+    assert {p.status for p in bench.of(PlanResult)} == {"ok"}
+    sources = [lease.source for lease in leases if lease.source != "neutral"]
+    assert sources.count("plan") > 20
+    ends_in_order(bench)
+    log = LogFile(path)
+    assert sum(isinstance(m, OverrideLease) for m in log.messages()) == len(leases)
+    assert sum(len(raw.data) for raw in log.raw("mavlink") if raw.direction == "tx") > 1000
+
+
+class Mind(Pilot):
+    """A pilot that raises at a chosen tick."""
+
+    fails_at: int | None = None
+
+    def step(self, state, inputs, t_ns):
+        if self.fails_at is not None and any(isinstance(i, Tick) and i.index >= self.fails_at for i in inputs):
+            raise ZeroDivisionError("a bug in the core")
+        return super().step(state, inputs, t_ns)
+
+
+def after_failure(bench, error, kind):
+    assert isinstance(error, kind)
+    ends_in_order(bench)
+
+
+def mind():
+    from tests.support.drive_fixture import setup
+
+    return Mind(setup().pilot)
+
+
+def test_an_exception_in_the_core_ends_in_neutral_and_is_raised(path):
+    bench = Bench(path, mind=mind())
+
+    async def story(bench):
+        await bench.drive()
+        assert not neutral(bench.overrides[-1][1])
+        bench.mind.fails_at = bench.of(Tick)[-1].index + 1
+        failed_ns = bench.clock.now_ns()
+        await bench.run(3.0, until=bench.running.done)
+        assert 0.9 * S < bench.clock.now_ns() - failed_ns < 1.6 * S
+
+    after_failure(bench, bench.scene(story), ZeroDivisionError)
+
+
+def fail_in_watch(bench):
+    def watch(message):
+        if isinstance(message, Tick):
+            raise ValueError("a bug in what watches")
+
+    bench.on_watch = watch
+
+
+def fail_in_encoder(bench):
+    def override(lease):
+        raise ValueError("a bug in a driver")
+
+    bench.codec.encoder.override = override
+
+
+def fail_in_session(bench):
+    def step(messages, t_ns):
+        raise ValueError("a bug in the session")
+
+    bench.app._session.step = step
+
+
+def fail_in_tag(bench):
+    def feed(data, t_ns):
+        raise ValueError("a bug in a codec")
+
+    bench.tag_codec.feed = feed
+
+
+@pytest.mark.parametrize(
+    ("fault", "driving"),
+    [(fail_in_watch, False), (fail_in_encoder, True), (fail_in_session, False), (fail_in_tag, False)],
+)
+def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving):
+    bench = Bench(path)
+
+    async def story(bench):
+        await (bench.drive() if driving else bench.run(2.0))
+        fault(bench)
+        assert await bench.run(4.0, until=bench.running.done)
+
+    after_failure(bench, bench.scene(story), ValueError)
+
+
+class Stuck:
+    """A solver that does not come back until it is let go."""
+
+    def __init__(self):
+        self.gate = threading.Event()
+
+    def solve(self, request, warm):
+        self.gate.wait()
+        raise AssertionError("let go")
+
+
+def test_a_solver_that_never_returns_leaves_the_leases_to_the_ladder(path):
+    solver = Stuck()
+    bench = Bench(path, solver)
+
+    async def story(bench):
+        await bench.drive()
+        await bench.run(2.0)
+
+    started = time.monotonic()
+    try:
+        assert bench.scene(story) is None
+    finally:
+        solver.gate.set()
+    assert time.monotonic() - started < 30.0
+    assert set(bench.leases_per_tick()[:-12]) == {1}
+    assert {lease.source for lease in bench.of(OverrideLease)} == {"neutral", "pd"}
+    told = [text for text in bench.alerts() if "solver is still busy" in text]
+    assert len(told) == 1, "said once, not at every tick"
+    ends_in_order(bench)
+
+
+class Raising:
+    def solve(self, request, warm):
+        raise FloatingPointError("no numbers today")
+
+
+def test_a_solver_that_raises_has_failed_and_the_run_goes_on(path):
+    bench = Bench(path, Raising())
+
+    async def story(bench):
+        await bench.drive()
+        await bench.run(1.0)
+
+    assert bench.scene(story) is None
+    plans = bench.of(PlanResult)
+    assert len(plans) > 10 and {p.status for p in plans} == {"failed"}
+    assert all("FloatingPointError: no numbers today" in p.reason for p in plans)
+    leases = [lease for lease in bench.of(OverrideLease) if lease.source != "neutral"]
+    assert {lease.source for lease in leases} == {"pd"} and "FloatingPointError" in leases[0].reason
+    assert set(bench.leases_per_tick()[:-12]) == {1}
+    ends_in_order(bench)
+
+
+def test_a_lost_autopilot_stops_the_boat_and_it_goes_on_when_told(path):
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        bench.deaf, bench.answering = True, False
+        await bench.run(4.2)
+        assert bench.mode == "safe" and neutral(bench.overrides[-1][1])
+        await bench.run(2.0)
+        bench.deaf, bench.answering = False, True
+        await bench.run(3.0)
+        assert bench.mode == "safe", "not by itself"
+        await bench.drive()
+
+    assert bench.scene(story) is None
+    assert bench.links("mavlink") == ["searching", "online", "stale", "lost", "searching", "online"]
+    assert [lease.index for lease in bench.of(OverrideLease)] == [t.index for t in bench.of(Tick)]
+    assert any("no heartbeat" in text for text in bench.alerts())
+    ends_in_order(bench)
+
+
+def test_garbage_from_the_tag_is_counted_and_the_boat_stays_neutral(path):
+    bench, dice = Bench(path), random.Random(5)
+
+    async def story(bench):
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="start"))
+        for _ in range(40):
+            bench.garbage = dice.randbytes(40)
+            await bench.run(0.1)
+        assert set(bench.links("uwb")) == {"searching"}
+        assert bench.tag_codec.counters != type(bench.tag_codec.counters)()
+
+    assert bench.scene(story) is None
+    assert {lease.source for lease in bench.of(OverrideLease)} == {"neutral"}
+    assert sum(bench.leases_per_tick()[:-12]) > 25 and set(bench.leases_per_tick()[:-12]) == {1}
+    ends_in_order(bench)
+
+
+def test_garbage_from_the_autopilot_does_no_harm(path):
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        for _ in range(20):
+            bench.far.send(os.urandom(60))
+            await bench.run(0.05)
+        assert bench.mode == "auto"
+
+    assert bench.scene(story) is None
+    ends_in_order(bench)
+
+
+def test_a_loop_that_stands_still_sends_neutral_when_the_lease_is_over(path):
+    """Housekeeping speaks where the core does not."""
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        bench.app._step = lambda inputs, t_ns: None
+        last = bench.of(OverrideLease)[-1]
+        await bench.run(1.0)
+        after = [(t_ns, pwm) for t_ns, pwm in bench.overrides if t_ns > last.t_ns]
+        assert len(after) >= 5 and all(neutral(pwm) for _, pwm in after)
+        assert 0.3 * S <= after[0][0] - last.t_ns <= 0.4 * S
+
+    bench.scene(story)
+
+
+def test_by_hand_over_the_wire_and_neutral_when_the_hands_are_gone(path):
+    """No tag, so no estimate: sticks need none. A client that dies leaves neutral within its timeout and a tick."""
+    bench = Bench(path)
+
+    async def hold(bench, surge, seconds):
+        for _ in range(round(seconds / 0.05)):
+            now = bench.clock.now_ns()
+            bench.app.manual(ManualInput(t_ns=now, surge=surge, sway=0.0, yaw=0.0, source="test"))
+            await bench.run(0.05)
+
+    async def story(bench):
+        bench.world.silent_uwb = True
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="manual"))
+        await hold(bench, 0.0, 5.0)
+        assert bench.mode == "manual" and bench.world.rover.vehicle.modes.armed
+        await hold(bench, 0.5, 2.0)
+        assert min(bench.world.rover.outputs_us[:4]) > 1600 and bench.world.plant.motion.x[3] > 0.2
+        gone_ns = bench.clock.now_ns()
+        await bench.run(1.0)
+        neutrals = [t_ns for t_ns, pwm in bench.overrides if t_ns > gone_ns and neutral(pwm)]
+        assert 0.4 * S < neutrals[0] - gone_ns < 0.65 * S and bench.mode == "locked"
+        assert bench.world.rover.outputs_us[:4] == (1500,) * 4
+        await hold(bench, 0.5, 1.0)
+        assert bench.mode == "locked" and neutral(bench.overrides[-1][1])
+
+    assert bench.scene(story) is None
+    assert next(m.mode for m in bench.of(ModeStatus) if m.driving) == "manual"
+    assert set(bench.leases_per_tick()[:-12]) == {1}
+    ends_in_order(bench)
+
+
+@pytest.mark.parametrize(("rate_hz", "stale_s", "lost_s"), [(1.0, 2.5, 20.0), (10.0, 1.5, 20.0), (0.1, 25.0, 50.0)])
+def test_a_slow_tag_is_given_its_time(rate_hz, stale_s, lost_s):
+    timing = uwb_timing(rate_hz)
+    assert (timing.stale_after_s, timing.lost_after_s) == (stale_s, lost_s)

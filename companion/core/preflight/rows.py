@@ -4,7 +4,7 @@
     warning   may be meant so; read it
     refuse    do not start: the boat might not stop, or could not be driven at all
 
-The rows themselves are made in `checks_autopilot` (parameters), `checks_link` and `checks_boat` (what was heard).
+The rows are made in `autopilot` and `rules` (parameters), `link` and `boat` (observations).
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ def worst(rows: Iterable[Row]) -> Level:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """What an autopilot has told of its parameters. Ask by the name of 4.6."""
+    """An autopilot's parameters as far as they were read. Ask by the name of 4.6."""
 
     values: Mapping[str, float]
 
     def get(self, name: str) -> float | None:
-        """Value of a parameter, None where it was not told."""
+        """Value of a parameter, None where it was not read."""
         return self.values.get(self.spelled(name))
 
     def spelled(self, name: str) -> str:
@@ -55,7 +55,7 @@ class ParameterSet:
         return new if new is not None and name not in self.values and new in self.values else name
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Value as a whole number; `default` where it was not told."""
+        """Value as a whole number; `default` where it was not read."""
         value = self.get(name)
         return default if value is None else round(value)
 

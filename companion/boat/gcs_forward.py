@@ -4,7 +4,7 @@
     station -> StationGate -> autopilot                     only where the run file says `writable`
 
 Nothing here makes the control loop wait: what the station's port does not take is dropped and counted, a station
-that is not there costs nothing, and what goes wrong with its port is told once and tried again.
+that is absent costs nothing, and a fault of its port is one alert and a new attempt.
 """
 
 from __future__ import annotations

@@ -116,21 +116,21 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
 
 def warnings(setup: RunSetup) -> list[str]:
     """What is allowed, but a person should know before the boat moves."""
-    fence, margin_m, told = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m, list[str]()
+    fence, margin_m, texts = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m, list[str]()
     for i, w in enumerate(setup.pilot.mission.path.waypoints):
         room_m = fence.clearance(w.north_m, w.east_m)
         where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
         if room_m < 0:
-            told.append(
+            texts.append(
                 f"{where} lies beyond the fence: the boat will keep off it, or stop in neutral once it is across"
             )
         elif room_m < margin_m:
-            told.append(
+            texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
     if setup.run.battery == BatteryLimits():
-        told.append("no [battery] limits in the run file: an empty battery will not stop the boat")
-    return told
+        texts.append("no [battery] limits in the run file: an empty battery will not stop the boat")
+    return texts
 
 
 def _mission(text: str, name: str, site: Site) -> Mission:

@@ -73,7 +73,7 @@ def to_delete(files: Iterable[Stored], *, quota_bytes: float, running: str, now_
 
 
 def sweep(folder: Path, *, quota_bytes: float, running: str, now_s: float) -> Swept:
-    """Delete what `to_delete` says. Waits for the disk; what the disk refuses is told, never raised."""
+    """Delete the files of `to_delete`. Waits for the disk; an error of the disk is returned, never raised."""
     try:
         files = [Stored(p.name, p.stat().st_size, p.stat().st_mtime) for p in folder.glob("aritra-*.mcap")]
     except OSError as error:  # also a file that another process deleted meanwhile: the next look sees it right
@@ -96,22 +96,22 @@ def sweep(folder: Path, *, quota_bytes: float, running: str, now_s: float) -> Sw
 
 
 async def keep_within(look: Callable[[], Swept], clock: Clock, tell: Callable[[Alert], None]) -> None:
-    """`look` every minute, in a thread, for ever; tells what was deleted, and a problem once while it lasts."""
-    told: str | None = None
+    """Call `look` every minute, in a thread, for ever; alerts of deleted logs, and once of a problem while it lasts."""
+    known: str | None = None
     while True:
         await clock.sleep_until(clock.now_ns() + PERIOD_NS)
         swept = await asyncio.to_thread(look)
-        for alert in alerts(swept, told, clock.now_ns()):
+        for alert in alerts(swept, known, clock.now_ns()):
             tell(alert)
-        told = swept.problem
+        known = swept.problem
 
 
-def alerts(swept: Swept, told: str | None, t_ns: int) -> list[Alert]:
-    """What a person should know. `told`: the problem that is known already."""
-    found = []
+def alerts(swept: Swept, known: str | None, t_ns: int) -> list[Alert]:
+    """Alerts of deleted logs and of a new problem. `known`: the problem of the latest alert."""
+    messages = []
     if swept.deleted:
         text = f"old logs deleted for log.quota_MB: {', '.join(swept.deleted)}"
-        found.append(Alert(t_ns=t_ns, level="info", text=text))
-    if swept.problem and swept.problem != told:
-        found.append(Alert(t_ns=t_ns, level="warning", text=swept.problem))
-    return found
+        messages.append(Alert(t_ns=t_ns, level="info", text=text))
+    if swept.problem and swept.problem != known:
+        messages.append(Alert(t_ns=t_ns, level="warning", text=swept.problem))
+    return messages

@@ -1,4 +1,4 @@
-"""The shell of the pre-flight check: opens the boat's wires, listens, asks for parameters, and never moves anything.
+"""The pre-flight check with its ports: opens the links, listens, reads parameters, and never moves anything.
 
 What goes out to the autopilot: heartbeats, TIMESYNC, message intervals, AUTOPILOT_VERSION, MAV_CMD_RUN_PREARM_CHECKS
 and PARAM_REQUEST_READ. No override, no arming, no mode, no parameter is ever set. The tag's shell is woken as in a run.
@@ -55,8 +55,8 @@ from drivers.uwb import UwbCodec
 
 STEP_NS = 50_000_000
 SETTLE_S = 1.0
-"""Streams that were just asked for take a moment to begin; assumed."""
-HEARD_S = 8.0
+"""Streams that were just requested take a moment to begin; assumed."""
+HEARTBEAT_WAIT_S = 8.0
 """Heartbeats come at 1 Hz; opening a port may take some seconds (assumed)."""
 TAG_S = 20.0
 """A DWM1001 takes 5 to 20 s from opening its port to its first range."""
@@ -66,25 +66,25 @@ RUN_PREARM_CHECKS = 401
 """MAV_CMD: the autopilot says in STATUSTEXTs why it would refuse to arm."""
 
 
-def all_rows(setup: RunSetup, heard: Observations, told: ParameterSet) -> list[Row]:
+def all_rows(setup: RunSetup, observed: Observations, parameters: ParameterSet) -> list[Row]:
     """The whole table."""
     companion, vessel, battery = companion_of(setup), setup.pilot.vessel, setup.run.battery
-    asked = parameter_rows(told, companion) if heard.heartbeat else []
+    asked = parameter_rows(parameters, companion) if observed.heartbeat else []
     what = f"{setup.digest}: vessel {vessel.name}, site {setup.pilot.site.name}, mission {setup.pilot.mission.name}"
     return [
-        *configuration_rows(heard.notes, what),
-        *link_rows(heard, companion),
+        *configuration_rows(observed.notes, what),
+        *link_rows(observed, companion),
         *asked,
-        *rest_rows(heard, told, companion),
-        *estimator_rows(heard),
-        *uwb_rows(heard, setup.pilot.site, vessel),
-        *battery_rows(heard, vessel.propulsion.nominal_voltage_V, battery.low_V, battery.critical_V),
-        *disk_rows(heard),
+        *rest_rows(observed, parameters, companion),
+        *estimator_rows(observed),
+        *uwb_rows(observed, setup.pilot.site, vessel),
+        *battery_rows(observed, vessel.propulsion.nominal_voltage_V, battery.low_V, battery.critical_V),
+        *disk_rows(observed),
     ]
 
 
 class Listener:
-    """One check. `say` is told what it is at, in words."""
+    """One check. `say` takes a text for each stage of it."""
 
     def __init__(
         self,
@@ -113,11 +113,11 @@ class Listener:
         self._uwb_open = False
 
     async def run(self, listen_s: float, disk: Disk) -> tuple[Observations, ParameterSet]:
-        """Listen for `listen_s` [s] once an autopilot is heard, then read its parameters."""
+        """Listen for `listen_s` [s] from the first heartbeat on, then read the autopilot's parameters."""
         tasks = [asyncio.create_task(work) for work in (self._mavlink.run(), self._uwb.run(), self._talk())]
         try:
             self._say("waiting for autopilot and UWB tag")
-            await self._until(lambda: Heartbeat in self._latest, max(listen_s, HEARD_S))
+            await self._until(lambda: Heartbeat in self._latest, max(listen_s, HEARTBEAT_WAIT_S))
             await self._until(lambda: bool(self._cycles()) or not self._uwb.is_open, TAG_S)
             await self._wait(SETTLE_S)
             if Heartbeat in self._latest:
@@ -125,11 +125,11 @@ class Listener:
             self._say(f"listening for {listen_s:g} s")
             before, start_ns = (self._counts(), self._cycles()), self._clock.now_ns()
             await self._wait(listen_s)
-            heard = self._heard((self._clock.now_ns() - start_ns) * 1e-9, before, disk)
-            if heard.heartbeat:
+            observed = self._observations((self._clock.now_ns() - start_ns) * 1e-9, before, disk)
+            if observed.heartbeat:
                 self._say("reading the autopilot's parameters")
                 await self._read_parameters()
-            return heard, ParameterSet(self._reader.values)
+            return observed, ParameterSet(self._reader.values)
         finally:
             for task in tasks:
                 task.cancel()
@@ -155,7 +155,7 @@ class Listener:
             await self._clock.sleep_until(self._clock.now_ns() + STEP_NS)
 
     async def _talk(self) -> None:
-        """What is said in silence: heartbeats, questions again, the tag's shell."""
+        """What is sent without being asked: heartbeats, repeated requests, the tag's shell."""
         while True:
             now_ns = self._clock.now_ns()
             self._answer((), now_ns)
@@ -202,7 +202,7 @@ class Listener:
         self._state, innovations = self._estimator.step(self._state, message)
         self._innovations += innovations
 
-    # --- what came of it ---------------------------------------------------------------------------
+    # --- observations ------------------------------------------------------------------------------
 
     def _counts(self) -> dict[str, int]:
         return {name: self._codec.counters.from_target(name) for name in WANTED_HZ}
@@ -210,7 +210,7 @@ class Listener:
     def _cycles(self) -> int:
         return len(self._kept[UwbRanges]) + len(self._kept[UwbPosition])
 
-    def _heard(self, listened_s: float, then: tuple[dict[str, int], int], disk: Disk) -> Observations:
+    def _observations(self, listened_s: float, then: tuple[dict[str, int], int], disk: Disk) -> Observations:
         before, after, counters = then[0], self._counts(), self._codec.counters
 
         def latest(kind):
@@ -232,19 +232,19 @@ class Listener:
 
 
 def look_at_disk(folder: Path, quota_MB: float | None) -> Disk:
-    """The log folder as it is; nothing is written or made."""
-    there = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
+    """State of the log folder; nothing is written or made."""
+    existing = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
     quota = None if quota_MB is None else quota_MB * MB
     name = str(folder) if str(folder) != "." else str(Path.cwd())
     try:
-        free = shutil.disk_usage(there).free
+        free = shutil.disk_usage(existing).free
         logs = [p.stat() for p in folder.glob("aritra-*.mcap") if NAME.fullmatch(p.name)] if folder.is_dir() else []
     except OSError as error:
         return Disk(name, 0, problem=error.strerror)
     problem = None
-    if not there.is_dir():
-        problem = f"{there} is not a folder"
-    elif not os.access(there, os.W_OK | os.X_OK):
+    if not existing.is_dir():
+        problem = f"{existing} is not a folder"
+    elif not os.access(existing, os.W_OK | os.X_OK):
         problem = "may not be written to"
     newest_s = max((s.st_mtime for s in logs), default=None)
     return Disk(name, free, problem, quota, sum(s.st_size for s in logs), newest_s)

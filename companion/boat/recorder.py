@@ -27,7 +27,7 @@ from companion.logs.schema import METADATA_NAME, RAW_PREFIX, RawBytes, flow, vie
 
 PERIOD_S = 0.25  # between flushes; a quarter of the second that may be lost
 RETRY_S = 5.0  # between attempts on a disk that refused
-HANG_S = 3.0  # a write that has not come back for so long is told while it hangs; assumed
+HANG_S = 3.0  # a write that takes longer is a `problem` while it hangs; assumed
 CLOSE_S = 5.0  # how long the end of a run waits for a disk that hangs; assumed: what stops the service waits longer
 SLOW_S = 0.75  # a flush that takes longer than this breaks the promise of 1 s: said in `problem`
 ROTATE_BYTES = 64 * 1024 * 1024  # some 20 minutes: a file's index waits in memory, 2.5 kB for each quarter of a second

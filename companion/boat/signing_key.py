@@ -1,4 +1,4 @@
-"""The signing key's file and the file that remembers the last time stamp: read with care, told without the key.
+"""The signing key's file and the file that remembers the last time stamp: read with care, reported without the key.
 
 A key file holds 32 raw bytes, 64 hexadecimal digits, or a passphrase of which the SHA-256 is the key, as Mission
 Planner, MAVProxy and QGroundControl make it. 32 bytes that are all printable are a passphrase.
@@ -78,7 +78,7 @@ def _secret(content: bytes) -> bytes:
 
 
 def load_timestamp(path: Path) -> int:
-    """What `store_timestamp` wrote; 0 where there is nothing to read."""
+    """The time stamp that `store_timestamp` wrote; 0 without a readable file."""
     try:
         return int(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -93,17 +93,17 @@ def store_timestamp(path: Path, timestamp: int) -> None:
 
 
 async def keep_timestamp(path: Path, signing: Signing, clock: Clock, tell: Callable[[Alert], None]) -> None:
-    """Store the time stamp every 10 s, in a thread, until cancelled; what the disk refuses is told once."""
-    told = False
+    """Store the time stamp every 10 s, in a thread, until cancelled; one alert of a disk that refuses."""
+    reported = False
     try:
         while True:
             try:
                 await asyncio.to_thread(store_timestamp, path, signing.timestamp)
             except OSError as error:
                 text = f"{path}: {error.strerror}: after a restart with a wrong clock old signatures would be believed"
-                if not told:
+                if not reported:
                     tell(Alert(t_ns=clock.now_ns(), level="warning", text=text))
-                told = True
+                reported = True
             await clock.sleep_until(clock.now_ns() + KEEP_NS)
     finally:
         with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
-"""Before the boat is let loose: the parameters that decide whether it stops, read while it lies in neutral.
+"""The start interlock: the autopilot's parameters that decide whether the boat stops, read while it is in neutral.
 
-A `start`, `hold`, `excite` or `manual` waits until the autopilot has told them, and is dropped where one of them
-refuses; `stop` never waits. Read anew after the autopilot's reboot and after its silence. The rows are those of
+A `start`, `hold`, `excite` or `manual` waits until they have been read, and is dropped where one of them refuses;
+`stop` never waits. They are read anew after the autopilot's reboot and after its silence. The rows are those of
 `aritra check`.
 """
 
@@ -20,7 +20,7 @@ from drivers.mavlink.parameter_reader import ParameterReader
 
 
 class StartInterlock:
-    """One run's. `refused`: why nothing may start, row by row; `clear`: all was read and nothing refuses.
+    """The interlock of one run. `refused`: rows for which nothing may start; `clear`: all was read, nothing refuses.
 
     `rows`: the whole table as last judged.
     """
@@ -51,14 +51,14 @@ class StartInterlock:
 
     def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
-        beat = any(isinstance(message, Heartbeat) for message in messages)
-        silent = beat and self._heard_ns is not None and not is_alive(self._heard_ns, t_ns)
-        self._heard_ns = t_ns if beat else self._heard_ns
+        heartbeat = any(isinstance(message, Heartbeat) for message in messages)
+        silent = heartbeat and self._heard_ns is not None and not is_alive(self._heard_ns, t_ns)
+        self._heard_ns = t_ns if heartbeat else self._heard_ns
         if silent or self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots
             self._reader, self.refused, self.rows, self.clear = None, [], [], False
         if self._reader is None:
-            if not beat:
+            if not heartbeat:
                 return []
             self._reader, self._more = ParameterReader(self._codec.encoder, wanted(self._companion)), False
         if self.clear or self.refused:
@@ -70,7 +70,7 @@ class StartInterlock:
 
     @property
     def refusal(self) -> str | None:
-        """Why nothing may start, in a sentence; None: nothing speaks against it so far."""
+        """Why nothing may start; None: no reason so far."""
         return self._why() if self.refused else None
 
     def take_command(self) -> OperatorCommand | None:
@@ -86,18 +86,18 @@ class StartInterlock:
         return alerts
 
     def _judge(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
-        told = ParameterSet(reader.values)
+        parameters = ParameterSet(reader.values)
         if not self._more:
             self._more = True
-            reader.ask(wanted_more(told))
+            reader.ask(wanted_more(parameters))
             if not reader.done:
                 return reader.step((), t_ns)
-        if told.get("SERVO1_FUNCTION") is None:
-            self._reader = None  # nothing was told: ask again with the next heartbeat
+        if parameters.get("SERVO1_FUNCTION") is None:
+            self._reader = None  # no answer: ask again with the next heartbeat
             if self._held:
                 self._say(t_ns, "warning", "the autopilot does not tell its parameters: still waiting, not starting")
             return []
-        self.rows = rows = list(parameter_rows(told, self._companion))
+        self.rows = rows = list(parameter_rows(parameters, self._companion))
         self.refused = [row for row in rows if row.level == "refuse"]
         self.clear = not self.refused
         for row in rows:

@@ -1,1 +1,1 @@
-"""The service manager: what it is told, and the wire to it."""
+"""The service manager: notifications of readiness, life and status."""

@@ -48,6 +48,6 @@ def _address(name: str) -> str:
 
 def _watchdog_ns(environ: Mapping[str, str], pid: int) -> int | None:
     """WATCHDOG_USEC, where it is meant for this process."""
-    told, whose = environ.get("WATCHDOG_USEC", ""), environ.get("WATCHDOG_PID", str(pid))
-    meant = whose == str(pid) and told.isascii() and told.isdigit() and int(told) > 0
-    return int(told) * 1000 if meant else None
+    usec, whose = environ.get("WATCHDOG_USEC", ""), environ.get("WATCHDOG_PID", str(pid))
+    meant = whose == str(pid) and usec.isascii() and usec.isdigit() and int(usec) > 0
+    return int(usec) * 1000 if meant else None

@@ -5,7 +5,7 @@
     answer thread    query.reply, which may wait for a bad network
 
 So a stop reaches the pilot as soon as the loop is free, nothing that the shore sends costs the loop time before it is
-believed, and no reply can hold up an order behind it. What is refused is counted, and told at the 1st, 2nd, 4th, 8th.
+accepted, and no reply can delay the next order. Refusals are counted; the 1st, 2nd, 4th, 8th of them is an alert.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ANSWERS = 64
 
 
 class ShoreCommands:
-    """The boat's ear. `refused`: how many orders, by code; `obeyed`: how many the pilot was given."""
+    """Takes orders from shore. `refused`: number of orders, by code; `obeyed`: those handed to the pilot."""
 
     def __init__(
         self,
@@ -89,17 +89,18 @@ class ShoreCommands:
             self._refuse(query, no.code, no.text)
         except Repeated as again:
             self._again(query, again.outcome)
-        except Exception as error:  # a stranger's bytes must not silence the ear
+        except Exception as error:  # bytes of anybody must not end the listening
             self._refuse(query, "malformed", f"not an order: {type(error).__name__}")
 
     def _judge(self, query: zenoh.Query) -> None:
-        told, sealed = query.payload, query.attachment
-        if told is None:
+        payload, attachment = query.payload, query.attachment
+        if payload is None:
             raise OrderRefused("malformed", "not an order: no payload")
-        if len(told) > MAX_BYTES or (sealed is not None and len(sealed) > MAX_BYTES):
+        if len(payload) > MAX_BYTES or (attachment is not None and len(attachment) > MAX_BYTES):
             raise OrderRefused("too_long", f"longer than {MAX_BYTES} bytes")
         with self._lock:
-            order = self._gate.judge(bytes(told), None if sealed is None else bytes(sealed), self._clock.now_ns())
+            signed = None if attachment is None else bytes(attachment)
+            order = self._gate.judge(bytes(payload), signed, self._clock.now_ns())
             if self._pending >= PENDING and order.command != "stop":
                 raise OrderRefused("busy", f"{PENDING} orders wait already")
             self._pending += 1
@@ -149,7 +150,7 @@ class ShoreCommands:
     # --- the loop's thread -------------------------------------------------------------------------
 
     def _obey(self, query: zenoh.Query, order: Order, mission: Mission | None) -> None:
-        """Give a believed order to the App, and say what came of it."""
+        """Give an accepted order to the App, and answer with its outcome."""
         with self._lock:
             self._pending -= 1
         try:

@@ -44,7 +44,7 @@ SPARSE = 200
 MAX_MESSAGE = 1_000_000
 """Bytes; a longer message is dropped as it comes in. Zenoh's own limit is 1 GB, which a boat may not have (assumed)."""
 HEARTBEAT_S = 1.0
-"""Topics that are rarely published tell so often which sample was their last: a reader notices what it missed."""
+"""Topics that are rarely published announce their last sample so often: a reader notices what it missed."""
 
 
 class Answerer(Protocol):
@@ -114,7 +114,7 @@ class Telemetry:
             self._wake.set()
 
     def close(self) -> None:
-        """Tell what is left, and end; does not wait for longer than CLOSE_S."""
+        """Publish the rest of the queue, and end; waits for CLOSE_S at most."""
         self._ended = True
         self._wake.set()
         if self._thread.is_alive():
@@ -188,8 +188,8 @@ class Telemetry:
                     self.dropped += 1
                     self._say("warning", f"telemetry: {type(message).__name__} not published: {error}")
 
-    def _publish(self, publishers: dict[str, ext.AdvancedPublisher], told: Sequence[shore.ShoreMessage]) -> None:
-        for each in told:
+    def _publish(self, publishers: dict[str, ext.AdvancedPublisher], messages: Sequence[shore.ShoreMessage]) -> None:
+        for each in messages:
             topic, data = shore.topic_of(each), shore.encode(each)
             self._last[topic] = data
             publishers[topic].put(data)
@@ -197,16 +197,16 @@ class Telemetry:
             self.published_bytes += len(data)
 
     def _look(self, session: zenoh.Session, connected: bool | None) -> bool:
-        """Say once each that there is nobody, somebody, and nobody any more."""
-        there = bool(session.info.routers_zid() or session.info.peers_zid())
+        """Alert, once each: nobody connected yet, connected, connection lost."""
+        reachable = bool(session.info.routers_zid() or session.info.peers_zid())
         where = ", ".join((*self._link.connect, *self._link.listen))
-        if there and not connected:
+        if reachable and not connected:
             self._say("info", f"telemetry: {self._boat} is connected ({where})")
-        elif connected and not there:
+        elif connected and not reachable:
             self._say("info", f"telemetry: the connection is lost ({where}); the boat goes on, zenoh tries again")
-        elif connected is None and not there:
+        elif connected is None and not reachable:
             self._say("info", f"telemetry: nobody at {where} yet; the boat goes on, zenoh tries again")
-        return there
+        return reachable
 
     def _say(self, level, text: str) -> None:
         if text not in self._told:
@@ -214,7 +214,7 @@ class Telemetry:
             self._tell(Alert(t_ns=time.monotonic_ns(), level=level, text=text))
 
     def _wait_until(self, end_s: float) -> None:
-        """Nothing can be sent: the queue goes on being emptied into nothing."""
+        """Without a session: drop what is queued until `end_s`."""
         while not self._ended and time.monotonic() < end_s:
             self._wake.wait(LOOK_S)
             self._wake.clear()

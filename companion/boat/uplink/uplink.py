@@ -56,7 +56,7 @@ class Shore:
         loop = asyncio.get_running_loop()
 
         def tell_loop(alert: Alert) -> None:
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to be told
+            with contextlib.suppress(RuntimeError):  # the loop is closed: the run is over
                 loop.call_soon_threadsafe(tell, alert)
 
         if self._gate:
@@ -77,7 +77,7 @@ class Shore:
             self.commands.end()
 
     def close(self) -> None:
-        """Tell what is left, and end; waits for 3 s at most."""
+        """Publish what is left, and end; waits for 3 s at most."""
         if self.telemetry:
             self.telemetry.close()
         if self.commands:

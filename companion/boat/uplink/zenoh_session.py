@@ -1,4 +1,4 @@
-"""What boat and shore do alike with zenoh: its configuration from a file and settings over it, and a session's end."""
+"""zenoh for boat and shore: its configuration from a file with settings over it, and the end of a session."""
 
 from __future__ import annotations
 

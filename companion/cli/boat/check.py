@@ -46,7 +46,7 @@ def add_parser(commands) -> None:
 
 
 def check(args: argparse.Namespace, console: Console | None = None) -> int:
-    """Listen, judge, tell; the exit code."""
+    """Listen, judge and print; the exit code."""
     setup = load_setup(args.config)
     mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
     uwb = port_of(args, "uwb", setup.run.uwb.url)
@@ -73,8 +73,8 @@ async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: P
             clock=BoatClock(),
             say=status.update,
         )
-        observations, verdicts = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
-    return all_rows(setup, observations, verdicts)
+        observed, parameters = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
+    return all_rows(setup, observed, parameters)
 
 
 def show(rows: list[Row], console: Console, *, explain_all: bool = False) -> None:
@@ -87,8 +87,8 @@ def show(rows: list[Row], console: Console, *, explain_all: bool = False) -> Non
             Text(row.level, style=STYLES[row.level]), row.area, Text(row.name), Text(row.found), Text(row.needed)
         )
     console.print(table)
-    listed = [row for row in rows if explain_all or row.level != "ok"]
-    for row in sorted(listed, key=lambda row: ("refuse", "warning", "ok").index(row.level)):
+    explained = [row for row in rows if explain_all or row.level != "ok"]
+    for row in sorted(explained, key=lambda row: ("refuse", "warning", "ok").index(row.level)):
         console.print()
         console.print(Text(f"{row.level}: {row.name} = {row.found}", style=STYLES[row.level]))
         console.print(Text(f"  {row.why}"))

@@ -65,24 +65,25 @@ async def _wire(args: argparse.Namespace, autopilot: Provisioner, console: Conso
     name = f"{args.wiring}.param"
     wanted = parse_parameters((FOLDER / name).read_text(encoding="utf-8"), name=name)
     console.print("reading the autopilot's parameters")
-    current = await autopilot.parameters()
-    found = changes(current, wanted)
-    if missing := unknown(found):
+    stored = await autopilot.parameters()
+    differences = changes(stored, wanted)
+    if missing := unknown(differences):
         raise ProvisioningError(f"the autopilot does not have {', '.join(missing)}: is it ArduPilot Rover 4.6 or 4.7?")
-    console.print(_difference(found) if found else Text(f"all {len(wanted)} parameters are as {name} has them"))
+    unchanged = Text(f"all {len(wanted)} parameters are as {name} has them")
+    console.print(_difference(differences) if differences else unchanged)
     script = args.wiring == "gate"
     if args.dry_run:
         console.print(Text("dry run: nothing was changed"))
         return DONE
-    if found or script:
+    if differences or script:
         await _refuse_armed(autopilot)
-        if not args.yes and not _agreed(console, found, script):
+        if not args.yes and not _agreed(console, differences, script):
             return FAILED
-    if failed := await _write(autopilot, found, console):
+    if failed := await _write(autopilot, differences, console):
         console.print(Text(f"NOT DONE: {', '.join(failed)}; run it again", style="bold red"))
         return FAILED
     sent = await _upload(autopilot, console) if script else True
-    await _end(autopilot, found, script, args.reboot, console)
+    await _end(autopilot, differences, script, args.reboot, console)
     return DONE if sent else FAILED
 
 
@@ -91,20 +92,20 @@ async def _refuse_armed(autopilot: Provisioner) -> None:
         raise ProvisioningError("the autopilot is armed: nothing was changed; disarm it first")
 
 
-def _difference(found: list[Change]) -> Table:
+def _difference(differences: list[Change]) -> Table:
     table = Table(box=None, pad_edge=False)
     for head in ("parameter", "now", "will be", ""):
         table.add_column(head, justify="left" if head in ("parameter", "") else "right")
-    for c in found:
+    for c in differences:
         table.add_row(
             c.name, number(c.found), Text(number(c.wanted), style="bold"), "after a reboot" if c.reboot else ""
         )
     return table
 
 
-def _agreed(console: Console, found: list[Change], script: bool) -> bool:
-    """Ask; without a terminal to answer on, no."""
-    what = " and ".join([f"{len(found)} parameters"] * bool(found) + ["gate.lua"] * script)
+def _agreed(console: Console, differences: list[Change], script: bool) -> bool:
+    """Ask the user; without a terminal the answer is no."""
+    what = " and ".join([f"{len(differences)} parameters"] * bool(differences) + ["gate.lua"] * script)
     try:
         answer = console.input(f"write {what} to the autopilot? (y/N) ")
     except EOFError:
@@ -115,10 +116,10 @@ def _agreed(console: Console, found: list[Change], script: bool) -> bool:
     return False
 
 
-async def _write(autopilot: Provisioner, found: list[Change], console: Console) -> list[str]:
-    """Write and read back; what is not as it should be."""
+async def _write(autopilot: Provisioner, differences: list[Change], console: Console) -> list[str]:
+    """Write and read back; names of those that do not read back as wanted."""
     failed = []
-    for c in found:
+    for c in differences:
         try:
             now = await autopilot.write(c.name, c.wanted)
         except ProvisioningError as error:
@@ -128,8 +129,8 @@ async def _write(autopilot: Provisioner, found: list[Change], console: Console) 
         if not same(now, c.wanted):
             console.print(Text(f"{c.name}: is {number(now)} after writing {number(c.wanted)}", style="red"))
             failed.append(c.name)
-    if found:
-        console.print(f"wrote and read back {len(found) - len(failed)} of {len(found)} parameters")
+    if differences:
+        console.print(f"wrote and read back {len(differences) - len(failed)} of {len(differences)} parameters")
     return failed
 
 
@@ -147,8 +148,8 @@ async def _upload(autopilot: Provisioner, console: Console) -> bool:
     return True
 
 
-async def _end(autopilot: Provisioner, found: list[Change], script: bool, reboot: bool, console: Console) -> None:
-    late = [c.name for c in found if c.reboot]
+async def _end(autopilot: Provisioner, differences: list[Change], script: bool, reboot: bool, console: Console) -> None:
+    late = [c.name for c in differences if c.reboot]
     if reboot and (late or script):
         await _refuse_armed(autopilot)
         await autopilot.reboot()

@@ -132,17 +132,17 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
 
 def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
     """Path of the log, its folder made and within its quota; and how to look after the quota again."""
-    log_settings = setup.run.log
-    folder = args.config.parent / log_settings.folder if log_settings.folder else Path()
+    settings = setup.run.log
+    folder = args.config.parent / settings.folder if settings.folder else Path()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{args.config}: log.folder: {folder}: {error.strerror}") from None
     log = args.log or new_log(folder, time.localtime())
-    if log_settings.quota_MB is None:
+    if settings.quota_MB is None:
         return log, None
     running = log.name if log.parent.resolve() == folder.resolve() else ""
-    quota_bytes = log_settings.quota_MB * MB
+    quota_bytes = settings.quota_MB * MB
 
     def look() -> Swept:
         return sweep(folder, quota_bytes=quota_bytes, running=running, now_s=time.time())
@@ -249,7 +249,7 @@ async def _drive(
 
 
 def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:
-    """The controller, with machine code from the last run where there is some."""
+    """The controller, with machine code from the cache of the last run if it has any."""
 
     def say(text: str) -> None:
         tell(Alert(t_ns=time.monotonic_ns(), level="info", text=text))

@@ -26,7 +26,7 @@ from drivers.sticks.device import GamepadDevice
 from drivers.sticks.keyboard import Command, Keyboard
 
 PERIOD_NS = 50_000_000
-"""Sticks are told 20 times a second: twice a tick, so that a late one does not matter."""
+"""Sticks are read 20 times a second: twice a tick, so that a late one does not matter."""
 _OPERATOR: dict[Command, Literal["stop", "manual", "start", "hold", "excite"]] = {
     "stop": "stop",
     "drive": "manual",
@@ -66,7 +66,7 @@ def teleop(args: argparse.Namespace) -> int:
 
 
 class TeleopConsole:
-    """The person's place: keys and sticks to the App, messages to the view. `gamepad`: its device, or None.
+    """Keys and sticks to the App, messages to the view. `gamepad`: its device, or None.
 
     `out`: where the view is drawn, the terminal where it is None.
     """
@@ -131,7 +131,7 @@ class TeleopConsole:
             await clock.sleep_until(due_ns)
 
     def _read(self) -> bytes | None:
-        """What was typed since the last look, b"" for nothing; None: the terminal is gone."""
+        """Keys typed since the last call, b"" for none; None: the terminal is gone."""
         happened = [events for _, events in self._poll.poll(0)]
         if not happened:
             return b""
@@ -152,7 +152,7 @@ class TeleopConsole:
 
 @contextlib.contextmanager
 def _keys_as_they_come(descriptor: int) -> Iterator[None]:
-    """A terminal that gives each key at once, unechoed; as it was afterwards."""
+    """Set the terminal to give each key at once, without echo; restore it afterwards."""
     before = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
     try:

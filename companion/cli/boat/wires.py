@@ -27,11 +27,11 @@ def add_config(p: argparse.ArgumentParser) -> None:
 
 def port_of(args: argparse.Namespace, link: str, url: str) -> Port:
     """The port of a link: the command line's, or the run file's. Raises ConfigError."""
-    given = getattr(args, link)
+    option = getattr(args, link)
     try:
-        return open_port_from_url(given or url)
+        return open_port_from_url(option or url)
     except PortUrlError as error:
-        raise ConfigError(f"--{link}: {error}" if given else f"{args.config}: {link}.url: {error}") from None
+        raise ConfigError(f"--{link}: {error}" if option else f"{args.config}: {link}.url: {error}") from None
 
 
 def signing_of(args: argparse.Namespace, setup: RunSetup, stamps: Path) -> Signing | None:

@@ -1,1 +1,1 @@
-"""The boat's decisions: `step(state, inputs, t) -> (state, outputs)`, its mode table and its monitors."""
+"""The pilot: `step(state, inputs, t) -> (state, outputs)`, its mode table and its monitors."""

@@ -51,7 +51,7 @@ class StickMonitor(Monitor[Sticks]):
 
 
 def take_input(sticks: Sticks, message: ManualInput, t_ns: int, timeout_s: float) -> Sticks:
-    """Take an input; one that is not finite, beyond -1 to 1, out of order or from the future counts as silence."""
+    """The state after an input; one that is not finite, beyond -1 to 1, out of order or from the future is ignored."""
     shares, last = _shares(message), sticks.last
     if not all(math.isfinite(s) and abs(s) <= 1.0 for s in shares) or message.t_ns > t_ns + AHEAD_NS:
         return sticks

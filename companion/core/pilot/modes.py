@@ -1,15 +1,15 @@
-"""What the boat does whatever happens: one table of modes and events, and nothing beside it.
+"""The mode table: the mode after every event in every mode.
 
-A row is an event, a column the mode in which it comes, an entry the mode after it: `.` stays, `wanted` is the
-mode that was asked for. What the thrusters do follows from the mode alone (`THRUSTERS`), what the operator reads
+A row is an event, a column the mode in which it happens, an entry the mode after it: `.` stays, `wanted` is the
+requested mode. What the thrusters do follows from the mode alone (`THRUSTERS`), what the operator reads
 from the entry (`sentence`). Reference for people: docs/modes.md.
 
-    idle        nothing was asked for
-    starting    something was: neutral until nothing of `NEEDS` stands against it and the autopilot is ready
+    idle        no mode is requested
+    starting    one is: neutral until nothing of `NEEDS` stands against it and the autopilot is ready
     auto        the mission                       hold      station keeping
     excitation  an excitation is flown            paused    ... waits, in neutral, for a healthy estimate
     manual      sticks                            locked    ... in neutral until the sticks have been at rest
-    safe        something took the driving away: neutral until the operator asks for a mode
+    safe        driving was stopped: neutral until the operator requests a mode
 
 Events that last are conditions: `on` when they begin, `OVER[event]` when they end. In a mode, or for a mode that
 is asked for, those of its NEEDS count for as long as they last; the others once, as they begin.
@@ -116,12 +116,12 @@ with an empty battery and without an estimate."""
 WANTED: dict[Event, Wanted] = {"start": "auto", "hold": "hold", "excite": "excitation"}
 _OPERATOR = _events("stop", "start", "hold", "excite", "manual")
 _CALM = _OPERATOR | _events("ready", "finished", *OVER.values())
-_TOLD_AT_REST = _events(
+_ALERTED_AT_REST = _events(
     "fence_breached", "battery_low", "battery_critical", "override_ignored", "fence_clear", "battery_ok"
 )
-"""Told in neutral, too."""
-_TOLD_ELSEWHERE = _events("link_lost", "unfit", "degraded")
-"""The links and the estimate speak for themselves where nothing changes."""
+"""Alerts of these are raised in neutral, too."""
+_ALERTED_ELSEWHERE = _events("link_lost", "unfit", "degraded")
+"""Links and estimate have alerts of their own, which suffice where the mode stays."""
 
 _HINTS: dict[Event, str] = {
     "fence_breached": "fetch it by hand (manual)",
@@ -162,7 +162,7 @@ TABLE: Mapping[tuple[Mode, Event], ModeOutcome] = _parse(_ROWS)
 
 
 def sentence(mode: Mode, event: Event, after: Mode, why: str) -> str:
-    """What the operator is told of one entry. `why`: the event in words."""
+    """Text of the alert for one entry. `why`: reason of the event."""
     hint = f" ({_HINTS[event]})" if event in _HINTS else ""
     if after == "safe" and mode != "safe":
         return f"stopped: {why}{hint}; thrusters are neutral until the operator starts again"
@@ -182,8 +182,8 @@ def sentence(mode: Mode, event: Event, after: Mode, why: str) -> str:
 
 @dataclass(frozen=True)
 class ModeState:
-    """Who steers. `wanted`: what `starting` is for; `why`: the last change, or what is waited for, in words;
-    `lasting`: conditions that were there at the last look.
+    """The mode. `wanted`: the mode after `starting`; `why`: the last change, or what is waited for, as text;
+    `lasting`: conditions that held at the last tick.
     """
 
     mode: Mode = "idle"
@@ -211,44 +211,44 @@ AT_REST = ModeState()
 
 
 def apply_event(helm: ModeState, event: Event, why: str, t_ns: int) -> tuple[ModeState, list[Alert]]:
-    """One event through the table: what steers now, and what there is to tell. `why`: the event in words."""
+    """One event through the table: the state after it, and alerts. `why`: reason of the event."""
     entry = TABLE[helm.mode, event].next
     after: Mode = helm.wanted if entry == "wanted" else entry
     text = sentence(helm.mode, event, after, why)
     wanted = WANTED.get(event, helm.wanted) if after == "starting" else helm.wanted
-    told: list[Alert] = []
+    alerts: list[Alert] = []
     changed = after != helm.mode
-    worth = helm.driving and event not in _TOLD_ELSEWHERE
-    if event not in _CALM and (changed or worth or event in _TOLD_AT_REST):
+    worth = helm.driving and event not in _ALERTED_ELSEWHERE
+    if event not in _CALM and (changed or worth or event in _ALERTED_AT_REST):
         level = "error" if changed and after in ("safe", "hold") else "warning"
-        told.append(Alert(t_ns=t_ns, level=level, text=text))
-    elif event in _TOLD_AT_REST or (event == "healthy" and changed):
-        told.append(Alert(t_ns=t_ns, level="info", text=text))
-    return replace(helm, mode=after, wanted=wanted, why=text if changed or after == "starting" else helm.why), told
+        alerts.append(Alert(t_ns=t_ns, level=level, text=text))
+    elif event in _ALERTED_AT_REST or (event == "healthy" and changed):
+        alerts.append(Alert(t_ns=t_ns, level="info", text=text))
+    return replace(helm, mode=after, wanted=wanted, why=text if changed or after == "starting" else helm.why), alerts
 
 
 def apply_conditions(helm: ModeState, conditions: Mapping[Event, str], t_ns: int) -> tuple[ModeState, list[Alert]]:
-    """One tick: conditions that began or ended since the last, and those that the mode may not have.
+    """One tick: conditions that began or ended since the last, and those that the mode does not allow.
 
-    `conditions`: those there are now, each in words.
+    `conditions`: those that hold now, each with its reason.
     """
-    told: list[Alert] = []
+    alerts: list[Alert] = []
     for event in EVENTS:
         if event not in conditions:
             continue
-        minds = event in helm.needs
-        begun = event not in helm.lasting and (minds or helm.mode != "starting")
-        if begun or minds:
+        counts = event in helm.needs
+        begun = event not in helm.lasting and (counts or helm.mode != "starting")
+        if begun or counts:
             before = helm.mode
             helm, more = apply_event(helm, event, conditions[event], t_ns)
-            told += more if begun or helm.mode != before else []
+            alerts += more if begun or helm.mode != before else []
     for event, over in OVER.items():
         if event in helm.lasting and event not in conditions:
             helm, more = apply_event(helm, over, over.replace("_", " "), t_ns)
-            told += more
-    return replace(helm, lasting=frozenset(conditions)), told
+            alerts += more
+    return replace(helm, lasting=frozenset(conditions)), alerts
 
 
 def waits_for(helm: ModeState, conditions: Mapping[Event, str]) -> str | None:
-    """What still stands against the mode that is asked for, in words."""
+    """Reason of the first condition that does not allow the requested mode; None: there is none."""
     return next((conditions[event] for event in EVENTS if event in conditions and event in helm.needs), None)

@@ -70,7 +70,7 @@ class PilotState:
     row: tuple[float, ...] | None = None
     plan: PlanResult | None = None
     plan_ns: int = 0
-    told: tuple[Mode, int | None] = ("idle", None)
+    last_status: tuple[Mode, int | None] = ("idle", None)
     """Mode and instant [ns] of the latest ModeStatus."""
 
     def monitor(self, kind: type[Own]) -> Own:

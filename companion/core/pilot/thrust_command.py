@@ -1,4 +1,4 @@
-"""What the thrusters do at a tick, and the one lease in which it ends.
+"""Thruster commands of a tick, and the one lease in which it ends.
 
     controller                    guidance and a SolveRequest; the lease follows
     sticks, excitation, neutral   the lease at once
@@ -41,7 +41,7 @@ from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""
 REMEMBERED_TICKS = 20
-"""Requests whose plans are still welcome, by tick: twice what the oldest usable plan needs at 10 Hz; assumed."""
+"""Latest requests whose plans are still taken: twice what the oldest usable plan needs at 10 Hz; assumed."""
 
 
 class ThrustCommander:
@@ -64,7 +64,7 @@ class ThrustCommander:
         self._times_s = [k * settings.nmpc.step_s for k in range(settings.nmpc.stages + 1)]
 
     def drive(self, state: PilotState, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
-        """What the thrusters of this mode do at this tick."""
+        """The tick of a mode: a lease at once, or a request to the controller."""
         thrusters = THRUSTERS[state.helm.mode]
         if thrusters == "excitation" and self._flight:
             return self._excite(state, self._flight, estimate, t_ns)
@@ -81,7 +81,7 @@ class ThrustCommander:
         return replace(state, asked=asked, row=request.reference[0]), [reference, request]
 
     def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
-        """The sticks' forces, no faster than the thrusters may change."""
+        """Forces of the sticks, with the thrusters' rate limit."""
         last, propulsion = np.array(state.f_command_n), self.settings.vessel.propulsion
         most = propulsion.rate_limit_N_s * self.settings.control.period_s
         sticks = state.monitor(Sticks)

@@ -55,9 +55,9 @@ def waiting(state: PilotState, why: str) -> PilotState:
 
 def mode_status(state: PilotState, t_ns: int, *, tick: bool) -> tuple[PilotState, Outputs]:
     """A ModeStatus where the mode has changed, or at a tick, once `STATUS_PERIOD_NS` has passed since the last."""
-    helm, (mode, last_ns) = state.helm, state.told
+    helm, (mode, last_ns) = state.helm, state.last_status
     due = tick and (last_ns is None or t_ns - last_ns >= STATUS_PERIOD_NS)
     if mode == helm.mode and not due:
         return state, []
     status = ModeStatus(t_ns=t_ns, mode=helm.mode, why=helm.why, driving=helm.driving)
-    return replace(state, told=(helm.mode, t_ns)), [status]
+    return replace(state, last_status=(helm.mode, t_ns)), [status]

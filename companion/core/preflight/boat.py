@@ -33,9 +33,9 @@ NO_ROOM_BYTES, LITTLE_ROOM_BYTES = 50e6, 1e9
 """A log takes some 0.26 GB an hour (measured, docs/logs.md)."""
 
 
-def estimator_rows(heard: Observations) -> Iterator[Row]:
+def estimator_rows(observed: Observations) -> Iterator[Row]:
     """Did the boat's own filter start, and do its sensors agree with it?"""
-    e = heard.estimate
+    e = observed.estimate
     health = e.health if e else "initialising"
     levels: dict[str, Level] = {"healthy": "ok", "degraded": "warning"}
     found = "nothing to estimate from"
@@ -45,12 +45,12 @@ def estimator_rows(heard: Observations) -> Iterator[Row]:
         found = f"{health}: {e.reason}"
     level = levels.get(health, "refuse")
     yield Row(
-        area="estimator", name="state", level=level, found=found, needed=f"healthy after {heard.listened_s:.0f} s",
+        area="estimator", name="state", level=level, found=found, needed=f"healthy after {observed.listened_s:.0f} s",
         why="without it the boat does not know where it is",
         fix="" if level == "ok" else "see the rows on UWB and streams; listen longer (--listen-s 30)",
     )  # fmt: skip
     groups: dict[str, list[Innovation]] = {}
-    for i in heard.innovations:
+    for i in observed.innovations:
         groups.setdefault(i.sensor.partition(" ")[0], []).append(i)
     for name, group in groups.items():
         accepted = sum(i.accepted for i in group) / len(group)
@@ -68,20 +68,20 @@ def estimator_rows(heard: Observations) -> Iterator[Row]:
 # --- UWB -------------------------------------------------------------------------------------------
 
 
-def uwb_rows(heard: Observations, site: Site, vessel: VesselFile) -> Iterator[Row]:
+def uwb_rows(observed: Observations, site: Site, vessel: VesselFile) -> Iterator[Row]:
     """Anchors heard, where they stand as seen from the boat, and how well their ranges agree."""
-    if not heard.ranges and not heard.positions:
+    if not observed.ranges and not observed.positions:
         yield Row(
-            area="uwb", name="tag", level="refuse", found=heard.uwb.reason if heard.uwb else "nothing was opened",
+            area="uwb", name="tag", level="refuse", found=observed.uwb.reason if observed.uwb else "nothing was opened",
             needed="ranges or positions", why="there is no other position",
             fix="uwb.url of the run file, or --uwb; sensors.uwb.wire_format; a DWM1001 needs up to 20 s: --listen-s 30",
         )  # fmt: skip
         return
-    if not heard.ranges:
-        yield _positions(heard, site)
+    if not observed.ranges:
+        yield _positions(observed, site)
         return
-    medians = _medians(heard)
-    yield from _anchors(heard, site, medians, vessel.sensors.uwb.rate_Hz)
+    medians = _medians(observed)
+    yield from _anchors(observed, site, medians, vessel.sensors.uwb.rate_Hz)
     known = [a for a in site.anchors if a.id in medians]
     if len(known) >= START_ANCHORS:
         anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in known])
@@ -89,15 +89,15 @@ def uwb_rows(heard: Observations, site: Site, vessel: VesselFile) -> Iterator[Ro
         yield from _geometry(anchors_m, ranges_m, [a.id for a in known], vessel)
 
 
-def _medians(heard: Observations) -> dict[str, float]:
-    told: dict[str, list[float]] = {}
-    for cycle in heard.ranges:
+def _medians(observed: Observations) -> dict[str, float]:
+    ranges_m: dict[str, list[float]] = {}
+    for cycle in observed.ranges:
         for r in cycle.ranges:
-            told.setdefault(r.anchor, []).append(r.range_m)
-    return {anchor: statistics.median(values) for anchor, values in told.items()}
+            ranges_m.setdefault(r.anchor, []).append(r.range_m)
+    return {anchor: statistics.median(values) for anchor, values in ranges_m.items()}
 
 
-def _anchors(heard: Observations, site: Site, medians: Mapping[str, float], rate_hz: float) -> Iterator[Row]:
+def _anchors(observed: Observations, site: Site, medians: Mapping[str, float], rate_hz: float) -> Iterator[Row]:
     mine = [a.id for a in site.anchors]
     silent, strangers = [a for a in mine if a not in medians], sorted(set(medians) - set(mine))
     known = len(mine) - len(silent)
@@ -109,10 +109,10 @@ def _anchors(heard: Observations, site: Site, medians: Mapping[str, float], rate
         why="three are needed to start; ranges to unknown ones are not used",
         fix="" if level == "ok" else "power, line of sight, ids in the site file as the tag prints them",
     )  # fmt: skip
-    level = "ok" if heard.uwb_hz >= ENOUGH * rate_hz else "warning"
-    seen = statistics.fmean(len(cycle.ranges) for cycle in heard.ranges)
+    level = "ok" if observed.uwb_hz >= ENOUGH * rate_hz else "warning"
+    seen = statistics.fmean(len(cycle.ranges) for cycle in observed.ranges)
     yield Row(
-        area="uwb", name="cycles", level=level, found=f"{heard.uwb_hz:.1f} Hz, {seen:.1f} ranges each",
+        area="uwb", name="cycles", level=level, found=f"{observed.uwb_hz:.1f} Hz, {seen:.1f} ranges each",
         needed=f"{rate_hz:g} Hz", why="how often the position is renewed",
         fix="" if level == "ok" else "the tag's own settings; sensors.uwb.rate_Hz of the vessel file; range and sight",
     )  # fmt: skip
@@ -162,9 +162,9 @@ def _geometry(anchors_m: np.ndarray, ranges_m: np.ndarray, ids: list[str], vesse
     )  # fmt: skip
 
 
-def _positions(heard: Observations, site: Site) -> Row:
+def _positions(observed: Observations, site: Site) -> Row:
     """A tag that computes positions itself (site ENU)."""
-    norths, easts = [m.y_m for m in heard.positions], [m.x_m for m in heard.positions]
+    norths, easts = [m.y_m for m in observed.positions], [m.x_m for m in observed.positions]
     north, east = statistics.median(norths), statistics.median(easts)
     spread = math.hypot(statistics.pstdev(norths), statistics.pstdev(easts))
     inside = site.inside(north, east)
@@ -179,9 +179,11 @@ def _positions(heard: Observations, site: Site) -> Row:
 # --- battery, disk, configuration ------------------------------------------------------------------
 
 
-def battery_rows(heard: Observations, nominal_v: float, low_v: float | None, critical_v: float | None) -> Iterator[Row]:
+def battery_rows(
+    observed: Observations, nominal_v: float, low_v: float | None, critical_v: float | None
+) -> Iterator[Row]:
     """Voltage at rest. `low_v`, `critical_v`: the run file's limits where it has some."""
-    b = heard.battery
+    b = observed.battery
     empty_v, low_v = critical_v or EMPTY_SHARE * nominal_v, low_v or LOW_SHARE * nominal_v
     needed = f"{low_v:.1f} V or more"
     if b is None or b.voltage_v < NO_PACK_SHARE * nominal_v:
@@ -199,9 +201,9 @@ def battery_rows(heard: Observations, nominal_v: float, low_v: float | None, cri
     )  # fmt: skip
 
 
-def disk_rows(heard: Observations) -> Iterator[Row]:
+def disk_rows(observed: Observations) -> Iterator[Row]:
     """Can a log be written, and for how long?"""
-    d = heard.disk
+    d = observed.disk
     if d.problem:
         yield Row(
             area="disk", name="log folder", level="refuse", found=f"{d.folder}: {d.problem}",

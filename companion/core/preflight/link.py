@@ -1,4 +1,4 @@
-"""The autopilot as it was heard: link, streams, clocks, what it does at rest, its RC receiver. Pure.
+"""Rows of the autopilot's link: streams, clocks, its outputs at rest, its RC receiver. Pure.
 
 Thresholds without a source are assumed.
 """
@@ -31,11 +31,11 @@ OLD_WALL_S = 1_735_689_600.0
 _GATE = re.compile(r"gate: thrusters on channels ([\d ]+)")
 
 
-def link_rows(heard: Observations, companion: Companion) -> Iterator[Row]:
-    """Is there an autopilot, and which; do its messages come fast enough; do the clocks agree."""
-    beat = heard.heartbeat
+def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
+    """The autopilot's heartbeat and firmware, lost frames, rates of its streams, clocks."""
+    beat = observed.heartbeat
     if beat is None:
-        reason = heard.mavlink.reason if heard.mavlink else "nothing was opened"
+        reason = observed.mavlink.reason if observed.mavlink else "nothing was opened"
         yield Row(
             area="link", name="heartbeat", level="refuse", found=reason, needed="an autopilot's heartbeat at 1 Hz",
             why="nothing can be said about a boat that does not answer",
@@ -49,35 +49,35 @@ def link_rows(heard: Observations, companion: Companion) -> Iterator[Row]:
         needed="a boat (type 11)", why="the autopilot's own idea of what it steers",
         fix="" if boat else "set FRAME_CLASS to 2",
     )  # fmt: skip
-    yield _firmware(heard)
-    share = heard.lost / max(1, heard.received + heard.lost)
+    yield _firmware(observed)
+    share = observed.lost / max(1, observed.received + observed.lost)
     level: Level = "ok" if share <= LOST_SHARE else "warning"
     yield Row(
-        area="link", name="lost frames", level=level, found=f"{heard.lost} of {heard.received + heard.lost}",
+        area="link", name="lost frames", level=level, found=f"{observed.lost} of {observed.received + observed.lost}",
         needed="at most 1 %", why="commands are lost as often as messages",
         fix="" if level == "ok" else "shorter cable, higher baud rate, fewer streams to others",
     )  # fmt: skip
-    yield from _streams(heard)
-    yield from _clocks(heard)
+    yield from _streams(observed)
+    yield from _clocks(observed)
 
 
-def _firmware(heard: Observations) -> Row:
-    version = heard.info.flight_sw_version if heard.info else 0
+def _firmware(observed: Observations) -> Row:
+    version = observed.info.flight_sw_version if observed.info else 0
     major, minor, patch = version >> 24, version >> 16 & 255, version >> 8 & 255
     known = major == 4 and minor in KNOWN_MINORS
     return Row(
         area="link", name="firmware", level="ok" if known else "warning",
-        found=f"{major}.{minor}.{patch}" if heard.info else "version not told", needed="ArduPilot Rover 4.6 or 4.7",
+        found=f"{major}.{minor}.{patch}" if observed.info else "version not told", needed="ArduPilot Rover 4.6 or 4.7",
         why="what these checks say was observed on those",
         fix="" if known else "check the fail-safes by hand, docs/autopilot.md",
     )  # fmt: skip
 
 
-def _streams(heard: Observations) -> Iterator[Row]:
-    denies = heard.info is not None and (heard.info.flight_sw_version >> 16 & 0xFFFF) >= 0x0407
+def _streams(observed: Observations) -> Iterator[Row]:
+    denies = observed.info is not None and (observed.info.flight_sw_version >> 16 & 0xFFFF) >= 0x0407
     how = "4.7 denies" if denies else "4.6 silently caps"
-    for name, wanted in heard.wanted_hz.items():
-        rate = heard.rates_hz.get(name, 0.0)
+    for name, wanted in observed.wanted_hz.items():
+        rate = observed.rates_hz.get(name, 0.0)
         level: Level = "ok" if rate >= ENOUGH * wanted else "refuse" if name in VITAL and rate == 0 else "warning"
         yield Row(
             area="streams", name=name, level=level, found=f"{rate:.1f} Hz", needed=f"{wanted:g} Hz",
@@ -87,8 +87,8 @@ def _streams(heard: Observations) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _clocks(heard: Observations) -> Iterator[Row]:
-    trips = heard.round_trips
+def _clocks(observed: Observations) -> Iterator[Row]:
+    trips = observed.round_trips
     if trips:
         quick_s = 1.5 * min(t.took_s for t in trips) + 0.001
         offsets = [t.offset_s for t in trips if t.took_s <= quick_s]
@@ -108,9 +108,9 @@ def _clocks(heard: Observations) -> Iterator[Row]:
         area="clock", name="autopilot", level=level, found=found,
         needed=f"round trip {1e3 * ROUND_TRIP_S:.0f} ms, offset to {1e3 * JITTER_S:.0f} ms", why=why, fix=fix,
     )  # fmt: skip
-    newest_s = heard.disk.newest_s
-    back = newest_s is not None and heard.wall_s < newest_s - 60.0
-    fine = heard.wall_s >= OLD_WALL_S and not back
+    newest_s = observed.disk.newest_s
+    back = newest_s is not None and observed.wall_s < newest_s - 60.0
+    fine = observed.wall_s >= OLD_WALL_S and not back
     yield Row(
         area="clock", name="boat's date", level="ok" if fine else "warning",
         found="earlier than the newest log" if back else "set" if fine else "never set", needed="the date",
@@ -122,9 +122,9 @@ def _clocks(heard: Observations) -> Iterator[Row]:
 # --- at rest ---------------------------------------------------------------------------------------
 
 
-def rest_rows(heard: Observations, p: ParameterSet, companion: Companion) -> Iterator[Row]:
-    """Armed, mode, what it would complain of, what leaves its outputs, and whether a pilot's receiver is there."""
-    beat = heard.heartbeat
+def rest_rows(observed: Observations, p: ParameterSet, companion: Companion) -> Iterator[Row]:
+    """Armed, mode, arming checks, pulses of the outputs at rest, and a pilot's receiver."""
+    beat = observed.heartbeat
     if beat is None:
         return
     yield Row(
@@ -137,22 +137,22 @@ def rest_rows(heard: Observations, p: ParameterSet, companion: Companion) -> Ite
         area="state", name="mode", level="ok" if calm else "warning", found=mode, needed="MANUAL or HOLD",
         why="`aritra run` asks for MANUAL when it starts", fix="" if calm else "wait, or set HOLD",
     )  # fmt: skip
-    complaints = [text.text for text in heard.texts if text.text.startswith("PreArm: ")]
+    complaints = [text.text for text in observed.texts if text.text.startswith("PreArm: ")]
     yield Row(
         area="state", name="arming checks", level="warning" if complaints else "ok",
         found="; ".join(dict.fromkeys(complaints)) or "no complaint", needed="no complaint",
         why="the autopilot refuses to arm while it complains", fix="mend what it says" if complaints else "",
     )  # fmt: skip
-    yield from _gate_texts(heard, companion)
-    if heard.servo and not beat.armed:
-        yield from _resting(heard.servo.pwm_us, p, companion)
-    if heard.rc:
-        yield from _receiver(heard.rc.pwm_us, p, companion)
+    yield from _gate_texts(observed, companion)
+    if observed.servo and not beat.armed:
+        yield from _resting(observed.servo.pwm_us, p, companion)
+    if observed.rc:
+        yield from _receiver(observed.rc.pwm_us, p, companion)
 
 
-def _gate_texts(heard: Observations, companion: Companion) -> Iterator[Row]:
+def _gate_texts(observed: Observations, companion: Companion) -> Iterator[Row]:
     mine = [channel for _, channel in companion.thrusters]
-    for text in heard.texts:
+    for text in observed.texts:
         if not text.text.startswith("gate: "):
             continue
         found = _GATE.match(text.text)
@@ -167,7 +167,7 @@ def _gate_texts(heard: Observations, companion: Companion) -> Iterator[Row]:
 
 
 def _resting(pulses_us: tuple[int, ...], p: ParameterSet, companion: Companion) -> Iterator[Row]:
-    """What leaves the thrusters' outputs while disarmed."""
+    """Pulses of the thrusters' outputs while disarmed."""
     w = wiring(p, companion)
     motors = tuple(o for o in w.outputs if o.kind == "motor") if w.omni else ()
     for kind, outputs in (*((kind, w.of(kind)) for kind in ("script", "scaled", "plain")), ("motor", motors)):
@@ -200,10 +200,10 @@ def receiver_seen(pulses_us: tuple[int, ...], companion: Companion) -> bool:
     """Whether RC_CHANNELS comes from a receiver: channels that the companion never overrides have pulses, or its
     neutral ones have while its thrusters' have none (an earlier run would have left both).
     """
-    told = {n: us for n, us in enumerate(pulses_us, start=1) if us}
-    if set(told) - companion.channels:
+    pulses = {n: us for n, us in enumerate(pulses_us, start=1) if us}
+    if set(pulses) - companion.channels:
         return True
-    return bool(told) and not any(channel in told for _, channel in companion.thrusters)
+    return bool(pulses) and not any(channel in pulses for _, channel in companion.thrusters)
 
 
 def _receiver(pulses_us: tuple[int, ...], p: ParameterSet, companion: Companion) -> Iterator[Row]:

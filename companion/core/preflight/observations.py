@@ -1,4 +1,4 @@
-"""What a pre-flight check heard while it listened: values only, so that the rows can be made and tested anywhere."""
+"""Observations of a pre-flight check while it listened: values only, so that rows can be made and tested anywhere."""
 
 from __future__ import annotations
 

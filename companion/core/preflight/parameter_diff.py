@@ -34,13 +34,13 @@ def same(a: float, b: float) -> bool:
     return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6)
 
 
-def changes(told: Mapping[str, float], wanted: Mapping[str, float]) -> list[Change]:
+def changes(stored: Mapping[str, float], wanted: Mapping[str, float]) -> list[Change]:
     """What differs between an autopilot and a file, in the file's order; names as the autopilot spells them."""
-    p = ParameterSet(told)
-    found = [Change(name=p.spelled(name), found=p.get(name), wanted=value) for name, value in wanted.items()]
-    return [c for c in found if c.found is None or not same(c.found, c.wanted)]
+    p = ParameterSet(stored)
+    all_changes = [Change(name=p.spelled(name), found=p.get(name), wanted=value) for name, value in wanted.items()]
+    return [c for c in all_changes if c.found is None or not same(c.found, c.wanted)]
 
 
-def unknown(found: Iterable[Change]) -> list[str]:
+def unknown(differences: Iterable[Change]) -> list[str]:
     """Names that the autopilot does not have."""
-    return [c.name for c in found if c.found is None]
+    return [c.name for c in differences if c.found is None]

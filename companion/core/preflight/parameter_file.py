@@ -24,12 +24,12 @@ def parse_parameters(text: str, *, name: str) -> dict[str, float]:
         if not stripped:
             continue
         place = f"{name}: line {number}"
-        found = _LINE.fullmatch(stripped)
-        if not found:
+        match = _LINE.fullmatch(stripped)
+        if not match:
             raise ConfigError(f"{place}: expected NAME,VALUE (a name has at most 16 capitals, digits and _)")
-        key, value = found[1], _number(found[2])
+        key, value = match[1], _number(match[2])
         if value is None:
-            raise ConfigError(f"{place}: {key}: {found[2]!r} is not a finite number")
+            raise ConfigError(f"{place}: {key}: {match[2]!r} is not a finite number")
         if key in values:
             raise ConfigError(f"{place}: {key} is there twice")
         values[key] = value

@@ -1,4 +1,4 @@
-"""How the thrusters hang on the autopilot, read from its SERVOn_FUNCTION, and what each kind needs to stop.
+"""The wiring: which output of the autopilot carries which thruster, by SERVOn_FUNCTION, and what stops each kind.
 
     plain    1, 51 to 66    the channel's last pulse, for ever
     scaled   140 to 155     through RCn_* and SERVOn_*; SERVOn_TRIM in a radio fail-safe where SERVO_RC_FS_MSK says so
@@ -90,7 +90,7 @@ def wiring(p: ParameterSet, companion: Companion) -> Wiring:
 
 
 def output_names(p: ParameterSet) -> range:
-    """Numbers of the outputs that there are."""
+    """Numbers of the outputs that exist."""
     return range(1, (MORE_OUTPUTS if p.whole("SERVO_32_ENABLE") else OUTPUTS) + 1)
 
 
@@ -102,7 +102,7 @@ def _outputs(p: ParameterSet, companion: Companion) -> Iterator[Output]:
 
 
 def output(number: int, function: int, channels: Sequence[int]) -> Output:
-    """What output `number` is by its SERVOn_FUNCTION. `channels`: the thrusters', in the vessel file's order."""
+    """Kind of output `number` by its SERVOn_FUNCTION. `channels`: the thrusters', in the vessel file's order."""
     kind, channel = _kind(function, number)
     thruster = channels.index(channel) if channel in channels else None
     if kind == "script" and function - 94 < len(channels):
@@ -124,7 +124,7 @@ def _kind(function: int, number: int) -> tuple[Kind, int | None]:
 
 
 def scaled_us(p: ParameterSet, output: Output, value_us: float) -> float:
-    """What a scaled output makes of a channel's pulse width [us]: RCn_MIN/TRIM/MAX/DZ/REVERSED, then SERVOn_*."""
+    """Pulse width [us] of a scaled output for that of its channel: RCn_MIN/TRIM/MAX/DZ/REVERSED, then SERVOn_*."""
     rc, servo = f"RC{output.channel}", f"SERVO{output.number}"
     low, trim, high = p.whole(f"{rc}_MIN", 1100), p.whole(f"{rc}_TRIM", 1500), p.whole(f"{rc}_MAX", 1900)
     zone, part = p.whole(f"{rc}_DZ"), 0.0

@@ -18,7 +18,7 @@ from pymavlink import DFReader
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
-from companion.logs.readers.aritra import NEUTRAL_US, attitude_stream, imu_stream, meta_fields
+from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.positions import geodetic_to_site
 from companion.logs.readers.uwb import UwbLog

@@ -1,1 +1,1 @@
-"""What watches one thing each: overrides, link latency, battery, stuck sensors."""
+"""Monitors: each watches one thing and reports events, conditions and alerts; `table` lists them all."""

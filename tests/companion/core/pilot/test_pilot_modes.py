@@ -53,7 +53,7 @@ class Boat(Shell):
         flying = FlightState(phase="fly", t_ns=t_ns, f_n=(0.0,) * 4)
         autopilot = replace(state.monitor(AutopilotState), heartbeat=beat)
         state = state.with_monitors(autopilot, at_hand, ControllerTime(since_ns=t_ns))
-        state = replace(state, helm=helm, told=(mode, t_ns), flight=flying, plan=None, asked=(),
+        state = replace(state, helm=helm, last_status=(mode, t_ns), flight=flying, plan=None, asked=(),
                         guidance=type(state.guidance)(), plan_ns=t_ns, open_tick=None)  # fmt: skip
         super().__init__(state, t_ns, index=5000)
 

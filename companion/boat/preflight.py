@@ -40,7 +40,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
+from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
 from companion.core.preflight.link import link_rows, rest_rows
 from companion.core.preflight.observations import Disk, Observations, RoundTrip
@@ -139,9 +139,9 @@ class Listener:
                     raise result
 
     async def _read_parameters(self) -> None:
-        self._reader.ask(wanted(companion_of(self._setup)))
+        self._reader.ask(parameter_names(companion_of(self._setup)))
         await self._until(lambda: self._reader.done, PARAMETERS_S)
-        self._reader.ask(wanted_more(ParameterSet(self._reader.values)))
+        self._reader.ask(further_parameter_names(ParameterSet(self._reader.values)))
         await self._until(lambda: self._reader.done, PARAMETERS_S)
 
     # --- time --------------------------------------------------------------------------------------
@@ -231,7 +231,7 @@ class Listener:
         )  # fmt: skip
 
 
-def look_at_disk(folder: Path, quota_MB: float | None) -> Disk:
+def disk_state(folder: Path, quota_MB: float | None) -> Disk:
     """State of the log folder; nothing is written or made."""
     existing = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
     quota = None if quota_MB is None else quota_MB * MB

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from companion.boat.load_run import RunSetup
 from companion.core.messages import Alert, Heartbeat, Message, OperatorCommand
 from companion.core.pilot.autopilot_state import is_alive
-from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
+from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.preflight.wiring import Companion
 from drivers.mavlink.codec import MavlinkCodec
@@ -60,7 +60,7 @@ class StartInterlock:
         if self._reader is None:
             if not heartbeat:
                 return []
-            self._reader, self._more = ParameterReader(self._codec.encoder, wanted(self._companion)), False
+            self._reader, self._more = ParameterReader(self._codec.encoder, parameter_names(self._companion)), False
         if self.clear or self.refused:
             return []
         frames = self._reader.step(messages, t_ns)
@@ -89,7 +89,7 @@ class StartInterlock:
         parameters = ParameterSet(reader.values)
         if not self._more:
             self._more = True
-            reader.ask(wanted_more(parameters))
+            reader.ask(further_parameter_names(parameters))
             if not reader.done:
                 return reader.step((), t_ns)
         if parameters.get("SERVO1_FUNCTION") is None:

@@ -1,7 +1,7 @@
-"""What the service manager is told, and when: ready, alive, in words what is going on, about to stop.
+"""Notifications for the service manager, and when they are due: ready, alive, status, stopping.
 
-    heard' = hear(heard, message)            what the status is made of
-    said', lines = say(said, heard, timing)  once a lease; `timing` tells whether it was sent
+    state = next_state(state, message)                 the newest messages that the status is made of
+    known, lines = due_lines(known, state, timing)     once a lease; `timing` says whether it was sent
 
 READY=1 follows the first lease that was sent, WATCHDOG=1 only a lease that was sent. So a loop that hangs,
 and a wire that stays closed, both end in a restart, and nothing else in the process can feign life. Before the
@@ -34,7 +34,7 @@ EXTEND_NS, EXTENSION_US = 10_000_000_000, 60_000_000
 
 @dataclass(frozen=True)
 class ServiceState:
-    """The newest of what a status is made of."""
+    """The newest messages that a status is made of."""
 
     lease: OverrideLease | None = None
     reference: GuidanceReference | None = None
@@ -43,8 +43,8 @@ class ServiceState:
 
 
 @dataclass(frozen=True)
-class Said:
-    """What the service manager knows. `pet_ns`, `status_ns`, `extended_ns`: when it was last told."""
+class ManagerState:
+    """What the service manager knows. `pet_ns`, `status_ns`, `extended_ns`: of its latest notifications."""
 
     ready: bool = False
     status: str = ""
@@ -53,45 +53,47 @@ class Said:
     extended_ns: int | None = None
 
 
-def hear(heard: ServiceState, message: Message) -> ServiceState:
-    """Keep what matters of one message."""
+def next_state(state: ServiceState, message: Message) -> ServiceState:
+    """The state after one message."""
     if isinstance(message, OverrideLease):
-        return replace(heard, lease=message)
+        return replace(state, lease=message)
     if isinstance(message, GuidanceReference):
-        return replace(heard, reference=message)
+        return replace(state, reference=message)
     if isinstance(message, ExcitationStatus):
-        return replace(heard, excitation=message)
+        return replace(state, excitation=message)
     if isinstance(message, LinkStatus) and message.link == "mavlink":
-        return replace(heard, link=message)
-    return heard
+        return replace(state, link=message)
+    return state
 
 
-def say(said: Said, heard: ServiceState, timing: LoopTiming, watchdog_ns: int | None) -> tuple[Said, list[str]]:
-    """Lines to send after one lease, and what is known once they are taken. `watchdog_ns`: None is no watchdog."""
+def due_lines(
+    known: ManagerState, state: ServiceState, timing: LoopTiming, watchdog_ns: int | None
+) -> tuple[ManagerState, list[str]]:
+    """Lines to send after one lease, and what the manager knows once it has taken them. `watchdog_ns`: None is off."""
     now, lines = timing.t_ns, []
     if timing.sent:
-        if not said.ready:
+        if not known.ready:
             lines.append("READY=1")
-        if watchdog_ns and _due(said.pet_ns, now, watchdog_ns // PETS_PER_WATCHDOG):
+        if watchdog_ns and _due(known.pet_ns, now, watchdog_ns // PETS_PER_WATCHDOG):
             lines.append("WATCHDOG=1")
-            said = replace(said, pet_ns=now)
-        said = replace(said, ready=True)
-    elif not said.ready and _due(said.extended_ns, now, EXTEND_NS):
+            known = replace(known, pet_ns=now)
+        known = replace(known, ready=True)
+    elif not known.ready and _due(known.extended_ns, now, EXTEND_NS):
         lines.append(f"EXTEND_TIMEOUT_USEC={EXTENSION_US}")
-        said = replace(said, extended_ns=now)
-    text = words(heard, sent=timing.sent)
-    if text != said.status and _due(said.status_ns, now, STATUS_NS):
+        known = replace(known, extended_ns=now)
+    text = status_text(state, sent=timing.sent)
+    if text != known.status and _due(known.status_ns, now, STATUS_NS):
         lines.append(f"STATUS={text}")
-        said = replace(said, status=text, status_ns=now)
-    return said, lines
+        known = replace(known, status=text, status_ns=now)
+    return known, lines
 
 
-def words(heard: ServiceState, *, sent: bool) -> str:
-    """What the boat does, in a line. `sent`: the newest lease went out."""
+def status_text(state: ServiceState, *, sent: bool) -> str:
+    """One line on what the boat does. `sent`: whether the newest lease went out."""
     if not sent:
-        why = heard.link.reason if heard.link else ""
+        why = state.link.reason if state.link else ""
         return "no wire to the autopilot" + (f": {why}" if why else "")
-    lease, g, x = heard.lease, heard.reference, heard.excitation
+    lease, g, x = state.lease, state.reference, state.excitation
     if lease is None or lease.source == "neutral":
         return f"neutral: {lease.reason}" if lease and lease.reason else "neutral"
     if lease.source == "excitation":
@@ -103,27 +105,27 @@ def words(heard: ServiceState, *, sent: bool) -> str:
 
 
 class Service:
-    """This run, as the service manager sees it. Outside a service nothing happens."""
+    """Notifies the service manager of one run. Outside a service nothing happens."""
 
     def __init__(self, notify: SdNotify):
         self._notify = notify
-        self._heard, self._said = ServiceState(), Said()
+        self._state, self._known = ServiceState(), ManagerState()
         self._stopping = False
 
     def starting(self, what: str) -> None:
-        """Say what takes its time before the first lease, and ask for that time."""
+        """Status before the first lease, and a request for more time to start."""
         self._notify.send([f"STATUS=starting: {what}", f"EXTEND_TIMEOUT_USEC={EXTENSION_US}"])
 
     def see(self, message: Message) -> None:
-        """Note one message; after a lease, tell what is due."""
-        self._heard = hear(self._heard, message)
+        """Take one message; after a lease, send what is due."""
+        self._state = next_state(self._state, message)
         if isinstance(message, LoopTiming) and not self._stopping:
-            said, lines = say(self._said, self._heard, message, self._notify.watchdog_ns)
+            known, lines = due_lines(self._known, self._state, message, self._notify.watchdog_ns)
             if self._notify.send(lines):
-                self._said = said
+                self._known = known
 
     def stopping(self) -> None:
-        """Say once that the end has begun."""
+        """Notify, once, that the end has begun."""
         if not self._stopping:
             self._stopping = True
             self._notify.send(["STOPPING=1", "STATUS=stopping: neutral for a second, then disarm and release"])

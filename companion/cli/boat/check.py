@@ -15,7 +15,7 @@ from rich.text import Text
 
 from companion.boat.clock import BoatClock
 from companion.boat.load_run import RunSetup, load_setup
-from companion.boat.preflight import Listener, all_rows, look_at_disk
+from companion.boat.preflight import Listener, all_rows, disk_state
 from companion.boat.signing_key import STAMP_FILE
 from companion.cli.analysis import seconds
 from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
@@ -73,7 +73,7 @@ async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: P
             clock=BoatClock(),
             say=status.update,
         )
-        observed, parameters = await listener.run(args.listen_s, look_at_disk(folder, setup.run.log.quota_MB))
+        observed, parameters = await listener.run(args.listen_s, disk_state(folder, setup.run.log.quota_MB))
     return all_rows(setup, observed, parameters)
 
 

@@ -40,15 +40,15 @@ _SINGLE = (
 _SERVO, _RC = ("FUNCTION", "MIN", "TRIM", "MAX", "REVERSED"), ("MIN", "TRIM", "MAX", "DZ", "REVERSED", "OPTION")
 
 
-def wanted(companion: Companion) -> tuple[str, ...]:
+def parameter_names(companion: Companion) -> tuple[str, ...]:
     """Names to ask an autopilot for, in either spelling; it is silent on those that it does not have."""
     servos = [f"SERVO{n}_{key}" for n in range(1, OUTPUTS + 1) for key in _SERVO]
     rc = [f"RC{n}_{key}" for n in sorted(companion.channels) for key in _RC]
     return (*_SINGLE, *RENAMED.values(), *servos, *rc, *(VISION if companion.vision else ()))
 
 
-def wanted_more(p: ParameterSet) -> tuple[str, ...]:
-    """Names to ask for once those of `wanted` are known: outputs 17 to 32, where they are in use."""
+def further_parameter_names(p: ParameterSet) -> tuple[str, ...]:
+    """Names to ask for once those of `parameter_names` are known: outputs 17 to 32, where they are in use."""
     if not p.whole("SERVO_32_ENABLE"):
         return ()
     return tuple(f"SERVO{n}_{key}" for n in range(OUTPUTS + 1, MORE_OUTPUTS + 1) for key in _SERVO)

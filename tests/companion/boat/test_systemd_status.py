@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.boat.systemd.notify import SdNotify
-from companion.boat.systemd.status import EXTEND_NS, STATUS_NS, Said, Service, ServiceState, hear, say, words
+from companion.boat.systemd.status import (
+    EXTEND_NS,
+    STATUS_NS,
+    ManagerState,
+    Service,
+    ServiceState,
+    due_lines,
+    next_state,
+    status_text,
+)
 from companion.core.messages import (
     ExcitationStatus,
     GuidanceReference,
@@ -85,10 +94,10 @@ def manager(request, tmp_path):
     watchdog_ns=st.none() | st.integers(1, 20 * S),
 )
 def test_ready_and_alive_are_said_after_leases_that_were_sent_and_only_then(leases, watchdog_ns):
-    said, t, pets, readies = Said(), 0.0, [], 0
+    said, t, pets, readies = ManagerState(), 0.0, [], 0
     for gap_s, sent in leases:
         t += gap_s
-        said, lines = say(said, ServiceState(), timing(t, sent), watchdog_ns)
+        said, lines = due_lines(said, ServiceState(), timing(t, sent), watchdog_ns)
         if not sent:
             assert not {"READY=1", "WATCHDOG=1"} & set(lines)
         elif watchdog_ns:
@@ -101,25 +110,27 @@ def test_ready_and_alive_are_said_after_leases_that_were_sent_and_only_then(leas
 
 
 def test_the_start_is_extended_while_the_wire_is_closed_and_no_longer():
-    said, told = Said(), []
+    said, told = ManagerState(), []
     for tenth in range(300):
-        said, lines = say(said, ServiceState(), timing(tenth / 10, sent=False), 10 * S)
+        said, lines = due_lines(said, ServiceState(), timing(tenth / 10, sent=False), 10 * S)
         told += [tenth / 10 for line in lines if line == "EXTEND_TIMEOUT_USEC=60000000"]
     assert told == [0.0, 10.0, 20.0] and EXTEND_NS == 10 * S
-    said, _ = say(said, ServiceState(), timing(30.0), 10 * S)
+    said, _ = due_lines(said, ServiceState(), timing(30.0), 10 * S)
     for tenth in range(310, 600):
-        said, lines = say(said, ServiceState(), timing(tenth / 10, sent=False), 10 * S)
+        said, lines = due_lines(said, ServiceState(), timing(tenth / 10, sent=False), 10 * S)
         assert not any(line.startswith(("EXTEND", "WATCHDOG", "READY")) for line in lines)
 
 
 def test_a_status_is_said_once_and_at_most_once_a_second():
-    said, told = Said(), []
+    said, told = ManagerState(), []
     for tenth in range(100):
-        said, lines = say(said, hear(ServiceState(), lease(reason=f"number {tenth // 3}")), timing(tenth / 10), None)
+        said, lines = due_lines(
+            said, next_state(ServiceState(), lease(reason=f"number {tenth // 3}")), timing(tenth / 10), None
+        )
         told += [tenth / 10 for line in lines if line.startswith("STATUS=")]
     assert told == [float(i) for i in range(10)] and STATUS_NS == S
     for tenth in range(100, 130):
-        said, lines = say(said, hear(ServiceState(), lease(reason="number 33")), timing(tenth / 10), None)
+        said, lines = due_lines(said, next_state(ServiceState(), lease(reason="number 33")), timing(tenth / 10), None)
         told += lines
     assert told[10:] == ["STATUS=neutral: number 33"]
 
@@ -159,8 +170,8 @@ def test_a_status_is_said_once_and_at_most_once_a_second():
 def test_the_status_says_the_mode_in_words(messages, sent, text):
     heard = ServiceState()
     for message in messages:
-        heard = hear(heard, message)
-    assert words(heard, sent=sent) == text
+        heard = next_state(heard, message)
+    assert status_text(heard, sent=sent) == text
 
 
 # --- over the socket -------------------------------------------------------------------------------

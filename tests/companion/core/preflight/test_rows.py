@@ -13,7 +13,7 @@ from companion.core.messages import (
     ServoOutput,
     StatusText,
 )
-from companion.core.preflight.autopilot import parameter_rows, wanted, wanted_more
+from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.link import link_rows, receiver_seen, rest_rows
 from companion.core.preflight.observations import Disk, RoundTrip
 from companion.core.preflight.parameter_diff import changes, unknown
@@ -123,9 +123,9 @@ def test_the_slow_default_loop_is_told_with_the_latency_it_makes():
 
 def test_outputs_beyond_16_are_asked_for_and_judged_where_they_are_in_use():
     p = told("gate", SERVO_32_ENABLE=1.0)
-    assert "SERVO17_FUNCTION" in wanted_more(p) and not wanted_more(told("gate"))
+    assert "SERVO17_FUNCTION" in further_parameter_names(p) and not further_parameter_names(told("gate"))
     assert levels(told("gate", SERVO_32_ENABLE=1.0, SERVO20_FUNCTION=60.0)) == {"SERVO20_FUNCTION": "refuse"}
-    assert "SERVO17_FUNCTION" not in wanted(COMPANION)
+    assert "SERVO17_FUNCTION" not in parameter_names(COMPANION)
 
 
 def test_both_spellings_are_understood():
@@ -134,7 +134,7 @@ def test_both_spellings_are_understood():
     assert levels(ParameterSet(values)) == {}
     values["MAV_GCS_SYSID"] = 255.0
     assert levels(ParameterSet(values)) == {"MAV_GCS_SYSID": "refuse"}
-    assert {"SYSID_MYGCS", "MAV_GCS_SYSID"} <= set(wanted(COMPANION))
+    assert {"SYSID_MYGCS", "MAV_GCS_SYSID"} <= set(parameter_names(COMPANION))
 
 
 @given(st.sets(st.sampled_from(sorted(told("gate").values))))

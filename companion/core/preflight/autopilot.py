@@ -1,6 +1,6 @@
-"""Does the boat stop? Every parameter of the autopilot that decides it, judged. Pure.
+"""Rows of the autopilot's parameters: every one that decides whether the boat stops. Pure.
 
-    names = wanted(companion)                       # what to ask the autopilot for
+    names = parameter_names(companion)              # to ask the autopilot for
     rows = parameter_rows(ParameterSet(values), companion)
 
 `refuse` where a thruster would keep its pulse, or start by itself, or not follow commands at all. Sources:

@@ -20,6 +20,7 @@ from companion.core.constants import NEUTRAL_US
 from companion.core.messages import Alert, OverrideLease, ParamValue, RcChannels, ServoOutput
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
+from companion.core.pilot.monitors.override_hints import rc_hint, servo_hint
 from companion.core.preflight.wiring import output
 
 WINDOW_NS = 500_000_000
@@ -142,7 +143,7 @@ def at_rc(
         return replace(state, rc_bad_ns=None, rc_ignored=in_turns), events
     since_ns = t_ns if state.rc_bad_ns is None else state.rc_bad_ns
     ignored = in_turns or t_ns - since_ns >= PERSISTS_NS
-    why = _rc_why([channels[i] for i in wrong], len(channels), message.pwm_us, system_id)
+    why = rc_hint([channels[i] for i in wrong], len(channels), message.pwm_us, system_id)
     return replace(state, rc_bad_ns=since_ns, rc_ignored=ignored, rc_why=why), events
 
 
@@ -181,7 +182,7 @@ def at_servo(state: OverrideState, message: ServoOutput, thrusters: int) -> tupl
     if t_ns - since_ns < PERSISTS_NS or state.rc_bad_ns is not None:  # overrides that are not taken: reported already
         return state, []
     pulses = {n: message.pwm_us[n - 1] if n <= len(message.pwm_us) else 0 for n in numbers}
-    kind, why = _servo_why([numbers[k] for k in wrong], pulses, at_rest)
+    kind, why = servo_hint([numbers[k] for k in wrong], pulses, at_rest)
     if kind == state.servo_fault:
         return state, []
     return replace(state, servo_fault=kind), [Alert(t_ns=t_ns, level="error", text=why)]
@@ -227,41 +228,3 @@ def _wrong(pulses: Sequence[int], places: Sequence[int], shown: Sequence[tuple[i
         for k, place in enumerate(places)
         if place >= len(pulses) or all(abs(pulses[place] - pwm_us[k]) > TOLERANCE_US for pwm_us in shown)
     ]
-
-
-def _rc_why(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int) -> str:
-    shows = ", ".join(f"{c} shows {pulses[c - 1]} us" for c in wrong[:4] if c <= len(pulses))
-    if len(wrong) < ours:
-        return (
-            f"RC channel {shows}, which was not sent: somebody else overrides it too, or the receiver has it back; "
-            "look for a second ground station with our system id, and at RC_OVERRIDE_TIME"
-        )
-    return (
-        f"the autopilot does not take our overrides (RC channel {shows}): look at SYSID_MYGCS (4.7: MAV_GCS_SYSID), "
-        f"which must be {system_id}, RC_OVERRIDE_TIME, which must not be 0, RC_OPTIONS, which must not have bit 1 "
-        "(ignore overrides), and at a switch with RCn_OPTION 46"
-    )
-
-
-def _servo_why(wrong: list[int], pulses: Mapping[int, int], at_rest: bool) -> tuple[str, str]:
-    """Kind of fault, and what to say. `wrong`: numbers of outputs; `pulses`: of all thrusters' outputs."""
-    positions = ", ".join(f"output {n} at {pulses[n]} us" for n in wrong)
-    if at_rest:
-        return "turning", (
-            f"{positions} though neutral is sent: the thruster may turn. Look at its SERVOn_FUNCTION, SERVOn_TRIM and "
-            "SERVO_RC_FS_MSK, and at who else drives it (docs/autopilot.md)"
-        )
-    if all(pulse == 0 for pulse in pulses.values()):
-        return "no pulse", (
-            f"{positions}, so no pulse leaves the autopilot: look at the safety switch (BRD_SAFETY_DEFLT) "
-            "and SERVOn_FUNCTION"
-        )
-    if all(pulse == NEUTRAL_US for pulse in pulses.values()):
-        return "shut", (
-            f"{positions} though the thrusters are to turn: the gate is shut. Look at SCR_ENABLE and gate.lua, at the "
-            "autopilot's radio failsafe (FS_THR_ENABLE, channel 3), and at arming and mode"
-        )
-    return "other", (
-        f"{positions}, which was not sent: look at SERVOn_FUNCTION (94 to 97 with our gate), RCn_MIN, RCn_MAX, RCn_DZ, "
-        "SERVOn_MIN, SERVOn_MAX and SERVOn_REVERSED; the mixers 33 to 36 cannot be driven"
-    )

@@ -1,0 +1,46 @@
+"""Texts for overrides and outputs that do not follow: what is wrong, and which parameters to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from companion.core.constants import NEUTRAL_US
+
+
+def rc_hint(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int) -> str:
+    """Text for RC channels that show other pulses than ours. `wrong`: their numbers; `ours`: how many are ours."""
+    shows = ", ".join(f"{c} shows {pulses[c - 1]} us" for c in wrong[:4] if c <= len(pulses))
+    if len(wrong) < ours:
+        return (
+            f"RC channel {shows}, which was not sent: somebody else overrides it too, or the receiver has it back; "
+            "look for a second ground station with our system id, and at RC_OVERRIDE_TIME"
+        )
+    return (
+        f"the autopilot does not take our overrides (RC channel {shows}): look at SYSID_MYGCS (4.7: MAV_GCS_SYSID), "
+        f"which must be {system_id}, RC_OVERRIDE_TIME, which must not be 0, RC_OPTIONS, which must not have bit 1 "
+        "(ignore overrides), and at a switch with RCn_OPTION 46"
+    )
+
+
+def servo_hint(wrong: list[int], pulses: Mapping[int, int], at_rest: bool) -> tuple[str, str]:
+    """Kind of fault, and its text. `wrong`: numbers of outputs; `pulses` [us]: of all thrusters' outputs."""
+    positions = ", ".join(f"output {n} at {pulses[n]} us" for n in wrong)
+    if at_rest:
+        return "turning", (
+            f"{positions} though neutral is sent: the thruster may turn. Look at its SERVOn_FUNCTION, SERVOn_TRIM and "
+            "SERVO_RC_FS_MSK, and at who else drives it (docs/autopilot.md)"
+        )
+    if all(pulse == 0 for pulse in pulses.values()):
+        return "no pulse", (
+            f"{positions}, so no pulse leaves the autopilot: look at the safety switch (BRD_SAFETY_DEFLT) "
+            "and SERVOn_FUNCTION"
+        )
+    if all(pulse == NEUTRAL_US for pulse in pulses.values()):
+        return "shut", (
+            f"{positions} though the thrusters are to turn: the gate is shut. Look at SCR_ENABLE and gate.lua, at the "
+            "autopilot's radio failsafe (FS_THR_ENABLE, channel 3), and at arming and mode"
+        )
+    return "other", (
+        f"{positions}, which was not sent: look at SERVOn_FUNCTION (94 to 97 with our gate), RCn_MIN, RCn_MAX, RCn_DZ, "
+        "SERVOn_MIN, SERVOn_MAX and SERVOn_REVERSED; the mixers 33 to 36 cannot be driven"
+    )

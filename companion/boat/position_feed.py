@@ -12,7 +12,7 @@ from drivers.mavlink.vision import OriginFeed, VisionFeed
 
 
 class PositionFeed:
-    """Of one run. `rate_hz`: at most; `codec`: of the link to the autopilot."""
+    """The feed of one run. `rate_hz`: at most; `codec`: of the link to the autopilot."""
 
     def __init__(self, rate_hz: float, site: Site, vessel: VesselFile, codec: MavlinkCodec) -> None:
         imu = vessel.sensors.imu

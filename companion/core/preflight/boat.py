@@ -1,4 +1,4 @@
-"""The rest of the boat as it was heard: estimate, UWB, battery, disk, configuration. Pure.
+"""Rows of the rest of the boat: estimate, UWB, battery, disk, configuration. Pure.
 
 Thresholds without a source are assumed.
 """
@@ -28,7 +28,7 @@ SPREAD_M = 0.6
 ACCEPTED, SURPRISE = 0.9, 4.0
 """Share of measurements that a filter in order accepts, and their mean squared Mahalanobis distance a dimension."""
 LOW_SHARE, EMPTY_SHARE, NO_PACK_SHARE = 0.93, 0.85, 0.5
-"""Of the nominal voltage. 4S lithium polymer, 14.8 V nominal: about 3.45 and 3.15 V a cell."""
+"""Shares of the nominal voltage. 4S lithium polymer, 14.8 V nominal: about 3.45 and 3.15 V a cell."""
 NO_ROOM_BYTES, LITTLE_ROOM_BYTES = 50e6, 1e9
 """A log takes some 0.26 GB an hour (measured, docs/logs.md)."""
 
@@ -69,7 +69,7 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
 
 
 def uwb_rows(observed: Observations, site: Site, vessel: VesselFile) -> Iterator[Row]:
-    """Anchors heard, where they stand as seen from the boat, and how well their ranges agree."""
+    """Anchors in range, their geometry as seen from the boat, and the residuals of their ranges."""
     if not observed.ranges and not observed.positions:
         yield Row(
             area="uwb", name="tag", level="refuse", found=observed.uwb.reason if observed.uwb else "nothing was opened",

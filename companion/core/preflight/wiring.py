@@ -71,7 +71,7 @@ class Wiring:
 
     @property
     def kinds(self) -> frozenset[Kind]:
-        """Of the outputs that carry thrusters."""
+        """Kinds of the outputs that carry thrusters."""
         return frozenset(o.kind for o in self.outputs if o.thruster is not None)
 
     @property

@@ -46,19 +46,19 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
 
 
 class MonitorTable:
-    """Monitors in order. All that changes is in `PilotState.monitors`, by the type of the state."""
+    """`monitors` in order. All that changes is in `PilotState.monitors`, by the type of the state."""
 
     def __init__(self, monitors: Iterable[Monitor[Any]]):
-        self._monitors = tuple(monitors)
-        kinds = {kind for monitor in self._monitors for kind in monitor.hears}
+        self.monitors = tuple(monitors)
+        kinds = {kind for monitor in self.monitors for kind in monitor.hears}
         self._screens, self._listeners = (
-            {kind: [m for m in self._monitors if kind in m.hears and m.screens is screens] for kind in kinds}
+            {kind: [m for m in self.monitors if kind in m.hears and m.screens is screens] for kind in kinds}
             for screens in (True, False)
         )
 
     def initial(self) -> Mapping[type, Any]:
         """All states at switch-on."""
-        return {type(monitor.initial): monitor.initial for monitor in self._monitors}
+        return {type(monitor.initial): monitor.initial for monitor in self.monitors}
 
     def screen(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs, bool]:
         """Monitors that come before the estimator; the last value: a monitor withholds the message."""
@@ -71,7 +71,7 @@ class MonitorTable:
     def on_tick(self, state: PilotState, view: TickView) -> tuple[PilotState, dict[Event, str], list[Alert]]:
         """All monitors at a tick: conditions that hold, and alerts."""
         own, conditions, alerts = dict(state.monitors), dict[Event, str](), list[Alert]()
-        for monitor in self._monitors:
+        for monitor in self.monitors:
             kind = type(monitor.initial)
             own[kind], report = monitor.on_tick(own[kind], view)
             conditions.update(report.events)

@@ -2,7 +2,7 @@
 
     x = [x y v_x v_y | b_1 .. b_m],   p_dot = v,   v_dot = white,   b_i: Gauss-Markov
 
-Start: every place that explains the first ranges (`initial.locate`) becomes a hypothesis with its own filter;
+Start: every place that explains the first ranges (`multilaterate`) becomes a hypothesis with its own filter;
 all are fed, and one whose log-likelihood falls too far behind the best is dropped. So the false image behind
 anchors that stand almost in a line is found out by later ranges. Anchors exactly in a line never tell.
 """

@@ -21,7 +21,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.integrate import FORCES, rk4, state_rate
 from companion.core.model.manoeuvring import StructuredModel, coefficients
 from companion.core.model.thrusters import steady_forces
-from sim.world.plant import HOTEL_A, R_BATTERY_OHM, WATTS_PER_N15, in_weather
+from sim.world.plant import R_BATTERY_OHM, battery_current, in_weather
 
 GONE = 1e3
 """[m/s, rad/s] No boat is as fast: from here on a trajectory is NaN. So is one whose heading passes `TURNED`."""
@@ -111,6 +111,6 @@ def _model(vessel: VesselFile, free: Mapping[str, Any]) -> StructuredModel:
 
 
 def _sag(f: Any, open_v: Any) -> Any:
-    """R_i I [V] of thruster forces f [N], as `Plant.current_a` has it; |f|^1.5 as |f| sqrt|f|."""
+    """R_i I [V] of thruster forces f [N]; |f|^1.5 as |f| sqrt|f|, which is quicker than a power."""
     size: Any = ca.fabs(f)
-    return R_BATTERY_OHM * (HOTEL_A + WATTS_PER_N15 * ca.dot(size, ca.sqrt(size)) / open_v)
+    return R_BATTERY_OHM * battery_current(ca.dot(size, ca.sqrt(size)), open_v)

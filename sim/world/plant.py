@@ -28,6 +28,11 @@ WATTS_PER_N15 = 0.92  # P = 0.92 |F|^1.5: 203 W at 36.4 N, manufacturer's table 
 HOTEL_A = 1.5  # assumed: computer, autopilot, radio
 
 
+def battery_current(load_n15: Any, open_v: Any) -> Any:
+    """Current [A] of a pack of open-circuit voltage `open_v` [V] under the load sum |f_i|^1.5 [N^1.5] of thrusters."""
+    return HOTEL_A + WATTS_PER_N15 * load_n15 / open_v
+
+
 @dataclass(frozen=True)
 class Motion:
     """Where the boat is and how it moves: x = [x y psi u v r f_1..f_n] and nu_dot, both at `t_ns`."""
@@ -52,8 +57,7 @@ class Plant:
     @property
     def current_a(self) -> float:
         """Battery current [A]."""
-        power = WATTS_PER_N15 * (np.abs(self.motion.x[FORCES]) ** 1.5).sum()
-        return HOTEL_A + float(power) / self._open_v
+        return float(battery_current((np.abs(self.motion.x[FORCES]) ** 1.5).sum(), self._open_v))
 
     def command(self, t_ns: int, pwm_us: tuple[float, ...]) -> None:
         """Pulse widths [us] that reach the ESCs' inputs from `t_ns` on, in the vessel file's order."""

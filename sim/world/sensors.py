@@ -18,6 +18,7 @@ import numpy as np
 from companion.core.configuration.site_file import Anchor
 from companion.core.configuration.vessel_file import Imu, Uwb
 from companion.core.constants import GRAVITY_M_S2
+from companion.core.geometry.frames import point_acceleration, point_position
 from companion.core.model.sensor_errors import (
     apply_heading_errors,
     apply_imu_errors,
@@ -52,16 +53,10 @@ class ImuReading:
 
 def specific_force(imu: Imu, motion: Motion, moment: Moment) -> np.ndarray:
     """What a perfect accelerometer at the IMU's place measures [m/s^2], body axes, shape (3,)."""
-    u, v, r = motion.x[3:6]
-    u_dot, v_dot, r_dot = motion.nu_dot
+    a_x, a_y = point_acceleration(motion.x[3:6], motion.nu_dot, (imu.x_m, imu.y_m))
     phi, theta = moment.phi_rad, moment.theta_rad
-    return np.array(
-        [
-            u_dot - v * r - imu.x_m * r**2 - imu.y_m * r_dot + GRAVITY_M_S2 * np.sin(theta),
-            v_dot + u * r + imu.x_m * r_dot - imu.y_m * r**2 - GRAVITY_M_S2 * np.cos(theta) * np.sin(phi),
-            -GRAVITY_M_S2 * np.cos(theta) * np.cos(phi),
-        ]
-    )
+    down = -GRAVITY_M_S2 * np.cos(theta)
+    return np.array([a_x + GRAVITY_M_S2 * np.sin(theta), a_y + down * np.sin(phi), down * np.cos(phi)])
 
 
 class ImuSensor:
@@ -107,10 +102,8 @@ class UwbSensor:
 
     def tag_position(self, x: np.ndarray) -> np.ndarray:
         """Where the tag appears to be in NED [m], shape (3,): its place, but for the file's `scale`."""
-        c, s = np.cos(x[2]), np.sin(x[2])
         uwb = self._uwb
-        north, east = x[0] + c * uwb.x_m - s * uwb.y_m, x[1] + s * uwb.x_m + c * uwb.y_m
-        return np.array([*apply_uwb_scale(uwb, north, east), uwb.z_m])
+        return np.array([*apply_uwb_scale(uwb, *point_position(x, (uwb.x_m, uwb.y_m))), uwb.z_m])
 
     def arrival_ns(self, t_ns: int) -> int:
         """When the bytes of what is measured at `t_ns` arrive; the first call sets the start of a drift."""

@@ -18,6 +18,7 @@ from companion.core.configuration.site_file import Anchor
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.control.allocation import allocate, pulse_widths
+from companion.core.geometry.frames import unrotate
 from companion.logs.runs.run import Run, RunMeta
 from sim.world.environment import Environment, Moment, Weather
 from sim.world.plant import Motion, Plant
@@ -59,9 +60,8 @@ class KeyboardPilot:
         self._homing = reach > inner or (self._homing and reach > 0.6 * inner)
         if not self._homing:
             return self._tau
-        c, s = np.cos(x[2]), np.sin(x[2])
         north, east = -away / np.linalg.norm(away) * self._habits.home_n
-        return np.array([c * north + s * east, -s * north + c * east, self._tau[2]])
+        return np.array([*unrotate(x[2], north, east), self._tau[2]])
 
     def _draw(self, t_s: float) -> None:
         rng, habits = self._rng, self._habits

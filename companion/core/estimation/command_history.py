@@ -1,11 +1,7 @@
-"""Thruster forces as they arrive at the water: commands through dead time and first-order lag.
-
-f_dot = (f_cmd(t - dead time) - f) / T_lag, at most `slew` up or down;   solved exactly while the command is constant
-"""
+"""Commands to the thrusters by the instant from which each acts: when it was given plus the dead time."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -45,27 +41,3 @@ def active_command(commands: tuple[TimedCommand, ...], t_ns: int) -> tuple[np.nd
             return now, command.acts_ns
         now = command.f_n
     return now, None
-
-
-def lagged(
-    f_n: np.ndarray, command_n: np.ndarray, dt_s: float, lag_s: float, slew_N_s: float | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Force after dt_s of a constant command, and its mean over that time [N]."""
-    if slew_N_s is not None:
-        return _slewed(f_n, command_n, dt_s, lag_s, slew_N_s)
-    decay = math.exp(-dt_s / lag_s)
-    gap = f_n - command_n
-    return command_n + gap * decay, command_n + gap * (lag_s / dt_s * (1 - decay))
-
-
-def _slewed(
-    f_n: np.ndarray, command_n: np.ndarray, dt_s: float, lag_s: float, slew_N_s: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """`lagged` with a limit on the rate: a ramp until the gap is slew x lag, the lag from there on."""
-    gap = f_n - command_n
-    ramp_s = np.clip(np.abs(gap) / slew_N_s - lag_s, 0.0, dt_s)
-    after = gap - np.sign(gap) * slew_N_s * ramp_s
-    rest_s = dt_s - ramp_s
-    decay = np.exp(-rest_s / lag_s)
-    area = (gap + after) / 2 * ramp_s + after * lag_s * (1 - decay)
-    return command_n + after * decay, command_n + area / dt_s

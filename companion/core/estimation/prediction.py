@@ -13,13 +13,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu
-from companion.core.estimation.command_history import TimedCommand, active_command, lagged
+from companion.core.estimation.command_history import TimedCommand, active_command
 from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, FilterState
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.integrate import VesselModel
+from companion.core.model.thrust_lag import lagged
 
 Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 

@@ -3,11 +3,8 @@
     s = [x y psi | u v r | X_d Y_d N_d]        latent body force d [N, N, N m]: what the model leaves out
     eta_dot = R(psi) nu,   nu_dot = model(eta, nu, tau + d),   d constant over a step
 
-Specific force at the IMU's place l = [l_x l_y], level axes (Fossen 2021, sec. 2.4, planar case):
-
-    a_x = u_dot - v r - l_x r^2 - l_y r_dot,    a_y = v_dot + u r - l_y r^2 + l_x r_dot
-
-The height of the IMU matters only through roll and pitch acceleration and is left out.
+Specific force at the IMU's place in level axes: `frames.point_acceleration`. The height of the IMU matters
+only through roll and pitch acceleration and is left out.
 """
 
 from __future__ import annotations
@@ -17,6 +14,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from companion.core.geometry.frames import point_acceleration
 from companion.core.model.integrate import BufferedStep, VesselModel, eta_dot, rk4
 
 STATES = 9
@@ -74,8 +72,7 @@ def process_function(model: VesselModel) -> ca.Function:
         eta, nu, d = w[:3], w[3:6], w[6:9]
         return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau(eta, nu) + d), ca.DM.zeros(3))
 
-    # rk4 takes its step as a number or a symbol alike
-    s_next = rk4(rate, s, dt)  # pyright: ignore[reportArgumentType]
+    s_next = rk4(rate, s, dt)
     return ca.Function("process", [s, drive, dt], [_packed(s_next, s)])
 
 
@@ -84,8 +81,5 @@ def imu_function(model: VesselModel, arm_m: tuple[float, float]) -> ca.Function:
     s = ca.SX.sym("s", STATES)
     drive, tau = _driven(model)
     eta, nu, d = s[:3], s[3:6], s[6:9]
-    u, v, r = nu[0], nu[1], nu[2]
-    dot = model.nu_dot(eta, nu, tau(eta, nu) + d)
-    a_x = dot[0] - v * r - arm_m[0] * r**2 - arm_m[1] * dot[2]
-    a_y = dot[1] + u * r - arm_m[1] * r**2 + arm_m[0] * dot[2]
-    return ca.Function("imu", [s, drive], [_packed(ca.vertcat(a_x, a_y, r), s)])
+    a_x, a_y = point_acceleration(nu, model.nu_dot(eta, nu, tau(eta, nu) + d), arm_m)
+    return ca.Function("imu", [s, drive], [_packed(ca.vertcat(a_x, a_y, nu[2]), s)])

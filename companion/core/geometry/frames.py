@@ -7,12 +7,15 @@ Frames. NED: x north, y east, z down. Site: the axes of the basin or field in wh
 states are written; same origin, turned clockwise from true north by `rotation_rad` (0: site = NED). Inside
 the program "north" and "east" are the site's first and second axis, and psi counts from the first.
 Body: x forward, y starboard, z down. Angles in rad, lengths in m.
+
+Rotations and the motion of a point are for floats, arrays (components first) and CasADi expressions alike.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,32 +36,36 @@ def near(angle_rad: float, reference_rad: float) -> float:
     return reference_rad + ssa(angle_rad - reference_rad)
 
 
-def R2(psi_rad: float) -> np.ndarray:
-    """Planar rotation body -> NED, shape (2, 2)."""
-    c, s = math.cos(psi_rad), math.sin(psi_rad)
-    return np.array([[c, -s], [s, c]])
+def cos_sin(angle_rad: Any) -> tuple[Any, Any]:
+    """Cosine and sine of a float, of an array, or of a CasADi expression."""
+    if isinstance(angle_rad, float | int):
+        return math.cos(angle_rad), math.sin(angle_rad)
+    if isinstance(angle_rad, np.ndarray):
+        return np.cos(angle_rad), np.sin(angle_rad)
+    return angle_rad.cos(), angle_rad.sin()
 
 
-def R3(psi_rad: float) -> np.ndarray:
-    """Rotation of [x y psi] or [u v r] about the down axis, body -> NED, shape (3, 3): eta_dot = R3 nu."""
-    c, s = math.cos(psi_rad), math.sin(psi_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+def R2(psi_rad: float | np.ndarray) -> np.ndarray:
+    """Planar rotation body -> NED, shape (*psi.shape, 2, 2)."""
+    c, s = cos_sin(psi_rad)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
 
 
-def rotate(psi_rad: float, x: float, y: float) -> tuple[float, float]:
+def rotate(psi_rad: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """R2(psi) [x y]: body components to NED, or site components to NED with psi = rotation."""
-    c, s = math.cos(psi_rad), math.sin(psi_rad)
+    c, s = cos_sin(psi_rad)
     return c * x - s * y, s * x + c * y
 
 
-def unrotate(psi_rad: float, x: float, y: float) -> tuple[float, float]:
+def unrotate(psi_rad: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """R2(psi)^T [x y]: NED components to body, or NED to site with psi = rotation."""
-    return rotate(-psi_rad, x, y)
+    c, s = cos_sin(psi_rad)
+    return c * x + s * y, c * y - s * x
 
 
-def point_position(eta: tuple[float, float, float], arm_m: tuple[float, float]) -> tuple[float, float]:
-    """Where a sensor is: eta = [x y psi] of the body origin, `arm_m` = [forward, starboard] to the sensor."""
-    dx, dy = rotate(eta[2], *arm_m)
+def point_position(eta: Any, arm_m: Any) -> tuple[Any, Any]:
+    """Where a sensor is, in NED: eta = [x y psi] of the body origin, `arm_m` = [forward, starboard] to the sensor."""
+    dx, dy = rotate(eta[2], arm_m[0], arm_m[1])
     return eta[0] + dx, eta[1] + dy
 
 
@@ -68,9 +75,20 @@ def origin_position(point_m: tuple[float, float], psi_rad: float, arm_m: tuple[f
     return point_m[0] - dx, point_m[1] - dy
 
 
-def point_velocity(nu: tuple[float, float, float], arm_m: tuple[float, float]) -> tuple[float, float]:
-    """Velocity of the point at `arm_m` in body axes [m/s]: [u - r l_y, v + r l_x]."""
+def point_velocity(nu: Any, arm_m: Any) -> tuple[Any, Any]:
+    """Velocity of the point at `arm_m` in body axes [m/s]: [u - r l_y, v + r l_x]; nu = [u v r]."""
     return nu[0] - nu[2] * arm_m[1], nu[1] + nu[2] * arm_m[0]
+
+
+def point_acceleration(nu: Any, nu_dot: Any, arm_m: Any) -> tuple[Any, Any]:
+    """Acceleration of the point at `arm_m` in body axes [m/s^2]: what a level accelerometer there measures.
+
+    a_x = u_dot - v r - l_x r^2 - l_y r_dot,  a_y = v_dot + u r - l_y r^2 + l_x r_dot   (Fossen 2021, sec. 2.4, planar)
+    """
+    (u, v, r), r_dot = (nu[0], nu[1], nu[2]), nu_dot[2]
+    a_x = nu_dot[0] - v * r - arm_m[0] * r**2 - arm_m[1] * r_dot
+    a_y = nu_dot[1] + u * r - arm_m[1] * r**2 + arm_m[0] * r_dot
+    return a_x, a_y
 
 
 @dataclass(frozen=True)

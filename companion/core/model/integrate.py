@@ -4,15 +4,18 @@
     eta_dot = R(psi) nu,   f_dot = (f_cmd - f) / T_lag
 
 |f_dot| <= slew where the model has such a limit. The dead time of the thrusters is not a state: callers delay
-f_cmd (`DelayLine`). `vessel.StructuredModel` and `abkowitz.AbkowitzModel` are models.
+f_cmd (`DelayLine`). `manoeuvring.StructuredModel` and `abkowitz.AbkowitzModel` are such models.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
+
+from companion.core.geometry.frames import rotate
 
 ETA, NU, FORCES = slice(0, 3), slice(3, 6), slice(6, None)
 
@@ -51,8 +54,7 @@ class VesselModel(Protocol):
 
 def eta_dot(eta: Any, nu: Any) -> Any:
     """R(psi) nu, shape (3,)."""
-    c, s = ca.cos(eta[2]), ca.sin(eta[2])
-    return ca.vertcat(c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2])
+    return ca.vertcat(*rotate(eta[2], nu[0], nu[1]), nu[2])
 
 
 def state_rate(model: VesselModel, x: Any, f_cmd: Any, tau_ext: Any) -> Any:
@@ -65,15 +67,23 @@ def state_rate(model: VesselModel, x: Any, f_cmd: Any, tau_ext: Any) -> Any:
     return ca.vertcat(eta_dot(eta, nu), model.nu_dot(eta, nu, tau), f_dot)
 
 
-def rk4(rate: Any, x: Any, h: float, steps: int = 1) -> Any:
-    """Classic Runge-Kutta over `h` seconds in `steps` equal steps; `rate` maps x to dx/dt."""
-    dt = h / steps
+def rk4_step(rate: Callable[[Any, Any], Any], x: Any, h: Any, inputs: tuple[Any, Any, Any]) -> Any:
+    """One step of the classic Runge-Kutta method of order 4 over `h` seconds: numpy arrays or CasADi expressions.
+
+    `inputs`: what `rate(x, input)` -> dx/dt takes besides the state, at the start, the middle and the end of the step.
+    """
+    start, middle, end = inputs
+    k1 = rate(x, start)
+    k2 = rate(x + h / 2 * k1, middle)
+    k3 = rate(x + h / 2 * k2, middle)
+    k4 = rate(x + h * k3, end)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def rk4(rate: Callable[[Any], Any], x: Any, h: Any, steps: int = 1) -> Any:
+    """State after `h` seconds in `steps` equal steps of `rk4_step`; `rate` maps x to dx/dt."""
     for _ in range(steps):
-        k1 = rate(x)
-        k2 = rate(x + dt / 2 * k1)
-        k3 = rate(x + dt / 2 * k2)
-        k4 = rate(x + dt * k3)
-        x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        x = rk4_step(lambda state, _: rate(state), x, h / steps, (None, None, None))
     return x
 
 

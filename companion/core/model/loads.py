@@ -19,6 +19,8 @@ from typing import Any
 
 import casadi as ca
 
+from companion.core.geometry.frames import unrotate
+
 RHO_AIR = 1.225  # kg/m^3, ISA at sea level and 15 C
 
 
@@ -87,8 +89,8 @@ def _tether(p: Mapping[str, Any], vessel: Any, eta: Any, nu: Any) -> tuple[Any, 
     north, east = p["north_m"] - eta[0], p["east_m"] - eta[1]
     d = ca.sqrt(north**2 + east**2 + 1e-12)
     pull = p["stiffness_N_m"] * ca.fmax(1 - p["slack_m"] / d, 0.0)
-    c, s = ca.cos(eta[2]), ca.sin(eta[2])
-    return pull * (c * north + s * east), pull * (c * east - s * north), 0.0
+    ahead, starboard = unrotate(eta[2], north, east)
+    return pull * ahead, pull * starboard, 0.0
 
 
 EDGE_SHARE = 0.1

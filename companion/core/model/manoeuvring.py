@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import unrotate
 from companion.core.model import loads as term_registry
 from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses
 from companion.core.model.thrusters import configuration_matrix
@@ -112,8 +113,7 @@ class StructuredModel:
             if flow := term_registry.REGISTRY[name].water_velocity:
                 dn, de = flow(p, eta)
                 north, east = north + dn, east + de
-        c, s = ca.cos(eta[2]), ca.sin(eta[2])
-        return ca.vertcat(c * north + s * east, -s * north + c * east, 0.0)
+        return ca.vertcat(*unrotate(eta[2], north, east), 0.0)
 
     def term_force(self, eta: Any, nu: Any) -> Any:
         """Sum of the terms' body forces, shape (3,) [N, N, N m]."""

@@ -21,7 +21,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu, Sensors, Uwb
-from companion.core.geometry.frames import ssa
+from companion.core.geometry.frames import rotate, ssa, unrotate
 from companion.core.messages import Attitude, ImuSample, UwbPosition, UwbRanges
 
 NEWTON_STEPS = 8
@@ -30,19 +30,15 @@ NEWTON_STEPS = 8
 
 def apply_imu_errors(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
     """What the IMU says of specific force [m/s^2] along its x and y and of yaw rate [rad/s]."""
-    c, s = np.cos(imu.misalignment_rad), np.sin(imu.misalignment_rad)
-    return (
-        c * a_x + s * a_y + imu.accel_bias_x_m_s2,
-        c * a_y - s * a_x + imu.accel_bias_y_m_s2,
-        (1 + imu.gyro_scale) * r + imu.gyro_bias_rad_s,
-    )
+    a_x, a_y = unrotate(imu.misalignment_rad, a_x, a_y)
+    rate = (1 + imu.gyro_scale) * r + imu.gyro_bias_rad_s
+    return a_x + imu.accel_bias_x_m_s2, a_y + imu.accel_bias_y_m_s2, rate
 
 
 def correct_imu(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
     """Specific force along the body's x and y, and yaw rate, of what the IMU says."""
-    c, s = np.cos(imu.misalignment_rad), np.sin(imu.misalignment_rad)
-    a_x, a_y = a_x - imu.accel_bias_x_m_s2, a_y - imu.accel_bias_y_m_s2
-    return c * a_x - s * a_y, s * a_x + c * a_y, correct_yaw_rate(imu, r)
+    a_x, a_y = rotate(imu.misalignment_rad, a_x - imu.accel_bias_x_m_s2, a_y - imu.accel_bias_y_m_s2)
+    return a_x, a_y, correct_yaw_rate(imu, r)
 
 
 def correct_yaw_rate(imu: Imu, r: Any) -> Any:

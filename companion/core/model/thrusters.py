@@ -13,14 +13,15 @@ Pitch (a propeller at a set speed s, its blades turned by the command; momentum 
 
 It rises with c as long as |curve| < 1.
 
-Gains may be nil (a dead thruster) or negative (one that is wired or turned the wrong way round).
+Gains may be 0 (a dead thruster) or negative (one that is wired or turned the wrong way round).
 
 The curve rises without a step, so it has one inverse; the table's own five small steps back are smoothed.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
@@ -59,15 +60,31 @@ def setting_share(fmap: ForceMap, setting: Any) -> Any:
     return (setting / fmap.nominal_setting) ** fmap.exponent
 
 
-def _force_ahead(fmap: ForceMap, c: Any, voltage_v: Any, sign: int) -> Any:
-    """Size of the force [N] at command size c in 0..1, ahead (sign 1) or astern (-1)."""
+Side = Callable[[Any, Any], Any]
+"""(number ahead, number astern) -> the one of the direction in which the thruster pushes."""
+
+
+def force_size(fmap: ForceMap, c: Any, voltage_v: Any, side: Side) -> Any:
+    """Size of the force [N] at command size c = |command| in 0..1: the map's equation above, at a gain of one.
+
+    Numbers, arrays and CasADi expressions alike; a setting is the nominal one.
+    """
     if isinstance(fmap, PitchMap):
         c = c * (1 - fmap.curve + fmap.curve * c)
     if isinstance(fmap, LinearMap | PitchMap):
-        return c * (fmap.ahead_N if sign > 0 else fmap.astern_N)
-    e = np.maximum(c - fmap.dead_band_us / SPAN_US, 0.0)
-    curve, k = (fmap.ahead, fmap.k_ahead_N_s2) if sign > 0 else (fmap.astern, fmap.k_astern_N_s2)
-    return k * rotor_rps(curve, e, voltage_v, fmap.V_ref_V) ** 2
+        return c * side(fmap.ahead_N, fmap.astern_N)
+    dead = fmap.dead_band_us / SPAN_US
+    e = np.maximum(c - dead, 0.0) if isinstance(c, float | np.ndarray) else ca.fmax(c - dead, 0.0)
+    rps = rotor_rps(side(fmap.ahead, fmap.astern), e, voltage_v, fmap.V_ref_V)
+    return side(fmap.k_ahead_N_s2, fmap.k_astern_N_s2) * rps**2
+
+
+def _ahead(ahead: Any, _: Any) -> Any:
+    return ahead
+
+
+def _astern(_: Any, astern: Any) -> Any:
+    return astern
 
 
 def force_from_pwm(
@@ -75,9 +92,9 @@ def force_from_pwm(
 ) -> float:
     """Steady bollard force [N] at a pulse width [us], battery voltage [V] and setting (None: the nominal one)."""
     c = min(max(float(pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0), 1.0)
-    sign = 1 if c >= 0 else -1
+    sign, side = (1, _ahead) if c >= 0 else (-1, _astern)
     share = thruster.gain * setting_share(fmap, setting)
-    return sign * float(share * _force_ahead(fmap, abs(c), voltage_v, sign))
+    return sign * float(share * force_size(fmap, abs(c), voltage_v, side))
 
 
 def forces_from_pwm(
@@ -88,64 +105,39 @@ def forces_from_pwm(
     dead = fmap.dead_band_us / SPAN_US if isinstance(fmap, RotorMap) else 0.0
     force = 0.0 * c  # in the dead band at any voltage, and also at one that is not known
     with np.errstate(invalid="ignore"):
-        for sign, side in ((1, c > dead), (-1, c < -dead)):
-            force[side] = sign * _force_ahead(fmap, np.abs(c[side]), voltage_v[side], sign)
+        for sign, side, where in ((1, _ahead, c > dead), (-1, _astern, c < -dead)):
+            force[where] = sign * force_size(fmap, np.abs(c[where]), voltage_v[where], side)
     return thruster.gain * setting_share(fmap, setting) * force
-
-
-def force_expression(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any, setting: Any = None) -> Any:
-    """`force_from_pwm` as a CasADi expression, for fits. Smooth but at the dead band's edge."""
-    c = (pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US
-    if isinstance(fmap, PitchMap):
-        c = c * (1 - fmap.curve + fmap.curve * ca.fabs(c))
-    if isinstance(fmap, LinearMap | PitchMap):
-        share = thruster.gain * setting_share(fmap, setting)
-        return share * c * ca.if_else(c >= 0, fmap.ahead_N, fmap.astern_N)
-    e = ca.fmax(ca.fabs(c) - fmap.dead_band_us / SPAN_US, 0.0)
-    safe = ca.fmax(e, 1e-9)
-    ahead = fmap.k_ahead_N_s2 * rotor_rps(fmap.ahead, safe, voltage_v, fmap.V_ref_V) ** 2
-    astern = -fmap.k_astern_N_s2 * rotor_rps(fmap.astern, safe, voltage_v, fmap.V_ref_V) ** 2
-    return ca.if_else(e > 0, thruster.gain * ca.if_else(c >= 0, ahead, astern), 0.0)
 
 
 def steady_forces(vessel: VesselFile, pwm_us: Any, voltage_v: Any) -> list[Any]:
     """`force_from_pwm` of all thrusters as CasADi expressions, for simulation; settings are the nominal ones.
 
-    The curve is chosen by sign before it is evaluated: half the powers of `force_expression`, but no slope at 0.
+    The curve is chosen by sign before it is evaluated, which halves the powers; it has no slope at 0.
     """
-    maps = [vessel.force_maps[t.force_map] for t in vessel.thrusters]
     return [
-        _steady_force(t, fmap, pwm_us[i], voltage_v)
-        for i, (t, fmap) in enumerate(zip(vessel.thrusters, maps, strict=True))
+        _steady_force(t, vessel.force_maps[t.force_map], pwm_us[i], voltage_v) for i, t in enumerate(vessel.thrusters)
     ]
 
 
 def _steady_force(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any) -> Any:
     c = ca.fmax(ca.fmin((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, 1.0), -1.0)
-    size, ahead = ca.fabs(c), c >= 0
-    if isinstance(fmap, PitchMap):
-        size = size * (1 - fmap.curve + fmap.curve * size)
-    if isinstance(fmap, LinearMap | PitchMap):
-        force = size * _by_sign(ahead, fmap.ahead_N, fmap.astern_N)
-    else:
-        e = ca.fmax(size - fmap.dead_band_us / SPAN_US, 0.0)
-        names = RotorCurve.__struct_fields__
-        numbers: dict[str, Any] = {
-            name: _by_sign(ahead, getattr(fmap.ahead, name), getattr(fmap.astern, name)) for name in names
-        }
-        rps = rotor_rps(RotorCurve(**numbers), e, voltage_v, fmap.V_ref_V)
-        force = _by_sign(ahead, fmap.k_ahead_N_s2, fmap.k_astern_N_s2) * rps**2
-    return ca.if_else(ahead, 1.0, -1.0) * (thruster.gain * force)
+    force = force_size(fmap, ca.fabs(c), voltage_v, partial(_by_sign, c >= 0))
+    return ca.if_else(c >= 0, 1.0, -1.0) * (thruster.gain * force)
 
 
-def _by_sign(ahead: Any, yes: float, no: float) -> Any:
-    return yes if yes == no else ca.if_else(ahead, yes, no)
+def _by_sign(is_ahead: Any, ahead: Any, astern: Any) -> Any:
+    """A number or a curve's numbers by the sign of a CasADi expression."""
+    if isinstance(ahead, RotorCurve):
+        both = ((name, getattr(ahead, name), getattr(astern, name)) for name in RotorCurve.__struct_fields__)
+        return RotorCurve(**{name: _by_sign(is_ahead, one, other) for name, one, other in both})
+    return ahead if ahead == astern else ca.if_else(is_ahead, ahead, astern)
 
 
 @lru_cache(maxsize=256)
 def _inverse_table(fmap: ForceMap, voltage_dv: int, sign: int) -> np.ndarray:
     """Force sizes [N] over `_GRID` at a voltage given in tenths of a volt."""
-    return np.asarray(_force_ahead(fmap, _GRID, voltage_dv / 10.0, sign))
+    return np.asarray(force_size(fmap, _GRID, voltage_dv / 10.0, _ahead if sign > 0 else _astern))
 
 
 def pwm_from_force(thruster: Thruster, fmap: ForceMap, force_n: float, voltage_v: float) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.core.geometry.frames import rotate
 from sim.fitting.engine.kernels.windows import kernel
 from sim.fitting.engine.noise import L
 from sim.fitting.engine.parameters import Parameters
@@ -44,8 +45,7 @@ def _series(windows: Windows, span: slice, channel: int) -> tuple[np.ndarray, np
 
 def _turned(psi: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """R(psi) vector for each row."""
-    c, s = np.cos(psi), np.sin(psi)
-    return np.stack([c * vector[:, 0] - s * vector[:, 1], s * vector[:, 0] + c * vector[:, 1]], axis=1)
+    return np.stack(rotate(psi, vector[:, 0], vector[:, 1]), axis=1)
 
 
 @kernel

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.integrate import eta_dot
+from companion.core.model.integrate import eta_dot, rk4_step
 from companion.core.model.manoeuvring import StructuredModel
 from sim.fitting.engine.batched import Batch, Rollout
 from sim.fitting.engine.parameters import HULL, fitted_terms
@@ -71,10 +71,5 @@ def compile_model(vessel: VesselFile, steps: int, windows: int) -> CompiledModel
 def _step(rate: ca.Function, size: int) -> ca.Function:
     """(x, [p d], [tau start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
     x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("taus", 9), ("d", 3), ("h", 1)))
-    start, middle, end = taus[:3], taus[3:6], taus[6:]
-    k1 = rate(x, p, start, d)
-    k2 = rate(x + h / 2 * k1, p, middle, d)
-    k3 = rate(x + h / 2 * k2, p, middle, d)
-    k4 = rate(x + h * k3, p, end, d)
-    x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    x_next = rk4_step(lambda s, tau: rate(s, p, tau, d), x, h, (taus[:3], taus[3:6], taus[6:]))
     return ca.Function("step", [x, ca.vertcat(p, d), taus, h], ca.cse([x_next]))

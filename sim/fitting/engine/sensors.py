@@ -1,7 +1,8 @@
 """What the sensors should say of a motion: residuals, whitened, and their derivatives to nodes and parameters.
 
-Specific force at the IMU's place as in `companion.core.estimation.process`. A position sample is older than its stamp
-by the latency; between steps the tag's path is taken to second order. Columns: node (L), then q (P) in file units.
+Specific force at the IMU's place and motion of the tag: `companion.core.geometry.frames`. A position sample is older
+than its stamp by the latency; between steps the tag's path is taken to second order. Columns: node (L), then q (P) in
+file units.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from companion.core.geometry.frames import R2, point_acceleration, point_velocity
 from sim.fitting.engine.jacobian_rows import fade
 from sim.fitting.engine.motion import WindowMotion
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, L, Noise, whiten
@@ -31,12 +33,10 @@ class ImuResiduals:
         """Predicted minus measured, whitened, shape (W, K, 4); NaN where nothing was measured."""
         K = self.windows.size[1]
         x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
-        u, v, r = x[..., 3], x[..., 4], x[..., 5]
-        lx, ly = self.arm_m
         psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
-        ax = nd[..., 0] - v * r - lx * r**2 - ly * nd[..., 2] + z[:, None, BIAS_AX]
-        ay = nd[..., 1] + u * r - ly * r**2 + lx * nd[..., 2] + z[:, None, BIAS_AY]
-        error = np.stack([psi, r + z[:, None, BIAS_R], ax, ay], axis=2) - self.windows.y
+        a_x, a_y = point_acceleration(np.moveaxis(x[..., 3:], -1, 0), np.moveaxis(nd, -1, 0), self.arm_m)
+        biased = [x[..., 5] + z[:, None, BIAS_R], a_x + z[:, None, BIAS_AX], a_y + z[:, None, BIAS_AY]]
+        error = np.stack([psi, *biased], axis=2) - self.windows.y
         out = error / np.array(noise.white)
         known = np.isfinite(error[..., PSI])
         white = whiten(np.where(known, error[..., PSI], 0.0)[..., None], known, self.windows.h_s, noise)
@@ -98,9 +98,8 @@ class TagResiduals:
         when = self.windows.fixes.t_s - q[self.parameters.thrusters.stop + 2]
         w, k = self.windows.before(when)
         x, nd, arm = motion.x[w, k], motion.nu_dot[w, k], q[at : at + 2]
-        r = x[:, 5:6]
-        velocity = x[:, 3:5] + r * (TURN @ arm)
-        gain = nd[:, :2] + nd[:, 2:] * (TURN @ arm) + r * (velocity @ TURN.T)
+        velocity = np.stack(point_velocity(x[:, 3:].T, arm), axis=1)
+        gain = np.stack(point_acceleration(x[:, 3:].T, nd.T, arm), axis=1)
         return TagPath(w, k, x, (when - self.windows.t_s[w, k])[:, None], arm, velocity, gain)
 
 
@@ -124,8 +123,7 @@ class TagPath:
     @cached_property
     def R(self) -> np.ndarray:
         """Body to NED, (m, 2, 2)."""
-        c, s = np.cos(self.x[:, 2]), np.sin(self.x[:, 2])
-        return np.stack([np.stack([c, -s], 1), np.stack([s, c], 1)], 1)
+        return R2(self.x[:, 2])
 
     def turned(self, vector: np.ndarray) -> np.ndarray:
         """R vector, (m, 2)."""

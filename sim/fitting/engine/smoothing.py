@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import R2, point_acceleration
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 
@@ -163,12 +164,12 @@ def _smooth_plane(run: Run, noise: SmootherNoise, grid: np.ndarray, yaw: np.ndar
     if not len(tag):
         raise ValueError(f"{run.meta.source}: no position (north_m, east_m) to smooth")
     t_p = t_p - noise.latency_s
-    origin = tag - np.einsum("kij,j->ki", rotations(np.interp(t_p, grid, yaw[:, 0])), noise.tag_arm_m)
+    origin = tag - np.einsum("kij,j->ki", R2(np.interp(t_p, grid, yaw[:, 0])), noise.tag_arm_m)
     place = binned(t_p, origin, grid)
     accel = binned(*run.samples("ax_m_s2", "ay_m_s2"), grid)
-    (lx, ly), r, r_dot = noise.imu_arm_m, yaw[:, 1], yaw[:, 2]
-    z_accel = accel.z - np.column_stack([-(r**2) * lx - r_dot * ly, r_dot * lx - r**2 * ly])
-    R = rotations(yaw[:, 0])
+    of_arm = point_acceleration((0.0, 0.0, yaw[:, 1]), (0.0, 0.0, yaw[:, 2]), noise.imu_arm_m)
+    z_accel = accel.z - np.column_stack(of_arm)
+    R = R2(yaw[:, 0])
     h = grid[1] - grid[0]
     eye = np.eye(2)
     kf = _kalman_filter(8, 2)
@@ -220,15 +221,9 @@ def _both_ways(kf: KalmanFilter, k: int, correct) -> tuple[np.ndarray, np.ndarra
     return x, P
 
 
-def rotations(psi_rad: np.ndarray) -> np.ndarray:
-    """R(psi) for every sample, shape (k, 2, 2)."""
-    c, s = np.cos(psi_rad), np.sin(psi_rad)
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
-
-
 def _combined(grid: np.ndarray, yaw: np.ndarray, P_yaw: np.ndarray, plane: np.ndarray, P_plane: np.ndarray) -> Smoothed:
     """Both stages in body axes; the heading's variance carried into u, v."""
-    k, R = len(grid), rotations(yaw[:, 0])
+    k, R = len(grid), R2(yaw[:, 0])
     body = np.einsum("kji,kj->ki", R, plane[:, 2:4])
     accel = np.einsum("kji,kj->ki", R, plane[:, 4:6])
     r = yaw[:, 1]

@@ -16,7 +16,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.allocation import pulse_widths
 from companion.core.excitation.file import Excitation
 from companion.core.excitation.flight import BEGINNING, Flight
-from companion.core.geometry.frames import ssa
+from companion.core.geometry.frames import point_acceleration, point_position, ssa
 from companion.core.messages import ExcitationStatus, GroundTruth
 from companion.logs.readers.aritra import meta_fields
 from companion.logs.runs.run import Run, RunMeta
@@ -108,19 +108,17 @@ class _Rows:
         if t_ns % self._imu_ns < self._step_ns:
             self._at(t_ns, battery_v=plant.voltage_v, **self._inertial(motion))
         if t_ns % self._uwb_ns < self._step_ns:
-            x, u = motion.x, self._uwb
-            c, s = np.cos(x[2]), np.sin(x[2])
-            north, east = x[0] + c * u.x_m - s * u.y_m, x[1] + s * u.x_m + c * u.y_m
+            north, east = point_position(motion.x, (self._uwb.x_m, self._uwb.y_m))
             self._at(t_ns + self._late_ns, north_m=float(north), east_m=float(east))
 
     def _inertial(self, motion: Motion) -> dict[str, float]:
-        x, (u_dot, v_dot, r_dot) = motion.x, motion.nu_dot
-        (u, v, r), i = x[3:6], self._imu
+        x, (u, v, r) = motion.x, motion.x[3:6]
+        a_x, a_y = point_acceleration(x[3:6], motion.nu_dot, (self._imu.x_m, self._imu.y_m))
         return {
             "psi_rad": ssa(float(x[2])),
             "r_rad_s": float(r),
-            "ax_m_s2": float(u_dot - v * r - i.x_m * r**2 - i.y_m * r_dot),
-            "ay_m_s2": float(v_dot + u * r + i.x_m * r_dot - i.y_m * r**2),
+            "ax_m_s2": float(a_x),
+            "ay_m_s2": float(a_y),
             "true_north_m": float(x[0]),
             "true_east_m": float(x[1]),
             "true_psi_rad": ssa(float(x[2])),

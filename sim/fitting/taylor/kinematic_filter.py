@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from companion.core.geometry.frames import R2
+
 START_VELOCITY_SIGMA_M_S = 0.5
 """Sigma of the speed at the start; assumed: at rest or slow."""
 
@@ -70,19 +72,13 @@ def kinematic_smoother(data: KinematicData, noise: KinematicNoise) -> KinematicE
     return _estimate(data, reckoned + error, P)
 
 
-def _rotations(psi_rad: np.ndarray) -> np.ndarray:
-    """R(psi) for every sample, shape (k, 2, 2)."""
-    c, s = np.cos(psi_rad), np.sin(psi_rad)
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
-
-
 def _reckoned(data: KinematicData) -> np.ndarray:
     """Dead reckoning with zero bias from the first position at rest, shape (k, 6)."""
     valid = np.flatnonzero(np.isfinite(data.position_m).all(axis=1))
     if not len(valid):
         raise ValueError("the log has no position to start from")
     dt = np.diff(data.t_s)[:, None]
-    a = np.einsum("kij,kj->ki", _rotations(data.psi_rad), data.accel_m_s2)[:-1]
+    a = np.einsum("kij,kj->ki", R2(data.psi_rad), data.accel_m_s2)[:-1]
     x = np.zeros((len(data.t_s), 6))
     x[1:, 2:4] = np.cumsum(a * dt, axis=0)
     x[:, :2] = data.position_m[valid[0]]
@@ -94,7 +90,7 @@ def _transitions(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray
     """F and Q of the error, (k, 6, 6) each; number i leads from sample i - 1 to i, as filterpy counts."""
     k = len(data.t_s)
     F, Q = np.tile(np.eye(6), (k, 1, 1)), np.zeros((k, 6, 6))
-    R = _rotations(data.psi_rad)
+    R = R2(data.psi_rad)
     for i, dt in enumerate(np.diff(data.t_s)):
         F[i + 1, :2, 2:4] = dt * np.eye(2)
         F[i + 1, :2, 4:] = -(dt**2) / 2 * R[i]
@@ -122,6 +118,6 @@ def _filtered(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, K
 
 def _estimate(data: KinematicData, x: np.ndarray, P: np.ndarray) -> KinematicEstimate:
     """Named parts of the state history."""
-    body = np.einsum("kji,kj->ki", _rotations(data.psi_rad), x[:, 2:4])
+    body = np.einsum("kji,kj->ki", R2(data.psi_rad), x[:, 2:4])
     eta = np.column_stack([x[:, :2], data.psi_rad])
     return KinematicEstimate(data.t_s, eta, np.column_stack([body, data.r_rad_s]), x[:, 4:], P)

@@ -16,8 +16,9 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
+from companion.core.geometry.frames import R2, point_acceleration
 from companion.logs.runs.run import Run
-from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, binned, rotations
+from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, binned
 from sim.fitting.engine.thrust.forces import body_forces, settings_at
 from sim.fitting.taylor.abkowitz import KGF_N
 from sim.fitting.taylor.differences import derivative
@@ -92,13 +93,13 @@ def _kinematic_data(run: Run, noise: SmootherNoise) -> tuple[KinematicData, floa
     rate, at = binned(t_r, r, grid), np.arange(len(grid))
     yaw_rate = np.interp(at, at[rate.count > 0], rate.z[rate.count > 0, 0])
     force = binned(*run.samples("ax_m_s2", "ay_m_s2"), grid)
-    (lx, ly), r_dot = noise.imu_arm_m, np.gradient(lanczos_filter(yaw_rate, RATE_HZ), grid)
-    arm = np.column_stack([-(yaw_rate**2) * lx - r_dot * ly, r_dot * lx - yaw_rate**2 * ly])
+    r_dot = np.gradient(lanczos_filter(yaw_rate, RATE_HZ), grid)
+    arm = np.column_stack(point_acceleration((0.0, 0.0, yaw_rate), (0.0, 0.0, r_dot), noise.imu_arm_m))
     known = force.count > 0
     accel = np.column_stack([np.interp(at, at[known], column) for column in force.z[known].T]) - arm
     t_p, tag = run.samples("north_m", "east_m")
     t_p = t_p - noise.latency_s
-    tag = tag - np.einsum("kij,j->ki", rotations(np.interp(t_p, grid, heading)), noise.tag_arm_m)
+    tag = tag - np.einsum("kij,j->ki", R2(np.interp(t_p, grid, heading)), noise.tag_arm_m)
     place = binned(t_p, tag, grid)
     position = np.where(place.count[:, None] > 0, place.z, np.nan)
     return KinematicData(grid, heading, yaw_rate, accel, position), max(float(np.median(force.count)), 1.0)

@@ -10,6 +10,8 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from companion.core.geometry.frames import rotate
+from companion.core.model.integrate import rk4
 from sim.fitting.taylor.abkowitz_table import NOMINAL_U_M_S, TERMS
 from sim.fitting.taylor.regression import TaylorFit, design
 
@@ -123,24 +125,13 @@ def simulate_taylor(C: np.ndarray, x0: np.ndarray, t_kgf: np.ndarray, h_s: float
     out = np.empty((m, k + 1, 6))
     out[:, 0] = x = np.array(x0, dtype=float)
     for i in range(k):
-        for _ in range(substeps):
-            x = _step(C, x, t_kgf[:, i], h_s / substeps)
+        x = rk4(lambda state, t=t_kgf[:, i]: _rate(C, state, t), x, h_s, substeps)
         x[~(np.abs(x[:, 3:]) < 1e3).all(axis=1)] = np.nan
         out[:, i + 1] = x
     return out
 
 
-def _step(C: np.ndarray, x: np.ndarray, t: np.ndarray, h: float) -> np.ndarray:
-    k1 = _rate(C, x, t)
-    k2 = _rate(C, x + h / 2 * k1, t)
-    k3 = _rate(C, x + h / 2 * k2, t)
-    k4 = _rate(C, x + h * k3, t)
-    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-
 def _rate(C: np.ndarray, x: np.ndarray, t: np.ndarray) -> np.ndarray:
     """dx/dt of m states, shape (m, 6)."""
     nu = np.clip(x[:, 3:], -1e6, 1e6)  # within a step a diverging run may overshoot; it is NaN after it
-    c, s = np.cos(x[:, 2]), np.sin(x[:, 2])
-    ground = [c * nu[:, 0] - s * nu[:, 1], s * nu[:, 0] + c * nu[:, 1], nu[:, 2]]
-    return np.column_stack([*ground, design(nu, t) @ C.T])
+    return np.column_stack([*rotate(x[:, 2], nu[:, 0], nu[:, 1]), nu[:, 2], design(nu, t) @ C.T])

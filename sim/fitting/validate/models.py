@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import rotate
+from companion.core.model.thrust_lag import first_order_lag
 from companion.core.model.thrusters import configuration_matrix
 from sim.fitting.engine.thrust.forces import thruster_forces
 from sim.fitting.taylor.abkowitz import KGF_N
@@ -51,10 +53,9 @@ class VesselSimulator:
         }
         forces = thruster_forces(self.vessel, pwm.reshape(-1, n), volts.ravel(), settings).reshape(m, -1, n)
         late = min(round(self.vessel.propulsion.dead_time_s / STEP_S), b)
-        keep = math.exp(-STEP_S / self.vessel.propulsion.lag_s)
         f = forces[:, 0]
         for i in range(b - late):
-            f = keep * f + (1 - keep) * forces[:, i]
+            f = first_order_lag(f, forces[:, i], STEP_S, self.vessel.propulsion.lag_s)
         return forces[:, b - late : forces.shape[1] - late], f
 
 
@@ -104,10 +105,10 @@ def _kinematics(x0: np.ndarray, factor: np.ndarray, commands: Commands) -> np.nd
     t = STEP_S * np.arange(k + 1)[None]
     psi0, half = np.asarray(x0)[:, None, 2], nu[..., 2] * t / 2
     reach = t * np.sinc(half / np.pi)  # chord of the arc
-    c, s = np.cos(psi0 + half) * reach, np.sin(psi0 + half) * reach
     out = np.empty((len(x0), k + 1, 6))
-    out[..., 0] = np.asarray(x0)[:, None, 0] + c * nu[..., 0] - s * nu[..., 1]
-    out[..., 1] = np.asarray(x0)[:, None, 1] + s * nu[..., 0] + c * nu[..., 1]
+    away = rotate(psi0 + half, nu[..., 0], nu[..., 1])
+    for axis in (0, 1):
+        out[..., axis] = np.asarray(x0)[:, None, axis] + reach * away[axis]
     out[..., 2] = psi0 + nu[..., 2] * t
     out[..., 3:] = nu
     out[:, 0] = x0

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from companion.core.model.integrate import eta_dot
+from companion.core.geometry.frames import point_acceleration, point_position, point_velocity
+from companion.core.model.integrate import eta_dot, rk4_step
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from sim.fitting.engine.linearise import HUBER
@@ -57,43 +58,31 @@ class CasadiBoat:
 
     def step(self, x: ca.SX, forces: ca.SX, h: ca.SX) -> ca.SX:
         """x after h: Runge-Kutta; `forces` at its start, middle and end."""
-        start, middle, end = ca.vertsplit(forces, 3 * self.n)
 
         def rate(x: ca.SX, forces: ca.SX) -> ca.SX:
             return ca.vertcat(eta_dot(x[:3], x[3:]), self.nu_dot(x, forces))
 
-        k1 = rate(x, start)
-        k2 = rate(x + h / 2 * k1, middle)
-        k3 = rate(x + h / 2 * k2, middle)
-        k4 = rate(x + h * k3, end)
-        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        start, middle, end = ca.vertsplit(forces, 3 * self.n)
+        return rk4_step(rate, x, h, (start, middle, end))
 
     def imu(self, x: ca.SX, forces: ca.SX, fade: ca.SX, y: ca.SX, noise: Noise) -> ca.SX:
         """Predicted minus measured heading (not yet as innovation), rate and specific force, over their sigmas (4,)."""
         v, nd, r = self.v, self.nu_dot(x, forces), x[5]
-        lx, ly = self.parameters.vessel.sensors.imu.x_m, self.parameters.vessel.sensors.imu.y_m
-        ax = nd[0] - x[4] * r - lx * r**2 - ly * nd[2] + v[BIAS_AX]
-        ay = nd[1] + x[3] * r - ly * r**2 + lx * nd[2] + v[BIAS_AY]
-        said = ca.vertcat(x[2] + v[OFFSET] + fade * v[WANDER], r + v[BIAS_R], ax, ay)
+        imu = self.parameters.vessel.sensors.imu
+        a_x, a_y = point_acceleration(x[3:], nd, (imu.x_m, imu.y_m))
+        said = ca.vertcat(x[2] + v[OFFSET] + fade * v[WANDER], r + v[BIAS_R], a_x + v[BIAS_AX], a_y + v[BIAS_AY])
         return (said - y) / ca.DM(noise.white)
 
     def tag(self, x: ca.SX, forces: ca.SX, since: ca.SX, place: ca.SX, middle: np.ndarray, noise: Noise) -> ca.SX:
         """Predicted minus measured place (2,), as the root of Huber's cost. `since` the step, latency included."""
         q, at = self.v[L:], self.parameters.thrusters.stop + 2
-        nd, r, arm, age = self.nu_dot(x, forces), x[5], q[at + 1 : at + 3], since - q[at]
-        velocity = x[3:5] + r * _turn(arm)
-        gain = nd[:2] + nd[2] * _turn(arm) + r * _turn(velocity)
-        shift = arm + age * velocity + age**2 / 2 * gain
-        c, s = ca.cos(x[2]), ca.sin(x[2])
-        away = x[:2] + ca.vertcat(c * shift[0] - s * shift[1], s * shift[0] + c * shift[1]) - middle
+        nd, arm, age = self.nu_dot(x, forces), q[at + 1 : at + 3], since - q[at]
+        velocity = ca.vertcat(*point_velocity(x[3:], arm))
+        acceleration = ca.vertcat(*point_acceleration(x[3:], nd, arm))
+        away = ca.vertcat(*point_position(x[:3], arm + age * velocity + age**2 / 2 * acceleration)) - middle
         e = (away + ca.reshape(q[self.parameters.warp], 2, 2).T @ away + middle - place) / noise.fix_m
         size = ca.sqrt(ca.fmax(ca.sumsqr(e), HUBER**2))
         return e * ca.sqrt(2 * HUBER * size - HUBER**2) / size
-
-
-def _turn(vector: ca.SX) -> ca.SX:
-    """omega x vector, of a unit yaw rate."""
-    return ca.vertcat(-vector[1], vector[0])
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ import numpy as np
 from companion.core.control.nmpc.settings import NmpcSettings
 from companion.core.geometry.fence import Level
 from companion.core.guidance.reference_row import Column as ref
-from companion.core.model.integrate import ETA, FORCES, NU, VesselModel, eta_dot
+from companion.core.model.integrate import ETA, FORCES, NU, VesselModel, eta_dot, rk4_step
+from companion.core.model.thrust_lag import first_order_lag
 
 STATE_RESIDUALS = 6
 
@@ -28,18 +29,13 @@ def advance(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
     """State after `h` seconds, shape (6 + n,)."""
 
     def force(t: float) -> Any:
-        return c + (x[FORCES] - c) * float(np.exp(-t / model.lag_s))
+        return first_order_lag(x[FORCES], c, t, model.lag_s)
 
     def rate(y: Any, t: float) -> Any:
         tau = model.thrust(y[ETA], y[NU], force(t)) + d
         return ca.vertcat(eta_dot(y[ETA], y[NU]), model.nu_dot(y[ETA], y[NU], tau))
 
-    y = x[:6]
-    k1 = rate(y, 0.0)
-    k2 = rate(y + h / 2 * k1, h / 2)
-    k3 = rate(y + h / 2 * k2, h / 2)
-    k4 = rate(y + h * k3, h)
-    return ca.vertcat(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), force(h))
+    return ca.vertcat(rk4_step(rate, x[:6], h, (0.0, h / 2, h)), force(h))
 
 
 def advance_jacobian(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
@@ -53,20 +49,17 @@ def advance_jacobian(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> An
     slopes = ca.Function("slopes", [y, f, d], ca.cse([rate, ca.jacobian(rate, y), ca.jacobian(rate, f)]))
 
     def force(t: float) -> tuple[Any, Any]:
-        left = float(np.exp(-t / model.lag_s))
-        return c + (x[FORCES] - c) * left, ca.horzcat(ca.SX(n, 6), left * unit, (1 - left) * unit)
+        left = first_order_lag(1.0, 0.0, t, model.lag_s)
+        return first_order_lag(x[FORCES], c, t, model.lag_s), ca.horzcat(ca.SX(n, 6), left * unit, (1 - left) * unit)
 
-    def step(at: Any, by: Any, t: float) -> tuple[Any, Any]:
+    def variational(state: Any, t: float) -> Any:
+        """d/dt [y, Y], Y = dy/d[x c]:   y_dot = g(y, f),   Y_dot = g_y Y + g_f df/d[x c]."""
         f_t, f_by = force(t)
-        k, by_y, by_f = slopes(at, f_t, d)
-        return k, by_y @ by + by_f @ f_by
+        k, by_y, by_f = slopes(state[:, 0], f_t, d)
+        return ca.horzcat(k, by_y @ state[:, 1:] + by_f @ f_by)
 
-    start, by = x[:6], ca.horzcat(ca.SX.eye(6), ca.SX(6, 2 * n))
-    k1, K1 = step(start, by, 0.0)
-    k2, K2 = step(start + h / 2 * k1, by + h / 2 * K1, h / 2)
-    k3, K3 = step(start + h / 2 * k2, by + h / 2 * K2, h / 2)
-    _, K4 = step(start + h * k3, by + h * K3, h)
-    return ca.vertcat(by + h / 6 * (K1 + 2 * K2 + 2 * K3 + K4), force(h)[1])
+    start = ca.horzcat(x[:6], ca.SX.eye(6), ca.SX(6, 2 * n))
+    return ca.vertcat(rk4_step(variational, start, h, (0.0, h / 2, h))[:, 1:], force(h)[1])
 
 
 def _excess(value: Any, limit: float) -> Any:

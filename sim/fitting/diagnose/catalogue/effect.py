@@ -24,6 +24,8 @@ from typing import Any
 
 import numpy as np
 
+from companion.core.geometry.frames import unrotate
+
 Values = Mapping[str, float]
 Hook = Callable[..., Any]
 TOLERANCE = 0.35  # of the smallest size worth a name; assumed: of three such imperfections one is larger
@@ -184,9 +186,8 @@ class Scene:
         """Surge, sway and yaw rate through the water, (W, k, 3): u v r less R^T `water`."""
         if self.water is None:
             return self.x[..., 3:]
-        c, s = np.cos(self.psi_rad), np.sin(self.psi_rad)
-        north, east = self.water[..., 0], self.water[..., 1]
-        through = self.x[..., 3:] - np.stack([c * north + s * east, c * east - s * north, 0 * c], axis=-1)
+        u_c, v_c = unrotate(self.psi_rad, self.water[..., 0], self.water[..., 1])
+        through = self.x[..., 3:] - np.stack([u_c, v_c, 0 * u_c], axis=-1)
         through.flags.writeable = False  # it is handed out again
         return through
 

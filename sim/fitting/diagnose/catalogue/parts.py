@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import rotate, unrotate
 from companion.core.model.loads import REGISTRY, values
 from companion.core.model.manoeuvring import damping_force
 from sim.fitting.diagnose.catalogue.effect import EffectParameter, Scene
@@ -39,14 +40,12 @@ def vector_parameters(one: str, other: str, unit: str, prior: float, smallest: f
 
 def ned_to_body(psi_rad: np.ndarray, north: Any, east: Any) -> tuple[np.ndarray, np.ndarray]:
     """Components in body axes of a vector given by north and east."""
-    c, s = np.cos(psi_rad), np.sin(psi_rad)
-    return c * north + s * east, c * east - s * north
+    return unrotate(psi_rad, north, east)
 
 
 def body_to_ned(psi_rad: np.ndarray, ahead: Any, starboard: Any) -> tuple[np.ndarray, np.ndarray]:
     """The other way round."""
-    c, s = np.cos(psi_rad), np.sin(psi_rad)
-    return c * ahead - s * starboard, s * ahead + c * starboard
+    return rotate(psi_rad, ahead, starboard)
 
 
 def zone_weight(north_m: np.ndarray, east_m: np.ndarray, centre: tuple[float, float], radius_m: float) -> np.ndarray:

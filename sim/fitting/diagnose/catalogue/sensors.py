@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from companion.core.geometry.frames import point_acceleration, unrotate
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, TagKinematics, Values
 from sim.fitting.diagnose.catalogue.parts import body_to_ned, scalar_parameter, vector_parameters
 
@@ -99,17 +100,21 @@ def _inertial() -> Iterator[Effect]:
         "specific force with every turn, as if the sensor sat elsewhere",
         vector_parameters("x_m", "y_m", "m", 0.2, 0.04),
         added(
-            ax=lambda p, s, y: -p["x_m"] * s.r_rad_s**2 - p["y_m"] * s.nu_dot[..., 2],
-            ay=lambda p, s, y: -p["y_m"] * s.r_rad_s**2 + p["x_m"] * s.nu_dot[..., 2],
+            ax=lambda p, s, y: _of_arm(p, s)[0],
+            ay=lambda p, s, y: _of_arm(p, s)[1],
         ),
     )
 
 
+def _of_arm(p: Values, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Specific force [m/s^2] that an IMU feels more where it is off its place by (x_m, y_m)."""
+    turning, quickening = (0.0, 0.0, scene.r_rad_s), (0.0, 0.0, scene.nu_dot[..., 2])
+    return point_acceleration(turning, quickening, (p["x_m"], p["y_m"]))
+
+
 def _misaligned(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
     out = y.copy()
-    c, s = np.cos(np.radians(p["yaw_deg"])), np.sin(np.radians(p["yaw_deg"]))
-    out[..., SURGE] = c * y[..., SURGE] + s * y[..., SWAY]
-    out[..., SWAY] = c * y[..., SWAY] - s * y[..., SURGE]
+    out[..., SURGE], out[..., SWAY] = unrotate(float(np.radians(p["yaw_deg"])), y[..., SURGE], y[..., SWAY])
     return out
 
 

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.integrate import eta_dot
+from companion.core.geometry.frames import unrotate
+from companion.core.model.integrate import eta_dot, rk4_step
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrust_losses import has_thrust_losses
 from sim.fitting.engine.batched import Batch, Rollout
@@ -23,9 +24,7 @@ class MovingWaterModel(StructuredModel):
 
     def water_velocity(self, eta: Any) -> Any:
         """As StructuredModel's, plus R^T flow."""
-        c, s = ca.cos(eta[2]), ca.sin(eta[2])
-        moved = ca.vertcat(c * self.flow[0] + s * self.flow[1], -s * self.flow[0] + c * self.flow[1], 0.0)
-        return super().water_velocity(eta) + moved
+        return super().water_velocity(eta) + ca.vertcat(*unrotate(eta[2], self.flow[0], self.flow[1]), 0.0)
 
 
 class CompiledWindows(NamedTuple):
@@ -81,9 +80,6 @@ def _step(rate: ca.Function, pushes: int) -> ca.Function:
     start, middle, end = ca.vertsplit(taus, pushes)
     here, there = flow[:2], flow[2:]
     half = (here + there) / 2
-    k1 = rate(x, p, start, here, d)
-    k2 = rate(x + h / 2 * k1, p, middle, half, d)
-    k3 = rate(x + h / 2 * k2, p, middle, half, d)
-    k4 = rate(x + h * k3, p, end, there, d)
-    x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    inputs = ((start, here), (middle, half), (end, there))
+    x_next = rk4_step(lambda s, tau_water: rate(s, p, *tau_water, d), x, h, inputs)
     return ca.Function("step", [x, ca.vertcat(p, d), taus, flow, h], ca.cse([x_next]))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.core.geometry.frames import point_acceleration
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, values_by_name
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
@@ -35,11 +36,8 @@ class Readings:
         """psi, r, a_x, a_y as the sensors should say, without node biases, (W, K, 4)."""
         K = self.windows.size[1]
         x, nd = state.x[:, :K], state.nu_dot[:, :K]
-        u, v, r = x[..., 3], x[..., 4], x[..., 5]
-        lx, ly = self._imu_arm
-        ax = nd[..., 0] - v * r - lx * r**2 - ly * nd[..., 2]
-        ay = nd[..., 1] + u * r - ly * r**2 + lx * nd[..., 2]
-        y = np.stack([x[..., 2], r, ax, ay], axis=2)
+        a_x, a_y = point_acceleration(np.moveaxis(x[..., 3:], -1, 0), np.moveaxis(nd, -1, 0), self._imu_arm)
+        y = np.stack([x[..., 2], x[..., 5], a_x, a_y], axis=2)
         scene = self.physics.scene(state).part(K)
         for effect, p in values_by_name(effects, theta, "imu"):
             y = effect.hooks["imu"](p, scene, y)

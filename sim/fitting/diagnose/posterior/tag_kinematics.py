@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.core.geometry.frames import point_acceleration, point_velocity, rotate
 from sim.fitting.diagnose.catalogue.effect import TagKinematics
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 
@@ -12,14 +13,12 @@ def tag_kinematics(
     physics: EffectPhysics, x: np.ndarray, nu_dot: np.ndarray, delta_s: np.ndarray, arm: np.ndarray, when: np.ndarray
 ) -> TagKinematics:
     """The tag `delta_s` (m,) after states x (m, 6) with accelerations nu_dot (m, 3), to second order."""
-    c, s, r = np.cos(x[:, 2]), np.sin(x[:, 2]), x[:, 5]
-    u, v = x[:, 3] - r * arm[1], x[:, 4] + r * arm[0]
-    u_dot = nu_dot[:, 0] - nu_dot[:, 2] * arm[1] - r * v
-    v_dot = nu_dot[:, 1] + nu_dot[:, 2] * arm[0] + r * u
-    half = delta_s**2 / 2
+    r, half = x[:, 5], delta_s**2 / 2
+    u, v = point_velocity(x[:, 3:].T, arm)
+    u_dot, v_dot = point_acceleration(x[:, 3:].T, nu_dot.T, arm)
 
     def turned(ahead: np.ndarray, across: np.ndarray) -> np.ndarray:
-        return np.stack([c * ahead - s * across, s * ahead + c * across], axis=1)
+        return np.stack(rotate(x[:, 2], ahead, across), axis=1)
 
     return TagKinematics(
         when - physics.first_fix_s,

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from companion.core.constants import GRAVITY_M_S2
+from companion.core.geometry.frames import rotate
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import integrated
@@ -107,8 +108,7 @@ def _gravity(run: Run, t_s: np.ndarray) -> np.ndarray:
 
 def _turned(psi: np.ndarray, v: np.ndarray) -> np.ndarray:
     """R(psi) v, (n, 2); v (2,) or (n, 2)."""
-    c, s = np.cos(psi), np.sin(psi)
-    return np.column_stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1]])
+    return np.column_stack(rotate(psi, v[..., 0], v[..., 1]))
 
 
 def _twice(t_s: np.ndarray, a: np.ndarray) -> np.ndarray:

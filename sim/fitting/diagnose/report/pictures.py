@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from companion.core.geometry.frames import rotate
 from sim.fitting.diagnose.selection.held_out import CHANNELS, HORIZONS_S, MODELS, OpenLoopError, Replay
 from sim.fitting.diagnose.selection.residual_forces import ResidualForces
 from sim.fitting.validate.figures import COLOURS, GREYS, INK
@@ -243,9 +244,7 @@ def means_by_bin(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.nd
 
 def _cells(residue: ResidualForces, size_m: float) -> np.ndarray:
     """Rows north, east, force north, force east of each cell with enough windows."""
-    psi, (X, Y) = residue.x[:, 2], residue.force[:, :2].T
-    c, s = np.cos(psi), np.sin(psi)
-    force = np.column_stack([c * X - s * Y, s * X + c * Y])
+    force = np.column_stack(rotate(residue.x[:, 2], *residue.force[:, :2].T))
     place = residue.x[:, :2]
     cell, of = np.unique(np.floor(place / size_m).astype(int), axis=0, return_inverse=True)
     of = of.ravel()

@@ -1,5 +1,6 @@
 """Lagged forces of thrusters at many instants, compiled by numba when they first run and kept between runs.
 
+The equations of `companion.core.model.thrust_lag`, written once more for speed; tests compare the two.
 After each change of command j the force is F_j + gap_j exp(-t / lag), t since then. Shapes: changes (c,), F, gap, s
 (c, n), instants t (m,) roughly in order of time, results (m, n): means over what lies `around` (m, o) each instant.
 """

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
+from companion.core.model.thrust_lag import first_order_lag, slew_limited_lag
 from companion.core.model.thrusters import SPAN_US
 from sim.fitting.engine.kernels.thrust import lagged, lagged_slopes, slewed
 
@@ -58,7 +59,10 @@ class Pitch:
     astern: np.ndarray
 
     def at(self, trim_us: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Force [N], its derivatives to the trim [N/us] and to the curve [N], each (c, a): `thrusters`, pitch."""
+        """Force [N], its derivatives to the trim [N/us] and to the curve [N], each (c, a).
+
+        The pitch map of `companion.core.model.thrusters`, with trim and curve that vary; a test compares the two.
+        """
         beyond = (self.pulse_us - trim_us) / SPAN_US
         c = np.clip(beyond, -1.0, 1.0)
         full = np.where(c >= 0, self.ahead, self.astern)
@@ -75,7 +79,8 @@ class ThrustHistory:
         self._dt = np.diff(self._t)[:, None]
         self._keep = np.exp(-self._dt / lag_s)
         f = _recursion(self._keep, (1 - self._keep) * self._F[:-1], self._F[0])
-        self._gap = f - self._F  # at each change, before it acts
+        self._f = f  # at each change, before it acts
+        self._gap = f - self._F
 
     @cached_property
     def _s(self) -> np.ndarray:
@@ -86,7 +91,7 @@ class ThrustHistory:
     def force(self, t_s: np.ndarray) -> np.ndarray:
         """f at `t_s` of any shape, (*shape, n)."""
         j, since = _place(self._t, t_s)
-        return self._F.take(j, axis=0) + self._gap.take(j, axis=0) * np.exp(-since / self._lag)
+        return first_order_lag(self._f.take(j, axis=0), self._F.take(j, axis=0), since, self._lag)
 
     def mean(self, t_s: np.ndarray, around_s: np.ndarray | None = None) -> np.ndarray:
         """f at `t_s` of any shape, or its mean over instants `around_s` (*shape, m) from there: (*shape, n)."""
@@ -111,17 +116,10 @@ class SlewedHistory:
         self._f = np.empty_like(self._F)
         slewed(np.diff(self._t), self._F, lag_s, slew_n_s, self._f)
 
-    def _after(self, f: np.ndarray, F: np.ndarray, since: np.ndarray | float) -> np.ndarray:
-        """Steadily until the lag alone is slower, then as the lag has it."""
-        gap, tail = F - f, self._lag * self._slew
-        steady = np.maximum(np.abs(gap) - tail, 0.0) / self._slew
-        left = np.clip(gap, -tail, tail) * np.exp(-np.maximum(since - steady, 0.0) / self._lag)
-        return np.where(since < steady, f + np.sign(gap) * self._slew * since, F - left)
-
     def force(self, t_s: np.ndarray) -> np.ndarray:
         """f at `t_s` of any shape, (*shape, n)."""
         j, since = _place(self._t, t_s)
-        return self._after(self._f.take(j, axis=0), self._F.take(j, axis=0), since)
+        return slew_limited_lag(self._f.take(j, axis=0), self._F.take(j, axis=0), since, self._lag, self._slew)
 
 
 def _instants(t_s: np.ndarray, around_s: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

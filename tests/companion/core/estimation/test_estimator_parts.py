@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 from scipy.optimize import approx_fprime, least_squares
 
-from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command, lagged
+from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command
 from companion.core.estimation.filter_state import B_RANGE, Tilt
 from companion.core.estimation.gates import Gate, GateRule, judge
 from companion.core.estimation.health import position_sigma_m
@@ -25,6 +25,7 @@ from companion.core.estimation.start import inside
 from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
 from companion.core.messages import AnchorRange, UwbRanges
 from companion.core.model.manoeuvring import StructuredModel
+from companion.core.model.thrust_lag import lagged
 from tests.companion.core.estimation.estimator_world import basin
 from tests.support.vessel_fixtures import boat
 

@@ -5,8 +5,8 @@ import pytest
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Wash
-from companion.core.estimation.command_history import lagged
 from companion.core.estimation.estimator import Estimator
+from companion.core.model.thrust_lag import lagged
 from tests.companion.core.estimation.estimator_world import basin, estimate, simulate
 from tests.support.vessel_fixtures import boat
 

@@ -3,6 +3,7 @@
 import cmath
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -39,8 +40,9 @@ def test_rotations_agree_with_complex_numbers_and_with_each_other(psi, x, y):
     assert complex(*frames.rotate(psi, x, y)) == pytest.approx(expected, abs=1e-9)
     assert complex(*(frames.R2(psi) @ [x, y])) == pytest.approx(expected, abs=1e-9)
     assert frames.unrotate(psi, *frames.rotate(psi, x, y)) == pytest.approx((x, y), abs=1e-9)
-    assert np.allclose(frames.R3(psi)[:2, :2], frames.R2(psi))
-    assert np.allclose(frames.R3(psi) @ frames.R3(psi).T, np.eye(3))
+    assert np.array_equal(frames.R2(np.array([psi, 0.3])), [frames.R2(psi), frames.R2(0.3)])
+    assert np.array_equal(frames.rotate(np.array([psi]), x, y), np.transpose([frames.rotate(psi, x, y)]))
+    assert tuple(map(float, frames.unrotate(ca.DM(psi), x, y))) == pytest.approx(frames.unrotate(psi, x, y))
 
 
 def test_heading_east_puts_forward_on_the_east_axis_and_starboard_on_south():
@@ -65,6 +67,18 @@ def test_point_velocity_is_the_derivative_of_point_position(u, v, r, psi, arm_x,
 
     numeric = frames.unrotate(psi, *((at(h) - at(-h)) / (2 * h)))
     assert frames.point_velocity(nu, (arm_x, arm_y)) == pytest.approx(numeric, abs=1e-6)
+
+
+@given(*[st.floats(-1, 1)] * 8, st.floats(-7, 7))
+def test_point_acceleration_is_the_derivative_of_the_velocity_over_ground(u, v, r, u_dot, v_dot, r_dot, l_x, l_y, psi):
+    h, arm = 1e-5, (l_x, l_y)
+
+    def over_ground(t):
+        nu = (u + u_dot * t, v + v_dot * t, r + r_dot * t)
+        return np.array(frames.rotate(psi + r * t, *frames.point_velocity(nu, arm)))
+
+    numeric = frames.unrotate(psi, *((over_ground(h) - over_ground(-h)) / (2 * h)))
+    assert frames.point_acceleration((u, v, r), (u_dot, v_dot, r_dot), arm) == pytest.approx(numeric, abs=1e-6)
 
 
 def ecef(latitude_deg, longitude_deg):

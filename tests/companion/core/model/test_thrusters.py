@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import PitchMap
 from companion.core.model.thrusters import (
     configuration_matrix,
-    force_expression,
     force_from_pwm,
     forces_from_pwm,
     pwm_from_force,
+    steady_forces,
 )
 from tests.support.vessel_fixtures import boat
 
@@ -63,10 +63,10 @@ def test_zero_force_is_neutral_and_the_dead_band_is_dead():
 def test_symbolic_map_is_the_same_map(pwm, voltage):
     for name in ("aritra", "cse1"):
         vessel = boat(name)
-        t = vessel.thrusters[0]
-        fmap = vessel.force_maps[t.force_map]
-        symbolic = float(ca.DM(force_expression(t, fmap, ca.DM(pwm), ca.DM(voltage))))
-        assert symbolic == pytest.approx(force_from_pwm(t, fmap, pwm, voltage), abs=1e-9)
+        symbolic = steady_forces(vessel, ca.DM([pwm] * len(vessel.thrusters)), ca.DM(voltage))
+        for t, force in zip(vessel.thrusters, symbolic, strict=True):
+            expected = force_from_pwm(t, vessel.force_maps[t.force_map], pwm, voltage)
+            assert float(ca.DM(force)) == pytest.approx(expected, abs=1e-9)
 
 
 @given(st.lists(st.tuples(st.integers(1000, 2000), st.floats(10, 20), st.floats(0.1, 0.6)), max_size=8))
@@ -117,6 +117,6 @@ def test_pitch_map_has_an_inverse_and_a_symbolic_twin(force, curve, trim):
     got = force_from_pwm(t, fmap, pwm, 12.0)
     if t.pwm_min_us < pwm < t.pwm_max_us:
         assert got == pytest.approx(force, abs=0.02)
-    if abs(pwm - trim - 1500) <= 400:
-        symbolic = force_expression(t, fmap, ca.DM(pwm), ca.DM(12.0), ca.DM(0.3))
-        assert float(ca.DM(symbolic)) == pytest.approx(force_from_pwm(t, fmap, pwm, 12.0, setting=0.3), abs=1e-12)
+    vessel = replace(boat("cse1"), thrusters=(replace(t, force_map="pitch"),), force_maps={"pitch": fmap})
+    (symbolic,) = steady_forces(vessel, ca.DM([pwm]), ca.DM(12.0))
+    assert float(ca.DM(symbolic)) == pytest.approx(got, abs=1e-12)

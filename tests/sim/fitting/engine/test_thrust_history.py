@@ -1,12 +1,18 @@
-"""Thruster forces that change no faster than a limit."""
+"""Thruster forces over whole logs: against the boat's own lag, slew and force map, and their derivatives."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from sim.fitting.engine.thrust.history import SlewedHistory, ThrustCommands, ThrustHistory
+from companion.core.configuration.vessel_file import PitchMap
+from companion.core.model.thrust_lag import first_order_lag, slew_limited_lag
+from companion.core.model.thrusters import force_from_pwm
+from sim.fitting.engine.thrust.history import Pitch, SlewedHistory, ThrustCommands, ThrustHistory
+from tests.support.vessel_fixtures import boat
 
 
 @settings(max_examples=15, deadline=None)
@@ -47,3 +53,28 @@ def test_averaged_forces_are_means_of_samples_and_know_their_derivatives(
     kinks = np.abs(t[..., None, None] + around[..., None] - commands.t_s - dead).min(axis=(2, 3))
     numeric, clear = (ThrustHistory(commands, dead + h, lag).mean(t, around) - f) / h, kinks > 2 * h
     np.testing.assert_allclose(by_dead[clear], numeric[clear], rtol=1e-3, atol=0.05)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), slew=st.floats(5.0, 500.0), lag=st.floats(0.05, 0.3))
+def test_kernels_follow_the_one_definition_of_the_lag(seed: int, slew: float, lag: float) -> None:
+    """From change to change, each force is what the one before becomes under the command between."""
+    rng = np.random.default_rng(seed)
+    t, F = np.cumsum(rng.uniform(0.02, 0.4, 20)), rng.uniform(-30, 30, (20, 2))
+    f = slewed = F[0]
+    commands = ThrustCommands(t, F)
+    for j in range(19):
+        since = np.array([t[j + 1] - t[j]])
+        f, slewed = first_order_lag(f, F[j], since, lag), slew_limited_lag(slewed, F[j], since, lag, slew)
+        np.testing.assert_allclose(ThrustHistory(commands, 0.1, lag).mean(t[j + 1 : j + 2] + 0.1), f[None], atol=1e-9)
+        got = SlewedHistory(commands, 0.1, lag, slew).force(t[j + 1 : j + 2] + 0.1)
+        np.testing.assert_allclose(got, slewed[None], atol=1e-9)
+
+
+@given(pulse=st.integers(-500, 500), trim=st.floats(-50, 50), curve=st.floats(-0.9, 0.9))
+def test_pitch_of_the_fits_is_the_pitch_of_the_force_map(pulse: int, trim: float, curve: float) -> None:
+    fmap = PitchMap(setting="speed", nominal_setting=0.4, ahead_N=2.0, astern_N=1.5, curve=curve, source="test")
+    thruster = replace(boat("cse1").thrusters[0], gain=1.0, trim_us=trim)
+    pitch = Pitch((0,), np.array([[float(pulse)]]), np.array([[2.0]]), np.array([[1.5]]))
+    force, _, _ = pitch.at(np.array([trim]), np.array([curve]))
+    assert force.item() == pytest.approx(force_from_pwm(thruster, fmap, 1500 + pulse, 12.0), abs=1e-12)

@@ -1,1 +1,1 @@
-"""MAVLink: codec, clock offset and session with one ArduPilot autopilot. Sans-I/O but for `dataflash`."""
+"""MAVLink: codec, clock offset and session with one ArduPilot autopilot. Sans-I/O."""

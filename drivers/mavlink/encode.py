@@ -8,7 +8,6 @@ send neutral first. Source: https://mavlink.io/en/messages/common.html and the f
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -106,23 +105,10 @@ class MavlinkEncoder:
         """Disarm the autopilot."""
         return self.command_long(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
 
-    def param_request_list(self) -> bytes:
-        """Ask for all parameters."""
-        return self._pack(self._mav.param_request_list_encode(self.target_system, self.target_component))
-
     def param_request_read(self, name: str) -> bytes:
         """Ask for the parameter `name`."""
         return self._pack(
             self._mav.param_request_read_encode(self.target_system, self.target_component, _param_id(name), -1)
-        )
-
-    def param_set(self, name: str, value: float) -> bytes:
-        """Set the parameter `name`; ArduPilot converts from REAL32 and answers unknown names with silence."""
-        if not math.isfinite(value):
-            raise ValueError(f"parameter {name}: {value!r} is not a finite number")
-        kind = dialect.MAV_PARAM_TYPE_REAL32
-        return self._pack(
-            self._mav.param_set_encode(self.target_system, self.target_component, _param_id(name), value, kind)
         )
 
     def timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:

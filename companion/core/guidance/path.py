@@ -12,7 +12,6 @@ Pettersen 2008.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -31,17 +30,6 @@ class Waypoint:
     east_m: float
     speed_m_s: float | None = None
     acceptance_m: float | None = None
-
-
-@dataclass(frozen=True)
-class Projection:
-    """Nearest point of a path: its leg, arc length from the start, and the errors to that leg [m]."""
-
-    leg: int
-    s_m: float
-    x_e_m: float
-    y_e_m: float
-    distance_m: float
 
 
 @dataclass(frozen=True)
@@ -91,32 +79,6 @@ class Path:
         """(x_e, y_e) of a point to a leg [m]: x_e from the leg's start, y_e > 0 to starboard of it."""
         n0, e0 = self.points[leg]
         return unrotate(self.angles_rad[leg], north_m - n0, east_m - e0)
-
-    def leg_at(self, s_m: float) -> int:
-        """Leg that holds arc length `s_m`; before the start the first, beyond the end the last."""
-        return min(max(bisect_right(self.starts_m, s_m) - 1, 0), len(self.lengths_m) - 1)
-
-    def point_at(self, s_m: float) -> tuple[float, float]:
-        """(north, east) at arc length `s_m` [m]; before the start the start, beyond the end the end."""
-        if s_m >= self.length_m:
-            return self.points[-1]
-        leg = self.leg_at(s_m)
-        part = max(s_m - self.starts_m[leg], 0.0) / self.lengths_m[leg]
-        (n0, e0), (n1, e1) = self.points[leg], self.points[leg + 1]
-        return n0 + part * (n1 - n0), e0 + part * (e1 - e0)
-
-    def project(self, north_m: float, east_m: float) -> Projection:
-        """Nearest point over all legs; of equally near ones the first. Needs at least one leg."""
-        best: Projection | None = None
-        for leg, length in enumerate(self.lengths_m):
-            x_e, y_e = self.errors(leg, north_m, east_m)
-            along = min(max(x_e, 0.0), length)
-            distance = math.hypot(x_e - along, y_e)
-            if best is None or distance < best.distance_m:
-                best = Projection(leg, self.starts_m[leg] + along, x_e, y_e, distance)
-        if best is None:
-            raise ValueError("a path of one waypoint has no leg to project on")
-        return best
 
 
 def path_problems(waypoints: tuple[Waypoint, ...]) -> list[tuple[int, str]]:

@@ -6,7 +6,7 @@ kinds of columns:
     held      pwm_<thruster>, battery_v: in force from their own stamp until the next; they stand in every row
     sampled   all others: a value stands in the row of its own stamp and nowhere else (blank = null)
 
-No value is interpolated, filtered or shifted; that is `resampled`, for those who want a grid.
+No value is interpolated, filtered or shifted.
 """
 
 from __future__ import annotations
@@ -145,42 +145,6 @@ class Run:
     def with_notes(self, notes: Iterable[LogProblem]) -> Run:
         """The same run with more of what a reader has to say."""
         return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)), self.of)
-
-    def resampled(self, rate_hz: float, *, max_gap_s: float = 0.5) -> pl.DataFrame:
-        """Columns on a grid of `rate_hz` from the first row on.
-
-        Held ones as in force; headings the short way round and all others on the straight line between their
-        neighbours; blank where these are further apart than `max_gap_s`, or on one side only. Nothing is
-        filtered: what is faster than half the rate aliases.
-        """
-        t = self.table["t_s"].to_numpy()
-        grid = t[0] + np.arange(int(np.floor((t[-1] - t[0]) * rate_hz + 1e-9)) + 1) / rate_hz
-        out = {"t_s": grid}
-        for name in self.table.columns[1:]:
-            t_s, values = self.samples(name)
-            if name.startswith(HELD):
-                out[name] = _held(grid, t_s, values)
-            elif name.endswith("psi_rad"):
-                on_grid = _linear(grid, t_s, np.unwrap(values), max_gap_s)
-                out[name] = (on_grid + np.pi) % (2 * np.pi) - np.pi
-            else:
-                out[name] = _linear(grid, t_s, values, max_gap_s)
-        return pl.DataFrame(out).fill_nan(None)
-
-
-def _held(grid: np.ndarray, t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    at = np.searchsorted(t_s, grid, side="right") - 1
-    return np.where(at >= 0, np.append(values, np.nan)[at], np.nan)
-
-
-def _linear(grid: np.ndarray, t_s: np.ndarray, values: np.ndarray, max_gap_s: float) -> np.ndarray:
-    if not len(t_s):
-        return np.full(len(grid), np.nan)
-    after = np.searchsorted(t_s, grid)
-    before = np.searchsorted(t_s, grid, side="right") - 1
-    inside = (before >= 0) & (after < len(t_s))
-    gap = t_s[np.minimum(after, len(t_s) - 1)] - t_s[np.maximum(before, 0)]
-    return np.where(inside & (gap <= max_gap_s), np.interp(grid, t_s, values), np.nan)
 
 
 def check(table: pl.DataFrame, name: str, place: Callable[[int], str]) -> None:

@@ -10,7 +10,7 @@ It is a reference to hold the paper against, not a simulator. What the printed n
   a moment of 0.3 kgf m within 66 s, and 94 % of runs of 60 s with random constant thrust within the limits.
 - C_y = 0: sway force has no effect (no sway data was in the fit).
 
-So `outside` says where its own series still is one, and `check_validity` stops a simulation that leaves.
+So `outside` says where its own series still is one.
 Units: t is in kgf and kgf m (the paper's thrust limits are kgf of the T200 at 16 V; C_x would mean 112 kg of
 surge inertia were t in N, and 1.1 t in kgf: the paper does not settle it). The interface here takes N, N m.
 """
@@ -31,10 +31,6 @@ KGF_N = GRAVITY_M_S2
 
 C = np.array([table.SURGE, table.SWAY, table.YAW])
 """Coefficients, shape (3, 23)."""
-
-
-class OutsideValidity(ValueError):
-    """The model was asked about a state or a force that it knows nothing of."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +62,6 @@ def outside(nu: Any, tau: Any) -> tuple[str, ...]:
         for limit, value in zip(VALIDITY, values, strict=True)
         if not limit.low <= value <= limit.high
     )
-
-
-def check_validity(nu: Any, tau: Any) -> None:
-    """Raise OutsideValidity naming every quantity outside the box."""
-    if problems := outside(nu, tau):
-        raise OutsideValidity("the paper's model does not hold here: " + "; ".join(problems))
 
 
 def regressor(nu: Any, t: Any) -> list[Any]:

@@ -1,12 +1,12 @@
-"""The reference pipeline: positions and IMU through kinematics alone, no vessel model; and its smoother.
+"""The reference pipeline: positions and IMU through kinematics alone, no vessel model.
 
     x = [x y | v_n v_e | b_ax b_ay]     p_dot = v,   v_dot = R(psi) (a - b),   b: random walk
     [u v] = R(psi)^T [v_n v_e]
 
 This is the filter of the paper (its section 4: UWB positions at 1 Hz, IMU at 30 Hz, speeds at 10 Hz); with
 `accel_bias_sigma_m_s2 = 0` it has no biases, as the paper. With psi measured the equations are linear,
-so filterpy's batch Kalman filter and its Rauch-Tung-Striebel smoother do the work, on the error to the path
-that dead reckoning from the first position gives (its smoother knows no input).
+so filterpy's batch Kalman filter does the work, on the error to the path that dead reckoning from the first position
+gives.
 """
 
 from __future__ import annotations
@@ -60,15 +60,7 @@ class KinematicEstimate:
 
 def kinematic_filter(data: KinematicData, noise: KinematicNoise) -> KinematicEstimate:
     """Causal estimate at every sample. Raises ValueError where the log has no position."""
-    reckoned, _, error, P = _filtered(data, noise)
-    return _estimate(data, reckoned + error, P)
-
-
-def kinematic_smoother(data: KinematicData, noise: KinematicNoise) -> KinematicEstimate:
-    """The same with the future known: for logs. Raises ValueError where the log has no position."""
-    reckoned, kf, error, P = _filtered(data, noise)
-    F, Q = _transitions(data, noise)
-    error, P, _, _ = kf.rts_smoother(error, P, Fs=F, Qs=Q)
+    reckoned, error, P = _filtered(data, noise)
     return _estimate(data, reckoned + error, P)
 
 
@@ -101,8 +93,8 @@ def _transitions(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray
     return F, Q + 1e-14 * np.eye(6)  # keeps the smoother's inverse defined where a state has no noise
 
 
-def _filtered(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, KalmanFilter, np.ndarray, np.ndarray]:
-    """Dead reckoning (k, 6), the filter, filtered error (k, 6) and its covariance (k, 6, 6)."""
+def _filtered(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Dead reckoning (k, 6), filtered error (k, 6) and its covariance (k, 6, 6)."""
     reckoned = _reckoned(data)
     kf = KalmanFilter(dim_x=6, dim_z=2)
     kf.x = np.zeros(6)
@@ -113,7 +105,7 @@ def _filtered(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, K
     zs = [row if np.isfinite(row).all() else None for row in data.position_m - reckoned[:, :2]]
     F, Q = _transitions(data, noise)
     error, P, _, _ = kf.batch_filter(zs, Fs=F, Qs=Q)
-    return reckoned, kf, error, P
+    return reckoned, error, P
 
 
 def _estimate(data: KinematicData, x: np.ndarray, P: np.ndarray) -> KinematicEstimate:

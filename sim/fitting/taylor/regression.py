@@ -2,9 +2,7 @@
 
     b = A c,   row of A: phi(Delta u, v, r, t_x, t_y, t_n) of equation (4),   c = H A^T b
 
-    least squares   H = (A^T A)^+          minimum norm where a column says nothing (the paper's C_y = 0)
-    ridge           H = (A^T A + alpha D)^-1            D: mean squares of the columns
-    thresholded     least squares on the terms that are left when small ones have been struck out, round after round
+    H = (A^T A)^+          minimum norm where a column says nothing (the paper's C_y = 0)
 
 Covariance of c: s^2 H A^T A H for white errors; H S H with S = sum over lags of the scores' Bartlett-weighted
 covariances (Newey-West) for errors of any variance that hang together for `hac_s`, as those of smoothed derivatives.
@@ -43,7 +41,7 @@ class Samples:
 class TaylorFit:
     """Coefficients (3, 23): rows surge, sway, yaw; terms in the order of `abkowitz_table.TERMS`.
 
-    `cov`, `cov_robust` (3, 23, 23). `determined` (3, 23): False where the data leaves a term open or it was struck out.
+    `cov`, `cov_robust` (3, 23, 23). `determined` (3, 23): False where the data leaves a term open.
     `vif` (23,): variance inflation, 1 if a term goes with no other; inf where undetermined. `condition` of A as it
     is and of A with columns of mean square 1. `sigma`, `r2` (3,) of the accelerations.
     """
@@ -90,47 +88,7 @@ def design(nu: np.ndarray, t_kgf: np.ndarray) -> np.ndarray:
 def least_squares(logs: Sequence[Samples], hac_s: float = HAC_S) -> TaylorFit:
     """Equation (7) over all logs. ValueError with fewer samples than terms or with values that are not finite."""
     work = _Work.of(logs, hac_s)
-    return work.fit("least squares", [work.inverse(np.ones(TERM_COUNT, dtype=bool))] * 3)
-
-
-def ridge(logs: Sequence[Samples], alpha: float | None = None, hac_s: float = HAC_S) -> TaylorFit:
-    """Shrunk towards zero. `alpha` in samples, one for all axes; None: by leave-one-out for each axis.
-
-    The intervals hold the scatter of the shrunk estimate, not its bias.
-    """
-    from sklearn.linear_model import RidgeCV  # noqa: PLC0415 - a second to import, needed here alone
-
-    work = _Work.of(logs, hac_s)
-    alphas = np.full(3, alpha)
-    if alpha is None:
-        grid = np.logspace(-3, 4, 15)
-        found = RidgeCV(alphas=grid, fit_intercept=False, alpha_per_target=True).fit(work.A / work.scale, work.b)
-        alphas = np.asarray(found.alpha_)
-    gram = work.A.T @ work.A
-    H = [np.linalg.inv(gram + a * np.diag(work.scale**2)) for a in alphas]
-    return work.fit(f"ridge, alpha {', '.join(f'{a:.3g}' for a in alphas)}", H)
-
-
-def thresholded(logs: Sequence[Samples], threshold: float = 0.02, rounds: int = 20, hac_s: float = HAC_S) -> TaylorFit:
-    """Sequentially thresholded least squares: terms that on average move the axis by less than `threshold` of the
-
-    acceleration's own root mean square are struck out, the rest fitted again, until none goes.
-    """
-    from sklearn.linear_model import LinearRegression  # noqa: PLC0415 - as above
-
-    work = _Work.of(logs, hac_s)
-    inverses = []
-    for axis in range(3):
-        keep = work.columns_alive()
-        smallest = threshold * np.sqrt(np.mean(work.b[:, axis] ** 2))
-        for _ in range(rounds):
-            solver = LinearRegression(fit_intercept=False).fit(work.A[:, keep] / work.scale[keep], work.b[:, axis])
-            small = np.abs(solver.coef_) < smallest
-            if not small.any():
-                break
-            keep[np.flatnonzero(keep)[small]] = False
-        inverses.append(work.inverse(keep))
-    return work.fit(f"thresholded at {threshold:g}", inverses)
+    return work.fit()
 
 
 def noise_shift(
@@ -184,36 +142,23 @@ class _Work:
         R = np.asarray(np.linalg.qr(A / scale, mode="r"))
         return cls(A, b, scale, R, bounds, round(hac_s * logs[0].rate_hz), both.min(axis=0), both.max(axis=0))
 
-    def columns_alive(self) -> np.ndarray:
-        """Columns that are not zero throughout, shape (23,)."""
-        return np.asarray(self.A.any(axis=0))
-
-    def inverse(self, keep: np.ndarray) -> np.ndarray:
-        """Pseudo-inverse of A^T A over the terms `keep`, zero elsewhere, shape (23, 23)."""
-        H = np.zeros((TERM_COUNT, TERM_COUNT))
-        _, s, Vt = np.linalg.svd(self.R[:, keep], full_matrices=False)
-        alive = s > _NULL * s[0]
-        half = (Vt[alive].T / s[alive]) / self.scale[keep][:, None]
-        H[np.ix_(keep, keep)] = half @ half.T
-        return H
-
-    def fit(self, method: str, inverses: Sequence[np.ndarray]) -> TaylorFit:
-        """Coefficients and everything said about them, from H of each axis."""
+    def fit(self) -> TaylorFit:
+        """Coefficients and everything said about them."""
         A, b = self.A, self.b
         _, s, Vt = np.linalg.svd(self.R)
         rank = int((s > _NULL * s[0]).sum())
         open_terms = np.asarray((np.abs(Vt[rank:]) > 1e-6).any(axis=0))
-        gram = A.T @ A
-        C = np.stack([H @ (A.T @ b[:, i]) for i, H in enumerate(inverses)])
+        half = (Vt[:rank].T / s[:rank]) / self.scale[:, None]
+        H, gram = half @ half.T, A.T @ A
+        C = np.stack([H @ (A.T @ b[:, i]) for i in range(3)])
         residual = b - A @ C.T
         variance = (residual**2).sum(axis=0) / (len(A) - rank)
-        kept = np.stack([H.any(axis=0) for H in inverses])
         return TaylorFit(
-            method=method,
+            method="least squares",
             C=C,
-            cov=np.stack([v * H @ gram @ H for v, H in zip(variance, inverses, strict=True)]),
-            cov_robust=np.stack([H @ self._scores(residual[:, i]) @ H for i, H in enumerate(inverses)]),
-            determined=kept & ~open_terms,
+            cov=np.stack([v * H @ gram @ H for v in variance]),
+            cov_robust=np.stack([H @ self._scores(residual[:, i]) @ H for i in range(3)]),
+            determined=np.tile(H.any(axis=0) & ~open_terms, (3, 1)),
             rank=rank,
             condition=float(np.linalg.cond(self.R * self.scale)),
             condition_scaled=float(s[0] / s[-1]) if s[-1] > 0 else np.inf,

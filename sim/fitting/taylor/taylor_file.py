@@ -16,13 +16,12 @@ from sim.fitting.taylor.abkowitz_table import NOMINAL_U_M_S, TERMS
 from sim.fitting.taylor.regression import TaylorFit, design
 
 AXES = ("surge", "sway", "yaw")
-SAMPLES = ("u_m_s", "v_m_s", "r_rad_s", "X_kgf", "Y_kgf", "N_kgf_m")
 
 
 class TaylorFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Coefficients by axis, in the order of `terms`; None as a standard error: the data leaves the term open.
 
-    `low`, `high`: range of [u v r X Y N] (`SAMPLES`) in the data; outside it the series says nothing.
+    `low`, `high`: range of [u v r X Y N] [m/s, rad/s, kgf, kgf m] in the data; outside it the series says nothing.
     """
 
     format: int = 1
@@ -78,14 +77,6 @@ def taylor_json(file: TaylorFile) -> bytes:
     return msgspec.json.format(msgspec.json.encode(file), indent=2)
 
 
-def load_taylor(text: bytes | str, name: str) -> TaylorFile:
-    """Read a file's text. ValueError naming the file and the key where it is not one."""
-    try:
-        return msgspec.json.decode(text, type=TaylorFile)
-    except (msgspec.DecodeError, ValueError) as error:
-        raise ValueError(f"{name}: {error}") from error
-
-
 def coefficient_table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
     """Table 2 of the paper in Markdown: value, then standard error (robust), for each axis; what lies open says so.
 
@@ -96,7 +87,7 @@ def coefficient_table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
         cells = []
         for i in range(3):
             if not fit.determined[i, j]:
-                cells.append("struck out" if np.isfinite(fit.vif[j]) or j == 0 else "open")
+                cells.append("open")
                 continue
             star = "*" if shift is not None and abs(shift[i, j]) > fit.se_robust[i, j] else ""
             cells.append(f"{fit.C[i, j]:.4f} ({fit.se_robust[i, j]:.4f}){star}")

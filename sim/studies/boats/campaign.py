@@ -7,7 +7,7 @@ the smoother's speeds and accelerations (taylor_smoother), which do it more just
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import msgspec
 import numpy as np
@@ -80,26 +80,6 @@ class CampaignFigures(msgspec.Struct, frozen=True, kw_only=True):
     open_loop_ratio: float
     seconds: tuple[float, float]
     cpu_s: tuple[float, float]
-
-
-def boats_campaign(
-    vessel: VesselFile,
-    n: int,
-    uwb_hz: float,
-    sigma_m: float,
-    seed: int,
-    *,
-    lab: LabPriors = BOLLARD,
-    train_s: float = TRAIN_S,
-    say: Callable[[str], None] = lambda _: None,
-) -> CampaignFigures:
-    """Draw `n` boats round `vessel`, fly and fit each, score it. `say` hears a line per boat."""
-    scores = []
-    for i in range(n):
-        (score,) = one_boat(vessel, seed + i, uwb_hz, sigma_m, labs=(lab,), train_s=train_s)
-        say(line(score))
-        scores.append(score)
-    return figures(scores)
 
 
 def one_boat(

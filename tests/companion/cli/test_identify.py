@@ -22,7 +22,7 @@ from companion.core.pilot.pilot import Pilot
 from companion.jit import compile_loops
 from companion.logs.readers.table import read_parquet, write_run
 from sim.fitting.identify.record import OUTPUTS, Record
-from sim.fitting.taylor.taylor_file import load_taylor
+from sim.fitting.taylor.taylor_file import TaylorFile
 from sim.fitting.validate import study
 from sim.studies.boats.draw import draw_boat
 from sim.world.stepped import SteppedRun
@@ -110,7 +110,7 @@ def test_the_record_says_what_it_rests_on(done):
 
 
 def test_the_taylor_file_loads_and_is_the_papers(done):
-    file = load_taylor((done.out / "taylor.json").read_bytes(), "taylor.json")
+    file = msgspec.json.decode((done.out / "taylor.json").read_bytes(), type=TaylorFile)
     assert file.coefficients.shape == (3, 23) and "Lanczos" in file.source
     assert [s.name for s in done.record.series] == ["Taylor", "Taylor smoothed"]
     assert done.record.series[0].file == file

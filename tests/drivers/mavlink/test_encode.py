@@ -86,17 +86,12 @@ def test_commands():
 
 def test_parameters():
     e = encoder()
-    assert read_one(e.param_request_list()).get_type() == "PARAM_REQUEST_LIST"
     m = read_one(e.param_request_read("SCHED_LOOP_RATE"))
     assert (m.param_id, m.param_index) == ("SCHED_LOOP_RATE", -1)
-    m = read_one(e.param_set("ARMING_RUDDER_XX", 200.5))
-    assert (m.param_id, m.param_value, m.param_type) == ("ARMING_RUDDER_XX", 200.5, 9)
     with pytest.raises(ValueError, match="'SEVENTEEN_LETTERS'"):
         e.param_request_read("SEVENTEEN_LETTERS")
     with pytest.raises(ValueError, match="ASCII"):
-        e.param_set("GRÖSSE", 1.0)
-    with pytest.raises(ValueError, match="RC1_MIN: nan"):
-        e.param_set("RC1_MIN", float("nan"))
+        e.param_request_read("GRÖSSE")
 
 
 @settings(deadline=None)

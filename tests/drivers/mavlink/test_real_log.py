@@ -3,7 +3,7 @@
 import gzip
 import random
 from collections import Counter
-from math import degrees, hypot, pi
+from math import hypot, pi
 from pathlib import Path
 from statistics import fmean
 
@@ -12,7 +12,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.core.messages import Attitude, Battery, Heartbeat, ImuSample, ServoOutput, StatusText, TimeSync
 from drivers.mavlink.codec import MavlinkCodec
-from drivers.mavlink.dataflash import read_dataflash
 from drivers.mavlink.framing import Framer
 from tests.drivers.mavlink.mavlink_autopilot import pymavlink_counts, tlog_frames
 
@@ -128,53 +127,3 @@ def test_the_log_with_its_stamps_left_in_loses_nothing(tlog: bytes, stream: byte
     expected = [bytes(m.get_msgbuf()) for m in clean.feed(stream, 0)]
     assert [bytes(m.get_msgbuf()) for m in dirty.feed(tlog, 0)] == expected
     assert dirty.bad_bytes == clean.bad_bytes + len(tlog) - len(stream)
-
-
-@pytest.fixture
-def dataflash(shared_data: Path, tmp_path: Path) -> Path:
-    path = tmp_path / "small.BIN"
-    path.write_bytes(gzip.decompress((shared_data / "ardusub" / "small.BIN.gz").read_bytes()))
-    return path
-
-
-def test_dataflash_counts_and_values_equal_pymavlinks(dataflash: Path):
-    from pymavlink import DFReader
-
-    fields: dict[str, list] = {"IMU": [], "ATT": [], "RATE": []}
-    with DFReader.DFReader_binary(str(dataflash)) as log:
-        while (m := log.recv_msg()) is not None:
-            if m.get_type() in fields:
-                fields[m.get_type()].append(m)
-    messages = list(read_dataflash(dataflash))
-    samples = [m for m in messages if isinstance(m, ImuSample)]
-    attitudes = [m for m in messages if isinstance(m, Attitude)]
-    assert (len(samples), len(attitudes)) == (len(fields["IMU"]), len(fields["ATT"])) == (594, 237)
-    assert [(s.t_ns, s.ax_m_s2, s.r_rad_s) for s in samples] == [
-        (f.TimeUS * 1000, f.AccX, f.GyrZ) for f in fields["IMU"]
-    ]
-    assert all(9.5 < hypot(s.ax_m_s2, s.ay_m_s2, s.az_m_s2) < 10.1 and s.source == "IMU0" for s in samples)
-    assert [degrees(a.psi_rad) for a in attitudes] == pytest.approx([f.Yaw for f in fields["ATT"]])
-    assert [degrees(a.phi_rad) for a in attitudes] == pytest.approx([f.Roll for f in fields["ATT"]])
-    assert attitudes[0].r_rad_s == attitudes[1].r_rad_s  # before the first RATE its value counts
-    assert [degrees(a.r_rad_s) for a in attitudes[1:]] == pytest.approx([f.Y for f in fields["RATE"][:-1]])
-
-
-def test_dataflash_rates_agree_with_the_gyro(dataflash: Path):
-    """RATE is in deg/s: bias-free rates and gyro must be of one size (0.05 deg/s of noise, 0.4 of bias)."""
-    messages = list(read_dataflash(dataflash))
-    gyro = [m.p_rad_s for m in messages if isinstance(m, ImuSample)]
-    rate = [m.p_rad_s for m in messages if isinstance(m, Attitude)]
-    spread = [max(x) - min(x) for x in (gyro, rate)]
-    assert 0.5 < spread[1] / spread[0] < 2.0
-
-
-def test_what_is_no_dataflash_log_is_named(dataflash: Path, tmp_path: Path):
-    for content in (b"", b"hello, this is no log"):
-        path = tmp_path / "wrong.BIN"
-        path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"wrong\.BIN: not a dataflash log"):
-            list(read_dataflash(path))
-    with pytest.raises(FileNotFoundError):
-        list(read_dataflash(tmp_path / "absent.BIN"))
-    path.write_bytes(dataflash.read_bytes()[:100_000])  # a log cut off by a power failure still gives what it has
-    assert 0 < len(list(read_dataflash(path))) < 831

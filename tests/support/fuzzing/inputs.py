@@ -44,9 +44,10 @@ def station_frames() -> bytes:
     encoder = MavlinkEncoder(255, 190, 1, 1)
     mav = wire.MAVLink(None, srcSystem=255)
     frames = [encoder.heartbeat(), encoder.neutral((9, 10, 11, 12)), encoder.arm(), encoder.disarm(),
-              encoder.set_mode(4), encoder.param_set("FS_ACTION", 5.0), encoder.param_request_list(),
+              encoder.set_mode(4),
               encoder.timesync(0, 9), encoder.global_origin(63, 10), encoder.command_long(183, 1, 1900)]  # fmt: skip
-    more = (wire.MAVLink_manual_control_message(1, 0, 1, 2, 3, 4),
+    more = (wire.MAVLink_param_set_message(1, 1, b"FS_ACTION", 5.0, 9), wire.MAVLink_param_request_list_message(1, 1),
+            wire.MAVLink_manual_control_message(1, 0, 1, 2, 3, 4),
             wire.MAVLink_setup_signing_message(1, 1, [1] * 32, 5),
             wire.MAVLink_vision_position_estimate_message(1, 1.0, 2.0, 0.0, 0.0, 0.0, 0.5, [0.0] * 21, 0))  # fmt: skip
     return b"".join([*frames, *(bytes(m.pack(mav)) for m in more)] * 4)

@@ -79,7 +79,6 @@ class QpStep:
     """The step of one problem, ready to be called."""
 
     def __init__(self, problem: NmpcProblem):
-        self._nx = problem.nx
         function = _function(problem)
         buffer: tuple[Any, Any] = function.buffer()
         self._buffer, self._call = buffer

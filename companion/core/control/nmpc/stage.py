@@ -22,8 +22,6 @@ from companion.core.guidance.reference_row import Column as ref
 from companion.core.model.integrate import ETA, FORCES, NU, VesselModel, eta_dot, rk4_step
 from companion.core.model.thrust_lag import first_order_lag
 
-STATE_RESIDUALS = 6
-
 
 def advance(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
     """State after `h` seconds, shape (6 + n,)."""

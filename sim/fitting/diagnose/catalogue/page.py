@@ -10,8 +10,6 @@ from sim.fitting.diagnose.vessel_edits.edits import PLACES
 from sim.fitting.diagnose.vessel_edits.public_form import family, smallest
 from sim.fitting.diagnose.vessel_edits.public_table import PUBLIC
 
-HEAD = ("effect", "equation", "parameters in findings", "smallest size", "looks like", "in a vessel file")
-
 
 def rows(vessel: VesselFile, effects: Iterable[Effect]) -> Iterator[str]:
     """A row of Markdown for each family that can be named. Smallest sizes: of this boat."""

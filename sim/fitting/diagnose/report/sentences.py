@@ -22,13 +22,6 @@ WORDS = {
     "load": "the load of all thrusters",
 }
 """Words of `depends_on`; `thruster:NAME` where one is meant."""
-CHANNEL_WORDS = {
-    "position": "position",
-    "heading": "heading",
-    "yaw_rate": "yaw rate",
-    "surge_accel": "surge acceleration",
-    "sway_accel": "sway acceleration",
-}
 
 
 def sentences(found: Diagnosis) -> list[str]:

@@ -24,7 +24,6 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
 
 MEDIUM = 4.0  # times the smallest size worth a name
-WEAKEST = 5  # pairs above it that are listed all the same
 
 
 @dataclass(frozen=True)

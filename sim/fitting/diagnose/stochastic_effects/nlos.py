@@ -18,7 +18,6 @@ from scipy.special import expit, log_expit, log_ndtr, logit
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.stochastic_effects.estimate import LOG_2PI, Batch, Peak, normal, peak
 
-SMALLEST_SHARE = 0.03
 SIGMA, FEW, LARGER, SHARE, EXTRA, SHIFT = range(6)  # log m, logit, log, logit, log m, m
 EVERYDAY, OWN = slice(0, 3), slice(3, 6)
 SCALE = np.array([0.01, 0.2, 0.1, 0.1, 0.1, 0.003])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from companion.core.geometry.frames import ssa
 from companion.core.guidance.course import SpeedLimits, corner_speed, hold_point, plan_course
 from companion.core.guidance.path import Path, Waypoint
+from tests.companion.core.guidance.polyline import distance_m
 
 TURNS = st.floats(-3.14159, 3.14159)
 LEGS = st.lists(st.tuples(TURNS, st.floats(0.3, 12.0), st.floats(0.1, 1.0)), min_size=1, max_size=5)
@@ -39,7 +40,7 @@ def test_course_is_continuous_and_stays_close_to_the_path(legs):
     assert places[-1, :2] == pytest.approx(path.points[-1], abs=1e-9)
     assert course.length_m <= path.length_m + 1e-9
     for north, east, _ in places[::20]:
-        assert path.project(north, east).distance_m <= LIMITS.corner_cut_m + 1e-9
+        assert distance_m(path, north, east) <= LIMITS.corner_cut_m + 1e-9
     for at, point in zip(course.waypoints_m, path.points, strict=True):
         assert math.dist(course.at(at)[:2], point) <= LIMITS.corner_cut_m + 1e-9
 

@@ -18,6 +18,7 @@ from companion.core.guidance.path import Path, Waypoint
 from companion.core.guidance.reference import GuidanceSettings
 from companion.core.guidance.reference_row import Column
 from companion.core.messages import GuidanceReference
+from tests.companion.core.guidance.polyline import distance_m
 
 SQUARE = Path(tuple(Waypoint(n, e) for n, e in [(9, 9), (21, 9), (21, 21), (9, 21), (9, 12)]))
 TIMES = [0.1 * k for k in range(21)]
@@ -86,7 +87,7 @@ def drive(path, *, eta=(9.0, 9.0, 0.0), seconds=130.0, current=(0.0, 0.0), noise
 
 
 def cross_track_rms(path, run):
-    distances = [path.project(*p).distance_m for p in run.eta[run.on_legs(), :2]]
+    distances = [distance_m(path, *p) for p in run.eta[run.on_legs(), :2]]
     return float(np.sqrt(np.mean(np.square(distances))))
 
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.guidance.path import Path, Waypoint, crab_angle, ilos_rate, los_heading
@@ -45,25 +45,6 @@ def test_cross_track_error_is_positive_to_starboard():
     assert north_bound.errors(0, 4.0, 1.0) == pytest.approx((4.0, 1.0))
 
 
-@settings(max_examples=30, deadline=None)
-@given(LEGS, COORDINATE, COORDINATE)
-def test_projection_is_the_nearest_point(legs, north, east):
-    path = path_of(legs)
-    found = path.project(north, east)
-    samples = np.array([path.point_at(s) for s in np.linspace(0, path.length_m, 2000)])
-    nearest = np.min(np.hypot(samples[:, 0] - north, samples[:, 1] - east))
-    assert found.distance_m <= nearest + 1e-9
-    assert nearest - found.distance_m < path.length_m / 2000
-    assert math.dist(path.point_at(found.s_m), (north, east)) == pytest.approx(found.distance_m, abs=1e-9)
-
-
-def test_beyond_either_end_is_that_end():
-    path = Path((Waypoint(1, 2), Waypoint(4, 6)))
-    assert path.point_at(-3.0) == (1, 2)
-    assert path.point_at(99.0) == (4, 6)
-    assert path.point_at(2.5) == pytest.approx((2.5, 4.0))
-
-
 @pytest.mark.parametrize(
     ("waypoints", "message"),
     [
@@ -78,11 +59,6 @@ def test_beyond_either_end_is_that_end():
 def test_what_is_no_path_is_refused_with_the_waypoint(waypoints, message):
     with pytest.raises(ValueError, match=message):
         Path(waypoints)
-
-
-def test_one_waypoint_has_nothing_to_project_on():
-    with pytest.raises(ValueError, match="no leg"):
-        Path((Waypoint(0, 0),)).project(1, 1)
 
 
 def test_los_aims_at_the_point_a_lookahead_ahead_on_the_line():

@@ -90,27 +90,6 @@ def test_commands_held_again_are_the_columns(steps):
     assert (np.diff(what, axis=0) != 0).any(axis=1).all()
 
 
-def test_resampling_holds_commands_and_goes_the_short_way_round():
-    psi = [3.1, None, -3.1, None, -3.0]
-    blank = pl.lit(None, pl.Float64)
-    table = pl.DataFrame({"t_s": [0.0, 0.1, 0.2, 0.3, 0.4], "pwm_a": [1500.0, 1600.0, 1600.0, 1600.0, 1400.0]})
-    table = table.with_columns(
-        pl.Series("psi_rad", psi), *(blank.alias(n) for n in ("battery_v", "r_rad_s", "ax_m_s2", "ay_m_s2")),
-        pl.Series("north_m", [0.0, None, None, None, 4.0]), pl.Series("east_m", [0.0, None, None, None, 4.0]),
-    )  # fmt: skip
-    grid = Run(table).resampled(20.0, max_gap_s=0.3)
-    np.testing.assert_allclose(grid["t_s"], np.arange(9) / 20)
-    assert grid["pwm_a"].to_list() == [1500.0] * 2 + [1600.0] * 6 + [1400.0]
-    expected = 3.1 + (2 * np.pi - 6.2) * np.arange(5) / 4
-    got = grid["psi_rad"].to_numpy()[:5]
-    np.testing.assert_allclose(np.cos(got), np.cos(expected), atol=1e-12)
-    np.testing.assert_allclose(np.sin(got), np.sin(expected), atol=1e-12)
-    assert (np.abs(got) <= np.pi).all()
-    assert grid["north_m"].null_count() == 7  # 0.4 s apart: nothing is made up in between
-    assert Run(table).resampled(20.0)["north_m"].to_list() == pytest.approx([0.5 * i for i in range(9)])
-    assert grid["r_rad_s"].null_count() == 9
-
-
 def test_the_hash_is_of_the_data_alone():
     run = clean_run(5.0)
     same = Run(run.table.select(reversed(run.table.columns)), RunMeta(vessel="other"))

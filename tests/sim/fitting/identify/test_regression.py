@@ -2,6 +2,7 @@
 
 import time
 
+import msgspec
 import numpy as np
 import pytest
 from statsmodels.api import OLS
@@ -11,12 +12,11 @@ from companion.core.model.thrusters import configuration_matrix, force_from_pwm
 from sim.fitting.engine.thrust.forces import body_forces, thruster_forces
 from sim.fitting.taylor.abkowitz import AbkowitzModel, C, outside
 from sim.fitting.taylor.abkowitz_table import TERMS
-from sim.fitting.taylor.regression import Samples, design, least_squares, noise_shift, ridge, thresholded
+from sim.fitting.taylor.regression import Samples, design, least_squares, noise_shift
 from sim.fitting.taylor.sindy import sindy_coefficients
 from sim.fitting.taylor.taylor_file import (
     TaylorFile,
     coefficient_table,
-    load_taylor,
     simulate_taylor,
     taylor_file,
     taylor_json,
@@ -151,31 +151,6 @@ def test_speed_errors_shift_coefficients_as_foretold(logs):
     assert 0.6 < np.median(told[clear] / bias[clear]) < 1.3
 
 
-def test_ridge_runs_from_least_squares_to_nothing(logs):
-    data = noisy(logs[:5], np.random.default_rng(2), 0.02, 0.0)
-    plain = least_squares(data)
-    assert np.allclose(ridge(data, 1e-9).C, plain.C, rtol=1e-4, atol=1e-6)
-    sizes = [np.abs(ridge(data, alpha).C).sum() for alpha in (0.1, 10.0, 1e3, 1e6)]
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[-1] < 0.02 * sizes[0]
-    chosen = ridge(data)
-    assert np.abs(chosen.C - C).sum() < np.abs(plain.C - C).sum()
-    assert (chosen.se < plain.se).mean() > 0.9
-
-
-def test_thresholding_finds_a_sparse_truth():
-    keep = np.isin(TERMS, ["u", "r", "vr", "rrr", "n", "x"])
-    sparse = np.where(keep, C, 0.0) + np.outer([0, 1, 0], np.eye(23)[2]) * -0.05
-    logs = polynomial_logs(np.random.default_rng(5), 4000, sparse)
-    fit = thresholded(noisy(logs, np.random.default_rng(1), 1e-4, 0.0), threshold=0.02)
-    large = np.abs(sparse) * np.sqrt(np.mean(np.concatenate([design(s.x[:, 3:], s.t_kgf) for s in logs]) ** 2, axis=0))
-    important = large > 0.1 * large.max(axis=1, keepdims=True)
-    assert fit.determined[important].all()
-    assert fit.determined.sum() < 25, "69 terms, 15 of them in the truth"
-    assert np.isinf(fit.se[~fit.determined]).all()
-    assert "struck out" in coefficient_table(fit)
-
-
 @pytest.mark.parametrize(("samples", "words"), [(slice(23), "23 samples cannot"), (None, "finite")])
 def test_what_cannot_be_fitted_is_refused(exact, samples, words):
     s = exact[0]
@@ -189,7 +164,7 @@ def test_what_cannot_be_fitted_is_refused(exact, samples, words):
 
 def test_the_file_goes_there_and_back_and_into_the_model(exact):
     file = taylor_file(least_squares(exact), "the paper's polynomial")
-    again = load_taylor(taylor_json(file), "model.json")
+    again = msgspec.json.decode(taylor_json(file), type=TaylorFile)
     assert again == file
     B = configuration_matrix(boat("aritra"))
     nu, tau = np.array([0.6, 0.1, -0.2]), np.array([10.0, 2.0, 1.0])
@@ -197,12 +172,12 @@ def test_the_file_goes_there_and_back_and_into_the_model(exact):
     assert np.allclose(np.array(got), np.array(AbkowitzModel(B, 0.1).nu_dot(None, nu, tau)), atol=1e-9)
 
 
-def test_a_broken_file_is_named_with_its_key(exact):
+def test_a_broken_file_is_refused_with_its_key(exact):
     text = taylor_json(taylor_file(least_squares(exact), "x")).decode()
-    with pytest.raises(ValueError, match=r"model\.json: .*sea"):
-        load_taylor(text.replace('"surge"', '"sea"', 1).replace('"samples"', '"sea"'), "model.json")
-    with pytest.raises(ValueError, match=r"model\.json: .*nominal 0\.5"):
-        load_taylor(text.replace('"nominal_u_m_s": 0.5', '"nominal_u_m_s": 0.4'), "model.json")
+    with pytest.raises(ValueError, match=r"sea"):
+        msgspec.json.decode(text.replace('"surge"', '"sea"', 1).replace('"samples"', '"sea"'), type=TaylorFile)
+    with pytest.raises(ValueError, match=r"nominal 0\.5"):
+        msgspec.json.decode(text.replace('"nominal_u_m_s": 0.5', '"nominal_u_m_s": 0.4'), type=TaylorFile)
     with pytest.raises(ValueError, match=r"values\.yaw: expected 23"):
         TaylorFile(source="", method="", values={"surge": (0.0,) * 23, "sway": (0.0,) * 23}, se={}, se_robust={},
                    low=(), high=(), samples=0)  # fmt: skip

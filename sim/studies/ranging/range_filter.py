@@ -22,9 +22,10 @@ from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
     AnchorHistory,
+    RangeFusion,
     RangeLayout,
+    RangeMeasurement,
     RangeModel,
-    fuse_range,
     line_of_sight,
     nearest_fix,
     recent_anchors,
@@ -89,6 +90,8 @@ class RangeFilter:
         self.anchors_m, self.down_m = anchors_m, down_m
         self.tuning = tuning or RangeFilterTuning()
         self._algebra = KalmanEquations(BIAS + len(anchors_m))
+        noise = self.tuning
+        self._ranges = RangeFusion(self._algebra, LAYOUT, noise.range_sigma_m, noise.gate, noise.fix_spread_m)
 
     def initial(self) -> RangeState:
         """State before the first range."""
@@ -138,12 +141,8 @@ class RangeFilter:
         """Predict one hypothesis over dt_s and judge the new range with it."""
         tuning = self.tuning
         x, P = self._predict(old.x, old.P, dt_s)
-        fused = fuse_range(
-            self._algebra, LAYOUT, x, P,
-            model=partial(self._model, anchor), find=partial(self._find, latest, t_ns),
-            anchor=anchor, range_m=range_m, sigma_m=tuning.range_sigma_m, gates=old.gates, rule=tuning.gate,
-            spread_m=tuning.fix_spread_m, t_ns=t_ns,
-        )  # fmt: skip
+        m = RangeMeasurement(anchor, range_m, partial(self._model, anchor), partial(self._find, latest, t_ns))
+        fused = self._ranges.fuse(x, P, old.gates, m, t_ns)
         gates = tuple(fused.gate if i == anchor else g for i, g in enumerate(old.gates))
         d2 = min(fused.innovation**2 / fused.S, tuning.gate.limit**2)
         return Hypothesis(fused.x, fused.P, gates, old.log_likelihood - (d2 + math.log(fused.S)) / 2)

@@ -2,8 +2,7 @@
 
     h(x) = |p_tag - a_i| + b_i
 
-Shared by the vessel's filter and by the range-only filter: each says with a `RangeLayout` where its state keeps
-position, velocity and the anchors' biases.
+A `RangeLayout` says where the filter's state keeps position, velocity and the anchors' biases.
 """
 
 from __future__ import annotations
@@ -48,6 +47,18 @@ class RangeModel(NamedTuple):
     row: np.ndarray
 
 
+class RangeMeasurement(NamedTuple):
+    """One range: number of its anchor, and how the filter that gets it predicts ranges and finds places.
+
+    `model`: state -> h and its row; `find`: state -> the nearest place that the ranges at hand explain, or None.
+    """
+
+    anchor: int
+    range_m: float
+    model: Callable[[np.ndarray], RangeModel]
+    find: Callable[[np.ndarray], tuple[float, float] | None]
+
+
 class RangeUpdate(NamedTuple):
     """What became of one range."""
 
@@ -66,54 +77,57 @@ def line_of_sight(tag_m: np.ndarray, anchor_m: np.ndarray) -> tuple[float, np.nd
     return distance, delta / distance
 
 
-def fuse_range(
-    algebra: KalmanEquations,
-    layout: RangeLayout,
-    x: np.ndarray,
-    P: np.ndarray,
-    *,
-    model: Callable[[np.ndarray], RangeModel],
-    find: Callable[[np.ndarray], tuple[float, float] | None],
-    anchor: int,
-    range_m: float,
-    sigma_m: float,
-    gates: Sequence[Gate],
-    rule: GateRule,
-    spread_m: float,
-    t_ns: int,
-) -> RangeUpdate:
-    """Judge one range and, unless it is rejected, update with it.
+@dataclass(frozen=True)
+class RangeFusion:
+    """One UWB range at a time into a filter whose state is laid out as `layout` says.
 
-    When the gate re-opens, the surprise has one of two owners. `find` is asked for the place nearest to x
-    that three or more of the ranges at hand explain. If it explains this range too (within `spread_m`), the
-    position was wrong and moves there. If not, or if there is none but two other anchors are content, this
-    anchor's bias becomes unsure by the innovation; else the position does.
+    `sigma_m`: white noise of a range; `rule`: of the anchors' gates; `spread_m`: residual of a range that fits a place.
     """
-    at, R = model(x), np.array([[sigma_m**2]])
-    nu, S = range_m - at.h, float(at.row @ P @ at.row) + sigma_m**2
-    verdict, gate = judge(gates[anchor], rule, t_ns, nu, math.sqrt(S))
-    if verdict == "rejected":
+
+    algebra: KalmanEquations
+    layout: RangeLayout
+    sigma_m: float
+    rule: GateRule
+    spread_m: float
+
+    def fuse(self, x: np.ndarray, P: np.ndarray, gates: Sequence[Gate], m: RangeMeasurement, t_ns: int) -> RangeUpdate:
+        """Judge a range by its anchor's gate and, unless it is rejected, update x and P with it."""
+        at, R = m.model(x), np.array([[self.sigma_m**2]])
+        nu, S = m.range_m - at.h, float(at.row @ P @ at.row) + self.sigma_m**2
+        verdict, gate = judge(gates[m.anchor], self.rule, t_ns, nu, math.sqrt(S))
+        if verdict == "rejected":
+            return RangeUpdate(x, P, gate, verdict, nu, S)
+        correction = nu
+        if verdict == "reopened":
+            x, P = self._reopen(x, P, m, nu, self._others_accepted(gates, m.anchor, t_ns))
+            at = m.model(x)
+            correction = m.range_m - at.h
+        x, P = self.algebra.update(x, P, np.array([correction]), at.row[None, :], R)
         return RangeUpdate(x, P, gate, verdict, nu, S)
-    correction = nu
-    if verdict == "reopened":
-        place = find(x)
-        moved = relocate(layout, x, P, place) if place else (x, P)
-        if place and abs(range_m - model(moved[0]).h) <= spread_m:
-            x, P = moved
-            at = model(x)
-            correction = range_m - at.h
-        elif place or _trusted(gates, anchor, rule, t_ns):
-            P = inflate(decorrelate(P, (layout.bias + anchor,)), (layout.bias + anchor,), abs(nu))
-        else:
-            P = inflate(inflate(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
-    x, P = algebra.update(x, P, np.array([correction]), at.row[None, :], R)
-    return RangeUpdate(x, P, gate, verdict, nu, S)
 
+    def _reopen(
+        self, x: np.ndarray, P: np.ndarray, m: RangeMeasurement, nu: float, others_accepted: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State and covariance after a gate re-opened: is the position wrong, or this anchor's bias?
 
-def _trusted(gates: Sequence[Gate], anchor: int, rule: GateRule, t_ns: int) -> bool:
-    """Whether two anchors beside this one were accepted of late."""
-    of_late = [g.starved_s(t_ns) < 2 * rule.reopen_span_s for i, g in enumerate(gates) if i != anchor]
-    return sum(of_late) >= 2
+        The position, if the place nearest to x that three or more ranges explain explains this one too (within
+        `spread_m`): x moves there. The bias, if that place does not, or if there is none but two other anchors were
+        accepted of late. Else the position again. What is wrong becomes uncertain by the innovation.
+        """
+        layout, place = self.layout, m.find(x)
+        if place:
+            moved = relocate(layout, x, P, place)
+            if abs(m.range_m - m.model(moved[0]).h) <= self.spread_m:
+                return moved
+        if place or others_accepted:
+            bias = (layout.bias + m.anchor,)
+            return x, inflate(decorrelate(P, bias), bias, abs(nu))
+        return x, inflate(inflate(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
+
+    def _others_accepted(self, gates: Sequence[Gate], anchor: int, t_ns: int) -> bool:
+        """Whether two anchors beside this one were accepted of late."""
+        of_late = [g.starved_s(t_ns) < 2 * self.rule.reopen_span_s for i, g in enumerate(gates) if i != anchor]
+        return sum(of_late) >= 2
 
 
 def nearest_fix(

@@ -22,9 +22,10 @@ from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
     VELOCITY_SIGMA_M_S,
     AnchorHistory,
+    RangeFusion,
+    RangeMeasurement,
     RangeModel,
     decorrelate,
-    fuse_range,
     inflate,
     line_of_sight,
     nearest_fix,
@@ -40,6 +41,7 @@ class UwbFusion:
 
     def __init__(self, site: Site, uwb: Uwb, tuning: EstimatorTuning, algebra: KalmanEquations):
         self._uwb, self._tuning, self._algebra = uwb, tuning, algebra
+        self._ranges = RangeFusion(algebra, LAYOUT, uwb.range_sigma_m, tuning.range_gate, tuning.fix_spread_m)
         self.number = {a.id: i for i, a in enumerate(site.anchors)}
         self.anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
 
@@ -57,13 +59,8 @@ class UwbFusion:
         uwb_ns = belief.uwb_ns
         arm = self.arm(belief)
         for i, r in known:
-            fused = fuse_range(
-                self._algebra, LAYOUT, x, P,
-                model=partial(self.range_model, i, arm),
-                find=partial(self._find, tuple(latest), belief.t_ns, arm),
-                anchor=i, range_m=r.range_m, sigma_m=self._uwb.range_sigma_m, gates=gates,
-                rule=self._tuning.range_gate, spread_m=self._tuning.fix_spread_m, t_ns=belief.t_ns,
-            )  # fmt: skip
+            model, find = partial(self.range_model, i, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
+            fused = self._ranges.fuse(x, P, gates, RangeMeasurement(i, r.range_m, model, find), belief.t_ns)
             x, P, gates[i] = fused.x, fused.P, fused.gate
             accepted = fused.verdict != "rejected"
             uwb_ns = belief.t_ns if accepted else uwb_ns

@@ -13,56 +13,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from companion.core.geometry.frames import near, rotate, ssa, unrotate
-from companion.core.guidance.course import Course, hold_point, plan_course
-from companion.core.guidance.path import SHORTEST_LEG_M, Path, Waypoint, crab_angle, ilos_rate, los_heading
-from companion.core.guidance.reference import GuidanceSettings, ReferenceTrack, Walker, course_rows, los_rows, turn
+from companion.core.geometry.frames import near, rotate, unrotate
+from companion.core.guidance.course import hold_point, plan_course
+from companion.core.guidance.path import SHORTEST_LEG_M, Path, Waypoint
+from companion.core.guidance.progress import GuidanceState, Passage, pass_waypoint, settle, update_miss
+from companion.core.guidance.reference import GuidanceSettings, Walker, course_rows, los_rows
+from companion.core.guidance.steering import advance, reference_track
 from companion.core.messages import GuidanceReference
-
-BACK_M = 0.5
-"""How far the projection may fall back in one step (assumed)."""
-AHEAD_M = 0.3
-"""How far it may jump ahead beyond twice the way at the present speed (assumed)."""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """A waypoint of the mission was passed: how, when, and the closest that the boat came to it [m]."""
-
-    waypoint: int
-    reason: Literal["circle", "along-track"]
-    miss_m: float
-    t_ns: int
-
-
-@dataclass(frozen=True)
-class GuidanceState:
-    """Everything that guidance remembers.
-
-    `route`: the driven path, from where the boat was through the waypoints then ahead (None: plain hold);
-    `target`: index into it of the waypoint ahead; `closest_m`: closest approach to that so far. `course`: the
-    rounded route or the pose to hold; `s_m`: arc length on it; `end_psi_rad`: heading to hold at its end.
-    """
-
-    phase: Literal["idle", "leg", "station", "done"] = "idle"
-    t_ns: int = 0
-    route: Path | None = None
-    course: Course | None = None
-    target: int = 1
-    passed: tuple[Passage, ...] = ()
-    end_psi_rad: float = 0.0
-    s_m: float = 0.0
-    psi_ref_rad: float = 0.0
-    u_ref_m_s: float = 0.0
-    y_int_m: float = 0.0
-    closest_m: float = math.inf
-    settled_ns: int | None = None
-
 
 IDLE = GuidanceState()
 
@@ -139,9 +100,9 @@ def step(
     dt = max(t_ns - state.t_ns, 0) * 1e-9
     state = replace(state, t_ns=t_ns)
     if state.course is not None:
-        state = _advance(state, settings, eta, nu, dt)
-        state = _pass_waypoint(_keep_closest(state, eta), settings, eta)
-        state = _settle(state, settings, eta)
+        state = advance(state, settings, eta, nu, dt)
+        state = pass_waypoint(update_miss(state, eta), settings, eta)
+        state = settle(state, settings, eta)
     return state, _report(state, settings, eta, nu)
 
 
@@ -164,7 +125,7 @@ def horizon(
         return los_rows(first, angle, near(state.psi_ref_rad, eta[2]), state.u_ref_m_s, times_s)
     if state.course is None:
         state = replace(hold(settings, eta, (0.0, 0.0, 0.0), state.t_ns), phase="idle")
-    track = _track(state, settings, nu)
+    track = reference_track(state, settings, nu)
     y_e = track.cross_track(state.s_m, eta[0], eta[1])
     walker = Walker(state.s_m, near(state.psi_ref_rad, eta[2]), state.u_ref_m_s, y_e)
     return course_rows(track, walker, times_s)
@@ -173,112 +134,6 @@ def horizon(
 def _floats(values: Sequence[float]) -> tuple[float, ...]:
     """Plain floats, whatever the estimator counts in: messages and states carry no array scalars."""
     return tuple(map(float, values))
-
-
-def _track(state: GuidanceState, settings: GuidanceSettings, nu: Sequence[float]) -> ReferenceTrack:
-    assert state.course is not None, "idle guidance has no course"
-    beta = crab_angle(nu[0], nu[1]) if settings.crab and state.phase == "leg" else 0.0
-    return ReferenceTrack(state.course, state.end_psi_rad, settings, state.y_int_m, beta)
-
-
-def _advance(
-    state: GuidanceState, settings: GuidanceSettings, eta: Sequence[float], nu: Sequence[float], dt_s: float
-) -> GuidanceState:
-    """Projection, ILOS integral, and the references for heading and speed, `dt_s` after the last step."""
-    if state.phase == "leg" and settings.steering == "los":
-        return _steer_los(state, settings, eta, nu, dt_s)
-    track, course = _track(state, settings, nu), state.course
-    assert course is not None, "idle guidance does not advance"
-    if state.phase == "leg":
-        ahead = AHEAD_M + 2 * max(nu[0], state.u_ref_m_s) * dt_s
-        s = course.follow(eta[0], eta[1], state.s_m, BACK_M, ahead)
-    else:
-        s = min(state.s_m + state.u_ref_m_s * dt_s, course.length_m)
-    lead = max(-settings.lag_rad, min(settings.lag_rad, ssa(state.psi_ref_rad - eta[2])))
-    y_e = track.cross_track(s, eta[0], eta[1])
-    walker = turn(track, Walker(s, eta[2] + lead, state.u_ref_m_s, y_e), dt_s)
-    return replace(
-        state,
-        s_m=s,
-        psi_ref_rad=walker.psi_rad,
-        u_ref_m_s=walker.u_m_s,
-        y_int_m=_integrate(state, settings, y_e, dt_s),
-    )
-
-
-def _steer_los(
-    state: GuidanceState, settings: GuidanceSettings, eta: Sequence[float], nu: Sequence[float], dt_s: float
-) -> GuidanceState:
-    """The paper's law on the straight leg: psi_d of LOS or ILOS, the leg's full speed."""
-    assert state.route is not None, "a leg needs a route"
-    leg = state.target - 1
-    _, y_e = state.route.errors(leg, eta[0], eta[1])
-    y_int = _integrate(state, settings, y_e, dt_s)
-    beta = crab_angle(nu[0], nu[1]) if settings.crab else 0.0
-    psi_d = los_heading(
-        state.route.angles_rad[leg],
-        y_e,
-        settings.lookahead_m,
-        kappa=settings.kappa,
-        y_int_m=y_int,
-        beta_rad=beta,
-    )
-    speed = state.route.waypoints[state.target].speed_m_s or settings.limits.cruise_m_s
-    return replace(state, psi_ref_rad=near(psi_d, eta[2]), u_ref_m_s=speed, y_int_m=y_int)
-
-
-def _integrate(state: GuidanceState, settings: GuidanceSettings, y_e_m: float, dt_s: float) -> float:
-    """ILOS integral after `dt_s`; it stands still without ILOS and off the legs."""
-    if settings.kappa == 0.0 or state.phase != "leg":
-        return state.y_int_m
-    return state.y_int_m + dt_s * ilos_rate(y_e_m, state.y_int_m, settings.lookahead_m, settings.kappa)
-
-
-def _pass_waypoint(state: GuidanceState, settings: GuidanceSettings, eta: Sequence[float]) -> GuidanceState:
-    """Record the target as passed where it is, one per step."""
-    if state.phase != "leg" or state.route is None or state.course is None:
-        return state
-    points, leg = state.route.points, state.target - 1
-    closest = min(state.closest_m, math.dist((eta[0], eta[1]), points[state.target]))
-    x_e, _ = state.route.errors(leg, eta[0], eta[1])
-    if closest <= (state.route.waypoints[state.target].acceptance_m or settings.limits.acceptance_m):
-        reason = "circle"
-    elif x_e >= state.route.lengths_m[leg] or state.s_m >= state.course.waypoints_m[state.target]:
-        reason = "along-track"
-    else:
-        return replace(state, closest_m=closest)
-    passed = (*state.passed, Passage(len(state.passed), reason, closest, state.t_ns))
-    state = replace(state, passed=passed, closest_m=math.inf, y_int_m=0.0)
-    if state.target < len(points) - 1:
-        return replace(state, target=state.target + 1)
-    if settings.steering == "los":
-        state = replace(state, course=hold_point(*points[-1], state.end_psi_rad, settings.limits), s_m=0.0)
-    return replace(state, phase="station")
-
-
-def _keep_closest(state: GuidanceState, eta: Sequence[float]) -> GuidanceState:
-    """The miss distance of the last waypoint passed, should the boat still come closer to it."""
-    behind = state.target - 1 if state.phase == "leg" else -1
-    if state.route is None or behind == 0 or not state.passed:
-        return state
-    last = state.passed[-1]
-    miss = math.dist((eta[0], eta[1]), state.route.points[behind])
-    if miss >= last.miss_m:
-        return state
-    return replace(state, passed=(*state.passed[:-1], replace(last, miss_m=miss)))
-
-
-def _settle(state: GuidanceState, settings: GuidanceSettings, eta: Sequence[float]) -> GuidanceState:
-    """station -> done once the boat has stayed at the end of a path; a plain hold never ends."""
-    if state.phase != "station" or state.course is None or state.route is None:
-        return state
-    north, east, _ = state.course.at(state.course.length_m)
-    off = abs(ssa(eta[2] - state.end_psi_rad)) > math.radians(settings.settle_deg)
-    if off or math.dist((eta[0], eta[1]), (north, east)) > settings.settle_m:
-        return replace(state, settled_ns=None)
-    since = state.t_ns if state.settled_ns is None else state.settled_ns
-    done = (state.t_ns - since) * 1e-9 >= settings.settle_s
-    return replace(state, settled_ns=since, phase="done" if done else "station")
 
 
 def _report(

@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from companion.core.telemetry.structs import VERSION
+from companion.core.telemetry.shore_message import VERSION
 
 MAX_BYTES = 65_536
 """Longer payloads are refused unread: a mission of 500 waypoints takes half of it (assumed)."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from statistics import median
 
 from companion.core.messages import Message
-from companion.core.telemetry.structs import Spread
+from companion.core.telemetry.status import Spread
 
 TEXT_CHARS = 400
 """Longer texts are cut: a text is for a person (assumed)."""

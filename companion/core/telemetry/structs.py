@@ -14,24 +14,23 @@ from typing import Literal
 
 import msgspec
 
-from companion.core.messages import Health, LinkState, MissionPoint, Mode
-from companion.core.preflight.rows import Level, Row
+from companion.core.messages import Health, MissionPoint
+from companion.core.telemetry.shore_message import VERSION, ShoreMessage
+from companion.core.telemetry.status import (
+    AlertTold,
+    BatteryNow,
+    ChecksNow,
+    LinksNow,
+    ModeNow,
+    TimingNow,
+)
 
-VERSION = 1
 KEYSPACE = "aritra"
 
 Place = tuple[float, float]
 """(north, east) [m], site axes."""
 Pose = tuple[float, float, float]
 """(north [m], east [m], heading [rad])."""
-
-
-class ShoreMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Base of all: see above."""
-
-    v: int = VERSION
-    run: str
-    t_ns: int
 
 
 class ThrusterAbout(msgspec.Struct, frozen=True, kw_only=True):
@@ -168,33 +167,6 @@ class RangesNow(ShoreMessage, frozen=True, kw_only=True):
     ranges: tuple[RangeNow, ...]
 
 
-class ModeNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `mode`, at every change and once a second. `driving`: the thrusters may turn.
-
-    `armed`, `autopilot_mode`: of the last heartbeat (Rover: 0 MANUAL, 4 HOLD), null before the first.
-    """
-
-    mode: Mode
-    why: str
-    driving: bool
-    armed: bool | None
-    autopilot_mode: int | None
-
-
-class AlertTold(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `alert`, each: something a person should know."""
-
-    level: Literal["info", "warning", "error"]
-    text: str
-
-
-class ChecksNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `checks`, once the autopilot's parameters were judged: the rows of `aritra check` known on the boat."""
-
-    level: Level
-    rows: tuple[Row, ...]
-
-
 class ExcitationNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `excitation`, twice a second while one is flown."""
 
@@ -203,55 +175,6 @@ class ExcitationNow(ShoreMessage, frozen=True, kw_only=True):
     segments: int
     name: str
     elapsed_s: float
-
-
-class Spread(msgspec.Struct, frozen=True, kw_only=True):
-    """Of the last second: median and largest; null where there was none."""
-
-    median_ms: float | None
-    max_ms: float | None
-
-
-class TimingNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `timing`, once a second: loop, solver, process, and this telemetry itself.
-
-    `leases`: how many by source; `solves`: by status. `cpu_percent` of one core, `rss_mb` in 1e6 bytes, null before
-    the first. `dropped`: messages, since the start, that telemetry had no room for; `refused`: orders from shore.
-    """
-
-    lateness: Spread
-    imu_to_override: Spread
-    solve: Spread
-    solves: dict[str, int]
-    leases: dict[str, int]
-    cpu_percent: float | None
-    rss_mb: float | None
-    dropped: int
-    refused: int
-
-
-class LinkNow(msgspec.Struct, frozen=True, kw_only=True):
-    """One device link and the reason for its state."""
-
-    link: str
-    state: LinkState
-    reason: str
-
-
-class LinksNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `links`, once a second. `ages_s`: since the last heartbeat, imu, attitude and uwb; null: never."""
-
-    links: tuple[LinkNow, ...]
-    ages_s: dict[str, float | None]
-
-
-class BatteryNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `battery`, once a second. `age_s`: of the autopilot's last word on it."""
-
-    voltage_v: float
-    current_a: float | None
-    remaining_percent: int | None
-    age_s: float
 
 
 TOPICS: dict[str, type[ShoreMessage]] = {
@@ -275,9 +198,9 @@ _DECODERS = {name: msgspec.json.Decoder(kind) for name, kind in TOPICS.items()}
 _ENCODER = msgspec.json.Encoder()
 
 
-def topic_of(told: ShoreMessage) -> str:
+def topic_of(message: ShoreMessage) -> str:
     """Name of a struct's topic."""
-    return _NAMES[type(told)]
+    return _NAMES[type(message)]
 
 
 def telemetry_key(boat: str, topic: str) -> str:
@@ -295,9 +218,9 @@ def alive_key(boat: str) -> str:
     return f"{KEYSPACE}/{boat}/alive"
 
 
-def encode(told: ShoreMessage) -> bytes:
+def encode(message: ShoreMessage) -> bytes:
     """Struct -> JSON."""
-    return _ENCODER.encode(told)
+    return _ENCODER.encode(message)
 
 
 def decode(topic: str, data: bytes) -> ShoreMessage:
@@ -305,12 +228,12 @@ def decode(topic: str, data: bytes) -> ShoreMessage:
     if topic not in _DECODERS:
         raise ValueError(f"unknown telemetry topic {topic!r}: this program is older than the boat's")
     try:
-        told = _DECODERS[topic].decode(data)
+        message = _DECODERS[topic].decode(data)
     except msgspec.MsgspecError as error:
         raise ValueError(f"{topic}: {error}") from None
-    if told.v > VERSION:
-        raise ValueError(f"{topic}: version {told.v}, this program knows {VERSION}: update it")
-    return told
+    if message.v > VERSION:
+        raise ValueError(f"{topic}: version {message.v}, this program knows {VERSION}: update it")
+    return message
 
 
 def square(triangle: tuple[float, ...], n: int = 6) -> tuple[tuple[float, ...], ...]:

@@ -30,6 +30,7 @@ from companion.core.messages import (
 from companion.core.pilot.state import PilotSettings
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.rounding import angle, centimetres, cut, metres, triangle
+from companion.core.telemetry.status import LinkNow
 
 
 class Who(NamedTuple):
@@ -203,7 +204,7 @@ def mode(run: str, told: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow:
 
 def links(run: str, told: Iterable[LinkStatus], ages_s: Mapping[str, float | None], t_ns: int) -> shore.LinksNow:
     """Devices, and how old their last words are."""
-    each = tuple(shore.LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in told)
+    each = tuple(LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in told)
     return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=dict(ages_s))
 
 

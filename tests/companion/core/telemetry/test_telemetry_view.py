@@ -15,6 +15,7 @@ from companion.core import messages as m
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.rounding import TEXT_CHARS
+from companion.core.telemetry.status import LinkNow, Spread
 from companion.core.telemetry.view import TelemetryView, Who, wants
 from tests.support.drive_fixture import setup, under_way, voyage
 
@@ -155,7 +156,7 @@ def test_timing_speaks_of_its_own_second():
         tick(seen, S + k * S // 10, late_ms=50.0 if k == 3 else 1.0)
     told = [x for k in range(11, 25) for x in tick(seen, S + k * S // 10) if isinstance(x, shore.TimingNow)]
     assert [x.lateness.max_ms for x in told] == [1.0]
-    assert told[0].leases == {"plan": 10} and told[0].solve == shore.Spread(median_ms=None, max_ms=None)
+    assert told[0].leases == {"plan": 10} and told[0].solve == Spread(median_ms=None, max_ms=None)
 
 
 def test_ages_and_links():
@@ -165,7 +166,7 @@ def test_ages_and_links():
     seen.see(m.LinkStatus(t_ns=S, link="uwb", state="lost", reason="silent for 20 s"))
     (links,) = [x for x in tick(seen, 3 * S) if isinstance(x, shore.LinksNow)]
     assert links.ages_s == {"heartbeat": None, "imu": 2.01, "attitude": None, "uwb": None}
-    assert links.links == (shore.LinkNow(link="uwb", state="lost", reason="silent for 20 s"),)
+    assert links.links == (LinkNow(link="uwb", state="lost", reason="silent for 20 s"),)
 
 
 def test_alerts_are_told_at_once_and_not_more_than_ten_a_second():

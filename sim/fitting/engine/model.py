@@ -71,5 +71,5 @@ def compile_model(vessel: VesselFile, steps: int, windows: int) -> CompiledModel
 def _step(rate: ca.Function, size: int) -> ca.Function:
     """(x, [p d], [tau start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
     x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("taus", 9), ("d", 3), ("h", 1)))
-    x_next = rk4_step(lambda s, tau: rate(s, p, tau, d), x, h, (taus[:3], taus[3:6], taus[6:]))
+    x_next: ca.SX = rk4_step(lambda s, tau: rate(s, p, tau, d), x, h, (taus[:3], taus[3:6], taus[6:]))
     return ca.Function("step", [x, ca.vertcat(p, d), taus, h], ca.cse([x_next]))

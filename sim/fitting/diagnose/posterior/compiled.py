@@ -81,5 +81,5 @@ def _step(rate: ca.Function, pushes: int) -> ca.Function:
     here, there = flow[:2], flow[2:]
     half = (here + there) / 2
     inputs = ((start, here), (middle, half), (end, there))
-    x_next = rk4_step(lambda s, tau_water: rate(s, p, *tau_water, d), x, h, inputs)
+    x_next: ca.SX = rk4_step(lambda s, tau_water: rate(s, p, *tau_water, d), x, h, inputs)
     return ca.Function("step", [x, ca.vertcat(p, d), taus, flow, h], ca.cse([x_next]))

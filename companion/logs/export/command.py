@@ -36,7 +36,7 @@ Command = Callable[[argparse.Namespace], int]
 
 @dataclass(frozen=True)
 class Extras:
-    """What goes with the log: files, and how a UWB log is read and shifted (see `read_run.Beside`)."""
+    """What goes with the log: files, and how a UWB log is read and shifted (see `read_run.ReadOptions`)."""
 
     vessel: Path | None = None
     site: Path | None = None

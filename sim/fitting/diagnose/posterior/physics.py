@@ -24,7 +24,12 @@ from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene, Values
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.posterior.compiled import compile_windows
-from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, including, secant_steps, values_by_name
+from sim.fitting.diagnose.posterior.parameter_values import (
+    ParameterValues,
+    including,
+    secant_steps,
+    values_by_name,
+)
 from sim.fitting.diagnose.posterior.state import Accelerations, Feedback, WindowTrajectories
 from sim.fitting.diagnose.posterior.thrust import WindowThrust
 from sim.fitting.engine.jacobian_rows import side_by_side

@@ -1,4 +1,9 @@
-"""First guess of the nodes from the measurements alone: position and velocity from fixes, heading, yaw rate."""
+"""First guess of the nodes from the measurements alone, without a model.
+
+heading, yaw rate    interpolated; a missing yaw rate is the slope of the heading
+position, velocity   local linear regression of the fixes: weighted least-squares lines through near ones,
+                     p = fix - R(psi) l_tag,   [u v] = R(psi)^T v
+"""
 
 from __future__ import annotations
 
@@ -10,11 +15,11 @@ from sim.fitting.engine.noise import L
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.windows import PSI, RATE, Windows
 
-REACH = 3.0  # fixes to either side, in units of their median spacing or 0.8 s, whichever is longer
+REACH = 3.0  # fixes to either side of an instant that count, in units of their median spacing, or of 0.8 s if longer
 
 
 def initial_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
-    """Nodes (W, L): states guessed, biases and latent force nil."""
+    """Nodes (W, L): states guessed, all else 0."""
     uwb = parameters.vessel.sensors.uwb
     arm = np.array([uwb.x_m, uwb.y_m])
     z = np.zeros((windows.size[0], L))
@@ -38,6 +43,7 @@ def initial_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
 
 
 def _series(windows: Windows, span: slice, channel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps [s] and values of one measured channel of a run."""
     values, t = windows.y[span, :, channel], windows.t_s[span, :-1]
     known = np.isfinite(values)
     return t[known], values[known]
@@ -50,14 +56,16 @@ def _turned(psi: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 @kernel
 def local_line_fits(t: np.ndarray, place: np.ndarray, at: np.ndarray, reach: float, track: np.ndarray) -> None:
-    """Places and velocities at instants (n,), track (n, 2, 2), from those (m, 2) at rising t: lines by least squares,
+    """Fill `track` (n, 2, 2), position [m] and velocity [m/s] at instants `at` (n,), from `place` (m, 2) at `t` (m,).
 
-    weighted by nearness, over all within `reach`, at least four.
+    At each instant the line p(t) = p + v (t - at) that minimises sum_j k_j |p(t_j) - place_j|^2, with weights
+    k_j = 1 - |t_j - at| / far over all samples within `reach` [s], at least four. `t` must increase.
     """
     last = len(t) - 1
     for i in range(len(at)):
+        # 1. The four nearest samples, then all within reach.
         first = after = np.searchsorted(t, at[i])
-        for _ in range(4):  # nearest
+        for _ in range(4):
             if first > 0 and (after > last or at[i] - t[first - 1] <= t[after] - at[i]):
                 first -= 1
             else:
@@ -67,6 +75,7 @@ def local_line_fits(t: np.ndarray, place: np.ndarray, at: np.ndarray, reach: flo
             first -= 1
         while after <= last and t[after] - at[i] < far:
             after += 1
+        # 2. Normal equations of the line: moments sum k s^power, right-hand sides sum k p and sum k s p.
         moments, sums = np.zeros(3), np.zeros((2, 2))
         for j in range(first, after):
             since = t[j] - at[i]
@@ -76,7 +85,8 @@ def local_line_fits(t: np.ndarray, place: np.ndarray, at: np.ndarray, reach: flo
             for axis in range(2):
                 sums[0, axis] += weight * place[j, axis]
                 sums[1, axis] += weight * since * place[j, axis]
-        spread = moments[0] * moments[2] - moments[1] ** 2
+        # 3. Their solution.
+        determinant = moments[0] * moments[2] - moments[1] ** 2
         for axis in range(2):
-            track[i, 0, axis] = (moments[2] * sums[0, axis] - moments[1] * sums[1, axis]) / spread
-            track[i, 1, axis] = (moments[0] * sums[1, axis] - moments[1] * sums[0, axis]) / spread
+            track[i, 0, axis] = (moments[2] * sums[0, axis] - moments[1] * sums[1, axis]) / determinant
+            track[i, 1, axis] = (moments[0] * sums[1, axis] - moments[1] * sums[0, axis]) / determinant

@@ -1,6 +1,12 @@
-"""Derivatives of what sensors should say to nodes and parameters, as rows of J: whole blocks of windows at a time.
+"""Rows of the measurement Jacobian J, for blocks of windows at a time.
 
-Columns of J: the node's L, then P of parameters. `place` (C,) tells where each column of the sensitivities stands.
+A measurement y = h(x, nu_dot, q) of window w depends on the window's node and on the parameters alone. Its row of J has
+the L columns of the node, then the P of the parameters:
+
+    dy/d[x0, d, q] = h_x S + h_nu_dot d(nu_dot)/d[x0, d, q] + h_q,    S = dx/d[x0, d, q]
+
+S has C columns: X0_D of the node (its state x0 and latent acceleration d), then those of the parameters that move the
+boat. `place` (C,) holds the column of J for each of them.
 """
 
 from __future__ import annotations
@@ -25,9 +31,11 @@ BLOCK = 32  # windows whose rows are in memory at a time: a few megabytes, near 
 
 @dataclass(frozen=True)
 class AccelerationPartials:
-    """What each column beyond the node's adds to nu_dot: at nodes (W, K+1, 3, P), and what the middles of steps have
+    """Partial derivatives d(nu_dot)/dq along all windows, of the P parameters that move the boat.
 
-    beyond the mean of both ends (W, K, 3, B), for the columns `bumped` (B,).
+    nodes   (W, K+1, 3, P) at the ends of the steps; between them the derivative is taken as linear in time
+    bump    (W, K, 3, B) in the middle of each step beyond the mean of both ends (a parabola), where that is not enough
+    bumped  (B,) indices of the parameters that `bump` belongs to
     """
 
     nodes: np.ndarray
@@ -36,17 +44,20 @@ class AccelerationPartials:
 
     @classmethod
     def of(cls, nodes: np.ndarray, bump: np.ndarray) -> AccelerationPartials:
-        """From all columns of the middles, (W, K, 3, P), most of them nil."""
+        """From bumps of all P columns, (W, K, 3, P); columns of zeros are dropped."""
         bumped = np.flatnonzero(bump.any(axis=(0, 1, 2)))
         return cls(nodes, np.ascontiguousarray(bump[..., bumped]), bumped)
 
     def part(self, windows: slice) -> AccelerationPartials:
-        """Some of the windows."""
+        """The same for the windows of a slice."""
         return AccelerationPartials(self.nodes[windows], self.bump[windows], self.bumped)
 
 
 def sensitivities(A: np.ndarray, pushes: AccelerationPartials, h_s: np.ndarray) -> np.ndarray:
-    """dx/d[x0, d, ..] at all nodes of some windows, (W, K+1, 6, X0_D + P); A (W, K+1, 6, 6), h_s (W, K)."""
+    """S = dx/d[x0, d, q] along some windows, (W, K+1, 6, X0_D + P).
+
+    A (W, K+1, 6, 6): d(x_dot)/dx; h_s (W, K): step lengths [s].
+    """
     S = np.empty((*A.shape[:3], X0_D + pushes.nodes.shape[3]))
     propagate_sensitivities(A, pushes.nodes, pushes.bump, pushes.bumped, h_s, S)
     return S
@@ -64,19 +75,25 @@ def imu_jacobian(
     place: np.ndarray,
     columns: int,
 ) -> np.ndarray:
-    """Rows (W, K, 4, columns) of psi, r, a_x, a_y, whitened; nil where nothing was measured (`known`, (W, K, 4)).
+    """Rows (W, K, 4, columns) of psi, r, a_x, a_y, whitened; 0 where nothing was measured (`known`, (W, K, 4)).
 
-    slopes (W, K, 4, 9): to x y psi u v r u_dot v_dot r_dot; direct (W, K, 4, P or 0): of the columns beyond the node's.
-    `windows`: steps [s] and what is left of a heading's wander since each began, both (W, K).
+    S, A, pushes  as of `sensitivities`
+    slopes        (W, K, 4, 9) partial derivatives of the four by x y psi u v r u_dot v_dot r_dot
+    direct        (W, K, 4, P) direct partial derivatives by the parameters, h_q; or (W, K, 4, 0): there are none
+    windows       steps [s] and the decay of the heading's wander since the node (`fade`), (W, K) each
     """
-    h_s, fade = windows
+    h_s, decay = windows
     J = np.zeros((*known.shape, columns))
+    # 1. State and parameters, rows over their white noise. Heading rows are scaled later: the whitening filter needs
+    #    their values at all steps, measured or not.
     scale = known / np.array(noise.white)
-    scale[..., PSI] = 1.0  # for the filter, which takes what is not known as well
+    scale[..., PSI] = 1.0
     fill_imu_rows(S, A, pushes.nodes, slopes, direct, scale, place, J)
+    # 2. Sensor errors of the node.
     for channel, column in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
         J[..., channel, column] = scale[..., channel]
-    J[..., PSI, WANDER], J[..., PSI, OFFSET] = fade, 1.0
+    J[..., PSI, WANDER], J[..., PSI, OFFSET] = decay, 1.0
+    # 3. Heading rows as innovations.
     whiten_rows(J, PSI, known[..., PSI], h_s, noise.white[PSI], noise.wander_rad, noise.wander_time_s)
     return J
 
@@ -90,9 +107,11 @@ def position_jacobian(
     place: np.ndarray,
     columns: int,
 ) -> np.ndarray:
-    """Rows (m, 2, columns) of position samples, times `scale` (m,). `at`: window of S and step before each, (m,).
+    """Rows (m, 2, columns) of position samples, times `scale` (m,).
 
-    slopes (m, 2, 6): to the state there; direct (m, 2, P or 0): of the columns beyond the node's.
+    at      window (an index of S) and step at or before each sample, (m,) each
+    slopes  (m, 2, 6) partial derivatives of north and east by the state at that step
+    direct  (m, 2, P) direct partial derivatives by the parameters; or (m, 2, 0): there are none
     """
     J = np.zeros((len(scale), 2, columns))
     fill_fix_rows(S, *at, slopes, direct, scale, place, J)
@@ -100,18 +119,18 @@ def position_jacobian(
 
 
 def fade(windows: Windows, noise: Noise) -> np.ndarray:
-    """What is left of a heading's wander since the beginning of each window, (W, K)."""
+    """Decay of the heading's wander since the beginning of its window, exp(-(t - t_w) / tau), (W, K)."""
     t = windows.t_s[:, :-1]
     return np.exp(-(t - t[:, :1]) / noise.wander_time_s)
 
 
 def jacobian_columns(moving: np.ndarray) -> np.ndarray:
-    """Of the columns of S in J; `moving`: which parameters those beyond the node's are of."""
+    """Column of J for each column of S, (C,). `moving`: indices in q of the parameters of S."""
     return np.concatenate([np.arange(X0_D), L + moving])
 
 
 def side_by_side(columns: np.ndarray) -> np.ndarray:
-    """Columns one after the other (P, ..) as columns side by side, (n, P)."""
+    """P arrays stacked along the first axis, (P, ..), as the columns of one array (n, P), contiguous by row."""
     flat = columns.reshape(len(columns), int(np.prod(columns.shape[1:])))
     out = np.empty(flat.shape[::-1])
     transposed_into(flat, out)

@@ -1,6 +1,9 @@
-"""The one vessel model with its coefficients as symbols, compiled for whole logs at once.
+"""The vessel model with its coefficients as symbols, compiled for all windows of a fit at once.
 
-`rollout` integrates windows side by side; `rates` gives the accelerations and their Jacobians at many instants.
+    eta_dot = R(psi) nu,    M nu_dot + C(nu) nu + D(nu) nu = tau + terms,    nu_dot of the fit = that + d
+
+x = [x y psi u v r] in NED and body axes, SI units; tau = B f [N, N, N m]; d (3,): latent acceleration of the window.
+The equations are those of `companion.core.model.manoeuvring` (Fossen), the same as in plant, filter and controller.
 """
 
 from __future__ import annotations
@@ -20,9 +23,9 @@ N_HULL = len(HULL)
 
 
 def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
-    """Model of the vessel file with inertia and damping q[:12] (order of HULL) as symbols; fitted terms may follow.
+    """Model of the vessel file with inertia and damping q[:12] (order of `HULL`) as symbols; fitted terms may follow.
 
-    Added mass takes up what M says; mass and I_z stay as the file has them, which changes nothing of the motion.
+    M fixes only the sum of rigid body and added mass: mass and I_z stay as in the file, added mass takes the rest.
     """
     base = StructuredModel.of(vessel)
     i = vessel.inertia
@@ -32,7 +35,7 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
     c["N_rdot_kg_m2"] = i.I_z_kg_m2 + i.mass_kg * (i.x_g_m**2 + i.y_g_m**2) - q[2]
     c["Y_rdot_kg_m"] = i.mass_kg * i.x_g_m - q[3]
     c |= {name: q[k] for k, name in enumerate(HULL) if k >= 4}
-    terms = {name: dict(given) for name, given in base.term_values.items()}
+    terms = {name: dict(values) for name, values in base.term_values.items()}
     free = fitted_terms(vessel) if q.numel() > N_HULL else ()
     for k, (name, p) in enumerate(free, N_HULL):
         terms[name][p.name] = q[k]
@@ -41,11 +44,12 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
 
 @dataclass(frozen=True)
 class CompiledModel:
-    """Functions of one vessel file for windows of `steps` steps, `windows` of them.
+    """Compiled functions of one vessel file for `windows` windows of `steps` steps.
 
-    d: latent acceleration (3,) of a window, added to nu_dot.
-    rollout  (x0, [p d], tau at start, middle and end of each step, h) -> x after each step
-    rates    (x, p, tau, d) -> d(x_dot)/dx (6 x 6, column by column), d(nu_dot)/d[p tau] (3 x (12 + terms + 3)), nu_dot
+    p: inertia, damping and fitted terms, (12 + terms,), in file units.
+
+    rollout  x0, [p d], tau at start, middle and end of each step (9,), h -> x after each step, by Runge-Kutta 4
+    rates    x, p, tau, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p tau] (3, 12 + terms + 3), columns stacked; nu_dot
     """
 
     rollout: Rollout
@@ -55,7 +59,7 @@ class CompiledModel:
 
 
 def compile_model(vessel: VesselFile, steps: int, windows: int) -> CompiledModel:
-    """Build both functions for a problem of the given size."""
+    """Compile both functions for a problem of the given size."""
     size = N_HULL + len(fitted_terms(vessel))
     x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
     model = symbolic_model(vessel, p)

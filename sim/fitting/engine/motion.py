@@ -1,9 +1,17 @@
-"""Trajectories of all windows from nodes and parameters, and how they change with both.
+"""Trajectories of all windows from nodes and parameters, with what their sensitivities need.
 
-Within a window the boat moves by the model alone, from its node z_w under the commands plus a latent acceleration.
-Sensitivities (`rows.sensitivities`) follow the trajectory with the exact Jacobians A of the model at each step. Their
-own error is below 1e-4: beside exact derivatives (`peer_casadi`) all estimates end within 0.01 standard errors; dead
-time and lag, whose force is taken as it is within a step, within 0.17.
+Within a window the boat moves by the model alone, from the state of its node z_w, under the commanded forces and the
+latent acceleration d_w of the node:
+
+    x_dot = [R(psi) nu;  nu_dot(x, q, tau(t; q)) + d_w],    x(t_w) = z_w[STATE],    tau = B diag(gain) f(t; t_d, T_lag)
+
+The sensitivities S = dx/d[x0, d, q] follow the variational equation along the trajectory,
+
+    S_dot = A S + [0; d(nu_dot)/dq],    A = d(x_dot)/dx                      (`jacobian_rows.sensitivities`)
+
+so this module computes A and the partial derivatives d(nu_dot)/dq at every step. The error of the integrated S is below
+1e-4: against exact derivatives (`sim.studies.peers`) all estimates end within 0.01 standard errors; dead time and lag,
+whose force varies within a step, within 0.17.
 """
 
 from __future__ import annotations
@@ -23,9 +31,13 @@ from sim.fitting.engine.windows import Windows
 
 @dataclass(frozen=True)
 class WindowMotion:
-    """All windows: x (W, K+1, 6), nu_dot (.., 3), A = d(x_dot)/dx (.., 6, 6), and what parameters change of nu_dot.
+    """Trajectories of all windows, at the W x (K + 1) instants of `Windows.t_s`.
 
-    Those that move the boat (`Parameters.moving`): all up to the lag, then trims, azimuths, curves and terms.
+    x        (W, K+1, 6) states [m, m, rad, m/s, m/s, rad/s]
+    nu_dot   (W, K+1, 3) accelerations in body axes, latent acceleration included
+    A        (W, K+1, 6, 6) d(x_dot)/dx
+    pushes   d(nu_dot)/dq for the parameters that move the boat (`Parameters.moving`): all up to the lag, then trims,
+             azimuths, curves and terms
     """
 
     x: np.ndarray
@@ -43,7 +55,8 @@ class WindowIntegrator:
     compiled: CompiledModel
 
     def __call__(self, q: np.ndarray, z: np.ndarray) -> WindowMotion:
-        """Trajectories at parameters q (P,) and nodes z (W, L)."""
+        """Trajectories at parameters q (P,) in file units and nodes z (W, L)."""
+        # 1. Forces of the thrusters, and the body force tau = B diag(gain) f at the start, middle and end of each step.
         W, K = self.windows.size
         parameters = self.parameters
         B, B_turn = self._configuration(q)
@@ -53,15 +66,19 @@ class WindowIntegrator:
         f, adjust, f_dead, f_lag = f[..., :n], f[..., n:], f_dead[..., :n], f_lag[..., :n]
         tau, tau_mid, d = f @ share, f_mid[..., :n] @ share, z[:, LATENT]
         taus = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
+        # 2. Trajectories.
         p = np.append(q[:N_HULL], q[parameters.terms])
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
         constants = np.hstack([np.tile(p, (W, 1)), d])
         x[:, 1:] = self.compiled.rollout(z[:, STATE], constants, taus, self.windows.h_s[:, :, None])
+        # 3. Jacobians of the model at all instants: A, d(nu_dot)/dp and d(nu_dot)/dtau = M^-1.
         nodes = W * (K + 1)
         d_all = np.repeat(d, K + 1, axis=0)
         A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), tau.reshape(-1, 3), d_all)
         G = G.reshape(W, K + 1, len(p) + 3, 3).swapaxes(2, 3)
+        # 4. d(nu_dot)/dq in the order of `Parameters.moving`: hull, gains, dead time, lag, trims, azimuths, curves,
+        #    terms. Thruster parameters act through tau: d(nu_dot)/dq = M^-1 dtau/dq.
         M_inv = G[0, 0, :, len(p) :]
         changes = [f[..., None, :] * (M_inv @ B), _turned(f_dead, share @ M_inv.T), _turned(f_lag, share @ M_inv.T)]
         able = list(adjustable(parameters.vessel))
@@ -71,24 +88,27 @@ class WindowIntegrator:
             changes += [f[..., None, able] * (M_inv @ (B_turn * gain)[:, able])]
             changes += [(adjust[..., None, count:] * each) @ parameters.curve_of]
         changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
+        # 5. What a second of dead time adds to nu over each step: M^-1 (tau at its start - tau at its end).
         late = _turned(tau[:, :-1] - tau[:, 1:], M_inv.T)[..., 0]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()
         return WindowMotion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
 
     def _late(self, nodes: np.ndarray, late: np.ndarray) -> AccelerationPartials:
-        """`late` (W, K, 3): what a second of dead time adds to nu over a step, exactly.
+        """The partial derivatives, with that to the dead time corrected between the steps.
 
-        At the steps alone d(nu_dot) would not tell, it jumps with the commands.
+        `nodes` (W, K+1, 3, P): d(nu_dot)/dq at the steps. `late` (W, K, 3): the exact integral of d(nu_dot)/dt_d over
+        each step. That derivative jumps with every command, so the mean of its values at both ends misses the integral;
+        the bump in the middle of the step makes up the difference.
         """
         dead = self.parameters.thrusters.stop
         ends = (nodes[:, :-1, :, dead] + nodes[:, 1:, :, dead]) / 2
         h_s = self.windows.h_s[..., None]
-        mean = np.divide(late, h_s, out=np.zeros_like(late), where=h_s > 0)  # short windows end in steps of no length
+        mean = np.divide(late, h_s, out=np.zeros_like(late), where=h_s > 0)  # short windows end in steps of length 0
         bump = (mean - ends) / MIDDLE[0]
         return AccelerationPartials(nodes, bump[..., None], np.array([dead]))
 
     def _configuration(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """B (3, n) and what a degree of azimuth adds to each column."""
+        """B (3, n), thrusters' azimuths as in q, and its derivative by each thruster's azimuth [1/deg], (3, n)."""
         x, y, a = self.parameters.vessel.positions.T
         able = list(adjustable(self.parameters.vessel))
         a[able] = np.deg2rad(q[self.parameters.azimuths])
@@ -96,9 +116,10 @@ class WindowIntegrator:
         return np.vstack([c, s, x * s - y * c]), np.deg2rad(np.vstack([-s, c, x * c + y * s]))
 
     def _thrust(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Unit-gain forces at nodes (W, K+1, n + 2 a), at the middles (W, K, ..), d/d dead time and d/d lag at nodes.
+        """Forces at a gain of one [N]: at the steps (W, K+1, n + 2 a), at their middles (W, K, n + 2 a); then the
 
-        The 2 a columns beyond the thrusters': d/d trim and d/d curve of the adjustable ones.
+        derivatives by dead time and by lag at the steps [N/s]. The 2 a columns behind the n thrusters are derivatives
+        of the a adjustable ones by trim [N/us] and by curve [N].
         """
         at = self.parameters.thrusters.stop
         pitch = q[self.parameters.trims], np.zeros(0)
@@ -115,5 +136,5 @@ class WindowIntegrator:
 
 
 def _turned(values: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """values (W, K, n) times `by` (n, 3), as one column (W, K, 3, 1): one product for all, not one a window."""
+    """values (W, K, n) times `by` (n, 3) as columns (W, K, 3, 1): one matrix product for all windows."""
     return (values.reshape(-1, len(by)) @ by).reshape(*values.shape[:2], 3, 1)

@@ -1,11 +1,15 @@
-"""Sensor noise of the fit: white noise per sample, and what drifts slowly, as one node value per window.
+"""Sensor noise of the fit: white noise of each sample, and slow errors as unknowns of each window's node.
 
-    psi = psi_true + offset + wander + white      wander: Gauss-Markov, changing within a window too
-    r, a_x, a_y = true + bias + white             bias: random walk from node to node
-    fix = tag + white
+    psi         = psi_true + offset + wander + white    wander: first-order Gauss-Markov, also within a window
+    r, a_x, a_y = true + bias + white                   bias: random walk from node to node, constant in a window
+    position    = tag + white
 
-The latent acceleration, Gauss-Markov from node to node and constant within a window, is what the model leaves out. As a
-force it would favour light boats, for which the same force explains more.
+The latent acceleration d = [d_u d_v d_r] stands for what the model leaves out: nu_dot = model + d. It is constant
+within a window and first-order Gauss-Markov from node to node. It is an acceleration and no force, because a force of
+given size would explain more of the motion of a light boat and so bias the fit towards small inertia.
+
+Discretisation of a first-order Gauss-Markov process over a span T: decay exp(-T / tau), variance
+sigma^2 (1 - exp(-2 T / tau)); of a random walk: variance q^2 T.
 """
 
 from __future__ import annotations
@@ -18,15 +22,30 @@ from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.engine.kernels.windows import whiten_rows
 
 NODE = ("x", "y", "psi", "u", "v", "r", "d_u", "d_v", "d_r", "b_ax", "b_ay", "b_r", "wander", "offset")
+"""Unknowns of a node, in SI units: state, latent acceleration, sensor biases, slow errors of the heading."""
 STATE, LATENT, BIAS_AX, BIAS_AY, BIAS_R, WANDER, OFFSET = slice(0, 6), slice(6, 9), 9, 10, 11, 12, 13
 L = len(NODE)
 START_SIGMA = (10.0, 10.0, 1.0, 1.0, 1.0, 0.5)  # x y psi u v r at the start of a run: as good as unknown
-TIE_SIGMA = (5e-4, 5e-4, 1e-4, 5e-4, 5e-4, 2e-4)  # what a state may jump per sqrt(s): integration and command rounding
+TIE_SIGMA = (5e-4, 5e-4, 1e-4, 5e-4, 5e-4, 2e-4)
+"""Jump of x y psi u v r from one window to the next that counts as one sigma, per sqrt(s); assumed.
+
+It stands for errors of the integration and for the rounding of command times.
+"""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """One sigma each. `white`: psi [rad], r [rad/s], a_x, a_y; `latent`: u_dot, v_dot, r_dot [m/s^2, rad/s^2]."""
+    """Standard deviations of the sensor errors and of the latent acceleration.
+
+    white          of each sample: psi [rad], r [rad/s], a_x, a_y [m/s^2]
+    fix_m          of each position, per axis [m]
+    wander_rad     of the heading's wander [rad], correlated over `wander_time_s` [s]
+    bias           at the start of a run: a_x, a_y [m/s^2], r [rad/s]
+    walk           of the biases' random walk: the same units per sqrt(s)
+    offset_rad     of the heading's constant error [rad]
+    latent         of the latent acceleration u_dot, v_dot [m/s^2], r_dot [rad/s^2], correlated over `latent_time_s` [s]
+    slack          factor on `TIE_SIGMA`: above 1 while a fit is far from its solution
+    """
 
     white: tuple[float, float, float, float]
     fix_m: float
@@ -40,11 +59,14 @@ class Noise:
     slack: float = 1.0  # times TIE_SIGMA
 
     def node_start(self) -> np.ndarray:
-        """Sigma of a node that opens a run, shape (L,)."""
+        """Prior sigma of a node that opens a run, (L,), in the order of `NODE`."""
         return np.array([*START_SIGMA, *self.latent, *self.bias, self.wander_rad, self.offset_rad])
 
     def tie(self, span_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Decay and sigma from one node to the next after `span_s`, shapes (W, L); states decay by the model."""
+        """Transition from nodes to the next ones `span_s` (T,) later: decay factor and sigma of the noise, (T, L) each.
+
+        The decay of the states is 1 here: they follow the model.
+        """
         span = span_s[:, None]
         decay, sigma = np.ones((len(span_s), L)), np.full((len(span_s), L), 1e-6)
         sigma[:, STATE] = self.slack * np.array(TIE_SIGMA) * np.sqrt(span)
@@ -59,7 +81,7 @@ class Noise:
 
 
 def noise_of(vessel: VesselFile) -> Noise:
-    """Noise as the vessel file's sensor tables have it."""
+    """Noise as stated in the sensor tables of the vessel file; no latent acceleration."""
     imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
     accel, gyro = imu.accel_sigma_m_s2, imu.gyro_sigma_rad_s
     a_walk, g_walk = imu.accel_bias_walk_m_s2_sqrt_s, imu.gyro_bias_walk_rad_s_sqrt_s
@@ -74,9 +96,10 @@ def noise_of(vessel: VesselFile) -> Noise:
 
 
 def whiten(rows: np.ndarray, known: np.ndarray, h_s: np.ndarray, noise: Noise) -> np.ndarray:
-    """Heading rows (W, K, C) as innovations of unit variance: white noise plus wander that starts from the node's.
+    """Heading rows (W, K, C) as innovations of unit variance; the noise is white plus the wander since the node.
 
-    Scalar Kalman filter per window; its gains do not depend on the rows, so residual and Jacobian pass it alike.
+    A scalar Kalman filter over each window predicts the wander from the rows before; what is left is white. Its gains
+    depend on `known` (W, K) and the steps `h_s` (W, K) alone, so residuals and Jacobian columns pass it alike.
     """
     out = rows[:, :, None].copy()
     whiten_rows(out, 0, known, h_s, noise.white[0], noise.wander_rad, noise.wander_time_s)

@@ -1,10 +1,10 @@
-"""What is estimated of a boat, within which physical limits, and what is believed beforehand.
+"""The parameters of the fit: what is estimated of a boat, within which physical limits, with which priors.
 
-Two sets of numbers describe the same boat:
+Two vectors of P numbers describe the same boat:
 
-    q   file units and signs: M11 M22 M33 M23 | X_u Y_v N_r Y_r N_v X_uu Y_vv N_rr | gains | t_d T_lag |
-        latency arm | warp | trims | azimuths | curves | terms
-    w   free of limits: any w gives positive inertia, positive damping, so a model whose free motion loses energy
+    q   in the vessel file's units and signs: M11 M22 M33 M23 | X_u Y_v N_r Y_r N_v X_uu Y_vv N_rr | gains |
+        t_d T_lag | latency arm | warp | trims | azimuths | curves | terms
+    w   unconstrained: every w gives positive definite inertia and damping, so a free motion that loses energy
 
     M11, M22, M33 = e^w,  M23 = sqrt(M22 M33) tanh w            M > 0
     X_u, Y_v, N_r, X_uu, Y_vv, N_rr = -e^w                      damping > 0
@@ -13,11 +13,10 @@ Two sets of numbers describe the same boat:
     latency, arm, warp, trims, azimuths = w;  curves = tanh w   force rises with the command
     terms' parameters: e^w or -e^w where their bounds allow one sign only, else w
 
-Trim and azimuth are free where a thruster has a pitch map (blades are set by linkages), and that map's curve; of the
-terms in the vessel file those parameters that the registry calls fitted.
-The warp is what range biases and surveying leave of the positions: measured = p + W (p - middle), W 2 x 2.
-Mass and added mass enter the motion only through M: the file's mass and I_z cannot be told from a run.
-Every w has a normal prior round the vessel file's value.
+Trim, azimuth and curve are estimated for thrusters with a pitch map (blades set by linkages); of the terms in the
+vessel file those parameters that the registry marks as fitted. The warp W (2 x 2) models how range biases and surveying
+errors bend the positions: measured = p + W (p - middle). Mass and added mass enter the motion only through M: motion
+cannot separate them. Every w has a normal prior around the vessel file's value.
 """
 
 from __future__ import annotations
@@ -48,19 +47,19 @@ DAMPING = (
 HULL = INERTIA + DAMPING
 SENSORS = ("uwb_latency_s", "tag_x_m", "tag_y_m")
 WARP = ("warp_nn", "warp_ne", "warp_en", "warp_ee")
-REACH_M = 10.0  # biases of anchors change over such distances: a third of the basin
-_LOG = (0, 1, 2, 4, 5, 6, 9, 10, 11)  # hull entries with a logarithm
-_M23, _SUM, _DIFF = 3, 7, 8
-EITHER_SHARE = 0.02  # of a term's bounds: sigma of a parameter that may have either sign; assumed
-LEAST_TERM = 1e-3  # of a parameter of one sign that the file has at nil: a start nevertheless
+REACH_M = 10.0  # distance over which biases of anchors change: a third of the basin
+_LOG = (0, 1, 2, 4, 5, 6, 9, 10, 11)  # entries of HULL whose w is a logarithm
+_M23, _SUM, _DIFF = 3, 7, 8  # entries of w for M23, Y_r + N_v, Y_r - N_v
+EITHER_SHARE = 0.02  # prior sigma of a parameter that may have either sign, as a share of its bounds; assumed
+LEAST_TERM = 1e-3  # start of a parameter of one sign that is 0 in the file, whose logarithm would be infinite
 
 
 @dataclass(frozen=True)
 class PriorSigmas:
-    """One sigma of each prior; of logarithms (shares) where the quantity is positive. All assumed.
+    """Standard deviation of each prior of w; of the logarithm, a share, where the quantity is positive. All assumed.
 
-    `gain`: single T200 and ESCs differ by a few per cent from the manufacturer's table. It alone says how large forces
-    are in newtons: motion shows forces only relative to inertia.
+    `gain`: single T200 and ESCs differ by a few per cent from the manufacturer's table. This prior alone sets the scale
+    of forces in newtons: motion shows forces only relative to inertia.
     """
 
     hull: float = 0.5
@@ -77,26 +76,27 @@ class PriorSigmas:
 
 
 def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, LoadParameter], ...]:
-    """Term and parameter of all that a fit of this vessel estimates of its terms."""
+    """Name of the term and parameter, for every parameter of the vessel's terms that a fit estimates."""
     return tuple((name, p) for name in vessel.terms for p in REGISTRY[name].parameters if p.fitted)
 
 
 def pitch_maps(vessel: VesselFile) -> tuple[str, ...]:
-    """Names of the pitch maps in use."""
+    """Names of the pitch maps that the thrusters use, sorted."""
     return tuple(sorted({vessel.thrusters[i].force_map for i in adjustable(vessel)}))
 
 
 def adjustable(vessel: VesselFile) -> tuple[int, ...]:
-    """Thrusters whose trim and azimuth a fit estimates, by index."""
+    """Indices of the thrusters whose trim and azimuth a fit estimates: those with a pitch map."""
     maps = [vessel.force_maps[t.force_map] for t in vessel.thrusters]
     return tuple(i for i, m in enumerate(maps) if isinstance(m, PitchMap))
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Names, prior and the maps between w and q for one vessel file.
+    """Names, priors and the maps between w and q for one vessel file.
 
     `overrides`: name -> (centre in file units or None for the file's value, sigma of w). A sigma of 0 fixes it.
+    The slices below are places in q and w alike.
     """
 
     vessel: VesselFile
@@ -105,7 +105,7 @@ class Parameters:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Parameters in the order of q and w."""
+        """Names of the P parameters, in the order of q and w."""
         gains = tuple(f"gain_{t.name}" for t in self.vessel.thrusters)
         able = [self.vessel.thrusters[i].name for i in adjustable(self.vessel)]
         trims = tuple(f"trim_{name}_us" for name in able)
@@ -116,59 +116,59 @@ class Parameters:
 
     @property
     def thrusters(self) -> slice:
-        """Where the gains are in q."""
+        """Gains of all n thrusters."""
         return slice(len(HULL), len(HULL) + len(self.vessel.thrusters))
 
     @cached_property
     def warp(self) -> slice:
-        """Where the warp is in q."""
+        """Entries of the warp W, by row."""
         first = self.names.index(WARP[0])
         return slice(first, first + len(WARP))
 
     @cached_property
     def trims(self) -> slice:
-        """Where the trims are in q [us], in the order of `adjustable`."""
+        """Trims [us], in the order of `adjustable`."""
         return slice(self.warp.stop, self.warp.stop + len(adjustable(self.vessel)))
 
     @cached_property
     def azimuths(self) -> slice:
-        """Where the azimuths are in q [deg], in the order of `adjustable`."""
+        """Azimuths [deg], in the order of `adjustable`."""
         return slice(self.trims.stop, 2 * self.trims.stop - self.trims.start)
 
     @cached_property
     def curves(self) -> slice:
-        """Where the curves are in q, in the order of `pitch_maps`."""
+        """Curves of the pitch maps, in the order of `pitch_maps`."""
         return slice(self.azimuths.stop, self.azimuths.stop + len(pitch_maps(self.vessel)))
 
     @cached_property
     def curve_of(self) -> np.ndarray:
-        """Which of the curves each adjustable thruster has, as rows of a matrix, (a, curves)."""
+        """Selection matrix (a, curves): row i is 1 at the curve of the i-th adjustable thruster."""
         maps, able = pitch_maps(self.vessel), adjustable(self.vessel)
         return np.array([[self.vessel.thrusters[i].force_map == m for m in maps] for i in able], dtype=float)
 
     @cached_property
     def terms(self) -> slice:
-        """Where the terms' parameters are in q, in the order of `fitted_terms`."""
+        """Parameters of the terms, in the order of `fitted_terms`."""
         return slice(self.curves.stop, len(self.names))
 
     @property
     def extras(self) -> int:
-        """How many parameters of the motion come after the warp."""
+        """Number of parameters behind the warp: trims, azimuths, curves, terms."""
         return len(self.names) - self.warp.stop
 
     @cached_property
     def moving(self) -> np.ndarray:
-        """Which parameters move the boat: not those of where and when its position is seen."""
+        """Indices of the parameters that change the motion: all but latency, place and warp of the position sensor."""
         return np.r_[0 : self.thrusters.stop + 2, self.warp.stop : len(self.names)]
 
     @cached_property
     def _gain_signs(self) -> np.ndarray:
-        """1, -1 (a reversed thruster) or 0 (a dead one), shape (n,)."""
+        """Sign of each gain (n,): 1, -1 for a reversed thruster, 0 for a dead one."""
         return np.sign([t.gain for t in self.vessel.thrusters])
 
     @cached_property
     def _term_signs(self) -> np.ndarray:
-        """1, -1 or 0 (either) for each of the terms' parameters."""
+        """Sign that the bounds of each term's parameter allow: 1, -1, or 0 for either."""
         return np.array([np.sign(p.lower + p.upper) * (p.lower * p.upper >= 0) for _, p in fitted_terms(self.vessel)])
 
     @cached_property
@@ -197,15 +197,15 @@ class Parameters:
         )
 
     def file_units(self, w: np.ndarray) -> np.ndarray:
-        """q of w, shape (P,)."""
+        """q (P,) of w (P,)."""
         return self._maps[0](w).full().ravel()
 
     def jacobian(self, w: np.ndarray) -> np.ndarray:
-        """dq/dw, shape (P, P)."""
+        """dq/dw, (P, P)."""
         return self._maps[1](w).full()
 
-    def free(self, q: np.ndarray) -> np.ndarray:
-        """w of q, shape (P,). Damping that is nil or has the wrong sign becomes small, not nil."""
+    def unconstrained(self, q: np.ndarray) -> np.ndarray:
+        """w (P,) of q (P,). Damping that is zero or of the wrong sign becomes small and of the right sign."""
         w = np.array(q, dtype=float)
         linear = np.maximum(-q[4:7], 1e-3 * np.abs(q[4:7]).max() + 1e-9)
         d = np.concatenate([linear, np.maximum(-q[9:12], 0.02 * linear)])
@@ -222,7 +222,7 @@ class Parameters:
 
     @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and sigma of w, each (P,)."""
+        """Mean and standard deviation of w, (P,) each. The overrides apply last."""
         q, s = file_values(self.vessel), self.sigmas
         sigma = np.full(len(q), s.hull)
         sigma[[_M23, _SUM]] = s.coupling
@@ -239,10 +239,10 @@ class Parameters:
             i = self.names.index(name)
             q[i] = q[i] if centre is None else centre
             sigma[i] = own
-        return self.free(q), np.maximum(sigma, 1e-6)
+        return self.unconstrained(q), np.maximum(sigma, 1e-6)
 
     def is_positive(self) -> np.ndarray:
-        """Which parameters keep their sign (their intervals are those of a logarithm), shape (P,)."""
+        """Mask (P,) of the parameters that keep their sign; their confidence intervals are those of a logarithm."""
         positive = np.zeros(len(self.names), dtype=bool)
         positive[list(_LOG)] = True
         positive[len(HULL) : self.thrusters.stop + 2] = True
@@ -251,7 +251,7 @@ class Parameters:
 
 
 def file_values(vessel: VesselFile) -> np.ndarray:
-    """q as the vessel file has it, shape (P,)."""
+    """q (P,) as stated in the vessel file."""
     M, D, d = mass_matrix(vessel), linear_damping(vessel), vessel.damping
     uwb, propulsion = vessel.sensors.uwb, vessel.propulsion
     hull = [M[0, 0], M[1, 1], M[2, 2], M[1, 2], -D[0, 0], -D[1, 1], -D[2, 2], -D[1, 2], -D[2, 1]]

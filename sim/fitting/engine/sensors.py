@@ -1,8 +1,13 @@
-"""What the sensors should say of a motion: residuals, whitened, and their derivatives to nodes and parameters.
+"""Measurement models of the fit: residuals (predicted minus measured, whitened) and their partial derivatives.
 
-Specific force at the IMU's place and motion of the tag: `companion.core.geometry.frames`. A position sample is older
-than its stamp by the latency; between steps the tag's path is taken to second order. Columns: node (L), then q (P) in
-file units.
+    heading          psi + offset + wander
+    yaw rate         r + b_r
+    specific force   at the IMU's place, as in `companion.core.estimation.process`, + b_ax, b_ay
+    position         p + R(psi) l_tag, taken at stamp - latency; bent by the warp W (`parameters`)
+
+A position sample falls between two steps. From the step at or before it, delta seconds earlier, the tag moves on by
+delta v + delta^2 / 2 a, with v and a in the body axes of that step. Columns of the rows: node (L), then q (P) in file
+units.
 """
 
 from __future__ import annotations
@@ -19,18 +24,18 @@ from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, L
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
 
-TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # omega x: of a unit yaw rate
+TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # cross product with a unit yaw rate: r TURN l = omega x l
 
 
 @dataclass(frozen=True)
 class ImuResiduals:
-    """Heading, yaw rate and specific force of all windows."""
+    """Heading, yaw rate and specific force of all windows. `arm_m`: IMU forward, starboard of the body origin."""
 
     windows: Windows
     arm_m: tuple[float, float]
 
     def residual(self, motion: WindowMotion, z: np.ndarray, noise: Noise) -> np.ndarray:
-        """Predicted minus measured, whitened, shape (W, K, 4); NaN where nothing was measured."""
+        """Predicted minus measured, whitened, (W, K, 4) in the order of `CHANNELS`; NaN where nothing was measured."""
         K = self.windows.size[1]
         x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
         psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
@@ -44,7 +49,7 @@ class ImuResiduals:
         return out
 
     def slopes(self, motion: WindowMotion) -> np.ndarray:
-        """What psi, r, a_x, a_y change with x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
+        """Partial derivatives of psi, r, a_x, a_y by x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
         W, K = self.windows.size
         u, v, r = (motion.x[:, :K, i] for i in (3, 4, 5))
         lx, ly = self.arm_m
@@ -63,13 +68,16 @@ class TagResiduals:
     parameters: Parameters
 
     def residual(self, path: TagPath, q: np.ndarray, noise: Noise) -> np.ndarray:
-        """Predicted minus measured place, whitened, shape (m, 2)."""
+        """Predicted minus measured position, north and east, whitened, (m, 2)."""
         place = path.x[:, :2] + path.turned(path.shift)
         warped = (place - self._middle) @ q[self.parameters.warp].reshape(2, 2).T
         return (place + warped - self.windows.fixes.place_m) / noise.fix_m
 
     def slopes(self, path: TagPath) -> np.ndarray:
-        """What places change with the state at the step before, (m, 2, 6); the warp's share of it is left out."""
+        """Partial derivatives of north and east by the state at the step before, (m, 2, 6).
+
+        The small factor (I + W) of the warp is left out.
+        """
         delta = path.delta_s
         C = np.zeros((len(delta), 2, 6))
         C[:, 0, 0] = C[:, 1, 1] = 1.0
@@ -79,7 +87,7 @@ class TagResiduals:
         return C
 
     def add_own(self, rows: np.ndarray, path: TagPath, scale: np.ndarray) -> None:
-        """Latency, arm and warp in rows (m, 2, L + P), times `scale` (m,)."""
+        """Write the derivatives by latency, lever arm and warp into `rows` (m, 2, L + P), times `scale` (m,)."""
         at, warp, by = L + self.parameters.thrusters.stop + 2, L + self.parameters.warp.start, scale[:, None]
         delta = path.delta_s
         rows[:, :, at] = -by * path.turned(path.velocity + delta * path.gain)

@@ -1,13 +1,17 @@
-"""Rauch-Tung-Striebel smoother over kinematics alone: position, velocity, acceleration and biases from a whole log.
+"""Rauch-Tung-Striebel smoother of kinematics: position, velocity, acceleration and sensor biases from a whole log.
 
-    yaw    [psi r r_dot b_g]          z = psi,  z = r + b_g                         r_dot: random walk
-    plane  [p v a b] each (2,)        z = p + R(psi) l_tag  at its stamp - latency,
-                                      z = R(psi)^T a + b + (lever arm of the IMU)   a (NED): random walk
+Two linear Kalman filters with their smoothers (Sarkka, Bayesian Filtering and Smoothing), one after the other:
+
+    stage  state                      measurements                                  process
+    yaw    [psi r r_dot b_g]          psi,  r + b_g                                 r_dot, b_g: random walks
+    plane  [p v a b], (2,) each, NED  p + R(psi) l_tag  at stamp - latency          a, b: random walks
+                                      R(psi)^T a + b + (lever arm of the IMU)
+
     [u v] = R(psi)^T v,   u_dot = (R^T a)_x + v r,   v_dot = (R^T a)_y - u r
 
-No vessel model, so what comes out may be used to fit one. Both stages are linear (psi of the first enters the second as
-known, its variance only the result), so filterpy's Kalman filter and smoother do the work. Samples are averaged
-over one step of the grid around each instant, at their mean stamp. No rejection of outliers.
+There is no vessel model in it, so the result may be used to fit one. The second stage takes psi, r and r_dot of the
+first as known; the variance of psi enters only the covariance of the result. Samples are averaged over one step of the
+grid around each instant, at their mean stamp. No rejection of outliers.
 """
 
 from __future__ import annotations
@@ -26,17 +30,22 @@ if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
 
 RATE_HZ = 10.0
-"""Of the result; the paper's."""
-_START = {"v": 1.0, "a": 0.5, "r": 0.5, "r_dot": 0.5}  # sigmas before the first sample; assumed: any slow boat
+"""Rate of the result, as in the paper."""
+_START = {"v": 1.0, "a": 0.5, "r": 0.5, "r_dot": 0.5}  # sigmas before the first sample, SI units; assumed: a slow boat
 
 
 @dataclass(frozen=True)
 class SmootherNoise:
-    """One sigma of a sample each. `psi_offset_rad`: slow error of the heading, which no smoothing removes.
+    """Standard deviations, one sigma of each sample; lever arms and latency.
 
-    `jerk` [m/s^2.5], `yaw_jerk` [rad/s^2.5]: how fast accelerations wander, sqrt of the spectral density; chosen
-    once on simulated key-driven logs of the 1.47 m boat (least error of nu_dot, errors within their sigmas).
-    Arms: forward, starboard from the body origin [m]. `latency_s`: by how much positions are older than their stamp.
+    position_m .. accel_m_s2  white noise of the samples; position per axis
+    .._bias_.., .._walk       biases: sigma at the start, and of their random walk per sqrt(s)
+    jerk, yaw_jerk            random walk of the accelerations: root of its spectral density [m/s^2.5, rad/s^2.5].
+                              Chosen once on simulated key-driven logs of the 1.47 m boat (least error of nu_dot,
+                              errors within their sigmas)
+    psi_offset_rad            slow error of the heading, which smoothing cannot remove
+    tag_arm_m, imu_arm_m      forward, starboard of the body origin [m]
+    latency_s                 age of a position at its stamp
     """
 
     position_m: float
@@ -56,7 +65,7 @@ class SmootherNoise:
 
     @classmethod
     def of(cls, vessel: VesselFile) -> SmootherNoise:
-        """From a vessel file's sensors. Position: the range noise, taken as it is for each axis (assumed)."""
+        """From the sensors of a vessel file. The range noise is taken as the position noise of each axis (assumed)."""
         imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
         return cls(
             position_m=uwb.range_sigma_m,
@@ -76,9 +85,13 @@ class SmootherNoise:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """k instants `t_s`: `eta` [m, m, rad, unwrapped], `nu`, `nu_dot` (k, 3); `P` (k, 6, 6) of [x y psi u v r].
+    """Motion of the body origin at k instants.
 
-    `nu_dot_sigma` (k, 3); `bias` (k, 3): accelerometer x, y [m/s^2], gyroscope [rad/s].
+    t_s               (k,) [s]
+    eta, nu, nu_dot   (k, 3) NED position [m] and unwrapped heading [rad]; body velocities; body accelerations
+    P                 (k, 6, 6) covariance of [x y psi u v r]
+    nu_dot_sigma      (k, 3) standard deviation of nu_dot
+    bias              (k, 3) accelerometer x, y [m/s^2], gyroscope [rad/s]
     """
 
     t_s: np.ndarray
@@ -91,12 +104,12 @@ class Smoothed:
 
     @property
     def nu_sigma(self) -> np.ndarray:
-        """One sigma of [u v r], shape (k, 3)."""
+        """Standard deviation of [u v r], (k, 3)."""
         return np.sqrt(self.P[:, [3, 4, 5], [3, 4, 5]])
 
 
 def smooth(run: Run, noise: SmootherNoise, rate_hz: float = RATE_HZ) -> Smoothed:
-    """The run's motion on a grid of `rate_hz` from its first measurement on. ValueError without heading or position."""
+    """Smoothed motion on a grid of `rate_hz`, from the first measurement on. ValueError without heading or position."""
     t = run.measured_s()
     grid = t[0] + np.arange(int((t[-1] - t[0]) * rate_hz + 1e-9) + 1) / rate_hz
     yaw, P_yaw = _smooth_yaw(run, noise, grid)
@@ -107,7 +120,7 @@ def smooth(run: Run, noise: SmootherNoise, rate_hz: float = RATE_HZ) -> Smoothed
 
 @dataclass(frozen=True)
 class Binned:
-    """Mean of the samples around each of k instants: `z` (k, n), `delta_s` mean stamp less instant, `count` (k,)."""
+    """Means of the samples around k instants: `z` (k, n), mean stamp minus instant `delta_s` (k,), `count` (k,)."""
 
     z: np.ndarray
     delta_s: np.ndarray
@@ -115,7 +128,10 @@ class Binned:
 
 
 def binned(t_s: np.ndarray, values: np.ndarray, grid: np.ndarray) -> Binned:
-    """Samples (m,), (m, n) gathered at the nearest instant of a uniform grid; those beyond its ends are dropped."""
+    """Samples `values` (m,) or (m, n) averaged at the nearest instant of a uniform grid (k,).
+
+    Samples beyond its ends are dropped; an instant without samples has count 0 and z = 0.
+    """
     h = grid[1] - grid[0]
     at = np.rint((t_s - grid[0]) / h).astype(int)
     inside = (at >= 0) & (at < len(grid))
@@ -127,12 +143,12 @@ def binned(t_s: np.ndarray, values: np.ndarray, grid: np.ndarray) -> Binned:
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
-    """(m,) or (m, n) as (m, n), m may be 0."""
+    """(m,) or (m, n) as (m, n); m may be 0."""
     return values[:, None] if values.ndim == 1 else values
 
 
 def _smooth_yaw(run: Run, noise: SmootherNoise, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[psi r r_dot b_g], shape (k, 4), and its covariance (k, 4, 4)."""
+    """States [psi r r_dot b_g] (k, 4) at the grid (k,), and their covariances (k, 4, 4)."""
     t_psi, psi = unwrapped(run)
     if not len(psi):
         raise ValueError(f"{run.meta.source}: no heading (psi_rad) to smooth")
@@ -155,11 +171,11 @@ def _smooth_yaw(run: Run, noise: SmootherNoise, grid: np.ndarray) -> tuple[np.nd
             H = np.array([[0.0, 1.0, gyro.delta_s[i], 1.0]])
             kf.update(gyro.z[i], R=np.array([[noise.r_rad_s**2 / n]]), H=H)
 
-    return _both_ways(kf, len(grid), correct)
+    return _filter_and_smooth(kf, len(grid), correct)
 
 
 def _smooth_plane(run: Run, noise: SmootherNoise, grid: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[p v a b], shape (k, 8), and its covariance (k, 8, 8)."""
+    """States [p v a b] (k, 8) at the grid (k,), and their covariances (k, 8, 8). `yaw`: states of the first stage."""
     t_p, tag = run.samples("north_m", "east_m")
     if not len(tag):
         raise ValueError(f"{run.meta.source}: no position (north_m, east_m) to smooth")
@@ -192,24 +208,27 @@ def _smooth_plane(run: Run, noise: SmootherNoise, grid: np.ndarray, yaw: np.ndar
             H_a[:, 4:6] = R[i].T
             kf.update(z_accel[i], R=eye * noise.accel_m_s2**2 / n, H=H_a)
 
-    return _both_ways(kf, len(grid), correct)
+    return _filter_and_smooth(kf, len(grid), correct)
 
 
 def random_walk(h: float, density: float) -> tuple[np.ndarray, np.ndarray]:
-    """F and Q, (3, 3), of [position speed acceleration] with white noise of `density` squared on the jerk."""
+    """F and Q (3, 3) of [position velocity acceleration] over `h` [s]: white jerk of spectral density `density`^2."""
     F = np.array([[1, h, h * h / 2], [0, 1, h], [0, 0, 1]])
     Q = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h * h / 2], [h**3 / 6, h * h / 2, h]])
     return F, density**2 * Q
 
 
-def _kalman_filter(states: int, readings: int) -> KalmanFilter:
-    from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - slow: all of scipy.stats comes with it
+def _kalman_filter(states: int, measurements: int) -> KalmanFilter:
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - slow to import: it brings all of scipy.stats
 
-    return KalmanFilter(dim_x=states, dim_z=readings)
+    return KalmanFilter(dim_x=states, dim_z=measurements)
 
 
-def _both_ways(kf: KalmanFilter, k: int, correct) -> tuple[np.ndarray, np.ndarray]:
-    """Filter forwards over k instants, smooth backwards: states (k, n), covariances (k, n, n)."""
+def _filter_and_smooth(kf: KalmanFilter, k: int, correct) -> tuple[np.ndarray, np.ndarray]:
+    """Kalman filter forwards over k instants, RTS smoother backwards: states (k, n), covariances (k, n, n).
+
+    `correct(i)` applies the measurements at instant i to `kf`.
+    """
     n = len(kf.x)
     x, P = np.empty((k, n)), np.empty((k, n, n))
     for i in range(k):
@@ -222,7 +241,7 @@ def _both_ways(kf: KalmanFilter, k: int, correct) -> tuple[np.ndarray, np.ndarra
 
 
 def _combined(grid: np.ndarray, yaw: np.ndarray, P_yaw: np.ndarray, plane: np.ndarray, P_plane: np.ndarray) -> Smoothed:
-    """Both stages in body axes; the heading's variance carried into u, v."""
+    """Both stages in body axes; covariance of [x y psi u v r]: G P G^T, with the heading's variance in u and v."""
     k, R = len(grid), R2(yaw[:, 0])
     body = np.einsum("kji,kj->ki", R, plane[:, 2:4])
     accel = np.einsum("kji,kj->ki", R, plane[:, 4:6])

@@ -1,5 +1,7 @@
 """Which part of which log is fitted and which is held out, and whether the logs can be used at all.
 
+Rules, the first that applies:
+
 logs named to be held out   every other log is fitted whole
 alternate blocks of S s     the first, third .. of each log are fitted, the second, fourth .. held out
 neither                     the last quarter of each log is held out, 20 s at least
@@ -22,12 +24,12 @@ LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 
 
 class JobError(ValueError):
-    """Logs and vessel file do not make a job: which log, what of it, and what would help."""
+    """Logs and vessel file cannot be used together. The text names the log, what is wrong with it, and a remedy."""
 
 
 @dataclass(frozen=True)
 class NamedLog:
-    """One log by the name that its user gave it."""
+    """One log under the name by which its user knows it."""
 
     name: str
     run: Run
@@ -35,7 +37,7 @@ class NamedLog:
 
 @dataclass(frozen=True)
 class LogUse:
-    """What became of one log: intervals [s] on its own clock."""
+    """How one log is used: intervals [s] on its own clock that are fitted, and that are held out."""
 
     log: NamedLog
     fitted_s: tuple[Interval, ...]
@@ -44,7 +46,7 @@ class LogUse:
 
 @dataclass(frozen=True)
 class Split:
-    """`fitted`: runs to fit on; `held_out`: what to judge on; `used`: the same by log; `rule`: in words."""
+    """`fitted`: runs to fit; `held_out`: what models are judged on; `used`: the same by log; `rule`: as a sentence."""
 
     fitted: tuple[Run, ...]
     held_out: tuple[HeldOut, ...]
@@ -96,11 +98,13 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
 
 
 def _all(log: NamedLog) -> Interval:
+    """From its first row to its last."""
     t_s = log.run.table["t_s"]
     return float(t_s[0]), float(t_s[-1])
 
 
 def _long(log: NamedLog, least_s: float, what: str) -> NamedLog:
+    """The log. Raises JobError where it is shorter than `least_s`, the least for the purpose `what`."""
     if log.run.duration_s < least_s:
         raise JobError(f"{log.name}: {log.run.duration_s:.1f} s; {least_s:g} s are the least {what}")
     return log

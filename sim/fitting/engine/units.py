@@ -1,4 +1,4 @@
-"""Units of parameters, from their names."""
+"""Units of the fit's parameters, read from the end of their names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNITS = {
     "_s": "s",
     "_m": "m",
 }
-"""By the end of a name; longer ends before those that they end in."""
+"""Ending of a name -> unit. An ending stands before every shorter one that it ends in: the first match counts."""
 
 
 def unit_of(name: str) -> str:

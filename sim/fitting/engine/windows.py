@@ -1,7 +1,15 @@
-"""Runs cut into windows that can be integrated side by side: stamps, measurements, position fixes, commands.
+"""Logs cut into windows that can be integrated side by side: stamps, measurements, position fixes, commands.
 
-Time steps are the data's own stamps (heading, yaw rate, specific force), with more put in where they lie further than
-`MAX_STEP_S` apart. All windows have the same number of steps; what a window does not need has h = 0.
+The fit is a multiple-shooting problem. Window w of W begins at a node: the state there is an unknown of the fit, and
+the model carries it over K steps to the end of the window.
+
+    run      |----- window 0 -----|----- window 1 -----|---  ..
+    node     z_0                  z_1                  z_2
+    steps    t_0 t_1 t_2 ..  t_K  t_0 ..
+
+The steps are the stamps of the inertial data (heading, yaw rate, specific force), with more put in between wherever two
+stamps are further apart than `MAX_STEP_S`. All windows have K steps, so that they fit into one array; a window with
+fewer stamps ends in steps of length 0. Positions are no steps: they are compared between them (`sensors`).
 """
 
 from __future__ import annotations
@@ -21,21 +29,22 @@ from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustCommands
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
+"""Columns of the measurements `Windows.y`; their indices follow."""
 PSI, RATE, SURGE, SWAY = range(4)
 MAX_STEP_S = 0.05  # yaw, the fastest motion, has a time constant of about 2 s, thrusters 0.1 s
-LEVEL_S = 0.3  # roll and pitch are averaged over so long before they level specific force: their noise would add to it
-SETTLE_S = 1.0  # after the first command: what the thrusters did before is not in the log, and forgotten by then
-EDGE_S = 0.5  # fixes so near an end of a run are left out, whatever the latency turns out to be
+LEVEL_S = 0.3  # roll and pitch are averaged over this time before they level specific force: less of their noise in it
+SETTLE_S = 1.0  # left out after the first command: thrust from before the log has decayed by then
+EDGE_S = 0.5  # fixes this close to an end of a run are left out, so that no latency moves them out of the run
 LEAST_FIXES = 4
 
 
 class StructuredFitError(ValueError):
-    """A run cannot be fitted: which, and why."""
+    """A run cannot be fitted. The text names the run and the reason."""
 
 
 @dataclass(frozen=True)
 class Fixes:
-    """Position samples: stamp [s], north and east [m], shape (m, 2), and the run they are of."""
+    """Position samples of all runs: `t_s` (m,) stamps, `place_m` (m, 2) north and east of the tag, `run` (m,) index."""
 
     t_s: np.ndarray
     place_m: np.ndarray
@@ -44,11 +53,22 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Windows:
-    """All runs, cut up. W windows of K steps; window w of run `run[w]` begins at node w.
+    """All runs, cut into W windows of K steps; window w begins at node w.
 
-    t_s (W, K + 1), h_s (W, K), y (W, K, 4) by CHANNELS with NaN where nothing was measured, first (W,): the window
-    that opens a run. By run: `commands`, `spans` (slice of windows), `grids` (t_s of all steps, start index of each
-    window), `around_s` (w, K + 1, n: what is measured at a node is a mean of samples so far from it).
+    By window:
+    t_s       (W, K + 1) stamps of the steps [s], on the clock of the run
+    h_s       (W, K) step lengths [s], 0 beyond the end of a short window
+    y         (W, K, 4) measurements in the order of `CHANNELS`, NaN where nothing was measured
+    run       (W,) index of the run
+    first     (W,) whether the window opens a run (then its node has a prior instead of a predecessor)
+
+    By run, one entry each:
+    commands  steady thruster forces over time
+    spans     slice of its windows
+    grids     stamps of all its steps (k,), and the index of the first step of each window
+    around_s  (w, K + 1, n) offsets [s] of the n samples that were averaged into the measurement at that instant
+
+    `fixes`: the position samples of all runs.
     """
 
     t_s: np.ndarray
@@ -64,11 +84,11 @@ class Windows:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Windows W and steps K."""
+        """Number of windows W, and of steps K in each."""
         return self.h_s.shape[0], self.h_s.shape[1]
 
     def before(self, when_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Window and step before the instants (m,) at which the fixes were taken."""
+        """Index of the window and of the step at or before `when_s` (m,), the times at which the fixes were taken."""
         w, k = np.empty(len(when_s), dtype=int), np.empty(len(when_s), dtype=int)
         for i, (span, (t, starts)) in enumerate(zip(self.spans, self.grids, strict=True)):
             mine = self.fixes.run == i
@@ -78,18 +98,24 @@ class Windows:
         return w, k
 
     def tied(self) -> tuple[np.ndarray, np.ndarray]:
-        """Windows that another of the same run follows (T,), and how long each lasts [s] (T,)."""
+        """Windows (T,) that are followed by another of the same run, and their duration [s] (T,).
+
+        Between such a window and the next the fit has a continuity condition, a tie.
+        """
         at = np.flatnonzero(~np.append(self.first[1:], True))
         return at, self.t_s[at, -1] - self.t_s[at, 0]
 
     def within(self, span: slice, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Middles of the steps of some windows (w, K), and those of `count` parts of them, relative (w, K, count)."""
+        """Midpoints of the steps of the windows in `span` [s] (w, K), and instants relative to them (w, K, count).
+
+        The latter are the midpoints of `count` equal parts of each step: a mean over them is a mean over the step.
+        """
         h_s = self.h_s[span]
         parts = (np.arange(count) + 0.5) / count - 0.5
         return self.t_s[span, :-1] + h_s / 2, h_s[..., None] * parts
 
     def samples(self) -> int:
-        """How many instants carry a measurement of heading, rate or force."""
+        """Number of instants at which heading, yaw rate or specific force was measured."""
         return int(np.isfinite(self.y).any(axis=2).sum())
 
 
@@ -103,17 +129,23 @@ def cut_windows(
     max_step_s: float = MAX_STEP_S,
     means: Sequence[Decimated] = (),
 ) -> Windows:
-    """Runs as windows of about `window_s`. Raises StructuredFitError for a run without heading or position.
+    """Windows of about `window_s` [s] from all runs. Raises StructuredFitError for a run without heading or position.
 
-    Not `tied`: every window opens a run of its own. `offsets_s`: each run is cut once for each, begun so much later.
-    Steps are at most `max_step_s` long. `means`: what the samples of each run are means of.
+    tied        neighbouring windows of a run are tied by continuity; False: every window stands for itself
+    offsets_s   each run is cut once for each offset, beginning that much later: overlapping windows
+    max_step_s  longest step of integration
+    means       by run: of which samples its measurements are means (`decimate`)
     """
     if not runs:
         raise StructuredFitError("no run to fit")
+
+    # 1. Steps, measurements and window starts of each run at each offset.
     runs = [calibrated(run, vessel) for run in runs]
     laid = [(run, offset) for run in runs for offset in offsets_s]
     pieces = [_grid(run, window_s, offset, max_step_s) for run, offset in laid]
     runs = [run for run, _ in laid]
+
+    # 2. All windows have as many steps as the longest; beyond its end a shorter one repeats its last stamp (h = 0).
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
     t_all, y_all, owner, first, spans, around = [], [], [], [], [], []
     for i, (t, y, starts) in enumerate(pieces):
@@ -143,7 +175,8 @@ def cut_windows(
 
 
 def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stamps, measurements (n, 4) and the starts of windows of one run."""
+    """Stamps of the steps (n,) [s], measurements (n, 4) by `CHANNELS`, and index of the first step of each window."""
+    # 1. The measured channels from the beginning on: heading without jumps, specific force without gravity.
     name, begin = run.meta.source, _begin_s(run) + offset_s
     channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
     channels[PSI] = unwrapped(run)
@@ -155,18 +188,20 @@ def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tupl
         raise StructuredFitError(
             f"{name}: {lasts_s:.1f} s with heading and commands is too short; two windows of {window_s:g} s are needed"
         )
+    # 2. Their stamps, with more between where a step would be too long.
     extra = [np.linspace(a, b, int(np.ceil((b - a) / max_step_s)) + 1)[1:-1] for a, b in _gaps(stamps, max_step_s)]
     t = np.unique(np.concatenate([stamps, *extra]))
     y = np.full((len(t), len(CHANNELS)), np.nan)
     for i, (at, values) in enumerate(channels):
         y[np.searchsorted(t, at), i] = values
+    # 3. Windows of equal duration; each begins at the first stamp after its time.
     count = max(2, round((t[-1] - t[0]) / window_s))
     starts = np.searchsorted(t, t[0] + np.arange(count) * (t[-1] - t[0]) / count)
     return t, y, np.unique(starts)
 
 
 def _around(t_s: np.ndarray, means: Decimated | None) -> np.ndarray:
-    """How far the samples of the mean at each of the instants (m,) are from it, (m, n); nil where there is none."""
+    """Offsets [s] (m, n) of the samples averaged at each of the instants `t_s` (m,); 0 where there is no mean."""
     if means is None or not len(means.t_s):
         return np.zeros((len(t_s), 1))
     at = np.minimum(np.searchsorted(means.t_s, t_s), len(means.t_s) - 1)
@@ -174,15 +209,21 @@ def _around(t_s: np.ndarray, means: Decimated | None) -> np.ndarray:
 
 
 def _gaps(t: np.ndarray, most_s: float) -> list[tuple[float, float]]:
+    """Neighbouring stamps that are more than `most_s` apart (0.1 % of rounding aside)."""
     wide = np.flatnonzero(np.diff(t) > most_s * 1.001)
     return [(float(t[i]), float(t[i + 1])) for i in wide]
 
 
 def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Specific force with gravity taken out by roll and pitch; a boat heels by a share of what accelerates it."""
+    """Specific force with the share of gravity removed that roll and pitch turn into its axes, where both were logged.
+
+        a_x - g sin(theta),   a_y + g sin(phi)
+
+    A boat heels with its own acceleration, so that this is no constant bias.
+    """
     if not (run.known("phi_rad") and run.known("theta_rad")):
         return channels
-    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow, and few logs tell roll and pitch
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow to import, and few logs hold roll and pitch
 
     t_tilt, tilt = run.samples("phi_rad", "theta_rad")
     across = max(1, round(LEVEL_S / float(np.median(np.diff(t_tilt)))))
@@ -195,14 +236,17 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
 
 
 def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:
-    """Position samples of all runs, but for those at the very ends."""
-    found = [usable_fixes(run, offset_s) for run, offset_s in laid]
-    owners = [np.full(len(t), i) for i, (t, _) in enumerate(found)]
-    return Fixes(np.concatenate([t for t, _ in found]), np.concatenate([p for _, p in found]), np.concatenate(owners))
+    """Usable position samples of all runs; index of the run as in `laid`."""
+    fixes = [usable_fixes(run, offset_s) for run, offset_s in laid]
+    owners = [np.full(len(t), i) for i, (t, _) in enumerate(fixes)]
+    return Fixes(np.concatenate([t for t, _ in fixes]), np.concatenate([p for _, p in fixes]), np.concatenate(owners))
 
 
 def usable_fixes(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps and places (m, 2) of the positions of a run that a fit can use. Raises StructuredFitError for too few."""
+    """Stamps (m,) [s] and positions (m, 2) [m] that a fit can use: those away from the ends of the inertial data.
+
+    Raises StructuredFitError for fewer than `LEAST_FIXES`.
+    """
     first, (t, place) = _begin_s(run) + offset_s, run.samples("north_m", "east_m")
     inside = inside_edges(t, first, run.samples("psi_rad")[0][-1])
     if inside.sum() < LEAST_FIXES:
@@ -214,12 +258,15 @@ def usable_fixes(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarra
 
 
 def inside_edges(fixes_s: np.ndarray, begin_s: float, end_s: float) -> np.ndarray:
-    """Which positions lie between these by more than `EDGE_S`."""
+    """Mask (m,) of the stamps that are more than `EDGE_S` after `begin_s` and before `end_s`."""
     return (fixes_s > begin_s + EDGE_S) & (fixes_s < end_s - EDGE_S)
 
 
 def _begin_s(run: Run) -> float:
-    """When heading is known and commands have been for long enough."""
+    """Start of what can be fitted [s]: heading is known, and commands have been for `SETTLE_S`.
+
+    Raises StructuredFitError where heading, positions or commands are missing.
+    """
     name = run.meta.source
     if not run.known("psi_rad") or not run.known("north_m"):
         raise StructuredFitError(f"{name}: the fit needs psi_rad and north_m, east_m; at least one is blank")

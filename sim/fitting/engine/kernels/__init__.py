@@ -1,1 +1,1 @@
-"""Loops over windows, steps and columns that numba compiles."""
+"""Inner loops of the fits over windows, steps and columns, compiled by numba."""

@@ -1,4 +1,7 @@
-"""Loops over the nodes of a chain (`chain`), compiled by numba when they first run and kept between runs."""
+"""Loops over the nodes of a chain (`engine.block_tridiagonal`), compiled by numba at their first call and cached.
+
+Blocks as there: A (W, L, L), `following` = N (W, L, L), B (W, L, P), gradient g (W, L).
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,12 @@ def add_ties(
     at: np.ndarray, F: np.ndarray, G: np.ndarray, rho: np.ndarray, each: np.ndarray,
     A: np.ndarray, following: np.ndarray, B: np.ndarray, g: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Add ties from nodes `at` (T,) to the next to the blocks A, following, B, g of all nodes.
+    """Add the continuity conditions from nodes `at` (T,) to the next to the blocks A, following, B, g.
 
-    F (T, L, L), G (T, k, P) of the first k of L, rho (T, L); each (T, L): one over sigma. Returns the rows of G over
-    their sigma, with rho over sigma behind them, (T k, P + 1).
+        1/2 |rho + dz_{w+1} - F dz_w - G dw|^2_{Q^-1},   Q = diag(sigma^2)
+
+    F (T, L, L), G (T, k, P) of the first k of L entries, rho (T, L); `each` (T, L): 1 / sigma. Entries of F that are 0
+    are passed over. Returns the rows [G rho] / sigma, (T k, P + 1), from which the parameters' own blocks follow.
     """
     T, k, P = G.shape
     L = F.shape[1]
@@ -45,9 +50,9 @@ def add_ties(
 
 @kernel
 def _factorised(rows: np.ndarray, factor: np.ndarray) -> bool:
-    """Cholesky's factor (L, L), its lower triangle, of the first L columns of rows, which are used up for it.
+    """Write the Cholesky factor of the first L columns of `rows` (L, ..) into the lower triangle of `factor` (L, L).
 
-    False where there is none.
+    The columns are overwritten. False where the matrix is not positive definite.
     """
     L = len(factor)
     column = np.empty(L)
@@ -69,10 +74,14 @@ def _factorised(rows: np.ndarray, factor: np.ndarray) -> bool:
 def eliminate(
     A: np.ndarray, following: np.ndarray, B: np.ndarray, g: np.ndarray, factors: np.ndarray, solved: np.ndarray
 ) -> int:
-    """Cholesky factors (W, L, L) of the nodes in their order and solved (W, L, L + P + 1) = factor^-1 [following B g].
+    """Block Cholesky factorisation of the nodes, first to last, with forward substitution of the border.
 
-    What comes before is eliminated. Returns the first node whose block is not positive definite, else -1. Loops along
-    columns stand here in full: of few columns, `add_times` costs more than the sums.
+        C_w C_w^T = A_w - X_{w-1}^T X_{w-1}
+        [X_w Y_w y_w] = C_w^-1 [N_w  B_w - X_{w-1}^T Y_{w-1}  g_w - X_{w-1}^T y_{w-1}]
+
+    Fills `factors` (W, L, L) with C and `solved` (W, L, L + P + 1) with [X Y y]. Returns the index of the first node
+    whose block is not positive definite, else -1. Loops along columns are written out: for a few columns a call of
+    `add_times` costs more than the sums.
     """
     W, L, P = B.shape
     columns = L + P + 1
@@ -82,7 +91,7 @@ def eliminate(
         rows[:, :L] = A[w]
         rows[:, L : L + P] = B[w]
         rows[:, L + P] = g[w]
-        if w > 0:
+        if w > 0:  # 1. subtract what the node before explains
             before = solved[w - 1]
             for m in range(L):
                 for i in range(L):
@@ -92,9 +101,9 @@ def eliminate(
                             rows[i, c] -= value * before[m, c]
         right[:, :L] = following[w]
         right[:, L:] = rows[:, L:]
-        if not _factorised(rows, factor):
+        if not _factorised(rows, factor):  # 2. factorise
             return w
-        for i in range(L):
+        for i in range(L):  # 3. forward substitution
             for m in range(i):
                 value = factor[i, m]
                 for c in range(columns):
@@ -104,12 +113,12 @@ def eliminate(
 
 
 @kernel
-def back_substitute(factors: np.ndarray, solved: np.ndarray, given: np.ndarray, dz: np.ndarray) -> None:
-    """Steps dz (W, L) from the last node to the first: factor^T dz_w = -given_w - solved_w[:, :L] dz_{w+1}."""
+def back_substitute(factors: np.ndarray, solved: np.ndarray, right: np.ndarray, dz: np.ndarray) -> None:
+    """Fill dz (W, L), last node to first: C_w^T dz_w = -right_w - X_w dz_{w+1}, with C and X of `eliminate`."""
     W, L = dz.shape
     for w in range(W - 1, -1, -1):
         for i in range(L):
-            dz[w, i] = -given[w, i]
+            dz[w, i] = -right[w, i]
             if w + 1 < W:
                 for j in range(L):
                     dz[w, i] -= solved[w, i, j] * dz[w + 1, j]

@@ -1,8 +1,10 @@
-"""Loops over windows, steps and columns, compiled by numba when they first run and kept between runs.
+"""Loops over windows, steps and columns, compiled by numba at their first call and cached.
 
-The same sums as array expressions would make, without their temporaries: what a window needs stays in a core's cache.
-Innermost loops go along columns, next to each other in memory. C: columns of the sensitivities S = dx/d[x0, d, rest],
-X0_D of them of the window's own node; P: all others.
+They compute the same sums as array expressions would, without temporaries, so that the data of a window stays in the
+cache of a core. Innermost loops go along columns, which lie next to each other in memory.
+
+Sizes: W windows of K steps; C columns of the sensitivities S = dx/d[x0, d, q], the first X0_D of the window's node, the
+other P of the parameters that move the boat.
 """
 
 from __future__ import annotations
@@ -12,12 +14,14 @@ import math
 import numpy as np
 from numba import njit
 
-kernel = njit(cache=True, fastmath={"contract"})  # a * b + c may be one instruction; nothing else is loosened
+kernel = njit(cache=True, fastmath={"contract"})  # a * b + c may be one instruction; no other fast-math rule
 X0_D = 9
-"""Columns of S before the others: state (6) and latent acceleration (3) of the node."""
+"""Columns of S that belong to the node: state (6) and latent acceleration (3)."""
 EARLY, LATE, MIDDLE = (1 / 2, 1 / 3, 1 / 8), (1 / 2, 1 / 6, 1 / 24), (2 / 3, 1 / 3, 0.0)
-"""Weights of h, h^2 A, h^3 A^2 on accelerations at both ends of a step, between which they go straight, and on what the
-middle has beyond the mean of the ends (a parabola).
+"""Weights of h, h^2 A, h^3 A^2 in the integral of exp(A (h - s)) a(s) over a step, to third order in h.
+
+EARLY, LATE: of a at the start and at the end of the step, linear between; MIDDLE: of the bump, the parabola that a has
+in the middle beyond the mean of both ends.
 """
 
 
@@ -42,9 +46,9 @@ def add_times(value: float, row: np.ndarray, out: np.ndarray) -> None:
 def _weights(
     hA: np.ndarray, h: float, powers: np.ndarray, Phi: np.ndarray, early: np.ndarray, late: np.ndarray, mid: np.ndarray
 ) -> None:
-    """Of a step h with h d(x_dot)/dx = hA (6, 6): Phi = exp(hA) to third order, and (6, 3) on accelerations.
+    """Transition Phi = exp(hA) of a step, to third order, and weights (6, 3) of the accelerations a (`EARLY` ..).
 
-    `powers` (2, 6, 6): room for the square and the cube of hA.
+    hA (6, 6): h d(x_dot)/dx. `powers` (2, 6, 6): workspace for the square and the cube of hA.
     """
     square, cube = powers[0], powers[1]
     for i in range(6):
@@ -76,7 +80,7 @@ def _mean_rate(A: np.ndarray, w: int, k: int, h: float, hA: np.ndarray) -> None:
 
 @kernel
 def _moved(S: np.ndarray, A: np.ndarray, a: np.ndarray, w: int, k: int, moved: np.ndarray) -> None:
-    """moved (9, C): S and, behind it, what each column changes of nu_dot, at step k of window w."""
+    """Fill `moved` (9, C) with d[x; nu_dot]/d[x0, d, q] at step k of window w: S, and A S + d(nu_dot)/d[x0, d, q]."""
     C = S.shape[3]
     for i in range(6):
         for c in range(C):
@@ -93,12 +97,15 @@ def _moved(S: np.ndarray, A: np.ndarray, a: np.ndarray, w: int, k: int, moved: n
 def propagate_sensitivities(
     A: np.ndarray, a: np.ndarray, bump: np.ndarray, bumped: np.ndarray, h: np.ndarray, S: np.ndarray
 ) -> None:
-    """Fill S (W, K+1, 6, C), from the identity at each node.
+    """Fill the sensitivities S (W, K+1, 6, C) by the variational equation, from [I 0] at each node.
 
-        S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A), A the mean of both ends
+        S_dot = A S + [0; a]
+        S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) [0; a(s)] ds over the step,   Phi = exp(h A)
 
-    A (W, K+1, 6, 6) = d(x_dot)/dx; a (W, K+1, 3, P): what each column adds to nu_dot at the nodes; bump (W, K, 3, B):
-    in the middle of steps beyond the mean of both ends, for the columns `bumped` (B,) of P; h (W, K) [s].
+    A     (W, K+1, 6, 6) d(x_dot)/dx; over a step the mean of both ends counts
+    a     (W, K+1, 3, P) d(nu_dot)/dq at the steps; that by the latent acceleration d is 1
+    bump  (W, K, 3, B) a in the middle of steps beyond the mean of both ends, for the parameters `bumped` (B,)
+    h     (W, K) step lengths [s]
     """
     W, K = h.shape
     hA, Phi, powers = np.empty((6, 6)), np.empty((6, 6)), np.empty((2, 6, 6))
@@ -111,9 +118,11 @@ def propagate_sensitivities(
             now[i, i] = 1.0
         S[w, 0] = now
         for k in range(K):
+            # 1. Transition and weights of the step.
             _mean_rate(A, w, k, h[w, k], hA)
             _weights(hA, h[w, k], powers, Phi, early, late, middle)
             for i in range(6):
+                # 2. after = Phi now
                 p0, p1, p2, p3, p4, p5 = Phi[i, 0], Phi[i, 1], Phi[i, 2], Phi[i, 3], Phi[i, 4], Phi[i, 5]
                 for c in range(C):
                     after[i, c] = (
@@ -124,6 +133,7 @@ def propagate_sensitivities(
                         + p4 * now[4, c]
                         + p5 * now[5, c]
                     )
+                # 3. + the integral: latent acceleration (a = 1), parameters, bumps
                 for j in range(3):
                     after[i, 6 + j] += early[i, j] + late[i, j]
                 e0, e1, e2, l0, l1, l2 = early[i, 0], early[i, 1], early[i, 2], late[i, 0], late[i, 1], late[i, 2]
@@ -153,8 +163,9 @@ def fill_imu_rows(
 ) -> None:
     """Fill the columns `place` (C,) of J (W, K, 4, ..): derivatives of psi, r, a_x, a_y, times `scale` (W, K, 4).
 
-    slopes (W, K, 4, 9): of the four to x y psi u v r u_dot v_dot r_dot; direct (W, K, 4, P or 0): what the others add.
-    S, A and a as of `propagate_sensitivities`.
+    slopes  (W, K, 4, 9) partial derivatives of the four by x y psi u v r u_dot v_dot r_dot
+    direct  (W, K, 4, P) direct partial derivatives by the parameters; or (W, K, 4, 0): there are none
+    S, A and a as of `propagate_sensitivities`. Rows whose scale is 0 stay as they are.
     """
     W, K = scale.shape[:2]
     C, extra = S.shape[3], direct.shape[3] > 0
@@ -182,7 +193,15 @@ def fill_imu_rows(
 def whiten_rows(
     J: np.ndarray, channel: int, known: np.ndarray, h: np.ndarray, white: float, wander: float, wander_time_s: float
 ) -> None:
-    """Turn heading rows J[:, :, channel] of J (W, K, n, C) into innovations of unit variance: see `noise.whiten`."""
+    """Turn heading rows J[:, :, channel] of J (W, K, n, C), in place, into innovations of unit variance.
+
+    Scalar Kalman filter of the wander m, variance P, which is 0 at the node (the node's own wander is an unknown):
+
+        S = P + white^2,   gain = P / S,   innovation = row - m,   out = innovation / sqrt(S)
+        m <- decay (m + gain innovation),   P <- decay^2 P (1 - gain) + wander^2 (1 - decay^2)
+
+    Where nothing was measured (`known`, (W, K)) the gain and the row are 0. See `noise.whiten`.
+    """
     W, K, _, C = J.shape
     m = np.empty(C)
     for w in range(W):
@@ -210,9 +229,11 @@ def fill_fix_rows(
     place: np.ndarray,
     J: np.ndarray,
 ) -> None:
-    """Fill the columns `place` of J (m, 2, ..): derivatives of places (north, east) at nodes `window`, `index` of S.
+    """Fill the columns `place` of J (m, 2, ..): derivatives of positions (north, east), times `scale` (m,).
 
-    slopes (m, 2, 6): to the state there; direct (m, 2, P or 0): what the others add; scale (m,).
+    window, index  (m,) window and step of S at or before each sample
+    slopes         (m, 2, 6) partial derivatives by the state there
+    direct         (m, 2, P) direct partial derivatives by the parameters; or (m, 2, 0): there are none
     """
     C = S.shape[3]
     rows = np.empty((2, C))
@@ -229,7 +250,10 @@ def fill_fix_rows(
 def add_normal_equations(
     J: np.ndarray, residual: np.ndarray, window: np.ndarray, A: np.ndarray, B: np.ndarray, g: np.ndarray
 ) -> None:
-    """Add J^T J and J^T r of rows J (n, L + P), r (n,) to the blocks of their windows: A (W, L, L), B (W, L, P), g."""
+    """Add J^T J and J^T r of rows J (n, L + P), residual (n,), to the blocks A (W, L, L), B (W, L, P), g (W, L).
+
+    `window` (n,): window of each row.
+    """
     L = A.shape[1]
     for i in range(len(J)):
         w, row = window[i], J[i]
@@ -243,7 +267,7 @@ def add_normal_equations(
 
 @kernel
 def transposed_into(columns: np.ndarray, out: np.ndarray) -> None:
-    """out (n, P) from columns (P, n)."""
+    """out (n, P) = transpose of columns (P, n)."""
     P, n = columns.shape
     for i in range(n):
         for p in range(P):

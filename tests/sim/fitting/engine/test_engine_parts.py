@@ -29,7 +29,7 @@ P = Parameters(boat("aritra"))
 
 def test_file_values_come_back_through_the_free_parameters() -> None:
     q = file_values(boat("aritra"))
-    np.testing.assert_allclose(P.file_units(P.free(q)), q, rtol=1e-12)
+    np.testing.assert_allclose(P.file_units(P.unconstrained(q)), q, rtol=1e-12)
     np.testing.assert_allclose(P.file_units(P.prior[0]), q, rtol=1e-12)
 
 

@@ -1,7 +1,7 @@
-"""Every choice that an identification rests on, in words: what, how much, who made it, and from which data.
+"""Every choice that an identification rests on, as text: what, its value, and where it was made.
 
-None is made on held-out data. What the fit chooses itself (window, noise, latent acceleration) it takes from the
-fitted parts; the rest is stated in the code or on the command line before a log is opened.
+None is made on held-out data. The fit chooses window, noise and latent acceleration on the fitted parts; everything
+else is stated in the code or on the command line before a log is opened.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.engine.split import LEAST_FIT_S
 from sim.fitting.identify.job import SMOOTHER, Choices, Identification
 from sim.fitting.identify.result import COLOURED, UNDETERMINED
-from sim.fitting.identify.structured_fit import FACTORS, WINDOWS_S
+from sim.fitting.identify.structured_fit import WINDOWS_S
 from sim.fitting.identify.verdict import JUDGED_S, SAME
+from sim.fitting.identify.white_noise import FACTORS
 from sim.fitting.taylor.lanczos import CUTOFF_HZ, HALF_WIDTH_S
 from sim.fitting.taylor.regression import HAC_S
 from sim.fitting.taylor.sindy import THRESHOLD
@@ -26,24 +27,24 @@ BEFORE, USER, FITTED = "beforehand", "command line", "fitted parts"
 
 @dataclass(frozen=True)
 class Choice:
-    """One choice. `made`: beforehand (in the code, the vessel file), on the command line, or from the fitted parts."""
+    """One choice. `made`: beforehand (code or vessel file), on the command line, or from the fitted parts."""
 
     what: str
     value: str
     made: str
 
 
-def choices(found: Identification) -> list[Choice]:
-    """All of them."""
-    return [Choice(*row) for rows in (_data, _series, _structured, _judging) for row in rows(found)]
+def choices(identification: Identification) -> list[Choice]:
+    """All choices of an identification, in the order of the report."""
+    return [Choice(*row) for rows in (_data, _series, _structured, _judging) for row in rows(identification)]
 
 
-def _data(found: Identification) -> Iterator[tuple[str, str, str]]:
-    given = found.choices
-    own = given.block_s is not None or any(not u.fitted_s for u in found.split.used)
-    yield "held out", found.split.rule, USER if own else BEFORE
+def _data(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    chosen = identification.choices
+    own = chosen.block_s is not None or any(not u.fitted_s for u in identification.split.used)
+    yield "held out", identification.split.rule, USER if own else BEFORE
     yield "least length of what is fitted", f"{LEAST_FIT_S:g} s", BEFORE
-    n = found.noise
+    n = identification.noise
     yield (
         "noise of the sensors (smoothing, regressions, reference on held-out logs)",
         f"vessel file: position {n.position_m:g} m, heading {n.psi_rad:g} rad, yaw rate {n.r_rad_s:g} rad/s, "
@@ -51,28 +52,28 @@ def _data(found: Identification) -> Iterator[tuple[str, str, str]]:
         BEFORE,
     )
     yield "how fast accelerations wander (smoother)", f"{n.jerk:g} m/s^2.5, {n.yaw_jerk:g} rad/s^2.5", BEFORE
-    yield "seed", str(given.seed), USER if given.seed != Choices().seed else BEFORE
+    yield "seed", str(chosen.seed), USER if chosen.seed != Choices().seed else BEFORE
 
 
-def _series(found: Identification) -> Iterator[tuple[str, str, str]]:
-    if found.series:
+def _series(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    if identification.series:
         yield (
             "samples of the regressions",
-            f"{RATE_HZ:g} Hz, by {', and by '.join(s.pipeline for s in found.series)}",
+            f"{RATE_HZ:g} Hz, by {', and by '.join(s.pipeline for s in identification.series)}",
             BEFORE,
         )
         yield "Lanczos low-pass", f"cut-off {CUTOFF_HZ:g} Hz, half width {HALF_WIDTH_S:g} s", BEFORE
         yield "forces of the series", "thruster map and battery voltage as in the vessel file, acting at once", BEFORE
-    if found.series:
+    if identification.series:
         yield "Taylor series", f"least squares, all terms; errors count as correlated over {HAC_S:g} s", BEFORE
-    if found.peer is not None:
+    if identification.peer is not None:
         yield "pysindy", f"STLSQ, threshold {THRESHOLD:g}, on {SMOOTHER}'s speeds, its own differences", USER
 
 
-def _structured(found: Identification) -> Iterator[tuple[str, str, str]]:
-    s, settings = found.structured, found.choices.settings
+def _structured(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    s, settings = identification.structured, identification.choices.settings
     windows = ", then ".join(f"{w:g}" for w in WINDOWS_S)
-    given = "default" if settings.horizon_s is None else f"{settings.horizon_s:g} s"
+    chosen = "default" if settings.horizon_s is None else f"{settings.horizon_s:g} s"
     if s.horizon_s:
         yield (
             "structured fit",
@@ -85,12 +86,12 @@ def _structured(found: Identification) -> Iterator[tuple[str, str, str]]:
             f"{s.window_s:g} s (tried: {windows} s, if residuals are not white)",
             FITTED,
         )
-    yield "multi-step output error", f"only where no inertial sensor was logged; horizon: {given}", BEFORE
+    yield "multi-step output error", f"only where no inertial sensor was logged; horizon: {chosen}", BEFORE
     sigmas = ", ".join(f"{f.name} {getattr(settings.sigmas, f.name):g}" for f in fields(settings.sigmas))
     yield "prior", f"centred on the vessel file; sigma (shares where positive): {sigmas}", BEFORE
     low, high = FACTORS
-    told = ", ".join(f"{c.name} {c.sigma:.3g}" for c in s.channels)
-    yield "white noise of the structured fit", f"{told}; {low:g} to {high:g} times the file's allowed", FITTED
+    sigmas_text = ", ".join(f"{c.name} {c.sigma:.3g}" for c in s.channels)
+    yield "white noise of the structured fit", f"{sigmas_text}; {low:g} to {high:g} times the file's allowed", FITTED
     x, y, n = s.latent
     yield "latent acceleration", f"{x:.2g} m/s2, {y:.2g} m/s2, {n:.2g} rad/s2, by the evidence", FITTED
     yield "correlation time of the latent acceleration", f"{settings.latent_time_s:g} s", BEFORE
@@ -98,7 +99,7 @@ def _structured(found: Identification) -> Iterator[tuple[str, str, str]]:
     yield "residuals not white", f"correlation of neighbours beyond {COLOURED:g} (and its scatter)", BEFORE
 
 
-def _judging(found: Identification) -> Iterator[tuple[str, str, str]]:
+def _judging(identification: Identification) -> Iterator[tuple[str, str, str]]:
     judged = " and ".join(map(str, JUDGED_S))
     yield "open-loop runs", "one begins every 5 s, lasts up to 60 s, 10 s at least", BEFORE
     yield "commands of open-loop runs", f"sampled every {1000 * STEP_S:g} ms", BEFORE

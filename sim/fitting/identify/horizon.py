@@ -1,13 +1,17 @@
-"""Multi-step output error: the model alone, from measured states, for `HORIZON_S`; the errors on the way are minimised.
+"""Multi-step output error: minimise the errors of open-loop predictions over a horizon (`HORIZON_S`).
 
-    minimise  1/2 sum_w sum_k huber((x_w(t_k; q) - measured) / sigma)^2 / (K OVERLAP)  +  1/2 |(w - prior) / spread|^2
+    minimise over w   1/2 sum_w sum_k huber((x_w(t_k; q) - measured) / sigma)^2 / (K OVERLAP)
+                      + 1/2 |(w - prior) / spread|^2
 
-For logs of poses alone (motion capture, or UWB and compass without an IMU). There nothing tells sensor noise from what
-the model leaves out at the scale of a second, and what is left out hangs together for many seconds: a likelihood of
-short windows then weighs the wrong things. Here the fit asks for what the model will be used for. States come from the
-smoother (`engine.smoothing`), which knows no model. Errors hang together within a window, so one of K instants
-counts as one sample of each channel; intervals that follow from this covered 96 % on simulated logs, a sandwich over
-blocks of time only 80 % (as few blocks as parameters): docs/cse1.md.
+x_w: the model's trajectory from the measured state at the start of window w; K: compared instants of a window; q: file
+units of w. Solved by Gauss-Newton.
+
+For logs of poses alone (motion capture, or UWB and compass without an IMU). Such data cannot separate sensor noise from
+model error at the scale of a second, and model error is correlated over many seconds, so that a likelihood of short
+windows weights the data wrongly. This fit minimises what the model will be used for, its prediction error. Measured
+states are those of the smoother (`engine.smoothing`), which has no model. Errors are correlated within a window, so the
+K instants of a window count as one sample of each channel. Intervals that follow from this covered 96 % on simulated
+logs; a sandwich estimator over blocks of time only 80 % (as few blocks as parameters): docs/cse1.md.
 Source: Ljung (1999), System Identification, section 3.2 (k-step predictors as models).
 """
 
@@ -31,20 +35,20 @@ from sim.fitting.engine.smoothing import SmootherNoise, smooth
 from sim.fitting.engine.windows import Windows, cut_windows
 
 HORIZON_S = 15.0  # 10 and 20 s predict alike; chosen on the even blocks of cse1's random_run1 (docs/cse1.md)
-OVERLAP = 3  # windows that each instant lies in
-THIN = 2  # integration at every second stamp of the log: 0.1 s
-EVERY = 5  # errors count at every so many steps: 0.5 s
-KNOWN_S = 0.5  # a state further from every position sample is the smoother's guess, and does not count
-FIRST_SHARE = 0.3  # of the change of state over the horizon: errors expected at the start; only weights follow from it
-ENOUGH = 0.05  # nats that a last step may promise
-FARTHEST = 3.0  # sigmas of the prior that one step may go
+OVERLAP = 3  # number of windows that each instant lies in
+THIN = 2  # integration steps span this many stamps of the log: 0.1 s
+EVERY = 5  # errors are compared at every fifth step: 0.5 s
+KNOWN_S = 0.5  # states further than this from every position sample are not compared: the smoother extrapolates there
+FIRST_SHARE = 0.3  # first guess of sigma, as a share of the change of state over the horizon
+ENOUGH = 0.05  # predicted decrease [nats] of a last step
+FARTHEST = 3.0  # longest step, in sigmas of the prior
 CHANNELS = ("north", "east", "psi", "u", "v", "r")
 Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class HorizonTarget:
-    """What the windows should arrive at: x0 (W, 6), measured (W, m, 6) at steps `at` (m,), NaN where unknown."""
+    """States to predict: from x0 (W, 6), `measured` (W, m, 6) at the steps `at` (m,) of each window, NaN if unknown."""
 
     windows: Windows
     x0: np.ndarray
@@ -53,7 +57,7 @@ class HorizonTarget:
 
 
 def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) -> HorizonTarget:
-    """Overlapping windows of all runs, with the smoother's states."""
+    """Overlapping windows of all runs, with the smoother's states [x y psi u v r]."""
     offsets = tuple(k * horizon_s / OVERLAP for k in range(OVERLAP))
     windows = cut_windows(runs, vessel, horizon_s, tied=False, offsets_s=offsets)
     t_s = windows.t_s[:, ::THIN]
@@ -74,17 +78,19 @@ def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) ->
 
 
 def _at(t_s: np.ndarray, known_s: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """`states` (k, n), known at `known_s` (k,), interpolated at `t_s`: (*t_s.shape, n)."""
     return np.stack([np.interp(t_s, known_s, column) for column in states.T], axis=-1)
 
 
 def _distance(t_s: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """Time from each of `t_s` to the nearest of the `stamps` [s]."""
     after = np.searchsorted(stamps, t_s).clip(1, len(stamps) - 1)
     return np.minimum(np.abs(stamps[after] - t_s), np.abs(stamps[after - 1] - t_s))
 
 
 @dataclass(frozen=True)
 class HorizonPoint:
-    """Where the fit stands: w (P,), errors (W, m, 6), cost [nats], and by window scores (W, P) and Hessian (P, P)."""
+    """One iterate: w (P,), errors (W, m, 6), cost [nats], gradient by window `scores` (W, P), Hessian H (P, P)."""
 
     w: np.ndarray
     error: np.ndarray
@@ -94,7 +100,7 @@ class HorizonPoint:
 
 
 class HorizonFit:
-    """One problem, and the steps towards its solution."""
+    """One fit: windows, parameters, present sigmas of the errors, and the steps towards the solution (`solve`)."""
 
     def __init__(
         self, runs: Sequence[Run], vessel: VesselFile, parameters: Parameters, horizon_s: float = HORIZON_S
@@ -109,7 +115,8 @@ class HorizonFit:
         self.sigma = _scale(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))
 
     def point(self, w: np.ndarray) -> HorizonPoint:
-        """Errors, cost and their derivatives at w."""
+        """Errors, cost, gradient and Gauss-Newton Hessian at w."""
+        # 1. Errors of the predictions, and their Huber weights.
         q, goal = self.parameters.file_units(w), self.target
         motion = self.move(q, self._z)
         error = motion.x[:, goal.at] - goal.measured
@@ -117,12 +124,14 @@ class HorizonFit:
         z = np.where(known, error, 0.0) / self.sigma
         size = np.abs(z)
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)) / (len(goal.at) * OVERLAP))
+        # 2. Jacobian of the weighted errors by w: dx/dq dq/dw.
         S = sensitivities(motion.A, motion.pushes, goal.windows.h_s)[:, goal.at, :, X0_D:]
         J = np.zeros((*S.shape[:3], len(w)))
         J[..., self.parameters.moving] = S
         J = (J @ self.parameters.jacobian(w)) * (known * root / self.sigma)[..., None]
         J = J.reshape(len(J), -1, len(w))
         scores = (J.swapaxes(1, 2) @ (root * z).reshape(len(J), -1, 1))[..., 0]
+        # 3. Cost and Hessian with the priors.
         mean, spread = self.parameters.prior
         rho = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
         cost = 0.5 * float(rho.sum()) / (len(goal.at) * OVERLAP) + 0.5 * float((((w - mean) / spread) ** 2).sum())
@@ -130,14 +139,17 @@ class HorizonFit:
         return HorizonPoint(w, error, cost, scores, H)
 
     def step(self, point: HorizonPoint) -> tuple[HorizonPoint, float]:
-        """One step that lowers the cost, and what it promised [nats]; the same point where none is to be had."""
+        """One damped Gauss-Newton step that lowers the cost, and the decrease that was predicted [nats].
+
+        The same point where no step lowers the cost.
+        """
         mean, spread = self.parameters.prior
         gradient, damping = point.scores.sum(axis=0) + (point.w - mean) / spread**2, 0.0
         for _ in range(8):
             dw = -np.linalg.solve(point.H + damping * np.diag(1 / spread**2), gradient)
             promised = -0.5 * float(gradient @ dw)
             if np.abs(dw / spread).max() < FARTHEST:
-                with np.errstate(all="ignore"):  # a trial may run away: it is then refused
+                with np.errstate(all="ignore"):  # a trial may diverge; it is refused then
                     trial = self.point(point.w + dw)
                 if trial.cost < point.cost:
                     return trial, promised
@@ -145,12 +157,15 @@ class HorizonFit:
         return point, 0.0
 
     def covariance(self, point: HorizonPoint) -> np.ndarray:
-        """Of w, (P, P): each window counts as one sample of each channel, however many instants it has."""
+        """Covariance of w, (P, P): inverse of the Hessian, in which a window counts as one sample of each channel."""
         return np.linalg.inv(point.H)
 
 
 def solve(fit: HorizonFit, most: int, say: Say) -> tuple[HorizonPoint, int]:
-    """From the priors' centres to convergence; sigmas follow the errors until they hardly change."""
+    """Iterate from the priors' centres to convergence, `most` steps at most. Returns the last iterate and their number.
+
+    Near a solution the sigmas are estimated from the errors, until they hardly change.
+    """
     point, count, settled = fit.point(fit.parameters.prior[0]), 0, False
     while count < most:
         point, promised = fit.step(point)
@@ -167,7 +182,10 @@ def solve(fit: HorizonFit, most: int, say: Say) -> tuple[HorizonPoint, int]:
 
 
 def _scale(error: np.ndarray) -> np.ndarray:
-    """One sigma of each channel, (6,), from the median of what is known; one for both axes of position."""
+    """Sigma of each channel (6,): root mean square of the known errors, clipped at their 90 % quantile.
+
+    Both axes of position share one.
+    """
     size = np.abs(error).reshape(-1, 6)
     size = size[np.isfinite(size).all(axis=1)]
     sigma = np.sqrt((np.minimum(size, np.quantile(size, 0.9, axis=0)) ** 2).mean(axis=0))
@@ -176,6 +194,6 @@ def _scale(error: np.ndarray) -> np.ndarray:
 
 
 def with_tag_fixed(parameters: Parameters) -> Parameters:
-    """The same with what poses alone cannot tell held at the file's values: the tag's latency, place and warp."""
+    """The parameters with the tag's latency, place and warp fixed at the file's values: poses do not determine them."""
     fixed = dict.fromkeys((*SENSORS, *WARP), (None, 0.0))
     return replace(parameters, overrides={**fixed, **(parameters.overrides or {})})

@@ -1,8 +1,8 @@
 """One identification from logs to verdict: Taylor series, structured model, and which of them to believe.
 
-    split -> smooth and regress -> structured fit -> open-loop runs on what was held out -> verdict
+    split -> smooth and regress -> structured fit -> open-loop simulation of held-out data -> verdict
 
-No file, clock or random source here: logs are Runs, the time comes from `now`, the seed from `Choices`.
+Pure: logs are Runs, the time comes from `now`, the seed from `Choices`; nothing is read or written.
 """
 
 from __future__ import annotations
@@ -31,18 +31,21 @@ from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
-"""What `identify` says it is at, in this order; shares run from 0 to 1 within each."""
+"""Steps that `identify` reports progress of, in their order; shares run from 0 to 1 within each."""
 PAPER = "the paper's Kalman filter, Lanczos low-pass and 7-point differences"
 SMOOTHER = "the RTS smoother"
 Say = Callable[[str, str, float], None]
-"""Step, what of it, share of it that is done."""
+"""Progress: step, detail, share of the step that is done."""
 
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user decides. `block_s`: alternate blocks instead of the last part. `peer`: pysindy beside the others.
+    """What the user decides.
 
-    `settings`: of the structured fit. `seed`: of the noise study and of the random thrusts of the stability test.
+    block_s   hold out alternate blocks of this length [s] instead of the last part
+    taylor    fit the Taylor series too; peer: pysindy too
+    seed      of the noise study and of the random thrusts of the stability test
+    settings  of the structured fit
     """
 
     block_s: float | None = None
@@ -54,25 +57,28 @@ class Choices:
 
 @dataclass(frozen=True)
 class SmoothedMotions:
-    """What the fitted runs did: smoothed, and by the paper's pipeline (None: no yaw rate or accelerations logged)."""
+    """Motion of the fitted runs: smoothed, and by the paper's pipeline (None: no yaw rate or accelerations logged)."""
 
     runs: tuple[Run, ...]
     smoothed: tuple[Smoothed, ...]
     paper: tuple[PaperMotion, ...] | None
 
     def smoother_samples(self, vessel: VesselFile) -> list[Samples]:
-        """For a regression, one for each run; accelerations are the smoother's own."""
+        """Regression samples of each run; accelerations are the smoother's."""
         return [smoother_samples(r, vessel, s) for r, s in zip(self.runs, self.smoothed, strict=True)]
 
     def paper_samples(self, vessel: VesselFile) -> list[Samples]:
-        """For a regression, one for each run, as the paper takes them; none where it cannot."""
+        """Regression samples of each run by the paper's pipeline; empty where that cannot be applied."""
         pairs = zip(self.runs, self.paper, strict=True) if self.paper else ()
         return [Samples(m.nu, m.nu_dot, forces_kgf(r, vessel, m.t_s), RATE_HZ) for r, m in pairs]
 
 
 @dataclass(frozen=True)
 class Taylor:
-    """One 23-term series by least squares. `shift` (3, 23): what the smoother's errors in u, v, r do to it."""
+    """One 23-term series by least squares, from samples by `pipeline`.
+
+    `shift` (3, 23): by how much the smoother's errors in u, v, r move the coefficients (`noise_shift`).
+    """
 
     name: str
     pipeline: str
@@ -82,7 +88,7 @@ class Taylor:
 
 @dataclass(frozen=True)
 class Stamp:
-    """When something was done (UTC)."""
+    """When a step was done (UTC, ISO 8601)."""
 
     what: str
     utc: str
@@ -90,9 +96,13 @@ class Stamp:
 
 @dataclass(frozen=True)
 class Identification:
-    """Everything. `series`: by the paper's pipeline and by the smoother; `peer`: pysindy's coefficients (3, 23).
+    """Inputs and results of one identification.
 
-    `problems`: by log. `stamps`: in order of time.
+    series       Taylor series by the paper's pipeline and by the smoother
+    peer         coefficients (3, 23) by pysindy, if asked for
+    departures   how the models diverge from the held-out data; models in the order of `validation.scores`
+    problems     by name of the log
+    stamps       in order of time
     """
 
     base: VesselFile
@@ -119,40 +129,44 @@ def identify(
     now: Callable[[], str],
     say: Say = lambda _step, _text, _share: None,
 ) -> Identification:
-    """Fit `vessel` to logs and judge it on what is held out. `now`: UTC, ISO 8601.
+    """Fit `vessel` to logs and judge it on held-out data. `now`: UTC, ISO 8601.
 
     Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
+    # 1. Split the logs; nothing below looks at the held-out parts before step 4.
     stamps = [Stamp("choices made, before any fit", now())]
-    parted = split(logs, held_out, vessel, choices.block_s)
-    told = {used.log.name: problems(used.log.run) for used in parted.used}
+    division = split(logs, held_out, vessel, choices.block_s)
+    log_problems = {used.log.name: problems(used.log.run) for used in division.used}
+    # 2. Smooth the fitted parts, and fit the Taylor series to their accelerations.
     noise = SmootherNoise.of(vessel)
-    motion = _motion(parted.fitted, noise, say)
+    motion = _motion(division.fitted, noise, say)
     stamps.append(Stamp("fitted parts smoothed", now()))
     series, peer = _series(motion, vessel, choices, say)
     stamps.append(Stamp("regressions done", now()))
+    # 3. Structured fit, and the vessel file with its result.
     step = STEPS[2]
     say(step, "", 0.0)
     structured = fit_structured(
-        parted.fitted, vessel, choices.settings, lambda text, share: say(step, text, min(share, 0.99))
+        division.fitted, vessel, choices.settings, lambda text, share: say(step, text, min(share, 0.99))
     )
     say(step, f"{structured.iterations} steps", 1.0)
     identified = identified_vessel(vessel, structured, date=now()[:10])
     stamps.append(Stamp("structured model fitted", now()))
+    # 4. All models in open loop on the held-out parts. Where those are of the fitted logs, with the trims of that day.
     models: list[Simulator] = [VesselSimulator(NAMES["base"], vessel)]
     models += [TaylorSimulator(one.name, one.fit.C, vessel) for one in series]
     models += [TaylorSimulator(NAMES["peer"], peer, vessel)] if peer is not None else []
-    same_day = all(used.fitted_s for used in parted.used if used.held_out_s)
+    same_day = all(used.fitted_s for used in division.used if used.held_out_s)
     of_the_day = identified_vessel(vessel, structured, date=now()[:10], session=True) if same_day else identified
     models.append(VesselSimulator(NAMES["structured"], of_the_day))
     box = SpeedBox.of(np.concatenate([s.nu for s in motion.smoothed]))
-    validation, departures = _judge(models, parted, vessel, noise, box, choices.seed, say)
+    validation, departures = _judge(models, division, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
     return Identification(
         base=vessel,
         identified=identified,
         choices=choices,
-        split=parted,
+        split=division,
         motion=motion,
         noise=noise,
         structured=structured,
@@ -160,8 +174,8 @@ def identify(
         peer=peer,
         validation=validation,
         departures=departures,
-        problems=told,
-        verdict=verdict(structured, validation, told),
+        problems=log_problems,
+        verdict=verdict(structured, validation, log_problems),
         stamps=tuple(stamps),
     )
 
@@ -180,7 +194,7 @@ def _motion(runs: Sequence[Run], noise: SmootherNoise, say: Say) -> SmoothedMoti
 def _series(
     motion: SmoothedMotions, vessel: VesselFile, choices: Choices, say: Say
 ) -> tuple[tuple[Taylor, ...], np.ndarray | None]:
-    """The 23-term series by least squares, and by pysindy, as far as they were asked for."""
+    """The 23-term series by least squares, and coefficients by pysindy, as far as they were asked for."""
     step, series, peer = STEPS[1], [], None
     if choices.taylor:
         ways = (
@@ -206,19 +220,19 @@ def _series(
 
 def _judge(
     models: Sequence[Simulator],
-    parted: Split,
+    division: Split,
     vessel: VesselFile,
     noise: SmootherNoise,
     box: SpeedBox,
     seed: int,
     say: Say,
 ) -> tuple[Validation, tuple[Departure, ...]]:
-    """Every model and both baselines in open loop on what was held out."""
+    """Every model and both baselines in open loop on the held-out data."""
     step = STEPS[3]
-    found = validate(
-        models, parted.held_out, vessel, noise, box=box, seed=seed, say=lambda text, share: say(step, text, share)
+    validation = validate(
+        models, division.held_out, vessel, noise, box=box, seed=seed, say=lambda text, share: say(step, text, share)
     )
-    pairs = zip(found.scores, found.states, strict=True)
-    departures = tuple(departure(one.name, states, found.windows, box) for one, states in pairs)
-    say(step, f"{len(found.windows.x0)} runs", 1.0)
-    return found, departures
+    pairs = zip(validation.scores, validation.states, strict=True)
+    departures = tuple(departure(one.name, states, validation.windows, box) for one, states in pairs)
+    say(step, f"{len(validation.windows.x0)} runs", 1.0)
+    return validation, departures

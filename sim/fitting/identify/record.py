@@ -1,4 +1,4 @@
-"""identify.json: everything an identification found and rests on, for programs. What is not finite stands as null."""
+"""identify.json: results of an identification and what they rest on, for programs. Values not finite are null."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class IdentifyLog(_Struct, frozen=True, kw_only=True):
 
 
 class ChoiceRecord(_Struct, frozen=True, kw_only=True):
-    """One choice and when it was made: beforehand, on the command line, or from the fitted parts."""
+    """One choice and where it was made: beforehand, on the command line, or from the fitted parts."""
 
     what: str
     value: str
@@ -52,14 +52,14 @@ class ChoiceRecord(_Struct, frozen=True, kw_only=True):
 
 
 class StampRecord(_Struct, frozen=True, kw_only=True):
-    """When something was done."""
+    """When a step was done."""
 
     what: str
     utc: str
 
 
 class TaylorRecord(_Struct, frozen=True, kw_only=True):
-    """One series. `file`: as taylor.json. `shift`: by axis, what errors in u, v, r do to each coefficient."""
+    """One series. `file`: as taylor.json. `shift`: by axis, how far errors in u, v, r move each coefficient."""
 
     name: str
     file: TaylorFile
@@ -73,7 +73,7 @@ class TaylorRecord(_Struct, frozen=True, kw_only=True):
 
 
 class WhiteRecord(_Struct, frozen=True, kw_only=True):
-    """Errors one second on: correlation of neighbours, Ljung-Box p, how many."""
+    """Errors of predictions one second ahead: lag-1 correlation, Ljung-Box p, number."""
 
     lag1: Number
     p: Number
@@ -103,7 +103,7 @@ class ModelRecord(_Struct, frozen=True, kw_only=True):
 
 
 class VerdictRecord(_Struct, frozen=True, kw_only=True):
-    """As in the report. `attention`: why the exit code is 1."""
+    """The verdict as in the report. Any line of `attention` makes the exit code 1."""
 
     believe: str | None
     lines: tuple[str, ...]
@@ -112,7 +112,7 @@ class VerdictRecord(_Struct, frozen=True, kw_only=True):
 
 
 class Record(_Struct, frozen=True, kw_only=True):
-    """The file. `files`: SHA-256 of the other outputs; `vessel_sha256`: of the vessel file that was given."""
+    """The whole file. `files`: SHA-256 of the other outputs; `vessel_sha256`: that of the input vessel file."""
 
     format: Literal[1] = 1
     kind: Literal["aritra-identify"] = "aritra-identify"
@@ -134,59 +134,61 @@ class Record(_Struct, frozen=True, kw_only=True):
 
 
 def outputs(
-    found: Identification, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]
+    identification: Identification, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]
 ) -> dict[str, bytes]:
-    """Bytes of every file, by name. `vessel_text`: the vessel file as given; `command`: words of the command line."""
-    logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
-    stamp = found.stamps[-1].utc
+    """Content of every output file by name. `vessel_text`: the input vessel file; `command`: the command line."""
+    logs = ", ".join(used.log.name for used in identification.split.used if used.fitted_s)
+    stamp = identification.stamps[-1].utc
     comment = (
         f"Identified by `aritra identify` {stamp} from {logs}.\n"
-        f"{found.verdict.lines[0]}\nIntervals, choices and problems: {REPORT} and {RECORD} beside this file."
+        f"{identification.verdict.lines[0]}\nIntervals, choices and problems: {REPORT} and {RECORD} beside this file."
     )
-    files = {VESSEL: vessel_toml(found.identified, comment).encode()}
-    if found.series:
-        files[TAYLOR] = taylor_json(_file(found, found.series[0])) + b"\n"
-    files[REPORT] = identify_report(found).encode()
+    files = {VESSEL: vessel_toml(identification.identified, comment).encode()}
+    if identification.series:
+        files[TAYLOR] = taylor_json(_file(identification, identification.series[0])) + b"\n"
+    files[REPORT] = identify_report(identification).encode()
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
-    made = record(found, vessel_text, versions, command, hashes)
+    made = record(identification, vessel_text, versions, command, hashes)
     files[RECORD] = msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n"
     return files
 
 
 def record(
-    found: Identification,
+    identification: Identification,
     vessel_text: str,
     versions: Mapping[str, str],
     command: Sequence[str],
     files: Mapping[str, str],
 ) -> Record:
-    """What goes into identify.json."""
-    validation, told = found.validation, found.verdict
-    triples = zip(validation.scores, validation.stabilities, found.departures, strict=True)
+    """Content of identify.json; `files`: SHA-256 of the other outputs, by name."""
+    validation, verdict = identification.validation, identification.verdict
+    triples = zip(validation.scores, validation.stabilities, identification.departures, strict=True)
     peer = None
-    if found.peer is not None:
-        peer = {axis: tuple(map(float, row)) for axis, row in zip(AXES, found.peer, strict=True)}
+    if identification.peer is not None:
+        peer = {axis: tuple(map(float, row)) for axis, row in zip(AXES, identification.peer, strict=True)}
     return Record(
         versions=dict(versions),
         command=tuple(command),
-        seed=found.choices.seed,
-        vessel=found.base.name,
+        seed=identification.choices.seed,
+        vessel=identification.base.name,
         vessel_sha256=hashlib.sha256(vessel_text.encode()).hexdigest(),
-        stamps=tuple(StampRecord(what=s.what, utc=s.utc) for s in found.stamps),
-        choices=tuple(ChoiceRecord(what=c.what, value=c.value, made=c.made) for c in choices(found)),
-        logs=tuple(_log(found, i) for i in range(len(found.split.used))),
-        structured=found.structured,
-        series=tuple(_taylor(found, one) for one in found.series),
+        stamps=tuple(StampRecord(what=s.what, utc=s.utc) for s in identification.stamps),
+        choices=tuple(ChoiceRecord(what=c.what, value=c.value, made=c.made) for c in choices(identification)),
+        logs=tuple(_log(identification, i) for i in range(len(identification.split.used))),
+        structured=identification.structured,
+        series=tuple(_taylor(identification, one) for one in identification.series),
         pysindy=peer,
         reference="; ".join(sorted({r.source for r in validation.references})),
-        held_out=tuple(_model(s, t, d, told.relative_error.get(s.name)) for s, t, d in triples),
-        verdict=VerdictRecord(believe=told.believe, lines=told.lines, attention=told.attention, advice=told.advice),
+        held_out=tuple(_model(s, t, d, verdict.relative_error.get(s.name)) for s, t, d in triples),
+        verdict=VerdictRecord(
+            believe=verdict.believe, lines=verdict.lines, attention=verdict.attention, advice=verdict.advice
+        ),
         files=dict(files),
     )
 
 
-def _log(found: Identification, i: int) -> IdentifyLog:
-    used = found.split.used[i]
+def _log(identification: Identification, i: int) -> IdentifyLog:
+    used = identification.split.used[i]
     run = used.log.run
     return IdentifyLog(
         name=used.log.name,
@@ -196,20 +198,20 @@ def _log(found: Identification, i: int) -> IdentifyLog:
         rates_hz=run.rates_hz(),
         fitted_s=used.fitted_s,
         held_out_s=used.held_out_s,
-        problems=tuple(found.problems[used.log.name]),
+        problems=tuple(identification.problems[used.log.name]),
     )
 
 
-def _file(found: Identification, one: Taylor) -> TaylorFile:
-    logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
+def _file(identification: Identification, one: Taylor) -> TaylorFile:
+    logs = ", ".join(used.log.name for used in identification.split.used if used.fitted_s)
     return taylor_file(one.fit, f"{logs}; samples by {one.pipeline}")
 
 
-def _taylor(found: Identification, one: Taylor) -> TaylorRecord:
+def _taylor(identification: Identification, one: Taylor) -> TaylorRecord:
     fit = one.fit
     return TaylorRecord(
         name=one.name,
-        file=_file(found, one),
+        file=_file(identification, one),
         rank=fit.rank,
         condition=_number(fit.condition),
         condition_scaled=_number(fit.condition_scaled),

@@ -1,4 +1,10 @@
-"""What a structured fit found: values with intervals, what the data do not determine, how the residuals look."""
+"""Result of a structured fit: estimates with intervals, what the data leave undetermined, statistics of the residuals.
+
+    C_w = H^-1 (posterior covariance of w),   C_q = T C_w T^T,   T = dq/dw
+
+A parameter, or a direction in the space of w, counts as determined if the data reduce its prior sigma to at most
+`UNDETERMINED` of itself.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +25,17 @@ from sim.fitting.identify.horizon import solve as solve_horizon
 from sim.fitting.identify.structured_fit import WINDOWS_S, FitPoint, FitSettings, Say, StructuredFit, solve
 
 Z95 = 1.959964
-COLOURED = 0.2  # lag-1 correlation of whitened residuals beyond which something within a window is not described
-UNDETERMINED = 0.7  # posterior over prior sigma: at more, half of what is known was known before
+COLOURED = 0.2  # lag-1 correlation of whitened residuals from which the model misses something within a window
+UNDETERMINED = 0.7  # posterior over prior sigma; above it the prior holds half of the information
 INERTIAL = ("r_rad_s", "ax_m_s2", "ay_m_s2")
 CHANNEL_NAMES = ("psi", "r", "ax", "ay")
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
-    """One parameter. `share_of_prior`: posterior over prior sigma; above 0.7 the data do not determine it."""
+    """One parameter in file units: value, standard error, 95 % interval.
+
+    `share_of_prior`: posterior over prior sigma of its w; `determined` if at most `UNDETERMINED`.
+    """
 
     name: str
     value: float
@@ -38,14 +47,17 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OpenDirection(msgspec.Struct, frozen=True, kw_only=True):
-    """A combination that the data do not determine: its share of the prior sigma, and who takes part how much."""
+    """A combination of parameters that the data do not determine.
+
+    `share_of_prior`: posterior over prior sigma along it. `parts`: change of each w, relative to the largest.
+    """
 
     share_of_prior: float
     parts: dict[str, float]
 
 
 class ResidualChannel(msgspec.Struct, frozen=True, kw_only=True):
-    """Whitened residuals of one channel: how many, white sigma found, rms (1: as believed), lag-1 correlation."""
+    """Whitened residuals of one channel: number, estimated white `sigma`, rms over sigma, lag-1 correlation."""
 
     name: str
     count: int
@@ -55,12 +67,15 @@ class ResidualChannel(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FitResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What `fit_structured` found.
+    """Result of `fit_structured`.
 
-    `covariance` (P, P) of the parameters in their order. `latent`: sigma of what the model leaves unexplained of u_dot,
-    v_dot [m/s^2], r_dot [rad/s^2]; `latent_share`: of the commands' rms, 1e-3 where there is nothing. `white`: no
-    channel's residuals hang together, or the intervals allow for it; else they are too narrow. `fixes`: positions.
-    `horizon_s`: of multi-step output error (no latent acceleration then); 0 for the likelihood of windows.
+    covariance    (P, P) of the parameters in their order, file units
+    latent        sigma of the latent acceleration of u_dot, v_dot [m/s^2], r_dot [rad/s^2]
+    latent_share  the same over the rms of commanded force over inertia; 1e-3, the floor: none
+    horizon_s     horizon of multi-step output error (then there is no latent acceleration); 0: fit of windows
+    white         residuals are uncorrelated, or the intervals allow for it; else the intervals are too narrow
+    samples       instants with inertial data or heading; fixes: positions
+    iterations    Gauss-Newton steps; seconds: wall time
     """
 
     parameters: tuple[Estimate, ...]
@@ -87,10 +102,10 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; KeyError where there is none."""
-        found = next((p for p in self.parameters if p.name == name), None)
-        if found is None:
+        estimate = next((p for p in self.parameters if p.name == name), None)
+        if estimate is None:
             raise KeyError(name)
-        return found
+        return estimate
 
 
 def fit_structured(
@@ -98,21 +113,22 @@ def fit_structured(
 ) -> FitResult:
     """Fit the model of `vessel` to runs. Raises StructuredFitError where a run cannot be used.
 
-    `say(text, share)` hears of progress.
+    Multi-step output error for logs without inertial sensors, else the fit of windows, which is repeated with shorter
+    windows where the residuals are not white. `say(text, share)` is called with progress.
     """
     began, settings = time.perf_counter(), settings or FitSettings()
     horizon_s = settings.horizon_s
     if horizon_s is None:
         horizon_s = 0.0 if any(run.known(c) for run in runs for c in INERTIAL) else HORIZON_S
     if horizon_s:
-        found = _fit_horizon(runs, vessel, settings, horizon_s, say)
-        return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
+        result = _fit_horizon(runs, vessel, settings, horizon_s, say)
+        return msgspec.structs.replace(result, seconds=time.perf_counter() - began)
     first, *finer = (settings.window_s,) if settings.window_s else WINDOWS_S
-    found = _fit_once(runs, vessel, replace(settings, window_s=first), say)
+    result = _fit_once(runs, vessel, replace(settings, window_s=first), say)
     for window_s in finer:
-        if not found.white:
-            found = _fit_once(runs, vessel, replace(settings, window_s=window_s), say)
-    return msgspec.structs.replace(found, seconds=time.perf_counter() - began)
+        if not result.white:
+            result = _fit_once(runs, vessel, replace(settings, window_s=window_s), say)
+    return msgspec.structs.replace(result, seconds=time.perf_counter() - began)
 
 
 def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, say: Say) -> FitResult:
@@ -153,7 +169,7 @@ def _fit_horizon(
 
 
 def fit_result(fit: StructuredFit, point: FitPoint, iterations: int, runs: Sequence[Run]) -> FitResult:
-    """Values and intervals at a converged point."""
+    """The result at a converged iterate of the fit of windows."""
     parameters = fit.parameters
     D = fit.assemble(point, fit.noise)[0].solve()[2]
     C_w = np.linalg.inv(D)
@@ -179,7 +195,7 @@ def fit_result(fit: StructuredFit, point: FitPoint, iterations: int, runs: Seque
 
 
 def _spread_of(parameters: Parameters, w: np.ndarray, C_w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance in file units, and posterior over prior sigma of each w."""
+    """Covariance of q (P, P) at w, and posterior over prior sigma of each w (P,)."""
     T = parameters.jacobian(w)
     return T @ C_w @ T.T, np.sqrt(np.diag(C_w)) / parameters.prior[1]
 
@@ -209,7 +225,7 @@ def _triple(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
-    """95 % interval: that of the logarithm for what cannot change sign, else symmetric."""
+    """95 % interval: symmetric in the logarithm for a parameter that keeps its sign, else symmetric."""
     if not positive or value == 0.0:
         return value - Z95 * se, value + Z95 * se
     low, high = sorted((value * np.exp(-Z95 * se / abs(value)), value * np.exp(Z95 * se / abs(value))))
@@ -217,9 +233,9 @@ def _interval(value: float, se: float, positive: bool) -> tuple[float, float]:
 
 
 def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> tuple[OpenDirection, ...]:
-    """Principal axes of the posterior, in units of the prior, that kept most of their prior width."""
+    """Undetermined principal axes of the posterior covariance in units of the prior, the widest first."""
     values, axes = np.linalg.eigh(C_w / np.outer(spread, spread))
-    found = []
+    directions = []
     for value, axis in sorted(zip(values, axes.T, strict=True), key=lambda pair: -pair[0]):
         if np.sqrt(value) <= UNDETERMINED:
             break
@@ -227,20 +243,20 @@ def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> 
         change /= change[np.abs(axis).argmax()]
         order = [int(i) for i in np.argsort(-np.abs(axis)) if abs(axis[i]) > 0.01]
         parts = {names[i]: round(float(change[i]), 3) for i in order}
-        found.append(OpenDirection(share_of_prior=float(np.sqrt(value)), parts=parts))
-    return tuple(found)
+        directions.append(OpenDirection(share_of_prior=float(np.sqrt(value)), parts=parts))
+    return tuple(directions)
 
 
 def _channels(fit: StructuredFit, point: FitPoint) -> tuple[ResidualChannel, ...]:
-    out = []
+    channels = []
     for i, name in enumerate(CHANNEL_NAMES):
         series = point.at.residuals[..., i].ravel()
         series = series[np.isfinite(series)]
         if len(series) > 2:
-            out.append(_channel(name, series, fit.noise.white[i]))
+            channels.append(_channel(name, series, fit.noise.white[i]))
     for axis, name in enumerate(("fix_north", "fix_east")):
-        out.append(_channel(name, point.at.fix_residuals[:, axis], fit.noise.fix_m))
-    return tuple(out)
+        channels.append(_channel(name, point.at.fix_residuals[:, axis], fit.noise.fix_m))
+    return tuple(channels)
 
 
 def _channel(name: str, series: np.ndarray, sigma: float) -> ResidualChannel:

@@ -1,9 +1,18 @@
-"""The structured fit: parameters, nodes and noise of one boat from its runs.
+"""The structured fit: parameters, nodes and noise of one boat from its runs, maximum a posteriori.
 
-Maximum a posteriori by Gauss-Newton on nodes and parameters together (multiple shooting with tied nodes). With no
-latent acceleration and tight ties it is output error over whole runs. With one, whose size is chosen by the
-evidence of the data (Laplace), it is the smoother that goes with the prediction-error likelihood: model and disturbance
-share the blame for what is left, and intervals stay honest. White noise follows the residuals.
+    minimise over w, z   cost of the data (`linearise`)
+                         + 1/2 sum_w |z_{w+1} - f(z_w, q)|^2_{Q^-1}      ties: continuity between windows
+                         + 1/2 |z_first - z0|^2_{P0^-1}                  prior of nodes that open a run
+                         + 1/2 |w - w_prior|^2_{Sigma^-1}                prior of the parameters
+
+by Gauss-Newton steps on nodes z and parameters w together (multiple shooting with softened continuity). The noise is
+estimated in turn with them: white noise from the residuals, and the size of the latent acceleration by the evidence
+
+    log p(data | noise) = -cost_min - 1/2 log det H - sum log sigma + constant        (Laplace's approximation)
+
+Without latent acceleration and with tight ties this is output error over whole runs. With it the nodes are a smoother's
+and the fit is that of a prediction-error method: model error counts as process noise, so that the intervals of the
+parameters cover it.
 """
 
 from __future__ import annotations
@@ -21,34 +30,41 @@ from companion.logs.runs.decimate import RATE_HZ, Decimated, decimated
 from companion.logs.runs.run import Run
 from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.initial_guess import initial_nodes
-from sim.fitting.engine.linearise import HUBER, FitProblem, Linearised
+from sim.fitting.engine.linearise import FitProblem, Linearised
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.noise import STATE, Noise, noise_of
 from sim.fitting.engine.parameters import Parameters, PriorSigmas
 from sim.fitting.engine.windows import MAX_STEP_S, Windows, cut_windows
+from sim.fitting.identify.white_noise import white_from_residuals
 
-MEAN_STEP_S = 1.5 / RATE_HZ  # of integration, where thrust is averaged as the samples are: a late sample splits no step
-WINDOWS_S = (2.0, 0.5)  # the second where the first leaves residuals that are not white
-SLACK = (100.0, 10.0, 1.0)  # of the ties, by iteration: nodes first follow the data, then the model
-LATENT_START, LATENT_FLOOR = 0.1, 1e-3  # shares of the rms of commanded force over inertia; at the floor is none
-ENOUGH = 0.5  # nats that a last step may promise: a fifth of a sigma of each parameter, about
-READY = 0.5  # nats per sample: a step that promises less leaves a linearisation good enough to set the noise by
-FARTHEST = 4.0  # sigmas of the prior that one step may go: further is beyond what the linearisation knows
+MEAN_STEP_S = 1.5 / RATE_HZ  # longest step where samples are means: beyond their period, so that jitter splits none
+WINDOWS_S = (2.0, 0.5)  # window length [s]; the second is tried where the first leaves residuals that are not white
+SLACK = (100.0, 10.0, 1.0)  # factor on sigma of the ties, by iteration: nodes first follow the data, then the model
+LATENT_START, LATENT_FLOOR = 0.1, 1e-3  # shares of the rms of commanded force over inertia; the floor means none
+ENOUGH = 0.5  # predicted decrease [nats] of a last step: about a fifth of a sigma of each parameter
+READY = 0.5  # predicted decrease [nats per sample] below which residuals and linearisation are fit to set the noise by
+FARTHEST = 4.0  # longest step, in sigmas of the prior: the linearisation does not reach further
 DECADE = np.log(10.0)
-Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
-COLOURED = 0.2  # correlation of neighbouring residuals beyond which they count for fewer than they are
-LATENT_CEILING = 10.0  # times the rms of commanded force over inertia, at the file's gains: more is no boat's model
-SAME_WHITE, SAME_LATENT = 0.03, 0.3  # changes that ask for no further step: a share, a logarithm; assumed
-FACTORS = (0.3, 10.0)  # of a stated noise: the residuals may say so much less, so much more; assumed
+LATENT_CEILING = 10.0  # times the rms of commanded force over inertia, at the file's gains: no boat's model is worse
+SAME_WHITE, SAME_LATENT = 0.03, 0.3  # relative, logarithmic change of the noise that counts as none; assumed
 Say = Callable[[str, float], None]
+"""Progress: text, and share that is done."""
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How to fit. `latent`: let a latent acceleration explain what the model cannot. `overrides`: see Parameters.
+    """Options of a fit.
 
-    `horizon_s`: multi-step output error instead (`horizon`), over so long; None: where no inertial sensor was logged;
-    0: never. `inertial_hz`: faster heading, yaw rate and specific force are averaged to about this rate (`thin`).
+    horizon_s        multi-step output error over this horizon instead (`horizon`); None: only where no inertial sensor
+                     was logged; 0: never
+    window_s         window length; None: `WINDOWS_S`
+    latent           estimate a latent acceleration for what the model cannot explain
+    latent_time_s    its correlation time
+    inertial_hz      heading, yaw rate and specific force are averaged to about this rate (`decimate`)
+    iterations       most Gauss-Newton steps
+    tolerance_nats   predicted decrease below which a step is not taken
+    sigmas           priors of the parameters; `overrides`: see `Parameters`
+    noise            sensor noise instead of that of the vessel file
     """
 
     horizon_s: float | None = None
@@ -65,7 +81,7 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class FitPoint:
-    """Where a fit stands: w (P,), nodes (W, L), and the data's normal equations there."""
+    """One iterate: parameters w (P,), nodes z (W, L), and the data linearised there (`at`)."""
 
     w: np.ndarray
     z: np.ndarray
@@ -73,7 +89,7 @@ class FitPoint:
 
 
 class StructuredFit:
-    """One problem, and the steps towards its solution."""
+    """One fit: its windows, parameters and present noise, and the steps towards the solution (`solve`)."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: FitSettings):
         self.settings = settings
@@ -91,27 +107,30 @@ class StructuredFit:
         self._first = np.flatnonzero(self.windows.first)
 
     def begin(self) -> FitPoint:
-        """At the priors' centres and the first guess of the nodes."""
+        """The first iterate: parameters at the centres of their priors, nodes guessed from the measurements."""
         return self.point(self.parameters.prior[0], self._z0)
 
     def point(self, w: np.ndarray, z: np.ndarray) -> FitPoint:
-        """Linearise the data at w and z under the present noise."""
+        """The iterate at w (P,) and z (W, L): data linearised under the present noise."""
         return FitPoint(w, z, self.problem.linearise(self.parameters.file_units(w), z, self.noise))
 
     def again(self, point: FitPoint) -> FitPoint:
-        """The same place under the present noise."""
+        """The same iterate, linearised anew because the noise has changed; the trajectories are kept."""
         q = self.parameters.file_units(point.w)
         return replace(point, at=self.problem.linearise(q, point.z, self.noise, point.at.motion))
 
     def assemble(self, point: FitPoint, noise: Noise) -> tuple[Chain, float, float]:
-        """Normal equations in terms of w with ties and priors, their cost [nats], and sum log sigma of the nodes."""
+        """Normal equations in z and w with ties and priors, total cost [nats], and sum log sigma of ties and nodes."""
+        # 1. Data and ties, in terms of w.
         chain, ties = point.at.chain.copy(), point.at.ties
         _, sigma = noise.tie(ties.span_s)
         chain.add_ties(ties, sigma)
         chain.in_terms_of(self.parameters.jacobian(point.w))
         mean, spread = self.parameters.prior
+        # 2. Priors of the parameters.
         chain.D += np.diag(1 / spread**2)
         chain.d += (point.w - mean) / spread**2
+        # 3. Priors of the nodes that open a run: states around the first guess, all else around 0.
         start, first = noise.node_start(), self._first
         off = point.z[first].copy()
         off[:, STATE] -= self._z0[first, STATE]
@@ -124,7 +143,11 @@ class StructuredFit:
         return chain, point.at.cost + 0.5 * float(squares), log_sigma
 
     def step(self, point: FitPoint) -> tuple[FitPoint, float]:
-        """One step that lowers the cost, and what it promised [nats]; the same point where none is to be had."""
+        """One Gauss-Newton step that lowers the cost, and the decrease that was predicted [nats].
+
+        Damped (Levenberg-Marquardt, in units of the priors) until the cost falls. Returns the same point where the
+        predicted decrease is within tolerance, or where no step lowers the cost.
+        """
         plain, cost, _ = self.assemble(point, self.noise)
         _, spread = self.parameters.prior
         damping = 0.0
@@ -135,7 +158,7 @@ class StructuredFit:
             if promised <= self.settings.tolerance_nats:
                 return point, promised
             if np.abs(dw / spread).max() < FARTHEST:
-                with np.errstate(all="ignore"):  # a trial may run away: it is then refused
+                with np.errstate(all="ignore"):  # a trial may diverge; it is refused then
                     trial = self.point(point.w + dw, point.z + dz)
                     after = self.assemble(trial, self.noise)[1]
                 if after < cost:
@@ -144,31 +167,29 @@ class StructuredFit:
         return point, 0.0
 
     def evidence(self, point: FitPoint, noise: Noise) -> float:
-        """Log evidence of the linearised problem under `noise` [nats], up to a constant."""
+        """Log evidence of the linearised problem under `noise` [nats], up to a constant (module docstring)."""
         chain, cost, log_sigma = self.assemble(point, noise)
         dz, dw, D, log_det = chain.solve()
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
         return promised - cost - 0.5 * (log_det + float(np.linalg.slogdet(D)[1])) - log_sigma
 
     def tune_latent(self, point: FitPoint, noise: Noise) -> Noise:
-        """The latent acceleration of greatest evidence, where linearisation holds.
-
-        By decades, all axes together: down as long as each is better than the last, from the floor one up; where none
-        is better, a simplex search within one.
-        """
+        """The noise with the latent acceleration of greatest evidence, as far as the linearisation holds."""
         floor = LATENT_FLOOR * self.command_rms
         now = np.maximum(noise.latent, floor)
 
         def gain(log_share: np.ndarray) -> float:
             return self.evidence(point, with_latent(noise, np.maximum(now * np.exp(log_share), floor)))
 
+        # 1. By decades, all axes together: down while the evidence grows; from the floor one decade up.
         best, most, at_floor = np.zeros(3), gain(np.zeros(3)), bool(np.all(now <= floor))
         away = np.full(3, DECADE if at_floor else -DECADE)
-        while (there := gain(away)) > most:
-            best, most = away, there
+        while (value := gain(away)) > most:
+            best, most = away, value
             if at_floor or np.all(now * np.exp(away) <= floor):
                 break
             away = away - DECADE
+        # 2. Where a decade less is no better: each axis by simplex search, within one decade to either side.
         if not at_floor and not best.any():
             options = {
                 "initial_simplex": np.vstack([np.zeros(3), -np.eye(3)]),
@@ -182,19 +203,19 @@ class StructuredFit:
 
 
 def with_latent(noise: Noise, sigma: np.ndarray) -> Noise:
-    """The same noise with a latent acceleration of these sigmas [m/s^2, m/s^2, rad/s^2]."""
+    """The noise with sigmas `sigma` (3,) of the latent acceleration [m/s^2, m/s^2, rad/s^2]."""
     x, y, n = map(float, sigma)
     return replace(noise, latent=(x, y, n))
 
 
 def _windows(fewer: Sequence[Decimated], vessel: VesselFile, window_s: float) -> Windows:
-    """Logs with fewer inertial samples as windows."""
+    """Windows of the decimated logs; their steps may be longer where all samples are means."""
     step_s = MEAN_STEP_S if all(each.width_s for each in fewer) else MAX_STEP_S
     return cut_windows([each.run for each in fewer], vessel, window_s, max_step_s=step_s, means=fewer)
 
 
 def _of_means(noise: Noise, runs: Sequence[Run], fewer: Sequence[Decimated]) -> Noise:
-    """White noise of samples as that of their means."""
+    """White noise of the means that decimation left, from that of single samples: by the root of their number."""
     logged, left = (sum(len(run.samples("psi_rad")[0]) for run in some) for some in (runs, [f.run for f in fewer]))
     share = float(np.sqrt(left / logged))
     psi, r, ax, ay = (share * sigma for sigma in noise.white)
@@ -202,47 +223,16 @@ def _of_means(noise: Noise, runs: Sequence[Run], fewer: Sequence[Decimated]) -> 
 
 
 def _command_rms(windows: Windows, vessel: VesselFile) -> np.ndarray:
-    """Root mean square of commanded force over inertia of the file [m/s^2, m/s^2, rad/s^2], at gains of one."""
+    """Root mean square of commanded force over the file's inertia, (3,) [m/s^2, m/s^2, rad/s^2], at gains of one."""
     steady = np.concatenate([c.force_n for c in windows.commands]) @ configuration_matrix(vessel).T
     return np.maximum(np.sqrt((steady**2).mean(axis=0)) / np.diag(mass_matrix(vessel)), 1e-6)
 
 
-def white_from_residuals(noise: Noise, at: Linearised, stated: Noise) -> tuple[Noise, float]:
-    """White noise as the residuals show it, and the largest change as a factor - 1.
-
-    From their 90 % quantile, which a few outliers do not move; within `FACTORS` of what the sensors are stated to have.
-    Residuals that hang together by rho from one to the next say as much as a share (1 - rho) / (1 + rho) of them would
-    (first-order autoregression): their sigma grows to match.
-    """
-    white = tuple(
-        _bounded(now, at.residuals[..., c].ravel(), said)
-        for c, (now, said) in enumerate(zip(noise.white, stated.white, strict=True))
-    )
-    fix = _bounded(noise.fix_m, at.fix_residuals, stated.fix_m)
-    change = np.array([*white, fix]) / np.array([*noise.white, noise.fix_m]) - 1
-    psi, r, ax, ay = white
-    return replace(noise, white=(psi, r, ax, ay), fix_m=fix), float(np.abs(change).max())
-
-
-def _bounded(sigma: float, whitened: np.ndarray, stated: float) -> float:
-    """From residuals in order of time, (m,) or (m, 2)."""
-    known = whitened[np.isfinite(whitened).reshape(len(whitened), -1).all(axis=1)]
-    if not len(known):
-        return sigma
-    rho = lag1_correlation(known)
-    share = np.sqrt((1 + rho) / (1 - rho)) if rho > COLOURED + 2 / np.sqrt(len(known)) else 1.0
-    found = sigma * share * np.quantile(np.abs(known), 0.9) / Q90
-    return float(np.clip(found, FACTORS[0] * stated, FACTORS[1] * stated))
-
-
-def lag1_correlation(residuals: np.ndarray) -> float:
-    """Of neighbours in time, (m,) or (m, 2), about zero; beyond HUBER sigmas they count as HUBER."""
-    r = np.clip(residuals, -HUBER, HUBER)
-    return float(np.clip((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-12), -0.99, 0.99))
-
-
 def solve(fit: StructuredFit, say: Say = lambda _text, _share: None) -> tuple[FitPoint, int]:
-    """From the start to convergence. Returns the point and how many steps it took."""
+    """Iterate from the start to convergence. Returns the last iterate and the number of steps.
+
+    The noise of `fit` changes on the way: slack of the ties, white noise, latent acceleration.
+    """
     settings, count = fit.settings, 0
     fit.noise = replace(fit.noise, slack=SLACK[0])
     point = fit.begin()
@@ -252,11 +242,14 @@ def solve(fit: StructuredFit, say: Say = lambda _text, _share: None) -> tuple[Fi
         moved = after is not point
         point, count = after, count + 1
         say(f"step {count}: {promised:.2f} nats", min(1.0, count / 8))
+        # 1. First steps: tighten the ties.
         if count < len(SLACK):
             fit.noise = replace(fit.noise, slack=SLACK[count])
+        # 3. Noise settled: until a step promises next to nothing.
         elif settled:
             if not moved or promised < ENOUGH:
                 break
+        # 2. Near the solution: estimate the noise after every step until it settles.
         elif promised < READY * fit.windows.samples() or not moved:
             before = fit.noise
             fit.noise, settled = _retuned(fit, point)
@@ -268,12 +261,12 @@ def solve(fit: StructuredFit, say: Say = lambda _text, _share: None) -> tuple[Fi
 
 
 def _retuned(fit: StructuredFit, point: FitPoint) -> tuple[Noise, bool]:
-    """Noise after a look at the residuals and the evidence; True when it hardly changed.
+    """Noise estimated anew at `point`: white noise from the residuals, latent acceleration by the evidence.
 
-    White noise that hardly changed stays as it was, which saves a linearisation.
+    The flag is True where it hardly changed. White noise that hardly changed is kept, which saves a linearisation.
     """
-    found, change = white_from_residuals(fit.noise, point.at, fit.stated)
-    noise, same = (fit.noise, True) if change < SAME_WHITE else (found, False)
+    estimate, change = white_from_residuals(fit.noise, point.at, fit.stated)
+    noise, same = (fit.noise, True) if change < SAME_WHITE else (estimate, False)
     if fit.settings.latent:
         before = np.array(noise.latent)
         noise = fit.tune_latent(point, noise)

@@ -1,7 +1,9 @@
-"""Which model to believe, why, what must be looked at, and what to drive next: in figures and plain sentences.
+"""Which model to believe, why, what needs attention, and what to drive next: in figures and plain sentences.
 
-relative error of a model = geometric mean, over the five channels at 10 and 20 s, of its rms error on held-out runs
-                            over that of the better baseline there         1: as good as knowing nothing
+    relative error of a model = geometric mean over the five channels at 10 and 20 s of
+                                rms error on held-out runs / rms error of the better baseline
+
+1: no better than a guess without a model.
 """
 
 from __future__ import annotations
@@ -26,8 +28,9 @@ NAMES = {
     "peer": "pysindy",
     "structured": "structured",
 }
-"""Of the models. Taylor: by the paper's pipeline; smoothed: the same series from the RTS smoother."""
+"""Names of the models. Taylor: by the paper's pipeline; smoothed: the same series from the RTS smoother."""
 JUDGED_S = (10, 20)
+"""Horizons of the relative error."""
 SAME = 1.05
 """Relative errors closer than this factor count as equal; assumed."""
 NEEDED = (
@@ -35,9 +38,9 @@ NEEDED = (
     ("X_u_N_s_m", "X_uu_N_s2_m2"), ("Y_v_N_s_m", "Y_vv_N_s2_m2"), ("N_r_N_m_s", "N_rr_N_m_s2"),
     ("dead_time_s", "lag_s"),
 )  # fmt: skip
-"""Of each group the data must determine one: without it the boat's speed or its answer to thrust is only believed."""
+"""The data must determine one of each group: else the boat's speed or its response to thrust is the prior's."""
 DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
-"""Kinds of problems in a log that can bend a fit unnoticed."""
+"""Kinds of log problems that can bias a fit unnoticed."""
 MANOEUVRES = (
     (("M11_kg", "X_u"), "steps ahead and astern from rest, at three strengths at least, each let run out to rest"),
     (("M22_kg", "Y_v_", "Y_vv"), "strafes: sideways to either hand at three strengths, each let run out to rest"),
@@ -50,16 +53,19 @@ MANOEUVRES = (
     (("trim_", "azimuth_"), "weak commands to either side of neutral, of one thruster at a time"),
     (("N_ur_", "k_kg"), "circles and zig-zags at three speeds, ahead and astern"),
 )
-"""By the beginning of a parameter's name: what would tell more of it."""
+"""Beginnings of parameter names -> the manoeuvre that carries most information on them."""
 ANYTHING = "slow and fast runs, straight and turning, in which these act most"
 
 
 @dataclass(frozen=True)
 class IdentificationVerdict:
-    """`believe`: name of a model, or None. `relative_error`: by model. `lines`: the verdict in sentences.
+    """The verdict.
 
-    `attention`: what must be looked at before the model is used; nothing if empty. `advice`: parameters that stayed
-    open, and the manoeuvre that would tell more of them.
+    believe         name of the model, or None
+    relative_error  by model, baselines left out
+    lines           the verdict in sentences
+    attention       what must be looked at before the model is used; may be empty
+    advice          undetermined parameters, and the manoeuvre that carries information on them
     """
 
     believe: str | None
@@ -70,26 +76,29 @@ class IdentificationVerdict:
 
 
 def verdict(
-    structured: FitResult, found: Validation, problems: Mapping[str, Sequence[LogProblem]]
+    structured: FitResult, validation: Validation, problems: Mapping[str, Sequence[LogProblem]]
 ) -> IdentificationVerdict:
-    """Of everything that was found."""
-    errors = {s.name: relative_error(s, found.scores) for s in found.scores if s.name not in BASELINE_NAMES}
+    """Verdict on a structured fit, from the scores of all models on held-out data and the problems of the logs.
+
+    The structured model is believed where it is within the factor `SAME` of the best; no model if none is below 1.
+    """
+    errors = {s.name: relative_error(s, validation.scores) for s in validation.scores if s.name not in BASELINE_NAMES}
     nearest = min(errors, key=lambda name: errors[name])
     if errors[NAMES["structured"]] <= SAME * errors[nearest]:
         nearest = NAMES["structured"]
     believe = nearest if errors[nearest] < 1 else None
-    lines = [_believe(believe, errors), *_distances(found, errors), *_open(structured)]
-    attention = [*_fit_doubts(structured), *_model_doubts(errors, found), *_log_doubts(problems)]
+    lines = [_believe(believe, errors), *_distances(validation, errors), *_open(structured)]
+    attention = [*_fit_doubts(structured), *_model_doubts(errors, validation), *_log_doubts(problems)]
     return IdentificationVerdict(believe, errors, tuple(lines), tuple(attention), tuple(advice(structured)))
 
 
 def judged_horizons(score: Score) -> list[int]:
-    """Of 10 and 20 s those that the held-out runs reach."""
+    """The horizons of `JUDGED_S` that the held-out runs reach."""
     return [h for h in JUDGED_S if h in score.horizons_s]
 
 
 def relative_error(score: Score, scores: Sequence[Score]) -> float:
-    """As above; inf where a run is gone."""
+    """Relative error (module docstring); inf where a run has diverged beyond all bounds."""
     ratios = [
         score.rms[channel][score.horizons_s.index(h)] / best_baseline(scores, BASELINE_NAMES, channel, h)
         for channel in CHANNELS
@@ -99,16 +108,16 @@ def relative_error(score: Score, scores: Sequence[Score]) -> float:
 
 
 def advice(structured: FitResult) -> list[tuple[tuple[str, ...], str]]:
-    """Parameters that the data leave open, by the manoeuvre that would tell more of them."""
+    """Undetermined parameters, by the manoeuvre that carries information on them."""
     names = [p.name for p in structured.parameters if not p.determined and p.name not in WARP]
-    found = [(tuple(n for n in names if n.startswith(heads)), text) for heads, text in MANOEUVRES]
-    told = {n for mine, _ in found for n in mine}
-    found.append((tuple(n for n in names if n not in told), ANYTHING))
-    return [(mine, text) for mine, text in found if mine]
+    groups = [(tuple(n for n in names if n.startswith(heads)), text) for heads, text in MANOEUVRES]
+    listed = {n for mine, _ in groups for n in mine}
+    groups.append((tuple(n for n in names if n not in listed), ANYTHING))
+    return [(mine, text) for mine, text in groups if mine]
 
 
 def common_scale(structured: FitResult) -> OpenDirection | None:
-    """The direction in which all forces and inertias change together, where the data leave it open."""
+    """The undetermined direction in which all forces and inertias change together, if there is one."""
     heads = ("M11_kg", "M22_kg")
     return next((d for d in structured.directions if all(abs(d.parts.get(h, 0.0)) > 0.5 for h in heads)), None)
 
@@ -131,15 +140,15 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
     )
 
 
-def _distances(found: Validation, errors: Mapping[str, float]) -> list[str]:
+def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]:
     lines = []
-    for h in (h for h in (10, 30) if h in found.scores[0].horizons_s):
-        at = {s.name: s.rms["position"][s.horizons_s.index(h)] for s in found.scores}
-        told = ", ".join(f"{name} {at[name]:.3g} m" if at[name] < 1e4 else f"{name} gone" for name in errors)
-        idle = best_baseline(found.scores, BASELINE_NAMES, "position", h)
-        count = found.scores[0].count[found.scores[0].horizons_s.index(h)]
+    for h in (h for h in (10, 30) if h in validation.scores[0].horizons_s):
+        at = {s.name: s.rms["position"][s.horizons_s.index(h)] for s in validation.scores}
+        distances = ", ".join(f"{name} {at[name]:.3g} m" if at[name] < 1e4 else f"{name} gone" for name in errors)
+        idle = best_baseline(validation.scores, BASELINE_NAMES, "position", h)
+        count = validation.scores[0].count[validation.scores[0].horizons_s.index(h)]
         lines.append(
-            f"Distance from the true place after {h} s without any measurement (rms of {count} runs): {told}; "
+            f"Distance from the true place after {h} s without any measurement (rms of {count} runs): {distances}; "
             f"the better guess without a model {idle:.3g} m."
         )
     return lines
@@ -162,12 +171,14 @@ def _open(structured: FitResult) -> list[str]:
 
 
 def _fit_doubts(structured: FitResult) -> list[str]:
-    found = []
+    doubts = []
     if not structured.converged:
-        found.append(f"The structured fit did not converge in {structured.iterations} steps: its values are not final.")
+        doubts.append(
+            f"The structured fit did not converge in {structured.iterations} steps: its values are not final."
+        )
     if not structured.white:
         channels = ", ".join(c.name for c in structured.channels if abs(c.lag1) >= COLOURED)
-        found.append(
+        doubts.append(
             f"The residuals of the structured fit hang together ({channels or 'slightly'}): the model leaves something "
             "out, and its intervals are too narrow."
         )
@@ -175,11 +186,11 @@ def _fit_doubts(structured: FitResult) -> list[str]:
     for group in NEEDED:
         if not determined & set(group):
             what = " or ".join(group)
-            found.append(f"The data do not determine {what}, which the controller needs: it stays what was believed.")
-    return found
+            doubts.append(f"The data do not determine {what}, which the controller needs: it stays what was believed.")
+    return doubts
 
 
-def _model_doubts(errors: Mapping[str, float], found: Validation) -> list[str]:
+def _model_doubts(errors: Mapping[str, float], validation: Validation) -> list[str]:
     name = NAMES["structured"]
     doubts, mine = [], errors[name]
     for other, error in errors.items():
@@ -188,21 +199,21 @@ def _model_doubts(errors: Mapping[str, float], found: Validation) -> list[str]:
                 f"On held-out data {other} is nearer than the structured model: {_percent(error)} against "
                 f"{_percent(mine)} of the better baseline's error."
             )
-    score = next(s for s in found.scores if s.name == name)
-    if lost := lost_to_baselines(score, found.scores, judged_horizons(score)):
+    score = next(s for s in validation.scores if s.name == name)
+    if lost := lost_to_baselines(score, validation.scores, judged_horizons(score)):
         doubts.append(f"The structured model does not beat the better baseline in: {', '.join(lost)}.")
-    stable = next(s for s in found.stabilities if s.name == name)
+    stable = next(s for s in validation.stabilities if s.name == name)
     if score.diverged[-1] or stable.free_diverged:
         doubts.append("The structured model runs away from the speeds of the fitted data: see Stability.")
     return doubts
 
 
 def _log_doubts(problems: Mapping[str, Sequence[LogProblem]]) -> list[str]:
-    found = []
+    doubts = []
     for log, ones in problems.items():
         for kind in DOUBTFUL:
             mine = [p for p in ones if p.kind == kind]
             if mine:
                 more = f" (and {len(mine) - 1} more)" if len(mine) > 1 else ""
-                found.append(f"{log}: {kind}: {mine[0].text}{more}.")
-    return found
+                doubts.append(f"{log}: {kind}: {mine[0].text}{more}.")
+    return doubts

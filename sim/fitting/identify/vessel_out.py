@@ -1,4 +1,4 @@
-"""A fitted boat as a vessel file: loads with `load_vessel` as it is, and says where its numbers come from."""
+"""The fitted boat as a vessel file, which `load_vessel` reads; its `source` keys state where the numbers come from."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from companion.core.model.load_vessel import load_vessel
 from sim.fitting.engine.parameters import DAMPING, Parameters, fitted_terms
 from sim.fitting.identify.result import FitResult
 
-DIGITS = 6
+DIGITS = 6  # significant digits of fitted numbers
 TRIM_US = 200  # as the vessel file's bounds
-ROOM = 0.98  # of M that the rigid body may take, where the file's mass would leave no added mass
+ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass
 
 
 def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, session: bool = False) -> VesselFile:
     """`vessel` with the fitted inertia, damping, gains, azimuths, dead time, lag, terms, UWB latency and tag place.
 
-    Trims only for the `session` of the fitted logs itself: where blades stand at neutral is another day's another thing
-    (docs/cse1.md). Without it the file's stay, and the fitted ones have kept the rest from bending.
+    Fitted trims are written only for the `session` of the fitted logs itself: where blades stand at neutral changes
+    from day to day (docs/cse1.md). Otherwise the file's trims stay; the fitted ones served to keep the other parameters
+    unbiased.
 
-    Only M is known, not how it divides: mass and I_z stay as they are and added mass takes the difference, unless that
-    would be positive; then mass or I_z gives way. Either way the motion is the same.
+    Only M is determined, not its division: mass and I_z stay and added mass takes the difference (`inertia_of`).
     """
     names = Parameters(vessel).names
     q = dict(zip(names, (result[name].value for name in names), strict=True))
@@ -59,7 +59,7 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
 
 
 def _map(name: str, given: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
-    """A force map with what was fitted of it, within what a file may say."""
+    """A force map with its fitted curve, within the bounds of a vessel file."""
     if not isinstance(given, PitchMap) or f"curve_{name}" not in q:
         return given
     curve = float(np.clip(_round(q[f"curve_{name}"]), -1.0, 1.0))
@@ -67,7 +67,7 @@ def _map(name: str, given: ForceMap, q: Mapping[str, float], source: str) -> For
 
 
 def _thruster(given: Thruster, q: Mapping[str, float], source: str, session: bool) -> Thruster:
-    """A thruster with what was fitted of it; trims are whole microseconds, within what a file may say."""
+    """A thruster with its fitted gain, azimuth and trim; trims are whole microseconds within the file's bounds."""
     gain = replace(given, gain=_round(q[f"gain_{given.name}"]), source=f"{given.source}; gain {source}")
     if (trim := q.get(f"trim_{given.name}_us")) is None:
         return gain
@@ -79,7 +79,7 @@ def _thruster(given: Thruster, q: Mapping[str, float], source: str, session: boo
 
 
 def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str, dict[str, float | str]]:
-    """The terms with what was fitted of them."""
+    """The vessel's terms with their fitted parameters."""
     terms = {name: dict(given) for name, given in vessel.terms.items()}
     for name, p in fitted_terms(vessel):
         terms[name] |= {p.name: _round(q[p.name]), "source": source}
@@ -87,7 +87,12 @@ def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str,
 
 
 def inertia_of(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
-    """`given` with the mass matrix M11_kg, M22_kg, M33_kg_m2, M23_kg_m of q: added mass takes the difference."""
+    """`given` with the mass matrix M11_kg, M22_kg, M33_kg_m2, M23_kg_m of q: added mass takes the difference.
+
+        X_udot = m - M11,   Y_vdot = m - M22,   Y_rdot = m x_g - M23,   N_rdot = I_z + m (x_g^2 + y_g^2) - M33
+
+    Where added mass would change its sign, mass or I_z is lowered; the motion is the same.
+    """
     M11, M22, M33, M23 = (q[k] for k in ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m"))
     mass = min(given.mass_kg, ROOM * min(M11, M22))
     y_g = given.y_g_m * given.mass_kg / mass  # M13 = -m y_g is not fitted
@@ -112,11 +117,12 @@ def inertia_of(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
 
 
 def _round(value: float) -> float:
+    """`value` to `DIGITS` significant digits."""
     return float(np.format_float_positional(value, DIGITS, unique=False, fractional=False, trim="k"))
 
 
 def vessel_toml(vessel: VesselFile, comment: str = "") -> str:
-    """A vessel file as TOML text; what it says loads back as the same vessel (checked)."""
+    """A vessel file as TOML text. ValueError if the text does not load back as the same vessel."""
     data = msgspec.to_builtins(vessel)
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += _table((), data)
@@ -127,7 +133,7 @@ def vessel_toml(vessel: VesselFile, comment: str = "") -> str:
 
 
 def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
-    """Lines of one table: its own keys, then tables in it, then arrays of tables."""
+    """Lines of one TOML table: its own keys, then its tables, then its arrays of tables."""
     plain = {k: v for k, v in data.items() if v is not None and not isinstance(v, dict | list | tuple)}
     lists = {k: v for k, v in data.items() if isinstance(v, list | tuple)}
     lines = [f"\n[{'.'.join(path)}]"] if path and plain else []

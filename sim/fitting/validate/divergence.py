@@ -1,4 +1,4 @@
-"""How many open-loop runs of a model diverge on unseen logs, and how far the others depart, second by second."""
+"""Share of open-loop runs of a model that diverge on held-out logs, and how far the others depart, over time."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from sim.fitting.validate.windows import HeldOutWindows
 
 @dataclass(frozen=True)
 class Departure:
-    """One model on m runs, after `t_s` (k,) = 1, 2 .. s, as far as any run reaches.
+    """One model on m runs.
 
-    `diverged` (k,): share gone by then; `first_s` (m,): when each went, inf: never.
-    `position_m` (k, 3): 10th, 50th and 90th percentile of the distance to the true place (inf where gone).
+    t_s         (k,) 1, 2 .. s after the start, as far as any run reaches
+    diverged    (k,) share of runs that have diverged by then
+    first_s     (m,) time at which each run diverged; inf: never
+    position_m  (k, 3) 10th, 50th and 90th percentile of the distance to the true position (inf where not finite)
     """
 
     name: str
@@ -30,9 +32,9 @@ class Departure:
 
 
 def departure(name: str, states: np.ndarray, windows: HeldOutWindows, box: SpeedBox) -> Departure:
-    """Of a model's `states` (m, k, 6) on the windows.
+    """Divergence of a model's `states` (m, k, 6) on the windows.
 
-    `box`: speeds that the training logs held; a run that leaves three times that, or is not finite, has diverged.
+    `box`: speeds in the training logs. A run that leaves `SPREAD` times that box, or is not finite, has diverged.
     """
     gone = np.maximum.accumulate(box.left(states[..., 3:]), axis=1)
     first = np.where(gone.any(axis=1), gone.argmax(axis=1) / RATE_HZ, np.inf)
@@ -44,15 +46,15 @@ def departure(name: str, states: np.ndarray, windows: HeldOutWindows, box: Speed
 
 
 def divergence_study(models: Sequence[Simulator], windows: HeldOutWindows, box: SpeedBox) -> list[Departure]:
-    """Each model on the same unseen runs."""
+    """Divergence of each model on the same held-out runs."""
     return [departure(model.name, simulated(model, windows), windows, box) for model in models]
 
 
-def divergence_table(found: Sequence[Departure], horizons_s: Sequence[int] = (1, 5, 10, 20, 30, 60)) -> str:
-    """In Markdown: by horizon, median distance from the true place and share of runs that have diverged by then."""
+def divergence_table(departures: Sequence[Departure], horizons_s: Sequence[int] = (1, 5, 10, 20, 30, 60)) -> str:
+    """Markdown table by horizon: median distance from the true position, and share of runs diverged by then."""
     head = "| model | " + " | ".join(f"{h} s" for h in horizons_s) + " |"
     lines = [head, "|---" * (len(horizons_s) + 1) + "|"]
-    for d in found:
+    for d in departures:
         cells = [
             f"{d.position_m[h - 1, 1]:.2f} m, {100 * d.diverged[h - 1]:.0f} %" if h <= len(d.t_s) else "-"
             for h in horizons_s

@@ -1,4 +1,4 @@
-"""Pictures like the paper's figures 5 to 10, and how errors grow; matplotlib without a display."""
+"""Pictures like the paper's Figures 5 to 10, and growth of errors over the horizon; matplotlib without a display."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ def colours(names: Sequence[str]) -> dict[str, str]:
 
 
 def training_log(run: Run, paper: PaperMotion | None, smoothed: Smoothed, seconds: float = 120.0) -> Figure:
-    """Figures 5 and 6: a free-running track, and speeds before and after the Lanczos filter (None: smoothed only)."""
+    """Figures 5 and 6: a free-running track, and speeds before and after the Lanczos filter.
+
+    `paper` None: smoothed speeds only. `seconds`: length of the track shown.
+    """
     figure = Figure(figsize=(11, 5.2), layout="constrained")
     spec = figure.add_gridspec(3, 2, width_ratios=(1, 1.4))
     plan = figure.add_subplot(spec[:, 0])
@@ -59,11 +62,11 @@ def training_log(run: Run, paper: PaperMotion | None, smoothed: Smoothed, second
     return figure
 
 
-def comparison(found: Validation, window: int) -> Figure:
+def comparison(validation: Validation, window: int) -> Figure:
     """Figures 7 to 10: measured against simulated track, surge, sway, yaw rate in one window."""
     figure = Figure(figsize=(11, 6.0), layout="constrained")
     spec = figure.add_gridspec(3, 2, width_ratios=(1, 1.3))
-    truth = found.windows.truth[window]
+    truth = validation.windows.truth[window]
     t = np.arange(len(truth)) / RATE_HZ
     plan = figure.add_subplot(spec[:, 0])
     speeds = [figure.add_subplot(spec[i, 1]) for i in range(3)]
@@ -76,8 +79,8 @@ def comparison(found: Validation, window: int) -> Figure:
         margin = 0.5 * (high[3 + i] - low[3 + i]) + 1e-3
         ax.set_ylim(low[3 + i] - margin, high[3 + i] + margin)
         ax.set_title(f"as Figure {8 + i}", fontsize=8, loc="right", pad=2)
-    colour = colours([s.name for s in found.scores])
-    for s, states in zip(found.scores, found.states, strict=True):
+    colour = colours([s.name for s in validation.scores])
+    for s, states in zip(validation.scores, validation.states, strict=True):
         if s.name in BASELINE_NAMES:
             continue
         x = np.where(np.isfinite(truth[:, :1]), states[window], np.nan)
@@ -92,27 +95,27 @@ def comparison(found: Validation, window: int) -> Figure:
     return figure
 
 
-def error_growth(found: Validation) -> Figure:
-    """Rms error of every channel over the horizon, one line for each model."""
+def error_growth(validation: Validation) -> Figure:
+    """Rms error of every channel over the horizon, a line for each model."""
     figure = Figure(figsize=(11, 3.0), layout="constrained")
-    colour = colours([s.name for s in found.scores])
+    colour = colours([s.name for s in validation.scores])
     for i, channel in enumerate(CHANNELS):
         ax = figure.add_subplot(1, len(CHANNELS), i + 1)
-        for s in found.scores:
+        for s in validation.scores:
             shown = np.where(s.rms[channel] < 1e3, s.rms[channel], np.nan)
             style = "--" if s.name in BASELINE_NAMES else "-"
             ax.plot(s.horizons_s, shown, style, color=colour[s.name], lw=1.4, marker=".", label=s.name)
         ax.set(xscale="log", yscale="log", xlabel="horizon [s]")
-        ticks = [h for h in (1, 2, 5, 10, 20, 60) if h in found.scores[0].horizons_s]
+        ticks = [h for h in (1, 2, 5, 10, 20, 60) if h in validation.scores[0].horizons_s]
         ax.set_xticks(ticks, [str(h) for h in ticks])
         ax.minorticks_off()
         ax.set_title(f"{channel} [{UNITS[channel]}]", fontsize=9)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=len(found.scores), fontsize=8)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=len(validation.scores), fontsize=8)
     return figure
 
 
 def divergence(departures: Sequence[Departure]) -> Figure:
-    """Share of runs that have diverged, and the median distance from the true place, over the horizon."""
+    """Share of diverged runs, and median distance from the true position, over the horizon."""
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     share, far = figure.subplots(1, 2)
     colour = colours([d.name for d in departures])

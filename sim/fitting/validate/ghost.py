@@ -1,9 +1,9 @@
-"""Measured against simulated along a whole log: open loop under the logged commands, put back every so many seconds.
+"""Ghosts: open-loop simulations along a whole log under the logged commands, reset to the measured state every T s.
 
-    x_hat(t) = x(t_k) + integral of the model from t_k to t,   t_k = t_0 + k T <= t,   x(t_k): the smoothed state there
+    x_hat(t) = x(t_k) + integral of x_dot of the model from t_k to t,   t_k = t_0 + k T <= t,   x(t_k): smoothed state
 
-So a ghost never runs further from the boat than T seconds of what its model does not know. One reference for all
-models, by the base file's sensors: the ghosts of two files begin each piece at one point and may be compared.
+A ghost departs from the boat by the model error of at most T seconds. All models share one reference, smoothed with the
+base file's sensors, so the ghosts of two vessel files start each piece at the same state and may be compared.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from sim.fitting.validate.scores import errors, simulated
 from sim.fitting.validate.windows import HeldOutWindows, Reference, cut_held_out, reference_motion
 
 SHORTEST_S = 1.0
-"""Of a last piece."""
+"""Shortest last piece."""
 
 
 @dataclass(frozen=True)
 class Ghost:
-    """One model's pieces: `x` (m, k, 6) at the instants of `Overlay.t_s`; `error` (m, k, 5) by `CHANNELS`.
+    """Simulated pieces of one model: `x` (m, k, 6) at the instants of `Overlay.t_s`; `error` (m, k, 5) by `CHANNELS`.
 
-    NaN beyond the end of a piece; error infinite where the simulation is gone.
+    NaN beyond the end of a piece; the error is infinite where the simulation is not finite.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Ghost:
     error: np.ndarray
 
     def rms(self, age_s: float) -> dict[str, float]:
-        """By channel over the pieces that reach `age_s` [m, rad, m/s, m/s, rad/s]; NaN where none does."""
+        """Rms error `age_s` after the start of the pieces, by channel [m, rad, m/s, m/s, rad/s]; NaN if none lasts."""
         e = self.error[:, round(age_s * RATE_HZ)]
         e = e[~np.isnan(e[:, 0])]
         with np.errstate(over="ignore"):
@@ -49,7 +49,7 @@ class Ghost:
 
 @dataclass(frozen=True)
 class Overlay:
-    """Pieces of `every_s`: `t_s` (m, k) on the run's clock, `truth` (m, k, 6): what the boat did, and the ghosts."""
+    """m pieces of `every_s`: `t_s` (m, k) on the run's clock, `truth` (m, k, 6) reference motion, and the ghosts."""
 
     every_s: float
     source: str
@@ -59,13 +59,16 @@ class Overlay:
 
     @property
     def ages_s(self) -> tuple[float, ...]:
-        """At which errors are worth telling: a tenth, half and all of a piece."""
+        """Ages at which errors are reported: a tenth, half and all of a piece [s]."""
         return tuple(round(share * self.every_s, 1) for share in (0.1, 0.5, 1.0))
 
 
 @dataclass(frozen=True)
 class GhostModel:
-    """A vessel file as a model for commands in the order of another file's thrusters: a diagnosis may swap names."""
+    """A vessel file as a model for commands in another file's order of thrusters: a diagnosis may swap names.
+
+    `order`: for each of its own thrusters the column in the commands.
+    """
 
     name: str
     vessel: VesselFile
@@ -73,7 +76,7 @@ class GhostModel:
 
     @classmethod
     def of(cls, name: str, vessel: VesselFile, base: VesselFile) -> GhostModel:
-        """JobError where the two files do not name the same thrusters."""
+        """The model `vessel` for commands in the order of `base`. JobError if their thrusters have other names."""
         names, own = [t.name for t in base.thrusters], [t.name for t in vessel.thrusters]
         if sorted(names) != sorted(own):
             raise JobError(
@@ -97,9 +100,9 @@ def overlay(
     every_s: float,
     say: Callable[[str, float], None] = lambda _text, _share: None,
 ) -> Overlay:
-    """Ghosts of `models` for the whole run; `vessel`: whose sensors measured it. `say(text, share)`: progress.
+    """Ghosts of `models` for the whole run; `vessel`: the file whose sensors measured it. `say(text, share)`: progress.
 
-    Raises JobError, RunError or ValueError where the run has not what a simulation needs, or is too short.
+    Raises JobError, RunError or ValueError where the run lacks what a simulation needs, or is too short.
     """
     run = usable(NamedLog(run.meta.source, calibrated(run, vessel)), vessel).run
     say("what the boat did", 0.0)

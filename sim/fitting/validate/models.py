@@ -1,4 +1,4 @@
-"""Models to validate: a vessel file, the fitted Taylor series, and two that need no model."""
+"""Models in open loop (`protocol.Simulator`): a vessel file, a fitted Taylor series, two baselines without a model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.fitting.validate.protocol import STEP_S, Commands
 from sim.trajectory import parameters_of, simulate_forces
 
 WORTH_IT = 10_000
-"""Samples of all windows from which machine code is quicker than the interpreter, its making included."""
+"""Number of samples in all windows from which machine code is quicker than the interpreter, compilation included."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class VesselSimulator:
         f_cmd[~sound] = 0.0
         x = simulate_forces(
             self.vessel, np.hstack([x0, f]), f_cmd, STEP_S,
-            parameters=parameters_of(self.vessel),  # so that another boat of the same make needs no new machine code
+            parameters=parameters_of(self.vessel),  # another boat of the same structure then reuses the machine code
             substeps=math.ceil(2 * STEP_S / self.vessel.propulsion.lag_s),
             machine_code=sound.size > WORTH_IT,
         ).x[..., :6]  # fmt: skip
@@ -61,7 +61,7 @@ class VesselSimulator:
 
 @dataclass(frozen=True)
 class TaylorSimulator:
-    """The 23-term series with coefficients (3, 23); forces by the vessel file's thruster map, at once."""
+    """The 23-term series with coefficients (3, 23); forces by the vessel file's thruster map, without lag."""
 
     name: str
     coefficients: np.ndarray
@@ -78,7 +78,7 @@ class TaylorSimulator:
 
 @dataclass(frozen=True)
 class ConstantVelocity:
-    """u, v, r stay what they were: the boat goes on in its circle, whatever it is told."""
+    """Baseline: u, v, r stay constant, whatever the commands."""
 
     name: str = "velocity stays"
 
@@ -89,7 +89,7 @@ class ConstantVelocity:
 
 @dataclass(frozen=True)
 class ZeroVelocity:
-    """The boat stops at once and stays where it is."""
+    """Baseline: u = v = r = 0 from the first step on; the pose stays."""
 
     name: str = "velocity is zero"
 
@@ -99,7 +99,10 @@ class ZeroVelocity:
 
 
 def _kinematics(x0: np.ndarray, factor: np.ndarray, commands: Commands) -> np.ndarray:
-    """Pose from constant body velocities, exact: nu of x0 times `factor` from the first step on."""
+    """Exact poses under constant body velocities: nu of x0 times `factor` from the first step on.
+
+    The path is an arc; its chord after t is t sinc(r t / 2) |nu| at the mean heading psi_0 + r t / 2.
+    """
     k = commands.pwm_us.shape[1]
     nu = np.asarray(x0)[:, None, 3:] * factor
     t = STEP_S * np.arange(k + 1)[None]

@@ -1,4 +1,4 @@
-"""What a model must be able to do to be validated: simulate many windows of commands from many initial states."""
+"""Interface of a model that is validated: it simulates many windows of commands from many initial states."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ from typing import Protocol
 import numpy as np
 
 STEP_S = 0.05
-"""Commands are sampled this often: a change of pulse width is met to 25 ms."""
+"""Sampling time of the commands: a change of pulse width is represented to 25 ms."""
 CHANNELS = ("position", "heading", "u", "v", "r")
-"""What errors are taken of; position: distance between the two tracks."""
+"""Channels of errors; position: distance between simulated and measured position."""
 UNITS = {"position": "m", "heading": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
 
 
 @dataclass(frozen=True)
 class Commands:
-    """What m windows of k steps were told, each held over its step of `STEP_S`.
+    """Commands of m windows of k steps, each held over its step of `STEP_S`.
 
-    `pwm_us` (m, k, n), thrusters in the vessel file's order; `battery_v` (m, k); `before_us` (m, b, n): the steps just
-    before the window, oldest first, for dead time and lag. `settings`: by name, (m, k); what is not there is nominal.
+    pwm_us     (m, k, n) pulse widths, thrusters in the vessel file's order
+    battery_v  (m, k)
+    before_us  (m, b, n) pulse widths of the b steps before the window, oldest first, for dead time and lag
+    settings   by name, (m, k); a missing setting, or NaN, is nominal
     """
 
     pwm_us: np.ndarray
@@ -34,12 +36,12 @@ class Simulator(Protocol):
 
     @property
     def name(self) -> str:
-        """As in tables and pictures."""
+        """Name in tables and pictures."""
         ...
 
     def simulate(self, x0: np.ndarray, commands: Commands) -> np.ndarray:
-        """[x y psi u v r] at the start and after every step, shape (m, k + 1, 6), from `x0` (m, 6).
+        """[x y psi u v r] at the start and after every step, (m, k + 1, 6), from `x0` (m, 6).
 
-        NaN from where a run has gone off beyond all bounds; never an exception for that.
+        NaN from where a run has diverged beyond all bounds; that raises no exception.
         """
         ...

@@ -32,7 +32,7 @@ pre { font-size: 12px; overflow-x: auto; }
 class Section:
     """A heading with sentences, tables, preformatted text, pictures with their captions, and a note below.
 
-    `text`: cells are words, to be read from the left. `look`: the sentences ask for attention.
+    `text`: the tables hold text, aligned left. `look`: the sentences are highlighted.
     """
 
     title: str
@@ -45,14 +45,14 @@ class Section:
     look: bool = False
 
 
-def report(found: Validation, *, title: str, before: Sequence[Section] = (), after: Sequence[Section] = ()) -> str:
-    """Page of a validation alone. `before` (what was fitted, on what, with which choices) stands after the summary."""
-    summary = Section("What the held-out data says", tuple(sentences(found)))
-    return page(title, [summary, *before, every_figure(found), pictures(found), *after])
+def report(validation: Validation, *, title: str, before: Sequence[Section] = (), after: Sequence[Section] = ()) -> str:
+    """Page of a validation alone: summary, sections `before` (fit, choices), scores, pictures, sections `after`."""
+    summary = Section("What the held-out data says", tuple(sentences(validation)))
+    return page(title, [summary, *before, every_figure(validation), pictures(validation), *after])
 
 
 def page(title: str, sections: Sequence[Section]) -> str:
-    """The page, as text."""
+    """The page as HTML text."""
     name = html.escape(title)
     body = "".join(_section(s) for s in sections)
     return (
@@ -61,33 +61,37 @@ def page(title: str, sections: Sequence[Section]) -> str:
     )
 
 
-def every_figure(found: Validation) -> Section:
-    """The one table."""
-    return Section("Every figure", tables=(table(found),), note=NOTES)
+def every_figure(validation: Validation) -> Section:
+    """Section with the table of all scores."""
+    return Section("Every figure", tables=(table(validation),), note=NOTES)
 
 
-def pictures(found: Validation, model: int = 0) -> Section:
-    """Measured against simulated in the window that is typical of the `model` at that place, and how errors grow."""
-    window, name = typical_window(found, model), found.scores[model].name
+def pictures(validation: Validation, model: int = 0) -> Section:
+    """Section: measured against simulated motion in a window typical of model number `model`; growth of errors."""
+    window, name = typical_window(validation, model), validation.scores[model].name
+    start_s = validation.windows.start_s[window]
     return Section(
         "Measured against simulated",
-        (f"The window whose error under {name} is the median, from t = {found.windows.start_s[window]:.0f} s on.",),
+        (f"The window whose error under {name} is the median, from t = {start_s:.0f} s on.",),
         figures=(
-            (comparison(found, window), "Same commands, open loop; axes follow the measured run (Figures 7 to 10)."),
             (
-                error_growth(found),
+                comparison(validation, window),
+                "Same commands, open loop; axes follow the measured run (Figures 7 to 10).",
+            ),
+            (
+                error_growth(validation),
                 "Rms error over the horizon; dashed: baselines. Fewer runs reach far; no point: a run is gone.",
             ),
         ),
     )
 
 
-def typical_window(found: Validation, model: int = 0) -> int:
-    """Of the longest windows, the one whose position error under the `model` at that place is the median."""
-    at = found.windows.truth[..., 0]
+def typical_window(validation: Validation, model: int = 0) -> int:
+    """Index of the window, among the longest, whose largest position error under model number `model` is the median."""
+    at = validation.windows.truth[..., 0]
     lasts = np.isfinite(at).sum(axis=1)
     full = np.flatnonzero(lasts == lasts.max())
-    worst = np.nan_to_num(errors(found.states[model], found.windows.truth)[full, :, 0]).max(axis=1)
+    worst = np.nan_to_num(errors(validation.states[model], validation.windows.truth)[full, :, 0]).max(axis=1)
     return int(full[worst.argsort()[len(full) // 2]])
 
 

@@ -1,11 +1,12 @@
-"""Errors of open-loop simulations against what the boat did.
+"""Scores of open-loop simulations against the measured motion.
 
-    e(h)   = simulated - measured, h seconds after the start of a window, over all windows that reach so far
+    e(h)   = simulated - measured, h seconds after the start of a window, over all windows that last that long
     NRMSE  = rms(e) / (max - min of measured),   R2 = 1 - sum e^2 / sum (measured - mean)^2      up to `SCORE_S`
-    1 s residuals of windows one second apart: white if the model has taken from the data what there is (Ljung-Box)
+    1 s residuals: errors of windows of 1 s, one second apart; white if the model has used all information in the data
+                   (Ljung-Box test)
 
-A run counts as diverged at h if it has by then been outside `SPREAD` times the box of measured speeds, or is not
-finite; a value that is not finite makes an rms infinite: medians stay meaningful.
+A run has diverged at h if by then it has been outside `SPREAD` times the box of measured speeds, or is not finite. One
+value that is not finite makes an rms infinite; medians stay meaningful.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from sim.fitting.validate.windows import PER_SAMPLE, HeldOutWindows
 
 HORIZONS_S = (1, 2, 5, 10, 20, 30, 45, 60)
 SCORE_S = 30
-"""NRMSE and R2 are over the first 30 s of each window."""
-SPREAD = 3.0
-LAGS = 10
+"""NRMSE and R2 are over this first part of each window."""
+SPREAD = 3.0  # factor on the box of speeds, about its middle, beyond which a run has diverged; assumed
+LAGS = 10  # of the Ljung-Box test
 SPEEDS = ("u", "v", "r")
 
 
 @dataclass(frozen=True)
 class SpeedBox:
-    """Range of [u v r], `low`, `high` (3,) [m/s, m/s, rad/s]."""
+    """Range of [u v r]: `low`, `high` (3,) [m/s, m/s, rad/s]."""
 
     low: np.ndarray
     high: np.ndarray
@@ -42,14 +43,14 @@ class SpeedBox:
         return cls(flat.min(axis=0), flat.max(axis=0))
 
     def left(self, nu: np.ndarray) -> np.ndarray:
-        """Has [u v r] (..., 3) left the box blown up `SPREAD` times about its middle? NaN has. Shape (...)."""
+        """Mask (...) of [u v r] (..., 3) outside the box enlarged `SPREAD` times about its middle; NaN is outside."""
         middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
         return np.asarray(~(np.abs(nu - middle) <= SPREAD * half).all(axis=-1))
 
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Of one channel's 1 s residuals: correlation of neighbours, Ljung-Box p over `LAGS` lags, their number."""
+    """Test of one channel's 1 s residuals: lag-1 correlation, Ljung-Box p over `LAGS` lags, number of residuals."""
 
     lag1: float
     p: float
@@ -58,9 +59,12 @@ class Whiteness:
 
 @dataclass(frozen=True)
 class Score:
-    """One model on one set of windows. Arrays over `horizons_s`; dictionaries by channel.
+    """Scores of one model on one set of windows. Arrays are over `horizons_s`, dictionaries by channel.
 
-    `count`: windows that reach so far; `diverged`: share of them; `median`, `p90`: of |e|.
+    count        windows that last that long; diverged: share of them that have diverged
+    rms          of the error; median, p90: quantiles of its size
+    nrmse, r2    of u, v, r
+    white        whiteness of the 1 s residuals of u, v, r; empty if not tested
     """
 
     name: str
@@ -81,7 +85,10 @@ def simulated(model: Simulator, windows: HeldOutWindows) -> np.ndarray:
 
 
 def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Errors by channel, shape (m, k, 5): NaN where nothing was measured, inf where the simulation is gone."""
+    """Errors by channel (m, k, 5) of states (m, k, 6): NaN where nothing was measured, inf where states are not finite.
+
+    Position errors are distances; heading errors are in [-pi, pi).
+    """
     e = states - truth
     out = np.concatenate([np.hypot(e[..., 0], e[..., 1])[..., None], e[..., 2:]], axis=-1)
     out[..., 1] = (out[..., 1] + np.pi) % (2 * np.pi) - np.pi
@@ -91,7 +98,7 @@ def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def score(
     model: Simulator, windows: HeldOutWindows, box: SpeedBox, second_windows: HeldOutWindows | None = None
 ) -> tuple[Score, np.ndarray]:
-    """The model's score and its states. `second_windows`: windows of 1 s, 1 s apart, in order, for whiteness."""
+    """Score of the model, and its states (m, k, 6). `second_windows`: windows of 1 s, 1 s apart, for whiteness."""
     states = simulated(model, windows)
     e = errors(states, windows.truth)
     reach = np.isfinite(windows.truth[..., 0])
@@ -119,7 +126,7 @@ def score(
 
 
 def _fit(e: np.ndarray, truth: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
-    """NRMSE and R2 of u, v, r over everything measured; -inf as R2 where a run is gone."""
+    """NRMSE and R2 of u, v, r over everything measured; R2 is -inf where a simulation is not finite."""
     nrmse, r2 = {}, {}
     for i, name in enumerate(SPEEDS):
         y = truth[..., i]
@@ -132,7 +139,7 @@ def _fit(e: np.ndarray, truth: np.ndarray) -> tuple[dict[str, float], dict[str, 
 
 
 def whiteness(model: Simulator, windows: HeldOutWindows) -> dict[str, Whiteness]:
-    """Ljung-Box test of the errors of u, v, r one second on, windows in order of time."""
+    """Ljung-Box test of the errors of u, v, r after one second; windows in order of time."""
     from statsmodels.stats.diagnostic import acorr_ljungbox  # noqa: PLC0415 - two seconds to import
 
     e = errors(simulated(model, windows), windows.truth)[:, round(RATE_HZ), 2:]
@@ -146,5 +153,5 @@ def whiteness(model: Simulator, windows: HeldOutWindows) -> dict[str, Whiteness]
 
 
 def best_baseline(scores: Sequence[Score], baselines: Sequence[str], channel: str, horizon_s: int) -> float:
-    """Smallest rms among the models named `baselines`, at a horizon."""
+    """Smallest rms error of a channel at a horizon among the models named `baselines`."""
     return min(s.rms[channel][s.horizons_s.index(horizon_s)] for s in scores if s.name in baselines)

@@ -1,7 +1,7 @@
-"""Does a model stay where a boat can be? Simulated from random states, under random held commands and under none.
+"""Stability of a model: simulations from random states, under random commands and without thrust.
 
-    driven   thrusts drawn anew every 10 s between the limits, 60 s: what share leaves three times the box
-    free     no thrust, 60 s: what share leaves it; what share comes to rest (below 20 % of the start, and 0.05 m/s)
+    driven   pulse widths drawn anew every 10 s between the limits, 60 s: share of runs that leave the enlarged box
+    free     no thrust, 60 s: share that leaves it; share that comes to rest (below 20 % of the start, or 0.05 m/s)
 
 The energy of a boat without thrust in still water can only fall: a free run that speeds up is wrong, whatever the data.
 """
@@ -24,7 +24,7 @@ RUNS = 100
 
 @dataclass(frozen=True)
 class Stability:
-    """Shares of `runs` runs."""
+    """Shares of `runs` runs that diverge (driven, free) or come to rest (free)."""
 
     name: str
     driven_diverged: float
@@ -34,7 +34,10 @@ class Stability:
 
 
 def stability(model: Simulator, vessel: VesselFile, box: SpeedBox, seed: int, runs: int = RUNS) -> Stability:
-    """Runs of `SECONDS` from states drawn uniformly in the box; pulse widths uniform within the vessel's limits."""
+    """Simulate `runs` runs of `SECONDS` from states drawn uniformly in the box, driven and free.
+
+    Pulse widths are drawn uniformly within the vessel's limits; the battery has its nominal voltage.
+    """
     rng = np.random.default_rng(seed)
     n, steps, hold = len(vessel.thrusters), round(SECONDS / STEP_S), round(HOLD_S / STEP_S)
     x0 = np.hstack([np.zeros((runs, 3)), rng.uniform(box.low, box.high, (runs, 3))])

@@ -1,4 +1,4 @@
-"""The whole validation: several models, held-out runs, every score; what table, pictures and report show."""
+"""A whole validation: every score of several models on held-out runs, as tables, pictures and report show them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ BASELINE_NAMES = tuple(model.name for model in BASELINES)
 class Validation:
     """Scores, stabilities and states (m, k, 6) in the order of the models, baselines last.
 
-    `held_out`, `references`: what the windows were cut from; `box`: speeds in the training data.
+    held_out, references  runs that the windows were cut from, and their reference motions
+    box                   speeds in the training data
     """
 
     vessel: str
@@ -49,13 +50,16 @@ def validate(
     seed: int = 0,
     say: Callable[[str, float], None] = lambda _text, _share: None,
 ) -> Validation:
-    """Score `models` and both baselines. `box`: speeds in the training data (None: those of the held-out runs).
+    """Score `models` and both baselines on windows of `horizon_s`, one every `stride_s`.
 
-    `say(text, share)` hears of progress.
+    box    speeds in the training data; None: those of the held-out runs
+    seed   of the stability test
+    say    called with progress: text, share
+
     ValueError where a run is too short for a window, or where two models share a name.
     """
-    everyone = [*models, *BASELINES]
-    if len({model.name for model in everyone}) < len(everyone):
+    contestants = [*models, *BASELINES]
+    if len({model.name for model in contestants}) < len(contestants):
         raise ValueError("every model needs a name of its own")
     volts = vessel.propulsion.nominal_voltage_V
     say("what the boat did", 0.0)
@@ -71,8 +75,8 @@ def validate(
     windows, second_windows = concatenated(cuts), concatenated(seconds)
     box = box or SpeedBox.of(windows.truth[..., 3:])
     scored, stabilities = [], []
-    for i, model in enumerate(everyone):
-        say(model.name, 0.2 + 0.8 * i / len(everyone))
+    for i, model in enumerate(contestants):
+        say(model.name, 0.2 + 0.8 * i / len(contestants))
         scored.append(score(model, windows, box, second_windows))
         stabilities.append(stability(model, vessel, box, seed))
     return Validation(

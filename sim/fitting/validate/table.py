@@ -1,4 +1,4 @@
-"""The one table: a column for each model, a row for each figure; and in plain sentences what it says."""
+"""Table of all scores, a column for each model and a row for each score; and its content as sentences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Row = tuple[str, ...]
 
 @dataclass(frozen=True)
 class ScoreTable:
-    """Text in rows under a head; the best number of a row may carry a mark."""
+    """Rows of text under a head. A cell `**text**` is bold: the best of its row."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -46,10 +46,15 @@ def _cell(text: str) -> str:
     return html.escape(text)
 
 
-def table(found: Validation) -> ScoreTable:
-    """Every figure of every model. The smallest error of a row is bold; gone: not finite."""
-    rows = (*error_rows(found.scores), *other_rows(found.scores), *white_rows(found.scores), *stability_rows(found))
-    return ScoreTable(("figure", *(s.name for s in found.scores)), rows)
+def table(validation: Validation) -> ScoreTable:
+    """All scores of all models. The smallest error of a row is bold; "gone": not finite."""
+    rows = (
+        *error_rows(validation.scores),
+        *other_rows(validation.scores),
+        *white_rows(validation.scores),
+        *stability_rows(validation),
+    )
+    return ScoreTable(("figure", *(s.name for s in validation.scores)), rows)
 
 
 def error_rows(scores: Sequence[Score], horizons_s: Sequence[int] = SHOWN_S) -> list[Row]:
@@ -63,7 +68,7 @@ def error_rows(scores: Sequence[Score], horizons_s: Sequence[int] = SHOWN_S) -> 
 
 
 def other_rows(scores: Sequence[Score]) -> list[Row]:
-    """Medians of the position error, which a few runs that are gone do not spoil; NRMSE and R2 of speeds."""
+    """Medians of the position error, robust to a few diverged runs; NRMSE and R2 of speeds."""
     rows = []
     for h in (h for h in SHOWN_S if h in scores[0].horizons_s):
         values = [s.median["position"][s.horizons_s.index(h)] for s in scores]
@@ -83,11 +88,11 @@ def white_rows(scores: Sequence[Score]) -> list[Row]:
     return rows
 
 
-def stability_rows(found: Validation) -> list[Row]:
-    """What share of runs diverges or comes to rest."""
-    stable = found.stabilities
+def stability_rows(validation: Validation) -> list[Row]:
+    """Shares of runs that diverge or come to rest."""
+    stable = validation.stabilities
     return [
-        ("runs diverged by the end", *(f"{100 * s.diverged[-1]:.0f} %" for s in found.scores)),
+        ("runs diverged by the end", *(f"{100 * s.diverged[-1]:.0f} %" for s in validation.scores)),
         ("random thrust: runs that diverge", *(f"{100 * s.driven_diverged:.0f} %" for s in stable)),
         ("no thrust: runs that diverge", *(f"{100 * s.free_diverged:.0f} %" for s in stable)),
         ("no thrust: runs that come to rest", *(f"{100 * s.free_at_rest:.0f} %" for s in stable)),
@@ -111,32 +116,33 @@ def _p(p: float) -> str:
     return f"{p:.2f}" if p >= 0.01 else "< 0.01"
 
 
-def sentences(found: Validation) -> list[str]:
-    """What the table says, in plain words: data, who is nearest, who beats doing nothing, who runs away."""
-    models = [s for s in found.scores if s.name not in BASELINE_NAMES]
-    w = found.windows
-    whole = "; ".join(sorted({ref.source for ref in found.references}))
+def sentences(validation: Validation) -> list[str]:
+    """The table as sentences: the data, the nearest model, comparison with the baselines, divergence, whiteness."""
+    models = [s for s in validation.scores if s.name not in BASELINE_NAMES]
+    w = validation.windows
+    whole = "; ".join(sorted({ref.source for ref in validation.references}))
     spans = [
         high - low
-        for part, ref in zip(found.held_out, found.references, strict=True)
+        for part, ref in zip(validation.held_out, validation.references, strict=True)
         for low, high in part.inside or [(float(ref.t_s[0]), float(ref.t_s[-1]))]
     ]
+    logs = len(validation.held_out)
     longest_s = (np.isfinite(w.truth[..., 0]).sum(axis=1).max() - 1) / RATE_HZ
     lines = [
-        f"{len(w.x0)} open-loop runs of up to {longest_s:.0f} s, cut from {sum(spans):.0f} s of {len(found.held_out)} "
-        f"log{'s' * (len(found.held_out) > 1)} that no fit has seen, were simulated from the measured state with "
+        f"{len(w.x0)} open-loop runs of up to {longest_s:.0f} s, cut from {sum(spans):.0f} s of {logs} "
+        f"log{'s' * (logs > 1)} that no fit has seen, were simulated from the measured state with "
         f"the measured commands. Compared with {whole}."
     ]
-    for h in (h for h in (10, 30) if h in found.scores[0].horizons_s):
+    for h in (h for h in (10, 30) if h in validation.scores[0].horizons_s):
         best = min(models, key=lambda s: s.rms["position"][s.horizons_s.index(h)])
         mine = best.rms["position"][best.horizons_s.index(h)]
-        idle = best_baseline(found.scores, BASELINE_NAMES, "position", h)
+        idle = best_baseline(validation.scores, BASELINE_NAMES, "position", h)
         lines.append(
             f"After {h} s the nearest model is {best.name}: {_number(mine)} m from the true place (rms), against "
             f"{_number(idle)} m for the better of the two baselines, which know no model."
         )
-    lines += [_against_baselines(s, found.scores) for s in models]
-    for s, stable in zip(found.scores, found.stabilities, strict=True):
+    lines += [_against_baselines(s, validation.scores) for s in models]
+    for s, stable in zip(validation.scores, validation.stabilities, strict=True):
         if s.name not in BASELINE_NAMES and (s.diverged[-1] or stable.driven_diverged or stable.free_at_rest < 1):
             lines.append(
                 f"{s.name}: {100 * s.diverged[-1]:.0f} % of the held-out runs and {100 * stable.driven_diverged:.0f} % "
@@ -153,7 +159,7 @@ def sentences(found: Validation) -> list[str]:
 
 
 def lost_to_baselines(s: Score, scores: Sequence[Score], horizons_s: Sequence[int] = (10, 20)) -> list[str]:
-    """Channels and horizons in which a model is no better than the better baseline."""
+    """Channels and horizons, as text, in which a model is no better than the better baseline."""
     return [
         f"{channel} at {h} s"
         for h in horizons_s

@@ -1,7 +1,7 @@
-"""Windows cut from held-out runs: where each starts, what was commanded, and what the boat did.
+"""Windows cut from held-out runs: initial states, commands, and the reference motion to compare with.
 
-What the boat did comes from the run's truth columns where it has them (simulated logs), else from the smoother, which
-knows no model. The initial state of a window is that same state at its start.
+The reference motion is the run's truth columns where it has them (simulated logs), else that of the smoother, which has
+no vessel model. The initial state of a window is the reference at its start.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sim.fitting.taylor.pipeline import held_commands
 from sim.fitting.validate.protocol import STEP_S, Commands
 
 BEFORE_S = 2.0
-"""Commands before a window that its model may look at."""
+"""Length of the commands before a window, from which a model computes its initial thrust."""
 PER_SAMPLE = round(1 / (RATE_HZ * STEP_S))
 """Steps from one sample of the reference to the next."""
 TRUTH = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s")
@@ -26,7 +26,10 @@ TRUTH = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_
 
 @dataclass(frozen=True)
 class Reference:
-    """What the boat did: `x` (k, 6) [x y psi u v r] at `t_s` (k,), 10 Hz, NaN where unknown; psi unwrapped."""
+    """Reference motion: `x` (k, 6) [x y psi u v r] at `t_s` (k,), 10 Hz, NaN where unknown; psi unwrapped.
+
+    `source`: where it comes from, as text.
+    """
 
     t_s: np.ndarray
     x: np.ndarray
@@ -34,7 +37,10 @@ class Reference:
 
 
 def reference_motion(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Reference:
-    """Truth where the run has it, else smoothed; unknown further than `max_gap_s` / 2 from any position sample."""
+    """Reference motion of a run: its truth if it has one, else smoothed with sensor `noise`.
+
+    A smoothed state is unknown further than `max_gap_s` / 2 from every position sample.
+    """
     if all(run.known(name) for name in TRUTH):
         t, values = run.samples(*TRUTH)
         grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
@@ -50,7 +56,7 @@ def reference_motion(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> 
 
 @dataclass(frozen=True)
 class HeldOutWindows:
-    """m windows: `x0` (m, 6); `truth` (m, k + 1, 6) at 10 Hz, NaN beyond a window's end; `start_s` (m,)."""
+    """m windows: `x0` (m, 6); `truth` (m, k + 1, 6), reference at 10 Hz, NaN beyond a window's end; `start_s` (m,)."""
 
     x0: np.ndarray
     truth: np.ndarray
@@ -73,11 +79,12 @@ def cut_held_out(
     shortest_s: float = 10.0,
     inside: Sequence[tuple[float, float]] | None = None,
 ) -> HeldOutWindows:
-    """Windows that start every `stride_s` within each interval of `inside` (t_s; None: the whole run).
+    """Windows of up to `horizon_s` that start every `stride_s` within each interval of `inside` (None: the whole run).
 
-    A window ends with its interval and must reach `shortest_s`. `nominal_v` [V] where the run knows no voltage.
-    ValueError where none fits.
+    A window ends with its interval; it must last `shortest_s`, over which the reference is known. `nominal_v` [V]:
+    voltage where the run has none. ValueError where no window fits.
     """
+    # 1. First and last sample of each window.
     intervals = [(ref.t_s[0], ref.t_s[-1])] if inside is None else inside
     steps, shortest = round(horizon_s * RATE_HZ), round(shortest_s * RATE_HZ)
     starts, ends = [], []
@@ -89,6 +96,7 @@ def cut_held_out(
                 ends.append(min(last - 1, i + steps))
     if not starts:
         raise ValueError(f"{run.meta.source}: no window of {shortest_s:g} s fits into what is held out")
+    # 2. Reference motion and commands.
     truth = np.full((len(starts), steps + 1, 6), np.nan)
     for w, (i, j) in enumerate(zip(starts, ends, strict=True)):
         truth[w, : j - i + 1] = ref.x[i : j + 1]
@@ -97,7 +105,7 @@ def cut_held_out(
 
 
 def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Commands:
-    """Pulse widths and volts in force in the middle of each step."""
+    """Pulse widths, volts and settings in force at the middle of each step."""
     before = round(BEFORE_S / STEP_S)
     t = start_s[:, None] + (np.arange(-before, steps) + 0.5) * STEP_S
     pwm, volts = held_commands(run, t.ravel())
@@ -108,7 +116,7 @@ def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Co
 
 
 def concatenated(parts: Sequence[HeldOutWindows]) -> HeldOutWindows:
-    """Windows of several runs of one boat as one set; all of one horizon."""
+    """Windows of several runs of one boat as one set; all must have the same horizon."""
     return HeldOutWindows(
         np.concatenate([p.x0 for p in parts]),
         np.concatenate([p.truth for p in parts]),

@@ -28,55 +28,55 @@ from sim.fitting.validate.report import Section, every_figure, page, pictures
 from sim.fitting.validate.table import sentences
 
 
-def identify_report(found: Identification) -> str:
+def identify_report(identification: Identification) -> str:
     """The page, as text."""
-    sections = [Section("What to believe", found.verdict.lines)]
-    if found.verdict.attention:
-        sections.append(Section("Look at this first", found.verdict.attention, look=True))
+    sections = [Section("What to believe", identification.verdict.lines)]
+    if identification.verdict.attention:
+        sections.append(Section("Look at this first", identification.verdict.attention, look=True))
     sections += [
-        _what_to_drive(found),
-        _parameters(found),
-        *_taylor(found),
-        _held_out(found),
-        pictures(found.validation, _structured(found)),
-        _departures(found),
-        _fitted(found),
-        _whiteness(found),
+        _what_to_drive(identification),
+        _parameters(identification),
+        *_taylor(identification),
+        _held_out(identification),
+        pictures(identification.validation, _structured(identification)),
+        _departures(identification),
+        _fitted(identification),
+        _whiteness(identification),
         Section(
             "Stability",
             ("The energy of a boat without thrust in still water can only fall: a free run that speeds up is wrong.",),
-            tables=(stability_table(found.validation),),
+            tables=(stability_table(identification.validation),),
             note="100 runs each, from random states inside the speeds of the fitted data, 60 s.",
         ),
-        _logs(found),
-        _choices(found),
-        every_figure(found.validation),
+        _logs(identification),
+        _choices(identification),
+        every_figure(identification.validation),
     ]
-    return page(f"Identification of {found.base.name}", sections)
+    return page(f"Identification of {identification.base.name}", sections)
 
 
-def _structured(found: Identification) -> int:
-    return [s.name for s in found.validation.scores].index(NAMES["structured"])
+def _structured(identification: Identification) -> int:
+    return [s.name for s in identification.validation.scores].index(NAMES["structured"])
 
 
-def _what_to_drive(found: Identification) -> Section:
-    lines = [f"{', '.join(names)}: {manoeuvre}." for names, manoeuvre in found.verdict.advice]
+def _what_to_drive(identification: Identification) -> Section:
+    lines = [f"{', '.join(names)}: {manoeuvre}." for names, manoeuvre in identification.verdict.advice]
     return Section("What to drive next", tuple(lines) or ("Every parameter of boat and sensors is determined.",))
 
 
-def _parameters(found: Identification) -> Section:
-    open_ones = [d for d in found.structured.directions if not next(iter(d.parts)).startswith("warp_")]
+def _parameters(identification: Identification) -> Section:
+    open_ones = [d for d in identification.structured.directions if not next(iter(d.parts)).startswith("warp_")]
     lines = [_direction(d) for d in open_ones[:4]]
     return Section(
         "Structured model: parameters",
         tuple(lines),
-        tables=(parameter_table(found.structured, found.base),),
+        tables=(parameter_table(identification.structured, identification.base),),
         note="Prior sigma left: 100 % says that the data told nothing, 0 % that the prior did not matter. Mass and I_z "
         "cannot be told from added mass by motion: M11, M22, M33 are what counts. warp_*: how range biases and "
         "surveying bend the positions; a nuisance that is not in the vessel file.",
         figures=(
             (
-                parameters(found.structured, found.base),
+                parameters(identification.structured, identification.base),
                 "Identified over believed; couplings, which may change sign, stand in the table only.",
             ),
         ),
@@ -90,7 +90,7 @@ def _direction(direction: OpenDirection) -> str:
     return f"A combination that the data leave open ({share:.0f} % of its prior sigma is left): {parts}{more}."
 
 
-def _taylor(found: Identification) -> list[Section]:
+def _taylor(identification: Identification) -> list[Section]:
     return [
         Section(
             f"{one.name}: 23 terms for each axis, as the paper's Table 2",
@@ -98,35 +98,37 @@ def _taylor(found: Identification) -> list[Section]:
             tables=(taylor_table(one),),
             note="Coefficient and standard error, SI with forces in kgf and kgf m (1 kgf = 9.80665 N), about 0.5 m/s.",
         )
-        for one in found.series
+        for one in identification.series
     ]
 
 
-def _held_out(found: Identification) -> Section:
-    seconds = sum(high - low for used in found.split.used for low, high in used.held_out_s)
+def _held_out(identification: Identification) -> Section:
+    seconds = sum(high - low for used in identification.split.used for low, high in used.held_out_s)
     few = (
         f"Runs begin every 5 s and overlap: {seconds:.0f} s hold {seconds / JUDGED_S[-1]:.0f} of {JUDGED_S[-1]} s that "
         "share nothing. So much the figures below can be trusted."
     )
     return Section(
         "On data that no fit has seen",
-        (*sentences(found.validation), few),
-        tables=(held_out_table(found.validation, found.verdict.relative_error),),
+        (*sentences(identification.validation), few),
+        tables=(held_out_table(identification.validation, identification.verdict.relative_error),),
         note=CAPTION,
     )
 
 
-def _departures(found: Identification) -> Section:
+def _departures(identification: Identification) -> Section:
     return Section(
         "How runs depart and diverge",
-        preformatted=divergence_table(found.departures),
-        figures=((divergence(found.departures), "Left: share of runs that have diverged. Right: median distance."),),
+        preformatted=divergence_table(identification.departures),
+        figures=(
+            (divergence(identification.departures), "Left: share of runs that have diverged. Right: median distance."),
+        ),
         note="Median distance from the true place, and share of runs that have diverged by then.",
     )
 
 
-def _fitted(found: Identification) -> Section:
-    motion = found.motion
+def _fitted(identification: Identification) -> Section:
+    motion = identification.motion
     liveliest = int(np.argmax([np.mean(s.nu**2) for s in motion.smoothed]))
     paper = motion.paper[liveliest] if motion.paper else None
     figure = training_log(motion.runs[liveliest], paper, motion.smoothed[liveliest])
@@ -134,8 +136,8 @@ def _fitted(found: Identification) -> Section:
     return Section("The fitted data", figures=((figure, caption),))
 
 
-def _whiteness(found: Identification) -> Section:
-    s = found.structured
+def _whiteness(identification: Identification) -> Section:
+    s = identification.structured
     return Section(
         "Residuals",
         (
@@ -143,29 +145,29 @@ def _whiteness(found: Identification) -> Section:
             f"{'converged' if s.converged else 'not converged'}. Its residuals on the fitted data "
             f"{'are white' if s.white else 'are not white: its intervals are too narrow'}.",
         ),
-        tables=(residual_table(s), white_table(found.validation)),
+        tables=(residual_table(s), white_table(identification.validation)),
         note="Ljung-Box p below 0.01 says that an error tells something of the next. With enough data every model of "
         "a real boat fails this test; it says that there is more to be had, not how much.",
     )
 
 
-def _logs(found: Identification) -> Section:
-    problems = problems_table(found)
+def _logs(identification: Identification) -> Section:
+    problems = problems_table(identification)
     return Section(
         "The logs and what is wrong with them",
         () if problems.rows else ("No problems found.",),
-        tables=(logs_table(found), problems) if problems.rows else (logs_table(found),),
+        tables=(logs_table(identification), problems) if problems.rows else (logs_table(identification),),
         text=True,
     )
 
 
-def _choices(found: Identification) -> Section:
+def _choices(identification: Identification) -> Section:
     return Section(
         "Every choice, and when it was made",
         (
             "None was made on the held-out data: these were simulated once, after everything had been fitted.",
             "Beforehand: it stands in the code or in the vessel file. Fitted parts: the fit found it in its own data.",
         ),
-        tables=(choices_table(found), stamps_table(found)),
+        tables=(choices_table(identification), stamps_table(identification)),
         text=True,
     )

@@ -53,8 +53,8 @@ def taylor_table(taylor: Taylor) -> ScoreTable:
         cells = []
         for i in range(len(AXES)):
             star = " *" if abs(taylor.shift[i, j]) > fit.se_robust[i, j] else ""
-            told = f"{fit.C[i, j]:+.4f} ± {fit.se_robust[i, j]:.4f}{star}"
-            cells.append(told if fit.determined[i, j] else "**open**")
+            cell = f"{fit.C[i, j]:+.4f} ± {fit.se_robust[i, j]:.4f}{star}"
+            cells.append(cell if fit.determined[i, j] else "**open**")
         vif = f"{fit.vif[j]:.1f}" if np.isfinite(fit.vif[j]) else "-"
         rows.append((f"C_{term}", *cells, vif))
     return ScoreTable(("term", *AXES, "VIF"), tuple(rows))
@@ -65,10 +65,10 @@ def taylor_lines(taylor: Taylor) -> list[str]:
     fit, moved = taylor.fit, np.abs(taylor.shift) > taylor.fit.se_robust
     weak = (np.abs(fit.C) < 1.96 * fit.se_robust) & fit.determined
     high = [TERMS[j] for j in np.flatnonzero(np.nan_to_num(fit.vif) > 10)]
-    told = ", ".join(f"{axis} {r2:.3f}" for axis, r2 in zip(AXES, fit.r2, strict=True))
+    r2_text = ", ".join(f"{axis} {r2:.3f}" for axis, r2 in zip(AXES, fit.r2, strict=True))
     return [
         f"{fit.n} samples by {taylor.pipeline}; rank {fit.rank} of {len(TERMS)}, condition {fit.condition:.3g} "
-        f"({fit.condition_scaled:.3g} with columns of equal size). R2 of the accelerations: {told}.",
+        f"({fit.condition_scaled:.3g} with columns of equal size). R2 of the accelerations: {r2_text}.",
         f"Of {fit.C.size} coefficients {int(weak.sum())} lie within two standard errors of zero, "
         f"{int((~fit.determined).sum())} are open. Variance inflation is above 10 for: {', '.join(high) or 'none'}.",
         f"Standard errors hold for errors of the accelerations that hang together; errors of u, v, r are not in them. "
@@ -77,20 +77,20 @@ def taylor_lines(taylor: Taylor) -> list[str]:
     ]
 
 
-def held_out_table(found: Validation, errors: dict[str, float]) -> ScoreTable:
+def held_out_table(validation: Validation, errors: dict[str, float]) -> ScoreTable:
     """Relative error, then every channel at the horizons by which models are judged."""
-    scores = found.scores
-    told = [f"{100 * errors[s.name]:.3g} %" if errors.get(s.name, np.inf) < 100 else "gone" for s in scores]
-    told = ["-" if s.name in BASELINE_NAMES else text for s, text in zip(scores, told, strict=True)]
+    scores = validation.scores
+    cells = [f"{100 * errors[s.name]:.3g} %" if errors.get(s.name, np.inf) < 100 else "gone" for s in scores]
+    cells = ["-" if s.name in BASELINE_NAMES else text for s, text in zip(scores, cells, strict=True)]
     best = min(errors, key=lambda name: errors[name])
-    told = [f"**{text}**" if s.name == best else text for s, text in zip(scores, told, strict=True)]
-    rows = [("relative error (of the better baseline's)", *told), *error_rows(scores, judged_horizons(scores[0]))]
+    cells = [f"**{text}**" if s.name == best else text for s, text in zip(scores, cells, strict=True)]
+    rows = [("relative error (of the better baseline's)", *cells), *error_rows(scores, judged_horizons(scores[0]))]
     return ScoreTable(("on held-out data", *(s.name for s in scores)), tuple(rows))
 
 
-def stability_table(found: Validation) -> ScoreTable:
+def stability_table(validation: Validation) -> ScoreTable:
     """Who runs away, who comes to rest."""
-    return ScoreTable(("stability", *(s.name for s in found.scores)), tuple(stability_rows(found)))
+    return ScoreTable(("stability", *(s.name for s in validation.scores)), tuple(stability_rows(validation)))
 
 
 def residual_table(result: FitResult) -> ScoreTable:
@@ -103,22 +103,24 @@ def residual_table(result: FitResult) -> ScoreTable:
     return ScoreTable(head, tuple(rows))
 
 
-def white_table(found: Validation) -> ScoreTable:
+def white_table(validation: Validation) -> ScoreTable:
     """The errors one second on, of every model."""
-    return ScoreTable(("on held-out data", *(s.name for s in found.scores)), tuple(white_rows(found.scores)))
+    return ScoreTable(("on held-out data", *(s.name for s in validation.scores)), tuple(white_rows(validation.scores)))
 
 
-def logs_table(found: Identification) -> ScoreTable:
+def logs_table(identification: Identification) -> ScoreTable:
     """Which part of which log was used for what."""
     rows = []
-    for used in found.split.used:
+    for used in identification.split.used:
         run = used.log.run
         rates = run.rates_hz()
-        told = [f"{name} {rates[c]:.3g} Hz" for c, name in (("ax_m_s2", "IMU"), ("north_m", "positions")) if c in rates]
+        sensors = [
+            f"{name} {rates[c]:.3g} Hz" for c, name in (("ax_m_s2", "IMU"), ("north_m", "positions")) if c in rates
+        ]
         rows.append(
             (
                 used.log.name,
-                f"{run.duration_s:.1f} s; {', '.join(told)}",
+                f"{run.duration_s:.1f} s; {', '.join(sensors)}",
                 intervals(used.fitted_s),
                 intervals(used.held_out_s),
                 run.data_hash[:12],
@@ -135,10 +137,10 @@ def intervals(spans: Sequence[Interval]) -> str:
     return shown + (f" .. {len(spans)} blocks" if len(spans) > 3 else "")
 
 
-def problems_table(found: Identification) -> ScoreTable:
+def problems_table(identification: Identification) -> ScoreTable:
     """What the logs themselves show, by kind; the first of each in words."""
     rows = []
-    for name, ones in found.problems.items():
+    for name, ones in identification.problems.items():
         for kind, mine in grouped(ones).items():
             seconds = sum(p.length_s or 0.0 for p in mine)
             at = f" (first at {mine[0].t_s:.1f} s)" if mine[0].t_s is not None else ""
@@ -146,14 +148,14 @@ def problems_table(found: Identification) -> ScoreTable:
     return ScoreTable(("log", "kind", "how often", "seconds", "the first"), tuple(rows))
 
 
-def choices_table(found: Identification) -> ScoreTable:
+def choices_table(identification: Identification) -> ScoreTable:
     """Every choice and when it was made."""
-    return ScoreTable(("choice", "value", "made"), tuple((c.what, c.value, c.made) for c in choices(found)))
+    return ScoreTable(("choice", "value", "made"), tuple((c.what, c.value, c.made) for c in choices(identification)))
 
 
-def stamps_table(found: Identification) -> ScoreTable:
+def stamps_table(identification: Identification) -> ScoreTable:
     """The order in which things were done."""
-    return ScoreTable(("step", "UTC"), tuple((s.what, s.utc) for s in found.stamps))
+    return ScoreTable(("step", "UTC"), tuple((s.what, s.utc) for s in identification.stamps))
 
 
 CAPTION = (

@@ -2,7 +2,7 @@
 
     heading          psi + offset + wander
     yaw rate         r + b_r
-    specific force   at the IMU's place, as in `companion.core.estimation.process`, + b_ax, b_ay
+    specific force   at the IMU's place, as in `core.geometry.frames.point_acceleration`, + b_ax, b_ay
     position         p + R(psi) l_tag, taken at stamp - latency; bent by the warp W (`parameters`)
 
 A position sample falls between two steps. From the step at or before it, delta seconds earlier, the tag moves on by

@@ -1,1 +1,1 @@
-"""Excitation flown in the simulated world, what it would tell of each parameter, and which manoeuvre to fly next."""
+"""Design of experiments: simulated manoeuvres, the information they carry on each parameter, and what to fly next."""

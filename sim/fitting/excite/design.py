@@ -1,13 +1,14 @@
-"""Which manoeuvre to fly next, and a whole plan for the time there is.
+"""Design of experiments: which manoeuvre to fly next, and a whole plan for a given time.
 
-Each segment of a library is flown once by the vessel file's own boat (`nominal`), from rest in the middle and back.
-What it would tell, added to what is known, is its worth:
+Each segment of a library is simulated once with the vessel file's own boat (`nominal`), from rest in the middle and
+back. Its Fisher information I is added to the present precision P^-1, C = (P^-1 + I)^-1. The worth of the segment, per
+second, by one of two criteria over hull, gains, dead time and lag:
 
-    d       fall of 1/2 log det C [nats] over hull, gains, dead time and lag, per second
-    worst   fall of the log of the worst parameter's share of its prior over the best that is to be had, per second
+    d       decrease of 1/2 log det C [nats]                                            (D-optimality)
+    worst   decrease of log max_i (share_i / least_share_i)
 
-A plan takes the worthiest segment that fits, again and again. The best that is to be had: the library flown `ENOUGH`
-times over.
+share_i: posterior over prior sigma of parameter i; least_share_i: that after the whole library has been flown `ENOUGH`
+times. A plan is made greedily: the segment of greatest worth that fits into the time left, again and again.
 """
 
 from __future__ import annotations
@@ -28,22 +29,22 @@ from sim.fitting.excite.nominal import NominalFlight, fly_nominal
 
 Criterion = Literal["d", "worst"]
 ENOUGH = 10.0
+"""Flights of the whole library that count as all the information it can give; assumed."""
 SHORTEST_S = 5.0
-"""A log as short as this tells nothing that the fit could use (two windows of 2 s, and a second to settle)."""
+"""A shorter log cannot be fitted (two windows of 2 s, and a second to settle)."""
 HARDLY = 0.95
-"""A manoeuvre that leaves more than this of what is unknown is no remedy."""
+"""A manoeuvre helps a parameter if it lowers its sigma to less than this share; assumed."""
 MOST_TIMES = 3
-"""So often a plan may hold one segment: a real boat is not quite its model, and variety shows where; assumed."""
-
+"""Most repetitions of one segment in a plan: a real boat is not quite its model, and variety shows where; assumed."""
 STRETCH = 1.4
-"""Segments flown one after the other take less time than each on its own with its way back; observed: 0.8 of it."""
+"""Factor on the time budget: a plan takes less time than its segments with a way back each; observed: 0.8 of it."""
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class CandidateManoeuvre:
-    """A segment that the vessel can fly here: how long with the way back, and what it tells (P, P)."""
+    """A segment that the vessel can fly here: duration with the way back, and Fisher information (P, P) of w."""
 
     segment: Segment
     duration_s: float
@@ -53,7 +54,7 @@ class CandidateManoeuvre:
 
 @dataclass(frozen=True)
 class AdviceRow:
-    """One parameter: shares of the prior now and after the segment of the library that shows it best."""
+    """One parameter: knowledge now, and after the segment of the library that is most informative on it."""
 
     index: int
     now: Knowledge
@@ -63,7 +64,12 @@ class AdviceRow:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to do next: candidates by worth, the parameters that it is about, and a row a parameter of interest."""
+    """Advice on the next manoeuvre.
+
+    ranked  candidates, the best first
+    about   indices of the parameters that the ranking is about
+    rows    one for each parameter of interest
+    """
 
     ranked: tuple[CandidateManoeuvre, ...]
     about: tuple[int, ...]
@@ -73,8 +79,8 @@ class Advice:
 def candidates(
     library: Excitation, vessel: VesselFile, site: Site, say: Say = lambda _: None
 ) -> tuple[list[CandidateManoeuvre], list[str]]:
-    """Segments with what they tell, and why others were left out. Raises ConfigError where none can be flown."""
-    found, left_out = [], []
+    """Segments with their information, and texts why others were left out. Raises ConfigError if none can be flown."""
+    usable, left_out = [], []
     for segment in library.segments:
         say(f"flies {segment.name}")
         alone = msgspec.structs.replace(library, segments=(segment,), name=segment.name)
@@ -89,20 +95,20 @@ def candidates(
             left_out.append(f"{segment.name}: {flown.duration_s:.1f} s are too short to tell anything")
         else:
             information = planned_information(flown.run, vessel)
-            found.append(CandidateManoeuvre(segment, flown.duration_s, information, flown.least_clearance_m))
-    if not found:
+            usable.append(CandidateManoeuvre(segment, flown.duration_s, information, flown.least_clearance_m))
+    if not usable:
         raise ConfigError("\n".join([f"{library.name}: no segment can be flown", *left_out]))
-    return found, left_out
+    return usable, left_out
 
 
 def least_share(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> np.ndarray:
-    """Share of the prior that is left when the library has been flown `ENOUGH` times, (P,)."""
+    """Posterior over prior sigma (P,) after the whole library has been flown `ENOUGH` times."""
     everything = sum((c.information for c in library), start=np.zeros_like(known.precision))
     return known.with_information(ENOUGH * everything).share
 
 
 def worth_per_s(known: Knowledge, candidate: CandidateManoeuvre, least: np.ndarray, criterion: Criterion) -> float:
-    """Of one candidate [1/s]; `least`: as `least_share`."""
+    """Worth of one candidate [1/s] by a criterion (module docstring). `least`: `least_share` of the library."""
     after, of = known.with_information(candidate.information), indices_of_interest(known.vessel)
     d = 0.5 * (_log_det(known, of) - _log_det(after, of)) / candidate.duration_s
     if criterion == "d":
@@ -120,10 +126,10 @@ def _worst(known: Knowledge, least: np.ndarray, of: np.ndarray) -> float:
 
 
 def advise(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> Advice:
-    """What to fly next, given what is known.
+    """What to fly next, given present knowledge.
 
-    It is about the parameters that are not determined and that some candidate would help; where there is none, about
-    the one farthest from the best that is to be had. Ranked by the fall of their log shares per second.
+    The advice is about the parameters that are undetermined and that some candidate helps; if there are none, about the
+    one furthest from its least share. Candidates are ranked by the decrease of the log shares of these, per second.
     """
     of, after = indices_of_interest(known.vessel), [known.with_information(c.information) for c in library]
     shares = np.array([k.share for k in after])
@@ -141,7 +147,7 @@ def advise(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> Advice:
 def choose(
     known: Knowledge, library: Sequence[CandidateManoeuvre], budget_s: float, criterion: Criterion = "d"
 ) -> tuple[CandidateManoeuvre, ...]:
-    """Candidates in order of choice until nothing fits into `budget_s`, stretched by `STRETCH`, any more."""
+    """Greedy choice of candidates, in order, until none fits into what is left of `STRETCH` times `budget_s`."""
     least, chosen, left_s = least_share(known, library), [], STRETCH * budget_s
     while True:
         fits = [c for c in library if c.duration_s <= left_s and sum(c is other for other in chosen) < MOST_TIMES]
@@ -161,9 +167,9 @@ def design(
     *,
     name: str,
 ) -> tuple[Excitation, NominalFlight]:
-    """The plan of `chosen` segments and its nominal flight; last ones are dropped until it keeps to `budget_s`.
+    """The plan of `chosen` segments and its nominal flight. The last ones are dropped until it keeps to `budget_s`.
 
-    Raises ConfigError where not even the first one fits.
+    Raises ConfigError where not even the first fits.
     """
     count = len(chosen)
     while count:

@@ -1,6 +1,6 @@
-"""An excitation flown by the boat's own program in the simulated world, on the stepped clock and over real bytes.
+"""An excitation flown by the boat's own program in the simulated world, on the stepped clock, links as real bytes.
 
-The logs are those of a boat: run.mcap as `aritra run` writes it, truth.mcap as `aritra sim` does.
+The logs are like a boat's: run.mcap as `aritra run` writes it, truth.mcap as `aritra sim` does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ AFTER_S = 1.0
 
 @dataclass(frozen=True)
 class FlownExcitation:
-    """One flight: every message, how it ended in words, how near the true boat came to the fence [m]."""
+    """One flight: all messages, its ending as text, least distance of the true boat from the fence [m]."""
 
     messages: tuple[Message, ...]
     done: bool
@@ -40,7 +40,7 @@ class FlownExcitation:
 
     @property
     def duration_s(self) -> float:
-        """Of the excitation, from its first tick to its last."""
+        """Duration of the excitation [s], from its first tick to its last."""
         return (self.statuses[-1].t_ns - self.statuses[0].t_ns) * 1e-9 if self.statuses else 0.0
 
 
@@ -75,7 +75,7 @@ def _no_plan(request: SolveRequest, warm: Any) -> NoReturn:
 
 
 def notes(flown: FlownExcitation) -> list[Alert]:
-    """What the boat had to say."""
+    """The alerts of the boat's program."""
     return [m for m in flown.messages if isinstance(m, Alert)]
 
 

@@ -1,9 +1,9 @@
-"""What logs, flown or only planned, tell of each parameter: Fisher information with the motion itself unknown.
+"""Fisher information on the parameters in recorded or planned logs, with the motion itself unknown.
 
-    I = sum over runs  J^T R^-1 J, nodes (states, biases, latent acceleration) eliminated, in terms of the fit's w
-    C = (P_prior^-1 + I)^-1,      standard error of q:  T C T^T,  T = dq/dw
+    I = sum over runs of J^T R^-1 J with the nodes (states, biases, latent acceleration) eliminated, in terms of w
+    C = (P_prior^-1 + I)^-1,      covariance of q:  T C T^T,  T = dq/dw
 
-Runs do not share nodes, so information adds up over them. J and the elimination are those of the structured fit.
+Runs do not share nodes, so information is additive over them. J and the elimination are those of the structured fit.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from sim.fitting.identify.structured_fit import FitSettings, StructuredFit, solv
 
 TRUTH = tuple(f"true_{name}" for name in ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"))
 PLANNED = FitSettings(latent=False)
-"""A planned run is one of the model itself."""
+"""Settings for planned runs: they are simulated with the model itself, so there is no model error."""
 
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known of a vessel's parameters: the precision of w (P, P), prior included, at the value w (P,)."""
+    """Knowledge of a vessel's parameters: precision of w (P, P), prior included, at the value w (P,)."""
 
     vessel: VesselFile
     precision: np.ndarray
@@ -37,22 +37,22 @@ class Knowledge:
 
     @classmethod
     def prior(cls, vessel: VesselFile) -> Knowledge:
-        """Before any log."""
+        """The prior of the vessel file, before any log."""
         mean, sigma = Parameters(vessel).prior
         return cls(vessel, np.diag(1 / sigma**2), mean)
 
     def with_information(self, information: np.ndarray) -> Knowledge:
-        """After a run that tells so much."""
+        """Knowledge after a run with this Fisher information (P, P)."""
         return Knowledge(self.vessel, self.precision + information, self.w)
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Names and maps."""
+        """Names of the parameters, and the maps between w and q."""
         return Parameters(self.vessel)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Of w, (P, P)."""
+        """Covariance of w, (P, P)."""
         return np.linalg.inv(self.precision)
 
     @cached_property
@@ -62,7 +62,7 @@ class Knowledge:
 
     @cached_property
     def value(self) -> np.ndarray:
-        """q, (P,)."""
+        """Value q (P,) in file units."""
         return self.parameters.file_units(self.w)
 
     @cached_property
@@ -73,17 +73,17 @@ class Knowledge:
 
     @property
     def undetermined(self) -> np.ndarray:
-        """Which parameters the data do not determine (more than `UNDETERMINED` of the prior is left), (P,)."""
+        """Mask (P,) of the undetermined parameters: more than `UNDETERMINED` of the prior sigma is left."""
         return self.share > UNDETERMINED
 
 
 def indices_of_interest(vessel: VesselFile) -> np.ndarray:
-    """Indices of what a manoeuvre is for: inertia, damping, gains, dead time, lag; not the sensors' places."""
+    """Indices of the parameters that manoeuvres are designed for: inertia, damping, gains, dead time, lag."""
     return np.arange(len(HULL) + len(vessel.thrusters) + 2)
 
 
 def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
-    """Information (P, P) of a run of the vessel file's own boat, known to the last digit; before noise."""
+    """Fisher information (P, P) of a noise-free run of the vessel file's own boat, at true states and parameters."""
     fit = StructuredFit([run], vessel, PLANNED)
     z = np.zeros((fit.windows.size[0], L))
     z[:, STATE] = true_nodes(fit.windows, run)
@@ -91,7 +91,10 @@ def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
 
 
 def recorded_knowledge(runs: Sequence[Run], vessel: VesselFile) -> Knowledge:
-    """What recorded runs tell: a structured fit, and the information where it ended. Raises StructuredFitError."""
+    """Knowledge from recorded runs: a structured fit, and the information at its solution.
+
+    Raises StructuredFitError.
+    """
     fit = StructuredFit(runs, vessel, FitSettings())
     point, _ = solve(fit)
     precision = fit.assemble(point, fit.noise)[0].solve()[2]
@@ -99,13 +102,14 @@ def recorded_knowledge(runs: Sequence[Run], vessel: VesselFile) -> Knowledge:
 
 
 def _information(fit: StructuredFit, w: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Information (P, P) of the fit's data at w (P,) and nodes z (W, L): Hessian of w less the prior's."""
     chain = fit.assemble(fit.point(w, z), fit.noise)[0]
     _, sigma = fit.parameters.prior
     return chain.solve()[2] - np.diag(1 / sigma**2)
 
 
 def true_nodes(windows: Windows, run: Run) -> np.ndarray:
-    """State at the start of each window, (W, 6)."""
+    """True state at the start of each window, (W, 6), from the run's truth columns."""
     t, truth = run.samples(*TRUTH)
     truth[:, 2] = np.unwrap(truth[:, 2])
     return np.column_stack([np.interp(windows.t_s[:, 0], t, column) for column in truth.T])

@@ -1,7 +1,7 @@
-"""An excitation flown by the vessel file's own boat, with sensors that never err: what information is computed from.
+"""Nominal flight: an excitation simulated with the vessel file's own boat and sensors without noise.
 
-The flight is told the true state. Rows come at the rates of the file's sensors; what noise they would have had enters
-the information by its size alone.
+Fisher information is computed from it. The excitation's controller gets the true state. Samples come at the rates of
+the file's sensors; the size of their noise enters the information by the covariance R alone.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from sim.world.plant import Motion, Plant
 STEP_NS, TICK_NS = 10_000_000, 100_000_000
 LATENCY_NS = 30_000_000  # from a tick to the autopilot's outputs: `Control.latency_s`
 VOLTAGE_V = 15.6  # open circuit, as the simulated world has it
-LIMIT_S = 7200.0  # a flight that takes longer has lost its way
+LIMIT_S = 7200.0  # a flight that takes longer is given up; assumed
 
 
 @dataclass(frozen=True)
 class NominalFlight:
-    """One flight: log, status and truth at every tick, what it had to say when, how near it came to the fence [m]."""
+    """One flight: log, status and truth at every tick, notes (t [s], text), least distance from the fence [m]."""
 
     run: Run
     statuses: tuple[ExcitationStatus, ...]
@@ -41,7 +41,7 @@ class NominalFlight:
 
     @property
     def done(self) -> bool:
-        """Whether it came to its end."""
+        """Whether the whole excitation was flown."""
         return self.statuses[-1].phase == "done"
 
     @property
@@ -53,9 +53,9 @@ class NominalFlight:
 def fly_nominal(
     excitation: Excitation, vessel: VesselFile, site: Site, *, limit_s: float = LIMIT_S, step_ns: int = STEP_NS
 ) -> NominalFlight:
-    """Fly `excitation` from rest in the middle of `site`, until it is over. Raises ConfigError where it cannot be.
+    """Fly `excitation` from rest in the middle of `site` until it is over, in calm. Raises ConfigError if it cannot be.
 
-    `step_ns`: of the plant; a tick is a whole number of them.
+    `step_ns`: step of the plant; a tick is a whole number of them.
     """
     flight = Flight(excitation, vessel, site, name=excitation.name)
     plant = Plant(vessel, np.array([*flight.pen.middle, 0.0, 0, 0, 0]), step_ns=step_ns, voltage_v=VOLTAGE_V)
@@ -87,7 +87,7 @@ def truth_of(t_ns: int, x: np.ndarray) -> GroundTruth:
 
 
 class _Rows:
-    """Columns of a run as they come."""
+    """Rows of a run, collected sample by sample."""
 
     def __init__(self, vessel: VesselFile, step_ns: int):
         self._step_ns = step_ns
@@ -102,7 +102,7 @@ class _Rows:
         self._at(t_ns, **dict(zip(self._names, map(float, pwm), strict=True)))
 
     def sense(self, plant: Plant) -> None:
-        """What is measured at this step of the plant."""
+        """Add the samples that the sensors take at this step of the plant."""
         motion = plant.motion
         self._last_ns = t_ns = motion.t_ns
         if t_ns % self._imu_ns < self._step_ns:

@@ -24,7 +24,13 @@ MAP = "tab20"
 
 @dataclass(frozen=True)
 class FlightTrace:
-    """What is drawn: instants (k,) [s], [north, east, psi, u, v, r] (k, 6), segment (k,) or -1, forces (k, n) [N]."""
+    """Data of the picture.
+
+    t_s      (k,) since the first status
+    x        (k, 6) [north, east, psi, u, v, r]
+    segment  (k,) index of the segment; -1: on the way back
+    f_n      (k, n) thruster forces
+    """
 
     t_s: np.ndarray
     x: np.ndarray
@@ -33,7 +39,7 @@ class FlightTrace:
 
 
 def flight_trace(truths: Sequence[GroundTruth], statuses: Sequence[ExcitationStatus]) -> FlightTrace:
-    """Of the true motion, from the first status to the last."""
+    """The true motion from the first status to the last."""
     first, last = statuses[0].t_ns, statuses[-1].t_ns
     kept = [m for m in truths if first <= m.t_ns <= last]
     t_ns = np.array([m.t_ns for m in kept])
@@ -75,13 +81,13 @@ def _track(ax: Any, flight: FlightTrace, excitation: Excitation, site: Site, col
     ax.plot(corners[:, 1], corners[:, 0], color="#222222", lw=1.0, ls=":", label="fence")
     north, east = pen.middle
     ax.add_patch(Circle((east, north), excitation.return_m, fill=False, ec=FAINT, lw=0.6, label="the middle"))
-    told = set()
+    labelled = set()
     for a, b in _stretches(flight.segment):
         which = flight.segment[a]
         name = "on the way home" if which < 0 else excitation.segments[which].name
         tint, width = (HOME, 0.8) if which < 0 else (colour[which], 1.5)
-        label = None if name in told else name
-        told.add(name)
+        label = None if name in labelled else name
+        labelled.add(name)
         ax.plot(flight.x[a : b + 1, 1], flight.x[a : b + 1, 0], color=tint, lw=width, label=label)
     ax.set_aspect("equal")
     ax.set_xlabel("east [m]")

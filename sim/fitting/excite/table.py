@@ -1,4 +1,4 @@
-"""Tables for people: what is known of each parameter, what a plan would add, which manoeuvre comes next."""
+"""Tables for the console: precision of each parameter now and after a plan, and which manoeuvre to fly next."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def known_to(known: Knowledge, i: int) -> str:
 
 
 def expected(now: Knowledge, after: Knowledge, title: str) -> Table:
-    """Each parameter: value, known to now and after a plan, and what the plan leaves undetermined."""
+    """Table of all parameters: value, precision now and after a plan, and whether it stays undetermined."""
     table = Table(title=title, title_justify="left")
     for name in ("parameter", "value", "known to", "after", ""):
         table.add_column(name, justify="left" if name in ("parameter", "") else "right")
@@ -36,7 +36,7 @@ def expected(now: Knowledge, after: Knowledge, title: str) -> Table:
 
 
 def next_steps(advice: Advice) -> Table:
-    """Each parameter of interest: known to now, and after the manoeuvre that shows it best. *: what advice is about."""
+    """Table of the parameters of interest: precision now, and after the most informative manoeuvre."""
     table = Table(title="What would show each parameter (* the proposal is about these)", title_justify="left")
     for name in ("parameter", "known to", "after", "manoeuvre"):
         table.add_column(name, justify="right" if name in ("known to", "after") else "left")
@@ -47,13 +47,13 @@ def next_steps(advice: Advice) -> Table:
 
 
 def reasons(advice: Advice) -> list[str]:
-    """Why the manoeuvres of the table, one line each."""
+    """Reasons of the manoeuvres of `next_steps`, one line each."""
     named = {row.best.segment.name: row.best.segment.why for row in advice.rows}
     return [f"  {name}: {why}" for name, why in named.items() if why]
 
 
 def proposal(advice: Advice) -> list[str]:
-    """ "Do this next", in words."""
+    """The advice as lines of text: what it is about, the manoeuvre, its effect, alternatives."""
     best, known = advice.ranked[0], advice.rows[0].now
     names = [known.parameters.names[i] for i in advice.about]
     open_ = [i for i in advice.about if known.undetermined[i]]
@@ -70,7 +70,7 @@ def proposal(advice: Advice) -> list[str]:
 
 
 def choices(chosen: Sequence[CandidateManoeuvre], start: Knowledge, least: np.ndarray) -> Table:
-    """A plan's segments in the order of choice: time, and what each added."""
+    """Table of a plan's segments in the order of choice: time, and information gained [nats]."""
     table = Table(title="Chosen, in this order", title_justify="left")
     for name in ("segment", "time", "nats", "why"):
         table.add_column(name, justify="right" if name in ("time", "nats") else "left")
@@ -83,7 +83,7 @@ def choices(chosen: Sequence[CandidateManoeuvre], start: Knowledge, least: np.nd
 
 
 def worst_open(known: Knowledge) -> str:
-    """How many parameters of interest are not determined, in words."""
+    """Number of determined parameters of interest, and the names of the others, as text."""
     of = indices_of_interest(known.vessel)
     names = [known.parameters.names[i] for i in of if known.undetermined[i]]
     return f"{len(of) - len(names)} of {len(of)} parameters determined" + (

@@ -1,1 +1,1 @@
-"""The 23-term Taylor (Abkowitz) model, fitted beside the structured one: pipeline, regression, file."""
+"""The paper's 23-term Taylor (Abkowitz) series: samples by the paper's pipeline or a smoother, regression, file."""

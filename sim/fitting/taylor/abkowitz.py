@@ -1,11 +1,11 @@
-"""The paper's 23-term Taylor (Abkowitz) model, behind the interface of `dynamics.Model`.
+"""The paper's 23-term Taylor (Abkowitz) model, with the interface of a vessel model.
 
     nu_dot = C phi(Delta u, v, r, t_x, t_y, t_n),  Delta u = u - 0.5          equation (4), Table 2
 
-It is a reference to hold the paper against, not a simulator. What the printed numbers do when run:
+It is a reference to compare the paper with, not a simulator. Simulated with the printed coefficients:
 
-- C_0 = 0: with zero thrust 0.5 m/s is an equilibrium, held for ever; from rest with zero thrust the boat
-  speeds up by itself, 0.30 m/s after 5 s.
+- C_0 = 0: with zero thrust 0.5 m/s is an equilibrium; from rest with zero thrust the boat accelerates by itself,
+  0.30 m/s after 5 s.
 - Sway is unstable below 0.41 m/s. Constant thrust of 2 kgf diverges within 73 s, full thrust within 10 s,
   a moment of 0.3 kgf m within 66 s, and 94 % of runs of 60 s with random constant thrust within the limits.
 - C_y = 0: sway force has no effect (no sway data was in the fit).
@@ -35,7 +35,7 @@ C = np.array([table.SURGE, table.SWAY, table.YAW])
 
 @dataclass(frozen=True)
 class Range:
-    """Interval of one quantity within which the model means something, with the reason for its ends."""
+    """Interval of one quantity within which the model is valid, with the reason for its ends."""
 
     name: str
     low: float
@@ -55,7 +55,7 @@ VALIDITY = (
 
 
 def outside(nu: Any, tau: Any) -> tuple[str, ...]:
-    """What lies outside the box, in words; empty inside. nu [m/s, m/s, rad/s], tau [N, N, N m]."""
+    """A text for each quantity outside the validity box; empty inside. nu [m/s, m/s, rad/s], tau [N, N, N m]."""
     values = [*np.asarray(nu, dtype=float), *np.asarray(tau, dtype=float)]
     return tuple(
         f"{limit.name} = {value:.3g} is outside {limit.low:.3g} to {limit.high:.3g} ({limit.why})"
@@ -65,7 +65,7 @@ def outside(nu: Any, tau: Any) -> tuple[str, ...]:
 
 
 def regressor(nu: Any, t: Any) -> list[Any]:
-    """phi, 23 terms of equation (4); t = [t_x, t_y, t_n] in kgf and kgf m."""
+    """phi, the 23 terms of equation (4); nu [m/s, m/s, rad/s], t = [t_x, t_y, t_n] [kgf, kgf, kgf m]."""
     du, v, r = nu[0] - table.NOMINAL_U_M_S, nu[1], nu[2]
     return [
         1.0, du, v, r, du**2, v**2, r**2, du * v, du * r, v * r, du**3, v**3, r**3, du**2 * v, du**2 * r,
@@ -75,8 +75,9 @@ def regressor(nu: Any, t: Any) -> list[Any]:
 
 @dataclass(frozen=True)
 class AbkowitzModel:
-    """Table 2 as a `dynamics.Model`. B (3, n) and the lag come from a vessel file: the paper gives neither
-    the thrusters' places nor their dynamics. `coefficients` (3, 23): another fit of the same terms.
+    """The series as a vessel model. `coefficients` (3, 23): those of Table 2, or of another fit of the same terms.
+
+    B (3, n) and the lag come from a vessel file: the paper gives neither the thrusters' places nor their dynamics.
     """
 
     B: np.ndarray
@@ -92,6 +93,6 @@ class AbkowitzModel:
 
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration, shape (3,) [m/s^2, m/s^2, rad/s^2], from tau in N, N, N m."""
-        del eta  # calm water: the pose plays no part
+        del eta  # calm water: the pose does not matter
         phi = ca.vertcat(*regressor(nu, [tau[i] / KGF_N for i in range(3)]))
         return ca.mtimes(ca.DM(self.coefficients), phi)

@@ -2,9 +2,9 @@
 
     y_dot_i = sum_j w_j y_(i+j) / h        central: j = -3..3, forward: j = 0..6, backward: j = -6..0
 
-The weights make the sum exact for polynomials up to degree 6. What is left: h^6 y^(7) / 140 inside, h^6 y^(7) / 7 at
-the ends. White noise sigma in y becomes 1.08 sigma / h inside and 12.6 sigma / h at the ends: smooth first. A step in
-y_dot (a thrust command) disturbs the three samples on either side of it.
+The weights make the sum exact for polynomials up to degree 6. Truncation error: h^6 y^(7) / 140 inside, h^6 y^(7) / 7
+at the ends. White noise of sigma in y becomes 1.08 sigma / h inside and 12.6 sigma / h at the ends, so the series must
+be smoothed first. A step in y_dot (a thrust command) disturbs the three samples on either side of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ MIN_SAMPLES = 9
 
 
 def weights(offsets: np.ndarray) -> np.ndarray:
-    """w with sum_j w_j offset_j^p = (1 if p = 1 else 0) for p = 0 .. n - 1; same shape as `offsets`."""
+    """Weights w (n,) of a first derivative at `offsets` (n,) [samples].
+
+    Solution of sum_j w_j offset_j^p = (1 if p = 1 else 0) for p = 0 .. n - 1.
+    """
     offsets = np.asarray(offsets, dtype=float)
     powers = np.vander(offsets, increasing=True).T
     return np.linalg.solve(powers, np.eye(len(offsets))[1])

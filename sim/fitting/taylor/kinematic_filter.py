@@ -1,12 +1,11 @@
-"""The reference pipeline: positions and IMU through kinematics alone, no vessel model.
+"""Kinematic Kalman filter of the reference pipeline: positions and IMU, no vessel model.
 
-    x = [x y | v_n v_e | b_ax b_ay]     p_dot = v,   v_dot = R(psi) (a - b),   b: random walk
+    x = [x y | v_n v_e | b_ax b_ay]     p_dot = v,   v_dot = R(psi) (a - b),   b: random walk      (NED)
     [u v] = R(psi)^T [v_n v_e]
 
 This is the filter of the paper (its section 4: UWB positions at 1 Hz, IMU at 30 Hz, speeds at 10 Hz); with
-`accel_bias_sigma_m_s2 = 0` it has no biases, as the paper. With psi measured the equations are linear,
-so filterpy's batch Kalman filter does the work, on the error to the path that dead reckoning from the first position
-gives.
+`accel_bias_sigma_m_s2 = 0` it has no biases, as in the paper. With psi measured the equations are linear. filterpy's
+batch Kalman filter estimates the error of dead reckoning from the first position.
 """
 
 from __future__ import annotations
@@ -26,8 +25,9 @@ START_VELOCITY_SIGMA_M_S = 0.5
 class KinematicData:
     """One log on one time grid of k samples, 10 Hz in the paper.
 
-    `t_s` (k,); `psi_rad`, `r_rad_s` (k,); `accel_m_s2` (k, 2): body axes, level, at the body origin;
-    `position_m` (k, 2): body origin in NED, NaN where there is none.
+    t_s, psi_rad, r_rad_s  (k,)
+    accel_m_s2             (k, 2) in body axes, level, at the body origin
+    position_m             (k, 2) of the body origin in NED, NaN where there is none
     """
 
     t_s: np.ndarray
@@ -39,7 +39,7 @@ class KinematicData:
 
 @dataclass(frozen=True)
 class KinematicNoise:
-    """One sigma each; accelerometer noise is that of one sample of the grid."""
+    """Standard deviations; the accelerometer's is that of one sample of the grid."""
 
     accel_sigma_m_s2: float
     accel_bias_sigma_m_s2: float
@@ -79,7 +79,7 @@ def _reckoned(data: KinematicData) -> np.ndarray:
 
 
 def _transitions(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, np.ndarray]:
-    """F and Q of the error, (k, 6, 6) each; number i leads from sample i - 1 to i, as filterpy counts."""
+    """F and Q of the error state, (k, 6, 6) each; entry i leads from sample i - 1 to i, as filterpy counts."""
     k = len(data.t_s)
     F, Q = np.tile(np.eye(6), (k, 1, 1)), np.zeros((k, 6, 6))
     R = R2(data.psi_rad)
@@ -109,7 +109,7 @@ def _filtered(data: KinematicData, noise: KinematicNoise) -> tuple[np.ndarray, n
 
 
 def _estimate(data: KinematicData, x: np.ndarray, P: np.ndarray) -> KinematicEstimate:
-    """Named parts of the state history."""
+    """The estimate from the states x (k, 6) and their covariances P (k, 6, 6)."""
     body = np.einsum("kji,kj->ki", R2(data.psi_rad), x[:, 2:4])
     eta = np.column_stack([x[:, :2], data.psi_rad])
     return KinematicEstimate(data.t_s, eta, np.column_stack([body, data.r_rad_s]), x[:, 4:], P)

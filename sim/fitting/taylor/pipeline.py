@@ -1,10 +1,10 @@
-"""From a run to regression samples: the paper's pipeline step by step, and the smoother's instead of it.
+"""From a run to regression samples (nu, nu_dot, forces), by the paper's pipeline or by the smoother.
 
     paper     kinematic Kalman filter at 10 Hz, no biases -> Lanczos low-pass of u, v, r -> 7-point differences
-    smoother  RTS smoother with biases; its own accelerations
+    smoother  RTS smoother with biases; its accelerations are taken as they are
 
-Forces: pulse widths as they are in force at each instant, through the vessel file's map and B, in kgf. As in the paper
-they act at once: dead time and lag of the thrusters are not in the model.
+Forces: the pulse widths in force at each instant through the vessel file's map and B, in kgf. As in the paper they act
+at once: dead time and lag of the thrusters are not modelled.
 """
 
 from __future__ import annotations
@@ -29,7 +29,12 @@ from sim.fitting.taylor.regression import Samples
 
 @dataclass(frozen=True)
 class PaperMotion:
-    """`nu_raw`: the filter's (k, 3); `nu` after Lanczos; `nu_dot` by differences; `eta` (k, 3) of the filter."""
+    """Motion by the paper's pipeline at k instants, SI units.
+
+    eta, nu_raw  (k, 3) of the Kalman filter
+    nu           (k, 3) after the Lanczos filter
+    nu_dot       (k, 3) by differences of nu
+    """
 
     t_s: np.ndarray
     eta: np.ndarray
@@ -41,7 +46,7 @@ class PaperMotion:
 def paper_motion(
     run: Run, noise: SmootherNoise, cutoff_hz: float = CUTOFF_HZ, half_width_s: float = HALF_WIDTH_S
 ) -> PaperMotion:
-    """The paper's three steps. Lever arms and latency are taken out first (the paper does not speak of them)."""
+    """The paper's three steps. Lever arms and latency are removed first (the paper does not mention them)."""
     data, kept = _kinematic_data(run, noise)
     per_sample = KinematicNoise(noise.accel_m_s2 / math.sqrt(kept), 0.0, 0.0, noise.position_m)
     estimate = kinematic_filter(data, per_sample)
@@ -50,19 +55,22 @@ def paper_motion(
 
 
 def paper_samples(run: Run, vessel: VesselFile, noise: SmootherNoise) -> Samples:
-    """Samples for the regression, by the paper's pipeline."""
+    """Regression samples of a run by the paper's pipeline."""
     motion = paper_motion(run, noise)
     return Samples(motion.nu, motion.nu_dot, forces_kgf(run, vessel, motion.t_s), RATE_HZ)
 
 
 def smoother_samples(run: Run, vessel: VesselFile, smoothed: Smoothed) -> Samples:
-    """Samples for the regression, from the smoother; its grid must be uniform."""
+    """Regression samples of a run from its smoothed motion, whose grid must be uniform."""
     rate_hz = 1.0 / float(np.median(np.diff(smoothed.t_s)))
     return Samples(smoothed.nu, smoothed.nu_dot, forces_kgf(run, vessel, smoothed.t_s), rate_hz)
 
 
 def held_commands(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pulse widths (k, n) and volts (k,) in force at each instant; before the first stamp: neutral, first volts."""
+    """Pulse widths (k, n) [us] and voltages (k,) [V] in force at `t_s` (k,): zero-order hold.
+
+    Before the first stamp: neutral, and the first voltage. NaN volts where the run has none.
+    """
     names = [f"pwm_{name}" for name in run.thrusters]
     stamps, pwm = run.samples(*names)
     pwm = np.vstack([np.full((1, len(names)), float(NEUTRAL_US)), pwm.reshape(len(stamps), len(names))])
@@ -74,7 +82,10 @@ def held_commands(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:
-    """t = [t_x t_y t_n] in force at each instant, shape (k, 3) [kgf, kgf, kgf m]. ValueError: other thrusters."""
+    """t = [t_x t_y t_n] in force at `t_s` (k,), (k, 3) [kgf, kgf, kgf m].
+
+    ValueError where run and vessel have other thrusters.
+    """
     names = tuple(t.name for t in vessel.thrusters)
     if run.thrusters != names:
         raise ValueError(f"{run.meta.source}: thrusters {run.thrusters}, but {vessel.name} has {names}")
@@ -84,7 +95,7 @@ def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:
 
 
 def _kinematic_data(run: Run, noise: SmootherNoise) -> tuple[KinematicData, float]:
-    """The run on the filter's grid, at the body origin; and how many IMU samples stand behind one instant."""
+    """The run on the filter's grid, referred to the body origin; and the median number of IMU samples per instant."""
     t = run.measured_s()
     grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
     t_psi, psi = run.samples("psi_rad")

@@ -1,14 +1,14 @@
-"""The paper's regression: 23 terms per axis, least squares as its equation (7), and what the data says of each number.
+"""The paper's regression: 23 terms per axis, least squares as its equation (7), and the precision of each coefficient.
 
     b = A c,   row of A: phi(Delta u, v, r, t_x, t_y, t_n) of equation (4),   c = H A^T b
 
     H = (A^T A)^+          minimum norm where a column says nothing (the paper's C_y = 0)
 
 Covariance of c: s^2 H A^T A H for white errors; H S H with S = sum over lags of the scores' Bartlett-weighted
-covariances (Newey-West) for errors of any variance that hang together for `hac_s`, as those of smoothed derivatives.
+covariances (Newey-West) for errors of any variance that are correlated over `hac_s`, as those of smoothed derivatives.
 
-Errors in u, v, r themselves are not in these intervals: they pull coefficients towards zero (attenuation) however long
-the log. `noise_shift` says by how much.
+Errors of the regressors u, v, r are not in these intervals: they bias coefficients towards zero (attenuation) however
+long the log. `noise_shift` estimates by how much.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NULL = 1e-9  # singular values below this share of the largest count as zero, c
 
 @dataclass(frozen=True)
 class Samples:
-    """One log on a uniform grid: `nu` (k, 3), `nu_dot` (k, 3), `t_kgf` (k, 3) [kgf, kgf, kgf m]."""
+    """One log on a uniform grid of `rate_hz`: `nu`, `nu_dot` (k, 3) SI, `t_kgf` (k, 3) [kgf, kgf, kgf m]."""
 
     nu: np.ndarray
     nu_dot: np.ndarray
@@ -39,11 +39,14 @@ class Samples:
 
 @dataclass(frozen=True)
 class TaylorFit:
-    """Coefficients (3, 23): rows surge, sway, yaw; terms in the order of `abkowitz_table.TERMS`.
+    """Fitted series: coefficients C (3, 23), rows surge, sway, yaw; terms in the order of `abkowitz_table.TERMS`.
 
-    `cov`, `cov_robust` (3, 23, 23). `determined` (3, 23): False where the data leaves a term open.
-    `vif` (23,): variance inflation, 1 if a term goes with no other; inf where undetermined. `condition` of A as it
-    is and of A with columns of mean square 1. `sigma`, `r2` (3,) of the accelerations.
+    cov, cov_robust   (3, 23, 23) covariance of each row, for white and for correlated errors
+    determined        (3, 23) False where the data do not determine a term
+    rank, condition   of A; condition_scaled: of A with columns of mean square 1
+    vif               (23,) variance inflation factor: 1 for a term uncorrelated with all others; inf if undetermined
+    sigma, r2         (3,) standard deviation of the residual accelerations; coefficient of determination
+    n, low, high      number of samples; range of [u v r t_x t_y t_n] in them
     """
 
     method: str
@@ -72,7 +75,7 @@ class TaylorFit:
         return self._errors(self.cov_robust)
 
     def half_width(self, level: float = 0.95, robust: bool = True) -> np.ndarray:
-        """Half width of the interval of each coefficient, shape (3, 23)."""
+        """Half width of the confidence interval of each coefficient, (3, 23), by Student's t."""
         errors = self.se_robust if robust else self.se
         return errors * float(student.ppf(0.5 + level / 2, self.n - self.rank))
 
@@ -81,7 +84,7 @@ class TaylorFit:
 
 
 def design(nu: np.ndarray, t_kgf: np.ndarray) -> np.ndarray:
-    """A of equation (6a) with the misprint mended (v^2 Delta u, Delta u v r), shape (k, 23)."""
+    """Design matrix A (k, 23) of equation (6a), its misprint corrected (v^2 Delta u, Delta u v r)."""
     return np.stack(np.broadcast_arrays(*regressor(nu.T, t_kgf.T)), axis=1)
 
 
@@ -94,10 +97,10 @@ def least_squares(logs: Sequence[Samples], hac_s: float = HAC_S) -> TaylorFit:
 def noise_shift(
     logs: Sequence[Samples], nu_sigma: Sequence[np.ndarray], rng: np.random.Generator, draws: int = 10
 ) -> np.ndarray:
-    """By how much errors of `nu_sigma` (k, 3) per log in u, v, r move the coefficients, shape (3, 23).
+    """Bias of the coefficients (3, 23) by errors of `nu_sigma` (k, 3) per log in u, v, r: mean over `draws`.
 
-    The shift that the same errors make a second time (the first step of SIMEX: Cook and Stefanski 1994). Errors are
-    drawn white: the shift depends on their size at each sample, not on how they hang together.
+    Estimated as the shift that errors of the same size make when added once more (the first step of SIMEX: Cook and
+    Stefanski 1994). They are drawn white: the shift depends on their size at each sample, not on their correlation.
     """
     first = least_squares(logs).C
     shift = np.zeros_like(first)
@@ -112,9 +115,14 @@ def noise_shift(
 
 @dataclass(frozen=True)
 class _Work:
-    """A (n, 23), b (n, 3), the root mean square of each column (1 where it is 0), and where each log ends.
+    """The regression problem of all logs.
 
-    `R` (23, 23) of A / scale = Q R: has the singular values and right vectors of A at a hundredth of the work.
+    A, b     (n, 23), (n, 3) design matrix and accelerations
+    scale    (23,) root mean square of each column of A, 1 where that is 0
+    R        (23, 23) of A / scale = Q R: has its singular values and right singular vectors, far smaller
+    bounds   first row of each log, and the row after its last
+    lags     of the Newey-West estimate
+    low, high  range of [u v r t_x t_y t_n]
     """
 
     A: np.ndarray
@@ -128,6 +136,7 @@ class _Work:
 
     @classmethod
     def of(cls, logs: Sequence[Samples], hac_s: float) -> _Work:
+        """From the samples of all logs. ValueError for too few samples, or for values that are not finite."""
         nu, t = np.concatenate([log.nu for log in logs]), np.concatenate([log.t_kgf for log in logs])
         A, b = design(nu, t), np.concatenate([log.nu_dot for log in logs])
         if len(A) <= TERM_COUNT:
@@ -143,7 +152,7 @@ class _Work:
         return cls(A, b, scale, R, bounds, round(hac_s * logs[0].rate_hz), both.min(axis=0), both.max(axis=0))
 
     def fit(self) -> TaylorFit:
-        """Coefficients and everything said about them."""
+        """The fit: coefficients, covariances, diagnostics of collinearity."""
         A, b = self.A, self.b
         _, s, Vt = np.linalg.svd(self.R)
         rank = int((s > _NULL * s[0]).sum())
@@ -171,7 +180,10 @@ class _Work:
         )
 
     def _scores(self, residual: np.ndarray) -> np.ndarray:
-        """Newey-West S, (23, 23): sums over every window of lags + 1 scores give exactly the Bartlett weights."""
+        """Newey-West S (23, 23) of the scores A_i r_i of one axis.
+
+        Sum of outer products of moving sums over lags + 1 scores, divided by lags + 1: exactly the Bartlett weights.
+        """
         S, width = np.zeros((TERM_COUNT, TERM_COUNT)), self.lags + 1
         for start, end in self.bounds:
             scores = self.A[start:end] * residual[start:end, None]
@@ -182,7 +194,7 @@ class _Work:
         return S
 
     def _vif(self, open_terms: np.ndarray) -> np.ndarray:
-        """Diagonal of the inverse correlation matrix; NaN for the constant."""
+        """Variance inflation factors (23,): diagonal of the inverse correlation matrix; NaN for the constant."""
         vif = np.full(TERM_COUNT, np.inf)
         vif[0] = np.nan
         use = ~open_terms

@@ -1,8 +1,8 @@
-"""The fitted 23-term model: its file, its table, and many simulations of it at once.
+"""The fitted 23-term model: its file, its table, and simulation of many runs at once.
 
     nu_dot = C phi(Delta u, v, r, t_x, t_y, t_n),   eta_dot = R(psi) nu      t in kgf, kgf m (1 kgf = 9.80665 N)
 
-File: JSON, `TaylorFile`. `AbkowitzModel(B, lag_s, coefficients=file.coefficients)` takes it into filter and NMPC.
+File: JSON, `TaylorFile`. `AbkowitzModel(B, lag_s, coefficients=file.coefficients)` makes a model for filter and NMPC.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ AXES = ("surge", "sway", "yaw")
 
 
 class TaylorFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Coefficients by axis, in the order of `terms`; None as a standard error: the data leaves the term open.
+    """Coefficients by axis, in the order of `terms`; a standard error of None: the data do not determine the term.
 
-    `low`, `high`: range of [u v r X Y N] [m/s, rad/s, kgf, kgf m] in the data; outside it the series says nothing.
+    `low`, `high`: range of [u v r X Y N] [m/s, rad/s, kgf, kgf m] in the data; the series is not valid outside it.
     """
 
     format: int = 1
@@ -52,7 +52,7 @@ class TaylorFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 def taylor_file(fit: TaylorFit, source: str) -> TaylorFile:
-    """The fit as a file. `source`: which logs, which smoothing."""
+    """The fit as a file. `source`: logs and smoothing, as text."""
 
     def rows(table: np.ndarray) -> dict[str, tuple[float | None, ...]]:
         return {
@@ -73,14 +73,14 @@ def taylor_file(fit: TaylorFit, source: str) -> TaylorFile:
 
 
 def taylor_json(file: TaylorFile) -> bytes:
-    """The file's text."""
+    """The file as JSON text."""
     return msgspec.json.format(msgspec.json.encode(file), indent=2)
 
 
 def coefficient_table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
-    """Table 2 of the paper in Markdown: value, then standard error (robust), for each axis; what lies open says so.
+    """Markdown table like Table 2 of the paper: coefficient and robust standard error by axis, or "open".
 
-    `shift` (3, 23) from `noise_shift`: a coefficient that it moves by more than its standard error carries a *.
+    `shift` (3, 23) of `noise_shift`: a coefficient that it moves by more than its standard error carries a *.
     """
     lines = ["| term | surge | sway | yaw | VIF |", "|---|---|---|---|---|"]
     for j, term in enumerate(TERMS):
@@ -97,7 +97,7 @@ def coefficient_table(fit: TaylorFit, shift: np.ndarray | None = None) -> str:
 
 
 def _below(fit: TaylorFit, shifted: bool) -> str:
-    """What stands under the table."""
+    """The legend below the table."""
     text = (
         f"{fit.method}, {fit.n} samples; rank {fit.rank} of {len(TERMS)}, condition {fit.condition:.3g} "
         f"({fit.condition_scaled:.3g} with scaled columns). R2 of the accelerations: surge {fit.r2[0]:.3f}, "

@@ -1,1 +1,1 @@
-"""Held-out logs against models: open loop with the same commands, side by side with what needs no model."""
+"""Validation: models and baselines in open loop on held-out logs, under the logged commands; scores and report."""

@@ -1,1 +1,1 @@
-"""Readers: MCAP, CSV, Parquet, ArduPilot .BIN and .tlog, C/S Enterprise I, UWB text -> Run."""
+"""Readers of logs into `Run`: MCAP, CSV, Parquet, ArduPilot .BIN and .tlog, C/S Enterprise I, UWB text."""

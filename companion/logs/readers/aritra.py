@@ -1,8 +1,8 @@
-"""Our own log (MCAP) -> run: what was commanded, what was measured, and the truth where there is one.
+"""Reader of Aritra's own log (MCAP): commands, measurements, and the simulator's truth where there is one.
 
-Commands are the override leases, later by the run file's `control.latency_s`: what reaches the autopilot's outputs. A
-lease that ran out before the next began is followed by neutral, as the boat does. Where the autopilot's outputs say
-that it did not obey (disarmed, HOLD, failsafe), a note says when.
+Commands are the override leases, delayed by the run file's `control.latency_s` until they reach the autopilot's
+outputs. A lease that expires before the next one is followed by neutral, as on the boat. Where the autopilot's outputs
+do not follow the leases (disarmed, HOLD, failsafe), a note states when.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
 
     Raises LogError, RunError.
     """
+    # 1. Messages by type, and damage of the file.
     log = LogFile(path)
     vessel, site = vessel or _vessel(log), site or _site(log)
     found: dict[type[Message], list[Any]] = defaultdict(list)
@@ -61,6 +62,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]
     if not found[OverrideLease]:
         raise RunError(f"{path}: no thruster commands (/override_lease) in it")
+    # 2. A stream for each sensor, the commands and the truth.
     names = thruster_names(vessel, found[OverrideLease])
     down_m = vessel.sensors.uwb.z_m if vessel else 0.0
     tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
@@ -69,6 +71,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag) if len(s.t_ns)), default=0)
     link_ns = _link_ns(log)
     streams += [_commands(found[OverrideLease], names, last_ns, link_ns), *tag, _truth(found[GroundTruth], names)]
+    # 3. Joined into one run.
     meta = RunMeta(
         vessel=vessel.name if vessel else log.metadata.get("vessel", "not stated"),
         source=str(path.name),
@@ -86,7 +89,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
 
 
 def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
-    """Fields of RunMeta that the vessel file and the site file know."""
+    """Fields of `RunMeta` that follow from the vessel file and the site file."""
     fields: dict[str, Any] = {}
     if vessel:
         uwb = vessel.sensors.uwb
@@ -99,7 +102,7 @@ def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
 
 
 def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tuple[str, ...]:
-    """Names by the vessel file; without one ch<channel> of as many as the leases have forces for."""
+    """Names of the thrusters by the vessel file; without one ch<channel>, as many as the leases have forces."""
     if vessel:
         return tuple(t.name for t in vessel.thrusters)
     widest = max(leases, key=lambda lease: len(lease.f_command_n))
@@ -107,12 +110,12 @@ def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tu
 
 
 def attitude_row(a: Attitude) -> tuple[float, ...]:
-    """Stamp, heading, roll, pitch."""
+    """Stamp [ns], heading, roll, pitch [rad]."""
     return a.t_ns, a.psi_rad, a.phi_rad, a.theta_rad
 
 
 def attitude_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
-    """Of rows as above; the heading becomes wrapped to [-pi, pi)."""
+    """Stream of rows as of `attitude_row`; headings are wrapped to [-pi, pi)."""
     stream = Stream.of("attitude", ("psi_rad", "phi_rad", "theta_rad"), rows, near="IMU")
     stream.columns["psi_rad"][:] = wrapped(stream.columns["psi_rad"])
     return stream
@@ -124,12 +127,12 @@ def wrapped(angle_rad: np.ndarray) -> np.ndarray:
 
 
 def imu_row(m: ImuSample) -> tuple[float, ...]:
-    """Stamp, yaw rate, specific force along x and y."""
+    """Stamp [ns], yaw rate [rad/s], specific force along x and y [m/s^2]."""
     return m.t_ns, m.r_rad_s, m.ax_m_s2, m.ay_m_s2
 
 
 def imu_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
-    """Of rows as above."""
+    """Stream of rows as of `imu_row`."""
     return Stream.of("IMU", ("r_rad_s", "ax_m_s2", "ay_m_s2"), rows)
 
 
@@ -145,13 +148,13 @@ _ROWS: dict[type[Message], Callable[[Any], tuple[Any, ...]]] = {
     Attitude: attitude_row,
     Battery: lambda m: (m.t_ns, m.voltage_v),
 }
-"""What is kept of the most frequent messages: tuples of numbers, which the garbage collector forgets."""
+"""Row kept of the most frequent messages: tuples of numbers, which the garbage collector does not track."""
 
 
 def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int, link_ns: int) -> Stream:
-    """Leases as they reach the output, `link_ns` later, and neutral from where one ran out.
+    """Leases as they reach the output, `link_ns` later, and neutral from where one expired.
 
-    `last_ns`: when the last sample came.
+    `last_ns`: stamp of the last sample of the log.
     """
     rows: list[tuple[float, ...]] = []
     end_ns: int | None = None
@@ -159,8 +162,8 @@ def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int,
         t_ns = lease.t_ns + link_ns
         if end_ns is not None and t_ns > end_ns:
             rows.append((end_ns, *(float(NEUTRAL_US) for _ in names)))
-        given = lease.pwm_us[: len(names)]
-        rows.append((t_ns, *given, *(np.nan for _ in range(len(names) - len(given)))))
+        pwm_us = lease.pwm_us[: len(names)]
+        rows.append((t_ns, *pwm_us, *(np.nan for _ in range(len(names) - len(pwm_us)))))
         end_ns = t_ns + round(lease.valid_for_s * 1e9)
     if end_ns is not None and end_ns <= last_ns:
         rows.append((end_ns, *(float(NEUTRAL_US) for _ in names)))
@@ -177,16 +180,16 @@ def _truth(truths: list[GroundTruth], names: tuple[str, ...]) -> Stream:
 
 
 def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, zero_ns: int) -> list[LogProblem]:
-    """Stretches in which the first `n` outputs are none of the leases of the last OBEY_S."""
+    """Notes on intervals in which the first `n` outputs match none of the leases of the last `OBEY_S`."""
     stamps = np.array([lease.t_ns for lease in leases])
     pwm = np.array([(*lease.pwm_us[:n], *(0,) * (n - len(lease.pwm_us))) for lease in leases], dtype=float)
     stretches: list[list[float]] = []
-    told = [o for o in outputs if stamps[0] + OBEY_S * 1e9 <= o.t_ns <= stamps[-1]]
+    commanded = [o for o in outputs if stamps[0] + OBEY_S * 1e9 <= o.t_ns <= stamps[-1]]
     odd = False
-    for output in told:
+    for output in commanded:
         first, last = np.searchsorted(stamps, (output.t_ns - OBEY_S * 1e9, output.t_ns + 1))
-        given = np.array(output.pwm_us[:n], dtype=float)
-        near = last > first and (np.abs(pwm[first:last] - given).max(axis=1) <= OBEY_US).any()
+        actual = np.array(output.pwm_us[:n], dtype=float)
+        near = last > first and (np.abs(pwm[first:last] - actual).max(axis=1) <= OBEY_US).any()
         t_s = (output.t_ns - zero_ns) / 1e9
         if not near and not odd:
             stretches.append([t_s, t_s])
@@ -198,7 +201,7 @@ def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, 
 
 
 def _link_ns(log: LogFile) -> int:
-    """From an override to the autopilot's output, as the run file in the log has it; nil without one."""
+    """Latency from an override to the autopilot's output [ns], by the run file in the log; 0 without one."""
     try:
         run = load_run(log.metadata["config/run.toml"], name=f"{log.path}: run.toml")
     except (KeyError, ConfigError):

@@ -1,9 +1,9 @@
-"""C/S Enterprise I (NTNU basin, motion capture, 20 Hz): its CSV -> run.
+"""Reader of the recordings of C/S Enterprise I (NTNU basin, motion capture, 20 Hz; CSV).
 
-Commands u1..u5 in -1..1 become 1500 + 400 u [us], as deploy/boats/cse1.toml reads them back. Rows with
-tracking_lost keep their commands; their pose, which is zeros, is left blank, and so is one with the ship on its side:
-there the tracker took markers for one another. The propellers' speed is setting_vsp_speed; bt_power, height and
-set-points are kept as extra_ columns; nu1..nu6 are not: they are raw differences of the pose.
+Commands u1..u5 in -1..1 become 1500 + 400 u [us], which deploy/boats/cse1.toml maps back. Rows with tracking_lost keep
+their commands; their pose, which is zeros, is left blank, and so is a pose with the ship on its side, where the tracker
+confused its markers. The propellers' speed is setting_vsp_speed; bt_power, height and set-points are kept as extra_
+columns; nu1..nu6 are dropped: they are raw differences of the pose.
 Source: github.com/NTNU-MCS/CS_EnterpriseI_archive.
 """
 
@@ -28,7 +28,7 @@ _EXTRA = ("z", "bt_power", "eta_d1", "eta_d2", "eta_d3")
 
 
 def is_cse1(header: str) -> bool:
-    """Does a CSV with this first line come from there?"""
+    """Whether `header` is the first line of such a CSV."""
     return {"t", "u1", "u5", "tracking_lost"} <= set(header.split(","))
 
 

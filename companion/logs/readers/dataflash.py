@@ -1,8 +1,8 @@
-"""ArduPilot dataflash log (.BIN) -> run: RCOU, IMU, ATT, BAT, and BCN or GPS, or a UWB log beside it.
+"""Reader of ArduPilot dataflash logs (.BIN): RCOU, IMU, ATT, BAT, and positions from BCN, GPS or a separate UWB log.
 
-The clock is the autopilot's, since boot. A UWB log is stamped by its host: the two are joined by the Unix time
-that GPS messages carry (GPS week and ms), or by an offset that the caller states. Outputs 1..n drive the
-thrusters in the vessel file's order. Source: https://ardupilot.org/rover/docs/logmessages.html
+The clock is the autopilot's, since boot. A UWB log is stamped by its host; the two clocks are related by the Unix time
+in GPS messages (GPS week and ms), or by an offset from the caller. Outputs 1..n drive the thrusters in the vessel
+file's order. Source: https://ardupilot.org/rover/docs/logmessages.html
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ LEAP_S = 18
 _WEEK_S = 604_800
 _FIX_3D = 3
 LATEST_US = 10 * 365 * 86_400 * 1_000_000
-"""No autopilot has been on for ten years; assumed."""
+"""Latest plausible stamp: ten years after boot; assumed."""
 
 Joined = Callable[[int], UwbLog]
-"""Offset [ns] to add to Unix stamps -> the UWB log on the run's clock."""
+"""Function from an offset [ns], added to Unix stamps, to the UWB log on the run's clock."""
 
 
 def read_dataflash_run(
@@ -85,7 +85,7 @@ def read_dataflash_run(
 def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, notes: list[LogProblem]) -> Stream:
     """Outputs 1..n as commands: named by the vessel file, or out1.. of those that ever had a pulse.
 
-    No pulse (0) is written as neutral: the speed controller stops its motor. It is said in `notes`.
+    No pulse (0) becomes neutral, because the speed controller then stops its motor; a note is added to `notes`.
     """
     table = np.array(rows, dtype=float)
     t_ns = np.array([row[0] for row in rows], dtype=np.int64)
@@ -106,7 +106,7 @@ def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, 
 
 
 def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[Stream, str]:
-    """Rows (t_ns, latitude, longitude [deg]) as positions, and from which origin."""
+    """Rows (t_ns, latitude, longitude [deg]) as a stream of positions, and a text that states their origin."""
     table = np.array([row[1:3] for row in rows], dtype=float)
     north, east, said = geodetic_to_site(table[:, 0], table[:, 1], site)
     t_ns = np.array([row[0] for row in rows], dtype=np.int64)
@@ -114,9 +114,10 @@ def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[St
 
 
 def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
-    """Rows (t_ns, values) by message type, SI units; Unix time minus the log's clock [ns], where GPS tells it.
+    """Rows (t_ns, values) by message type, SI units; and Unix time minus the log's clock [ns], None without GPS time.
 
-    A record without the columns of its type, or stamped after `LATEST_US`, is damaged: left out, and in `notes`.
+    A record without the columns of its type, or stamped after `LATEST_US`, is damaged: it is left out and counted in
+    `notes`.
     """
     rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in _KINDS}
     unix_ns, damaged = None, 0

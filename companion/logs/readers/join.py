@@ -1,7 +1,7 @@
-"""Streams with stamps of their own -> one run. What had to be left out on the way is said in its notes.
+"""Join of sensor streams, each with its own stamps, into one run. Samples that are left out are stated in its notes.
 
-The rows are the union of all stamps. An attitude within 1 ms of an inertial sample takes that sample's row
-(ATTITUDE is stamped in whole ms, the IMU in us: the difference is the stamp's, not the boat's).
+The rows are the union of all stamps. An attitude within 1 ms of an inertial sample takes the row of that sample
+(ATTITUDE is stamped in whole ms, the IMU in us: the difference is rounding).
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ NEAR_NS = 1_000_000
 
 @dataclass(frozen=True)
 class Stream:
-    """Samples of one sensor. `t_ns` (n,) int; `columns`: name -> (n,), NaN where unknown.
+    """Samples of one sensor.
 
-    `held`: in force until the next. `near`: name of the stream whose rows it takes where within 1 ms.
-    `outside`: may begin before and end after the log proper, and is cut to it.
+    t_ns     (n,) int64 stamps; columns: name -> (n,), NaN where unknown
+    held     each value is in force until the next
+    near     name of the stream whose rows it takes where these are within 1 ms
+    outside  may begin before and end after the log proper, and is cut to it
     """
 
     name: str
@@ -45,10 +47,11 @@ class Stream:
 
 
 def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
-    """One run of all streams that have samples; `meta.zero_ns` and the notes are filled in here.
+    """One run of all streams that have samples. `zero_ns` of `meta` is set, and notes are appended.
 
     Raises RunError where nothing was commanded.
     """
+    # 1. Clean streams, cut to the log proper; attitudes moved to the rows of inertial samples.
     notes: list[tuple[int, LogProblem]] = []
     kept = [cleaned for s in streams if len((cleaned := _clean(s, notes)).t_ns)]
     if not any(name.startswith("pwm_") for s in kept for name in s.columns):
@@ -58,6 +61,7 @@ def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
     kept = [_cut(s, zero_ns, end_ns, notes) for s in kept]
     by_name = {s.name: s for s in kept}
     kept = [_moved(s, by_name[s.near]) if s.near in by_name else s for s in kept]
+    # 2. The table: one row per stamp; held columns from the latest stamp, sampled ones at their own.
     rows = np.unique(np.concatenate([s.t_ns for s in kept]))
     table = pl.DataFrame({"t_ns": rows})
     for s in kept:
@@ -66,11 +70,12 @@ def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
     table = table.sort("t_ns").drop("t_ns").with_columns(t_s=pl.Series((rows - zero_ns) / 1e9))
     blank = pl.lit(None, pl.Float64)
     table = table.with_columns(blank.alias(name) for name in REQUIRED if name not in table.columns)
-    told = [
+    # 3. Stamps of the notes on the run's clock.
+    placed = [
         msgspec.structs.replace(note, t_s=(at_ns - zero_ns) / 1e9) if note.t_s is not None else note
         for at_ns, note in notes
     ]
-    meta = msgspec.structs.replace(meta, zero_ns=zero_ns, notes=(*meta.notes, *told))
+    meta = msgspec.structs.replace(meta, zero_ns=zero_ns, notes=(*meta.notes, *placed))
     return Run(table.select(_order(table.columns)).cast(pl.Float64), meta)
 
 
@@ -81,7 +86,10 @@ def _order(columns: Sequence[str]) -> list[str]:
 
 
 def _clean(s: Stream, notes: list[tuple[int, LogProblem]]) -> Stream:
-    """Increasing, single stamps: late ones sorted in, repeated ones dropped, all after a set-back clock left out."""
+    """The stream with strictly increasing stamps; notes on what was changed are appended to `notes`.
+
+    Late samples are sorted in, repeated stamps dropped; everything after a clock that was set back is left out.
+    """
 
     def note(kind: str, at: int, text: str) -> None:
         notes.append((int(s.t_ns[at]), LogProblem(kind=kind, text=f"{s.name}: {text}", t_s=0.0, length_s=0.0)))
@@ -118,6 +126,7 @@ def _clean(s: Stream, notes: list[tuple[int, LogProblem]]) -> Stream:
 
 
 def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem]]) -> Stream:
+    """An `outside` stream cut to the log proper; others as they are."""
     inside = (s.t_ns >= zero_ns) & (s.t_ns <= end_ns)
     if not s.outside or inside.all():
         return s
@@ -132,7 +141,7 @@ def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem
 
 
 def _moved(s: Stream, to: Stream) -> Stream:
-    """Stamps of `to` where within 1 ms, each taken once."""
+    """The stream with the stamps of `to` where these are within 1 ms, each used once."""
     if not len(to.t_ns) or not len(s.t_ns):
         return s
     after = np.clip(np.searchsorted(to.t_ns, s.t_ns), 1, max(len(to.t_ns) - 1, 1)) % len(to.t_ns)

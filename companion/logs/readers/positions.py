@@ -1,10 +1,10 @@
-"""Tag positions for a run: from the ranges of a cycle, and from latitude and longitude.
+"""Positions of the tag for a run: multilateration of the ranges of a cycle, and conversion of latitude and longitude.
 
-    min over p of sum_i rho(z_i - |p - a_i|),   rho Cauchy's, by re-weighted Gauss-Newton
+    min over p of sum_i rho(z_i - |p - a_i|),   rho: Cauchy's loss, by iteratively re-weighted Gauss-Newton
 
-for all cycles at once, started in the middle of the anchors that answered. Where not all ranges agree with the
-result, the cycle is solved from every pair of its anchors (`multilateration.locate`, 1.5 ms);
-a cycle is left blank where fewer than three ranges agree with its best fix.
+for all cycles at once, started at the mean of the anchors that answered. Where a range disagrees with the result, the
+cycle is solved from every pair of its anchors (`multilateration.locate`, 1.5 ms); it is left blank where fewer than
+three ranges agree with its best fix.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PLAIN_STEPS, STEPS = 8, 16
 
 
 def cycle_fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """North and east (n,) [m] of cycles with ranges (n,) by anchor, NaN where there is no sound fix."""
+    """North and east (n,) [m] of n cycles with ranges (n,) [m] by anchor; NaN where there is no consistent fix."""
     anchors = [a for a in site.anchors if a.id in ranges_m]
     count = len(next(iter(ranges_m.values()), ()))
     if len(anchors) < 3:
@@ -34,15 +34,18 @@ def cycle_fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: floa
     distance = np.sqrt(((p[:, None, :] - places[:, :2]) ** 2).sum(axis=2) + (places[:, 2] - tag_down_m) ** 2)
     odd = (heard & ~(np.abs(z - distance) < SPREAD_M)).any(axis=1)
     for row in np.flatnonzero(odd):
-        found = multilaterate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
-        sound = found and found[0].inliers.sum() >= 3
-        p[row] = (found[0].north_m, found[0].east_m) if sound else (np.nan, np.nan)
+        candidates = multilaterate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
+        sound = candidates and candidates[0].inliers.sum() >= 3
+        p[row] = (candidates[0].north_m, candidates[0].east_m) if sound else (np.nan, np.nan)
     p[heard.sum(axis=1) < 3] = np.nan
     return p[:, 0], p[:, 1]
 
 
 def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarray:
-    """Places (n, 2) of all cycles with ranges (n, m), NaN where unheard, to anchors (m, 3)."""
+    """Positions (n, 2) of all cycles from ranges z (n, m), NaN where missing, to anchors `places` (m, 3).
+
+    The first `PLAIN_STEPS` steps are unweighted, so that outliers do not decide where the iteration goes.
+    """
     heard = np.isfinite(z)
     z = np.where(heard, z, 0.0)
     drop2 = (places[:, 2] - tag_down_m) ** 2
@@ -62,7 +65,7 @@ def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarra
 def geodetic_to_site(
     latitude_deg: np.ndarray, longitude_deg: np.ndarray, site: Site | None
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """North, east (n,) [m] in site axes, and in words from which origin: the site's, or the first fix."""
+    """North, east (n,) [m] in site axes, and a text that states their origin: the site's, or the first fix."""
     if site is not None:
         origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
         said = f"origin of site {site.name}"

@@ -1,4 +1,4 @@
-"""Any log -> run, by the name of the file: .mcap, .csv, .csv.gz, .parquet, .bin, .tlog."""
+"""Read any log as a run, by its file name: .mcap, .csv, .csv.gz, .parquet, .bin, .tlog."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ from companion.logs.runs.run import Run, RunError
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a log does not hold itself.
+    """What is needed beside a log to read it.
 
-    `vessel`, `site`: instead of those in the log. `truth`: the simulator's log, for .mcap. `uwb`: a UWB log
-    (.mcap or text) for .bin and .tlog; `uwb_format`: wire format of its lines (default: the vessel's);
-    `uwb_offset_s`: what to add to its Unix stamps to have the log's clock (.bin: needed without GPS; .tlog: 0).
+    vessel, site  instead of those in the log
+    truth         the simulator's log, for .mcap
+    uwb           a UWB log (.mcap or text), for .bin and .tlog
+    uwb_format    wire format of its lines; default: the vessel's
+    uwb_offset_s  log's clock minus its Unix stamps (.bin: needed without GPS; .tlog: default 0)
     """
 
     vessel: VesselFile | None = None
@@ -33,7 +35,7 @@ class ReadOptions:
 
 
 def read_run(path: Path, beside: ReadOptions | None = None) -> Run:
-    """The run in `path`. Raises RunError or LogError naming file and place, OSError where it cannot be read."""
+    """The run in `path`. Raises RunError or LogError naming file and place in it, OSError."""
     given = beside or ReadOptions()
     kind = path.name.lower().removesuffix(".gz").rpartition(".")[2]
     if given.truth and kind != "mcap":

@@ -1,8 +1,8 @@
-"""Runs as CSV and Parquet: written and read back the same, bit for bit.
+"""Runs as CSV and Parquet files, which are read back bit for bit.
 
 CSV: lines `# key = JSON` with the metadata, a header, then numbers in shortest round-trip form; blank: unknown.
-Parquet: the same metadata as JSON under `aritra_run`. Either holds the hash of its data: where the data has
-been edited since, the run says so in its notes. A CSV without metadata lines is a run too. `.gz` is unpacked.
+Parquet: the same metadata as JSON under `aritra_run`. Both hold a hash of the data; a run whose data has been edited
+since gets a note. A CSV without metadata lines is valid too. `.gz` is unpacked.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def csv_lines(path: Path) -> list[bytes]:
 
 
 def text_columns(lines: list[bytes], header: int, name: str) -> pl.DataFrame:
-    """Fields of the table whose header is line `header` (0-based), as texts; RunError for a ragged line."""
+    """Fields, as text, of the table whose header is line `header` (0-based). RunError for a line of another length."""
     if header >= len(lines) or not lines[header].strip():
         raise RunError(f"{name}: line {header + 1}: no header")
     columns = [c.strip().strip('"') for c in lines[header].decode(errors="replace").split(",")]
@@ -115,7 +115,7 @@ def _is_text(line: bytes) -> bool:
 
 
 def numbers(texts: pl.DataFrame, name: str, first_line: int) -> pl.DataFrame:
-    """Texts as numbers; blank is null. RunError names line and column of what is no number."""
+    """Texts as numbers; blank becomes null. RunError names line and column of a text that is no number."""
     columns = {}
     for column in texts.columns:
         text = texts[column].str.strip_chars().replace("", None)
@@ -129,7 +129,7 @@ def numbers(texts: pl.DataFrame, name: str, first_line: int) -> pl.DataFrame:
 
 
 def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
-    """NaN and infinity become blanks, and a note for each column that had some."""
+    """The table with NaN and infinity blanked, and a note for each column that had any."""
     notes, columns = [], {}
     t_s = table["t_s"].to_numpy()
     for column in table.columns:

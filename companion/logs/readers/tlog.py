@@ -1,11 +1,11 @@
-"""Telemetry log of a ground station (.tlog) -> run: SERVO_OUTPUT_RAW, IMU, ATTITUDE, SYS_STATUS, GPS or a UWB log.
+"""Reader of telemetry logs of a ground station (.tlog): SERVO_OUTPUT_RAW, IMU, ATTITUDE, SYS_STATUS, GPS or a UWB log.
 
-Every record has the host's stamp (Unix) of its arrival; what has the autopilot's own stamp is moved to the
-host's clock by the line below all delays,
+Every record has the host's Unix stamp of its arrival. Records with a stamp of the autopilot are moved to the host's
+clock by the line of least delay,
 
-    t_host = t_autopilot + a + b t_autopilot,   a, b: the largest line with t_host <= arrival for every record
+    t_host = t_autopilot + a + b t_autopilot,   a, b: the highest line with t_host <= arrival for every record
 
-so that the jitter of the link is gone and a constant least delay remains, unknown.
+which removes the jitter of the link; its constant least delay remains and is unknown.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
 
 
 class _Records:
-    """Records of a tlog: big-endian u64 stamp [us] and a raw frame. Unwanted ones are passed over undecoded."""
+    """Records of a tlog: big-endian u64 stamp [us] and a raw frame. Only wanted ones are decoded."""
 
     def __init__(self, path: Path):
         self._path, self._data = path, path.read_bytes()
@@ -116,7 +116,7 @@ class _Records:
                 self.broken[f"message {ident}"] += 1
 
     def notes(self) -> list[LogProblem]:
-        """What could not be read."""
+        """Notes on bytes that were skipped and on damaged frames."""
         notes = []
         if self.skipped:
             notes.append(LogProblem(kind="damaged", text=f"{self._path.name}: {self.skipped} bytes passed over"))
@@ -126,7 +126,7 @@ class _Records:
         return notes
 
     def _frames(self) -> Iterator[tuple[int, int, int]]:
-        """Stamp [us], begin and end of every frame; after damage on from the next plausible record."""
+        """Stamp [us], begin and end of every frame; after damage it continues at the next plausible record."""
         data, at, first_us = self._data, 0, None
         if len(data) < _STAMP_LEN + 1 or not _MARKER.match(data, _STAMP_LEN):
             raise RunError(f"{self._path}: not a telemetry log: no MAVLink frame after the first stamp")

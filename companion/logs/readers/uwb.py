@@ -1,7 +1,7 @@
-"""UWB measurements as streams of a run: from messages, from our log of another process, from a text log.
+"""UWB measurements as streams of a run: from messages, from a separate Aritra log, or from a text log.
 
-A text log has one record a line: the host's stamp (Unix seconds, or ISO 8601 with its offset), white space or
-a comma, and the tag's line as it came. The tag's line goes through the codec of its wire format.
+A text log has one record a line: the host's stamp (Unix seconds, or ISO 8601 with its offset), white space or a comma,
+and the line as the tag sent it, which is decoded by the codec of its wire format.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _STAMPED = re.compile(rb"\s*(\S+?)(?:\s*,\s*|\s+)(.+)")
 
 @dataclass(frozen=True)
 class UwbLog:
-    """Streams with stamps on the Unix clock [ns], where positions come from, and what is wrong."""
+    """Streams of a UWB log, source of its columns as text, and notes on problems."""
 
     streams: list[Stream]
     columns: dict[str, str]
@@ -39,9 +39,9 @@ class UwbLog:
 def uwb_streams(
     messages: Iterable[Message], site: Site | None, tag_down_m: float, *, outside: bool = False
 ) -> tuple[list[Stream], dict[str, str]]:
-    """Positions and ranges of one tag, and in words where the positions come from.
+    """Streams of positions and ranges of one tag, and the source of the positions as text, by column.
 
-    The tag's own positions (x east, y north) are taken where it gives any; else each cycle of ranges gives one.
+    The tag's own positions (x east, y north) where it sends any; else one position from each cycle of ranges.
     """
     positions: list[tuple[float, ...]] = []
     cycles: list[UwbRanges] = []
@@ -72,7 +72,10 @@ def uwb_streams(
 
 
 def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m: float, offset_ns: int) -> UwbLog:
-    """UWB of a log (.mcap) or of a text log, `offset_ns` added to its Unix stamps. Raises RunError, LogError."""
+    """UWB measurements of a log (.mcap) or text log; `offset_ns` is added to their Unix stamps.
+
+    Raises RunError, LogError.
+    """
     if path.suffix == ".mcap":
         log = LogFile(path)
         messages = list(log.messages(UwbRanges, UwbPosition))
@@ -115,7 +118,7 @@ def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple
 
 
 def _stamp(text: bytes) -> int | None:
-    """Unix ns of a stamp; decimal seconds are read digit by digit, so that ns survive."""
+    """Unix time of a stamp [ns], None if invalid; decimal seconds are read digit by digit to keep all ns."""
     if match := re.fullmatch(rb"(\d+)(?:\.(\d{1,9})\d*)?", text):
         return int(match[1]) * 1_000_000_000 + int((match[2] or b"0").ljust(9, b"0"))
     try:

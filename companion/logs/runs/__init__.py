@@ -1,1 +1,1 @@
-"""Run: one log in one form, whatever it came from, and what is done with it before a fit."""
+"""Run: the common form of all logs, and its preparation for a fit: problems, parts, corrections, decimation."""

@@ -1,8 +1,8 @@
-"""A run as sensors without the vessel file's known errors would have given it, for whoever fits or compares it.
+"""A run corrected for the sensor errors that the vessel file states, for fits and comparisons.
 
-The equations are those of `core.model.sensor_errors`, which the filter uses too. Latency and lever arms stay: fits
-estimate them. A drifting stamp moves position samples in time; rows are split and merged accordingly. It drifts from
-the first position of the whole log on, of which `run` may be a part.
+The equations are those of `core.model.sensor_errors`, as in the filter. Latency and lever arms are not corrected: fits
+estimate them. A drifting clock moves position samples in time; rows are split and merged accordingly. The drift counts
+from the first position of the whole log, of which `run` may be a part.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PLACE = ["north_m", "east_m"]
 
 
 def calibrated(run: Run, vessel: VesselFile) -> Run:
-    """`run` with psi, r, a_x, a_y, north and east corrected; the run itself where the file knows of no error."""
+    """`run` with psi, r, a_x, a_y, north and east corrected; the run itself where the file states no error."""
     imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
     if is_exact(vessel.sensors) and not uwb.clock_drift_s_s:
         return run
@@ -30,13 +30,13 @@ def calibrated(run: Run, vessel: VesselFile) -> Run:
 
 
 def first_fix_s(run: Run) -> float:
-    """Stamp of the first position of the whole log [s], from which a clock drifts; nil where there is none."""
+    """Stamp of the first position of the whole log [s], from which the clock drifts; 0 where there is none."""
     t_s, _ = run.whole.samples(*PLACE)
     return float(t_s[0]) if len(t_s) else 0.0
 
 
 def _inertial(table: pl.DataFrame, imu: Imu) -> pl.DataFrame:
-    """Heading, yaw rate and specific force. Turned axes need both forces in a row; one alone is then left out."""
+    """Corrected heading, yaw rate, specific force. With misaligned axes a row needs both forces, else it is blank."""
     psi, r, a_x, a_y = (table[name].to_numpy() for name in ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2"))
     alone = 0.0 if not imu.misalignment_rad else np.nan
     x, _, rate = correct_imu(imu, a_x, np.where(np.isnan(a_y), alone, a_y), r)

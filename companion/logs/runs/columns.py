@@ -1,4 +1,4 @@
-"""Names and limits of a run's columns. Reference: docs/run-format.md."""
+"""Names and physical limits of a run's columns. Reference: docs/run-format.md."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 REQUIRED = ("t_s", "battery_v", "psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
-"""Always there, blank where unknown; and at least one pwm_<thruster>."""
+"""Columns of every run, blank where unknown; beside at least one pwm_<thruster>."""
 OPTIONAL = (
     "phi_rad", "theta_rad", "u_m_s", "v_m_s", "V_w_m_s", "beta_w_deg",
     "true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s",
@@ -35,11 +35,11 @@ LIMITS: tuple[tuple[re.Pattern[str], tuple[float, float, str]], ...] = tuple(
         (r"beta_w_deg", (-360.0, 360.0, "[deg] from, clockwise from the site's north")),
     )
 )
-"""Beyond these a value is not of its column: another unit, or another column's."""
+"""Pattern of a name -> least and largest value, and unit. Beyond them a value has another unit, or another column."""
 
 
 def column_error(columns: Sequence[str]) -> str | None:
-    """What is wrong with these names, in words; None where nothing is."""
+    """The first error in these names, as text; None where there is none."""
     if twice := [name for name, count in Counter(columns).items() if count > 1]:
         return f"column {twice[0]}: is there twice"
     known = (*REQUIRED, *OPTIONAL)

@@ -1,8 +1,7 @@
-"""Logs with fewer inertial samples: means of a few neighbours, which is all that a boat's motion needs.
+"""Decimation: inertial samples averaged over a few neighbours, down to a rate that suffices for a boat's motion.
 
-A mean of n samples that are d apart is the motion's own mean over n d seconds. Thrust, the one thing that changes
-within such a time, is averaged alike where it meets these samples (`thrust`, `diagnose.propelled`), so that no delay
-comes in.
+The mean of n samples, d seconds apart, measures the mean of the motion over n d seconds. The thrust may change within
+that time; fits average their model's thrust over the same instants (`around_s`), so that no delay arises.
 """
 
 from __future__ import annotations
@@ -17,14 +16,16 @@ from companion.logs.runs.run import Run
 
 RATE_HZ = 10.0  # yaw, the fastest motion, has a time constant of about 2 s
 GROUPED = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "phi_rad", "theta_rad")
-HOLE = 1.5  # times the usual time between samples: a mean does not reach across such a hole
+HOLE = 1.5  # a gap longer than this many sampling times ends a mean
 
 
 class Decimated(NamedTuple):
-    """A log with means for samples, the time that each spans [s] (0: as it was), and what they are means of.
+    """A decimated log.
 
-    Means lie at `t_s` (m,); the samples of each so much away from it, `around_s` (m, n): in the middle where a hole has
-    left fewer than n.
+    run       the log with means in place of inertial samples
+    width_s   time that each mean spans [s]; 0: the log was left as it is
+    t_s       (m,) stamps of the means
+    around_s  (m, n) offsets of the averaged samples from their mean's stamp [s]; 0 where a gap left fewer than n
     """
 
     run: Run
@@ -34,7 +35,8 @@ class Decimated(NamedTuple):
 
 
 def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
-    """`run` with inertial columns averaged to about `rate_hz`."""
+    """`run` with inertial columns averaged to about `rate_hz`; as it is where it has no faster ones."""
+    # 1. Number of samples of each mean.
     as_it_is = Decimated(run, 0.0, np.empty(0), np.empty((0, 1)))
     columns = [c for c in GROUPED if run.known(c)]
     if not columns:
@@ -44,6 +46,7 @@ def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
     count = round(1 / (rate_hz * step)) if step > 0 else 1
     if count < 2:
         return as_it_is
+    # 2. Means of every column, in rows of their own.
     means = [_means(run, column, count) for column in columns]
     t_s, first = np.unique(np.concatenate([t for t, _, _ in means]), return_index=True)
     around_s = np.concatenate([around for _, _, around in means])[first]
@@ -51,6 +54,7 @@ def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
     for column, (t, values, _) in zip(columns, means, strict=True):
         new[column][np.searchsorted(t_s, t)] = values
     mine = pl.DataFrame({"t_s": t_s, **new}).fill_nan(None)
+    # 3. Merged with the other columns; rows in which nothing is left are dropped.
     table = run.table.drop(columns).join(mine, on="t_s", how="full", coalesce=True)
     held = [c for c in table.columns if c.startswith(HELD)]
     table = table.sort("t_s").with_columns(pl.col(held).forward_fill())
@@ -59,7 +63,7 @@ def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
 
 
 def _means(run: Run, column: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stamps and values of the means, headings the short way round, and what is averaged, as `Decimated.around_s`."""
+    """Stamps (m,), means (m,) and offsets (m, count) as `Decimated.around_s`; headings are averaged unwrapped."""
     t, values = run.samples(column)
     if column == "psi_rad":
         values = np.unwrap(values)
@@ -76,7 +80,7 @@ def _means(run: Run, column: str, count: int) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _bare(table: pl.DataFrame, held: list[str]) -> pl.DataFrame:
-    """Without rows in which nothing is known that was not in force before."""
+    """The rows in which something is sampled or a held column changes."""
     sampled = [c for c in table.columns if c != "t_s" and c not in held]
     known = pl.any_horizontal(pl.col(sampled).is_not_null())
     changed = pl.any_horizontal([pl.col(c) != pl.col(c).shift(1) for c in held]) if held else pl.lit(False)

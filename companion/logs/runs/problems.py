@@ -1,4 +1,4 @@
-"""What in a run a fit should know of before it trusts it. Everything is told, nothing is repaired.
+"""Problems in a run's data that a fit should know of. They are reported, not repaired.
 
 Thresholds are assumed unless they name a source; each is far from what good logs show (docs/run-format.md).
 """
@@ -18,20 +18,20 @@ IDLE_US, IDLE_S = 25.0, 5.0
 SATURATED_US, SATURATED_S = 1.0, 0.3
 PWM_LIMITS_US = (1100.0, 1900.0)
 STUCK = ((20, 1.0), (8, 5.0))
-"""So many equal samples over so long [s]; a heading in steps of 0.01 deg rests for ten at 10 Hz (observed)."""
+"""Number of equal samples, and time [s] they last; a heading in steps of 0.01 deg rests for ten at 10 Hz (observed)."""
 VOLTAGE_GAP_S = 10.0
 SLOW_UWB_HZ = 0.9
 """The paper's UWB gives 1 Hz; slower says little about surge and sway."""
 LOST_SHARE = 0.1
 JUMP_M_S, JUMP_M = 3.0, 1.0
-"""No small boat moves so fast between two fixes."""
+"""No small boat moves as fast as this between two fixes."""
 NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
-"""Sampled channels whose last digit never rests, and which a fit lives on."""
+"""Sampled channels that a fit needs, and whose noise changes their last digit with every sample."""
 WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
 
 
 def problems(run: Run) -> list[LogProblem]:
-    """The reader's notes first, then what the data shows, by time within each kind."""
+    """The reader's notes first, then problems seen in the data, by time within each kind."""
     found = list(run.meta.notes)
     for look in (_missing, _gaps, _positions, _saturated, _idle, _stuck, _disagreeing):
         found += look(run)
@@ -82,7 +82,7 @@ def _missing(run: Run) -> Iterator[LogProblem]:
 
 
 def _gaps(run: Run) -> Iterator[LogProblem]:
-    """Silence of a channel; told once as of all channels where the whole log is silent."""
+    """Gaps of a channel; a gap of all channels is reported once, for the whole log."""
     t_s = run.table["t_s"].to_numpy()
     whole = _holes(t_s, t_s)
     for at_s, length_s in whole:
@@ -96,7 +96,7 @@ def _gaps(run: Run) -> Iterator[LogProblem]:
 
 
 def _holes(t_s: np.ndarray, run_t_s: np.ndarray) -> list[tuple[float, float]]:
-    """Begin and length [s] of silences of stamps `t_s`, those at the two ends of the run included."""
+    """Begin and length [s] of gaps in the stamps `t_s`, those at both ends of the run included."""
     if len(t_s) < 3:
         return []
     steps = np.diff(t_s)
@@ -166,7 +166,7 @@ def _stuck(run: Run) -> Iterator[LogProblem]:
 
 
 def _disagreeing(run: Run) -> Iterator[LogProblem]:
-    """Heading against the integral of the yaw rate, over windows: their ratio tells units and signs."""
+    """Change of heading against the integral of the yaw rate, over windows: their ratio shows wrong units and signs."""
     if not (run.known("psi_rad") and run.known("r_rad_s")):
         return
     slope = _slope(run)

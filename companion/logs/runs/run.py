@@ -1,7 +1,6 @@
-"""Run: one log in one form, whatever it came from. Reference of columns and clocks: docs/run-format.md.
+"""Run: the common form of all logs, whatever their source. Reference of columns and clocks: docs/run-format.md.
 
-A run is a table with one row per instant `t_s` at which something was known, and what is known about it. Two
-kinds of columns:
+A run is a table with one row per instant `t_s` at which something was logged, and metadata. Two kinds of columns:
 
     held      pwm_<thruster>, battery_v: in force from their own stamp until the next; they stand in every row
     sampled   all others: a value stands in the row of its own stamp and nowhere else (blank = null)
@@ -26,11 +25,11 @@ PAIRS = (("north_m", "east_m"), ("V_w_m_s", "beta_w_deg"), ("true_north_m", "tru
 
 
 class RunError(ValueError):
-    """A file cannot be taken as a run: file, place in it, and why."""
+    """A file is no valid run. The text names file, place in it, and reason."""
 
 
 class LogProblem(msgspec.Struct, frozen=True, kw_only=True):
-    """Something in the data that a fit should know of. `length_s` 0: at one instant; both None: all of the run."""
+    """A problem in the data that a fit should know of. `length_s` 0: at one instant; both None: the whole run."""
 
     kind: str
     text: str
@@ -39,12 +38,15 @@ class LogProblem(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the table itself cannot say.
+    """Metadata of a run.
 
-    `zero_ns`: the source's own stamp at t_s = 0. `latency_s`: by how much a position is older than its stamp,
-    not removed (None: unknown). `tag_arm_m`: forward, starboard from the body origin to the tag, not removed.
-    `anchors_m`: north, east, down. `pwm_limits_us`: by thruster. `columns`: where each came from.
-    `notes`: what the reader met on its way.
+    zero_ns        the source's own stamp at t_s = 0
+    latency_s      age of a position at its stamp, not corrected in the table; None: unknown
+    tag_arm_m      forward, starboard from the body origin to the tag, not corrected
+    anchors_m      north, east, down by anchor
+    pwm_limits_us  least and largest pulse width by thruster
+    columns        source of a column, as text
+    notes          problems that the reader met
     """
 
     vessel: str = "not stated"
@@ -139,16 +141,16 @@ class Run:
         return rates
 
     def known(self, column: str) -> bool:
-        """Is there a single value in `column`?"""
+        """Whether `column` holds any value."""
         return column in self.table.columns and self.table[column].null_count() < len(self.table)
 
     def with_notes(self, notes: Iterable[LogProblem]) -> Run:
-        """The same run with more of what a reader has to say."""
+        """The run with further notes of a reader."""
         return Run(self.table, msgspec.structs.replace(self.meta, notes=(*self.meta.notes, *notes)), self.of)
 
 
 def check(table: pl.DataFrame, name: str, place: Callable[[int], str]) -> None:
-    """Raise RunError naming `name`, the place of a row (0-based) and the column where the form is broken."""
+    """Raise RunError where the table breaks the form, naming `name`, the column and `place(row)`, row 0-based."""
     if wrong := column_error(table.columns):
         raise RunError(f"{name}: {wrong}")
     if not table.height:

@@ -1,8 +1,8 @@
-"""Parts of a run as runs: blocks of time, alternate blocks, the last share. What is fitted, and what is held out.
+"""Parts of a run as runs of their own: blocks of time, alternate blocks, the last share; to fit and to hold out.
 
-A part knows its run, keeps its clock (t_s is not moved) and, before it begins, the rows in which pulse widths or
-voltage changed within `HISTORY_S`, with every sampled column blank: dead time and lag of the thrusters then start from
-what was really commanded, and no measurement from outside the part is in it.
+A part refers to its run (`Run.whole`) and keeps its clock: t_s is not moved. In front of it stand the rows of the last
+`HISTORY_S` in which pulse widths or voltage changed, their sampled columns blank: so dead time and lag of the thrusters
+start from what was commanded, and no measurement from outside the part is in it.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from companion.logs.runs.columns import HELD
 from companion.logs.runs.run import Run, RunError
 
 HISTORY_S = 2.0
-"""Commands kept from before a part: dead time and lag of small thrusters are over by then (validation looks as far)."""
-PAUSE_S, PERIODS = 2.0, 3.5  # a longer silence of all columns, commands too, and of so many rows, is a pause; assumed
+"""Commands kept from before a part: dead time and lag of small thrusters have passed by then. As in validation."""
+PAUSE_S, PERIODS = 2.0, 3.5  # a gap of all columns longer than this, and than so many usual steps, is a pause; assumed
 Interval = tuple[float, float]
-"""From, to [s] on the run's clock."""
+"""Begin and end [s] on the run's clock."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A run that no fit has seen, or the intervals `inside` [s] of one that none has; None: all of it."""
+    """A run held out from fits: the intervals `inside` [s] of it; None: all of it."""
 
     run: Run
     inside: tuple[Interval, ...] | None = None
@@ -53,12 +53,12 @@ def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S)
 
 
 def source_runs(runs: Sequence[Run]) -> list[Run]:
-    """The logs that `runs` are parts of, each once."""
+    """The whole logs that `runs` are parts of, each once."""
     return list({id(run.whole): run.whole for run in runs}.values())
 
 
 def recording_intervals(run: Run) -> list[Interval]:
-    """From one pause of the recording to the next; all of it where it never paused."""
+    """Intervals between pauses of the recording; the whole run where it never paused."""
     t_s = run.table["t_s"].to_numpy()
     since = t_s[t_s >= run.measured_s()[0]]  # before are commands only, those that changed
     steps = np.diff(since)
@@ -71,20 +71,21 @@ def recording_intervals(run: Run) -> list[Interval]:
 
 
 def block_intervals(run: Run, block_s: float) -> list[Interval]:
-    """Blocks of `block_s` from the first row on, and anew after each pause of the recording.
+    """Blocks of `block_s` from the first row on, starting anew after each pause of the recording.
 
-    What is left at an end joins the last if it is less than half of one. Left out is what lies between pauses closer
-    than a block, and a block in which nothing is measured. RunError for a run that is shorter than one block.
+    A remainder shorter than half a block joins the last one. Left out: intervals between pauses that are shorter than a
+    block, and blocks in which nothing is measured. RunError for a run that is shorter than one block.
     """
     begin, end = float(run.table["t_s"][0]), float(run.table["t_s"][-1])
     if not 0 < block_s <= end - begin:
         raise RunError(f"{run.meta.source}: {end - begin:g} s cannot be cut into blocks of {block_s:g} s")
     measured = run.measured_s()
-    laid = [block for low, high in recording_intervals(run) for block in _blocks(low, high, block_s)]
-    return [(low, high) for low, high in laid if ((measured >= low) & (measured <= high)).any()]
+    blocks = [block for low, high in recording_intervals(run) for block in _blocks(low, high, block_s)]
+    return [(low, high) for low, high in blocks if ((measured >= low) & (measured <= high)).any()]
 
 
 def _blocks(begin: float, end: float, block_s: float) -> list[Interval]:
+    """Blocks of one interval; none where it is shorter than a block."""
     if end - begin < block_s:
         return []
     count = int(np.floor((end - begin) / block_s + 0.5))
@@ -106,7 +107,7 @@ def alternate(run: Run, block_s: float) -> tuple[list[Interval], list[Interval]]
 
 
 def tail(run: Run, held_out_s: float) -> tuple[Interval, Interval]:
-    """What to fit, and the last `held_out_s` to hold out. RunError where nothing would be left to fit."""
+    """Interval to fit, and the last `held_out_s` to hold out. RunError where nothing would be left to fit."""
     t_s = run.table["t_s"]
     begin, end = float(t_s[0]), float(t_s[-1])
     if not 0 < held_out_s < end - begin:

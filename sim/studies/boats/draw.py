@@ -1,4 +1,4 @@
-"""Boats drawn at random round a vessel file: what the structured fit is judged on."""
+"""Random boats around a vessel file, on which the structured fit is judged."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from companion.core.configuration.vessel_file import VesselFile
 from sim.world.plant import perturbed
 
 TICK_S = 0.01  # the plant acts on commands at its steps: a dead time is a whole number of them
-ARM_SIGMA_M = 0.02  # how well a tag's place is measured with a tape; assumed
+ARM_SIGMA_M = 0.02  # error of a tag's place measured with a tape; assumed
 
 
 def in_still_air(vessel: VesselFile) -> VesselFile:
-    """The vessel with the drag of air at rest as a term of its model: the simulated world always has it.
+    """The vessel with the drag of still air as a term of its model, as the simulated world always has it.
 
-    Half a per cent of the hull's; a fit without the term counts it as the hull's.
+    It is half a per cent of the hull's drag; a fit without the term attributes it to the hull.
     """
     calm: dict[str, float | str] = {
         "source": "air at rest; coefficients as the simulated world has them",
@@ -27,11 +27,11 @@ def in_still_air(vessel: VesselFile) -> VesselFile:
 def draw_boat(
     vessel: VesselFile, rng: np.random.Generator, *, share: float = 0.30, gain_sigma: float = 0.025
 ) -> VesselFile:
-    """A boat whose inertia, damping, dead time, lag and UWB latency lie up to `share` off the file's (uniform).
+    """A boat whose inertia, damping, dead time, lag and UWB latency differ from the file's by up to `share` (uniform).
 
-    Thruster gains: normal with `gain_sigma` about the file's, as single T200 differ; or uniform within `share` where
-    `gain_sigma` is 0. Only the ratio of force to inertia can be seen from a boat's motion, so a common gain must be
-    known beforehand. The tag sits `ARM_SIGMA_M` (normal, each axis) off its place.
+    Thruster gains: normal with `gain_sigma` about the file's, as single T200 differ; uniform within `share` where
+    `gain_sigma` is 0. Motion shows only the ratio of force to inertia, so the common gain must be known beforehand. The
+    tag is `ARM_SIGMA_M` (normal, each axis) off its place.
     """
     boat = perturbed(vessel, rng, share)
     if gain_sigma:

@@ -1,9 +1,9 @@
-"""What is measured of a boat on land before it is identified: motion shows forces only relative to inertia.
+"""Measurements of a boat on land before it is identified, as priors: motion shows forces only relative to inertia.
 
-    weighed   the boat on a scale; what its gains are is left to the data and a wide prior
+    weighed   the boat on a scale; its gains are left to the data and a wide prior
     bollard   the pull of each thruster; mass and inertia are left to the data
 
-Either fixes the one scale that no log can.
+Either fixes the common scale of force and inertia, which no log can.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from sim.fitting.identify.structured_fit import FitSettings
 
 WIDE_GAIN = 0.3  # sigma of a gain that nobody measured
 ADDED_MASS_SHARE = 0.145
-"""One sigma of added mass in surge about the file's: its 95 % interval is that of a value anywhere within 30 %."""
+"""One sigma of added mass in surge about the file's: its 95 % interval is that of a uniform value within 30 %."""
 
 
 @dataclass(frozen=True)
 class LabPriors:
-    """One sigma of each measurement, as a share; None: not made."""
+    """Standard deviation of each measurement, as a share; None: not measured."""
 
     name: str
     mass: float | None = None
@@ -41,7 +41,7 @@ BOLLARD = LabPriors("each thruster's pull known to 2.5 %", gain=0.025)
 def measured(
     vessel: VesselFile, boat: VesselFile, lab: LabPriors, rng: np.random.Generator
 ) -> tuple[VesselFile, FitSettings]:
-    """The file that a fit of the true `boat` starts from, and its settings: `vessel` with what `lab` measured."""
+    """The vessel file that a fit of the true `boat` starts from, with the lab's noisy measurements; fit settings."""
     if lab.mass is not None:
         mass = boat.inertia.mass_kg * (1 + lab.mass * rng.normal())
         vessel = replace(vessel, inertia=replace(vessel.inertia, mass_kg=mass))
@@ -53,7 +53,7 @@ def measured(
 
 
 def settings_for(vessel: VesselFile, lab: LabPriors) -> FitSettings:
-    """Priors that say what `lab` knows: of surge inertia where the boat was weighed, of gains where they were."""
+    """Fit settings with the lab's priors: on surge inertia where the boat was weighed, on gains where these were."""
     sigmas = PriorSigmas(gain=WIDE_GAIN if lab.gain is None else lab.gain)
     if lab.mass is None:
         return FitSettings(sigmas=sigmas)

@@ -1,7 +1,7 @@
-"""Vessel files and Taylor series against an unseen log of a known boat: where are they after 30 s of commands?
+"""Open-loop position errors of vessel files and Taylor series after 30 s, on an unseen log of a known boat.
 
-Every model starts each window from the same state: the true one, the smoother's (which knows no model), or the true
-one with errors as the boat's filter makes them.
+All models start each window from the same state: the true one (exact), the smoother's, which has no vessel model
+(smoothed), or the true one with errors of the size of the boat's filter (filter).
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def distances(
     start: Start,
     rng: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """By model: distance [m] to the true place at the end of each window of `HORIZON_S`, shape (W,); inf where gone.
+    """By model: distance [m] to the true position at the end of each window of `HORIZON_S`, (W,); inf if not finite.
 
-    `taylor`: coefficients (3, 23), forces by the thruster map of the vessel "file".
+    `taylor`: coefficients (3, 23) by name; forces by the thruster map of the vessel "file".
     """
     known = vessels["file"]
     windows = cut_windows([unseen], known, HORIZON_S)
@@ -49,22 +49,22 @@ def distances(
     truth[:, 2] = np.unwrap(truth[:, 2])
     x0 = _start(unseen, known, windows.t_s[:, 0], interpolated(windows.t_s[:, 0], t, truth), start, rng)
     end = interpolated(windows.t_s[:, -1], t, truth)[:, :2]
-    found = {name: _off(vessel_ends(windows, vessel, x0), end) for name, vessel in vessels.items()}
+    structured = {name: _off(vessel_ends(windows, vessel, x0), end) for name, vessel in vessels.items()}
     series = {name: _off(_taylor_ends(unseen, windows, C, vessels["file"], x0), end) for name, C in taylor.items()}
-    return found | series
+    return structured | series
 
 
 def vessel_ends(windows: Windows, vessel: VesselFile, x0: np.ndarray) -> np.ndarray:
-    """Places (W, 2) of the vessel file's model at the ends of the windows, from states `x0` (W, 6)."""
+    """Positions (W, 2) of the vessel file's model at the ends of the windows, from states `x0` (W, 6)."""
     W, K = windows.size
     z = np.zeros((W, L))
     z[:, STATE] = x0
-    return WindowIntegrator(windows, Parameters(vessel), compile_model(vessel, K, W))(file_values(vessel), z).x[
-        :, -1, :2
-    ]
+    integrate = WindowIntegrator(windows, Parameters(vessel), compile_model(vessel, K, W))
+    return integrate(file_values(vessel), z).x[:, -1, :2]
 
 
 def _taylor_ends(unseen: Run, windows: Windows, C: np.ndarray, vessel: VesselFile, x0: np.ndarray) -> np.ndarray:
+    """The same of a Taylor series with coefficients C (3, 23)."""
     begin, last = windows.t_s[:, 0], windows.t_s[:, -1]
     steps = np.round((last - begin) / STEP_S).astype(int)
     t = begin[:, None] + (np.arange(steps.max()) + 0.5) * STEP_S
@@ -88,7 +88,7 @@ def _start(
 
 
 def interpolated(t_s: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """`values` (k, n), known at `t` (k,), linearly at `t_s`."""
+    """`values` (k, n), known at `t` (k,), linearly interpolated at `t_s`."""
     return np.column_stack([np.interp(t_s, t, column) for column in values.T])
 
 

@@ -1,11 +1,11 @@
-"""C/S Enterprise I identified from its recordings, and judged where no fit has looked. What was found: docs/cse1.md.
+"""C/S Enterprise I identified from its recordings and judged on held-out data. Results: docs/cse1.md.
 
     blocks       fit the even 60 s blocks of random_run1, predict the odd ones
     across       fit one joystick run, predict the other, and dptest (station keeping, another day, another setting)
     trimmed      the same, with the blades' neutral (four trims, nothing else) of the other day from its first third
 
-Every model starts from the same measured states and hears the same commands; errors are root mean squares over windows
-that begin every 5 s. No choice in here looks at what is predicted.
+All models start from the same measured states under the same commands; errors are root mean squares over windows that
+begin every 5 s. No choice made here depends on the predicted data.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ DATE = "in the study"
 
 @dataclass(frozen=True)
 class Errors:
-    """Root mean squares by model, shape (horizons, channels); inf where a run is gone. `count` (horizons,): windows."""
+    """Rms errors by model, (horizons, channels); inf where a run is not finite. `count` (horizons,): windows."""
 
     title: str
     rms: dict[str, np.ndarray]
     count: np.ndarray
 
     def of(self, model: str, channel: str, horizon_s: int) -> float:
-        """One figure [m, rad, m/s, m/s, rad/s]."""
+        """Rms error of one channel [m, rad, m/s, m/s, rad/s]."""
         return float(self.rms[model][HORIZONS_S.index(horizon_s), CHANNELS.index(channel)])
 
     def best_baseline(self, channel: str, horizon_s: int) -> float:
-        """Of "velocity stays" and "velocity is zero"."""
+        """The smaller error of the two baselines."""
         return min(self.of(model.name, channel, horizon_s) for model in BASELINES)
 
     def ratio(self, model: str, channel: str, horizon_s: int) -> float:
@@ -67,7 +67,7 @@ def recording(folder: Path, name: str) -> Run:
 
 
 def crude(vessel: VesselFile) -> FitSettings:
-    """A first model: blades at neutral where the command is, thrust as pitch, straight units, no damping by speed."""
+    """Settings of a crude model: trims and azimuths as in the file, thrust proportional to pitch, no N_ur damping."""
     names = [vessel.thrusters[i].name for i in adjustable(vessel)]
     straight = {f"azimuth_{name}_deg": (None, 0.0) for name in names}
     neutral = {f"trim_{name}_us": (None, 0.0) for name in names}
@@ -76,7 +76,7 @@ def crude(vessel: VesselFile) -> FitSettings:
 
 
 def models(runs: Sequence[Run], vessel: VesselFile, *, session: bool) -> tuple[list[Simulator], FitResult]:
-    """Structured, crude structured and Taylor models of `runs`; `session`: they will be asked about the same day."""
+    """Structured, crude and Taylor models fitted to `runs`. `session`: with fitted trims, to predict the same day."""
     found = fit_structured(runs, vessel)
     identified = identified_vessel(vessel, found, date=DATE, session=session)
     first = identified_vessel(vessel, fit_structured(runs, vessel, crude(vessel)), date=DATE)
@@ -93,7 +93,7 @@ def models(runs: Sequence[Run], vessel: VesselFile, *, session: bool) -> tuple[l
 
 
 def trimmed(vessel: VesselFile, run: Run) -> VesselFile:
-    """`vessel` with the trims of the day of `run`, nothing else of it."""
+    """`vessel` with its trims, and nothing else, fitted to `run`."""
     names = Parameters(vessel).names
     held = {name: (None, 0.0) for name in names if not name.startswith("trim_")}
     return identified_vessel(
@@ -102,7 +102,7 @@ def trimmed(vessel: VesselFile, run: Run) -> VesselFile:
 
 
 def errors_of(title: str, simulators: Sequence[Simulator], windows: HeldOutWindows) -> Errors:
-    """Of all models and both baselines."""
+    """Errors of all models and both baselines on the windows."""
     box, rms, count = SpeedBox.of(windows.truth[..., 3:]), {}, np.zeros(0)
     for model in (*simulators, *BASELINES):
         one, _ = score(model, windows, box)

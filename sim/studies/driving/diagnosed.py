@@ -1,9 +1,9 @@
-"""The gain where it counts: missions driven with the vessel file as it was, refitted and extended, in the true boat.
+"""Benefit of a diagnosis in closed loop: missions of the true boat with the vessel file as it was, refitted, extended.
 
     true boat -> two teleoperation logs -> diagnose -> vessel files, written and loaded -> missions on the stepped clock
 
-The plant is the true boat; filter, guidance, NMPC and allocation know one vessel file each. Same seed: same start,
-noise of the sensors and weather for every file. The estimator's error is one number: each rms over the main job's goal,
+The plant is the true boat; filter, guidance, NMPC and allocation use one of the vessel files. The same seed gives the
+same start, sensor noise and weather for every file. The estimator's error as one number: each rms over its goal,
 
     E = sqrt(mean[(p / 0.10 m)^2, (u / 0.05 m/s)^2, (v / 0.05 m/s)^2, (psi / 2 deg)^2])
 """
@@ -35,16 +35,18 @@ GOALS = {"position_rmse_m": 0.10, "u_rmse_m_s": 0.05, "v_rmse_m_s": 0.05, "headi
 """Of the main job."""
 TRUTH = "true_"
 NEAR_M = 1.0
-"""The true boat has been at a waypoint if it came so near: twice the mission's circle. What it believes is another
-thing: a boat whose thrusters are dead takes itself to pass them.
+"""The true boat has passed a waypoint if it came this near: twice the mission's circle. The estimate does not count:
+with dead thrusters a boat's own estimate passes them all.
 """
 
 
 @dataclass(frozen=True)
 class Trip:
-    """One mission. `cross_track_rms_m`: on the straight parts of the legs where it was finished, as in the main job;
-    else distance to the leg that was being driven, over all that was driven. `missed`: waypoints that the true boat was
-    never at. `rmse`: keys of `GOALS`, over all that was driven. NaN: never got under way.
+    """One mission. NaN: the boat never got under way.
+
+    cross_track_rms_m  finished: on the straight parts of the legs; else distance to the present leg, over the whole run
+    rmse               estimation errors over the whole run, keys of `GOALS`
+    missed             number of waypoints that the true boat did not pass
     """
 
     belief: str
@@ -56,18 +58,18 @@ class Trip:
 
     @property
     def finished(self) -> bool:
-        """Whether the true boat was at all waypoints in time."""
+        """Whether the true boat passed all waypoints in time."""
         return self.missed == 0
 
     @property
     def estimator_error(self) -> float:
-        """E as above, 1 where every goal is just met."""
+        """E of the module docstring; 1 where every goal is just met."""
         return float(np.sqrt(np.mean([(self.rmse[k] / goal) ** 2 for k, goal in GOALS.items()])))
 
 
 @dataclass(frozen=True)
 class DiagnosedBoat:
-    """What a diagnosis of the true boat's logs came to: vessel files by name, as loaded from what is written."""
+    """Result of a diagnosis of the true boat's logs: vessel files by name, written and loaded again."""
 
     verdict: str
     named: tuple[str, ...]
@@ -76,7 +78,7 @@ class DiagnosedBoat:
 
 
 def imperfect(vessel: VesselFile, rng: np.random.Generator) -> VesselFile:
-    """A boat like `vessel` with small things wrong, each within half of the smallest size worth a name.
+    """A boat like `vessel` with small deviations, each within half of the smallest size that a diagnosis names.
 
     Inertia, damping, gains: 2 % (uniform); dead time, lag, latency: 10 ms; tag: 1 cm; heading: 0.2 deg. The IMU was
     calibrated before each run: its biases are drawn with sigmas of 0.01 m/s^2 and 0.001 rad/s. All assumed.
@@ -115,7 +117,7 @@ def trips(
     name: str = "",
     limit_s: float = LIMIT_S,
 ) -> list[Trip]:
-    """Missions of the true boat, one a seed, by a pilot who knows `believed`. `settings`: all but the vessel."""
+    """Missions of the true boat, one a seed, by a pilot with the vessel file `believed`; `settings`: all else."""
     runs = driven_runs(true, BelievedModel(name, believed), settings, seeds, limit_s=limit_s)
     return [_scored(run, name, seed) for seed, run in runs]
 
@@ -131,12 +133,12 @@ def _scored(run: SteppedRun, name: str, seed: int) -> Trip:
 
 
 def away_m(track: TrueTrack, points: np.ndarray) -> np.ndarray:
-    """How near the true boat came to each waypoint [m], shape (k,); infinite where it never got under way."""
+    """Least distance of the true boat to each waypoint [m], (k,); infinite where it never got under way."""
     return np.linalg.norm(track.truth[:, None, :2] - points, axis=2).min(axis=0, initial=math.inf)
 
 
 def off_leg_m(track: TrueTrack, points: np.ndarray) -> float:
-    """Rms distance [m] of the truth from the leg, as a piece of line, being driven; the first begins at the start."""
+    """Rms distance [m] of the true boat from its present leg, a line segment; the first begins at the start."""
     if not track.on_leg.any():
         return math.nan
     ends = np.vstack([track.truth[:1, :2], points])

@@ -1,7 +1,7 @@
-"""One true boat driven through a mission by pilots that believe in different models of it.
+"""Missions of one true boat by pilots with different models of it.
 
-The world is the true boat; filter, guidance, NMPC and allocation know only what the pilot believes. Same seed, same
-start, sensors' noise and weather for every pilot, so that two of them can be compared run by run.
+The plant is the true boat; filter, guidance, NMPC and allocation use the pilot's model. The same seed gives the same
+start, sensor noise and weather for every pilot, so that pilots can be compared run by run.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ LIMIT_S = 240.0
 
 @dataclass(frozen=True)
 class BelievedModel:
-    """What a pilot believes: `vessel` in filter, guidance and allocation; `taylor` (3, 23) in the NMPC.
+    """The models of a pilot: `vessel` in filter, guidance and allocation; Taylor coefficients (3, 23) in the NMPC.
 
-    None: the NMPC plans with the structured model of `vessel`, too.
+    `taylor` None: the NMPC plans with the structured model of `vessel` too.
     """
 
     name: str
@@ -44,7 +44,7 @@ class BelievedModel:
 
     @property
     def model(self) -> VesselModel:
-        """What the NMPC plans with."""
+        """The model of the NMPC."""
         if self.taylor is None:
             return StructuredModel.of(self.vessel)
         lag_s = self.vessel.propulsion.lag_s
@@ -86,8 +86,8 @@ def missions(
     limit_s: float = LIMIT_S,
 ) -> list[Driven]:
     """One mission a seed, scored; arguments as of `driven_runs`."""
-    found = driven_runs(true, belief, settings, seeds, weather=weather, limit_s=limit_s)
-    return [_scored(run, belief.name, seed) for seed, run in found]
+    runs = driven_runs(true, belief, settings, seeds, weather=weather, limit_s=limit_s)
+    return [_scored(run, belief.name, seed) for seed, run in runs]
 
 
 def driven_runs(

@@ -5,7 +5,7 @@ may be missed and never switched. The plant is the model of the controller, with
 optional noise on what the controller is told stands for the estimator. The waypoints are assumed: the paper
 shows its own only in a figure.
 
-Found so: without control cost and without noise the thrust saturates for seconds in a turn but does not
+Results: without control cost and without noise the thrust saturates for seconds in a turn but does not
 chatter; noise of an estimator makes it chatter from limit to limit. With two actions applied, pairs of
 thrusters saw-tooth. Which pair depends on places and signs, which the paper does not print: C_y = 0 makes
 fore and aft of one side equal here, so it is the outer side in a turn.
@@ -111,7 +111,7 @@ def _plant(model: AbkowitzModel, h: float) -> ca.Function:
 
 
 def metrics(track: PaperTrack) -> dict[str, float]:
-    """What the figures show, in numbers; thrust in kgf. `legs`: 5 s and more after a switch."""
+    """Scores of one run; thrust in kgf. `legs`: 5 s and more after a switch."""
     since = np.array([t - track.t_s[track.leg == leg][0] for t, leg in zip(track.t_s, track.leg, strict=True)])
     legs = (since > 5.0) | (track.leg == 0)
     steps = np.diff(track.c_kgf, axis=0)

@@ -1,8 +1,8 @@
-"""Logs that the paper's own polynomial makes, inside the box in which it means something.
+"""Logs simulated with the paper's own polynomial, inside its validity box (`abkowitz.VALIDITY`).
 
-A pilot wants a random speed and a random yaw rate for some seconds, and commands t_x, t_n in proportion to what is
-missing, held for a while and with a random part, so that forces are no function of the state. t_y is random: it is
-flown, though Table 2 gives it no effect. A run that would leave the box (abkowitz.VALIDITY) ends before it does.
+A pilot draws a desired speed and yaw rate every second and commands t_x, t_n in proportion to the error, held over the
+second and with a random part, so that forces are no function of the state. t_y is random, though Table 2 gives it no
+effect. A run ends before it would leave the box.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class PolynomialLog:
 
     @property
     def samples(self) -> Samples:
-        """With the exact accelerations."""
+        """Regression samples with the exact accelerations."""
         return Samples(self.x[:, 3:], self.nu_dot, self.t_kgf, self.rate_hz)
 
 
@@ -55,7 +55,7 @@ def polynomial_logs(
 
 
 def _runs(rng: np.random.Generator, coefficients: np.ndarray, rate_hz: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """States (k, 6) and forces (k, 3) of `BATCH` runs, each cut before the command that would have it leave the box."""
+    """States (k, 6) and forces (k, 3) of `BATCH` runs, each cut before the command under which it leaves the box."""
     x = np.column_stack([np.zeros((BATCH, 3)), rng.uniform(0.8 * LOW + 0.2 * HIGH, 0.2 * LOW + 0.8 * HIGH, (BATCH, 3))])
     blocks = round(SECONDS * rate_hz / HOLD)
     states, forces = np.empty((BATCH, blocks * HOLD, 6)), np.empty((BATCH, blocks * HOLD, 3))

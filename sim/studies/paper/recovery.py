@@ -1,9 +1,9 @@
-"""Does the regression give back the polynomial that made the data? Figures for each way of getting the accelerations.
+"""How well the regression recovers the polynomial that made the data, for each source of the accelerations.
 
 exact         the polynomial's own accelerations
 differences   7-point differences of the exact speeds, with and without the samples next to a change of force
-noise         exact accelerations with errors that hang together, speeds with white errors
-sensors       IMU at 30 Hz, UWB at 1 Hz and 10 cm, smoothed: the whole way
+noise         exact accelerations with correlated errors, speeds with white errors
+sensors       IMU at 30 Hz, UWB at 1 Hz and 10 cm, smoothed
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def noisy(
 
 
 def measured(log: PolynomialLog, rng: np.random.Generator, sensors: SmootherNoise = SENSORS) -> Run:
-    """The log as the boat's sensors would have it: IMU three times as often as the log, positions at 1 Hz."""
+    """The log as measured by the boat's sensors: IMU at three times the rate of the log, positions at 1 Hz."""
     k, n = len(log.x), IMU_PER_STEP
     rate = log.rate_hz * n
     t = np.arange((k - 1) * n + 1) / rate

@@ -1,12 +1,12 @@
-"""scipy's least_squares on `peer_casadi`: from the structured fit's own start to its optimum, to compare times.
+"""scipy's least_squares on `CasadiProblem`, from the structured fit's own start to its optimum, to compare times.
 
-`plain_fit` is the call that anybody would write. `casadi_fit` is the quickest that we could make of it: trust region,
-steps by LSMR on the sparse Jacobian ("exact" would be a singular value decomposition of 68,000 x 9,700 numbers for
-13,840 samples), and two things without which it takes many times as long:
+`plain_fit` is the obvious call. `casadi_fit` is the quickest variant found: trust region, steps by LSMR on the sparse
+Jacobian ("exact" would be a singular value decomposition of 68,000 x 9,700 numbers for 13,840 samples), and two
+measures without which it takes many times as long:
 
 - Ties are stiff: with `x_scale="jac"` LSMR needs 250 to 1,300 products a step. So unknowns are y = R x with
   R^T R = J^T J by Cholesky where a call of `least_squares` begins, and there is a call every two steps.
-- Ties are slack at first, as in `fit.solve`.
+- Ties are slack at first, as in `structured_fit.solve`.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from sim.studies.peers.casadi_problem import CasadiProblem
 
 (_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
-ENOUGH = 0.5  # nats: a call that gains less is the last one, as a step in `fit.ENOUGH`
+ENOUGH = 0.5  # nats: a call that gains less is the last one, as in `structured_fit.ENOUGH`
 EVALUATIONS = 3  # of the residual by one call, the one where it begins among them
 LSMR = 1e-4  # relative tolerance of a step
 
 
 @dataclass(frozen=True)
 class CasadiFit:
-    """Where it ended: w (P,), nodes (W, L), cost [nats]; wall clock and processor time [s], Jacobians and residuals."""
+    """Solution w (P,), nodes (W, L), cost [nats]; wall and processor time [s]; evaluations of Jacobian and residual."""
 
     w: np.ndarray
     z: np.ndarray
@@ -94,7 +94,7 @@ class Whitened(LinearOperator):
 
 @dataclass(frozen=True)
 class PlainFit:
-    """Where a plain call came to: least cost [nats], processor time [s], residuals; whether it ended by itself."""
+    """Result of a plain call: least cost [nats], processor time [s], evaluations; whether it ended by itself."""
 
     cost: float
     processor_s: float
@@ -164,14 +164,14 @@ def _call(kept: CasadiResult, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray
 
 
 class CasadiResult:
-    """A problem and its Jacobian, kept for when it is asked for again at the same place."""
+    """A problem with its latest Jacobian cached; `count`: how many were computed."""
 
     def __init__(self, problem: CasadiProblem):
         self.problem, self.count = problem, 0
         self._at, self._J, self._slack = np.empty(0), None, 0.0
 
     def slacken(self, slack: float) -> None:
-        """Other ties: another Jacobian."""
+        """Change the slack of the ties; the cached Jacobian is then dropped."""
         if slack != self._slack:
             self.problem.slacken(slack)
             self._slack, self._J = slack, None

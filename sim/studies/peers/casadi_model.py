@@ -1,11 +1,11 @@
 """Residuals of the structured fit and their exact Jacobian by CasADi alone, as one writes them without machine code.
 
-One step of Runge-Kutta carries the sensitivities S = dx/dv along, v = [node; q]:
+One step of Runge-Kutta propagates the sensitivities S = dx/dv, v = [node; q]:
 
     S_{k+1} = (dF/dx) S_k + dF/dv,        de/dv = (de/dx) S + (de/dv at fixed x)
 
-all derivatives by `jacobian`. `mapaccum` chains the step over a window, `map` sets the windows side by side. Forces
-come from `ThrustHistory` with their derivatives to dead time and lag; these two are, in v, what is added to those now.
+all derivatives by `jacobian`. `mapaccum` chains the step over a window, `map` evaluates all windows. Forces come from
+`ThrustHistory` with their derivatives by dead time and lag; in v these two are increments on the present values.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Chained:
 
 
 def chained(windows: Windows, parameters: Parameters, noise: Noise) -> Chained:
-    """Build them; errors as of `CasadiBoat.of`."""
+    """Build the functions of a problem. Errors as of `CasadiBoat.of`."""
     boat, (W, K) = CasadiBoat.of(parameters), windows.size
     v, n = boat.v, 3 * boat.n
     x, forces, told, known = (ca.SX.sym(*s) for s in (("x", 6), ("forces", 3 * n), ("told", 6), ("known", 3)))

@@ -1,7 +1,7 @@
-"""The very problem of the structured fit for scipy's least_squares: residuals and Jacobian by CasADi (`peer_model`).
+"""The problem of the structured fit for scipy's least_squares: residuals and Jacobian by CasADi (`casadi_model`).
 
-Unknowns are [w; nodes]; residuals those of all sensors, ties, starts of runs and priors, so that half their sum of
-squares is the cost of `fit.Fit.assemble`. The noise stays as it is: scipy need not find it.
+Unknowns: [w; nodes]. Residuals: all sensors, ties, starts of runs and priors, so that half their sum of squares is the
+cost of `StructuredFit.assemble`. The noise is fixed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from sim.studies.peers.casadi_model import chained
 
 
 class Called:
-    """A CasADi function of column vectors, many at once: arrays (count, size) in and out, without conversions."""
+    """A mapped CasADi function on its buffers: arrays (count, size) in and out, without conversions."""
 
     def __init__(self, function: ca.Function):
         self._function = function
@@ -63,17 +63,17 @@ class CasadiProblem:
         self._told = np.concatenate([slow, np.nan_to_num(windows.y)], axis=2)
 
     def slacken(self, slack: float) -> None:
-        """Ties' sigmas of states so many times what they are, from now on."""
+        """Multiply the ties' sigmas of states by `slack` from now on."""
         self._decay, self._sigma = replace(self.noise, slack=slack).tie(self._span_s)
 
     @property
     def start(self) -> np.ndarray:
-        """Priors' centres and the first guess of the nodes: as of `Fit.begin`."""
+        """Priors' centres and the first guess of the nodes, as of `StructuredFit.begin`."""
         return np.concatenate([self.parameters.prior[0], self._z0.ravel()])
 
     @property
     def size(self) -> int:
-        """How many residuals."""
+        """Number of residuals."""
         own = int(self._known.sum()) + self.windows.fixes.place_m.size + self._sigma.size
         return own + len(self._first) * L + len(self.parameters.names)
 
@@ -83,7 +83,7 @@ class CasadiProblem:
         return at[:P], at[P:].reshape(-1, L)
 
     def residual(self, at: np.ndarray) -> np.ndarray:
-        """Everything predicted minus measured or believed, over its sigma."""
+        """Predicted minus measured, or minus the prior mean, over sigma, (m,)."""
         w, z = self.split(at)
         given, fixes = self._given(w, z)
         W, K = self.windows.size
@@ -134,7 +134,7 @@ class CasadiProblem:
         return own + self._sparse(rows.reshape(-1, C), np.repeat(self._tied, L), T)
 
     def _beliefs(self) -> tuple[csr_array, csr_array]:
-        """Derivatives of how runs begin and of the priors."""
+        """Derivatives of the starts of runs, and of the priors."""
         P, size = len(self.parameters.names), self.windows.size[0] * L
         at = P + (self._first[:, None] * L + np.arange(L)).ravel()
         each = np.tile(1 / self.noise.node_start(), len(self._first))
@@ -143,7 +143,7 @@ class CasadiProblem:
         return begin, prior
 
     def _sparse(self, rows: np.ndarray, window: np.ndarray, T: np.ndarray, keep: np.ndarray | None = None) -> csr_array:
-        """Rows (R, C) by [node of their window; q] as rows by [w; nodes]. `keep`: which may be other than nil."""
+        """Rows (R, C) by [node of their window; q] as sparse rows by [w; nodes]. `keep`: mask of possible nonzeros."""
         P, W = len(T), self.windows.size[0]
         rows[:, L:] = rows[:, L:] @ T
         kept = rows != 0 if keep is None else keep

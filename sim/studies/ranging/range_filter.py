@@ -2,9 +2,9 @@
 
     x = [x y v_x v_y | b_1 .. b_m],   p_dot = v,   v_dot = white,   b_i: Gauss-Markov
 
-Start: every place that explains the first ranges (`multilaterate`) becomes a hypothesis with its own filter;
-all are fed, and one whose log-likelihood falls too far behind the best is dropped. So the false image behind
-anchors that stand almost in a line is found out by later ranges. Anchors exactly in a line never tell.
+Start: every position that explains the first ranges (`multilaterate`) becomes a hypothesis with its own
+filter. All filters are updated; one whose log-likelihood falls too far behind the best is dropped. So later ranges rule
+out the mirror image behind anchors that stand almost in a line; with anchors exactly in a line they cannot.
 """
 
 from __future__ import annotations

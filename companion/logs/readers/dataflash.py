@@ -72,9 +72,9 @@ def read_dataflash_run(
         columns["north_m"] = columns["east_m"] = "BCN: the autopilot's beacon position, from the beacons' origin"
         known["latency_s"] = None
     elif rows["GPS"]:
-        stream, said = gps_stream(rows["GPS"], site)
+        stream, origin_text = gps_stream(rows["GPS"], site)
         streams.append(stream)
-        columns["north_m"] = columns["east_m"] = f"GPS antenna, {said}"
+        columns["north_m"] = columns["east_m"] = f"GPS antenna, {origin_text}"
         known["latency_s"] = known["tag_arm_m"] = None
     clock = "autopilot, since boot"
     name = vessel.name if vessel else "not stated"
@@ -108,9 +108,9 @@ def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, 
 def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[Stream, str]:
     """Rows (t_ns, latitude, longitude [deg]) as a stream of positions, and a text that states their origin."""
     table = np.array([row[1:3] for row in rows], dtype=float)
-    north, east, said = geodetic_to_site(table[:, 0], table[:, 1], site)
+    north, east, origin_text = geodetic_to_site(table[:, 0], table[:, 1], site)
     t_ns = np.array([row[0] for row in rows], dtype=np.int64)
-    return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), said
+    return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), origin_text
 
 
 def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:

@@ -30,14 +30,14 @@ def cycle_fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: floa
     places = np.array([(a.north_m, a.east_m, a.down_m) for a in anchors])
     z = np.column_stack([ranges_m[a.id] for a in anchors])
     p = _together(places, z, tag_down_m)
-    heard = np.isfinite(z)
+    received = np.isfinite(z)
     distance = np.sqrt(((p[:, None, :] - places[:, :2]) ** 2).sum(axis=2) + (places[:, 2] - tag_down_m) ** 2)
-    odd = (heard & ~(np.abs(z - distance) < SPREAD_M)).any(axis=1)
+    odd = (received & ~(np.abs(z - distance) < SPREAD_M)).any(axis=1)
     for row in np.flatnonzero(odd):
-        candidates = multilaterate(places[heard[row]], z[row, heard[row]], tag_down_m, SPREAD_M)
+        candidates = multilaterate(places[received[row]], z[row, received[row]], tag_down_m, SPREAD_M)
         sound = candidates and candidates[0].inliers.sum() >= 3
         p[row] = (candidates[0].north_m, candidates[0].east_m) if sound else (np.nan, np.nan)
-    p[heard.sum(axis=1) < 3] = np.nan
+    p[received.sum(axis=1) < 3] = np.nan
     return p[:, 0], p[:, 1]
 
 
@@ -46,15 +46,15 @@ def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarra
 
     The first `PLAIN_STEPS` steps are unweighted, so that outliers do not decide where the iteration goes.
     """
-    heard = np.isfinite(z)
-    z = np.where(heard, z, 0.0)
+    received = np.isfinite(z)
+    z = np.where(received, z, 0.0)
     drop2 = (places[:, 2] - tag_down_m) ** 2
-    p = (heard @ places[:, :2]) / np.maximum(heard.sum(axis=1), 1)[:, None]
+    p = (received @ places[:, :2]) / np.maximum(received.sum(axis=1), 1)[:, None]
     for step in range(STEPS):
         away = p[:, None, :] - places[:, :2]
         distance = np.sqrt((away**2).sum(axis=2) + drop2)
         residual = z - distance
-        weight = heard / (1.0 + (residual / (SPREAD_M / 2)) ** 2) if step >= PLAIN_STEPS else heard.astype(float)
+        weight = received / (1.0 + (residual / (SPREAD_M / 2)) ** 2) if step >= PLAIN_STEPS else received.astype(float)
         H = away / distance[:, :, None]
         A = np.einsum("nij,nik,ni->njk", H, H, weight) + 1e-9 * np.eye(2)
         b = np.einsum("nij,ni->nj", H, weight * residual)
@@ -68,10 +68,10 @@ def geodetic_to_site(
     """North, east (n,) [m] in site axes, and a text that states their origin: the site's, or the first fix."""
     if site is not None:
         origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
-        said = f"origin of site {site.name}"
+        origin_text = f"origin of site {site.name}"
     else:
         origin = Origin(float(latitude_deg[0]), float(longitude_deg[0]))
-        said = f"origin at the first fix, {latitude_deg[0]:.7f} {longitude_deg[0]:.7f}, axes to true north"
+        origin_text = f"origin at the first fix, {latitude_deg[0]:.7f} {longitude_deg[0]:.7f}, axes to true north"
     places = [site_from_geodetic(origin, float(a), float(o)) for a, o in zip(latitude_deg, longitude_deg, strict=True)]
     north, east = np.array(places).reshape(-1, 2).T
-    return north, east, said
+    return north, east, origin_text

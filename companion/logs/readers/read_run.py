@@ -36,30 +36,30 @@ class ReadOptions:
 
 def read_run(path: Path, beside: ReadOptions | None = None) -> Run:
     """The run in `path`. Raises RunError or LogError naming file and place in it, OSError."""
-    given = beside or ReadOptions()
+    options = beside or ReadOptions()
     kind = path.name.lower().removesuffix(".gz").rpartition(".")[2]
-    if given.truth and kind != "mcap":
+    if options.truth and kind != "mcap":
         raise RunError(f"{path}: a log with the truth goes with a .mcap log only")
-    if given.uwb and kind not in ("bin", "tlog"):
+    if options.uwb and kind not in ("bin", "tlog"):
         raise RunError(f"{path}: a UWB log is joined to a .bin or .tlog only")
     if kind == "mcap":
-        return read_mcap(path, given.vessel, given.site, given.truth)
+        return read_mcap(path, options.vessel, options.site, options.truth)
     if kind == "parquet":
         return read_parquet(path)
     if kind == "csv":
         lines = csv_lines(path)
         return read_cse1(path) if is_cse1(lines[0].decode(errors="replace")) else read_csv(path)
     uwb = None
-    if given.uwb:
-        uwb_spec = given.vessel.sensors.uwb if given.vessel else None
-        wire_format = given.uwb_format or (uwb_spec.wire_format if uwb_spec else None)
-        uwb = partial(read_uwb, given.uwb, wire_format, given.site, uwb_spec.z_m if uwb_spec else 0.0)
+    if options.uwb:
+        uwb_spec = options.vessel.sensors.uwb if options.vessel else None
+        wire_format = options.uwb_format or (uwb_spec.wire_format if uwb_spec else None)
+        uwb = partial(read_uwb, options.uwb, wire_format, options.site, uwb_spec.z_m if uwb_spec else 0.0)
     if kind == "bin":
         from companion.logs.readers.dataflash import read_dataflash_run  # noqa: PLC0415 - pymavlink is slow to load
 
-        return read_dataflash_run(path, given.vessel, given.site, uwb, given.uwb_offset_s)
+        return read_dataflash_run(path, options.vessel, options.site, uwb, options.uwb_offset_s)
     if kind == "tlog":
         from companion.logs.readers.tlog import read_tlog  # noqa: PLC0415
 
-        return read_tlog(path, given.vessel, given.site, uwb, given.uwb_offset_s or 0.0)
+        return read_tlog(path, options.vessel, options.site, uwb, options.uwb_offset_s or 0.0)
     raise RunError(f"{path}: expected .mcap, .csv, .csv.gz, .parquet, .bin or .tlog")

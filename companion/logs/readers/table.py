@@ -45,32 +45,32 @@ def read_parquet(path: Path) -> Run:
     except pl.exceptions.PolarsError as error:
         raise RunError(f"{path}: not a Parquet file: {error}") from None
     try:
-        given = msgspec.json.decode(head, type=dict[str, Any])
+        metadata = msgspec.json.decode(head, type=dict[str, Any])
     except msgspec.DecodeError as error:
         raise RunError(f"{path}: metadata {_PARQUET_KEY}: {error}") from None
     if wrong := column_error(table.columns):
         raise RunError(f"{path}: {wrong}")
-    return _run(table, given, str(path), lambda row: f"row {row}")
+    return _run(table, metadata, str(path), lambda row: f"row {row}")
 
 
 def read_csv(path: Path) -> Run:
     """Run of a CSV file. Raises RunError naming file, line and column, OSError."""
     lines = csv_lines(path)
-    given: dict[str, Any] = {}
+    metadata: dict[str, Any] = {}
     first = 0
     while first < len(lines) and lines[first].startswith(b"#"):
         key, equals, value = lines[first][1:].decode(errors="replace").partition("=")
         name = key.strip()
-        if name in given:
+        if name in metadata:
             raise RunError(f"{path}: line {first + 1}: {name}: is there twice")
         if equals:
-            given[name] = _json(value, f"{path}: line {first + 1}: {name}")
+            metadata[name] = _json(value, f"{path}: line {first + 1}: {name}")
         first += 1
     texts = text_columns(lines, first, str(path))
     if wrong := column_error(texts.columns):
         raise RunError(f"{path}: line {first + 1}: {wrong}")
     table = numbers(texts, str(path), first + 2)
-    return _run(table, given, str(path), lambda row: f"line {row + first + 2}")
+    return _run(table, metadata, str(path), lambda row: f"line {row + first + 2}")
 
 
 def csv_lines(path: Path) -> list[bytes]:
@@ -144,8 +144,8 @@ def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
     return pl.DataFrame(columns), notes
 
 
-def _run(table: pl.DataFrame, given: Mapping[str, Any], name: str, place: Any) -> Run:
-    fields = dict(given)
+def _run(table: pl.DataFrame, metadata: Mapping[str, Any], name: str, place: Any) -> Run:
+    fields = dict(metadata)
     stated, version = fields.pop("data_hash", None), fields.pop("aritra_run", FORMAT)
     if version != FORMAT:
         raise RunError(f"{name}: aritra_run = {version}: this program reads {FORMAT}")

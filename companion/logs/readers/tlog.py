@@ -75,9 +75,9 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
         joined = uwb(round(offset_s * 1e9))
         streams, columns, notes = streams + joined.streams, columns | joined.columns, notes + list(joined.notes)
     elif fixes:
-        stream, said = gps_stream(fixes, site)
+        stream, origin_text = gps_stream(fixes, site)
         streams.append(stream)
-        columns["north_m"] = columns["east_m"] = f"GPS antenna at the arrival of GPS_RAW_INT, {said}"
+        columns["north_m"] = columns["east_m"] = f"GPS antenna at the arrival of GPS_RAW_INT, {origin_text}"
         known["latency_s"] = known["tag_arm_m"] = None
     clock = "ground station, Unix; records of the autopilot by its own clock, moved by the least delay"
     name = vessel.name if vessel else "not stated"

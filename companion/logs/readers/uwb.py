@@ -57,18 +57,18 @@ def uwb_streams(
             ranges[r.anchor][row] = r.range_m
     t_ns = np.array([cycle.t_ns for cycle in cycles], dtype=np.int64)
     streams = [Stream("UWB ranges", t_ns, {f"range_{_word(k)}_m": v for k, v in ranges.items()}, outside=outside)]
-    said = "the UWB tag's own positions, as set up in the site's axes"
+    source_text = "the UWB tag's own positions, as set up in the site's axes"
     if positions:
         streams.append(Stream.of("UWB positions", ("north_m", "east_m"), positions, outside=outside))
     elif site is not None and cycles:
         north, east = cycle_fixes(ranges, site, tag_down_m)
-        found = np.isfinite(north)
-        columns = {"north_m": north[found], "east_m": east[found]}
-        streams.append(Stream("UWB positions", t_ns[found], columns, outside=outside))
-        said = f"least squares from the ranges of each cycle ({int(found.sum())} of {len(cycles)} gave a fix)"
+        fixed = np.isfinite(north)
+        columns = {"north_m": north[fixed], "east_m": east[fixed]}
+        streams.append(Stream("UWB positions", t_ns[fixed], columns, outside=outside))
+        source_text = f"least squares from the ranges of each cycle ({int(fixed.sum())} of {len(cycles)} gave a fix)"
     else:
         return streams, {}
-    return streams, {"north_m": said, "east_m": said}
+    return streams, {"north_m": source_text, "east_m": source_text}
 
 
 def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m: float, offset_ns: int) -> UwbLog:

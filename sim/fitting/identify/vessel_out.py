@@ -51,66 +51,66 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
             lag_s=_round(q["lag_s"]),
             source=f"{vessel.propulsion.source}; dead time and lag {source}",
         ),
-        force_maps={name: _map(name, given, q, source) for name, given in vessel.force_maps.items()},
+        force_maps={name: _map(name, force_map, q, source) for name, force_map in vessel.force_maps.items()},
         thrusters=thrusters,
         sensors=replace(vessel.sensors, uwb=uwb),
         terms=_terms(vessel, q, source),
     )
 
 
-def _map(name: str, given: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
+def _map(name: str, force_map: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
     """A force map with its fitted curve, within the bounds of a vessel file."""
-    if not isinstance(given, PitchMap) or f"curve_{name}" not in q:
-        return given
+    if not isinstance(force_map, PitchMap) or f"curve_{name}" not in q:
+        return force_map
     curve = float(np.clip(_round(q[f"curve_{name}"]), -1.0, 1.0))
-    return replace(given, curve=curve, source=f"{given.source}; curve {source}")
+    return replace(force_map, curve=curve, source=f"{force_map.source}; curve {source}")
 
 
-def _thruster(given: Thruster, q: Mapping[str, float], source: str, session: bool) -> Thruster:
+def _thruster(thruster: Thruster, q: Mapping[str, float], source: str, session: bool) -> Thruster:
     """A thruster with its fitted gain, azimuth and trim; trims are whole microseconds within the file's bounds."""
-    gain = replace(given, gain=_round(q[f"gain_{given.name}"]), source=f"{given.source}; gain {source}")
-    if (trim := q.get(f"trim_{given.name}_us")) is None:
+    gain = replace(thruster, gain=_round(q[f"gain_{thruster.name}"]), source=f"{thruster.source}; gain {source}")
+    if (trim := q.get(f"trim_{thruster.name}_us")) is None:
         return gain
-    turned = replace(gain, azimuth_deg=_round(q[f"azimuth_{given.name}_deg"]))
+    turned = replace(gain, azimuth_deg=_round(q[f"azimuth_{thruster.name}_deg"]))
     if not session:
-        return replace(turned, source=f"{given.source}; gain and azimuth {source}")
+        return replace(turned, source=f"{thruster.source}; gain and azimuth {source}")
     trim_us = int(np.clip(round(trim), -TRIM_US, TRIM_US))
-    return replace(turned, trim_us=trim_us, source=f"{given.source}; gain, azimuth and trim {source}")
+    return replace(turned, trim_us=trim_us, source=f"{thruster.source}; gain, azimuth and trim {source}")
 
 
 def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str, dict[str, float | str]]:
     """The vessel's terms with their fitted parameters."""
-    terms = {name: dict(given) for name, given in vessel.terms.items()}
+    terms = {name: dict(values) for name, values in vessel.terms.items()}
     for name, p in fitted_terms(vessel):
         terms[name] |= {p.name: _round(q[p.name]), "source": source}
     return terms
 
 
-def inertia_of(given: Inertia, q: Mapping[str, float], source: str) -> Inertia:
-    """`given` with the mass matrix M11_kg, M22_kg, M33_kg_m2, M23_kg_m of q: added mass takes the difference.
+def inertia_of(base: Inertia, q: Mapping[str, float], source: str) -> Inertia:
+    """`base` with the mass matrix M11_kg, M22_kg, M33_kg_m2, M23_kg_m of q: added mass takes the difference.
 
         X_udot = m - M11,   Y_vdot = m - M22,   Y_rdot = m x_g - M23,   N_rdot = I_z + m (x_g^2 + y_g^2) - M33
 
     Where added mass would change its sign, mass or I_z is lowered; the motion is the same.
     """
     M11, M22, M33, M23 = (q[k] for k in ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m"))
-    mass = min(given.mass_kg, ROOM * min(M11, M22))
-    y_g = given.y_g_m * given.mass_kg / mass  # M13 = -m y_g is not fitted
-    at_origin = mass * (given.x_g_m**2 + y_g**2)
-    I_z = min(given.I_z_kg_m2, ROOM * (M33 - at_origin))
+    mass = min(base.mass_kg, ROOM * min(M11, M22))
+    y_g = base.y_g_m * base.mass_kg / mass  # M13 = -m y_g is not fitted
+    at_origin = mass * (base.x_g_m**2 + y_g**2)
+    I_z = min(base.I_z_kg_m2, ROOM * (M33 - at_origin))
     kept = (
         "mass and I_z kept, added mass fitted"
-        if mass == given.mass_kg and I_z == given.I_z_kg_m2
+        if mass == base.mass_kg and I_z == base.I_z_kg_m2
         else ("only M is determined: mass or I_z lowered so that added mass keeps its sign")
     )
     return Inertia(
         mass_kg=_round(mass),
         I_z_kg_m2=_round(I_z),
-        x_g_m=given.x_g_m,
+        x_g_m=base.x_g_m,
         y_g_m=y_g,
         X_udot_kg=_round(mass - M11),
         Y_vdot_kg=_round(mass - M22),
-        Y_rdot_kg_m=_round(mass * given.x_g_m - M23),
+        Y_rdot_kg_m=_round(mass * base.x_g_m - M23),
         N_rdot_kg_m2=_round(I_z + at_origin - M33),
         source=f"{source}; {kept}",
     )

@@ -77,10 +77,10 @@ def crude(vessel: VesselFile) -> FitSettings:
 
 def models(runs: Sequence[Run], vessel: VesselFile, *, session: bool) -> tuple[list[Simulator], FitResult]:
     """Structured, crude and Taylor models fitted to `runs`. `session`: with fitted trims, to predict the same day."""
-    found = fit_structured(runs, vessel)
-    identified = identified_vessel(vessel, found, date=DATE, session=session)
+    fit = fit_structured(runs, vessel)
+    identified = identified_vessel(vessel, fit, date=DATE, session=session)
     first = identified_vessel(vessel, fit_structured(runs, vessel, crude(vessel)), date=DATE)
-    same_day = identified_vessel(vessel, found, date=DATE, session=True)
+    same_day = identified_vessel(vessel, fit, date=DATE, session=True)
     smoothed = [smooth(run, SmootherNoise.of(vessel)) for run in runs]
     taylor = {
         name: least_squares([smoother_samples(r, v, s) for r, s in zip(runs, smoothed, strict=True)]).C
@@ -89,7 +89,7 @@ def models(runs: Sequence[Run], vessel: VesselFile, *, session: bool) -> tuple[l
     simulators: list[Simulator] = [VesselSimulator(STRUCTURED, identified), VesselSimulator(CRUDE, first)]
     simulators += [TaylorSimulator(TAYLOR, taylor[TAYLOR], vessel)]
     simulators += [TaylorSimulator(TAYLOR_SAME, taylor[TAYLOR_SAME], identified)]
-    return simulators, found
+    return simulators, fit
 
 
 def trimmed(vessel: VesselFile, run: Run) -> VesselFile:
@@ -121,16 +121,16 @@ def held_out(run: Run, vessel: VesselFile, inside: Sequence[Interval] | None = N
 def blocks(run: Run, vessel: VesselFile) -> tuple[Errors, FitResult]:
     """Fit on even blocks, errors on odd ones."""
     fitted, out = alternate(run, BLOCK_S)
-    simulators, found = models(parts(run, fitted), vessel, session=True)
-    return errors_of(f"{run.meta.source}, odd blocks", simulators, held_out(run, vessel, out)), found
+    simulators, fit = models(parts(run, fitted), vessel, session=True)
+    return errors_of(f"{run.meta.source}, odd blocks", simulators, held_out(run, vessel, out)), fit
 
 
 def across(train: Run, tests: Sequence[Run], vessel: VesselFile) -> tuple[list[Errors], FitResult]:
     """Fit on one run, errors on others."""
-    simulators, found = models([train], vessel, session=False)
+    simulators, fit = models([train], vessel, session=False)
     return [
         errors_of(f"{train.meta.source} -> {test.meta.source}", simulators, held_out(test, vessel)) for test in tests
-    ], found
+    ], fit
 
 
 def across_trimmed(found: FitResult, test: Run, vessel: VesselFile) -> Errors:

@@ -72,8 +72,8 @@ def run(
         y_e = path.errors(leg, x[0], x[1])[1]
         psi_des = x[2] + ssa(los_heading(path.angles_rad[leg], y_e, LOOKAHEAD_M) - x[2])
         if tick % settings.applied == 0:
-            told = x[2:] + (noise.normal(size=4) * NOISE if noise else 0.0)
-            plan = nmpc.plan(told[0], told[1:], psi_des)
+            estimate = x[2:] + (noise.normal(size=4) * NOISE if noise else 0.0)
+            plan = nmpc.plan(estimate[0], estimate[1:], psi_des)
             c = plan.c_kgf
             solved.append(plan.converged)
         action = c[tick % settings.applied]

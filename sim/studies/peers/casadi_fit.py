@@ -135,9 +135,9 @@ def casadi_fit(problem: CasadiProblem, *, enough: float = ENOUGH, most: int = 50
     for call in range(most):
         slack = SLACK[min(call, len(SLACK) - 1)]
         kept.slacken(slack)
-        found, x = _call(kept, x)
-        residuals += found.nfev
-        gained, cost = cost - found.cost, float(found.cost)
+        solution, x = _call(kept, x)
+        residuals += solution.nfev
+        gained, cost = cost - solution.cost, float(solution.cost)
         if call >= len(SLACK) and gained < enough:
             break
     seconds, processor_s = time.perf_counter() - began, time.process_time() - began_cpu
@@ -151,7 +151,7 @@ def _call(kept: CasadiResult, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray
     def jacobian(y: np.ndarray) -> LinearOperator:
         return Whitened(kept(white.back(y)), white)
 
-    found = least_squares(
+    solution = least_squares(
         lambda y: kept.problem.residual(white.back(y)),
         white.forward(x),
         jac=jacobian,  # pyright: ignore[reportArgumentType]
@@ -160,7 +160,7 @@ def _call(kept: CasadiResult, x: np.ndarray) -> tuple[OptimizeResult, np.ndarray
         tr_options={"atol": LSMR, "btol": LSMR},
         max_nfev=EVALUATIONS,
     )
-    return found, white.back(found.x)
+    return solution, white.back(solution.x)
 
 
 class CasadiResult:

@@ -92,7 +92,8 @@ class Chained:
     path   (x0, v, forces, [h fade y]) -> x after each step, e;   whole -> x, S (6 A), e, the cells of de/dv
     fix    (x, v, forces, [since place]) -> e;                    fix_whole: with S after x -> e, de/dv (2 C)
 
-    `active` (A,): the columns of v that a motion depends on. `cells`: row and column of what may not be nil of de/dv.
+    active  (A,) columns of v that the motion depends on
+    cells   row and column of the possible nonzeros of de/dv
     """
 
     path: ca.Function
@@ -107,9 +108,9 @@ def chained(windows: Windows, parameters: Parameters, noise: Noise) -> Chained:
     """Build the functions of a problem. Errors as of `CasadiBoat.of`."""
     boat, (W, K) = CasadiBoat.of(parameters), windows.size
     v, n = boat.v, 3 * boat.n
-    x, forces, told, known = (ca.SX.sym(*s) for s in (("x", 6), ("forces", 3 * n), ("told", 6), ("known", 3)))
-    x_next = boat.step(x, forces, told[0])
-    e = boat.imu(x, forces[:n], told[1], told[2:], noise)
+    x, forces, measured, known = (ca.SX.sym(*s) for s in (("x", 6), ("forces", 3 * n), ("told", 6), ("known", 3)))
+    x_next = boat.step(x, forces, measured[0])
+    e = boat.imu(x, forces[:n], measured[1], measured[2:], noise)
     at_tag = boat.tag(x, forces[:n], known[0], known[1:], windows.fixes.place_m.mean(axis=0), noise)
     by_v = ca.jacobian(x_next, v)
     active = np.union1d(np.arange(6), np.array(by_v.sparsity().get_col()))
@@ -123,8 +124,8 @@ def chained(windows: Windows, parameters: Parameters, noise: Noise) -> Chained:
         return rows
 
     S_next, rows = ca.densify(ca.jacobian(x_next, x) @ S + by_v[:, columns]), carried(e)
-    plain = ca.Function("step", [x, v, forces, told], ca.cse([x_next, e]))
-    whole = ca.Function("step", [x, S, v, forces, told], ca.cse([x_next, S_next, e, rows.nz[:]]))
+    plain = ca.Function("step", [x, v, forces, measured], ca.cse([x_next, e]))
+    whole = ca.Function("step", [x, S, v, forces, measured], ca.cse([x_next, S_next, e, rows.nz[:]]))
     fix = ca.Function("fix", [x, v, forces[:n], known], [at_tag])
     fix_rows = ca.vec(ca.densify(carried(at_tag)))
     fix_whole = ca.Function("fix", [x, ca.vec(S), v, forces[:n], known], ca.cse([at_tag, fix_rows]))
@@ -143,9 +144,9 @@ def _window(step: ca.Function, K: int, S0: np.ndarray | None) -> ca.Function:
     """K steps of one window from its node, with sensitivities from S0 on where these are asked for."""
     carries = 1 if S0 is None else 2
     x, v = ca.MX.sym("x", 6), ca.MX.sym("v", step.size1_in(carries))
-    forces, told = ca.MX.sym("forces", step.size1_in(carries + 1), K), ca.MX.sym("told", 6, K)
+    forces, measured = ca.MX.sym("forces", step.size1_in(carries + 1), K), ca.MX.sym("told", 6, K)
     begin = [x] if S0 is None else [x, ca.DM(S0)]
-    found = list(step.mapaccum("window", K, carries)(*begin, ca.repmat(v, 1, K), forces, told))
+    found = list(step.mapaccum("window", K, carries)(*begin, ca.repmat(v, 1, K), forces, measured))
     if S0 is not None:
         found[1] = ca.reshape(found[1], S0.size, K)
-    return ca.Function("window", [x, v, forces, told], found)
+    return ca.Function("window", [x, v, forces, measured], found)

@@ -85,9 +85,9 @@ class CasadiProblem:
     def residual(self, at: np.ndarray) -> np.ndarray:
         """Predicted minus measured, or minus the prior mean, over sigma, (m,)."""
         w, z = self.split(at)
-        given, fixes = self._given(w, z)
+        inputs, fixes = self._given(w, z)
         W, K = self.windows.size
-        x, e = self._path(*given)
+        x, e = self._path(*inputs)
         x = np.concatenate([z[:, None, STATE], x.reshape(W, K, 6)], axis=1)
         e = self._innovations(e.reshape(W, K, 4, 1))[..., 0]
         (place,) = self._fix(x[fixes[0], fixes[1]], *fixes[2:])
@@ -102,9 +102,9 @@ class CasadiProblem:
     def jacobian(self, at: np.ndarray) -> csr_array:
         """Exact derivative of `residual`."""
         w, z = self.split(at)
-        given, (window, step, *fixes) = self._given(w, z)
+        inputs, (window, step, *fixes) = self._given(w, z)
         (W, K), A, C = self.windows.size, len(self._active), L + len(w)
-        x, S, _, cells = self._whole(*given)
+        x, S, _, cells = self._whole(*inputs)
         x = np.concatenate([z[:, None, STATE], x.reshape(W, K, 6)], axis=1)
         S0 = np.broadcast_to(np.eye(6, A).ravel("F"), (W, 1, 6 * A))
         S = np.concatenate([S0, S.reshape(W, K, 6 * A)], axis=1)

@@ -1,7 +1,7 @@
 """An entry of the catalogue: one way in which boat, water or sensors may differ from what the vessel file says.
 
-An effect is a table row plus the one line of physics, written as hooks. Each hook takes the effect's parameters `p`
-(by name; nil means "as the file has it"), the `Scene` or `TagKinematics`, and what stands so far, and returns what stands then:
+An effect is a table row plus one line of physics, written as hooks. A hook takes the effect's parameters `p` by name
+(zero: as in the vessel file), the `Scene` or `TagKinematics`, and the value so far; it returns the new value:
 
     hull     (p, c)             coefficients by name, as `sim.fitting.engine.parameters.HULL`
     pwm      (p, pwm_us)        pulse widths (c, n) as they reach the ESCs

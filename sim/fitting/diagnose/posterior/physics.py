@@ -164,7 +164,10 @@ class EffectPhysics:
         return x.reshape(n, 6), np.tile(hull, (n, 1)), tau.reshape(n, -1), water.reshape(n, 2), *more
 
     def drive(self, f: np.ndarray) -> np.ndarray:
-        """Body force (W, k, 3) of thruster forces (W, k, n); these after it where the file weakens them: `compile_windows`."""
+        """Body force tau = B f, (W, k, 3), of thruster forces f (W, k, n) [N].
+
+        Where the file's thrusters lose thrust to moving water, f is appended (W, k, 3 + n): see `compile_windows`.
+        """
         tau = (f.reshape(-1, f.shape[2]) @ self.B.T).reshape(*f.shape[:2], 3)  # one product, not one for each window
         return np.concatenate([tau, f], axis=2) if self._weakened else tau
 

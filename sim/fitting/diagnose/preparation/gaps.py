@@ -78,7 +78,10 @@ def _without_pauses(used: LogUse) -> LogUse:
 
 
 def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
-    """What the pauses between `spans` leave of intervals and is `usable_intervals`. JobError where nothing is left of any."""
+    """Usable parts of the intervals within the recorded `spans`. JobError where there were intervals and none is usable.
+
+    `what`: the purpose, for the message.
+    """
     left = tuple(usable_intervals(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
     if some and not left:
         pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""

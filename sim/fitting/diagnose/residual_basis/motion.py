@@ -42,8 +42,8 @@ def by_speed(basis: Basis) -> Iterator[FunctionGroup]:
     for what, kind, entries in (("heading", "heading", [OFFSET]), ("yaw rate", "rate", [BIAS_R]),
                                 ("specific force", "accel", [BIAS_AX, BIAS_AY])):  # fmt: skip
         yield basis.on_nodes(f"{what} error over speed", WORD, kind, entries, few)
-    yield function_group("place error over speed", WORD, "place", ["along", "across", "along 2", "across 2", "x r", "y r"],
-                _ways(basis))  # fmt: skip
+    names = ["along", "across", "along 2", "across 2", "x r", "y r"]
+    yield function_group("place error over speed", WORD, "place", names, _ways(basis))
 
 
 def _products(nu: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,7 +1,7 @@
-"""One effect beside those believed in, and whether it may be named.
+"""Score of one candidate effect beside the active ones, and whether it may be named.
 
-Accepted is an effect whose evidence against "it is not there" is at least `LEAST_EVIDENCE_NATS`, against "it is within its tolerance
-band" at least `LEAST_GAIN_NATS`, and whose size exceeds the smallest worth a name by its lower 95 % limit.
+A candidate is accepted where its log evidence exceeds that of its absence by `LEAST_EVIDENCE_NATS` and that of its
+tolerance band by `LEAST_GAIN_NATS`, and where the lower 95 % limit of its size exceeds the smallest size worth a name.
 """
 
 from __future__ import annotations

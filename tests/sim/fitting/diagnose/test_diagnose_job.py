@@ -232,7 +232,7 @@ def test_a_log_that_holds_too_little_is_named_before_the_search(
     def searched(*_):
         raise AssertionError("the search is long")
 
-    monkeypatch.setattr(job, "search", searched)
+    monkeypatch.setattr(job, "search_causes", searched)
     good, bad = tmp_path / "drive.csv", tmp_path / "bad.csv"
     write_run(drive, good)
     write_run(alter(drive), bad)
@@ -272,7 +272,7 @@ def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak
 @pytest.mark.long
 def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monkeypatch):
     """As if the held-out readings had become worse: no name is left, and the files are those of the refitted base."""
-    monkeypatch.setattr(job, "refuted", lambda _verdict, _judged: HARMFUL)
+    monkeypatch.setattr(job, "held_out_objection", lambda _verdict, _judged: HARMFUL)
     run = weak[2].split.used[0].log.run
     found = job.diagnose([run], VESSEL, identifiability=None)
     assert found.verdict == "unknown" and not found.causes and not found.selection.causes

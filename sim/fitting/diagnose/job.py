@@ -120,20 +120,26 @@ def diagnose(
     fit = PosteriorFit(
         EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient)
     )
-    found = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
+    search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     say(STEPS[2], "refitted base", 0.0)
-    plain, standing = refit(fit, found.selection.base)
-    verdict = conclude(fit, found, ambient, adequacy, seed, bool(known))
-    mended = mend(fit, plain, verdict.selection.final, verdict.causes)
+    refitted_base, refitted_point = refit(fit, search_result.selection.base)
+    verdict = conclude(fit, search_result, ambient, adequacy, seed, bool(known))
+    files_and_model = mend(fit, refitted_base, verdict.selection.final, verdict.causes)
     say(STEPS[2], "", 1.0)
     say(STEPS[3], "", 0.0)
-    believed = {"base": ModelUnderTest({}, found.selection.base.noise), "refit": plain, "extended": mended.extended}
-    judged = score(data.held_out, vessel, fit.effects, believed, fit.physics, seed)
-    if verdict.causes and not known and (why := held_out_objection(verdict, judged)):
+    models = {
+        "base": ModelUnderTest({}, search_result.selection.base.noise),
+        "refit": refitted_base,
+        "extended": files_and_model.extended,
+    }
+    held_out_score = score(data.held_out, vessel, fit.effects, models, fit.physics, seed)
+    if verdict.causes and not known and (why := held_out_objection(verdict, held_out_score)):
         verdict = without_causes(fit, verdict, why, ambient, adequacy)
-        mended = mend(fit, plain, verdict.selection.final, ())
-        judged = score(data.held_out, vessel, fit.effects, believed | {"extended": plain}, fit.physics, seed)
+        files_and_model = mend(fit, refitted_base, verdict.selection.final, ())
+        held_out_score = score(
+            data.held_out, vessel, fit.effects, models | {"extended": refitted_base}, fit.physics, seed
+        )
     apart = identifiability(fit, verdict.selection) if identifiability else None
     say(STEPS[3], "", 1.0)
     return Diagnosis(
@@ -141,8 +147,8 @@ def diagnose(
         split=data.split,
         fit=fit,
         selection=verdict.selection,
-        refit=plain,
-        refit_point=standing,
+        refit=refitted_base,
+        refit_point=refitted_point,
         ambient=ambient,
         reference=reference.meta.source if reference is not None else "",
         causes=verdict.causes,
@@ -151,8 +157,8 @@ def diagnose(
         withdrawn=verdict.withdrawn,
         adequacy=verdict.adequacy,
         identifiability=apart,
-        files=mended.files,
-        held_out=judged,
+        files=files_and_model.files,
+        held_out=held_out_score,
         visible=detection_limits(fit, verdict.selection.final),
         problems={used.log.name: problems(used.log.run) for used in data.split.used},
         seed=seed,
@@ -184,7 +190,7 @@ def _ambient(reference: Run, vessel: VesselFile, say: Progress) -> Noise:
     run = usable(NamedLog(reference.meta.source, reference), vessel).run
     reject_swapped_columns(run)
     calm = split_at_pauses(run)
-    everyday = [e for e in catalogue(vessel, calm) if e.everyday]
+    everyday = [e for e in catalogue(vessel, calm) if e.always_free]
     model = Selector(PosteriorFit(EffectPhysics(calm, vessel, WINDOW_S), everyday, stated_noise(vessel, calm))).base()
     say(STEPS[0], "", 1.0)
     return model.noise

@@ -105,7 +105,7 @@ def mended(logs: Sequence[Run], base: VesselFile, say: Callable[[str], None] = l
     files = {"refitted": found.files.refitted, "extended": found.files.extended}
     loaded = {name: load_vessel(vessel_toml(vessel), name=f"{name}.toml") for name, vessel in files.items()}
     names = tuple(n.effect.name for n in found.causes)
-    return DiagnosedBoat(str(found.verdict), names, found.files.left, {"base": base, **loaded})
+    return DiagnosedBoat(str(found.verdict), names, found.files.not_in_file, {"base": base, **loaded})
 
 
 def trips(

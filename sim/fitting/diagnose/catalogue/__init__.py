@@ -1,4 +1,7 @@
-"""The catalogue: one small entry an effect, in four rooms. `catalogue` gathers them for one boat and its logs."""
+"""The catalogue of effects: hull, propulsion, environment, sensors. `catalogue` makes it for one boat and its logs.
+
+Every entry competes on the same terms: an equation as hooks, parameters with priors, the smallest size worth a name.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,18 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.propulsion import STARTS, Onset
 from sim.fitting.diagnose.posterior.clock import LogClock
 
-ONSET_STEP_S = 60.0  # how far apart the starts of the search for an onset are; assumed
+ONSET_STEP_S = 60.0  # interval between the starts of the search for an onset; assumed
 LONG_S = 1200.0
-"""Logs that span more, such as an hour's or those of two days, get no more entries than these: memory; assumed."""
-ACROSS = 3  # places a side at which the search for a zone starts; assumed
+"""Longest span with an onset every `ONSET_STEP_S`; longer logs get no more entries than this one: memory; assumed."""
+ACROSS = 3  # starts of the search for a zone along each axis; assumed
 
 
 def catalogue(
     vessel: VesselFile, runs: Sequence[Run], more: Sequence[Effect] = (), clock: LogClock | None = None
 ) -> tuple[Effect, ...]:
-    """All entries for one boat and its logs; `more`: a user's own; `clock`: as of `Physics`.
+    """All entries for `vessel` and the logs `runs`; `more`: a user's own; `clock`: of the logs (default: of `runs`).
 
-    ValueError where two have one id.
+    ValueError where two entries have one id.
     """
     places = np.concatenate([run.samples("north_m", "east_m")[1] for run in runs])
     low, high = np.quantile(places, (0.05, 0.95), axis=0)
@@ -53,9 +56,10 @@ def catalogue(
 
 
 def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -> tuple[Onset, ...]:
-    """Where to look for an onset; where logs span more than `LONG_S`, in each log by itself.
+    """Starts of the search for an onset on the shared clock, each with the half width that it covers [s].
 
-    Of more logs than that leaves room for, spread over what was logged.
+    `begins`, `lengths` (logs,); `start`, `end` of the shared clock [s]. One every `ONSET_STEP_S` of the span; where the
+    span exceeds `LONG_S`, one every `ONSET_STEP_S` of each log; where that is too many, evenly over the logged time.
     """
     if end - start <= LONG_S:
         return tuple((t, ONSET_STEP_S / 2) for t in np.arange(start + ONSET_STEP_S / 2, end, ONSET_STEP_S).tolist())
@@ -73,12 +77,12 @@ def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -
 
 
 def without_effects(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
-    """`entries` without those of some names, or heads of names (`thruster_gain` of `thruster_gain:rear_port`).
+    """`entries` without those of `names`: full names, or families (`thruster_gain` of `thruster_gain:rear_port`).
 
-    For the question what a diagnosis would say of something that it did not know. ValueError where there is none such.
+    Shows what a diagnosis says of an effect that it does not know. ValueError for an unknown name.
     """
-    there = {e.name for e in (*entries, *stochastic.effects()) if e.family != "base"}
-    heads = {name.partition(":")[0] for name in there}
-    if strange := [name for name in names if name not in there | heads]:
-        raise ValueError(f"without {strange[0]!r}: no such effect; there are {', '.join(sorted(heads))}")
+    known = {e.name for e in (*entries, *stochastic.effects()) if e.family != "base"}
+    families = {name.partition(":")[0] for name in known}
+    if unknown := [name for name in names if name not in known | families]:
+        raise ValueError(f"without {unknown[0]!r}: no such effect; there are {', '.join(sorted(families))}")
     return tuple(e for e in entries if e.family == "base" or not {e.name, e.name.partition(":")[0]} & set(names))

@@ -9,10 +9,11 @@ An effect is a table row plus one line of physics, written as hooks. A hook take
     thrust   (p, scene, f)      thruster forces (W, k, n) [N]
     water    (p, scene)         velocity of the water over ground, north and east, (W, k, 2) [m/s]
     force    (p, scene)         body force (W, k, 3) [N, N, N m]
-    imu      (p, scene, y)      psi, r, a_x, a_y as the sensors say, (W, k, 4)
-    tag      (p, sight, place)  position samples, (m, 2) [m]
+    imu      (p, scene, y)      readings psi, r, a_x, a_y of heading, gyro and accelerometers, (W, k, 4)
+    tag      (p, tag, place)    predicted position samples, (m, 2) [m]
 
-Hooks work on whole logs at once (numpy arrays), so an entry is as quick as the built-in ones whoever writes it.
+W: windows, k: instants of a window, n: thrusters, m: position samples. Hooks act on whole logs at once (numpy arrays),
+so that a user's entry is as fast as a built-in one.
 """
 
 from __future__ import annotations
@@ -28,19 +29,19 @@ from companion.core.geometry.frames import unrotate
 
 Values = Mapping[str, float]
 Hook = Callable[..., Any]
-TOLERANCE = 0.35  # of the smallest size worth a name; assumed: of three such imperfections one is larger
-ABSENT = 1e-3  # of the smallest size, or of the prior of where and when: as good as not there
+TOLERANCE = 0.35  # sigma of a tolerance band over the smallest size worth a name; assumed
+ABSENT = 1e-3  # the same of an entry that is practically held at zero; of a place or time: over its prior
 READINGS = ("psi", "r", "ax", "ay", "place")
 STAGES = ("hull", "pwm", "maps", "thrust", "water", "force", "imu", "tag")
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number of an effect.
+    """One parameter of an effect, in `unit`.
 
-    `prior`: sigma when the effect is believed in; `smallest`: size below which it is not worth a name; `step`: how
-    far its secant reaches; `lower`, `upper`: what is physically possible. `mean`: round which it is believed; with a
-    narrow prior this is an effect that is there as a whole or not at all.
+    `prior`, `mean`: sigma and mean of its normal prior while the effect is active; a mean other than zero with a narrow
+    prior makes an effect that is present as a whole or not at all. `smallest`: size below which it is not worth a name.
+    `step`: step of the secant by which its Jacobian column is taken. `lower`, `upper`: physical limits.
     """
 
     name: str
@@ -55,15 +56,21 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One entry. `id`: as in findings; `equation`, `signature`: for people.
+    """One entry of the catalogue. `equation` and `signature` are text for the report.
 
-    `same_as`: effects that no log can tell from it. `vector`: the first two parameters are components and their size
-    is the norm. A parameter whose smallest size is infinite says where or when, not how much. `of`: the entry that this
-    one is a variant of (another onset, another place): they answer to one name. `origin`: what to add to a parameter
-    to say it in full. `far`: so unlike the base that its tolerance band says nothing: tried only as a whole. `scales`:
-    the readings (one of `READINGS`) that its one parameter p multiplies by 1 + p. `starts`: entries of the same
-    parameters between it and its neighbours, which differ in `origin` alone: a fit begins at the best of them.
-    `contains`: the name of a simpler entry that is a special case of this one.
+    id, family      key of its parameters in a fit; hull, propulsion, environment, sensors, or base (never named)
+    parameters      P numbers, zero where the effect is absent; a parameter of infinite smallest size is a place or time
+    hooks           physics by stage, see the module
+    vector          the first two parameters are components of one vector, whose norm is the size
+    same_as         names of effects with the same signature in every log: one equivalence class
+    variant_of      name of the family of entries that differ in place or onset only; empty: `id` is the name
+    origin          by parameter, what is added to the fit's value to get the full value (the onset, the zone's centre)
+    nonlinear       so far from linear that a tolerance band means nothing: only tried as an active effect
+    scaled_reading  reading (one of `READINGS`) that its one parameter p multiplies by 1 + p
+    start_entries   entries of other `origin` between this one and its neighbours, from the best of which a fit starts
+    contains        name of a simpler entry that is a special case of this one
+
+    ValueError for an unknown hook or reading.
     """
 
     id: str
@@ -74,66 +81,75 @@ class Effect:
     hooks: Mapping[str, Hook]
     vector: bool = False
     same_as: tuple[str, ...] = ()
-    of: str = ""
+    variant_of: str = ""
     origin: Mapping[str, float] = field(default_factory=dict)
-    far: bool = False
-    scales: str = ""
-    starts: Callable[[], Sequence[Effect]] | None = None
+    nonlinear: bool = False
+    scaled_reading: str = ""
+    start_entries: Callable[[], Sequence[Effect]] | None = None
     contains: str = ""
 
     def __post_init__(self) -> None:
         if unknown := set(self.hooks) - set(STAGES):
             raise ValueError(f"effect {self.id}: unknown hook {sorted(unknown)[0]!r}; there are {', '.join(STAGES)}")
-        if self.scales and self.scales not in READINGS:
-            raise ValueError(f"effect {self.id}: unknown reading {self.scales!r}; there are {', '.join(READINGS)}")
+        if self.scaled_reading and self.scaled_reading not in READINGS:
+            raise ValueError(
+                f"effect {self.id}: unknown reading {self.scaled_reading!r}; there are {', '.join(READINGS)}"
+            )
 
     @property
     def name(self) -> str:
-        """What it is called in findings."""
-        return self.of or self.id
+        """Name in findings."""
+        return self.variant_of or self.id
 
     @property
-    def everyday(self) -> bool:
-        """Free in every fit, within its tolerance band at least."""
-        return not (self.far or self.origin)
+    def always_free(self) -> bool:
+        """Whether its parameters are free in every fit, within their tolerance bands at least."""
+        return not (self.nonlinear or self.origin)
 
     @property
-    def whole(self) -> bool:
-        """There as a whole or not at all."""
+    def all_or_nothing(self) -> bool:
+        """Whether it is present as a whole or not at all."""
         return any(p.mean for p in self.parameters)
 
     def size(self, values: np.ndarray) -> float:
-        """How large, in units of the smallest size worth a name."""
+        """Size of parameter values (P,) in units of the smallest size worth a name."""
         shares = np.asarray(values) / np.array([p.smallest for p in self.parameters])
         return float(np.linalg.norm(shares)) if self.vector else float(np.abs(shares).max())
 
-    def believed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sigma and mean of each parameter while the effect is believed in, (k,)."""
+    def wide_prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sigma and mean (P,) of the parameters' normal prior while the effect is active."""
         return np.array([p.prior for p in self.parameters]), np.array([p.mean for p in self.parameters])
 
     def by_name(self, values: Iterable[Any]) -> dict[str, Any]:
-        """Values (k, ..) by the names of the parameters, origin added."""
+        """Full values, `origin` added, of `values` (P, ..), by name of the parameter."""
         return {p.name: v + self.origin.get(p.name, 0.0) for p, v in zip(self.parameters, values, strict=True)}
 
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest value of each parameter, (k,)."""
+        """Lower and upper physical limit of each parameter, (P,)."""
         return np.array([p.lower for p in self.parameters]), np.array([p.upper for p in self.parameters])
 
     def tolerance(self) -> np.ndarray:
-        """Sigma of each parameter while the effect is not believed in, (k,). Of many places only one is true."""
+        """Sigma (P,) of the tolerance band: the prior round zero while the effect is not active.
+
+        Practically zero for variants (of many places or onsets at most one is true) and for nonlinear entries.
+        """
         if self.family == "base":
             return np.array([p.prior for p in self.parameters])
-        share = TOLERANCE if self.everyday else ABSENT
+        share = TOLERANCE if self.always_free else ABSENT
         return np.array([share * p.smallest if np.isfinite(p.smallest) else ABSENT * p.prior for p in self.parameters])
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All instants of all windows, (W, k): what hooks may ask of the boat's motion.
+    """The boat's motion at the k instants of all W windows, as hooks see it.
 
-    `t_s` of the log and `clock_s` that all logs share, shape (W, k); `x` (W, k, 6) = [x y psi u v r]; `nu_dot`
-    (W, k, 3); `log` (W,): index of the log; `centre_m`: middle of all positions; `middle_s`: of the shared clock;
-    `water` (W, k, 2): north and east velocity of the water, the file's and what effects have brought (None: nil) [m/s].
+    t_s, clock_s    (W, k) time since the beginning of the log, and on the clock that all logs share [s]
+    x               (W, k, 6) states [x y psi u v r]: NED position [m], heading [rad], body velocities [m/s, m/s, rad/s]
+    nu_dot          (W, k, 3) body accelerations [m/s^2, m/s^2, rad/s^2]
+    log             (W,) index of the log
+    centre_m        (2,) mean of all position samples, north and east [m]
+    middle_s        middle of the shared clock [s]
+    water           (W, k, 2) velocity of the water over ground, north and east [m/s]; None: at rest
     """
 
     t_s: np.ndarray
@@ -146,44 +162,44 @@ class Scene:
     water: np.ndarray | None = None
 
     def part(self, steps: int) -> Scene:
-        """The first `steps` instants of each window."""
+        """The same of the first `steps` instants of each window."""
         t, clock, x, nu_dot = (a[:, :steps] for a in (self.t_s, self.clock_s, self.x, self.nu_dot))
         water = None if self.water is None else self.water[:, :steps]
         return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water)
 
     @property
     def north_m(self) -> np.ndarray:
-        """Of the body origin."""
+        """North of the body origin, (W, k)."""
         return self.x[..., 0]
 
     @property
     def east_m(self) -> np.ndarray:
-        """Of the body origin."""
+        """East of the body origin, (W, k)."""
         return self.x[..., 1]
 
     @property
     def psi_rad(self) -> np.ndarray:
-        """Heading, unwrapped."""
+        """Heading, unwrapped, (W, k)."""
         return self.x[..., 2]
 
     @property
     def u_m_s(self) -> np.ndarray:
-        """Surge over ground."""
+        """Surge over ground, (W, k)."""
         return self.x[..., 3]
 
     @property
     def v_m_s(self) -> np.ndarray:
-        """Sway over ground."""
+        """Sway over ground, (W, k)."""
         return self.x[..., 4]
 
     @property
     def r_rad_s(self) -> np.ndarray:
-        """Yaw rate."""
+        """Yaw rate, (W, k)."""
         return self.x[..., 5]
 
     @cached_property
     def nu_r(self) -> np.ndarray:
-        """Surge, sway and yaw rate through the water, (W, k, 3): u v r less R^T `water`."""
+        """Velocity through the water nu_r = nu - R^T(psi) `water`, (W, k, 3) [m/s, m/s, rad/s]. Read-only."""
         if self.water is None:
             return self.x[..., 3:]
         u_c, v_c = unrotate(self.psi_rad, self.water[..., 0], self.water[..., 1])
@@ -194,9 +210,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class TagKinematics:
-    """The tag at each position sample, (m,) or (m, 2): when, where the model has it, how it moves (NED).
+    """Predicted motion of the UWB tag at the m position samples, NED.
 
-    `t_s` since the first position of the log, from which a clock drifts; `clock_s` that all logs share.
+    t_s, clock_s                     (m,) since the log's first position, where a clock begins to drift; shared [s]
+    psi_rad, r_rad_s                 (m,) heading and yaw rate of the boat
+    place_m, velocity_m_s, acceleration_m_s2   (m, 2) of the tag, north and east
+    centre_m                         (2,) mean of all position samples
     """
 
     t_s: np.ndarray
@@ -209,10 +228,10 @@ class TagKinematics:
     centre_m: np.ndarray
 
 
-def parameter_slices(chosen: Sequence[Effect]) -> dict[str, slice]:
-    """Where each effect's parameters are."""
-    found, at = {}, 0
-    for e in chosen:
-        found[e.id] = slice(at, at + len(e.parameters))
-        at += len(e.parameters)
-    return found
+def parameter_slices(effects: Sequence[Effect]) -> dict[str, slice]:
+    """By effect id, the slice of its parameters in the stacked vector (P,) of all `effects`."""
+    columns, start = {}, 0
+    for e in effects:
+        columns[e.id] = slice(start, start + len(e.parameters))
+        start += len(e.parameters)
+    return columns

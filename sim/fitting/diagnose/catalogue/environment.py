@@ -1,4 +1,4 @@
-"""Water, air and what holds the boat."""
+"""Effects of the environment: current, wind, tether, shallow water (Fossen 2011, chapter 8). Vectors in NED."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from sim.fitting.diagnose.catalogue.parts import (
     zone_weight,
 )
 
-FASTEST_DEG_S = 1.2  # of a current that turns; the search starts from rates up to this; assumed
-PHASE_RAD = 1.0  # by how much neighbouring starts differ at the ends of the logs
-PRESSURE = RHO_AIR / 2  # Pa, of a wind of 1 m/s
-PULL_N = 0.75  # of a tether in the middle of its water that is worth a name: the smallest stiffness at 15 m; assumed
-ZONE_RADIUS_M = 4.0  # from which the search for a shallow starts; assumed
+FASTEST_DEG_S = 1.2  # largest turn rate of a current from which the search starts; assumed
+PHASE_RAD = 1.0  # difference of neighbouring starts at the ends of the logs
+PRESSURE = RHO_AIR / 2  # dynamic pressure of a wind of 1 m/s [Pa]
+PULL_N = 0.75  # smallest pull worth a name at the middle of the positions: the smallest stiffness at 15 m; assumed
+ZONE_RADIUS_M = 4.0  # radius from which the search for a shallow zone starts; assumed
 
 
 def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span_s: float) -> Iterator[Effect]:
-    """Entries; `centres_m`: where a zone may lie; `span_s`: of all logs on the shared clock."""
+    """Entries; `centres_m`: starts of the search for a zone (north, east); `span_s`: of all logs on one clock."""
     yield Effect(
         "current",
         "environment",
@@ -77,17 +77,21 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
         ),
         {"water": water},
         vector=True,
-        of="turning_current",
+        variant_of="turning_current",
         origin={"turn_deg_s": start_deg_s},
         contains="current",
     )
 
 
 def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
-    """Dynamic pressure as a vector along the wind: the force on a boat at rest is all but linear in it, from nil on.
+    """Wind force (W, k, 3) by the dynamic pressure vector q = rho/2 V^2 [cos, sin](direction it blows towards) [Pa].
 
-    The speed is not: its root is vertical at nil. So airs too light for a name are shares of one along each axis, half
-    the difference of those from its two ends: a boat under way feels more of a wind from ahead than of one from astern.
+    On a boat at rest the force is linear in q, whereas V = sqrt(2 q / rho) has an infinite slope at zero. On a moving
+    boat light air is not linear in q either, so below `PRESSURE` the force is blended into
+
+        q_N / PRESSURE (F(1 m/s from S) - F(1 m/s from N)) / 2, and the same for east,
+
+    the central difference of 1 m/s along each axis: smooth through zero, without the drag of the boat's own speed.
     """
     north, east = p["north_Pa"], p["east_Pa"]
     pressure = float(np.hypot(north, east))
@@ -125,7 +129,7 @@ def _tether(arm_m: float, around_m: float) -> Effect:
             EffectParameter("arm_m", "m", around_m, np.inf, 0.05),
         ),
         {"force": force},
-        of="tether",
+        variant_of="tether",
         origin={"arm_m": arm_m},
     )
 
@@ -144,6 +148,6 @@ def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
         "sluggish in one part of the basin",
         (*scalar_parameter("share", "1", 0.8, 0.15, 0.0, 10.0), *where),
         {"force": force},
-        of="shallow_zone",
+        variant_of="shallow_zone",
         origin={"north_m": centre[0], "east_m": centre[1], "radius_m": ZONE_RADIUS_M},
     )

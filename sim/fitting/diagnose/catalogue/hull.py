@@ -1,4 +1,8 @@
-"""Hull: inertia, damping, coupling."""
+"""Effects of the hull: inertia, damping, coupling (Fossen 2011).
+
+Hooks `hull` change coefficients of M nu_dot + C(nu_r) nu_r + D(nu_r) nu_r = tau by name; hooks `force` give a body
+force (W, k, 3) [N, N, N m] along the motion, where the file's model has no coefficient for the effect.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +16,9 @@ from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook,
 from sim.fitting.diagnose.catalogue.parts import scalar_parameter, share_parameter, vector_parameters
 from sim.fitting.engine.parameters import HULL
 
-BASE_SIGMA = 0.025  # of each number of the vessel file, always: nobody knows them better; assumed
+BASE_SIGMA = 0.025  # relative sigma of each coefficient of the vessel file; assumed
 COUPLED_SIGMA = {"M23_kg_m": 0.005, "Y_r_N_s": 0.01, "N_v_N_s": 0.01}
-"""Of a coupling, as a share of the root of its diagonals: assumed. Most of M23 is `cg_shift`, which has a band too."""
+"""Sigma of a coupling over the root of its diagonals' product; assumed. Most of M23 is in the band of `cg_shift`."""
 COUPLED = {
     "M23_kg_m": ("M22_kg", "M33_kg_m2"),
     "Y_r_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
@@ -28,14 +32,14 @@ HullHook = Callable[[Values, Coefficients], Coefficients]
 
 
 def scaled(*names: str) -> HullHook:
-    """All of `names` times 1 + share."""
+    """Hook that multiplies the coefficients `names` by 1 + share."""
     return lambda p, c: c | {n: c[n] * (1 + p["share"]) for n in names}
 
 
 def base(vessel: VesselFile) -> Iterator[Effect]:
-    """Each coefficient on its own: never named, always allowed for."""
+    """One nuisance for each coefficient: free in every fit, never named."""
     i = vessel.inertia
-    sums = {  # of two numbers of the file, each of which is not quite right
+    sums = {  # entries of M that are sums of two numbers of the file with independent errors
         "M11_kg": (i.mass_kg, -i.X_udot_kg),
         "M22_kg": (i.mass_kg, -i.Y_vdot_kg),
         "M33_kg_m2": (i.I_z_kg_m2 + i.mass_kg * (i.x_g_m**2 + i.y_g_m**2), -i.N_rdot_kg_m2),
@@ -50,12 +54,12 @@ def base(vessel: VesselFile) -> Iterator[Effect]:
 
 
 def _coupling(name: str, one: str, other: str) -> HullHook:
-    """A coupling may have any sign: its share is of the root of the two diagonal entries."""
+    """Hook for a coupling, which may have any sign: c + share sqrt(|c_one c_other|) of its two diagonal entries."""
     return lambda p, c: c | {name: c[name] + p["share"] * float(np.sqrt(abs(c[one] * c[other])))}
 
 
 def effects(vessel: VesselFile) -> Iterator[Effect]:
-    """Entries that are named."""
+    """Entries of the hull that can be named."""
     inertia = vessel.inertia
     added = {"M11_kg": -inertia.X_udot_kg, "M22_kg": -inertia.Y_vdot_kg}
     M33 = mass_matrix(vessel)[2, 2]
@@ -138,7 +142,7 @@ def _payload(c: Coefficients, m: float, x_g: float) -> Coefficients:
 
 
 def _shifted(p: Values, scene: Scene, mass_kg: float) -> np.ndarray:
-    """What a centre of gravity elsewhere takes off the left-hand side (Fossen 2011, 3.3), as a force."""
+    """Force of a shift (x, y) of the centre of gravity: its terms of M nu_dot + C nu (Fossen 2011, 3.3), negated."""
     u, v, r = scene.u_m_s, scene.v_m_s, scene.r_rad_s
     u_dot, v_dot, r_dot = (scene.nu_dot[..., i] for i in range(3))
     x, y = p["x_g_m"], p["y_g_m"]
@@ -147,7 +151,7 @@ def _shifted(p: Values, scene: Scene, mass_kg: float) -> np.ndarray:
 
 
 def _cross_flow(p: Values, scene: Scene, vessel: VesselFile) -> np.ndarray:
-    """Strips along the hull; two hulls half in each other's lee count 1.5 (assumed)."""
+    """Cross-flow drag summed over `STRIPS` strips along the hull; two hulls count 1.5 (assumed)."""
     x = (np.arange(STRIPS) + 0.5) / STRIPS * vessel.hull.length_m - vessel.hull.length_m / 2
     nu_r = scene.nu_r
     across = nu_r[..., 1:2] + x * nu_r[..., 2:]

@@ -12,7 +12,7 @@ from sim.fitting.diagnose.vessel_edits.public_table import PUBLIC
 
 
 def rows(vessel: VesselFile, effects: Iterable[Effect]) -> Iterator[str]:
-    """A row of Markdown for each family that can be named. Smallest sizes: of this boat."""
+    """One Markdown row for each family that can be named; smallest sizes are those of `vessel`."""
     seen: set[str] = set()
     for effect in effects:
         name = family(effect.name)

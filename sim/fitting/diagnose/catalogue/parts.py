@@ -1,4 +1,4 @@
-"""What entries of the catalogue are made of: parameters in short, vectors, numbers of the vessel file, model forces."""
+"""Building blocks of catalogue entries: parameter constructors, rotations, wind and damping forces of the file."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from sim.fitting.diagnose.catalogue.effect import EffectParameter, Scene
 from sim.fitting.engine.batched import Batch
 from sim.fitting.engine.parameters import HULL
 
-REACH = 0.3  # of the smallest size worth a name: how far secants reach
+REACH = 0.3  # step of a secant over the smallest size worth a name
 
 
 def scalar_parameter(
     name: str, unit: str, prior: float, smallest: float, lower: float = -np.inf, upper: float = np.inf
 ) -> tuple[EffectParameter, ...]:
-    """One parameter of stated prior, smallest size and limits."""
+    """One parameter with prior sigma, smallest size and limits; secant step `REACH` times the smallest size."""
     return (EffectParameter(name, unit, prior, smallest, REACH * smallest, lower, upper),)
 
 
 def share_parameter(
     prior: float, smallest: float, lower: float = -0.95, upper: float = 10.0
 ) -> tuple[EffectParameter, ...]:
-    """One relative change."""
+    """One relative change, `share`: the quantity becomes (1 + share) times that of the file."""
     return scalar_parameter("share", "1", prior, smallest, lower, upper)
 
 
@@ -49,7 +49,7 @@ def body_to_ned(psi_rad: np.ndarray, ahead: Any, starboard: Any) -> tuple[np.nda
 
 
 def zone_weight(north_m: np.ndarray, east_m: np.ndarray, centre: tuple[float, float], radius_m: float) -> np.ndarray:
-    """1 inside a circle, 0 outside, over an edge of half a metre (assumed)."""
+    """Weight 1 inside a circle, 0 outside; logistic edge of half a metre (assumed)."""
     inside = radius_m - np.hypot(north_m - centre[0], east_m - centre[1])
     return 1 / (1 + np.exp(-np.clip(inside / 0.5, -50, 50)))
 
@@ -65,19 +65,19 @@ def _wind(coefficients: tuple[tuple[str, Any], ...], hull: Any, count: int) -> B
 
 
 class _Hull:
-    """Stands for a vessel file where a term asks for its hull only."""
+    """Stand-in for a vessel file where a load term reads its hull only."""
 
     def __init__(self, hull: Any):
         self.hull = hull
 
 
 def wind_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
-    """Force (W, k, 3) of wind V_w from beta_w [deg], beside that of still air (which the base has or has not)."""
+    """Wind force (W, k, 3) [N, N, N m] of speed V_w from beta_w [deg], less that of still air on the moving boat."""
     return air_force(vessel, scene, V_w_m_s, beta_w_deg) - air_force(vessel, scene, 0.0, beta_w_deg)
 
 
 def air_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
-    """Force (W, k, 3) of air that moves with V_w from beta_w [deg] on a boat that moves too."""
+    """Force (W, k, 3) [N, N, N m] of air with speed V_w from beta_w [deg] on the moving boat (Fossen 2011, 8.1)."""
     count, x = scene.t_s.size, scene.x.reshape(-1, 6)
     given = tuple(sorted((k, v) for k, v in vessel.terms.get("wind", {}).items() if k.startswith("c_")))
     function = _wind(given, vessel.hull, count)
@@ -93,7 +93,7 @@ def _damping(count: int) -> Batch:
 
 
 def hull_damping(vessel: VesselFile, scene: Scene) -> np.ndarray:
-    """D(nu_r) nu_r of the vessel file along the motion, (W, k, 3): what damping takes off."""
+    """D(nu_r) nu_r of the vessel file along the motion, (W, k, 3) [N, N, N m]; the force is its negative."""
     count = scene.t_s.size
     coefficients = np.array([getattr(vessel.damping, name, 0.0) for name in HULL])
     (out,) = _damping(count)(np.tile(coefficients, (count, 1)), scene.nu_r.reshape(count, 3))

@@ -1,4 +1,4 @@
-"""Thrusters, speed controllers and battery."""
+"""Effects of propulsion: thrusters, speed controllers, battery. f: thruster forces (W, k, n) [N]; tau = B f."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from companion.core.model.thrust_losses import jet_sign
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import scalar_parameter, share_parameter
 
-TRIM_US = 2.0  # sigma of a speed controller's neutral, always; assumed
-WHOLE = 0.02  # sigma of the share of pulses that change places, where two do: all of them; assumed
-STARTS = 13  # onsets from which a fit may begin, between one entry's neighbours; assumed
-WASH_N = 30.0  # thrust of the one ahead at which the loss is stated
+TRIM_US = 2.0  # sigma of a speed controller's neutral; assumed
+WHOLE = 0.02  # sigma of the share of commands that two swapped thrusters exchange, of mean 1; assumed
+STARTS = 13  # onsets between one entry's neighbours from which a fit may start; assumed
+WASH_N = 30.0  # thrust of the thruster ahead at which the loss is stated
 Onset = tuple[float, float]
-"""When fouling may begin on the common clock, and how far round that to look [s]."""
+"""Start of the search for an onset on the shared clock, and half the width of the interval round it [s]."""
 
 
 def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
-    """Entries; `onsets`: where the search for the onset of fouling starts."""
+    """Entries of propulsion that can be named; `onsets`: starts of the search for the onset of fouling."""
     names = [t.name for t in vessel.thrusters]
     for i, name in enumerate(names):
         yield Effect(
@@ -44,9 +44,9 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
             "answers with the wrong force, opposite in some axis",
             (
                 EffectParameter("share", "1", WHOLE, 0.5, 1.0, 0.0, 1.2, mean=1.0),
-            ),  # secant of the whole: 0.2 stop some pairs
+            ),  # secant over the whole share: at 0.2 some pairs of commands cancel
             {"pwm": _swap(i, j)},
-            far=True,
+            nonlinear=True,
         )
     yield from _common(vessel)
     yield from _timing(vessel)
@@ -54,7 +54,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
 
 
 def base(vessel: VesselFile) -> Iterator[Effect]:
-    """Always allowed for, never named: a neutral that is not quite where the file has it."""
+    """Neutral pulse width of each speed controller: free in every fit, never named."""
     for i, thruster in enumerate(vessel.thrusters):
         parameter = EffectParameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
         hook = _trimmed(i)
@@ -71,9 +71,9 @@ def _trimmed(i: int) -> Callable[[Values, VesselFile], VesselFile]:
 
 
 def _scaled(vessel: VesselFile, factor: Callable[[Values], float], *which: int) -> dict[str, Hook]:
-    """The hook by which some thrusters, or all, give a share of their force.
+    """Hook by which thrusters `which` (none: all) give `factor`(p) times their force.
 
-    Where the file has a rate limit by gains in the file itself: the limit acts on what is left of the force.
+    In a file with a rate limit the gains of the file itself are changed, since the limit acts on the reduced force.
     """
     mine = which or tuple(range(len(vessel.thrusters)))
 
@@ -94,7 +94,7 @@ def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Ef
     def hook(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         out = f.copy()
         since = scene.clock_s - onset_s - p["onset_s"]
-        out[..., i] *= 1 + p["gain"] / (1 + np.exp(-np.clip(since, -50, 50)))  # over a second or two
+        out[..., i] *= 1 + p["gain"] / (1 + np.exp(-np.clip(since, -50, 50)))  # logistic onset, 1 s time scale
         return out
 
     return Effect(
@@ -104,9 +104,9 @@ def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Ef
         "as a loss of this thruster that begins during the log",
         (*scalar_parameter("gain", "1", 0.5, 0.08, -1.0, 0.0), EffectParameter("onset_s", "s", 20.0, np.inf, 3.0)),
         {"thrust": hook},
-        of=f"thruster_fouling:{name}",
+        variant_of=f"thruster_fouling:{name}",
         origin={"onset_s": onset_s},
-        starts=starts,
+        start_entries=starts,
     )
 
 
@@ -208,7 +208,7 @@ def _timing(vessel: VesselFile) -> Iterator[Effect]:
         (EffectParameter("slowness_s_N", "s/N", 0.03, 1 / 150, 0.02, 0.0, 1.0),),
         {"maps": _limited},
         origin={"slowness_s_N": 1 / slew_N_s} if slew_N_s else {},
-        far=True,
+        nonlinear=True,
     )
 
 
@@ -221,7 +221,7 @@ def _propulsion(key: str, least: float) -> Callable[[Values, VesselFile], Vessel
 
 
 def _limited(p: Values, vessel: VesselFile) -> VesselFile:
-    """On top of a limit that the file has; a slowness of nil is no limit."""
+    """Rate limit 1 / (slowness + 1 / the file's limit) [N/s]; a slowness of zero is no limit."""
     now = vessel.propulsion
     slowness = p["slowness_s_N"] + (1 / now.slew_N_s if now.slew_N_s else 0.0)
     return replace(vessel, propulsion=replace(now, slew_N_s=1 / slowness if slowness > 0 else None))

@@ -1,4 +1,4 @@
-"""What the sensors say beside the truth."""
+"""Effects of the sensors: readings = truth + error. Hooks `imu` on psi, r, a_x, a_y; hooks `tag` on positions (NED)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from sim.fitting.diagnose.catalogue.parts import body_to_ned, scalar_parameter, 
 
 PSI, RATE, SURGE, SWAY = range(4)
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
-
-
-ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale, always: ICM-42688-P data sheet, +-0.5 %, uncalibrated
+ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale: ICM-42688-P data sheet, +-0.5 %, uncalibrated
 
 
 def base() -> Iterator[Effect]:
-    """Always allowed for, never named."""
+    """Scales of the two accelerometers: free in every fit, never named."""
     for name, channel in (("x", SURGE), ("y", SWAY)):
         parameter = EffectParameter("share", "1", ACCEL_SCALE, ACCEL_SCALE, ACCEL_SCALE)
         hook = _scaled(channel)
         text = f"a_{name} (1 + share)"
-        yield Effect(f"base:accel_{name}", "base", text, "", (parameter,), {"imu": hook}, scales=f"a{name}")
+        yield Effect(f"base:accel_{name}", "base", text, "", (parameter,), {"imu": hook}, scaled_reading=f"a{name}")
 
 
 def _scaled(channel: int) -> ImuHook:
@@ -36,14 +34,14 @@ def _scaled(channel: int) -> ImuHook:
 
 
 def effects() -> Iterator[Effect]:
-    """Entries that are named."""
+    """Entries of the sensors that can be named."""
     yield from _inertial()
     yield from _heading()
     yield from _tag()
 
 
 def added(**terms: Callable[[Values, Scene, np.ndarray], np.ndarray | float]) -> ImuHook:
-    """Something more on some channels, by name: psi, r, ax, ay."""
+    """Hook that adds `terms` (p, scene, y) to channels by name: psi [rad], r [rad/s], ax, ay [m/s^2]."""
     index = {"psi": PSI, "r": RATE, "ax": SURGE, "ay": SWAY}
 
     def hook(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
@@ -60,7 +58,9 @@ def _inertial() -> Iterator[Effect]:
         id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hook: ImuHook, scales: str = ""
     ) -> Effect:
         several = len(parameters) > 1
-        return Effect(id, "sensors", equation, signature, parameters, {"imu": hook}, vector=several, scales=scales)
+        return Effect(
+            id, "sensors", equation, signature, parameters, {"imu": hook}, vector=several, scaled_reading=scales
+        )
 
     yield Effect(
         "accel_bias",
@@ -153,37 +153,39 @@ def _tag() -> Iterator[Effect]:
         scales: str = "",
     ) -> Effect:
         several = len(parameters) > 1
-        return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scales=scales)
+        return Effect(
+            id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scaled_reading=scales
+        )
 
-    def late(sight: TagKinematics, delay_s: np.ndarray) -> np.ndarray:
-        return -delay_s[:, None] * sight.velocity_m_s + (delay_s**2 / 2)[:, None] * sight.acceleration_m_s2
+    def late(tag: TagKinematics, delay_s: np.ndarray) -> np.ndarray:  # p(t - delay) - p(t), second order
+        return -delay_s[:, None] * tag.velocity_m_s + (delay_s**2 / 2)[:, None] * tag.acceleration_m_s2
 
     yield entry(
         "uwb_latency",
         "p(t - latency)",
         "positions lag behind in proportion to speed",
         scalar_parameter("latency_s", "s", 0.2, 0.04),
-        lambda p, sight, place: place + late(sight, np.full(len(place), p["latency_s"])),
+        lambda p, tag, place: place + late(tag, np.full(len(place), p["latency_s"])),
     )
     yield entry(
         "clock_drift",
         "p(t - drift t)",
         "positions lag more and more",
         scalar_parameter("drift", "s/s", 1.5e-3, 3e-4),
-        lambda p, sight, place: place + late(sight, p["drift"] * sight.t_s),
+        lambda p, tag, place: place + late(tag, p["drift"] * tag.t_s),
     )
     yield entry(
         "uwb_lever_arm",
         "p + R l",
         "positions circle when the boat turns on the spot",
         vector_parameters("x_m", "y_m", "m", 0.15, 0.03),
-        lambda p, sight, place: place + np.stack(body_to_ned(sight.psi_rad, p["x_m"], p["y_m"]), axis=1),
+        lambda p, tag, place: place + np.stack(body_to_ned(tag.psi_rad, p["x_m"], p["y_m"]), axis=1),
     )
     yield entry(
         "uwb_scale",
         "(1 + scale) p",
         "distances over ground too long or too short against speed and inertial sensors",
         scalar_parameter("scale", "1", 0.05, 0.01),
-        lambda p, sight, place: place + p["scale"] * (place - sight.centre_m),
+        lambda p, tag, place: place + p["scale"] * (place - tag.centre_m),
         scales="place",
     )

@@ -1,4 +1,7 @@
-"""What pushes or reports at random. No column says it: `stochastic_effects` has a test for each entry."""
+"""Stochastic effects: waves, gusts, fixes without line of sight. They have no hooks and no Jacobian columns:
+
+`stochastic_effects` has a likelihood test for each entry.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,8 @@ from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.catalogue.parts import scalar_parameter
 
 
-def _beside(name: str, unit: str, prior: float) -> EffectParameter:
-    """A parameter that says where or when, not how much."""
+def _location(name: str, unit: str, prior: float) -> EffectParameter:
+    """A parameter of place, time or direction: its smallest size is infinite."""
     return EffectParameter(name, unit, prior, np.inf, prior)
 
 
@@ -20,8 +23,8 @@ WAVES = Effect(
     "rocked along one direction over ground, with one period",
     (
         *scalar_parameter("F_w_N", "N", 2.0, 0.4, 0.0),
-        _beside("T_p_s", "s", 2.0),
-        _beside("beta_wave_deg", "deg", 180.0),
+        _location("T_p_s", "s", 2.0),
+        _location("beta_wave_deg", "deg", 180.0),
     ),
     {},
 )
@@ -32,9 +35,9 @@ GUSTY_WIND = Effect(
     "pushed the same way over ground, now more, now less",
     (
         *scalar_parameter("V_w_m_s", "m/s", 5.0, 1.5, 0.0),
-        _beside("beta_w_deg", "deg", 180.0),
-        _beside("gustiness", "1", 0.5),
-        _beside("gust_time_s", "s", 10.0),
+        _location("beta_w_deg", "deg", 180.0),
+        _location("gustiness", "1", 0.5),
+        _location("gust_time_s", "s", 10.0),
     ),
     {},
 )
@@ -45,13 +48,13 @@ NLOS = Effect(
     "some positions lie too far from one anchor, never too near",
     (
         *scalar_parameter("share", "1", 0.1, 0.03, 0.0, 1.0),
-        _beside("extra_m", "m", 1.0),
-        _beside("anchor", "1", 10.0),
+        _location("extra_m", "m", 1.0),
+        _location("anchor", "1", 10.0),
     ),
     {},
 )
 
 
 def effects() -> tuple[Effect, ...]:
-    """All of them."""
+    """All stochastic entries."""
     return WAVES, GUSTY_WIND, NLOS

@@ -13,15 +13,16 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 
 
 def user_effects(path: Path) -> Callable[[VesselFile], Sequence[Effect]]:
-    """The file's `effects`, checked as it is called. ConfigError naming the file where it is no such file.
+    """The file's function `effects`, whose result is checked when it is called.
 
-    The file is run: only name one that you trust.
+    ConfigError with the file's name where it cannot be run, defines no `effects`, or yields anything but `Effect`.
+    OSError where it cannot be read. The file is run as Python: name only one that you trust.
     """
     try:
         made: dict[str, Any] = run_path(str(path))
     except OSError:
         raise
-    except Exception as error:  # whatever a user's file does wrong is said with the file's name
+    except Exception as error:  # any error of a user's file is reported with the file's name
         raise ConfigError(f"{path}: {type(error).__name__}: {error}") from error
     if not callable(made.get("effects")):
         raise ConfigError(f"{path}: defines no function effects(vessel)")

@@ -34,11 +34,11 @@ def converged_rollout(
         if np.abs(now.x - before.x).max() < STILL:
             return now
         if pushing:
-            now = _nearer(physics, pushing, theta, before, now)
+            now = _newton_update(physics, pushing, theta, before, now)
     return now
 
 
-def _nearer(
+def _newton_update(
     physics: EffectPhysics,
     effects: Sequence[Effect],
     theta: ParameterValues,
@@ -47,8 +47,8 @@ def _nearer(
 ) -> WindowTrajectories:
     """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
     feedback, (W, K) = physics.feedback(effects, theta, now), physics.windows.size
-    old, new = (physics.extra(effects, theta, physics.scene(s), now.forces.f)[0] for s in (before, now))
-    a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.react.T, now.with_feedback(feedback).A
+    old, new = (physics.hook_forces(effects, theta, physics.scene(s), now.forces.f)[0] for s in (before, now))
+    a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.mass_ratio.T, now.with_feedback(feedback).A
     pushes = AccelerationPartials.of(a[..., None], np.zeros((W, K, 3, 1)))
     dx = sensitivities(A, pushes, physics.windows.h_s)[..., X0_D]
     nu_dot = now.nu_dot + a + (A[..., 3:, :] @ dx[..., None])[..., 0]

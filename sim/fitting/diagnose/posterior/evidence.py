@@ -36,7 +36,7 @@ class Prior:
         return 1 / self.sigma**2
 
     @staticmethod
-    def round_nil(sigma: np.ndarray) -> Prior:
+    def zero_mean(sigma: np.ndarray) -> Prior:
         """Of mean nil."""
         return Prior(sigma, np.zeros_like(sigma))
 
@@ -78,7 +78,7 @@ class Posterior:
     covariance: np.ndarray
     prior: Prior
 
-    def instead(self, at: slice, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
+    def under_prior(self, at: slice, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
         """Nats that the evidence gains with another prior on some parameters; their values and covariance then.
 
         With S, m of these parameters now, sigma, mu of a prior, L = S^-1 - Sigma_was^-1 is what the data say of them
@@ -92,7 +92,7 @@ class Posterior:
         gain = h @ C @ h - m @ known @ m + _log_det(C) - _log_det(S) + 2 * float(np.log(was.sigma / prior.sigma).sum())
         return float(gain) / 2 + was.cost(nil) - prior.cost(nil), C @ h, C
 
-    def absent(self, at: slice) -> float:
+    def nats_if_absent(self, at: slice) -> float:
         """Nats that the evidence gains with these parameters held at nil."""
         S, m, was = self.covariance[at, at], self.values[at], self.prior.part(at)
         gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(was.sigma).sum())

@@ -38,19 +38,19 @@ class PosteriorFit:
         self.lineariser = Lineariser(physics)
         self.z0 = initial_nodes(physics.windows, physics.parameters)
         self._first = np.flatnonzero(physics.windows.first)
-        self.settled: dict[str, float] = {}
+        self.degrees_of_freedom: dict[str, float] = {}
 
-    def prior(self, chosen: Sequence[Effect], believed: frozenset[str]) -> Prior:
-        """Of the parameters of `chosen`: tolerance bands round nil of what is not believed in."""
-        each = [e.believed() if e.id in believed else (e.tolerance(), np.zeros(len(e.parameters))) for e in chosen]
+    def prior(self, free: Sequence[Effect], active: frozenset[str]) -> Prior:
+        """Of the parameters of `free`: tolerance bands round nil of what is not believed in."""
+        each = [e.wide_prior() if e.id in active else (e.tolerance(), np.zeros(len(e.parameters))) for e in free]
         return Prior(*(np.concatenate(one) for one in zip(*each, strict=True)))
 
     def point(
-        self, theta: ParameterValues, z: np.ndarray, chosen: Sequence[Effect], before: LinearisationPoint | None = None
+        self, theta: ParameterValues, z: np.ndarray, free: Sequence[Effect], before: LinearisationPoint | None = None
     ) -> LinearisationPoint:
         """Linearised at theta, z; `before`: a point near it."""
         state = self.physics.move(self.effects, theta, z, before.state if before else None)
-        return self.lineariser.point(self.effects, theta, z, self.noise, chosen, state)
+        return self.lineariser.point(self.effects, theta, z, self.noise, free, state)
 
     def assembled(self, point: LinearisationPoint, noise: Noise) -> tuple[Chain, float, float]:
         """Chain with ties and node priors, its cost [nats] without priors of parameters, sum of log sigma."""
@@ -64,10 +64,10 @@ class PosteriorFit:
         cost = point.cost + self._prior_cost(point.ties.rho, sigma, off, start)
         return chain, cost, float(np.log(sigma).sum() + len(self._first) * np.log(start).sum())
 
-    def cost(self, point: LinearisationPoint, chosen: Sequence[Effect], prior: Prior) -> float:
+    def cost(self, point: LinearisationPoint, free: Sequence[Effect], prior: Prior) -> float:
         """What a fit makes least [nats]: data, ties, priors of nodes and parameters."""
         _, cost, _ = self.assembled(point, self.noise)
-        return cost + self._priors(point.theta, chosen, prior)[0]
+        return cost + self._priors(point.theta, free, prior)[0]
 
     def _off(self, z: np.ndarray) -> np.ndarray:
         off = z[self._first].copy()
@@ -77,27 +77,29 @@ class PosteriorFit:
     def _prior_cost(self, rho: np.ndarray, sigma: np.ndarray, off: np.ndarray, start: np.ndarray) -> float:
         return 0.5 * float(((rho / sigma) ** 2).sum() + ((off / start) ** 2).sum())
 
-    def settle(self, point: LinearisationPoint) -> None:
+    def count_degrees_of_freedom(self, point: LinearisationPoint) -> None:
         """How many degrees of freedom of the nodes each kind of reading settles: trace of P_w F_w over all nodes."""
         P = self.assembled(point, self.noise)[0].covariance()
-        self.settled = {name: float((P * share).sum()) for name, share in point.shares.items()}
+        self.degrees_of_freedom = {name: float((P * share).sum()) for name, share in point.shares.items()}
 
-    def _priors(self, theta: ParameterValues, chosen: Sequence[Effect], prior: Prior) -> tuple[float, np.ndarray]:
+    def _priors(self, theta: ParameterValues, free: Sequence[Effect], prior: Prior) -> tuple[float, np.ndarray]:
         """What the parameters cost by their priors and by n log(1 + p) of those that scale [nats]; its slope (P,)."""
-        now = stack_parameters(theta, chosen)
-        scaled, slope = self._scales(now, chosen)
+        now = stack_parameters(theta, free)
+        scaled, slope = self._scales(now, free)
         return prior.cost(now) + scaled, prior.slope(now) + slope
 
-    def _scales(self, now: np.ndarray, chosen: Sequence[Effect]) -> tuple[float, np.ndarray]:
+    def _scales(self, now: np.ndarray, free: Sequence[Effect]) -> tuple[float, np.ndarray]:
         """n log(1 + p) of all effects that scale readings [nats], and its slope (P,). They have one parameter each."""
-        n = np.concatenate([np.full(len(e.parameters), self.settled.get(e.scales, 0.0)) for e in chosen])
+        n = np.concatenate(
+            [np.full(len(e.parameters), self.degrees_of_freedom.get(e.scaled_reading, 0.0)) for e in free]
+        )
         return float(n @ np.log1p(np.where(n > 0, now, 0.0))), n / (1 + np.where(n > 0, now, 0.0))
 
     def nodes_evidence(self, point: LinearisationPoint, noise: Noise) -> float:
         """Log evidence [nats] of `noise` for the nodes alone, all parameters being as they are."""
-        return self.nodes(point, noise)[1]
+        return self.node_step(point, noise)[1]
 
-    def nodes(self, point: LinearisationPoint, noise: Noise) -> tuple[np.ndarray, float]:
+    def node_step(self, point: LinearisationPoint, noise: Noise) -> tuple[np.ndarray, float]:
         """Step of the nodes (W, L) with all parameters as they are, and the log evidence of `noise` for them [nats]."""
         chain = point.chain
         bare = Chain(chain.A, chain.next, chain.B[:, :, :0], chain.D[:0, :0], chain.g, chain.d[:0])
@@ -107,18 +109,18 @@ class PosteriorFit:
         return dz, -0.5 * float((chain.g * dz).sum()) - cost - 0.5 * log_det - log_sigma
 
     def reduced(
-        self, point: LinearisationPoint, chosen: Sequence[Effect], noise: Noise | None = None
+        self, point: LinearisationPoint, free: Sequence[Effect], noise: Noise | None = None
     ) -> ReducedNormalEquations:
         """Nodes eliminated."""
         chain, cost, log_sigma = self.assembled(point, noise or self.noise)
-        guard = self.prior(chosen, frozenset()).precision
+        guard = self.prior(free, frozenset()).precision
         chain.D += np.diag(guard)
         dz, dw, D, log_det = chain.solve()
         promised = -0.5 * float((chain.g * dz).sum() + chain.d @ dw)
         b = D @ dw
         nodes = promised - 0.5 * float(b @ dw)
-        now = stack_parameters(point.theta, chosen)
-        scaled, slope = self._scales(now, chosen)
+        now = stack_parameters(point.theta, free)
+        scaled, slope = self._scales(now, free)
         constant = nodes - cost - 0.5 * log_det - log_sigma - scaled
         return ReducedNormalEquations(D - np.diag(guard), b - slope, now, constant)
 
@@ -126,33 +128,33 @@ class PosteriorFit:
         self,
         theta: ParameterValues,
         z: np.ndarray,
-        chosen: Sequence[Effect],
-        believed: frozenset[str],
+        free: Sequence[Effect],
+        active: frozenset[str],
         *,
         steps: int = 12,
         tolerance: float = 0.3,
         before: LinearisationPoint | None = None,
     ) -> LinearisationPoint:
-        """Gauss-Newton from theta, z with the parameters of `chosen` free. Stops at steps that promise little."""
-        return self.descend(theta, z, chosen, believed, steps=steps, tolerance=tolerance, before=before)[0]
+        """Gauss-Newton from theta, z with the parameters of `free` free. Stops at steps that promise little."""
+        return self.descend(theta, z, free, active, steps=steps, tolerance=tolerance, before=before)[0]
 
     def descend(
         self,
         theta: ParameterValues,
         z: np.ndarray,
-        chosen: Sequence[Effect],
-        believed: frozenset[str],
+        free: Sequence[Effect],
+        active: frozenset[str],
         *,
         steps: int,
         tolerance: float,
         before: LinearisationPoint | None = None,
     ) -> tuple[LinearisationPoint, bool]:
         """As `solve`, and whether the last step promised less than `tolerance` [nats]."""
-        prior = self.prior(chosen, believed)
-        lower, upper = (np.concatenate(each) for each in zip(*(e.limits() for e in chosen), strict=True))
-        point, promised = self.point(theta, z, chosen, before), np.inf
+        prior = self.prior(free, active)
+        lower, upper = (np.concatenate(each) for each in zip(*(e.limits() for e in free), strict=True))
+        point, promised = self.point(theta, z, free, before), np.inf
         for _ in range(steps):
-            point, promised = self._step(point, chosen, believed, prior, (lower, upper))
+            point, promised = self._step(point, free, active, prior, (lower, upper))
             if promised < tolerance:
                 break
         return point, promised < tolerance
@@ -160,14 +162,14 @@ class PosteriorFit:
     def _step(
         self,
         point: LinearisationPoint,
-        chosen: Sequence[Effect],
-        believed: frozenset[str],
+        free: Sequence[Effect],
+        active: frozenset[str],
         prior: Prior,
         limits: tuple[np.ndarray, np.ndarray],
     ) -> tuple[LinearisationPoint, float]:
-        now = stack_parameters(point.theta, chosen)
+        now = stack_parameters(point.theta, free)
         plain, cost, _ = self.assembled(point, self.noise)
-        priors, slope = self._priors(point.theta, chosen, prior)
+        priors, slope = self._priors(point.theta, free, prior)
         plain.D += np.diag(prior.precision)
         plain.d += slope
         cost += priors
@@ -177,16 +179,16 @@ class PosteriorFit:
             dz, dw, promised = _bounded(chain, now, limits)
             if not promised >= 1e-3:  # or NaN: the motion was thrown out of bounds
                 return point, 0.0
-            theta = unstack_parameters(np.clip(now + dw, *limits), chosen)
+            theta = unstack_parameters(np.clip(now + dw, *limits), free)
             with np.errstate(all="ignore"):
-                state = self._moved(theta, point.z + dz, chosen, believed, point)
-                after = self._total(theta, point.z + dz, chosen, prior, point, state)
+                state = self._moved(theta, point.z + dz, free, active, point)
+                after = self._total(theta, point.z + dz, free, prior, point, state)
             if after < cost:
                 z, columns = point.z + dz, None
                 if promised < NEAR:
-                    anew = [e for e in chosen if e.id in believed]
-                    columns = self.lineariser.refreshed(point.columns, self.effects, theta, state, chosen, anew)
-                return self.lineariser.point(self.effects, theta, z, self.noise, chosen, state, columns), promised
+                    anew = [e for e in free if e.id in active]
+                    columns = self.lineariser.refreshed(point.columns, self.effects, theta, state, free, anew)
+                return self.lineariser.point(self.effects, theta, z, self.noise, free, state, columns), promised
             damping = max(10 * damping, 1.0)
         return point, 0.0
 
@@ -194,29 +196,27 @@ class PosteriorFit:
         self,
         theta: ParameterValues,
         z: np.ndarray,
-        chosen: Sequence[Effect],
-        believed: frozenset[str],
+        free: Sequence[Effect],
+        active: frozenset[str],
         near: LinearisationPoint,
     ) -> WindowTrajectories:
         """The motion at theta, z: small effects that are not believed in by the secants of a point near it."""
-        size = {e.id: max(e.size(t[e.id]) for t in (theta, near.theta) if e.id in t) for e in chosen if e.id in theta}
-        lively = [e for e in chosen if e.id in believed or "hull" in e.hooks or size.get(e.id, 0.0) >= 1]
+        size = {e.id: max(e.size(t[e.id]) for t in (theta, near.theta) if e.id in t) for e in free if e.id in theta}
+        lively = [e for e in free if e.id in active or "hull" in e.hooks or size.get(e.id, 0.0) >= 1]
         if any(not PUSHES.isdisjoint(e.hooks) for e in lively):  # they may go by the motion through all of the water
-            lively += [e for e in chosen if "water" in e.hooks and e not in lively]
+            lively += [e for e in free if "water" in e.hooks and e not in lively]
         ids = {e.id for e in lively}
         small = [{i: values for i, values in t.items() if i not in ids} for t in (theta, near.theta)]
         d = near.z[:, LATENT]
         before = self.physics.remainder(lively, near.theta, near.state, d)
-        given = before.with_(
-            near.columns.a.along(stack_parameters(small[0], chosen) - stack_parameters(small[1], chosen))
-        )
+        given = before.plus(near.columns.a.times(stack_parameters(small[0], free) - stack_parameters(small[1], free)))
         return self.physics.move(lively, theta, z, near.state, given, near.state.feedback)
 
     def _total(
         self,
         theta: ParameterValues,
         z: np.ndarray,
-        chosen: Sequence[Effect],
+        free: Sequence[Effect],
         prior: Prior,
         near: LinearisationPoint,
         state: WindowTrajectories,
@@ -224,7 +224,7 @@ class PosteriorFit:
         data, rho = self.lineariser.cost(self.effects, theta, z, self.noise, state)
         ties = self.noise.tie(near.ties.span_s)[1]
         nodes = self._prior_cost(rho, ties, self._off(z), self.noise.node_start())
-        return data + nodes + self._priors(theta, chosen, prior)[0]
+        return data + nodes + self._priors(theta, free, prior)[0]
 
 
 def _bounded(
@@ -245,15 +245,15 @@ def _bounded(
     return dz, dw, promised / 2
 
 
-def stack_parameters(theta: ParameterValues, chosen: Sequence[Effect]) -> np.ndarray:
-    """Parameters of `chosen` one after the other, (P,)."""
-    return np.concatenate([theta.get(e.id, np.zeros(len(e.parameters))) for e in chosen])
+def stack_parameters(theta: ParameterValues, free: Sequence[Effect]) -> np.ndarray:
+    """Parameters of `free` one after the other, (P,)."""
+    return np.concatenate([theta.get(e.id, np.zeros(len(e.parameters))) for e in free])
 
 
-def unstack_parameters(values: np.ndarray, chosen: Sequence[Effect]) -> dict[str, np.ndarray]:
+def unstack_parameters(values: np.ndarray, free: Sequence[Effect]) -> dict[str, np.ndarray]:
     """The other way round; parameters that are all nil are left out."""
     theta, at = {}, 0
-    for e in chosen:
+    for e in free:
         theta[e.id] = values[at : at + len(e.parameters)]
         at += len(e.parameters)
     return theta

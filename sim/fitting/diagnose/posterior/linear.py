@@ -67,10 +67,12 @@ class LinearisationPoint:
     columns: JacobianColumns
     shares: dict[str, np.ndarray]
 
-    def judged_only(self) -> LinearisationPoint:
+    def without_columns(self) -> LinearisationPoint:
         """Without its columns, which take most of the room: for evidence, not for steps."""
         a = self.columns.a
-        nodes, bump, imu, tag = (part[..., :0].copy() for part in (a.nodes, a.bump, self.columns.imu, self.columns.tag))
+        nodes, bump, imu, tag = (
+            part[..., :0].copy() for part in (a.nodes, a.mid_excess, self.columns.imu, self.columns.tag)
+        )
         return replace(self, columns=JacobianColumns(Accelerations(nodes, bump), imu, tag))
 
 
@@ -84,16 +86,16 @@ class Lineariser:
         self._by_window = np.argsort(self.readings.window, kind="stable")
 
     def columns(
-        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, chosen: Sequence[Effect]
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]
     ) -> JacobianColumns:
-        """Secants of all parameters of `chosen`; `effects`: those that may be in theta."""
+        """Secants of all parameters of `free`; `effects`: those that may be in theta."""
         W, K = self.windows.size
-        a = self.physics.accelerations(effects, theta, state, chosen)
+        a = self.physics.accelerations(effects, theta, state, free)
         imu, tag = (np.zeros((*shape, a.nodes.shape[3])) for shape in ((W, K, 4), (len(self.readings.window), 2)))
         read = self.readings
         now = {"imu": read.imu(effects, theta, state), "tag": read.tag(effects, theta, state)}
         known = {e.id for e in effects} & theta.keys()
-        for each in secant_steps(chosen, theta):
+        for each in secant_steps(free, theta):
             name, every = each.effect.id, including(effects, each.effect)
             for hook, reading, out in (("imu", read.imu, imu), ("tag", read.tag, tag)):
                 if hook in each.effect.hooks:
@@ -109,13 +111,13 @@ class Lineariser:
         effects: Sequence[Effect],
         theta: ParameterValues,
         state: WindowTrajectories,
-        chosen: Sequence[Effect],
+        free: Sequence[Effect],
         which: Sequence[Effect],
     ) -> JacobianColumns:
-        """`columns` of `chosen` with those of `which` computed anew."""
+        """`columns` of `free` with those of `which` computed anew."""
         if not which:
             return columns
-        at = parameter_slices(chosen)
+        at = parameter_slices(free)
         index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in which])
         fresh = self.columns(effects, theta, state, which)
 
@@ -124,7 +126,7 @@ class Lineariser:
             out[..., index] = new
             return out
 
-        a = Accelerations(mixed(columns.a.nodes, fresh.a.nodes), mixed(columns.a.bump, fresh.a.bump))
+        a = Accelerations(mixed(columns.a.nodes, fresh.a.nodes), mixed(columns.a.mid_excess, fresh.a.mid_excess))
         return JacobianColumns(a, mixed(columns.imu, fresh.imu), mixed(columns.tag, fresh.tag))
 
     def point(
@@ -133,21 +135,21 @@ class Lineariser:
         theta: ParameterValues,
         z: np.ndarray,
         noise: Noise,
-        chosen: Sequence[Effect],
+        free: Sequence[Effect],
         state: WindowTrajectories,
         columns: JacobianColumns | None = None,
     ) -> LinearisationPoint:
-        """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `chosen`.
+        """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `free`.
 
         `columns`: of a point so near that they will do.
         """
         residual, fix = self.readings.residuals(effects, theta, state, z, noise)
-        columns = columns or self.columns(effects, theta, state, chosen)
+        columns = columns or self.columns(effects, theta, state, free)
         slopes = self.readings.slopes(effects, theta, state)
         size = np.sqrt((fix**2).sum(axis=1))
         root = np.sqrt(self.weight * np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
         W, P = self.windows.size[0], columns.a.nodes.shape[3]
-        pushes = AccelerationPartials.of(columns.a.nodes, columns.a.bump)
+        pushes = AccelerationPartials.of(columns.a.nodes, columns.a.mid_excess)
         chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, X0_D + P))
         shares = {name: np.zeros((W, L, L)) for name in (*SCALED, "place")}
         ordered = self.readings.window[self._by_window]

@@ -35,11 +35,13 @@ class SecantSteps:
     steps: dict[int, np.ndarray]
 
 
-def secant_steps(chosen: Sequence[Effect], theta: ParameterValues) -> Iterator[SecantSteps]:
-    """Each effect of `chosen` in its turn."""
-    for effect, columns in zip(chosen, parameter_slices(chosen).values(), strict=True):
+def secant_steps(free: Sequence[Effect], theta: ParameterValues) -> Iterator[SecantSteps]:
+    """Each effect of `free` in its turn."""
+    for effect, columns in zip(free, parameter_slices(free).values(), strict=True):
         now = theta.get(effect.id, np.zeros(len(effect.parameters)))
-        reaches = [NEARBY * abs(v) if effect.far and v else p.step for p, v in zip(effect.parameters, now, strict=True)]
+        reaches = [
+            NEARBY * abs(v) if effect.nonlinear and v else p.step for p, v in zip(effect.parameters, now, strict=True)
+        ]
         signed = [r if v + r <= p.upper else -r for p, v, r in zip(effect.parameters, now, reaches, strict=True)]
         yield SecantSteps(effect, now, dict(zip(range(columns.start, columns.stop), np.diag(signed), strict=True)))
 

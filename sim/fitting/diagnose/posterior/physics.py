@@ -97,13 +97,13 @@ class EffectPhysics:
     def feedback(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> Feedback:
         """Of the forces of `effects` on the motion `state`."""
         scene, motion = self.scene(state), np.concatenate([state.x, state.nu_dot], axis=2)
-        now = self.extra(effects, theta, scene, state.forces.f)[0][..., :3]
+        now = self.hook_forces(effects, theta, scene, state.forces.f)[0][..., :3]
         slopes = np.empty((*now.shape, len(NUDGES)))
         for j, nudge in enumerate(NUDGES):
             moved = motion.copy()
             moved[..., j] += nudge
             there = dataclass_replace(scene, x=moved[..., :6], nu_dot=moved[..., 6:])
-            slopes[..., j] = (self.extra(effects, theta, there, state.forces.f)[0][..., :3] - now) / nudge
+            slopes[..., j] = (self.hook_forces(effects, theta, there, state.forces.f)[0][..., :3] - now) / nudge
         M = np.linalg.inv(state.M_inv)
         return Feedback(slopes[..., :6], np.linalg.inv(M - slopes[..., 6:].mean(axis=(0, 1))) @ M)
 
@@ -121,12 +121,12 @@ class EffectPhysics:
         tau, water = self.drive(forces.f), np.zeros((W, K + 1, 2))
         tau_mid = self.drive(forces.middle)
         if before is not None:
-            extra = self.extra(effects, theta, self.scene(before), forces.f)
+            extra = self.hook_forces(effects, theta, self.scene(before), forces.f)
             more = extra[0]
             if given is not None:
                 M = np.linalg.inv(before.M_inv)
                 more[..., :3] += given.nodes @ M.T
-                tau_mid[..., :3] += given.bump @ M.T
+                tau_mid[..., :3] += given.mid_excess @ M.T
             tau, water = tau + more, extra[1]
             tau_mid = tau_mid + (more[:, :-1] + more[:, 1:]) / 2
         drive = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
@@ -147,16 +147,16 @@ class EffectPhysics:
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, d: np.ndarray
     ) -> Accelerations:
         """What of the accelerations in `state` does not come from `effects` nor from d (W, 3)."""
-        if state.given is not None and state.by == frozenset(e.id for e in effects):
-            return state.given
+        if state.external is not None and state.effect_ids == frozenset(e.id for e in effects):
+            return state.external
         W, K = self.windows.size
         forces = self.thrusters.forces(effects, theta)
-        more, water = self.extra(effects, theta, self.scene(state), forces.f)
+        more, water = self.hook_forces(effects, theta, self.scene(state), forces.f)
         drive = self._flat(state.x, self.hull(effects, theta), self.drive(forces.f) + more, water)
         _, _, nu_dot = self._rates(*drive, np.repeat(d, K + 1, axis=0))
-        bump = state.forces.less(forces).bump() @ self.B.T @ state.M_inv.T
-        if state.given is not None:
-            bump = bump + state.given.bump
+        bump = state.forces.minus(forces).mid_excess() @ self.B.T @ state.M_inv.T
+        if state.external is not None:
+            bump = bump + state.external.mid_excess
         return Accelerations(state.nu_dot - nu_dot.reshape(W, K + 1, 3), bump)
 
     def _flat(self, x: np.ndarray, hull: np.ndarray, tau: np.ndarray, water: np.ndarray, *more: np.ndarray):
@@ -171,7 +171,7 @@ class EffectPhysics:
         tau = (f.reshape(-1, f.shape[2]) @ self.B.T).reshape(*f.shape[:2], 3)  # one product, not one for each window
         return np.concatenate([tau, f], axis=2) if self._weakened else tau
 
-    def extra(
+    def hook_forces(
         self, effects: Sequence[Effect], theta: ParameterValues, scene: Scene, f: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """`drive` (W, K+1, 3 or more) and water velocity (W, K+1, 2) that hooks add along `scene`.
@@ -200,43 +200,43 @@ class EffectPhysics:
         return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, water)
 
     def accelerations(
-        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, chosen: Sequence[Effect]
+        self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]
     ) -> Accelerations:
-        """What one unit of each parameter of `chosen` changes of nu_dot, (.., P), by secants along `state`.
+        """What one unit of each parameter of `free` changes of nu_dot, (.., P), by secants along `state`.
 
         Thrust that it changes goes through all hooks of some size on thrust, such as that of a dead thruster.
         """
         W, K = self.windows.size
-        P, flat = sum(len(e.parameters) for e in chosen), W * (K + 1)
+        P, flat = sum(len(e.parameters) for e in free), W * (K + 1)
         slopes = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
         G_hull, G_water, G_f = (np.array(G).reshape(flat, -1, 3).swapaxes(0, 1).copy() for G in slopes)
-        scene, pushed = self.scene(state), state.forces.bump() @ self.B.T
-        react = np.eye(3) if state.feedback is None else state.feedback.react
+        scene, pushed = self.scene(state), state.forces.mid_excess() @ self.B.T
+        react = np.eye(3) if state.feedback is None else state.feedback.mass_ratio
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
         hooked = nameable(with_hooks(effects, theta, THRUST), theta)
         others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in hooked}}
         f = state.forces.f
-        changed = self.extra(hooked, theta, scene, f)[0]
+        changed = self.hook_forces(hooked, theta, scene, f)[0]
 
         def felt(push: np.ndarray) -> np.ndarray:
             by = push.reshape(flat, -1)
             return by[:, :3] @ state.M_inv.T + _times(by[:, 3:].T[:, :, None], G_f)
 
-        for each in secant_steps(chosen, theta):
+        for each in secant_steps(free, theta):
             effect, hooks, every = each.effect, set(each.effect.hooks), including(effects, each.effect)
             ids = {effect.id}.union(*(others[stage] for stage in hooks & others.keys()))
             along = [e for e in every if e.id in ids]
             acts = hooks & (WATER | PUSHES)
-            old = self.extra(along, {**theta, effect.id: each.now}, scene, f) if acts else None
+            old = self.hook_forces(along, {**theta, effect.id: each.now}, scene, f) if acts else None
             for at, step in each.steps.items():
                 there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
                     unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ turn
-                    more = self.drive(unit.f) + self.extra(hooked, theta, scene, f + unit.f)[0] - changed
+                    more = self.drive(unit.f) + self.hook_forces(hooked, theta, scene, f + unit.f)[0] - changed
                     nodes[at] += felt(more) @ turn
-                    bump[at] += unit.bump().reshape(W * K, -1) @ share
+                    bump[at] += unit.mid_excess().reshape(W * K, -1) @ share
                 if old is not None:
-                    tau, water = self.extra(along, there, scene, f)
+                    tau, water = self.hook_forces(along, there, scene, f)
                     nodes[at] += felt(tau - old[0]) @ turn
                     if "water" in hooks:
                         nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ turn

@@ -17,15 +17,15 @@ class Accelerations:
     """
 
     nodes: np.ndarray
-    bump: np.ndarray
+    mid_excess: np.ndarray
 
-    def along(self, step: np.ndarray) -> Accelerations:
+    def times(self, step: np.ndarray) -> Accelerations:
         """Of a step (P,) of the parameters."""
-        return Accelerations(self.nodes @ step, self.bump @ step)
+        return Accelerations(self.nodes @ step, self.mid_excess @ step)
 
-    def with_(self, other: Accelerations) -> Accelerations:
+    def plus(self, other: Accelerations) -> Accelerations:
         """Both together."""
-        return Accelerations(self.nodes + other.nodes, self.bump + other.bump)
+        return Accelerations(self.nodes + other.nodes, self.mid_excess + other.mid_excess)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Feedback:
     """
 
     slopes: np.ndarray
-    react: np.ndarray
+    mass_ratio: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class WindowTrajectories:
     forces: ThrusterForces
     hull: np.ndarray
     feedback: Feedback | None
-    given: Accelerations | None
-    by: frozenset[str]
+    external: Accelerations | None
+    effect_ids: frozenset[str]
 
     def with_feedback(self, feedback: Feedback) -> WindowTrajectories:
         """As it moves where its forces depend on it."""
         A = self.A.copy()
-        A[..., 3:, :] = feedback.react @ (A[..., 3:, :] + self.M_inv @ feedback.slopes)
+        A[..., 3:, :] = feedback.mass_ratio @ (A[..., 3:, :] + self.M_inv @ feedback.slopes)
         return replace(self, A=A, feedback=feedback)

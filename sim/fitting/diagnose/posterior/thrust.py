@@ -28,11 +28,11 @@ class ThrusterForces:
     f: np.ndarray
     middle: np.ndarray
 
-    def bump(self) -> np.ndarray:
+    def mid_excess(self) -> np.ndarray:
         """What the middle of each step has beyond the mean of its ends, (W, K, n)."""
         return self.middle - (self.f[:, :-1] + self.f[:, 1:]) / 2
 
-    def less(self, other: ThrusterForces) -> ThrusterForces:
+    def minus(self, other: ThrusterForces) -> ThrusterForces:
         """Without those of `other`."""
         return ThrusterForces(self.f - other.f, self.middle - other.middle)
 
@@ -76,7 +76,7 @@ class WindowThrust:
         if effect.id not in large:
             return self._from_nil(effects, large, effect, step)
         there = {**large, effect.id: large[effect.id] + step}
-        return self._exact(effects, there).less(self._exact(effects, large))
+        return self._exact(effects, there).minus(self._exact(effects, large))
 
     def _large(self, effects: Sequence[Effect], theta: ParameterValues) -> ParameterValues:
         """Those of `theta` that are not taken as linear."""
@@ -89,9 +89,9 @@ class WindowThrust:
 
         Of the force that large gains leave to each thruster, where these are in the file's own maps.
         """
-        about = [e for e in effects if e.id in large and e.whole]
-        wholly = {e.id: e.believed()[1] for e in about}
-        unit = self._exact([*about, effect], {**wholly, effect.id: step}).less(self._exact(about, wholly))
+        about = [e for e in effects if e.id in large and e.all_or_nothing]
+        wholly = {e.id: e.wide_prior()[1] for e in about}
+        unit = self._exact([*about, effect], {**wholly, effect.id: step}).minus(self._exact(about, wholly))
         return unit.times(self._left(effects, large))
 
     def _left(self, effects: Sequence[Effect], large: ParameterValues) -> np.ndarray:

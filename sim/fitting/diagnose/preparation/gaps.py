@@ -78,7 +78,7 @@ def _without_pauses(used: LogUse) -> LogUse:
 
 
 def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
-    """Usable parts of the intervals within the recorded `spans`. JobError where there were intervals and none is usable.
+    """Usable parts of the intervals within the recorded `spans`. JobError where none of them is usable.
 
     `what`: the purpose, for the message.
     """

@@ -75,7 +75,7 @@ def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], co
         held_out=tuple(_held_out(found)),
         one_step_nats={name: _number(nats) for name, nats in found.held_out.nats.items()},
         noise_card=_noise(found),
-        not_in_file=found.files.left,
+        not_in_file=found.files.not_in_file,
         logs=tuple(_log(found, i) for i in range(len(found.split.used))),
         data_hash=hashlib.sha256("".join(u.log.run.data_hash for u in used).encode()).hexdigest(),
         base=found.base.name,

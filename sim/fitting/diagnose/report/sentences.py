@@ -139,7 +139,7 @@ def gain_sentence(held_out: HeldOutScore, count: int) -> str:
 
 
 def _outside(found: Diagnosis) -> list[str]:
-    return [f"{name} is not in extended.toml: {why}." for name, why in found.files.left.items()]
+    return [f"{name} is not in extended.toml: {why}." for name, why in found.files.not_in_file.items()]
 
 
 def _could_have_seen(found: Diagnosis) -> list[str]:

@@ -57,7 +57,7 @@ class GroupEvidence:
     limit: float = DECISIVE_NATS
 
     @property
-    def counted(self) -> tuple[FunctionGroup, ...]:
+    def significant(self) -> tuple[FunctionGroup, ...]:
         """Groups that reach the limit, best first, without the echoes of the best."""
         least = max(self.limit, ECHO * self.nats[0][1])
         return tuple(group for group, nats in self.nats if nats >= least)
@@ -89,30 +89,30 @@ def group_evidence(
     if echoes.within:
         every = [g.of_means(fit.physics, model.point, fit.effects) for g in every]
     hooked, on_nodes = ([g for g in every if (g.nodes is None) == whether] for whether in (True, False))
-    groups, within = (*hooked, *on_nodes), [*model.chosen, *(g.effect for g in hooked)]
+    groups, within = (*hooked, *on_nodes), [*model.free, *(g.effect for g in hooked)]
     fit.noise = model.noise
-    point = fit.point(model.point.theta, model.point.z, within, model.point).judged_only()
+    point = fit.point(model.point.theta, model.point.z, within, model.point).without_columns()
     point = append_groups(point, on_nodes)
-    chosen = [*within, *(g.effect for g in on_nodes)]
+    free = [*within, *(g.effect for g in on_nodes)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
-    own = fit.prior(model.chosen, frozenset(causes))
+    own = fit.prior(model.free, frozenset(causes))
     start, nil = len(own.sigma), np.zeros(len(size))
     prior = Prior(np.concatenate([own.sigma, BAND * size]), np.concatenate([own.mean, nil]))
     best, before = np.full(len(groups), -np.inf), -np.inf
     akin: dict[str, frozenset[str]] = {}
     support: dict[str, float] = {}
-    where = parameter_slices(model.chosen)
+    where = parameter_slices(model.free)
     for noise in latent_scales(model.noise):
-        reduced = fit.reduced(point, chosen, noise)
+        reduced = fit.reduced(point, free, noise)
         evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
         for i, at in enumerate(_at(groups, start)):
             wide = size[at.start - start : at.stop - start]
-            tried = [posterior.instead(at, Prior.round_nil(scale * wide))[0] for scale in SCALES]
+            tried = [posterior.under_prior(at, Prior.zero_mean(scale * wide))[0] for scale in SCALES]
             gain = max(tried) - np.log(len(SCALES))
             best[i] = max(best[i], evidence + gain)
         if evidence > before:
             before = evidence
-            support = {id_: -posterior.absent(where[id_]) for id_ in causes}
+            support = {id_: -posterior.nats_if_absent(where[id_]) for id_ in causes}
         akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
     order = np.argsort(-best)
     return GroupEvidence(
@@ -179,17 +179,17 @@ def adequacy(
         model = model if causes else selection.base
         found = group_evidence(fit, model, causes, echoes)
     first, outdone = found, frozenset()
-    if causes and (found.counted or len(causes) >= MANY):
+    if causes and (found.significant or len(causes) >= MANY):
         first = group_evidence(fit, selection.base, [], echoes)
         if not known and _stand_in(causes, found, first):
             outdone = frozenset(causes)
             withdrawn, causes, found, model = withdrawn | outdone, [], first, selection.base
     said, words = checks(found, model, ambient), depends_on(found, first)
-    if not echoes.far_out:
+    if not echoes.outliers:
         out = outlier_check(model.point)
         said, words = (out, *said), words if out.passed else tuple(dict.fromkeys((*words, "position")))
     report = Adequacy(passed=not any(c.decides and not c.passed for c in said), checks=said, depends_on=words)
-    doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.counted))
+    doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.significant))
     return AdequacyJudgement(report, doubtful, frozenset(withdrawn), outdone)
 
 
@@ -211,5 +211,5 @@ def outlier_check(point: LinearisationPoint) -> Check:
 def depends_on(found: GroupEvidence, first: GroupEvidence) -> tuple[str, ...]:
     """Words of what is left over, the most likely first: what explains more of the base, before any cause came."""
     nats = {group.effect.id: value for group, value in first.nats}
-    groups = sorted(found.counted, key=lambda group: -nats.get(group.effect.id, -np.inf))
+    groups = sorted(found.significant, key=lambda group: -nats.get(group.effect.id, -np.inf))
     return tuple(dict.fromkeys(word for group in groups for word in group.words))

@@ -40,10 +40,10 @@ class Candidate:
 
 def score_candidate(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
     """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
-    gain, values, C = posterior.instead(at, Prior(*effect.believed()))
+    gain, values, C = posterior.under_prior(at, Prior(*effect.wide_prior()))
     size = effect.size(values)
     lower = size - Z95 * _size_se(effect, values, C) if _possible(effect, values, C) else -np.inf
-    return Candidate(effect.id, gain - posterior.absent(at), gain, values, C, size, lower)
+    return Candidate(effect.id, gain - posterior.nats_if_absent(at), gain, values, C, size, lower)
 
 
 def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:

@@ -28,7 +28,7 @@ def detection_limits(fit: PosteriorFit, model: CandidateModel) -> dict[str, tupl
     Left out are those that these logs would not show at any size: of a sensor that is not in them.
     """
     assert model.reduced is not None
-    C = model.reduced.posterior(fit.prior(fit.effects, model.believed)).covariance
+    C = model.reduced.posterior(fit.prior(fit.effects, model.active)).covariance
     at = parameter_slices(fit.effects)
     found: dict[str, tuple[float, Effect]] = {}
     for effect, share in _shares(fit, model, C, at):
@@ -40,9 +40,9 @@ def detection_limits(fit: PosteriorFit, model: CandidateModel) -> dict[str, tupl
 def _shares(
     fit: PosteriorFit, model: CandidateModel, C: np.ndarray, at: dict[str, slice]
 ) -> Iterator[tuple[Effect, float]]:
-    believed = {e.name for e in fit.effects if e.id in model.believed}
+    active_names = {e.name for e in fit.effects if e.id in model.active}
     for effect in fit.effects:
-        if effect.family == "base" or effect.name in believed or effect.far:
+        if effect.family == "base" or effect.name in active_names or effect.nonlinear:
             continue
         sure = np.flatnonzero([np.isfinite(p.smallest) for p in effect.parameters])
         index = np.arange(at[effect.id].start, at[effect.id].stop)[sure]

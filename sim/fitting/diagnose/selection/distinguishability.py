@@ -56,14 +56,14 @@ def distinguishability(
     """
     final = selection.final
     assert final.reduced is not None
-    found = pairwise_evidence(fit, final.reduced.H, final.believed)
+    found = pairwise_evidence(fit, final.reduced.H, final.active)
     pairs = _of_named(fit, selection, found)
     if always and not pairs:
         alone = zip(found.names, found.nothing, strict=True)
         pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < LEAST_EVIDENCE_NATS]
     plan = None
     if library is not None and pairs:
-        plan = ManoeuvrePlanner(fit, final.reduced.H, final.believed, final.noise, site).plan(library, pairs[:ASKED])
+        plan = ManoeuvrePlanner(fit, final.reduced.H, final.active, final.noise, site).plan(library, pairs[:ASKED])
     return Distinguishability(found, _record(found, plan), plan)
 
 
@@ -105,7 +105,7 @@ def manoeuvre_sentence(plan: ManoeuvrePlan) -> str:
             f"These logs {_cannot([p[:3] for p in told])}; {plan.duration_s:.0f} s of {what} would "
             f"(estimated {'at least ' if len(told) > 1 else ''}{least:.0f} nats): {record.MANOEUVRE}."
         )
-    lost = [*plan.beyond, *(p for p in plan.pairs if p[3] < nats_needed(p[1]))]
+    lost = [*plan.unreachable, *(p for p in plan.pairs if p[3] < nats_needed(p[1]))]
     if lost:
         most, pairs = max(0.0, *(p[3] for p in lost)), " nor ".join(_tell(a, b) for a, b, _, _ in lost[:SAID])
         words.append(f"No manoeuvre of the library would {pairs} (at most {int(most)} nats).")

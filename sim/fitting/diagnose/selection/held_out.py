@@ -143,7 +143,7 @@ def _smoothed(fit: PosteriorFit, model: ModelUnderTest) -> tuple[LinearisationPo
     for slack in SLACKS:
         noise = fit.noise = replace(model.noise, slack=slack * model.noise.slack)
         point = fit.point(model.theta, z, (), point)
-        dz, nats = fit.nodes(point, noise)
+        dz, nats = fit.node_step(point, noise)
         z = point.z + dz
     assert point is not None
     return fit.point(model.theta, z, (), point), nats - _log_noise(fit, model.noise)

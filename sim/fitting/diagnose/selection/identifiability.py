@@ -79,17 +79,17 @@ class EffectBlocks:
 def pairwise_evidence(
     fit: PosteriorFit,
     H: np.ndarray,
-    believed: frozenset[str] = frozenset(),
+    active: frozenset[str] = frozenset(),
     effects: Sequence[Effect] = (),
     only: Sequence[str] = (),
 ) -> PairwiseEvidence:
     """What a log tells apart by the Hessian H (P, P) of all parameters of `effects`, nodes eliminated.
 
-    `believed`: effects taken to be there; `effects`: default those of `fit`; `only`: names to look at (default: all).
+    `active`: effects taken to be there; `effects`: default those of `fit`; `only`: names to look at (default: all).
     """
     every = tuple(effects) or fit.effects
-    sigma = fit.prior(every, believed).sigma
-    always = np.concatenate([np.full(len(e.parameters), e.everyday or e.id in believed) for e in every])
+    sigma = fit.prior(every, active).sigma
+    always = np.concatenate([np.full(len(e.parameters), e.always_free or e.id in active) for e in every])
     sigma = np.where(always, sigma, 0.0)
     mine = [e for e in every if e.family != "base" and (not only or e.name in only)]
     K, blocks = marginal_information(H, sigma), _blocks(mine, parameter_slices(every), sigma)

@@ -64,7 +64,7 @@ class ManoeuvrePlan:
     excitation: Excitation | None
     duration_s: float
     pairs: tuple[tuple[str, str, float, float], ...]
-    beyond: tuple[tuple[str, str, float, float], ...]
+    unreachable: tuple[tuple[str, str, float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ class ManoeuvrePlanner:
     """Plans for the logs of `fit`, of which H (P, P) of all parameters is known, with what is believed and noise."""
 
     def __init__(
-        self, fit: PosteriorFit, H: np.ndarray, believed: frozenset[str], noise: Noise, site: Site | None = None
+        self, fit: PosteriorFit, H: np.ndarray, active: frozenset[str], noise: Noise, site: Site | None = None
     ):
-        self.fit, self.believed, self.noise = fit, believed, noise
+        self.fit, self.active, self.noise = fit, active, noise
         self._H = H
         self._site = site or _water(fit)
         self._vessel = at_rates(fit)
@@ -94,36 +94,40 @@ class ManoeuvrePlanner:
     def plan(self, library: Excitation, confused: ConfusedPairs) -> ManoeuvrePlan:
         """For the first `MOST` of these pairs that can be helped."""
         names = {n for a, b, _ in confused for n in (a, b)}
-        effects = [e for e in self.fit.effects if e.everyday or e.id in self.believed or e.name in names]
-        candidates, H = self._candidates(library, effects, names), self._of(effects)
-        once = self.told(max(candidates, key=lambda c: c.duration_s).run, effects) if candidates else np.zeros_like(H)
+        effects = [e for e in self.fit.effects if e.always_free or e.id in self.active or e.name in names]
+        candidates, H = self._candidates(library, effects, names), self._information_of(effects)
+        once = (
+            self.information(max(candidates, key=lambda c: c.duration_s).run, effects)
+            if candidates
+            else np.zeros_like(H)
+        )
         limit = self._nats(H + once + ENDLESS * sum((c.H for c in candidates), np.zeros_like(H)), effects, confused)
         helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= nats_needed(pair[1])][:MOST]
         beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < nats_needed(p[1]))
-        segments = self._chosen(candidates, H + once, effects, helped) if helped else []
+        segments = self._select_segments(candidates, H + once, effects, helped) if helped else []
         excitation = replace(library, name="manoeuvre", segments=tuple(segments))
         run = self._flown(excitation) if segments else None
         if run is None:
             return ManoeuvrePlan(None, 0.0, (), beyond)
-        after = self._nats(H + self.told(run, effects), effects, helped)
+        after = self._nats(H + self.information(run, effects), effects, helped)
         pairs = tuple((*pair, float(then)) for pair, then in zip(helped, after, strict=True))
         helps = any(then >= nats_needed(b) for _, b, _, then in pairs)
         return ManoeuvrePlan(excitation if helps else None, run.duration_s, pairs, beyond)
 
-    def _chosen(
+    def _select_segments(
         self, candidates: Sequence[_FlownSegment], H: np.ndarray, effects: Sequence[Effect], confused: ConfusedPairs
     ) -> list[Segment]:
         """One by one, until all pairs are told apart or the time is over."""
-        chosen, now, left_s = [], self._nats(H, effects, confused), LONGEST_S
+        selected, now, left_s = [], self._nats(H, effects, confused), LONGEST_S
         while now.min() < ENOUGH and (fits := [c for c in candidates if c.duration_s <= left_s]):
             worth = [_worth(now, self._nats(H + c.H, effects, confused)) / c.duration_s for c in fits]
             best = fits[int(np.argmax(worth))]
             if max(worth) <= 0:
                 break
-            chosen.append(best.segment)
+            selected.append(best.segment)
             H, left_s = H + best.H, left_s - best.duration_s
             now = self._nats(H, effects, confused)
-        return chosen or [c.segment for c in candidates[:1]]
+        return selected or [c.segment for c in candidates[:1]]
 
     def _candidates(self, library: Excitation, effects: Sequence[Effect], names: set[str]) -> list[_FlownSegment]:
         slow = any(family(name) in SLOW for name in names)
@@ -131,7 +135,7 @@ class ManoeuvrePlanner:
         for segment in (*library.segments, *((TEN_MINUTES,) if slow else ())):
             run = self._flown(replace(library, segments=(segment,), name=segment.name))
             if run is not None:
-                found.append(_FlownSegment(segment, run, self.told(run, effects, own=ANYTHING)))
+                found.append(_FlownSegment(segment, run, self.information(run, effects, own=ANYTHING)))
         return found
 
     def _flown(self, excitation: Excitation) -> Run | None:
@@ -142,7 +146,7 @@ class ManoeuvrePlanner:
             return None
         return _commanded(flown.run) if flown.done and flown.duration_s >= SHORTEST_S else None
 
-    def told(self, run: Run, effects: Sequence[Effect], own: float = 1.0) -> np.ndarray:
+    def information(self, run: Run, effects: Sequence[Effect], own: float = 1.0) -> np.ndarray:
         """Hessian (P, P) of a planned run, whose true states are known, in the parameters of `effects`.
 
         `own`: times the usual biases of gyro and accelerometers that each log may have of its own.
@@ -160,11 +164,11 @@ class ManoeuvrePlanner:
 
     def _nats(self, H: np.ndarray, effects: Sequence[Effect], confused: ConfusedPairs) -> np.ndarray:
         names = [n for a, b, _ in confused for n in (a, b) if n]
-        found = pairwise_evidence(self.fit, H, self.believed, effects, names)
+        found = pairwise_evidence(self.fit, H, self.active, effects, names)
         at = {n: i for i, n in enumerate(found.names)}
         return np.array([found.nothing[at[a]] if b == NOTHING else found.nats[at[a], at[b]] for a, b, _ in confused])
 
-    def _of(self, effects: Sequence[Effect]) -> np.ndarray:
+    def _information_of(self, effects: Sequence[Effect]) -> np.ndarray:
         at = parameter_slices(self.fit.effects)
         index = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in effects])
         return self._H[np.ix_(index, index)]

@@ -20,7 +20,7 @@ class Masking:
 
     names: tuple[str, ...] = ()
     within: bool = False
-    far_out: bool = False
+    outliers: bool = False
     limit: float = DECISIVE_NATS
 
     @staticmethod
@@ -29,7 +29,7 @@ class Masking:
         every = [MASKED_BY[name] for name in causes if name in MASKED_BY]
         names = tuple(name for echo in every for name in echo.names)
         limit = max((echo.limit for echo in every), default=DECISIVE_NATS)
-        return Masking(names, any(e.within for e in every), any(e.far_out for e in every), limit)
+        return Masking(names, any(e.within for e in every), any(e.outliers for e in every), limit)
 
 
 NO_MASKING = Masking()
@@ -37,6 +37,6 @@ MASKED_BY = {
     "waves": Masking(("force, periodic",), within=True),
     "gusty_wind": Masking(("force, periodic", "force over time", "water over time", "force over position",
                           "pull over position", "place error over position", "force over speed"), limit=GUSTY_NATS),
-    "nlos": Masking(("place error", "scale of places"), far_out=True),
+    "nlos": Masking(("place error", "scale of places"), outliers=True),
 }  # fmt: skip
 """By cause. A boat that is blown about is pushed by other forces at other times, and so at other places and speeds."""

@@ -63,39 +63,45 @@ class SearchResult:
 def search_causes(
     fit: PosteriorFit,
     without: Sequence[str] = (),
-    believed: Sequence[str] = (),
+    known_causes: Sequence[str] = (),
     say: Progress = lambda _text, _share: None,
 ) -> SearchResult:
     """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
 
-    `believed`: names of causes that are there for sure; no others are looked for. ValueError for one that is none, or
-    that no sensor of these logs shows.
+    `known_causes`: names of causes that are present for sure; no others are searched. ValueError for an unknown name,
+    or for a cause that no sensor of these logs shows.
     """
     selector = Selector(fit, say)
-    known = _entries(fit, believed)
+    entry_names = _entries(fit, known_causes)
     say("base", 0.0)
     base = selector.base()
-    if not has_accelerations(base) and (blind := [name for name in believed if name in (WAVES.name, GUSTY_WIND.name)]):
+    if not has_accelerations(base) and (
+        blind := [name for name in known_causes if name in (WAVES.name, GUSTY_WIND.name)]
+    ):
         raise ValueError(f"believe {blind[0]!r}: accelerations alone show it, and these logs have none")
     blocked = nlos_cause(fit, base) if NLOS.name not in without else None
-    if blocked is not None and (blocked.candidate.accepted or NLOS.name in believed) and blocked.fix_weight is not None:
+    if (
+        blocked is not None
+        and (blocked.candidate.accepted or NLOS.name in known_causes)
+        and blocked.fix_weight is not None
+    ):
         fit.lineariser.weight = blocked.fix_weight
         base = selector.base(base.noise)
-    selection = selector.of(base, known) if believed else selector.run(base)
+    selection = selector.fit_causes(base, entry_names) if known_causes else selector.run(base)
     say("waves, gusts, fixes without line of sight", 0.9)
-    by_chance = [c for c in stochastic_causes(fit, selection.final, selection.causes, believed)
-                 if c.effect.name not in without and (not believed or c.effect.name in believed)]  # fmt: skip
+    by_chance = [c for c in stochastic_causes(fit, selection.final, selection.causes, known_causes)
+                 if c.effect.name not in without and (not known_causes or c.effect.name in known_causes)]  # fmt: skip
     return SearchResult(selection, _together(fit, selection, by_chance))
 
 
-def _entries(fit: PosteriorFit, believed: Sequence[str]) -> list[str]:
-    """Names of the entries of the fit by which `believed` stand there: a gusty wind is a wind, waves have none."""
+def _entries(fit: PosteriorFit, known_causes: Sequence[str]) -> list[str]:
+    """Names of the entries of the fit by which `known_causes` stand there: a gusty wind is a wind, waves have none."""
     there, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
-    if strange := [name for name in believed if name not in there | chance]:
+    if strange := [name for name in known_causes if name not in there | chance]:
         raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(there | chance))}")
-    for both in (e for e in fit.effects if e.contains and {e.name, e.contains} <= set(believed)):
+    for both in (e for e in fit.effects if e.contains and {e.name, e.contains} <= set(known_causes)):
         raise ValueError(f"believe {both.name!r} or {both.contains!r}, not both: the one contains the other")
-    names = ["wind" if name == GUSTY_WIND.name else name for name in believed]
+    names = ["wind" if name == GUSTY_WIND.name else name for name in known_causes]
     return [name for name in dict.fromkeys(names) if name in there]
 
 

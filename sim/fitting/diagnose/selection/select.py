@@ -53,15 +53,15 @@ class Selector(Refitter):
 
     def screen(self, model: CandidateModel) -> list[Candidate]:
         """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
-        point = self.complete(model)
+        point = self.linearise_catalogue(model)
         found: dict[str, Candidate] = {}
         scores: dict[str, float] = {}
-        believed = [self.by_id[i] for i in model.believed]
-        said = {name for e in believed for name in (e.name, e.contains)}
+        active = [self.by_id[i] for i in model.active]
+        said = {name for e in active for name in (e.name, e.contains)}
         for noise in latent_scales(model.noise):
             reduced = model.reduced if noise is model.noise else self.fit.reduced(point, self.fit.effects, noise)
             assert reduced is not None
-            within = self.fit.prior(self.fit.effects, model.believed)
+            within = self.fit.prior(self.fit.effects, model.active)
             posterior, evidence = reduced.posterior(within), reduced.evidence(within)
             for effect in self.named:
                 if effect.name in said:
@@ -71,7 +71,7 @@ class Selector(Refitter):
                     found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
         return sorted(found.values(), key=lambda c: -scores[c.id])
 
-    def of(self, base: CandidateModel, names: Sequence[str]) -> Selection:
+    def fit_causes(self, base: CandidateModel, names: Sequence[str]) -> Selection:
         """These causes and no others, however small: of variants of one name those that explain most.
 
         Of a value beyond its limits nothing is known of how small it may be.
@@ -79,9 +79,9 @@ class Selector(Refitter):
         model, ranking = base, self.screen(base)
         for name in names:
             best = next(c for c in ranking if self.by_id[c.id].name == name)
-            model = self.refit(model, model.believed | {best.id}, {best.id: self.start(model, best)})
+            model = self.refit(model, model.active | {best.id}, {best.id: self.start_values(model, best)})
             ranking = self.screen(model)
-        judged = [self.judged(model, id_) for id_ in sorted(model.believed)]
+        judged = [self.score_active(model, id_) for id_ in sorted(model.active)]
         return Selection(base, model, [replace(c, lower=max(c.lower, 0.0)) for c in judged], ranking)
 
     def without(self, selection: Selection, gone: Collection[str]) -> Selection:
@@ -94,12 +94,12 @@ class Selector(Refitter):
         rivals = {name: others for name, others in selection.rivals.items() if name in names}
         if not kept:
             return replace(selection, final=selection.base, causes=[], rivals=rivals)
-        model = self.refit(selection.final, frozenset(kept), self._nil(gone))
-        causes = self._pruned(model)
+        model = self.refit(selection.final, frozenset(kept), self._zero_values(gone))
+        causes = self._accepted_causes(model)
         if fallen := set(kept) - {c.id for c in causes}:
             return self.without(replace(selection, final=model), fallen.union(gone))
-        self.complete(model)
-        return replace(selection, final=model, causes=causes, rivals=self._in_place(model, rivals))
+        self.linearise_catalogue(model)
+        return replace(selection, final=model, causes=causes, rivals=self._rescore_rivals(model, rivals))
 
     def run(self, base: CandidateModel | None = None) -> Selection:
         """From the base to the end."""
@@ -112,18 +112,20 @@ class Selector(Refitter):
             self.say(
                 f"round {round_ + 1}: " + ", ".join(f"{c.id} {c.nats:.0f}" for c in ranking[:3]), 0.2 + 0.18 * round_
             )
-            best, behind = self._best(model, ranking)
+            best, behind = self._best_addition(model, ranking)
             if best is None:
                 break
-            added = self.by_id[next(iter(best.believed - model.believed))].name
+            added = self.by_id[next(iter(best.active - model.active))].name
             rivals[added] = behind
             model = best
         if model.reduced is None:
-            self.complete(model)
+            self.linearise_catalogue(model)
         earlier = {name: others for name, others in rivals.items() if name != added}
-        return Selection(base, model, self._pruned(model), ranking, rivals | self._in_place(model, earlier))
+        return Selection(
+            base, model, self._accepted_causes(model), ranking, rivals | self._rescore_rivals(model, earlier)
+        )
 
-    def _best(
+    def _best_addition(
         self, model: CandidateModel, ranking: list[Candidate]
     ) -> tuple[CandidateModel | None, list[tuple[str, float]]]:
         """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
@@ -136,17 +138,17 @@ class Selector(Refitter):
         Of many places or times, one at which an impossible value explains most is chance: what has neither place nor
         time, is acceptable, and explains nearly as much (`DECISIVE_NATS`) is taken before it.
         """
-        tried = self._refitted(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
-        if not any(self.judged(m, id_).accepted for m, id_ in tried):
-            located = [c for c in ranking if self.by_id[c.id].of and c.nats >= DECISIVE_NATS]
-            tried += self._refitted(model, [c for c in located if SIZED >= c.size > LOCATED])
+        tried = self._refit_best(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
+        if not any(self.score_active(m, id_).accepted for m, id_ in tried):
+            located = [c for c in ranking if self.by_id[c.id].variant_of and c.nats >= DECISIVE_NATS]
+            tried += self._refit_best(model, [c for c in located if SIZED >= c.size > LOCATED])
         if not tried:
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)
-        judged = [self.judged(m, id_) for m, id_ in tried]
+        judged = [self.score_active(m, id_) for m, id_ in tried]
         found = [m.point.cost <= ASTRAY * model.point.cost for m, _ in tried]
         sure = [there and c.accepted for there, c in zip(found, judged, strict=True)]
-        best = self._acceptable(tried, judged, sure)
+        best = self._first_acceptable(tried, judged, sure)
         if best is None:
             return None, []
         one = tried[best][0]
@@ -154,10 +156,10 @@ class Selector(Refitter):
         behind = [(self.by_id[tried[k][1]].name, max(one.evidence - tried[k][0].evidence, 0.0)) for k in others]
         return one, behind
 
-    def _acceptable(
+    def _first_acceptable(
         self, tried: Sequence[tuple[CandidateModel, str]], judged: Sequence[Candidate], sure: Sequence[bool]
     ) -> int | None:
-        """Which of `tried`, best first, may be taken: see `_best`."""
+        """Which of `tried`, best first, may be taken: see `_best_addition`."""
         if sure[0]:
             return 0
         effects = [self.by_id[id_] for _, id_ in tried]
@@ -165,41 +167,41 @@ class Selector(Refitter):
         if effects[0].contains in names:
             special = names.index(effects[0].contains)
             return special if sure[special] else None
-        if not effects[0].of or np.isfinite(judged[0].lower):
+        if not effects[0].variant_of or np.isfinite(judged[0].lower):
             return None
         behind = [tried[0][0].evidence - m.evidence for m, _ in tried]
-        near = (k for k, e in enumerate(effects) if behind[k] < DECISIVE_NATS and not e.of)
+        near = (k for k, e in enumerate(effects) if behind[k] < DECISIVE_NATS and not e.variant_of)
         return next((k for k in near if sure[k]), None)
 
-    def _refitted(self, model: CandidateModel, hopeful: Sequence[Candidate]) -> list[tuple[CandidateModel, str]]:
+    def _refit_best(self, model: CandidateModel, hopeful: Sequence[Candidate]) -> list[tuple[CandidateModel, str]]:
         """`model` with each of the best few of `hopeful`, as far as that makes room."""
         tried: list[tuple[CandidateModel, str]] = []
         names: set[str] = set()
         for c in hopeful:
             name = self.by_id[c.id].name
-            sure = any(self.judged(m, id_).accepted for m, id_ in tried)
+            sure = any(self.score_active(m, id_).accepted for m, id_ in tried)
             if name in names or len(tried) >= REFIT or (sure and hopeful[0].gain - c.gain > NEAR):
                 continue
             names.add(name)
             with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
-                special = {i for i in model.believed if self.by_id[i].name == self.by_id[c.id].contains}
-                believed = (model.believed - special) | {c.id}
-                after = self.refit(model, believed, {c.id: self.start(model, c)})
+                special = {i for i in model.active if self.by_id[i].name == self.by_id[c.id].contains}
+                active = (model.active - special) | {c.id}
+                after = self.refit(model, active, {c.id: self.start_values(model, c)})
                 if justifies_removal(model, after):
                     tried.append((after, c.id))
         return tried
 
-    def _pruned(self, model: CandidateModel) -> list[Candidate]:
+    def _accepted_causes(self, model: CandidateModel) -> list[Candidate]:
         """What stands at the end, each judged with the others in place."""
-        judged = [self.judged(model, id_) for id_ in sorted(model.believed)]
+        judged = [self.score_active(model, id_) for id_ in sorted(model.active)]
         return [c for c in judged if c.accepted]
 
-    def _in_place(self, model: CandidateModel, rivals: Rivals) -> Rivals:
+    def _rescore_rivals(self, model: CandidateModel, rivals: Rivals) -> Rivals:
         """`rivals`, those that were near when their cause was taken judged anew beside what is believed in now."""
-        ids = {self.by_id[i].name: i for i in model.believed}
+        ids = {self.by_id[i].name: i for i in model.active}
         found = {
             name: [
-                (other, self._behind(model, ids[name], other) if near < RIVAL_NATS and other not in ids else near)
+                (other, self._nats_behind(model, ids[name], other) if near < RIVAL_NATS and other not in ids else near)
                 for other, near in others
             ]
             for name, others in rivals.items()
@@ -208,21 +210,21 @@ class Selector(Refitter):
         self.fit.noise = model.noise
         return found
 
-    def _behind(self, model: CandidateModel, id_: str, other: str) -> float:
+    def _nats_behind(self, model: CandidateModel, id_: str, other: str) -> float:
         """How many nats less `model` explains with the effect named `other` in the place of `id_`, at least nil."""
         with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
-            left = self.refit(model, model.believed - {id_}, self._nil([id_]))
+            left = self.refit(model, model.active - {id_}, self._zero_values([id_]))
             best = next((c for c in self.screen(left) if self.by_id[c.id].name == other), None)
             if best is not None:
-                instead = self.refit(left, left.believed | {best.id}, {best.id: self.start(left, best)})
+                instead = self.refit(left, left.active | {best.id}, {best.id: self.start_values(left, best)})
                 return max(model.evidence - instead.evidence, 0.0)
         return np.inf
 
-    def _nil(self, ids: Collection[str]) -> dict[str, np.ndarray]:
+    def _zero_values(self, ids: Collection[str]) -> dict[str, np.ndarray]:
         """Values at which to begin without what was believed: its tolerance band stays."""
-        return {i: np.zeros(len(self.by_id[i].parameters)) for i in ids if self.by_id[i].everyday}
+        return {i: np.zeros(len(self.by_id[i].parameters)) for i in ids if self.by_id[i].always_free}
 
 
 def justifies_removal(before: CandidateModel, after: CandidateModel) -> bool:
     """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
-    return before.believed <= after.believed or after.evidence - before.evidence >= DECISIVE_NATS
+    return before.active <= after.active or after.evidence - before.evidence >= DECISIVE_NATS

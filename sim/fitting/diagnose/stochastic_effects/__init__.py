@@ -81,7 +81,7 @@ def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | No
     values = np.array([best.share, np.exp(at[1]), best.number])
     slope = np.array([best.share * (1 - best.share), values[1]])
     return StochasticCause(
-        NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.sighted
+        NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.line_of_sight
     )
 
 
@@ -100,7 +100,7 @@ def wave_cause(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> 
         [F_w * share, PERIOD_DOUBT * found.T_p_s * np.sqrt(own[0]), np.hypot(np.degrees(np.sqrt(own[1])), COMPASS_DEG)]
     )
     values = np.array([F_w, found.T_p_s, np.degrees(found.beta_rad)])
-    nats = min(found.nats, found.over_own)
+    nats = min(found.nats, found.over_body_fixed)
     doubt = found.broad or waves.beside_peak(whole, found.beta_rad, found.T_p_s) > waves.OTHER
     return StochasticCause(WAVES, _candidate(WAVES, nats, values, np.diag(sigma**2)), form_doubtful=doubt)
 

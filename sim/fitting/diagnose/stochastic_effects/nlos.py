@@ -39,7 +39,7 @@ class Blocked:
     place_m: tuple[float, float]
     posterior: Peak
     nats: float
-    sighted: np.ndarray
+    line_of_sight: np.ndarray
 
     @property
     def share(self) -> float:

@@ -55,7 +55,7 @@ class Waves:
 
     posterior: Peak
     nats: float
-    over_own: float
+    over_body_fixed: float
 
     @property
     def T_p_s(self) -> float:

@@ -33,8 +33,8 @@ class NamedCause:
     """
 
     effect: Effect
-    own: Mapping[str, float]
-    told: Mapping[str, float]
+    engine: Mapping[str, float]
+    public: Mapping[str, float]
     note: str
     forces_n: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -60,7 +60,7 @@ def _thrusters(vessel: VesselFile, edit: Callable[[Thruster], Thruster]) -> Vess
 
 def _gain(vessel: VesselFile, cause: NamedCause, name: str | None) -> VesselFile:
     """Gain of one thruster, or of all."""
-    share = cause.told["gain"]
+    share = cause.public["gain"]
     return _thrusters(
         vessel,
         lambda t: replace(t, gain=t.gain * share, source=noted(t.source, cause.note)) if name in (None, t.name) else t,
@@ -89,14 +89,14 @@ def _swapped(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, NamedCause], VesselFile]:
     def place(vessel: VesselFile, cause: NamedCause) -> VesselFile:
         i = vessel.inertia
-        return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.told[public or key]},
+        return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.public[public or key]},
                                                source=noted(i.source, cause.note)))  # fmt: skip
 
     return place
 
 
 def _cg(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    i, p = vessel.inertia, cause.told
+    i, p = vessel.inertia, cause.public
     moved = replace(i, x_g_m=i.x_g_m + p["x_g_m"], y_g_m=i.y_g_m + p["y_g_m"], source=noted(i.source, cause.note))
     return replace(vessel, inertia=moved)
 
@@ -106,7 +106,7 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
 
     def place(vessel: VesselFile, cause: NamedCause) -> VesselFile:
         now = getattr(vessel.sensors, table)
-        moved = {key: getattr(now, key) + scale * cause.told[public] for key, public in keys.items()}
+        moved = {key: getattr(now, key) + scale * cause.public[public] for key, public in keys.items()}
         if "latency_s" in moved:
             moved["latency_s"] = float(np.clip(moved["latency_s"], 0.0, MOST_LATENCY_S))
         return _sensed(vessel, cause, table, **moved)
@@ -122,13 +122,13 @@ def _sensed(vessel: VesselFile, cause: NamedCause, table: str, **keys: float) ->
 
 def _accel_bias(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
-    x, y, _ = apply_imu_errors(vessel.sensors.imu, cause.told["b_x_m_s2"], cause.told["b_y_m_s2"], 0.0)
+    x, y, _ = apply_imu_errors(vessel.sensors.imu, cause.public["b_x_m_s2"], cause.public["b_y_m_s2"], 0.0)
     return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
 
 
 def _iron(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     imu = vessel.sensors.imu
-    more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.own[f"{k}_deg"]))
+    more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.engine[f"{k}_deg"]))
             for k in ("cos", "sin")}  # fmt: skip
     return _sensed(vessel, cause, "imu", **more)
 
@@ -140,7 +140,7 @@ def _propulsion(vessel: VesselFile, cause: NamedCause, **keys: object) -> Vessel
 
 def _slew(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """In place of a limit that the file has, which is in it."""
-    return _propulsion(vessel, cause, slew_N_s=cause.told["rate_limit_N_s"])
+    return _propulsion(vessel, cause, slew_N_s=cause.public["rate_limit_N_s"])
 
 
 def _advance(vessel: VesselFile, cause: NamedCause) -> VesselFile:
@@ -148,7 +148,7 @@ def _advance(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     f = np.abs(cause.forces_n)
     if not f.any():
         raise NoPlaceError("no thrust in the logs to compare with")
-    k = cause.told["loss_s_m"] * float((f**1.5).sum() / f.sum())
+    k = cause.public["loss_s_m"] * float((f**1.5).sum() / f.sum())
     return _propulsion(vessel, cause, advance_loss_sqrt_N_s_m=vessel.propulsion.advance_loss_sqrt_N_s_m + k)
 
 
@@ -159,7 +159,7 @@ def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     for ahead in vessel.thrusters:
         for behind in vessel.thrusters:
             if ahead.x_m > behind.x_m and np.sign(ahead.y_m) == np.sign(behind.y_m):
-                share = cause.told["loss"] * max(ahead.force_max_N, -ahead.force_min_N) / WASH_N
+                share = cause.public["loss"] * max(ahead.force_max_N, -ahead.force_min_N) / WASH_N
                 pair, blown = (behind.name, ahead.name), True
                 shares[pair] = shares.get(pair, 0.0) + share
     if not blown or min(shares.values()) < 0:
@@ -170,7 +170,7 @@ def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 def _cross_flow(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """Pure sway and pure yaw of the strips: Y_vv and N_rr. What both together do beyond that is not in the file."""
     h, d = vessel.hull, vessel.damping
-    per_m = RHO_WATER / 2 * cause.told["C_d"] * 1.5 * h.draft_m
+    per_m = RHO_WATER / 2 * cause.public["C_d"] * 1.5 * h.draft_m
     more = {
         "Y_vv_N_s2_m2": d.Y_vv_N_s2_m2 - per_m * h.length_m,
         "N_rr_N_m_s2": d.N_rr_N_m_s2 - per_m * h.length_m**4 / 32,
@@ -187,7 +187,9 @@ def _current(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """On top of a current that the file has."""
     now = values("current", vessel.terms.get("current", {}))
     angle = np.radians(now["beta_c_deg"])
-    north, east = (now["V_c_m_s"] * f(angle) + cause.own[k] for f, k in ((np.cos, "north_m_s"), (np.sin, "east_m_s")))
+    north, east = (
+        now["V_c_m_s"] * f(angle) + cause.engine[k] for f, k in ((np.cos, "north_m_s"), (np.sin, "east_m_s"))
+    )
     return _term(
         vessel, "current", cause, V_c_m_s=np.hypot(north, east), beta_c_deg=np.degrees(np.arctan2(east, north))
     )
@@ -198,7 +200,7 @@ def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     now = values("wind", vessel.terms.get("wind", {}))
     angle = np.radians(now["beta_w_deg"])
     pressure = RHO_AIR / 2 * now["V_w_m_s"] ** 2
-    north, east = (-pressure * f(angle) + cause.own[k] for f, k in ((np.cos, "north_Pa"), (np.sin, "east_Pa")))
+    north, east = (-pressure * f(angle) + cause.engine[k] for f, k in ((np.cos, "north_Pa"), (np.sin, "east_Pa")))
     speed = float(np.sqrt(2 * np.hypot(north, east) / RHO_AIR))
     own = {k: now[k] for k in ("c_x", "c_y", "c_n")}
     return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=np.degrees(np.arctan2(-east, -north)), **own)
@@ -206,7 +208,7 @@ def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 def _gusty(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     """A steady wind of the same mean force; what comes and goes has no place."""
-    p = cause.told
+    p = cause.public
     pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
     own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
     return _wind(vessel, NamedCause(cause.effect, own, p, cause.note))
@@ -217,7 +219,7 @@ def _tether(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
     Two springs without slack pull as one, from between their anchors.
     """
-    p, now = cause.told, values("tether", vessel.terms.get("tether", {}))
+    p, now = cause.public, values("tether", vessel.terms.get("tether", {}))
     k = now["stiffness_N_m"] + p["k_N_m"]
     if now["stiffness_N_m"] and now["slack_m"]:
         raise NoPlaceError("the file has a tether with slack already")
@@ -227,7 +229,7 @@ def _tether(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def _zone(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    p = cause.told
+    p = cause.public
     if values("shallow_zone", vessel.terms.get("shallow_zone", {}))["share"]:
         raise NoPlaceError("the file has a shallow zone already")
     where = {k: p[k] for k in ("north_m", "east_m")}
@@ -236,7 +238,7 @@ def _zone(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 def _munk(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     now = values("munk_moment", vessel.terms.get("munk_moment", {}))
-    return _term(vessel, "munk_moment", cause, k_kg=now["k_kg"] + cause.told["N_uv_kg"])
+    return _term(vessel, "munk_moment", cause, k_kg=now["k_kg"] + cause.public["N_uv_kg"])
 
 
 RAD = float(np.pi / 180)

@@ -55,13 +55,13 @@ def refitted(vessel: VesselFile, nuisances: Sequence[NamedCause], source: str) -
     before = c = _coefficients(vessel)
     for cause in mine:
         if "hull" in cause.effect.hooks:
-            c = cause.effect.hooks["hull"](dict(cause.own), c)
+            c = cause.effect.hooks["hull"](dict(cause.engine), c)
     moved = _with_hull(vessel, c, source)
     if not _loads(moved):
         moved = _with_hull(vessel, c | {k: before[k] for k in COUPLINGS}, source)
     for cause in mine:
         if cause.kind == "base" and "maps" in cause.effect.hooks:
-            moved = _rounded(cause.effect.hooks["maps"](dict(cause.own), moved))
+            moved = _rounded(cause.effect.hooks["maps"](dict(cause.engine), moved))
         elif "hull" not in cause.effect.hooks and cause.kind != "base":
             with suppress(NoPlaceError):
                 moved = extended(moved, cause)
@@ -84,9 +84,9 @@ def extended(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     if cause.kind in PLACES:
         new = PLACES[cause.kind](vessel, cause)
     elif hooks == {"maps"}:
-        new = _with_maps(vessel, cause.effect.hooks["maps"](dict(cause.own), vessel), cause.note)
+        new = _with_maps(vessel, cause.effect.hooks["maps"](dict(cause.engine), vessel), cause.note)
     elif hooks == {"hull"}:
-        c = cause.effect.hooks["hull"](dict(cause.own), _coefficients(vessel))
+        c = cause.effect.hooks["hull"](dict(cause.engine), _coefficients(vessel))
         new = _with_hull(vessel, c, cause.note)
     else:
         raise NoPlaceError("no key of a vessel file stands for it")
@@ -113,9 +113,9 @@ def _of_the_fouled(causes: Sequence[NamedCause]) -> list[NamedCause]:
 
     They are found by shares of what the base has.
     """
-    fouled = math.prod(c.told["gain"] for c in causes if c.kind == "hull_fouling")
+    fouled = math.prod(c.public["gain"] for c in causes if c.kind == "hull_fouling")
     return [
-        dataclass_replace(c, told={**c.told, "gain": 1 + (c.told["gain"] - 1) / fouled})
+        dataclass_replace(c, public={**c.public, "gain": 1 + (c.public["gain"] - 1) / fouled})
         if c.kind == "shallow_zone"
         else c
         for c in causes
@@ -129,7 +129,7 @@ def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[NamedC
     """
     for cause in causes:
         if cause.effect.name == "added_mass":
-            gain = cause.told["gain"]
+            gain = cause.public["gain"]
             own = {k: getattr(full.inertia, k) / gain for k in ("X_udot_kg", "Y_vdot_kg")}
             return replace(folded, inertia=replace(folded.inertia, **own))
     return folded

@@ -53,7 +53,7 @@ class VesselFiles:
     refitted: VesselFile
     numbers: VesselFile
     extended: VesselFile
-    left: dict[str, str]
+    not_in_file: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -124,15 +124,15 @@ def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -
     boat's. Chosen on seven hidden cases (nonce "report") against keeping the whole catalogue free.
     """
     ids = frozenset(n.fitted for n in causes)
-    chosen = [e for e in fit.effects if e.id in ids or _is_number(e) or (e.everyday and e.family in OF_THE_DAY)]
-    theta = {k: v for k, v in final.point.theta.items() if k in {e.id for e in chosen}}
+    free = [e for e in fit.effects if e.id in ids or _is_number(e) or (e.always_free and e.family in OF_THE_DAY)]
+    theta = {k: v for k, v in final.point.theta.items() if k in {e.id for e in free}}
     fit.noise = final.noise
-    return fit.solve(theta, final.point.z, chosen, ids, steps=2, before=final.point).theta
+    return fit.solve(theta, final.point.z, free, ids, steps=2, before=final.point).theta
 
 
 def _is_number(effect: Effect) -> bool:
     """Whether its tolerance band moves numbers that every vessel file has."""
-    return effect.everyday and (effect.family == "base" or family(effect.name) in FOLDED)
+    return effect.always_free and (effect.family == "base" or family(effect.name) in FOLDED)
 
 
 def _nuisances(fit: PosteriorFit, theta: ParameterValues, names: set[str] | tuple[str, ...]) -> list[NamedCause]:

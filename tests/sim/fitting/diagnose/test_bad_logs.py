@@ -277,8 +277,8 @@ def test_logs_of_two_days_get_no_more_entries_than_logs_of_one():
 
 def test_starts_of_an_onset_in_a_short_piece_are_entries_of_their_own():
     runs = [part(good(), 0.0, 60.0), part(Run(good().table, replace(good().meta, zero_ns=int(36e11))), 0.0, 10.5)]
-    for entry in (e for e in catalogue(boat("aritra"), runs) if e.starts):
-        starts = entry.starts()
+    for entry in (e for e in catalogue(boat("aritra"), runs) if e.start_entries):
+        starts = entry.start_entries()
         assert len({e.id for e in starts}) == len(starts)
 
 
@@ -289,7 +289,7 @@ def test_an_onset_is_looked_for_everywhere_in_logs_that_lie_far_apart_and_not_be
     """Two days, and the pieces of an hour."""
     runs = [part(Run(good().table, replace(good().meta, zero_ns=int(b * 1e9))), 0.0, length_s) for b in begins_s]
     entries = [e for e in catalogue(boat("aritra"), runs) if e.name == "thruster_fouling:rear_port"]
-    starts = np.array([start.origin["onset_s"] for e in entries for start in e.starts()])
+    starts = np.array([start.origin["onset_s"] for e in entries for start in e.start_entries()])
     for log in runs:
         begin_s = LogClock.of(runs).start_s(log)
         t = np.linspace(begin_s, begin_s + log.duration_s, 50)

@@ -95,7 +95,7 @@ def test_columns_know_what_the_file_takes_off(name):
     effect = next(e for e in fit.effects if e.id == name)
     state = fit.physics.move(fit.effects, {}, fit.z0, None)
     columns = fit.physics.accelerations(fit.effects, {}, state, [effect])
-    S = sensitivities(state.A, AccelerationPartials.of(columns.nodes, columns.bump), fit.physics.windows.h_s)
+    S = sensitivities(state.A, AccelerationPartials.of(columns.nodes, columns.mid_excess), fit.physics.windows.h_s)
     for j, parameter in enumerate(effect.parameters):
         step = parameter.step * np.eye(len(effect.parameters))[j]
         ahead, behind = (fit.physics.move(fit.effects, {name: s * step}, fit.z0, None) for s in (1, -1))
@@ -110,7 +110,7 @@ def test_an_open_loop_settles_where_the_file_weakens_thrust(theta):
     fit, theta = weakened_in_a_current(), {name: np.array(values) for name, values in theta.items()}
     physics = EffectPhysics([RUN], fit.physics.vessel, 12.0)
     state = converged_rollout(physics, fit.effects, theta, initial_nodes(physics.windows, physics.parameters))
-    more, _ = physics.extra(fit.effects, theta, physics.scene(state), state.forces.f)
+    more, _ = physics.hook_forces(fit.effects, theta, physics.scene(state), state.forces.f)
     np.testing.assert_allclose(state.tau, physics.drive(state.forces.f) + more, atol=0.05)
 
 
@@ -136,7 +136,7 @@ def test_a_thruster_that_is_dead_in_the_file_is_the_limit_of_one_that_is_all_but
     for gain in (0.0, 1e-9):
         thrusters = (replace(PLAIN.thrusters[0], gain=gain), *PLAIN.thrusters[1:])
         fit = engine(replace(with_propulsion(slew_N_s=slew_N_s), thrusters=thrusters))
-        commanded = [e for e in fit.effects if e.everyday and "maps" in e.hooks]
+        commanded = [e for e in fit.effects if e.always_free and "maps" in e.hooks]
         there = {"common_loss": np.array([0.3]), "lag": np.array([0.01])}
         state = fit.physics.move(fit.effects, there, fit.z0, None)
         found.append((state.x, fit.physics.accelerations(fit.effects, there, state, commanded).nodes))
@@ -165,7 +165,7 @@ def test_a_limit_that_is_found_is_the_limit_in_full():
     fit, found = engine(SLOW), np.array([0.02])
     limit = next(e for e in fit.effects if e.id == "rate_limit")
     cause = cause_of(fit, limit, found, "test")
-    assert cause.told["rate_limit_N_s"] == pytest.approx(1 / (0.02 + 1 / 25))
+    assert cause.public["rate_limit_N_s"] == pytest.approx(1 / (0.02 + 1 / 25))
     assert smallest(limit) == (pytest.approx(1 / (1 / 150 + 1 / 25)), "N/s")
 
 

@@ -59,7 +59,7 @@ def seen(vessel, effect: Effect) -> np.ndarray:
     selector = Selector(fit)
     base = selector.base()
     start = {mine.id: base.point.theta.get(mine.id, np.zeros(len(mine.parameters)))}
-    if mine.far:
+    if mine.nonlinear:
         start = {mine.id: np.array([p.step for p in mine.parameters])}
     return selector.refit(base, frozenset({mine.id}), start).point.theta[mine.id]
 
@@ -127,7 +127,7 @@ def test_cross_flow_of_the_file_is_that_of_the_strips_in_pure_sway_and_pure_yaw(
                         (2, (0.0, 0.0, 0.5), new.N_rr_N_m_s2 - old.N_rr_N_m_s2)):  # fmt: skip
         x, t = np.array([[[0.0, 0.0, 0.0, *nu]]]), np.zeros((1, 1))
         scene = Scene(t, t, x, np.zeros((1, 1, 3)), np.zeros(1), np.zeros(2), 0.0)
-        force = one.effect.hooks["force"](one.own, scene)[0, 0]
+        force = one.effect.hooks["force"](one.engine, scene)[0, 0]
         assert force[i] == pytest.approx(more * nu[i] ** 2, rel=0.02)
 
 
@@ -206,7 +206,7 @@ def test_a_bias_beside_a_turned_imu_is_what_the_engine_has(m_rad):
     bias, turn = cause("accel_bias", 0.3, -0.2), cause("imu_misalignment", 20.0)
     y = np.array([[[0.0, 0.1, 0.7, -0.4]]])
     for one in sorted((bias, turn), key=lambda c: list(EFFECTS).index(c.effect.id)):
-        y = one.effect.hooks["imu"](one.own, None, y)
+        y = one.effect.hooks["imu"](one.engine, None, y)
     there = with_causes(base, [bias, turn])[0].sensors.imu
     assert correct_imu(imu, *apply_imu_errors(there, 0.7, -0.4, 0.1))[:2] == pytest.approx(y[0, 0, 2:], abs=1e-12)
 
@@ -217,7 +217,7 @@ def test_a_second_tether_pulls_as_the_engine_has_both():
     eta, nu = np.array([11.0, 17.0, 0.4]), np.zeros(3)
     scene = Scene(np.zeros((1, 1)), np.zeros((1, 1)), np.array([[[*eta, *nu]]]), np.zeros((1, 1, 3)), np.zeros(1),
                   PLACE.centre_m, 0.0)  # fmt: skip
-    both = sum(one.effect.hooks["force"]({**one.own, "arm_m": 0.0}, scene)[0, 0] for one in (first, second))
+    both = sum(one.effect.hooks["force"]({**one.engine, "arm_m": 0.0}, scene)[0, 0] for one in (first, second))
     found = StructuredModel.of(extended(once, second)).term_force(eta, nu)
     assert np.array(ca.DM(found))[:, 0] == pytest.approx(both, abs=1e-9)
     slack = replace(once, terms={"tether": once.terms["tether"] | {"slack_m": 1.0}})
@@ -227,11 +227,11 @@ def test_a_second_tether_pulls_as_the_engine_has_both():
 def test_a_zone_beside_fouling_damps_as_the_engine_has_both():
     """In the middle of the zone, where its edge does not matter."""
     zone, fouling = cause("shallow_zone@0", 0.6, 0.0, 0.0, 6.0), cause("hull_fouling", 0.5)
-    there = np.array([zone.told["north_m"], zone.told["east_m"], 0.3])
+    there = np.array([zone.public["north_m"], zone.public["east_m"], 0.3])
     nu = np.array([0.5, -0.2, 0.3])
     scene = Scene(np.zeros((1, 1)), np.zeros((1, 1)), np.array([[[*there, *nu]]]), np.zeros((1, 1, 3)), np.zeros(1),
                   PLACE.centre_m, 0.0)  # fmt: skip
-    own = {**zone.own, "north_m": 0.0, "east_m": 0.0, "radius_m": 6.0}
+    own = {**zone.engine, "north_m": 0.0, "east_m": 0.0, "radius_m": 6.0}
     fouled = StructuredModel.of(extended(VESSEL, fouling)).damping(there, nu)
     both = np.array(ca.DM(fouled))[:, 0] - zone.effect.hooks["force"](own, scene)[0, 0]
     for causes in ((zone, fouling), (fouling, zone)):

@@ -53,15 +53,17 @@ ARM = "uwb_lever_arm"
 PORT, STARBOARD = "thruster_gain:front_port", "thruster_gain:front_starboard"
 
 
-def effect(id: str, *smallest: float, vector: bool = False, far: bool = False, same_as: tuple[str, ...] = ()) -> Effect:
+def effect(
+    id: str, *smallest: float, vector: bool = False, nonlinear: bool = False, same_as: tuple[str, ...] = ()
+) -> Effect:
     numbers = tuple(EffectParameter(f"p{i}", "1", 10 * abs(s), s, 0.3 * s) for i, s in enumerate(smallest))
-    return Effect(id, "hull", "", "", numbers, {}, vector=vector, far=far, same_as=same_as)
+    return Effect(id, "hull", "", "", numbers, {}, vector=vector, nonlinear=nonlinear, same_as=same_as)
 
 
 def catalogued(*effects: Effect) -> Any:
     """As much of a Fit as is asked for."""
     fit: Any = SimpleNamespace(effects=effects)
-    fit.prior = lambda chosen, believed: PosteriorFit.prior(fit, chosen, believed)
+    fit.prior = lambda free, active: PosteriorFit.prior(fit, free, active)
     return fit
 
 
@@ -78,7 +80,7 @@ def flown(excitation: Excitation, vessel: VesselFile = VESSEL) -> Run:
 def judged(names: tuple[str, ...], times: int = 1) -> tuple[PosteriorFit, np.ndarray]:
     """A log and its Hessian: no variants of place and time, they only take time."""
     run = flown(plan_of(names, times))
-    effects = [e for e in catalogue(VESSEL, [run]) if e.everyday]
+    effects = [e for e in catalogue(VESSEL, [run]) if e.always_free]
     fit = PosteriorFit(EffectPhysics([run], VESSEL, 1.0), effects, NOISE)
     z = np.zeros((fit.physics.windows.size[0], L))
     z[:, STATE] = true_nodes(fit.physics.windows, run)
@@ -92,13 +94,13 @@ def written_out(fit, H: np.ndarray, a: Effect, b: Effect | None, w: np.ndarray) 
         kept, sigma, at = [], [], 0
         for e in fit.effects:
             width = len(e.parameters)
-            if e is not gone and (e.everyday or e is there):
+            if e is not gone and (e.always_free or e is there):
                 kept += range(at, at + width)
                 sigma += [p.prior for p in e.parameters] if e is there else list(e.tolerance())
             at += width
         data = (H @ w)[kept]
         reduced = ReducedNormalEquations(H[np.ix_(kept, kept)], data, np.zeros(len(kept)), 0.0)
-        values.append(reduced.evidence(Prior.round_nil(np.array(sigma))))
+        values.append(reduced.evidence(Prior.zero_mean(np.array(sigma))))
     return values[0] - values[1]
 
 
@@ -106,7 +108,7 @@ def written_out(fit, H: np.ndarray, a: Effect, b: Effect | None, w: np.ndarray) 
 @given(seed=st.integers(0, 10**6))
 def test_nats_are_differences_of_evidence_at_the_worst_direction(seed):
     rng = np.random.default_rng(seed)
-    fit = catalogued(effect("one", 0.3), effect("two", 0.5, 0.5, vector=True), effect("far", 0.4, far=True))
+    fit = catalogued(effect("one", 0.3), effect("two", 0.5, 0.5, vector=True), effect("far", 0.4, nonlinear=True))
     J = rng.normal(size=(9, 4)) * 3
     H = J.T @ J
     found = pairwise_evidence(fit, H)
@@ -208,7 +210,7 @@ def test_the_manoeuvre_is_the_one_that_helps():
     assert (arm, nothing) == (ARM, NOTHING) and shown > DECISIVE_NATS
     names = {s.name for s in plan.excitation.segments}
     assert "spin both ways" in names and "surge steps" not in names, "no more of the same"
-    assert [p[0] for p in plan.beyond] == ["accel_bias"], "no manoeuvre shows what each log may have of its own"
+    assert [p[0] for p in plan.unreachable] == ["accel_bias"], "no manoeuvre shows what each log may have of its own"
     text = manoeuvre_sentence(plan)
     assert text.startswith(f"These logs cannot tell {a} from {b} (") and "manoeuvre.toml" in text
     assert "No manoeuvre of the library would show accel_bias of medium size" in text
@@ -232,7 +234,7 @@ def test_the_manoeuvre_is_planned_at_the_rates_of_samples_not_of_steps_of_integr
 
 def test_the_excite_command_takes_the_manoeuvre(tmp_path, capsys):
     planner, plan, found = planned()
-    final = SimpleNamespace(reduced=SimpleNamespace(H=judged(STRAIGHT)[1]), believed=frozenset(), noise=NOISE)
+    final = SimpleNamespace(reduced=SimpleNamespace(H=judged(STRAIGHT)[1]), active=frozenset(), noise=NOISE)
     selection: Any = SimpleNamespace(final=final, causes=[], rivals={})
     told = distinguishability(planner.fit, selection)
     assert told.plan is None and told.file == "" and told.record.manoeuvre == ""
@@ -269,11 +271,11 @@ def test_flown_by_a_boat_that_has_the_cause_the_manoeuvre_shows_it():
     ]
     nats = []
     for runs in (logs[:1], logs):
-        effects = [e for e in catalogue(VESSEL, runs) if e.everyday]
+        effects = [e for e in catalogue(VESSEL, runs) if e.always_free]
         fit, at = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), effects, NOISE), parameter_slices(effects)[ARM]
         point = fit.solve({}, fit.z0, effects, frozenset(), steps=3)
         posterior = fit.reduced(point, effects).posterior(fit.prior(effects, frozenset()))
-        nats.append(posterior.instead(at, Prior.round_nil(np.full(2, 0.15)))[0] - posterior.absent(at))
+        nats.append(posterior.under_prior(at, Prior.zero_mean(np.full(2, 0.15)))[0] - posterior.nats_if_absent(at))
     assert nats[0] < DECISIVE_NATS < nats[1]
 
 

@@ -139,7 +139,7 @@ def test_waves_are_found_with_direction_and_size():
     seen = waves.look(data)
     assert seen.nats > waves.QUICK_NATS and seen.T_p_s == pytest.approx(2.2, rel=0.08)
     found = waves.waves(blocks(data, 150), seen)
-    assert found.nats > 100 and found.over_own > 50 and not found.broad
+    assert found.nats > 100 and found.over_body_fixed > 50 and not found.broad
     assert found.T_p_s == pytest.approx(2.2, rel=0.03)
     assert np.degrees(found.beta_rad) == pytest.approx(130.0, abs=5.0)  # and not 310: yaw tells
     size, share = waves.rms_force(data, found.beta_rad, found.T_p_s)
@@ -170,7 +170,7 @@ def test_an_engine_that_oscillates_is_no_wave():
     force[:, 0] += 1.0 * band(rng, len(force), 2.2, 0.04, data.step_s)
     data = measured(rng, data, force)
     found = waves.waves(blocks(data, 150), waves.look(data))
-    assert found.over_own < 0
+    assert found.over_body_fixed < 0
 
 
 def wind_along(data: ResidualAcceleration) -> np.ndarray:
@@ -227,7 +227,7 @@ def test_fixes_without_line_of_sight_name_the_anchor_and_are_weighed_down():
     at = best.posterior.at
     assert abs(np.log(best.share / (1 - best.share)) - np.log(0.06 / 0.94)) < 3 * sigma[nlos.SHARE]
     assert abs(at[nlos.EXTRA] - np.log(0.8)) < 3 * sigma[nlos.EXTRA]
-    assert best.sighted[hidden].mean() < 0.4 and best.sighted[~hidden].mean() > 0.97
+    assert best.line_of_sight[hidden].mean() < 0.4 and best.line_of_sight[~hidden].mean() > 0.97
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.05])

@@ -38,7 +38,7 @@ def test_columns_are_the_derivatives_of_the_motion(name, beside):
         there[name] = np.array([5.0, -3.0])  # beside this the boat's own way is small: linear in the pressure
     state = physics.move(fit.effects, there, fit.z0, None)
     columns = physics.accelerations(fit.effects, there, state, [effect])
-    S = sensitivities(state.A, AccelerationPartials.of(columns.nodes, columns.bump), physics.windows.h_s)
+    S = sensitivities(state.A, AccelerationPartials.of(columns.nodes, columns.mid_excess), physics.windows.h_s)
     now = there.get(name, np.zeros(len(effect.parameters)))
     for j, parameter in enumerate(effect.parameters):
         step = np.zeros(len(effect.parameters))
@@ -76,7 +76,7 @@ def test_an_open_loop_goes_on_until_forces_are_those_along_its_own_motion(theta)
     theta = {name: np.array(values) for name, values in theta.items()}
     state = converged_rollout(physics, fit.effects, theta, initial_nodes(physics.windows, physics.parameters))
     scene = physics.scene(state)
-    more, water = physics.extra(fit.effects, theta, scene, state.forces.f)
+    more, water = physics.hook_forces(fit.effects, theta, scene, state.forces.f)
     np.testing.assert_allclose(state.tau, state.forces.f @ physics.B.T + more, atol=0.05)
     np.testing.assert_allclose(state.water, water, atol=1e-3)
 
@@ -89,7 +89,7 @@ def test_pulses_that_changed_places_are_in_place_when_other_changes_of_thrust_ar
     thrusters = fit.physics.thrusters
     found = thrusters.change(fit.effects, theta, trim, step)
     there = {**theta, trim.id: theta[trim.id] + step}
-    expected = thrusters.forces(fit.effects, there).less(thrusters.forces(fit.effects, theta))
+    expected = thrusters.forces(fit.effects, there).minus(thrusters.forces(fit.effects, theta))
     np.testing.assert_allclose(found.f, expected.f, atol=1e-9)
     assert np.abs(found.f - thrusters.change(fit.effects, {trim.id: theta[trim.id]}, trim, step).f).max() > 1e-3
 

@@ -31,9 +31,9 @@ def test_evidence_is_that_of_a_linear_gaussian_model(seed, count):
     rest = multivariate_normal(other @ mean[1:], other @ np.diag(sigma[1:] ** 2) @ other.T + np.eye(8)).logpdf(y)
     if count > 1:
         posterior = reduced.posterior(prior)
-        assert expected + posterior.absent(gone) == pytest.approx(rest, abs=1e-6)
+        assert expected + posterior.nats_if_absent(gone) == pytest.approx(rest, abs=1e-6)
         wider = Prior(np.append(3 * sigma[0], sigma[1:]), np.append(mean[0] - 1, mean[1:]))
-        gain, values, covariance = posterior.instead(gone, wider.part(gone))
+        gain, values, covariance = posterior.under_prior(gone, wider.part(gone))
         assert expected + gain == pytest.approx(reduced.evidence(wider), abs=1e-6)
         again = reduced.posterior(wider)
         assert values == pytest.approx(again.values[gone]) and covariance == pytest.approx(again.covariance[gone, gone])

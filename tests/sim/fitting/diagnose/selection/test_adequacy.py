@@ -65,9 +65,9 @@ def named(group_name: str, word: str) -> FunctionGroup:
 def test_what_is_left_over_without_the_echoes_of_the_best():
     a, b, c, d = (named(n, w) for n, w in (("a", "heading"), ("b", "time"), ("c", "speed"), ("d", "load")))
     found = GroupEvidence(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
-    assert found.counted == (a, b)
-    assert found.is_akin("tether", found.counted) and not found.is_akin("lag", found.counted)
-    assert not GroupEvidence(((a, 11.0), (b, 3.0)), 0.0, {}, {}).counted
+    assert found.significant == (a, b)
+    assert found.is_akin("tether", found.significant) and not found.is_akin("lag", found.significant)
+    assert not GroupEvidence(((a, 11.0), (b, 3.0)), 0.0, {}, {}).significant
 
 
 def test_what_explains_more_of_the_base_comes_first():
@@ -111,12 +111,12 @@ def test_causes_that_one_group_outdoes_stand_in_for_it():
 def test_a_cause_is_akin_to_the_group_that_can_stand_in_for_it():
     fit, model = clean()
     name = "thruster_gain:front_port"
-    at = next(i for i, e in enumerate(model.chosen) if e.id == name)
-    start = sum(len(e.parameters) for e in model.chosen[:at])
+    at = next(i for i, e in enumerate(model.free) if e.id == name)
+    start = sum(len(e.parameters) for e in model.free[:at])
     theta = {**model.point.theta, name: np.array([0.05])}
     assert model.own.theta0[start] == model.point.theta[name][0]
     moved = CandidateModel(
-        model.believed, _at_theta(fit, model, theta), model.noise, model.chosen, model.own, model.evidence
+        model.active, _at_theta(fit, model, theta), model.noise, model.free, model.own, model.evidence
     )
     akin = group_evidence(fit, moved, [name]).akin[name]
     assert "generic:thrust, front_port" in akin
@@ -124,7 +124,7 @@ def test_a_cause_is_akin_to_the_group_that_can_stand_in_for_it():
 
 
 def _at_theta(fit: PosteriorFit, model: CandidateModel, theta):
-    return fit.point(theta, model.point.z, model.chosen)
+    return fit.point(theta, model.point.z, model.free)
 
 
 def test_an_entry_can_be_left_out_by_name_or_head():

@@ -90,5 +90,5 @@ def test_fixes_far_out_are_something_left_over_unless_a_cause_explains_them():
     assert 0.04 < share.value < 0.09 and share.limit == OFTEN and f"{FAR_OUT:g}" in share.name
     report = adequacy(fit, selection, None).adequacy
     assert not report.passed and report.depends_on == ("position",)
-    assert share.name not in {c.name for c in adequacy(fit, selection, None, Masking(far_out=True)).adequacy.checks}
+    assert share.name not in {c.name for c in adequacy(fit, selection, None, Masking(outliers=True)).adequacy.checks}
     assert outlier_check(clean()[1].point).passed

@@ -29,7 +29,7 @@ from tests.support.vessel_fixtures import boat
 def test_causes_of_chance_that_are_there_for_sure_are_reported_however_small():
     """Of a calm log (seed 21), which shows none of them; a gusty wind stands for the wind."""
     fit = PosteriorFit(EffectPhysics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))
-    found = search_causes(fit, believed=("waves", "gusty_wind", "nlos"))
+    found = search_causes(fit, known_causes=("waves", "gusty_wind", "nlos"))
     assert {c.effect.name for c in found.causes} == {"waves", "gusty_wind", "nlos"}
     for cause in found.causes:
         se = np.sqrt(np.diag(cause.candidate.covariance))
@@ -41,7 +41,7 @@ def test_causes_that_no_sensor_shows_are_refused():
     deaf = Run(short().table.with_columns(ax_m_s2=none, ay_m_s2=none), short().meta)
     fit = PosteriorFit(EffectPhysics([deaf], VESSEL, 1.0), catalogue(VESSEL, [deaf]), stated_noise(VESSEL))
     with pytest.raises(ValueError, match="believe 'waves': accelerations alone show it, and these logs have none"):
-        search_causes(fit, believed=("lag", "waves"))
+        search_causes(fit, known_causes=("lag", "waves"))
 
 
 def test_an_unknown_hook_is_refused():
@@ -103,4 +103,4 @@ def test_a_users_own_entry_acts_as_it_says():
     plain = own.physics.move(own.effects, {}, own.z0, None)
     pushed = (state.tau - plain.tau)[..., 1]
     assert pushed == pytest.approx(8.0 * state.x[..., 3], abs=0.3)
-    assert replace(mine, origin={"k_N_s_m": 1.0}).everyday is False
+    assert replace(mine, origin={"k_N_s_m": 1.0}).always_free is False

@@ -22,8 +22,8 @@ from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, bench, short
 
 
 def test_a_special_case_makes_room_only_for_what_explains_more():
-    def model(evidence, *believed):
-        return CandidateModel(frozenset(believed), None, None, (), None, evidence)
+    def model(evidence, *active):
+        return CandidateModel(frozenset(active), None, None, (), None, evidence)
 
     steady = model(0.0, "current")
     assert not justifies_removal(steady, model(11.0, "turning_current@1"))
@@ -34,18 +34,16 @@ def test_a_special_case_makes_room_only_for_what_explains_more():
 def searching(before: CandidateModel, gains: dict[str, float], refused: tuple[str, ...] = ()) -> Selector:
     """A search whose refits end with the evidence `gains` (by id), of which all but `refused` are acceptable."""
     selector = Selector(copy(bench()[0]))
-    selector.refit = lambda _start, believed, values: replace(
-        before, believed=believed, evidence=gains[next(iter(values))]
-    )
-    selector.start = lambda _model, _candidate: np.zeros(1)
-    selector.judged = lambda _model, id_: hopeful(id_, 0.5 if id_ in refused else 8.0)
+    selector.refit = lambda _start, active, values: replace(before, active=active, evidence=gains[next(iter(values))])
+    selector.start_values = lambda _model, _candidate: np.zeros(1)
+    selector.score_active = lambda _model, id_: hopeful(id_, 0.5 if id_ in refused else 8.0)
     return selector
 
 
 def first(selector: Selector, start: CandidateModel, ranking: list[Candidate]) -> Selection:
     """The search from `start` where `ranking` are the candidates, and none is left once one was taken."""
     selector.screen = lambda model: ranking if model is start else []
-    selector.complete = lambda _model: None
+    selector.linearise_catalogue = lambda _model: None
     return selector.run(start)
 
 
@@ -53,8 +51,8 @@ def hopeful(id_: str, lower: float = 8.0, size: float = 9.0) -> Candidate:
     return Candidate(id_, 500.0, 500.0, np.ones(len(bench()[0].effects)), np.eye(1), size, lower)
 
 
-def before(*believed: str) -> CandidateModel:
-    return CandidateModel(frozenset(believed), SimpleNamespace(cost=100.0), None, (), None, 0.0)
+def before(*active: str) -> CandidateModel:
+    return CandidateModel(frozenset(active), SimpleNamespace(cost=100.0), None, (), None, 0.0)
 
 
 def turning() -> str:
@@ -66,7 +64,7 @@ def test_a_special_case_that_stays_does_not_end_the_search():
     steady = before("current")
     selector = searching(steady, {turning(): 10.0, "lag": 9.0})
     found = first(selector, steady, [hopeful(turning()), hopeful("lag")])
-    assert found.final.believed == {"current", "lag"} and found.rivals == {"lag": []}
+    assert found.final.active == {"current", "lag"} and found.rivals == {"lag": []}
 
 
 def test_what_explains_more_than_the_special_case_that_is_taken_is_told_if_it_could_be_named():
@@ -74,18 +72,18 @@ def test_what_explains_more_than_the_special_case_that_is_taken_is_told_if_it_co
     nothing, gains = before(), {turning(): 30.0, "lag": 25.0, "current": 20.0}
     ranking = [hopeful(id_) for id_ in gains]
     found = first(searching(nothing, gains, (turning(),)), nothing, ranking)
-    assert found.final.believed == {"current"} and found.rivals == {"current": [("lag", 0.0)]}
+    assert found.final.active == {"current"} and found.rivals == {"current": [("lag", 0.0)]}
     found = first(searching(nothing, gains, (turning(), "lag")), nothing, ranking)
-    assert found.final.believed == {"current"} and found.rivals == {"current": []}
+    assert found.final.active == {"current"} and found.rivals == {"current": []}
 
 
 def test_what_lies_between_the_places_that_are_tried_seems_small_and_is_refitted_if_nothing_else_stands():
     zone = next(e.id for e in bench()[0].effects if e.name == "shallow_zone")
     nothing, gains = before(), {"lag": 20.0, zone: 30.0}
     small = [hopeful(zone, size=0.5), hopeful("lag")]
-    assert first(searching(nothing, gains, ("lag",)), nothing, small).final.believed == {zone}
+    assert first(searching(nothing, gains, ("lag",)), nothing, small).final.active == {zone}
     found = first(searching(nothing, gains), nothing, small)
-    assert found.final.believed == {"lag"} and found.rivals == {"lag": []}
+    assert found.final.active == {"lag"} and found.rivals == {"lag": []}
     found = first(searching(nothing, gains), nothing, [hopeful("lag", size=0.5)])
     assert found.final is nothing and found.rivals == {}
 
@@ -97,8 +95,8 @@ def test_an_impossible_value_at_one_of_many_places_hides_no_cause_that_explains_
 
     def best(scale: float, lower: float) -> frozenset[str]:
         selector = searching(nothing, {zone: 42.0, "gyro_scale": scale})
-        selector.judged = lambda _model, id_: hopeful(id_, lower if id_ == zone else 8.0)
-        return first(selector, nothing, ranking).final.believed
+        selector.score_active = lambda _model, id_: hopeful(id_, lower if id_ == zone else 8.0)
+        return first(selector, nothing, ranking).final.active
 
     assert best(39.0, -np.inf) == {"gyro_scale"}
     assert best(29.0, -np.inf) == frozenset(), "12 nats and more are no chance: there is something"
@@ -108,11 +106,11 @@ def test_an_impossible_value_at_one_of_many_places_hides_no_cause_that_explains_
 def weighing(evidence: dict[frozenset[str], float]) -> Selector:
     """A search in which believing in a set is worth what `evidence` says, for all who stand a test."""
     selector = Selector(copy(bench()[0]))
-    selector.refit = lambda _start, believed, _values: replace(before(*believed), evidence=evidence[believed])
+    selector.refit = lambda _start, active, _values: replace(before(*active), evidence=evidence[active])
     selector.screen = lambda _model: [hopeful("payload"), hopeful("dead_time")]
-    selector.complete = lambda _model: None
-    selector.start = lambda _model, _candidate: np.zeros(1)
-    selector.judged = lambda _model, id_: hopeful(id_)
+    selector.linearise_catalogue = lambda _model: None
+    selector.start_values = lambda _model, _candidate: np.zeros(1)
+    selector.score_active = lambda _model, id_: hopeful(id_)
     return selector
 
 
@@ -125,16 +123,16 @@ def test_rivals_are_judged_beside_what_was_found_later():
 
 
 def both_with(rivals: Rivals) -> Selection:
-    """A lag and a wash are believed in."""
+    """A lag and a wash are active in."""
     return Selection(before(), before("lag", "wash"), [hopeful("lag"), hopeful("wash")], [], rivals)
 
 
 def test_a_rival_without_which_the_boat_is_thrown_out_of_bounds_is_none():
     selector = weighing({})
 
-    def thrown(_start: CandidateModel, believed: frozenset[str], _values: dict[str, np.ndarray]) -> CandidateModel:
-        if believed == {"lag", "wash"}:
-            return before(*believed)
+    def thrown(_start: CandidateModel, active: frozenset[str], _values: dict[str, np.ndarray]) -> CandidateModel:
+        if active == {"lag", "wash"}:
+            return before(*active)
         raise np.linalg.LinAlgError
 
     selector.refit = thrown
@@ -158,7 +156,7 @@ def test_pieces_of_a_log_tell_no_more_of_a_bias_than_the_log():
     for runs in ([short()], parts(short(), [(10.0 * k, 10.0 * k + 8.0) for k in range(4)])):
         fit = PosteriorFit(EffectPhysics(runs, VESSEL, 1.0), catalogue(VESSEL, runs), stated_noise(VESSEL, runs))
         selector = Selector(fit)
-        (bias,) = selector.of(selector.base(), ["accel_bias"]).causes
+        (bias,) = selector.fit_causes(selector.base(), ["accel_bias"]).causes
         errors.append(np.sqrt(np.diag(bias.covariance)))
     assert errors[1] == pytest.approx(errors[0], rel=0.03) and (errors[0] > 0.85 * sigma).all()
 
@@ -168,17 +166,17 @@ def test_what_does_not_stand_without_a_cause_that_is_taken_back_goes_too():
     selector = Selector(bench()[0])
     there = {"wash", "lag", "payload"}
     tried: list[frozenset[str]] = []
-    selector.refit = lambda _start, believed, _values: tried.append(believed) or before(*believed)
-    selector.judged = lambda _model, id_: hopeful(id_, 0.5 if id_ == "lag" else 8.0)
-    selector.complete = lambda _model: None
+    selector.refit = lambda _start, active, _values: tried.append(active) or before(*active)
+    selector.score_active = lambda _model, id_: hopeful(id_, 0.5 if id_ == "lag" else 8.0)
+    selector.linearise_catalogue = lambda _model: None
     rivals = {"lag": [("dead_time", 1.0)], "payload": []}
     whole = Selection(before(), before(*there), [hopeful(id_) for id_ in sorted(there)], [], rivals)
     left = selector.without(whole, {"wash"})
-    assert [c.id for c in left.causes] == ["payload"] and left.final.believed == {"payload"}
+    assert [c.id for c in left.causes] == ["payload"] and left.final.active == {"payload"}
     assert tried == [{"lag", "payload"}, {"payload"}] and left.rivals == {"payload": []}
 
 
 def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():
     fit, _ = bench()
     with pytest.raises(ValueError, match="'turning_current' or 'current', not both"):
-        search_causes(fit, believed=("current", "turning_current"))
+        search_causes(fit, known_causes=("current", "turning_current"))

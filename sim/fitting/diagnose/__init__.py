@@ -1,1 +1,4 @@
-"""What does the simulation get wrong, why, and what is gained by mending it: method in docs/diagnose.md."""
+"""Diagnosis: what a vessel file gets wrong about logs, which causes explain it, and the gain of a file with them.
+
+Method: docs/diagnose.md.
+"""

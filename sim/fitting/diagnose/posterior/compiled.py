@@ -1,4 +1,10 @@
-"""The one vessel model, compiled for all windows at once: trajectories, rates with Jacobians, slopes."""
+"""The vessel model compiled for all windows at once: rollout, state derivative with Jacobians, sensitivities.
+
+    x = [x y psi u v r] (NED position, heading, body velocity),   x_dot = f(x, p, tau, water) + [0 0 0 d]
+
+p (N_HULL,): hull coefficients; tau: body force [N, N, N m]; water (2,): velocity over ground [m/s]; d (3,): latent
+acceleration [m/s^2, m/s^2, rad/s^2].
+"""
 
 from __future__ import annotations
 
@@ -18,19 +24,22 @@ from sim.fitting.engine.model import N_HULL, symbolic_model
 
 @dataclass(frozen=True)
 class MovingWaterModel(StructuredModel):
-    """The model in water that moves over ground with `flow` (north, east) [m/s], beside what the file says."""
+    """The model in water that moves over ground with `flow` (north, east) [m/s] on top of the file's current."""
 
     flow: Any = None
 
     def water_velocity(self, eta: Any) -> Any:
-        """As StructuredModel's, plus R^T flow."""
+        """Water velocity of StructuredModel plus R^T(psi) flow, body axes (3,)."""
         return super().water_velocity(eta) + ca.vertcat(*unrotate(eta[2], self.flow[0], self.flow[1]), 0.0)
 
 
 class CompiledWindows(NamedTuple):
-    """Rollout of all windows; at all nodes rates with Jacobians, and slopes; M^-1.
+    """Compiled functions.
 
-    Slopes: to coefficients, to water velocity, to the thruster forces after tau.
+    rollout   x at all steps of all windows
+    rates     at every step A = d(x_dot)/dx (6, 6), M^-1 (3, 3), nu_dot (3,)
+    slopes    at every step d(nu_dot)/dp, d(nu_dot)/d(water), d(nu_dot)/df of the thruster forces f appended to tau
+    M_inv     M^-1 (3, 3) of coefficients p
     """
 
     rollout: Rollout
@@ -40,10 +49,10 @@ class CompiledWindows(NamedTuple):
 
 
 def compile_windows(vessel: VesselFile, steps: int, windows: int) -> CompiledWindows:
-    """For `windows` windows of `steps` steps each.
+    """Compile for `windows` windows of `steps` steps each.
 
-    tau: body force (3,); in a file whose thrusters lose thrust to moving water the forces (n,) of each after it, by
-    which the model takes off what is lost, and by which there are slopes too.
+    tau is the body force (3,); where the file's thrusters lose thrust to moving water, the n thruster forces f are
+    appended, the model adds B (f_lossy(nu_r) - f), and `slopes` has their columns.
     """
     tau = ca.SX.sym("tau", 3 + (len(vessel.thrusters) if has_thrust_losses(vessel) else 0))
     x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("d", 3)
@@ -74,7 +83,7 @@ def compile_windows(vessel: VesselFile, steps: int, windows: int) -> CompiledWin
 
 
 def _step(rate: ca.Function, pushes: int) -> ca.Function:
-    """(x, [p d], [tau start, middle, end], [water start, end], h) -> x after h, by Runge-Kutta."""
+    """Runge-Kutta 4 step: (x, [p d], [tau at start, middle, end], [water at start, end], h) -> x after h."""
     sizes = (("x", 6), ("p", N_HULL), ("taus", 3 * pushes), ("flow", 4), ("d", 3), ("h", 1))
     x, p, taus, flow, d, h = (ca.SX.sym(*s) for s in sizes)
     start, middle, end = ca.vertsplit(taus, pushes)

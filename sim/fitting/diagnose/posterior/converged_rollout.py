@@ -1,4 +1,4 @@
-"""Windows of many seconds in motion, with forces that are those along the motion itself: open loops."""
+"""Open-loop rollout of long windows whose hook forces depend on the motion itself: fixed point by Newton's method."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.engine.jacobian_rows import AccelerationPartials, sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
 
-STILL, MOST_PASSES = 1e-3, 20  # of x y psi u v r in their units, and passes until then; assumed
+STILL, MOST_PASSES = 1e-3, 20  # largest change of x y psi u v r between passes at convergence; passes; assumed
 
 
 def converged_rollout(
     physics: EffectPhysics, effects: Sequence[Effect], theta: ParameterValues, z: np.ndarray
 ) -> WindowTrajectories:
-    """As `EffectPhysics.move` from nodes z, but passes go on until the motion stands still.
+    """Trajectories from nodes z (W, L) as by `EffectPhysics.move`, with passes until the motion is converged.
 
-    Of effects of some size each pass takes what it changes of their forces along, to first order (Newton's step).
-    Where the motion is thrown out of bounds on the way, as `EffectPhysics.move` has it.
+    Forces of nameable effects are linearised in the motion between passes (Newton's step). Where an iterate is not
+    finite: the result of `EffectPhysics.move`.
     """
-    pushing = nameable(with_hooks(effects, theta, PUSHES), theta)
+    nonlinear = nameable(with_hooks(effects, theta, PUSHES), theta)
     now = physics.one_pass(effects, theta, z, None)
     for _ in range(MOST_PASSES):
         before, now = now, physics.one_pass(effects, theta, z, now)
@@ -33,8 +33,8 @@ def converged_rollout(
             return physics.move(effects, theta, z, None)
         if np.abs(now.x - before.x).max() < STILL:
             return now
-        if pushing:
-            now = _newton_update(physics, pushing, theta, before, now)
+        if nonlinear:
+            now = _newton_update(physics, nonlinear, theta, before, now)
     return now
 
 
@@ -45,7 +45,10 @@ def _newton_update(
     before: WindowTrajectories,
     now: WindowTrajectories,
 ) -> WindowTrajectories:
-    """`now`, which feels the forces of `effects` along `before`, moved by what they are along itself."""
+    """One Newton step: `now` was driven by the forces of `effects` along `before`; correct for those along `now`.
+
+    a = M'^-1 (tau(now) - tau(before)),   dx_dot = A dx + [0, a]
+    """
     feedback, (W, K) = physics.feedback(effects, theta, now), physics.windows.size
     old, new = (physics.hook_forces(effects, theta, physics.scene(s), now.forces.f)[0] for s in (before, now))
     a, A = (new - old)[..., :3] @ now.M_inv.T @ feedback.mass_ratio.T, now.with_feedback(feedback).A

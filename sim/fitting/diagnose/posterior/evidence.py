@@ -1,11 +1,11 @@
-"""What logs say of all parameters once the nodes are eliminated, and what any prior makes of it.
+"""Laplace evidence of any prior on the parameters, from normal equations with the nodes eliminated.
 
-One linearisation with all columns gives H and b of all parameters; then the log evidence of any set m of effects is a
-matter of a small matrix,
+One linearisation with all Jacobian columns gives the Hessian H (P, P) and b = -gradient (P,) of all parameters. With
+prior precisions L_m (diagonal; means zero) of a model m the log evidence is
 
-    log p(data | m) = const + 1/2 b^T (H + L_m)^-1 b - 1/2 log det(H + L_m) + 1/2 log det L_m
+    log p(data | m) = const + 1/2 b^T (H + L_m)^-1 b - 1/2 log det(H + L_m) + 1/2 log det L_m        [nats]
 
-(L_m: prior precisions; means nil), which is exact as far as the logs are linear in the parameters (Laplace).
+which is exact as far as the data are linear in the parameters.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Prior:
-    """Normal priors of parameters, each for itself: sigma (P,), mean (P,)."""
+    """Independent normal priors of P parameters: sigma (P,), mean (P,)."""
 
     sigma: np.ndarray
     mean: np.ndarray
 
     def cost(self, values: np.ndarray) -> float:
-        """Of values (P,) [nats], but for what does not depend on them."""
+        """Negative log density of `values` (P,) up to a constant [nats]."""
         return 0.5 * float((((values - self.mean) / self.sigma) ** 2).sum())
 
     def slope(self, values: np.ndarray) -> np.ndarray:
-        """Of the cost, (P,)."""
+        """Gradient of `cost`, (P,)."""
         return self.precision * (values - self.mean)
 
     @property
@@ -37,19 +37,19 @@ class Prior:
 
     @staticmethod
     def zero_mean(sigma: np.ndarray) -> Prior:
-        """Of mean nil."""
+        """Prior of mean zero."""
         return Prior(sigma, np.zeros_like(sigma))
 
     def part(self, at: slice) -> Prior:
-        """Of some parameters."""
+        """Prior of the parameters `at`."""
         return Prior(self.sigma[at], self.mean[at])
 
 
 @dataclass(frozen=True)
 class ReducedNormalEquations:
-    """All parameters with the nodes eliminated: Hessian H (P, P) and b = -gradient (P,) of the data at theta0 (P,).
+    """Normal equations of the parameters: Hessian H (P, P) and b = -gradient (P,) of the data cost at theta0 (P,).
 
-    `constant`: what the log evidence has beside [nats].
+    `constant`: terms of the log evidence that do not depend on the parameters' prior [nats].
     """
 
     H: np.ndarray
@@ -58,32 +58,36 @@ class ReducedNormalEquations:
     constant: float
 
     def evidence(self, prior: Prior) -> float:
-        """Log evidence [nats]."""
+        """Log evidence under `prior` [nats], by a Cholesky factor of H + L."""
         factor = np.linalg.cholesky(self.H + np.diag(prior.precision))
         half = np.linalg.solve(factor, self.b - prior.slope(self.theta0))
         value = self.constant - prior.cost(self.theta0) + 0.5 * float(half @ half)
         return value - float(np.log(np.diag(factor)).sum()) - float(np.log(prior.sigma).sum())
 
     def posterior(self, prior: Prior) -> Posterior:
-        """Values and covariance."""
+        """Posterior mean and covariance under `prior`."""
         C = np.linalg.inv(self.H + np.diag(prior.precision))
         return Posterior(self.theta0 + C @ (self.b - prior.slope(self.theta0)), C, prior)
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """All parameters: values (P,), covariance (P, P), and the prior that went into them."""
+    """Posterior of all parameters: mean `values` (P,), `covariance` (P, P), and the prior it was computed with."""
 
     values: np.ndarray
     covariance: np.ndarray
     prior: Prior
 
     def under_prior(self, at: slice, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
-        """Nats that the evidence gains with another prior on some parameters; their values and covariance then.
+        """Gain of log evidence [nats] with another `prior` on k parameters `at`; their values (k,), covariance (k, k).
 
-        With S, m of these parameters now, sigma, mu of a prior, L = S^-1 - Sigma_was^-1 is what the data say of them
-        (all others free), h = S^-1 m - Sigma_was^-1 mu_was + Sigma^-1 mu, then C = (L + Sigma^-1)^-1, values C h, and
-        the evidence is half of h^T C h + log det C - log det Sigma - mu^T Sigma^-1 mu, less the same as it was.
+        With marginal mean m, covariance S and present prior (mu_0, Sigma_0), the data's information on them, all others
+        free, is L = S^-1 - Sigma_0^-1. Under a prior (mu, Sigma)
+
+            h = S^-1 m - Sigma_0^-1 mu_0 + Sigma^-1 mu,   C = (L + Sigma^-1)^-1,   values = C h
+            2 log p = h^T C h + log det C - log det Sigma - mu^T Sigma^-1 mu + const
+
+        and the gain is the difference of log p to that of the present prior.
         """
         was, S, m = self.prior.part(at), self.covariance[at, at], self.values[at]
         known, nil = np.linalg.inv(S), np.zeros_like(m)
@@ -93,7 +97,7 @@ class Posterior:
         return float(gain) / 2 + was.cost(nil) - prior.cost(nil), C @ h, C
 
     def nats_if_absent(self, at: slice) -> float:
-        """Nats that the evidence gains with these parameters held at nil."""
+        """Gain of log evidence with the parameters `at` held at zero [nats]."""
         S, m, was = self.covariance[at, at], self.values[at], self.prior.part(at)
         gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(was.sigma).sum())
         return float(gain) / 2 + was.cost(np.zeros_like(m))

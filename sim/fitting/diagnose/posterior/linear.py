@@ -1,12 +1,12 @@
-"""Everything that the logs say at one point about nodes, and about every effect's parameters, as normal equations.
+"""Linearisation of the data at one point: normal equations of the nodes and of every effect's parameters.
 
-Residuals are predicted minus measured, whitened. Columns: node (L), then one for each parameter. An effect's column of
-accelerations delta_a(t) moves the state by
+Residuals are predicted minus measured, whitened. Columns of a window: its node (L), then one for each parameter. The
+acceleration delta_a(t) (3,) per unit of a parameter changes the state along a window by the sensitivity S, from zero at
+its node (earlier effects reach the window through its node and the ties):
 
-    S_{k+1} = Phi_k S_k + integral of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A)
+    S_{k+1} = Phi_k S_k + integral from 0 to h of exp(A (h - s)) delta_a(s) ds,   Phi = exp(h A)
 
-(series to third order, A the mean of both ends; delta_a a parabola through both ends and the middle) from nothing at
-each node: what it has done before is the node's business (the ties pass it on).
+(series to third order, A the mean of both ends; delta_a a parabola through both ends and the middle).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SCALED = {"r": RATE, "ax": SURGE, "ay": SWAY}  # channels that an effect may sca
 
 @dataclass(frozen=True)
 class JacobianColumns:
-    """What one unit of each parameter changes: accelerations, IMU (W, K, 4, P), places (m, 2, P)."""
+    """Jacobian columns of P parameters: accelerations, IMU readings (W, K, 4, P), tag positions (m, 2, P)."""
 
     a: Accelerations
     imu: np.ndarray
@@ -50,10 +50,14 @@ class JacobianColumns:
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """Normal equations of the data at theta, z. `cost`: half the weighted squares of the data [nats].
+    """Normal equations of the data at theta and nodes z (W, L), where the boat moves as in `state`.
 
-    `shares`: what the readings that an effect may scale have in the blocks of the nodes, (W, L, L) by name.
-    `residuals` (W, K, 4), `fix_residuals` (m, 2): whitened, NaN where nothing was measured.
+    chain, ties      block-tridiagonal normal equations; linearised continuity of neighbouring windows
+    cost             half the weighted squares of the residuals, Huber on fixes [nats]
+    residuals        (W, K, 4) whitened psi, r, a_x, a_y; NaN where nothing was measured
+    fix_residuals    (m, 2) whitened position residuals
+    columns          Jacobian columns of the free parameters
+    shares           by scaled reading, its information F_w on each node, (W, L, L)
     """
 
     theta: ParameterValues
@@ -68,7 +72,7 @@ class LinearisationPoint:
     shares: dict[str, np.ndarray]
 
     def without_columns(self) -> LinearisationPoint:
-        """Without its columns, which take most of the room: for evidence, not for steps."""
+        """The same without columns, which take most of the memory: enough for evidence, not for further steps."""
         a = self.columns.a
         nodes, bump, imu, tag = (
             part[..., :0].copy() for part in (a.nodes, a.mid_excess, self.columns.imu, self.columns.tag)
@@ -77,7 +81,7 @@ class LinearisationPoint:
 
 
 class Lineariser:
-    """Normal equations on the windows of `physics`. `weight` (m,): what each position sample counts."""
+    """Normal equations on the windows of `physics`. `weight` (m,): weight of each position sample, 1 by default."""
 
     def __init__(self, physics: EffectPhysics):
         self.physics, self.windows = physics, physics.windows
@@ -88,7 +92,7 @@ class Lineariser:
     def columns(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]
     ) -> JacobianColumns:
-        """Secants of all parameters of `free`; `effects`: those that may be in theta."""
+        """Secant columns of all parameters of `free` at theta along `state`; `effects`: those that theta may hold."""
         W, K = self.windows.size
         a = self.physics.accelerations(effects, theta, state, free)
         imu, tag = (np.zeros((*shape, a.nodes.shape[3])) for shape in ((W, K, 4), (len(self.readings.window), 2)))
@@ -139,15 +143,17 @@ class Lineariser:
         state: WindowTrajectories,
         columns: JacobianColumns | None = None,
     ) -> LinearisationPoint:
-        """Normal equations at theta, z, where the boat moves as in `state`, with columns for parameters of `free`.
+        """Normal equations at (theta, z), where the boat moves as in `state`, with columns for parameters of `free`.
 
-        `columns`: of a point so near that they will do.
+        `columns`: of a nearby point, to be used again.
         """
+        # 1. Residuals, slopes of the readings, Huber weights of the fixes.
         residual, fix = self.readings.residuals(effects, theta, state, z, noise)
         columns = columns or self.columns(effects, theta, state, free)
         slopes = self.readings.slopes(effects, theta, state)
         size = np.sqrt((fix**2).sum(axis=1))
         root = np.sqrt(self.weight * np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
+        # 2. Blocks of windows: sensitivities S, rows of IMU and fixes, products into the chain.
         W, P = self.windows.size[0], columns.a.nodes.shape[3]
         pushes = AccelerationPartials.of(columns.a.nodes, columns.a.mid_excess)
         chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, X0_D + P))
@@ -155,16 +161,17 @@ class Lineariser:
         ordered = self.readings.window[self._by_window]
         for start in range(0, W, BLOCK):
             part = slice(start, min(start + BLOCK, W))
-            mine = self._by_window[slice(*np.searchsorted(ordered, (part.start, part.stop)))]
-            S, imu, tag = self._rows(state.A[part], pushes.part(part), columns, slopes, root, noise, part, mine)
+            samples = self._by_window[slice(*np.searchsorted(ordered, (part.start, part.stop)))]
+            S, imu, tag = self._rows(state.A[part], pushes.part(part), columns, slopes, root, noise, part, samples)
             chain.add(part, imu.reshape(len(imu), -1, L + P), np.nan_to_num(residual[part]).reshape(len(imu), -1))
             for name, channel in SCALED.items():
                 own = imu[:, :, channel, :L]
                 shares[name][part] = own.transpose(0, 2, 1) @ own
             before = chain.A[part].copy()
-            chain.add_samples(self.readings.window[mine], tag, fix[mine] * root[mine, None])
+            chain.add_samples(self.readings.window[samples], tag, fix[samples] * root[samples, None])
             shares["place"][part] = chain.A[part] - before
             ends[part] = S[:, -1]
+        # 3. Continuity: rho = z_{w+1} - F z_w at the end of each window.
         ties = self._ties(state, ends, z, noise)
         return LinearisationPoint(
             theta, z, state, chain, ties, _cost(residual, fix, self.weight), residual, fix, columns, shares
@@ -179,11 +186,11 @@ class Lineariser:
         root: np.ndarray,
         noise: Noise,
         part: slice,
-        mine: np.ndarray,
+        samples: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of windows `part` and their position samples `mine`: sensitivities, rows of the IMU and of the samples.
+        """Sensitivities S, IMU rows and position rows of the windows `part` and their position samples `samples`.
 
-        `A` and `pushes`: those of the part.
+        `A`, `pushes`: those of the part; `root` (m,): square roots of the fixes' weights.
         """
         P, read, h_s = columns.imu.shape[3], self.readings, self.windows.h_s[part]
         S = sensitivities(A, pushes, h_s)
@@ -193,14 +200,16 @@ class Lineariser:
             jacobian_columns(np.arange(P)),
         )
         imu = imu_jacobian(S, A, pushes, slopes[0][part], columns.imu[part], known, (h_s, wander), noise, place, L + P)
-        at = read.window[mine] - part.start, read.index[mine]
-        tag = position_jacobian(S, at, slopes[1][mine], columns.tag[mine], root[mine] / noise.fix_m, place, L + P)
+        at = read.window[samples] - part.start, read.index[samples]
+        tag = position_jacobian(
+            S, at, slopes[1][samples], columns.tag[samples], root[samples] / noise.fix_m, place, L + P
+        )
         return S, imu, tag
 
     def cost(
         self, effects: Sequence[Effect], theta: ParameterValues, z: np.ndarray, noise: Noise, state: WindowTrajectories
     ) -> tuple[float, np.ndarray]:
-        """Cost of the data alone [nats] where the boat moves as in `state`, and what the ties leave (T, L)."""
+        """Data cost [nats] where the boat moves as in `state`, and residuals rho (T, L) of the T ties."""
         residual, fix = self.readings.residuals(effects, theta, state, z, noise)
         at, decay, _ = self._tied(noise)
         return _cost(residual, fix, self.weight), _rho(state, z, at, decay)
@@ -219,12 +228,14 @@ class Lineariser:
 
 
 def _rho(state: WindowTrajectories, z: np.ndarray, at: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """rho = z_{w+1} - F(z_w), (T, L): states as integrated to the window's end, biases and latent decayed."""
     reached = decay * z[at]
     reached[:, STATE] = state.x[at, -1]
     return z[at + 1] - reached
 
 
 def _cost(residual: np.ndarray, fix: np.ndarray, weight: np.ndarray) -> float:
+    """Half the squares of the IMU residuals and half the weighted Huber loss of the fixes [nats]."""
     size = np.sqrt((fix**2).sum(axis=1))
     huber = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) @ weight
     return 0.5 * (float(np.nansum(residual**2)) + float(huber))

@@ -1,4 +1,4 @@
-"""The noise card: what the file states; white noise as the residuals show it, the latent acceleration by evidence."""
+"""The noise card: stated by the file; white noise from residual quantiles, latent acceleration by maximum evidence."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from sim.fitting.engine.noise import Noise, noise_of
 from sim.fitting.identify.structured_fit import with_latent
 
 Q90 = 1.644854  # 90 % of a normal distribution lie within so many sigmas
-WITHIN = (0.2, 10.0)  # of the stated noise: the residuals may say so much less or more; assumed
-START = (0.02, 0.02, 0.03)  # latent acceleration to begin with [m/s^2, m/s^2, rad/s^2]; assumed
-FLOOR = (5e-4, 5e-4, 5e-4)  # ambient: below this nothing is to be told [same units]; assumed
-LATENTS = (1.0, 0.3, 0.1)  # a cause that was found takes over what latent acceleration stood in for; assumed
-REACH = 1.0  # how far the first parabola reaches, of the logarithm
+WITHIN = (0.2, 10.0)  # range of estimated over stated white noise; assumed
+START = (0.02, 0.02, 0.03)  # initial latent acceleration [m/s^2, m/s^2, rad/s^2]; assumed
+FLOOR = (5e-4, 5e-4, 5e-4)  # least latent acceleration [same units]; assumed
+LATENTS = (1.0, 0.3, 0.1)  # scales tried for a candidate, which takes over part of the latent acceleration; assumed
+REACH = 1.0  # half width of the first parabola, of the logarithm
 SWEEPS, SETTLED = 5, 0.15
-OFFSET_RAD = 0.002  # by which the heading's offset may differ between logs; assumed
+OFFSET_RAD = 0.002  # sigma of the heading's offset between logs; assumed
 SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 
 
 def stated_noise(vessel: VesselFile, runs: Sequence[Run] = ()) -> Noise:
-    """Noise as the vessel file has it, with a latent acceleration to begin with.
+    """Noise as the vessel file states it, with the initial latent acceleration.
 
-    What nobody can foretell also varies within a window, for which the latent acceleration stands as a mean: states may
-    jump by so much more from one window to the next. An offset of the heading is an effect, not noise.
+    The latent acceleration is constant over a window, whereas disturbances vary within it: `SLACK` lets states jump
+    between windows accordingly. A heading offset common to all logs is an effect, not noise.
 
-    `runs`: what is fitted. Pieces of a log begin with biases and offsets of their own: these are taken for so much
-    larger that all pieces together tell no more of what they have in common than their one log does.
+    `runs`: what is fitted. Each piece of a log has biases and offsets of its own; their sigmas grow with the root of
+    pieces per log, so that all pieces together carry no more information on a common bias than their one log.
     """
     share = np.sqrt(len(runs) / len(source_runs(runs))) if runs else 1.0
     noise = noise_of(vessel)
@@ -42,13 +42,13 @@ def stated_noise(vessel: VesselFile, runs: Sequence[Run] = ()) -> Noise:
 
 
 def latent_scales(noise: Noise) -> list[Noise]:
-    """`noise` with the latent acceleration whole, and with the smaller shares of it that `LATENTS` names."""
+    """`noise` with its latent acceleration times each of `LATENTS`, at least `FLOOR`; the first is `noise` itself."""
     latent = np.array(noise.latent)
     return [noise, *(with_latent(noise, np.maximum(share * latent, FLOOR)) for share in LATENTS[1:])]
 
 
 def estimated_white_noise(noise: Noise, point: LinearisationPoint, stated: Noise) -> Noise:
-    """White noise as the residuals' 90 % quantile shows it, which a few outliers do not move."""
+    """`noise` with white noise from the 90 % quantiles of the residuals at `point`, which outliers hardly move."""
     white = [
         _bounded(now, point.residuals[..., c], said)
         for c, (now, said) in enumerate(zip(noise.white, stated.white, strict=True))
@@ -58,6 +58,7 @@ def estimated_white_noise(noise: Noise, point: LinearisationPoint, stated: Noise
 
 
 def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
+    """sigma times the 90 % quantile of |residuals| over that of a unit normal, within `WITHIN` of `stated`."""
     known = np.abs(residuals[np.isfinite(residuals)])
     if not len(known):
         return sigma
@@ -65,7 +66,11 @@ def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
 
 
 def estimated_latent(fit: PosteriorFit, point: LinearisationPoint) -> Noise:
-    """The latent acceleration of greatest evidence at a point, by parabolas along each axis of its logarithm."""
+    """The fit's noise with the latent acceleration of greatest evidence at `point`.
+
+    Coordinate-wise: the vertex of a parabola through three values along each axis of log sigma, at most `SWEEPS` times,
+    half as wide once the vertices lie within it.
+    """
     at = np.log(np.maximum(np.array(fit.noise.latent), FLOOR))
 
     def evidence(at: np.ndarray) -> float:
@@ -86,7 +91,7 @@ def estimated_latent(fit: PosteriorFit, point: LinearisationPoint) -> Noise:
 
 
 def _vertex(evidence: Callable[[np.ndarray], float], at: np.ndarray, value: float, axis: int, reach: float) -> float:
-    """Where a parabola through three values of evidence along one axis is highest, at most twice `reach` away."""
+    """Displacement to the vertex of the parabola through three values along one axis, at most twice `reach`."""
     step = reach * np.eye(3)[axis]
     ahead, behind = evidence(at + step) - value, evidence(at - step) - value
     bend = ahead + behind

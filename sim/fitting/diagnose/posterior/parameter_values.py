@@ -1,4 +1,4 @@
-"""Values of effects' parameters, and the steps by which their columns are taken."""
+"""Parameter values theta by effect id, and the secant steps of their Jacobian columns."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 
 ParameterValues = Mapping[str, np.ndarray]
-"""Parameters by effect id; effects that are not in it do nothing."""
-NEARBY = 0.1  # of the value of a far effect that is believed in: how far its secant reaches
+"""theta: parameters (k,) by effect id; effects that are not in it are absent."""
+NEARBY = 0.1  # secant step of a nonlinear effect over its present value
 
 
 def values_by_name(
     effects: Sequence[Effect], theta: ParameterValues, *stages: str
 ) -> list[tuple[Effect, dict[str, float]]]:
-    """Effects of `theta` that have one of the hooks, with their parameters by name."""
+    """The effects of `theta` that have a hook of `stages`, each with its parameters by name."""
     wanted = frozenset(stages)
     return [
         (e, {p.name: float(v) for p, v in zip(e.parameters, theta[e.id], strict=True)})
@@ -28,7 +28,7 @@ def values_by_name(
 
 @dataclass(frozen=True)
 class SecantSteps:
-    """Of one effect: its values `now`, and by column of all chosen parameters the step to take, each of one alone."""
+    """Secant steps of one effect: values `now` (k,); by column of all free parameters a step (k,) of that one alone."""
 
     effect: Effect
     now: np.ndarray
@@ -36,7 +36,7 @@ class SecantSteps:
 
 
 def secant_steps(free: Sequence[Effect], theta: ParameterValues) -> Iterator[SecantSteps]:
-    """Each effect of `free` in its turn."""
+    """Secant steps of each effect of `free` at theta, backwards where a forward step would pass the upper limit."""
     for effect, columns in zip(free, parameter_slices(free).values(), strict=True):
         now = theta.get(effect.id, np.zeros(len(effect.parameters)))
         reaches = [
@@ -47,5 +47,5 @@ def secant_steps(free: Sequence[Effect], theta: ParameterValues) -> Iterator[Sec
 
 
 def including(effects: Sequence[Effect], effect: Effect) -> Sequence[Effect]:
-    """`effects` with `effect`, where it is: which of two that scale the same number comes first matters."""
+    """`effects` with `effect` at the place it has in them, else at the end: hooks do not commute."""
     return effects if any(e.id == effect.id for e in effects) else [*effects, effect]

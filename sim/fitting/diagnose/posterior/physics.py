@@ -1,9 +1,12 @@
-"""Whole logs moved by the one vessel model with any set of effects in it, and what each effect's parameters change.
+"""Trajectories of whole logs by the vessel model with any set of effects, and the effects' acceleration columns.
 
-Windows are integrated from their nodes (`sim.fitting.engine.windows`). Effects of the hull enter the model's
-coefficients, moving water its relative velocity; forces and thruster effects that depend on the motion are taken along
-the trajectory of the pass before, which two passes settle. Columns are secants: (with - without) / step, along the
-trajectory, for accelerations; the motion's own Jacobian then carries them on (`linear`).
+Windows are integrated from their nodes (`sim.fitting.engine.windows`):
+
+    M nu_dot + C(nu_r) nu_r + D(nu_r) nu_r = B f + tau_hooks,   nu_r = nu - R^T(psi) V_water
+
+Hull effects change the coefficients of M, C and D, water effects V_water. Hook forces that depend on the motion are
+taken along the trajectory of the pass before; two passes converge, three where such an effect is large. Columns are
+secants of accelerations along the trajectory, (with - without) / step; `linear` integrates them with A = d(x_dot)/dx.
 """
 
 from __future__ import annotations
@@ -40,12 +43,12 @@ from sim.fitting.engine.windows import Windows, cut_windows
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 WATER, THRUST = frozenset({"water"}), frozenset({"thrust"})  # stages of hooks
-PUSHES = THRUST | {"force"}
-NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # of x y psi u v r u_dot v_dot r_dot, for the slopes of forces
+PUSHES = THRUST | {"force"}  # stages whose hooks give forces
+NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # difference steps of x y psi u v r u_dot v_dot r_dot for slopes of forces
 
 
 class EffectPhysics:
-    """The model of `vessel` on the windows of `runs`. `clock`: of the logs that these are parts of, and of others."""
+    """The model of `vessel` on W windows of K steps, `window_s` [s] long, of `runs`; `clock`: of their logs."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, window_s: float, clock: LogClock | None = None):
         fewer = [decimated(run) for run in runs]
@@ -67,7 +70,7 @@ class EffectPhysics:
         self.thrusters = WindowThrust(self.runs, vessel, self.windows, [each.width_s for each in fewer])
 
     def hull(self, effects: Sequence[Effect], theta: ParameterValues) -> np.ndarray:
-        """Coefficients (12,) in the order of HULL with the effects in them."""
+        """Hull coefficients (N_HULL,) in the order of HULL with the effects applied."""
         c: Values = dict(zip(HULL, map(float, self.q[:N_HULL]), strict=True))
         for effect, p in values_by_name(effects, theta, "hull"):
             c = effect.hooks["hull"](p, c)
@@ -79,31 +82,31 @@ class EffectPhysics:
         theta: ParameterValues,
         z: np.ndarray,
         before: WindowTrajectories | None,
-        given: Accelerations | None = None,
+        imposed: Accelerations | None = None,
         feedback: Feedback | None = None,
     ) -> WindowTrajectories:
-        """Trajectories from nodes z (W, L); `before`: a motion near this one, for effects that depend on it.
+        """Trajectories from nodes z (W, L); `before`: those of a nearby point, along which hook forces are taken first.
 
-        `given`: of what is not among `effects`; `feedback`: of a motion so near that it will do.
+        `imposed`: accelerations imposed on top of `effects`; `feedback`: of a nearby motion, to be used again.
         """
-        felt = with_hooks(effects, theta, PUSHES)
-        passes = 3 if nameable(felt, theta) else 2 if with_hooks(effects, theta, WATER | PUSHES) else 1
+        pushing = with_hooks(effects, theta, PUSHES)
+        passes = 3 if nameable(pushing, theta) else 2 if with_hooks(effects, theta, WATER | PUSHES) else 1
         for _ in range(passes):
-            before = self.one_pass(effects, theta, z, before, given)
+            before = self.one_pass(effects, theta, z, before, imposed)
         assert before is not None
-        feedback = feedback or (self.feedback(felt, theta, before) if felt else None)
+        feedback = feedback or (self.feedback(pushing, theta, before) if pushing else None)
         return before if feedback is None else before.with_feedback(feedback)
 
     def feedback(self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories) -> Feedback:
-        """Of the forces of `effects` on the motion `state`."""
+        """Linearised dependence of the hook forces of `effects` on the motion `state`, by forward differences."""
         scene, motion = self.scene(state), np.concatenate([state.x, state.nu_dot], axis=2)
         now = self.hook_forces(effects, theta, scene, state.forces.f)[0][..., :3]
         slopes = np.empty((*now.shape, len(NUDGES)))
         for j, nudge in enumerate(NUDGES):
             moved = motion.copy()
             moved[..., j] += nudge
-            there = dataclass_replace(scene, x=moved[..., :6], nu_dot=moved[..., 6:])
-            slopes[..., j] = (self.hook_forces(effects, theta, there, state.forces.f)[0][..., :3] - now) / nudge
+            nudged = dataclass_replace(scene, x=moved[..., :6], nu_dot=moved[..., 6:])
+            slopes[..., j] = (self.hook_forces(effects, theta, nudged, state.forces.f)[0][..., :3] - now) / nudge
         M = np.linalg.inv(state.M_inv)
         return Feedback(slopes[..., :6], np.linalg.inv(M - slopes[..., 6:].mean(axis=(0, 1))) @ M)
 
@@ -113,22 +116,25 @@ class EffectPhysics:
         theta: ParameterValues,
         z: np.ndarray,
         before: WindowTrajectories | None,
-        given: Accelerations | None = None,
+        imposed: Accelerations | None = None,
     ) -> WindowTrajectories:
-        """As `move`, with what depends on the motion as it is along `before` (None: without)."""
+        """One pass of `move`: hook forces and water along `before` (None: without them)."""
+        # 1. Thruster forces without hooks, hull coefficients.
         W, K = self.windows.size
         forces, hull = self.thrusters.forces(effects, theta), self.hull(effects, theta)
         tau, water = self.drive(forces.f), np.zeros((W, K + 1, 2))
         tau_mid = self.drive(forces.middle)
+        # 2. Hook forces and water along the motion before, imposed accelerations as forces M a.
         if before is not None:
             extra = self.hook_forces(effects, theta, self.scene(before), forces.f)
             more = extra[0]
-            if given is not None:
+            if imposed is not None:
                 M = np.linalg.inv(before.M_inv)
-                more[..., :3] += given.nodes @ M.T
-                tau_mid[..., :3] += given.mid_excess @ M.T
+                more[..., :3] += imposed.nodes @ M.T
+                tau_mid[..., :3] += imposed.mid_excess @ M.T
             tau, water = tau + more, extra[1]
             tau_mid = tau_mid + (more[:, :-1] + more[:, 1:]) / 2
+        # 3. Rollout from the nodes, latent acceleration d constant over a window.
         drive = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
         flow = np.concatenate([water[:, :-1], water[:, 1:]], axis=2)
         d = z[:, LATENT]
@@ -136,17 +142,18 @@ class EffectPhysics:
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
         x[:, 1:] = self._rollout(z[:, STATE], constants, drive, flow, self.windows.h_s[:, :, None])
+        # 4. Accelerations and Jacobians along the trajectories.
         A, M_inv, nu_dot = self._rates(*self._flat(x, hull, tau, water, np.repeat(d, K + 1, axis=0)))
         A, M_inv = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy(), M_inv[0].reshape(3, 3).T.copy()
         ids = frozenset(e.id for e in effects)
         return WindowTrajectories(
-            x, nu_dot.reshape(W, K + 1, 3).copy(), A, M_inv, tau, water, forces, hull, None, given, ids
+            x, nu_dot.reshape(W, K + 1, 3).copy(), A, M_inv, tau, water, forces, hull, None, imposed, ids
         )
 
     def remainder(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, d: np.ndarray
     ) -> Accelerations:
-        """What of the accelerations in `state` does not come from `effects` nor from d (W, 3)."""
+        """Accelerations in `state` beyond those of `effects` and of the latent acceleration d (W, 3)."""
         if state.external is not None and state.effect_ids == frozenset(e.id for e in effects):
             return state.external
         W, K = self.windows.size
@@ -174,9 +181,9 @@ class EffectPhysics:
     def hook_forces(
         self, effects: Sequence[Effect], theta: ParameterValues, scene: Scene, f: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """`drive` (W, K+1, 3 or more) and water velocity (W, K+1, 2) that hooks add along `scene`.
+        """What hooks add along `scene`: tau as by `drive` (W, K+1, 3 or 3 + n), water velocity (W, K+1, 2) [m/s].
 
-        f: forces before them. The water is beside that of the file, which hooks see too.
+        f (W, K+1, n): thruster forces before hooks [N]. The water is beyond that of the file; hooks see the sum.
         """
         hooked, water = f, np.zeros((*f.shape[:2], 2))
         tau = np.zeros((*f.shape[:2], 3 + self._weakened * f.shape[2]))
@@ -194,7 +201,7 @@ class EffectPhysics:
         return tau, water
 
     def scene(self, state: WindowTrajectories) -> Scene:
-        """What hooks see of the motion."""
+        """The motion `state` as hooks see it."""
         w = self.windows
         water = state.water + self.flow
         return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, water)
@@ -202,10 +209,11 @@ class EffectPhysics:
     def accelerations(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]
     ) -> Accelerations:
-        """What one unit of each parameter of `free` changes of nu_dot, (.., P), by secants along `state`.
+        """Columns d(nu_dot)/d(parameter) of `free`, (.., P), by secants along `state`.
 
-        Thrust that it changes goes through all hooks of some size on thrust, such as that of a dead thruster.
+        Changes of thrust pass through all nameable hooks on thrust, such as that of a dead thruster.
         """
+        # 1. Sensitivities of nu_dot to coefficients, water and thruster forces; forces as they are.
         W, K = self.windows.size
         P, flat = sum(len(e.parameters) for e in free), W * (K + 1)
         slopes = self._slopes(*self._flat(state.x, state.hull, state.tau, state.water))
@@ -218,10 +226,11 @@ class EffectPhysics:
         f = state.forces.f
         changed = self.hook_forces(hooked, theta, scene, f)[0]
 
-        def felt(push: np.ndarray) -> np.ndarray:
+        def nu_dot_of(push: np.ndarray) -> np.ndarray:  # nu_dot of a change of tau
             by = push.reshape(flat, -1)
             return by[:, :3] @ state.M_inv.T + _times(by[:, 3:].T[:, :, None], G_f)
 
+        # 2. For each parameter the secants of its stages, times M'^-1 M for the feedback of hook forces.
         for each in secant_steps(free, theta):
             effect, hooks, every = each.effect, set(each.effect.hooks), including(effects, each.effect)
             ids = {effect.id}.union(*(others[stage] for stage in hooks & others.keys()))
@@ -229,42 +238,42 @@ class EffectPhysics:
             acts = hooks & (WATER | PUSHES)
             old = self.hook_forces(along, {**theta, effect.id: each.now}, scene, f) if acts else None
             for at, step in each.steps.items():
-                there, turn = {**theta, effect.id: each.now + step}, react.T / step.sum()
+                stepped, scale = {**theta, effect.id: each.now + step}, react.T / step.sum()
                 if hooks & {"pwm", "maps"}:
-                    unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ turn
+                    unit, share = self.thrusters.change(every, theta, effect, step), (state.M_inv @ self.B).T @ scale
                     more = self.drive(unit.f) + self.hook_forces(hooked, theta, scene, f + unit.f)[0] - changed
-                    nodes[at] += felt(more) @ turn
+                    nodes[at] += nu_dot_of(more) @ scale
                     bump[at] += unit.mid_excess().reshape(W * K, -1) @ share
                 if old is not None:
-                    tau, water = self.hook_forces(along, there, scene, f)
-                    nodes[at] += felt(tau - old[0]) @ turn
+                    tau, water = self.hook_forces(along, stepped, scene, f)
+                    nodes[at] += nu_dot_of(tau - old[0]) @ scale
                     if "water" in hooks:
-                        nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ turn
+                        nodes[at] += _times((water - old[1]).reshape(flat, 2).T[:, :, None], G_water) @ scale
                 if "hull" in hooks:
-                    hull = self.hull(every, there)
-                    nodes[at] += _times(hull - state.hull, G_hull) @ turn
-                    lighter = (np.asarray(self._M_inv(hull)) - state.M_inv).T
-                    if lighter.any():
-                        bump[at] += pushed.reshape(W * K, 3) @ (lighter @ turn)
+                    hull = self.hull(every, stepped)
+                    nodes[at] += _times(hull - state.hull, G_hull) @ scale
+                    M_inv_change = (np.asarray(self._M_inv(hull)) - state.M_inv).T
+                    if M_inv_change.any():
+                        bump[at] += pushed.reshape(W * K, 3) @ (M_inv_change @ scale)
         return Accelerations(side_by_side(nodes).reshape(W, K + 1, 3, P), side_by_side(bump).reshape(W, K, 3, P))
 
 
 def with_hooks(effects: Sequence[Effect], theta: ParameterValues, stages: frozenset[str]) -> list[Effect]:
-    """Effects of `theta` that have a hook of `stages`."""
+    """The effects of `theta` that have a hook of one of `stages`."""
     return [e for e in effects if e.id in theta and not stages.isdisjoint(e.hooks)]
 
 
 def nameable(effects: Sequence[Effect], theta: ParameterValues) -> list[Effect]:
-    """Those large enough for a name."""
+    """Those of `effects` that are larger than their smallest size worth a name."""
     return [e for e in effects if e.size(theta[e.id]) >= 1]
 
 
 def _in_water(effects: Sequence[Effect], theta: ParameterValues) -> list[Effect]:
-    """What moving water is made of, and forces of some size, which may go by the motion through it."""
+    """Effects on the water, and nameable hook forces, which may depend on the velocity through it."""
     moving, pushing = with_hooks(effects, theta, WATER), nameable(with_hooks(effects, theta, PUSHES), theta)
     return [*moving, *(e for e in pushing if e not in moving)]
 
 
 def _times(values: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """Sum of values (k, ..) times G (k, n, 3), most of them nil."""
+    """Sum over k of values (k, ..) times G (k, n, 3); zero values are skipped."""
     return sum((v * g for v, g in zip(values, G, strict=True) if np.any(v)), start=np.zeros(G.shape[1:]))

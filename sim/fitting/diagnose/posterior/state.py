@@ -1,4 +1,4 @@
-"""Windows in motion, accelerations along them, and what the forces on them go by."""
+"""Trajectories of all windows, accelerations along them, and the feedback of hook forces on the motion."""
 
 from __future__ import annotations
 
@@ -11,28 +11,30 @@ from sim.fitting.diagnose.posterior.thrust import ThrusterForces
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Of surge, sway and yaw: at nodes (W, K+1, 3, ..), and what mid-steps have beyond the mean of both ends
+    """Body accelerations [m/s^2, m/s^2, rad/s^2], at steps and between; a fourth axis may be P parameters.
 
-    (W, K, 3, ..); the rest may be parameters.
+    nodes         (W, K+1, 3, ..) at the steps of all windows
+    mid_excess    (W, K, 3, ..) at the middle of each step beyond the mean of its ends
     """
 
     nodes: np.ndarray
     mid_excess: np.ndarray
 
     def times(self, step: np.ndarray) -> Accelerations:
-        """Of a step (P,) of the parameters."""
+        """Columns (.., P) times a step (P,) of the parameters."""
         return Accelerations(self.nodes @ step, self.mid_excess @ step)
 
     def plus(self, other: Accelerations) -> Accelerations:
-        """Both together."""
+        """The sum of both."""
         return Accelerations(self.nodes + other.nodes, self.mid_excess + other.mid_excess)
 
 
 @dataclass(frozen=True)
 class Feedback:
-    """Of forces on the motion that they depend on: slopes to x y psi u v r (W, K+1, 3, 6), and M'^-1 M (3, 3).
+    """Linearised dependence of hook forces tau on the motion.
 
-    M': M less the mean slope of the forces to u_dot v_dot r_dot.
+    slopes        (W, K+1, 3, 6) d(tau)/d[x y psi u v r]
+    mass_ratio    (3, 3) M'^-1 M with M' = M - mean d(tau)/d(nu_dot)
     """
 
     slopes: np.ndarray
@@ -41,10 +43,17 @@ class Feedback:
 
 @dataclass(frozen=True)
 class WindowTrajectories:
-    """All windows in motion: x (W, K+1, 6), nu_dot, A = d(x_dot)/dx, M^-1 (3, 3), and what drove them (`drive`).
+    """Trajectories of all W windows at their K+1 steps, and what drove them.
 
-    `feedback`: what the effects' forces add to A; `given`: accelerations that came from outside the effects, see
-    `Physics.move`; `by`: ids of these.
+    x             (W, K+1, 6) states [x y psi u v r]
+    nu_dot        (W, K+1, 3)
+    A             (W, K+1, 6, 6) d(x_dot)/dx
+    M_inv         (3, 3) inverse mass matrix
+    tau, water    (W, K+1, 3 or 3 + n) as `EffectPhysics.drive`, (W, K+1, 2) velocity beyond the file's [m/s]
+    forces, hull  thruster forces before hooks [N]; (N_HULL,) coefficients
+    feedback      of hook forces, already in A; None: none
+    external      accelerations that were imposed, see `EffectPhysics.move`
+    effect_ids    ids of the effects that were computed exactly
     """
 
     x: np.ndarray
@@ -60,7 +69,7 @@ class WindowTrajectories:
     effect_ids: frozenset[str]
 
     def with_feedback(self, feedback: Feedback) -> WindowTrajectories:
-        """As it moves where its forces depend on it."""
+        """The same with A[nu rows] = M'^-1 M (A + M^-1 d(tau)/dx): forces that depend on the motion."""
         A = self.A.copy()
         A[..., 3:, :] = feedback.mass_ratio @ (A[..., 3:, :] + self.M_inv @ feedback.slopes)
         return replace(self, A=A, feedback=feedback)

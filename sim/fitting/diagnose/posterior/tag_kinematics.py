@@ -1,4 +1,4 @@
-"""Where the tag is between two nodes of a window, and how it moves."""
+"""Kinematics of the UWB tag between two steps of a window."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ from sim.fitting.diagnose.posterior.physics import EffectPhysics
 def tag_kinematics(
     physics: EffectPhysics, x: np.ndarray, nu_dot: np.ndarray, delta_s: np.ndarray, arm: np.ndarray, when: np.ndarray
 ) -> TagKinematics:
-    """The tag `delta_s` (m,) after states x (m, 6) with accelerations nu_dot (m, 3), to second order."""
+    """Tag at lever `arm` (2,) [m] `delta_s` (m,) after states x (m, 6) with nu_dot (m, 3), Taylor to second order.
+
+        v = [u - r l_y, v + r l_x],   a = [u_dot - r_dot l_y - r v_y, v_dot + r_dot l_x + r v_x]   (body axes)
+        p(t + delta) = p + R(psi) (l + delta v + delta^2 / 2 a)                                    (NED)
+
+    `when` (m,): time of the samples [s], for the clock since the first fix.
+    """
     r, half = x[:, 5], delta_s**2 / 2
     u, v = point_velocity(x[:, 3:].T, arm)
     u_dot, v_dot = point_acceleration(x[:, 3:].T, nu_dot.T, arm)

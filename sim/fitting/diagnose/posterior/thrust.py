@@ -1,4 +1,9 @@
-"""Forces of the thrusters in all windows, with effects on commands, force maps, dead time and lag."""
+"""Thruster forces in all windows, with effects on commands (`pwm`) and on force maps, dead time and lag (`maps`).
+
+Forces of one set of effects are exact and cached; effects too small for a name are linear about zero:
+
+    f(theta) = f(large) + sum over small parameters of theta_j (f(step_j) - f(0)) / step_j * (gain left by `large`)
+"""
 
 from __future__ import annotations
 
@@ -18,35 +23,35 @@ from sim.fitting.engine.thrust.battery import PulseSeries, commands_of, pulses_o
 from sim.fitting.engine.thrust.history import SlewedHistory, ThrustCommands, ThrustHistory
 from sim.fitting.engine.windows import Windows
 
-KEPT = 48  # results by cache: a log of ten minutes takes half a megabyte each
+KEPT = 48  # results a cache keeps: half a megabyte each for a log of ten minutes
 
 
 @dataclass(frozen=True)
 class ThrusterForces:
-    """Thruster forces at nodes (W, K+1, n) and mid-steps (W, K, n) before any hook on them."""
+    """Thruster forces [N] at steps `f` (W, K+1, n) and between them `middle` (W, K, n), before hooks on thrust."""
 
     f: np.ndarray
     middle: np.ndarray
 
     def mid_excess(self) -> np.ndarray:
-        """What the middle of each step has beyond the mean of its ends, (W, K, n)."""
+        """Force in the middle of each step beyond the mean of its ends, (W, K, n)."""
         return self.middle - (self.f[:, :-1] + self.f[:, 1:]) / 2
 
     def minus(self, other: ThrusterForces) -> ThrusterForces:
-        """Without those of `other`."""
+        """The difference to `other`."""
         return ThrusterForces(self.f - other.f, self.middle - other.middle)
 
     def plus(self, other: ThrusterForces) -> ThrusterForces:
-        """With those of `other`."""
+        """The sum with `other`."""
         return ThrusterForces(self.f + other.f, self.middle + other.middle)
 
     def times(self, share: float | np.ndarray) -> ThrusterForces:
-        """A share of all, or of each thruster's (n,)."""
+        """Forces times a factor, common or of each thruster (n,)."""
         return ThrusterForces(share * self.f, share * self.middle)
 
 
 class WindowThrust:
-    """The thrusters of `vessel` under the commands of `runs`. `means_s`: by run, over how long samples are averaged."""
+    """Thrusters of `vessel` under the commands of `runs`. `means_s`: by run, duration a sample is averaged over [s]."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, windows: Windows, means_s: Sequence[float]):
         self.vessel, self.windows, self._means_s = vessel, windows, means_s
@@ -55,47 +60,46 @@ class WindowThrust:
         self._commands, self._driven = _Cache(self._steady), _Cache(self._averaged)
 
     def forces(self, effects: Sequence[Effect], theta: ParameterValues) -> ThrusterForces:
-        """Thruster forces with effects on commands, force maps, dead time and lag.
-
-        Effects too small for a name are taken as linear: one secant each from nil, which is kept.
-        """
+        """Thruster forces at theta; effects too small for a name by one cached secant each from zero."""
         large = self._large(effects, theta)
-        forces = self._exact(effects, large)
+        forces = self._exact_forces(effects, large)
         small = [e for e, _ in values_by_name(effects, theta, "pwm", "maps") if e.id not in large]
         for each in secant_steps(small, {}):
             for step in each.steps.values():
                 share = float(theta[each.effect.id] @ (step != 0)) / float(step.sum())
-                forces = forces.plus(self._from_nil(effects, large, each.effect, step).times(share))
+                forces = forces.plus(self._change_from_zero(effects, large, each.effect, step).times(share))
         return forces
 
     def change(
         self, effects: Sequence[Effect], theta: ParameterValues, effect: Effect, step: np.ndarray
     ) -> ThrusterForces:
-        """What `step` of `effect` changes of the forces at theta."""
+        """Change of the forces at theta by `step` (k,) of the parameters of `effect`."""
         large = self._large(effects, theta)
         if effect.id not in large:
-            return self._from_nil(effects, large, effect, step)
-        there = {**large, effect.id: large[effect.id] + step}
-        return self._exact(effects, there).minus(self._exact(effects, large))
+            return self._change_from_zero(effects, large, effect, step)
+        stepped = {**large, effect.id: large[effect.id] + step}
+        return self._exact_forces(effects, stepped).minus(self._exact_forces(effects, large))
 
     def _large(self, effects: Sequence[Effect], theta: ParameterValues) -> ParameterValues:
-        """Those of `theta` that are not taken as linear."""
+        """The part of theta that is computed exactly: effects larger than their smallest size worth a name."""
         return {e.id: theta[e.id] for e, _ in values_by_name(effects, theta, "pwm", "maps") if e.size(theta[e.id]) >= 1}
 
-    def _from_nil(
+    def _change_from_zero(
         self, effects: Sequence[Effect], large: ParameterValues, effect: Effect, step: np.ndarray
     ) -> ThrusterForces:
-        """What `step` changes of the forces with no other effect about but those that are there as a whole.
+        """Change of the forces by `step` from zero, beside effects that are present as a whole only.
 
-        Of the force that large gains leave to each thruster, where these are in the file's own maps.
+        Times the ratio of each thruster's gain under `large` to that of the file.
         """
-        about = [e for e in effects if e.id in large and e.all_or_nothing]
-        wholly = {e.id: e.wide_prior()[1] for e in about}
-        unit = self._exact([*about, effect], {**wholly, effect.id: step}).minus(self._exact(about, wholly))
-        return unit.times(self._left(effects, large))
+        present = [e for e in effects if e.id in large and e.all_or_nothing]
+        present_values = {e.id: e.wide_prior()[1] for e in present}
+        unit = self._exact_forces([*present, effect], {**present_values, effect.id: step}).minus(
+            self._exact_forces(present, present_values)
+        )
+        return unit.times(self._gain_ratio(effects, large))
 
-    def _left(self, effects: Sequence[Effect], large: ParameterValues) -> np.ndarray:
-        """Share of each thruster's gain that effects on the maps leave, (n,): all of a dead one's nothing."""
+    def _gain_ratio(self, effects: Sequence[Effect], large: ParameterValues) -> np.ndarray:
+        """Gain of each thruster with the effects `large` on the maps over that of the file, (n,); 1 where it has none."""
         both = zip(self._mapped(effects, large).thrusters, self.vessel.thrusters, strict=True)
         return np.array([now.gain / was.gain if was.gain else 1.0 for now, was in both])
 
@@ -105,14 +109,17 @@ class WindowThrust:
             vessel = effect.hooks["maps"](p, vessel)
         return vessel
 
-    def _exact(self, effects: Sequence[Effect], theta: ParameterValues) -> ThrusterForces:
+    def _exact_forces(self, effects: Sequence[Effect], theta: ParameterValues) -> ThrusterForces:
         vessel = self._mapped(effects, theta)
         pulses = values_by_name(effects, theta, "pwm")
         key = (tuple(vessel.force_maps.items()), vessel.thrusters, tuple((e.id, *p.values()) for e, p in pulses))
         return self._driven((key, vessel.propulsion), key, vessel, pulses)
 
     def _averaged(self, key: Hashable, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> ThrusterForces:
-        """Forces at the lag and the dead time of `vessel`. `key`: of the commands, which know neither."""
+        """Forces with the lag, dead time and rate limit of `vessel`, averaged like samples.
+
+        `key`: of the steady forces of the commands, which depend on neither.
+        """
         commands = self._commands(key, vessel, pulses)
         gains, f, middle = np.array([t.gain for t in vessel.thrusters]), [], []
         for span, own, width in zip(self.windows.spans, commands, self._means_s, strict=True):
@@ -121,10 +128,11 @@ class WindowThrust:
             middle.append(_mean(history, self._middle[span], width))
         driven = ThrusterForces(np.concatenate(f), np.concatenate(middle))
         for kept in (driven.f, driven.middle):
-            kept.flags.writeable = False  # they are handed out again
+            kept.flags.writeable = False  # cached arrays are shared
         return driven
 
     def _steady(self, vessel: VesselFile, pulses: Sequence[tuple[Effect, Values]]) -> Sequence[ThrustCommands]:
+        """By run, steady forces of the commands through the force maps of `vessel`, without lag and dead time."""
         vessel = replace(vessel, propulsion=self.vessel.propulsion)
         return [commands_of(_changed(own, pulses), vessel) for own in self._pulses]
 
@@ -136,7 +144,7 @@ def _history(commands: ThrustCommands, propulsion: Propulsion) -> ThrustHistory 
 
 
 def _mean(history: ThrustHistory | SlewedHistory, t_s: np.ndarray, width_s: float) -> np.ndarray:
-    """Forces averaged over `width_s` round `t_s`, as the samples that they are compared with are."""
+    """Forces at `t_s` averaged over `width_s` round each instant, as the samples that they are compared with are."""
     if not width_s:
         return history.force(t_s)
     total = history.force(t_s - 0.4 * width_s)
@@ -146,21 +154,21 @@ def _mean(history: ThrustHistory | SlewedHistory, t_s: np.ndarray, width_s: floa
 
 
 class _Cache:
-    """The results of a function that were asked for last, by key."""
+    """Least recently used cache of a function's results, by key."""
 
     def __init__(self, function: Any):
         self._function, self._kept = function, {}
 
     def __call__(self, key: Hashable, *args: Any) -> Any:
-        found = self._kept.pop(key) if key in self._kept else self._function(*args)
-        self._kept[key] = found
+        result = self._kept.pop(key) if key in self._kept else self._function(*args)
+        self._kept[key] = result
         if len(self._kept) > KEPT:
             self._kept.pop(next(iter(self._kept)))
-        return found
+        return result
 
 
 def _changed(pulses: PulseSeries, effects: Sequence[tuple[Effect, Values]]) -> PulseSeries:
-    """As they are with effects on them."""
+    """Pulse widths with effects applied to them."""
     pwm_us = pulses.pwm_us
     for effect, p in effects:
         pwm_us = effect.hooks["pwm"](p, pwm_us)

@@ -1,4 +1,4 @@
-"""Logs whose recording paused, as the pieces that they are: nobody knows what was commanded meanwhile."""
+"""Logs whose recording paused, cut at the pauses: the commands during a pause are unknown."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positi
 
 
 def split_at_pauses(run: Run) -> list[Run]:
-    """`run` cut where its recording paused; the run itself where it never did. JobError where nothing long is left."""
+    """`run` cut at the pauses of its recording; the run itself where there are none. JobError: no usable part."""
     spans = recording_intervals(run)
     return [run] if len(spans) == 1 else intervals_as_runs(run, _left(run, spans, spans, "used"))
 
 
 def without_pauses(found: Split) -> Split:
-    """`found` with intervals that end where the recording pauses, without those that hold too little, which is noted.
+    """`found` with intervals cut at pauses, without unusable ones; what is left out is noted in the log's problems.
 
-    Of a log without pauses that is in one piece, all stays. JobError where nothing is left of a log.
+    A log in one piece without pauses is unchanged. JobError where no interval of a log is usable.
     """
     used = tuple(_without_pauses(one) for one in found.used)
     fitted = tuple(run for one in used for run in intervals_as_runs(one.log.run, one.fitted_s))
@@ -38,7 +38,7 @@ def without_pauses(found: Split) -> Split:
 
 
 def intervals_as_runs(run: Run, intervals: Sequence[Interval]) -> list[Run]:
-    """Intervals without pauses as runs, with the commands just before them, but none from before a pause."""
+    """`intervals` of `run` (none across a pause) as runs, with the commands just before each, but since the pause."""
     spans, out = recording_intervals(run), []
     for begin, end in spans:
         mine = [interval for interval in intervals if begin <= interval[0] <= end]
@@ -48,7 +48,7 @@ def intervals_as_runs(run: Run, intervals: Sequence[Interval]) -> list[Run]:
 
 
 def usable_intervals(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
-    """Those of the intervals that are long enough and hold what a fit needs."""
+    """Those of `intervals` that last `PIECE_S` and hold heading, commands and positions enough for a fit."""
     pulses = [f"pwm_{name}" for name in run.thrusters]
     known = [run.samples(*columns)[0] for columns in (pulses, ("psi_rad",), ("north_m", "east_m"))]
     long = [(low, high) for low, high in intervals if high - low >= PIECE_S]
@@ -56,7 +56,7 @@ def usable_intervals(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
 
 
 def _fits(commands_s: np.ndarray, heading_s: np.ndarray, fixes_s: np.ndarray) -> bool:
-    """Whether stamps of one piece hold what a fit needs."""
+    """Whether one piece, by the stamps of its commands, headings and fixes [s], can be fitted."""
     if len(fixes_s) < FIXES or not len(commands_s) or not len(heading_s):
         return False
     begin_s, end_s = max(heading_s[0], commands_s[0] + SETTLE_S), heading_s[-1]
@@ -78,7 +78,7 @@ def _without_pauses(used: LogUse) -> LogUse:
 
 
 def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
-    """Usable parts of the intervals within the recorded `spans`. JobError where none of them is usable.
+    """Usable parts of the intervals `some` within the recorded `spans`. JobError where there is none.
 
     `what`: the purpose, for the message.
     """

@@ -1,4 +1,4 @@
-"""Long logs: what of them is fitted, when all of it would take more memory and time than it tells."""
+"""Subsampling of long logs: evenly spread pieces are fitted, so that memory and time stay bounded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ PIECE_S = 50.0  # long against every time constant of a boat, short against drif
 
 
 def subsample(found: Split) -> Split:
-    """`found`, or where more than `LONGEST_S` would be fitted, pieces that last so long, evenly spread over it."""
+    """`found`, or where more than `LONGEST_S` would be fitted, usable pieces of `PIECE_S` evenly spread over it.
+
+    JobError where no piece can be used.
+    """
     total_s = sum(high - low for used in found.used for low, high in used.fitted_s)
     if total_s <= LONGEST_S:
         return found
@@ -30,7 +33,7 @@ def subsample(found: Split) -> Split:
             seen += 1
             if floor(seen * share) > floor((seen - 1) * share):
                 begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
-                taken.append((begun, piece[1]))  # one with its neighbour
+                taken.append((begun, piece[1]))  # merged with an adjacent piece
         kept.append(replace(used, fitted_s=tuple(taken)))
     fitted = tuple(run for used in kept for run in intervals_as_runs(used.log.run, used.fitted_s))
     if not fitted:
@@ -42,7 +45,7 @@ def subsample(found: Split) -> Split:
 
 
 def _pieces(interval: Interval) -> list[Interval]:
-    """Of about `PIECE_S`, one after the other."""
+    """`interval` cut into equal pieces of about `PIECE_S`."""
     low, high = interval
     edges = np.linspace(low, high, max(round((high - low) / PIECE_S), 1) + 1).tolist()
     return list(pairwise(edges))

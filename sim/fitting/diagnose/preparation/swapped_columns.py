@@ -1,13 +1,12 @@
-"""Columns that were taken for one another: positions, heading and accelerations of one log against each other.
+"""Swapped or reversed columns: positions, heading and accelerations of a log against each other, without a model.
 
-No model of the boat is asked. Over any 2 T seconds positions p must obey what accelerations a, turned by the heading,
-say:
+Over any 2 T seconds positions p (NED, [m]) and accelerations a (body axes, [m/s^2]) satisfy
 
-    p(t + T) - 2 p(t) + p(t - T) = integral of (T - |s|) R(psi) a(t + s) ds
+    p(t + T) - 2 p(t) + p(t - T) = integral from -T to T of (T - |s|) R(psi) a(t + s) ds
 
-but for lever arms of tag and IMU and biases of the accelerometers, which are free here. If the columns as they are
-explain little of the left side, and explain it well with two of them swapped or one reversed, the log is refused: a
-diagnosis would blame the boat for it.
+apart from lever arms of tag and IMU and biases of the accelerometers, which are free here. If the columns as they are
+explain little of the variance of the left side, but explain it well with two of them swapped or one reversed, the log
+is refused: a diagnosis would blame the boat.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from companion.logs.runs.unwrap import integrated
 from sim.fitting.engine.split import JobError
 
 NEEDED = ("psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
-SPAN_S = 2.0  # T, or two fixes if that is longer: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
+SPAN_S = 2.0  # T, at least two intervals of fixes: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
 RATE_HZ = 10.0
-HOLE_S = 1.5  # longer silences of heading or accelerations are not bridged, nor of three positions
-LEAST = 20  # instants to judge by
-POOR, GOOD = 0.2, 0.4  # shares explained, as it is and otherwise, at which a log is refused; good logs show 0.6 to 0.96
-SCALE = (0.33, 3.0)  # of accelerations: beyond, they are in other units; assumed
+HOLE_S = 1.5  # longest gap between samples that is interpolated
+LEAST = 20  # least number of instants t
+POOR, GOOD = 0.2, 0.4  # variance explained as it is, and otherwise, at which a log is refused; good logs: 0.6 to 0.96
+SCALE = (0.33, 3.0)  # range of the factor on accelerations; outside it they are in other units; assumed
 SLIPS = {
     "north_m, east_m: swapped": (np.array([[0, 1], [1, 0]]), np.eye(2)),
     "ax_m_s2, ay_m_s2: swapped": (np.eye(2), np.array([[0, 1], [1, 0]])),
@@ -37,7 +36,7 @@ SLIPS = {
     "north_m: positive to the south": (np.diag([-1, 1]), np.eye(2)),
     "ax_m_s2, ay_m_s2: both reversed, or psi_rad half a turn off": (np.eye(2), -np.eye(2)),
 }
-"""What may have happened to columns, with what undoes it: to positions, to accelerations."""
+"""By fault, the matrices (2, 2) on positions and on accelerations that undo it."""
 
 
 def reject_swapped_columns(run: Run) -> None:
@@ -69,9 +68,9 @@ def reject_swapped_columns(run: Run) -> None:
 
 
 def _explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, float] | None:
-    """Share of the left side that accelerations explain beside arms and biases, and by which factor; None: too short.
+    """Share of the left side's variance that accelerations explain, and their regression factor; None: too few samples.
 
-    `places`, `forces` (2, 2): what is done to positions and accelerations before.
+    `places`, `forces` (2, 2): matrices that are applied to positions and to accelerations first.
     """
     t_fix, fixes = run.samples("north_m", "east_m")
     t_imu, imu = run.samples("psi_rad", "ax_m_s2", "ay_m_s2")
@@ -82,12 +81,15 @@ def _explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float,
     a = imu[:, 1:] @ forces.T + _gravity(run, t_imu)
     fixes = fixes @ places.T
     unit = np.eye(2)
-    moved = [_twice(t_imu, _turned(psi, v)) for v in (a, *unit)]  # accelerations, bias ahead, bias to starboard
+    # 1. Double integrals of R(psi) a and of unit biases in body axes; lever arms ahead and to starboard.
+    moved = [_twice(t_imu, _turned(psi, v)) for v in (a, *unit)]
     arms = [_turned(psi, v) for v in unit]
+    # 2. Instants t of fixes with samples throughout t - T .. t + T.
     middle = t_fix[(t_fix > max(t_fix[0], t_imu[0]) + span_s) & (t_fix < min(t_fix[-1], t_imu[-1]) - span_s)]
     middle = np.array([t for t in middle if _whole(t_fix, t, span_s) and _whole(t_imu, t, span_s)])
     if len(middle) < LEAST:
         return None
+    # 3. Second differences of both sides; biases and arms are projected out; regression of y on x.
     y = _second(t_fix, fixes, middle, span_s).ravel()
     X = np.column_stack([_second(t_imu, x, middle, span_s).ravel() for x in (*moved, *arms)])
     free = X[:, 1:]
@@ -98,7 +100,7 @@ def _explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float,
 
 
 def _gravity(run: Run, t_s: np.ndarray) -> np.ndarray:
-    """What roll and pitch have taken from specific force (n, 2); nil where they are not known."""
+    """Gravity in the level components of specific force by logged roll and pitch, (n, 2) [m/s^2]; zero without them."""
     if not (run.known("phi_rad") and run.known("theta_rad")):
         return np.zeros((len(t_s), 2))
     at, tilt = run.samples("phi_rad", "theta_rad")
@@ -112,17 +114,17 @@ def _turned(psi: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _twice(t_s: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Integrated twice over time from rest at nought, (n, 2)."""
+    """Double integral of `a` (n, 2) over time from zero, (n, 2)."""
     return integrated(integrated(a, t_s), t_s)
 
 
 def _second(t_s: np.ndarray, x: np.ndarray, at_s: np.ndarray, span_s: float) -> np.ndarray:
-    """x(t + T) - 2 x(t) + x(t - T), (m, 2)."""
-    there = [np.column_stack([np.interp(at_s + d, t_s, x[:, i]) for i in range(2)]) for d in (-span_s, 0.0, span_s)]
-    return there[0] - 2 * there[1] + there[2]
+    """Second difference x(t + T) - 2 x(t) + x(t - T) at `at_s` (m,), (m, 2)."""
+    x_at = [np.column_stack([np.interp(at_s + d, t_s, x[:, i]) for i in range(2)]) for d in (-span_s, 0.0, span_s)]
+    return x_at[0] - 2 * x_at[1] + x_at[2]
 
 
 def _whole(t_s: np.ndarray, middle_s: float, span_s: float) -> bool:
-    """Whether no silence of more than `HOLE_S`, or half the span, lies within the span of an instant."""
+    """Whether no gap of more than `HOLE_S`, or half the span, lies within `span_s` of `middle_s`."""
     first, last = np.searchsorted(t_s, middle_s - span_s, "right") - 1, np.searchsorted(t_s, middle_s + span_s)
     return bool(np.diff(t_s[first : last + 1]).max(initial=0.0) <= max(HOLE_S, span_s / 2))

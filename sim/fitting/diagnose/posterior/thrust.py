@@ -99,7 +99,7 @@ class WindowThrust:
         return unit.times(self._gain_ratio(effects, large))
 
     def _gain_ratio(self, effects: Sequence[Effect], large: ParameterValues) -> np.ndarray:
-        """Gain of each thruster with the effects `large` on the maps over that of the file, (n,); 1 where it has none."""
+        """Gain of each thruster with the effects `large` on the maps over that of the file, (n,); 1 where that is 0."""
         both = zip(self._mapped(effects, large).thrusters, self.vessel.thrusters, strict=True)
         return np.array([now.gain / was.gain if was.gain else 1.0 for now, was in both])
 

@@ -1,1 +1,1 @@
-"""Which effects the logs ask for, what is left over, and what could be told apart."""
+"""Model selection: candidates by evidence, adequacy of the result, held-out scores, identifiability, manoeuvres."""

@@ -1,14 +1,14 @@
-"""Whether the model with its causes leaves something over that no cause explains, and what that depends on.
+"""Adequacy: whether the model with its causes leaves a systematic residual, and what that depends on.
 
-Every group of smooth functions (`generic`) is free within a tolerance band beside the causes and the catalogue's own
-bands, so that many small imperfections do not add up to a large one. One group in its turn is believed in:
+All groups of smooth functions (`residual_basis`) are free within tolerance bands beside the causes and the catalogue's
+own bands, so that many small imperfections do not add up to a large one. For one group at a time
 
-    nats = log p(data | this group wide) - log p(data | all within their bands)
+    nats = log p(data | this group's prior wide) - log p(data | all groups within their bands)
 
-each at the latent acceleration that suits it best, the look at several prior scales being paid for. A group whose
-nats reach the limit says that something is left over, and so do more fixes far out than chance explains. Nothing else
-fails the verdict: correlation and size of the residuals and latent accelerations are reported, but change with the
-weather of the day.
+each at the best of a few latent accelerations and prior scales; log(number of scales) is subtracted for the choice. A
+group whose nats reach the limit is a systematic residual, and so are more outlying fixes than chance explains. Nothing
+else fails the check: autocorrelation and size of residuals and latent accelerations are reported for information, since
+they change with the weather.
 """
 
 from __future__ import annotations
@@ -32,22 +32,25 @@ from sim.fitting.diagnose.selection.residual_forces import autocorrelation
 from sim.fitting.diagnose.selection.select import Selection
 from sim.fitting.engine.noise import Noise
 
-BAND = 0.05  # of the size at which a function begins to matter: its tolerance; chosen on development cases
-SCALES = (0.3, 1.0, 3.0, 10.0)  # of that size: its prior when it is believed in
-ECHO = 0.2  # of the best group's nats: with less, a group is taken for its echo; assumed
-MIMIC = 3.0  # of that size: as far as a group may go to stand in for a cause
-AKIN = 0.5  # share of a cause's signature that a group must be able to mimic to put the cause's form in doubt; assumed
-MANY = 3  # causes for which one group that explains as much is the simpler explanation; assumed
-FAR_OUT, OFTEN = 4.0, 0.02  # sigmas; share of the fixes: logs in which all is well have less than one in a hundred
-WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # correlation, size of residuals, latent over ambient: said, not decisive; assumed
+BAND = 0.05  # tolerance band over the size at which a function begins to matter; chosen on development cases
+SCALES = (0.3, 1.0, 3.0, 10.0)  # wide prior over that size
+ECHO = 0.2  # share of the best group's nats below which a group is taken to be masked by it; assumed
+MIMIC = 3.0  # prior over that size of a group that stands in for a cause
+AKIN = 0.5  # share of a cause's signature that a group must explain to put the cause's form in doubt; assumed
+MANY = 3  # number of causes from which one group that explains as much is the simpler explanation; assumed
+FAR_OUT, OFTEN = 4.0, 0.02  # sigmas of an outlier; limit of their share: in sound logs it is below 0.01
+WHITE, UNIT, AMBIENT = 0.1, 1.1, 2.0  # autocorrelation, rms of residuals, latent over ambient: information; assumed
 
 
 @dataclass(frozen=True)
 class GroupEvidence:
-    """Nats of every group, best first, beside some causes. `evidence`: with all groups within their bands [nats].
+    """Evidence of every group of functions beside the causes of a model.
 
-    By id of the causes, `akin`: the groups whose functions can stand in for it; `support`: nats for it over its absence
-    while all groups are free within their bands. `limit`: nats from which on something is left over.
+    nats        gain of log evidence with each group's prior wide [nats], best first
+    evidence    log evidence with all groups within their bands [nats]
+    akin        by id of a cause, ids of the groups that can mimic its signature
+    support     by id of a cause, nats for it over its absence while all groups are free within their bands
+    limit       nats from which a group is a systematic residual
     """
 
     nats: tuple[tuple[FunctionGroup, float], ...]
@@ -58,21 +61,22 @@ class GroupEvidence:
 
     @property
     def significant(self) -> tuple[FunctionGroup, ...]:
-        """Groups that reach the limit, best first, without the echoes of the best."""
+        """Groups that reach the limit, best first, without those that the best one masks."""
         least = max(self.limit, ECHO * self.nats[0][1])
         return tuple(group for group, nats in self.nats if nats >= least)
 
     def is_akin(self, cause: str, groups: Sequence[FunctionGroup]) -> bool:
-        """Whether one of `groups` is of the kind of a cause."""
+        """Whether one of `groups` can mimic the signature of `cause` (id)."""
         return any(group.effect.id in self.akin.get(cause, frozenset()) for group in groups)
 
 
 @dataclass(frozen=True)
 class AdequacyJudgement:
-    """What to report, and ids of causes.
+    """The adequacy record, and ids of causes.
 
-    `doubtful`: of the right kind, their form is in doubt; `withdrawn`: not to be named; `outdone`, of these: because
-    one group stands for all.
+    doubtful     of the right kind, but a significant group can mimic them: their form is in doubt
+    withdrawn    not to be named
+    outdone      those of the withdrawn for all of which one group is the better explanation
     """
 
     adequacy: Adequacy
@@ -84,7 +88,8 @@ class AdequacyJudgement:
 def group_evidence(
     fit: PosteriorFit, model: CandidateModel, causes: Sequence[str], echoes: Masking = NO_MASKING
 ) -> GroupEvidence:
-    """Nats of all groups beside `causes` (ids of entries) at a fitted model."""
+    """Evidence of all groups beside `causes` (ids of entries) at the fitted `model`; masked groups are left out."""
+    # 1. Groups: as effects with hooks, or by node columns that the normal equations have already.
     every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
     if echoes.within:
         every = [g.of_means(fit.physics, model.point, fit.effects) for g in every]
@@ -92,12 +97,14 @@ def group_evidence(
     groups, within = (*hooked, *on_nodes), [*model.free, *(g.effect for g in hooked)]
     fit.noise = model.noise
     point = fit.point(model.point.theta, model.point.z, within, model.point).without_columns()
+    # 2. One linearisation with the columns of all groups; prior: tolerance bands.
     point = append_groups(point, on_nodes)
     free = [*within, *(g.effect for g in on_nodes)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
     own = fit.prior(model.free, frozenset(causes))
     start, nil = len(own.sigma), np.zeros(len(size))
     prior = Prior(np.concatenate([own.sigma, BAND * size]), np.concatenate([own.mean, nil]))
+    # 3. At each latent acceleration: gain of each group at its best scale; support and mimics of the causes.
     best, before = np.full(len(groups), -np.inf), -np.inf
     akin: dict[str, frozenset[str]] = {}
     support: dict[str, float] = {}
@@ -121,13 +128,16 @@ def group_evidence(
 
 
 def _at(groups: Sequence[FunctionGroup], start: int) -> list[slice]:
-    """Where the parameters of each group are."""
+    """Slice of the parameters of each group in the stacked vector, groups beginning at `start`."""
     ends = start + np.cumsum([len(g.effect.parameters) for g in groups])
     return [slice(int(end) - len(g.effect.parameters), int(end)) for g, end in zip(groups, ends, strict=True)]
 
 
 def _akin(reduced: ReducedNormalEquations, cause: slice, groups: Sequence[FunctionGroup], start: int) -> frozenset[str]:
-    """Groups that explain most of what the cause at `cause` does to these logs, in the metric of the data."""
+    """Ids of groups that explain the share `AKIN` of the signature of the cause at `cause`.
+
+    With values w and information H, a group of prior precision L mimics w^T H_cg (H_gg + L)^-1 H_gc w of w^T H_cc w.
+    """
     values = reduced.theta0[cause]
     whole = float(values @ reduced.H[cause, cause] @ values)
     mimics = []
@@ -140,7 +150,7 @@ def _akin(reduced: ReducedNormalEquations, cause: slice, groups: Sequence[Functi
 
 
 def checks(found: GroupEvidence, model: CandidateModel, ambient: Noise | None) -> tuple[Check, ...]:
-    """The best group of every word, which decide, and what is only said."""
+    """The best group of every word in `depends_on`, which decide; then checks for information."""
     best: dict[str, tuple[FunctionGroup, float]] = {}
     for group, nats in found.nats:
         best.setdefault(group.words[0].partition(":")[0], (group, nats))
@@ -165,11 +175,14 @@ def checks(found: GroupEvidence, model: CandidateModel, ambient: Noise | None) -
 def adequacy(
     fit: PosteriorFit, selection: Selection, ambient: Noise | None, echoes: Masking = NO_MASKING, known: bool = False
 ) -> AdequacyJudgement:
-    """Whether anything is left over, and which causes can stand. `ambient`: noise of the reference log, if any.
+    """Check the final model of `selection`, and which of its causes may be named.
 
-    Not to be named is a cause that the groups' bands make unnecessary; and none is where one group alone explains more
-    than all of them together and is akin to none: then they stood in for it. Nor where there are many and one group
-    explains about as much (`RIVAL_NATS`), whatever its kind. Causes that are `known` stand.
+    1. A cause is withdrawn that has less than `LEAST_EVIDENCE_NATS` while the groups are free within their bands.
+    2. All are withdrawn where one group, beside the base alone, explains more and is akin to none (they stood in for
+       it), or where there are `MANY` causes and one group explains about as much (within `RIVAL_NATS`).
+    3. The groups that remain significant, and outlying fixes, fail the check.
+
+    `ambient`: noise of the reference log, if any; `echoes`: masked groups; `known`: no cause is withdrawn.
     """
     model, causes = selection.final, [c.id for c in selection.causes]
     found = group_evidence(fit, model, causes, echoes)
@@ -194,7 +207,7 @@ def adequacy(
 
 
 def _stand_in(causes: Sequence[str], found: GroupEvidence, first: GroupEvidence) -> bool:
-    """Whether `causes`, beside which `found` is left over, stand in for the best group of what the base leaves."""
+    """Whether `causes` stand in for the best group beside the base alone (`first`); `found`: groups beside them."""
     group, nats = first.nats[0]
     alone = first.evidence + nats - found.evidence
     akin = any(found.is_akin(id_, [group]) for id_ in causes)
@@ -202,14 +215,14 @@ def _stand_in(causes: Sequence[str], found: GroupEvidence, first: GroupEvidence)
 
 
 def outlier_check(point: LinearisationPoint) -> Check:
-    """How many fixes are further from where they should be than chance explains: something stands in their way."""
+    """Check of the share of fixes beyond `FAR_OUT` sigma, as without line of sight."""
     size = np.linalg.norm(point.fix_residuals, axis=1)
     share = float(np.mean(size[np.isfinite(size)] > FAR_OUT)) if np.isfinite(size).any() else 0.0
     return Check(name=f"share of fixes beyond {FAR_OUT:g} sigma", value=share, limit=OFTEN, passed=share < OFTEN)
 
 
 def depends_on(found: GroupEvidence, first: GroupEvidence) -> tuple[str, ...]:
-    """Words of what is left over, the most likely first: what explains more of the base, before any cause came."""
+    """Words of the significant groups of `found`, ordered by their nats beside the base alone (`first`)."""
     nats = {group.effect.id: value for group, value in first.nats}
     groups = sorted(found.significant, key=lambda group: -nats.get(group.effect.id, -np.inf))
     return tuple(dict.fromkeys(word for group in groups for word in group.words))

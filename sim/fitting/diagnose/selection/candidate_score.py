@@ -22,7 +22,12 @@ Z95 = 1.644854  # one-sided
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect beside those believed in: nats over its absence, nats over its tolerance band, values, covariance."""
+    """Score of one effect beside the active ones.
+
+    nats, gain            log evidence over its absence, and over its tolerance band [nats]
+    values, covariance    (k,), (k, k) of its parameters while it is active
+    size, lower           size over the smallest worth a name, and its lower 95 % limit (one-sided)
+    """
 
     id: str
     nats: float
@@ -34,12 +39,12 @@ class Candidate:
 
     @property
     def accepted(self) -> bool:
-        """Large and sure enough to be named, and not as well explained within its tolerance band."""
+        """Whether it may be named: evidence, gain over the band, and lower limit of size are sufficient."""
         return self.nats >= LEAST_EVIDENCE_NATS and self.gain >= LEAST_GAIN_NATS and self.lower > 1.0
 
 
 def score_candidate(posterior: Posterior, at: slice, effect: Effect) -> Candidate:
-    """`effect`, whose parameters are at `at`, beside all that `posterior` believes in; there it is within its band."""
+    """Score of `effect`, whose parameters are `at` in `posterior`, where it is within its tolerance band."""
     gain, values, C = posterior.under_prior(at, Prior(*effect.wide_prior()))
     size = effect.size(values)
     lower = size - Z95 * _size_se(effect, values, C) if _possible(effect, values, C) else -np.inf
@@ -47,13 +52,14 @@ def score_candidate(posterior: Posterior, at: slice, effect: Effect) -> Candidat
 
 
 def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:
-    """Whether values are within their limits, or beyond them by no more than their error may be."""
+    """Whether the values are within their limits, or beyond by at most `BEYOND` standard errors."""
     slack = BEYOND * np.sqrt(np.diag(C))
     lower, upper = effect.limits()
     return bool(((values >= lower - slack) & (values <= upper + slack)).all())
 
 
 def _size_se(effect: Effect, values: np.ndarray, C: np.ndarray) -> float:
+    """Standard error of the size: along the vector, or of the largest parameter."""
     scale = np.array([p.smallest for p in effect.parameters])
     v, cov = values / scale, C / np.outer(scale, scale)
     if effect.vector and np.linalg.norm(v) > 0:

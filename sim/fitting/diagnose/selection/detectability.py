@@ -1,8 +1,8 @@
-"""From which size on these logs would have shown an effect that is not there.
+"""Detection limits: from which size on these logs would have shown an effect that is absent.
 
-From the reduced Hessian, the effect's own block of the covariance with all others within their tolerance bands gives
-the information J of the data on its amplitudes. Along the direction that is seen worst, se = lambda_min(J)^-1/2 in
-units of the smallest size worth a name, a true size s is accepted on average when
+The effect's own block of the covariance, all others within their tolerance bands, gives the information J of the data
+on its amplitudes. In units of the smallest size worth a name, along the direction of least information,
+se = lambda_min(J)^-1/2, a true size s is accepted on average where
 
     s^2 / (2 se^2) - sum log(prior / se) >= 9 nats      and     s - 1.64 se >= 1
 """
@@ -19,13 +19,13 @@ from sim.fitting.diagnose.selection.candidate_score import LEAST_EVIDENCE_NATS, 
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.vessel_edits.public_form import smallest
 
-BLIND = 1000.0  # times the smallest size worth a name
+BLIND = 1000.0  # limit over the smallest size worth a name beyond which logs show nothing of an effect
 
 
 def detection_limits(fit: PosteriorFit, model: CandidateModel) -> dict[str, tuple[float, str]]:
-    """By name of every effect not believed in: size in public units, and the unit; of its variants the best seen.
+    """By name of every effect that is not active, the detection limit in public units and the unit.
 
-    Left out are those that these logs would not show at any size: of a sensor that is not in them.
+    Of variants the least limit; effects that these logs show at no size (of a sensor they do not have) are left out.
     """
     assert model.reduced is not None
     C = model.reduced.posterior(fit.prior(fit.effects, model.active)).covariance

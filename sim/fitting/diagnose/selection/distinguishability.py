@@ -1,4 +1,4 @@
-"""What the logs of a diagnosis can tell apart, in the words and numbers of findings, and what to fly if they cannot."""
+"""Distinguishability of causes by the logs, as findings report it, and the manoeuvre to fly where it is poor."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LISTED = 5  # pairs above the line that findings have all the same
 
 @dataclass(frozen=True)
 class Distinguishability:
-    """Everything: all pairs, what goes into findings, and the manoeuvre if one was planned."""
+    """Evidence of all pairs, the record for findings, and the manoeuvre if one was planned."""
 
     pairwise: PairwiseEvidence
     record: record.Identifiability
@@ -49,10 +49,10 @@ def distinguishability(
     site: Site | None = None,
     always: bool = False,
 ) -> Distinguishability:
-    """Beside the causes that were found, at the noise that is left with them.
+    """Pairwise evidence beside the causes of `selection`, at the final model's noise.
 
-    A manoeuvre is planned from `library` for pairs with a cause that was named; with `always` also for the worst of
-    the others, else of the causes that the logs could not have shown. It takes some seconds.
+    A manoeuvre is planned from `library` for close pairs with a named cause; with `always` else for the worst other
+    pairs, else for causes that the logs could not have shown. Planning takes some seconds.
     """
     final = selection.final
     assert final.reduced is not None
@@ -68,9 +68,9 @@ def distinguishability(
 
 
 def _of_named(fit: PosteriorFit, selection: Selection, found: PairwiseEvidence) -> list[tuple[str, str, float]]:
-    """Pairs with a cause that was named and is not so large that the logs tell it anyway; those that came near first.
+    """Pairs of a named cause and a rival that the logs do not separate, rivals of the selection first.
 
-    Nats go with the square of the size.
+    Nats grow with the square of the size: a cause larger than `MEDIUM` is separated by more than the medium one.
     """
     names = {e.id: e.name for e in fit.effects}
     size = {names[c.id]: c.size for c in selection.causes}
@@ -95,7 +95,7 @@ def _record(found: PairwiseEvidence, plan: ManoeuvrePlan | None) -> record.Ident
 
 
 def manoeuvre_sentence(plan: ManoeuvrePlan) -> str:
-    """What these logs cannot do, and what would."""
+    """Sentence for findings: pairs that these logs cannot separate, the manoeuvre that would, pairs that none would."""
     told = [p for p in plan.pairs if p[3] >= nats_needed(p[1])]
     words = []
     if told and plan.excitation is not None:

@@ -1,14 +1,14 @@
-"""What naming the causes is worth on data that no fit has seen: open-loop errors of the readings, one-step likelihood.
+"""Held-out score of the causes: open-loop errors of predicted readings and one-step likelihood.
 
-Three models see the held-out logs: the base as given, the base refitted, the base with the causes. Each smooths them
-with nothing free but the motion (its own nodes), which gives its one-step likelihood. From its own states every few
-seconds it then runs open loop under the logged commands, without latent force, and what its sensors should say is
-compared with what they said, h seconds later (over the second before):
+Three models are scored on held-out logs: the base as given, the base refitted, the base with the causes. Each smooths
+them with nothing free but the nodes, which gives its one-step likelihood. From its own smoothed states every few
+seconds it then runs open loop under the logged commands, without latent force; its predicted readings are compared with
+the measured ones within the second before the horizon h:
 
     rms error by channel and horizon;   gain = 1 - rms(extended) / rms(refitted)
 
-Readings, not states: nobody knows the true states, and a cause may sit in a sensor. Noise of the readings is in all
-three alike. Intervals: bootstrap over stretches of `HORIZONS_S[-1]` seconds.
+Readings are compared, not states, since true states are unknown and a cause may be in a sensor. The noise of the
+readings is in all three alike. Intervals: bootstrap over blocks of `HORIZONS_S[-1]` seconds.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
 
 HORIZONS_S = (5, 10, 20)
 STRIDE_S = 5.0
-WINDOWS_A_RUN = 2.2  # at least; a second at its beginning is not used
-MOST_WINDOWS = 160  # of 20 s: enough for intervals, little enough for an hour's log
+WINDOWS_A_RUN = 2.2  # least number of windows in a run; a second at its beginning is not used
+MOST_WINDOWS = 160  # of 20 s: enough for intervals, few enough for an hour's log
 CHANNELS = {"position": "m", "heading": "deg", "yaw_rate": "deg/s", "surge_accel": "m/s^2", "sway_accel": "m/s^2"}
 SLACKS = (100.0, 10.0, 1.0, 1.0, 1.0)
-"""Steps of smoothing from the first guess on, and how much nodes may jump in each."""
+"""By step of smoothing from the initial guess, factor on the slack of the ties."""
 BOOTSTRAPS = 1000
-LATE_S = 0.5  # fixes of the first moments of a window show where the window before it ends; assumed
-SHOWN = (0.5, 0.9)  # quantiles of the error of the windows that are drawn
+LATE_S = 0.5  # beginning of a window whose fixes belong to the window before, by latency; assumed
+SHOWN = (0.5, 0.9)  # quantiles of the position error of the windows in the report
 MODELS = ("base", "refit", "extended")
 
 
 @dataclass(frozen=True)
 class ModelUnderTest:
-    """One model: parameters of effects, and the noise that goes with them."""
+    """One model: parameters theta of effects, and its noise."""
 
     theta: ParameterValues
     noise: Noise
@@ -54,7 +54,7 @@ class ModelUnderTest:
 
 @dataclass(frozen=True)
 class OpenLoopError:
-    """Rms error of one channel at one horizon, of `MODELS`, each with its 95 % interval; gain against the refit."""
+    """Rms error of one channel at one horizon by model, each with a 95 % interval; gain of extended over refit."""
 
     horizon_s: int
     channel: str
@@ -68,7 +68,7 @@ class OpenLoopError:
 
 @dataclass(frozen=True)
 class Replay:
-    """One window as it was measured and as the models have it: fixes and what the tag should say then, (m, 2)."""
+    """One window for the report: measured fixes (m, 2) and by model the predicted ones (m, 2), NED [m]."""
 
     log: str
     start_s: float
@@ -78,7 +78,7 @@ class Replay:
 
 @dataclass(frozen=True)
 class HeldOutScore:
-    """`errors` by horizon and channel; `nats`: log likelihood of one step by model; typical windows to look at."""
+    """Errors by horizon and channel; one-step log likelihood by model [nats] of `samples` readings; windows to show."""
 
     errors: tuple[OpenLoopError, ...]
     nats: dict[str, float]
@@ -94,9 +94,10 @@ def score(
     training: EffectPhysics,
     seed: int,
 ) -> HeldOutScore:
-    """Held-out `runs` under `models` (by `MODELS`). `training`: whose middle the effects refer to, and whose clock,
+    """Score `models` (by name of `MODELS`) on held-out `runs`; `seed`: of the bootstrap.
 
-    which knows the logs of `runs` too. Raises StructuredFitError or RunError for a run that is too short.
+    `training`: physics of the fitted logs, to whose centre and shared clock the effects' parameters refer.
+    StructuredFitError or RunError where a run is too short.
     """
     near = _aligned(EffectPhysics(runs, vessel, 1.0, training.clock), training)
     of, cuts, window_s = _staggered(runs)
@@ -112,15 +113,16 @@ def score(
 
 
 def _aligned(physics: EffectPhysics, training: EffectPhysics) -> EffectPhysics:
-    """Middles as of the logs that were fitted."""
+    """`physics` with the centre and the middle of the clock of `training`."""
     physics.middle_s, physics.centre_m = training.middle_s, training.centre_m
     return physics
 
 
 def _staggered(runs: Sequence[Run]) -> tuple[list[int], list[Run], float]:
-    """Runs long enough for two windows of the longest horizon, each from its beginning and, as far as `MOST_WINDOWS`
+    """Copies of the runs, staggered: index of each copy's run, copies, length of their windows [s].
 
-    allows, from some seconds later on; whose each is; length of windows [s]. If none is long enough: all, cut shorter.
+    Each run of at least `WINDOWS_A_RUN` windows is taken from its beginning and, as far as `MOST_WINDOWS` allows, from
+    later starts. Windows last the longest horizon, or less if no run is long enough.
     """
     longest = float(HORIZONS_S[-1])
     measured = [run.measured_s() for run in runs]
@@ -138,7 +140,7 @@ def _staggered(runs: Sequence[Run]) -> tuple[list[int], list[Run], float]:
 
 
 def _smoothed(fit: PosteriorFit, model: ModelUnderTest) -> tuple[LinearisationPoint, float]:
-    """Nodes of greatest likelihood with the model's parameters as they are, and its log likelihood [nats]."""
+    """Smoothed nodes with the model's parameters fixed, and its one-step log likelihood [nats]."""
     z, point, nats = fit.z0, None, -np.inf
     for slack in SLACKS:
         noise = fit.noise = replace(model.noise, slack=slack * model.noise.slack)
@@ -150,13 +152,16 @@ def _smoothed(fit: PosteriorFit, model: ModelUnderTest) -> tuple[LinearisationPo
 
 
 def _log_noise(fit: PosteriorFit, noise: Noise) -> float:
-    """Sum of the logarithms of the white noise over all readings: models may differ in what noise they found."""
+    """Sum of log sigma over all readings [nats]: the models' white noise may differ."""
     known = np.isfinite(fit.physics.windows.y).sum(axis=(0, 1))
     return float(known @ np.log(noise.white)) + 2 * len(fit.physics.windows.fixes.t_s) * float(np.log(noise.fix_m))
 
 
 def _starts(near: EffectPhysics, far: EffectPhysics, of: Sequence[int], smoothed: LinearisationPoint) -> np.ndarray:
-    """Nodes (W, L) for the beginnings of long windows: states of the smoothed motion, biases of the nearest node."""
+    """Nodes (W, L) at the beginnings of long windows: smoothed states, biases of the short window, latent zero.
+
+    `of`: index of the run in `near` of each run in `far`.
+    """
     long, short = far.windows, near.windows
     z = np.zeros((long.size[0], smoothed.z.shape[1]))
     for span, owner in zip(long.spans, of, strict=True):
@@ -173,7 +178,7 @@ def _starts(near: EffectPhysics, far: EffectPhysics, of: Sequence[int], smoothed
 def _open_loop(
     lines: Readings, effects: Sequence[Effect], model: ModelUnderTest, z: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """By channel rows of window, age [s] and error squared; what the tag should say, at each fix (m, 2)."""
+    """By channel, rows of window, time since its beginning [s] and squared error; predicted fixes (m, 2) [m]."""
     physics, windows = lines.physics, lines.windows
     with np.errstate(all="ignore"):
         state = converged_rollout(physics, effects, model.theta, z)
@@ -196,7 +201,7 @@ def _open_loop(
 
 
 def _fix_windows(windows: Windows) -> np.ndarray:
-    """The window of each position sample, (m,)."""
+    """Index of the window of each position sample, (m,)."""
     of = np.zeros(len(windows.fixes.t_s), dtype=int)
     for i, span in enumerate(windows.spans):
         mine = windows.fixes.run == i
@@ -206,7 +211,7 @@ def _fix_windows(windows: Windows) -> np.ndarray:
 
 
 def _groups(far: EffectPhysics, of: Sequence[int]) -> np.ndarray:
-    """Of each window the stretch of its log in which it begins, (W,): windows of one stretch overlap."""
+    """Bootstrap block of each window, (W,): windows that begin in one block of a log overlap."""
     windows = far.windows
     stretch = (windows.t_s[:, 0] // HORIZONS_S[-1]).astype(int)
     _, groups = np.unique(np.column_stack([np.array(of)[windows.run], stretch]), axis=0, return_inverse=True)
@@ -256,10 +261,7 @@ def _error(
 def _replays(
     squares: Mapping[str, Mapping[str, np.ndarray]], tracks: Mapping[str, np.ndarray], far: EffectPhysics
 ) -> tuple[Replay, ...]:
-    """The windows whose position error under the refitted base is the median, and the 90 % quantile, or near it:
-
-    they do not overlap, where there are such.
-    """
+    """Windows with position errors under the refitted base near the quantiles `SHOWN`, without overlap if possible."""
     rows = squares["refit"]["position"]
     W = far.windows.size[0]
     n = np.bincount(rows[:, 0].astype(int), minlength=W)

@@ -1,15 +1,15 @@
-"""What a log can tell apart: each cause at medium size put into it, each rival allowed to explain it.
+"""Identifiability: each cause at medium size as the truth, each rival as an explanation of it.
 
-From the reduced Hessian H of all parameters, a cause a of true parameters w gives b = H w. With every other effect
-within its tolerance band (covariance S of those always there),
+From the Hessian H (P, P) of all parameters, nodes eliminated, a cause a of true parameters w gives b = H w. With every
+always free effect s within its tolerance band of covariance S,
 
     K = H - H_:s (H_ss + S^-1)^-1 H_s:          information on each parameter beside the bands
     nats(D) = -1/2 w^T K (1 + D K)^-1 w - 1/2 log det (1 + D K)     D: prior variances beyond the bands
 
-and nats(a, b) is that of "a is there, b is not" less that of "b is there, a is not", over the parameters of the two
-alone. Noise-free: no new simulation. Limits of parameters are not minded, so a rival may explain more than it really
-could: figures are on the low side. Of a vector the direction is taken that is told worst; of an effect's variants, as a
-truth the one that shows most, as a rival the one that explains best.
+and nats(a, b) is that of "a present, b absent" less that of "b present, a absent", over the parameters of the two. The
+expected data are noise-free: no simulation. Limits of parameters are ignored, so a rival may explain more than it
+could and the figures are on the low side. Of a vector the worst direction counts; of an effect's variants, as a truth
+the one with most evidence, as a rival the one that explains best.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
 
-MEDIUM = 4.0  # times the smallest size worth a name
+MEDIUM = 4.0  # medium size over the smallest size worth a name
 
 
 @dataclass(frozen=True)
 class PairwiseEvidence:
-    """`nats` (n, n): by which the truth (row) beats each rival (column), NaN for itself and its class; `nothing` (n,):
+    """Expected log evidence of n causes of medium size.
 
-    by which it beats "nothing is there".
+    nats       (n, n) of the truth (row) over each rival (column) [nats]; NaN for itself and its equivalence class
+    nothing    (n,) of the truth over "nothing is there" [nats]
     """
 
     names: tuple[str, ...]
@@ -38,17 +39,14 @@ class PairwiseEvidence:
     nothing: np.ndarray
 
     def pairs(self) -> list[tuple[str, str, float]]:
-        """Truth, rival, nats; the weakest first."""
+        """All pairs: truth, rival, nats; the weakest first."""
         known = np.argwhere(np.isfinite(self.nats))
         found = [(self.names[i], self.names[j], float(self.nats[i, j])) for i, j in known]
         return sorted(found, key=lambda p: p[2])
 
     @property
     def confused(self) -> list[tuple[str, str, float]]:
-        """Pairs of causes that the log shows by as much as pairs need, and cannot tell apart: the weakest first, each
-
-        two names once.
-        """
+        """Pairs below `DECISIVE_NATS` whose truth has as much over nothing; weakest first, each two names once."""
         shown = {n for n, nats in zip(self.names, self.nothing, strict=True) if nats >= DECISIVE_NATS}
         out: dict[frozenset[str], tuple[str, str, float]] = {}
         for a, b, nats in self.pairs():
@@ -58,15 +56,16 @@ class PairwiseEvidence:
 
     @property
     def hidden(self) -> list[str]:
-        """Causes of medium size that the log could not have named."""
+        """Names of causes that the log could not have named at medium size."""
         return [n for n, nats in zip(self.names, self.nothing, strict=True) if nats < LEAST_EVIDENCE_NATS]
 
 
 @dataclass(frozen=True)
 class EffectBlocks:
-    """Parameters of each effect, (n, width): where they are in H, prior and band variances, medium sizes.
+    """Parameters of n effects, padded to (n, width).
 
-    Padding has index 0 and nil elsewhere.
+    index, prior, band, medium    place in H, prior variance, band variance, medium size; padding: index 0, zeros
+    vector                        (n,) whether the first two are components of a vector
     """
 
     index: np.ndarray
@@ -83,21 +82,24 @@ def pairwise_evidence(
     effects: Sequence[Effect] = (),
     only: Sequence[str] = (),
 ) -> PairwiseEvidence:
-    """What a log tells apart by the Hessian H (P, P) of all parameters of `effects`, nodes eliminated.
+    """Pairwise evidence from the Hessian H (P, P) of all parameters of `effects` (default: those of `fit`).
 
-    `active`: effects taken to be there; `effects`: default those of `fit`; `only`: names to look at (default: all).
+    `active`: ids of effects that are present; `only`: names to compare (default: all).
     """
+    # 1. Information beside the always free effects.
     every = tuple(effects) or fit.effects
     sigma = fit.prior(every, active).sigma
     always = np.concatenate([np.full(len(e.parameters), e.always_free or e.id in active) for e in every])
     sigma = np.where(always, sigma, 0.0)
     mine = [e for e in every if e.family != "base" and (not only or e.name in only)]
     K, blocks = marginal_information(H, sigma), _blocks(mine, parameter_slices(every), sigma)
+    # 2. Each variant against its own absence; the best variant of each name is its truth.
     names = tuple(dict.fromkeys(e.name for e in mine))
     of = np.array([names.index(e.name) for e in mine])
     alone, nothing = _alone(K, blocks), np.full(len(names), -np.inf)
     np.maximum.at(nothing, of, alone)
     shown = [int(np.flatnonzero(of == i)[alone[of == i].argmax()]) for i in range(len(names))]
+    # 3. Each truth against all variants of other names and classes; the best variant of a rival counts.
     pairs = np.stack([np.repeat(shown, len(mine)), np.tile(np.arange(len(mine)), len(names))])
     pairs = pairs[:, _distinct(mine, *pairs)]
     nats = np.full((len(names), len(names)), np.inf)
@@ -106,7 +108,7 @@ def pairwise_evidence(
 
 
 def marginal_information(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Information (P, P) beside what varies anyhow with `sigma` (P,); nil: it does not."""
+    """K = H - H_:s (H_ss + S^-1)^-1 H_s: (P, P) for nuisances s with `sigma` (P,) > 0."""
     there = np.flatnonzero(sigma > 0)
     factor = np.linalg.cholesky(H[np.ix_(there, there)] + np.diag(1 / sigma[there] ** 2))
     half = np.linalg.solve(factor, H[there])
@@ -114,7 +116,7 @@ def marginal_information(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 
 def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) -> EffectBlocks:
-    """All effects, one row each; `sigma` (P,) of what varies anyhow."""
+    """All effects, one row each; `sigma` (P,) of the nuisances."""
     width = max(len(e.parameters) for e in effects)
     index = np.zeros((len(effects), width), dtype=int)
     prior, band, medium = (np.zeros((len(effects), width)) for _ in range(3))
@@ -128,12 +130,12 @@ def _blocks(effects: Sequence[Effect], at: dict[str, slice], sigma: np.ndarray) 
 
 
 def _medium(smallest: float, lower: float, upper: float) -> float:
-    """Medium size of a parameter within its limits; nil for one that says where or when."""
+    """Medium size of a parameter within its limits; zero for a place or time."""
     return min(MEDIUM * smallest, max(upper, -lower)) if np.isfinite(smallest) else 0.0
 
 
 def _distinct(effects: Sequence[Effect], a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Which pairs are of two names, and of two classes."""
+    """Indices of the pairs (a, b) of different names and equivalence classes."""
     one = [{e.name, *e.same_as} for e in effects]
     distinct = np.array([[x.name not in other and y.name not in mine for y, other in zip(effects, one, strict=True)]
                       for x, mine in zip(effects, one, strict=True)])  # fmt: skip
@@ -158,12 +160,12 @@ def _between(K: np.ndarray, blocks: EffectBlocks, pairs: np.ndarray) -> np.ndarr
 
 
 def _parts(K: np.ndarray, index: np.ndarray, real: np.ndarray) -> np.ndarray:
-    """(m, k, k) of K (P, P); nil where it is padding."""
+    """Blocks (m, k, k) of K (P, P) at `index` (m, k); zero at padding."""
     return K[index[:, :, None], index[:, None, :]] * (real[:, :, None] & real[:, None, :])
 
 
 def _gain(K: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of variances `one` over `other`, (m, k): Q (m, k, k) and price (m,) with nats = w^T Q w - price."""
+    """Gain of variances `one` over `other` (m, k): Q (m, k, k) and price (m,) with nats = w^T Q w - price."""
     found = []
     for D in (one, other):
         weight = np.eye(K.shape[1]) + D[:, :, None] * K
@@ -173,7 +175,7 @@ def _gain(K: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray
 
 
 def _least(Q: np.ndarray, price: np.ndarray, medium: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Nats of the direction, or the parameter, that is told worst, (m,)."""
+    """Least nats (m,): over directions of a vector, else over the parameters alone."""
     Q = medium[:, :, None] * (Q + Q.swapaxes(1, 2)) / 2 * medium[:, None, :]
     each = np.where(medium > 0, np.diagonal(Q, axis1=1, axis2=2), np.inf).min(axis=1)
     round_ = np.linalg.eigvalsh(Q[:, :2, :2])[:, 0]

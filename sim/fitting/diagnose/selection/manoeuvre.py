@@ -1,12 +1,15 @@
-"""The manoeuvre that would tell confused causes apart, by computing what it would tell.
+"""Planning of the manoeuvre that separates confused causes, by its expected information.
 
 Each segment of an excitation library is flown by the vessel file's own boat (`excite.nominal`) and linearised with
-the columns of the diagnosis at the log's rates and noise; its Hessian adds to the log's, since runs share no nodes.
-Segments are taken one by one, always the one that raises the worst pair most per minute, until all are told apart. What
-the whole plan tells is then computed from a flight of the whole plan.
+the columns of the diagnosis at the log's rates and noise. Runs share no nodes, so Hessians add:
 
-Estimated: the boat is the file's, current and wind go on as they were, and the water is a square of at least
-`LEAST_WATER_M` (assumed) round the log's positions unless a site is given.
+    H_after = H_logs + sum of H_segment,   nats(a, b) from H_after as in `identifiability`
+
+Greedy: the segment that raises the worst pair most per second is added until all pairs are separated. The nats of the
+plan are then computed from a flight of the whole plan.
+
+Assumptions: the boat is the file's, current and wind continue, and the water is a square of at least `LEAST_WATER_M`
+(assumed) round the log's positions unless a site is stated.
 """
 
 from __future__ import annotations
@@ -37,28 +40,30 @@ ENOUGH = (
     2 * DECISIVE_NATS
 )  # estimated: the real boat is not quite its model, and noise moves the evidence by a few nats
 LONGEST_S = 600.0
-ENDLESS = 3.0  # times the library: what that does not tell, ten minutes of its best will not either
-MOST = 3  # pairs that a plan is for
+ENDLESS = 3.0  # copies of the whole library: a pair that it does not separate is out of reach of any plan
+MOST = 3  # most pairs in a plan
 LEAST_WATER_M = 24.0
-SHORTEST_S = 5.0  # of a flight that tells anything
+SHORTEST_S = 5.0  # shortest flight that is used
 WINDOW_S = 1.0
-STEP_NS = 50_000_000  # of the plant: half a tick is fine enough to plan by
-AFTER_S = 60.0  # from the end of the logs to the manoeuvre; assumed
+STEP_NS = 50_000_000  # time step of the plant: half a tick is fine enough for planning
+AFTER_S = 60.0  # time from the end of the logs to the manoeuvre; assumed
 SLOW = ("clock_drift", "turning_current", "voltage_exponent")
 TEN_MINUTES = Steps(
     name="ten minutes to and fro", why="what grows with time", X=0.16, levels=(1.0, -1.0) * 50, hold_s=6.0
 )
-ANYTHING = 30.0  # times the usual biases of a log: as good as unknown
-NOTHING = ""
+ANYTHING = 30.0  # factor on the usual biases of a log that makes them practically unknown
+NOTHING = ""  # the rival "nothing is there"
 ConfusedPairs = Sequence[tuple[str, str, float]]
-"""Truth, rival (`NOTHING`: that nothing is there), nats of the logs."""
+"""Truth, rival or `NOTHING`, nats of the logs."""
 
 
 @dataclass(frozen=True)
 class ManoeuvrePlan:
-    """What to fly, how long it takes, each pair with nats before and after it; and those that no plan would tell,
+    """A planned manoeuvre.
 
-    with what the whole library flown `ENDLESS` times over would give.
+    excitation     what to fly; None where nothing would help
+    pairs          truth, rival, nats of the logs, nats with the manoeuvre
+    unreachable    the same of pairs that no plan separates, with the nats of `ENDLESS` copies of the library
     """
 
     excitation: Excitation | None
@@ -69,7 +74,7 @@ class ManoeuvrePlan:
 
 @dataclass(frozen=True)
 class _FlownSegment:
-    """`H`: as if the biases of this log were unknown; what they tell comes once, with the whole plan."""
+    """One segment with its flight; H (P, P) with unknown biases: information from them counts once, for the plan."""
 
     segment: Segment
     run: Run
@@ -81,7 +86,7 @@ class _FlownSegment:
 
 
 class ManoeuvrePlanner:
-    """Plans for the logs of `fit`, of which H (P, P) of all parameters is known, with what is believed and noise."""
+    """Plans for the logs of `fit`, with their Hessian H (P, P) of all parameters, active effects and noise."""
 
     def __init__(
         self, fit: PosteriorFit, H: np.ndarray, active: frozenset[str], noise: Noise, site: Site | None = None
@@ -92,7 +97,8 @@ class ManoeuvrePlanner:
         self._vessel = at_rates(fit)
 
     def plan(self, library: Excitation, confused: ConfusedPairs) -> ManoeuvrePlan:
-        """For the first `MOST` of these pairs that can be helped."""
+        """Manoeuvre for the first `MOST` of the `confused` pairs that the library can separate."""
+        # 1. Flights of all segments; upper limit of the nats of each pair.
         names = {n for a, b, _ in confused for n in (a, b)}
         effects = [e for e in self.fit.effects if e.always_free or e.id in self.active or e.name in names]
         candidates, H = self._candidates(library, effects, names), self._information_of(effects)
@@ -104,6 +110,7 @@ class ManoeuvrePlanner:
         limit = self._nats(H + once + ENDLESS * sum((c.H for c in candidates), np.zeros_like(H)), effects, confused)
         helped = [pair for pair, most in zip(confused, limit, strict=True) if most >= nats_needed(pair[1])][:MOST]
         beyond = tuple((*p, float(most)) for p, most in zip(confused, limit, strict=True) if most < nats_needed(p[1]))
+        # 2. Greedy selection; flight and nats of the whole plan.
         segments = self._select_segments(candidates, H + once, effects, helped) if helped else []
         excitation = replace(library, name="manoeuvre", segments=tuple(segments))
         run = self._flown(excitation) if segments else None
@@ -117,7 +124,7 @@ class ManoeuvrePlanner:
     def _select_segments(
         self, candidates: Sequence[_FlownSegment], H: np.ndarray, effects: Sequence[Effect], confused: ConfusedPairs
     ) -> list[Segment]:
-        """One by one, until all pairs are told apart or the time is over."""
+        """Segments added one at a time until all pairs have `ENOUGH` nats or `LONGEST_S` is used up."""
         selected, now, left_s = [], self._nats(H, effects, confused), LONGEST_S
         while now.min() < ENOUGH and (fits := [c for c in candidates if c.duration_s <= left_s]):
             worth = [_worth(now, self._nats(H + c.H, effects, confused)) / c.duration_s for c in fits]
@@ -139,7 +146,7 @@ class ManoeuvrePlanner:
         return found
 
     def _flown(self, excitation: Excitation) -> Run | None:
-        """The log that the file's own boat would write; None where it cannot fly this or does not come to its end."""
+        """The log of the file's own boat under `excitation`; None where it cannot fly it to its end."""
         try:
             flown = fly_nominal(excitation, self._vessel, self._site, limit_s=2 * LONGEST_S, step_ns=STEP_NS)
         except ConfigError:
@@ -147,9 +154,9 @@ class ManoeuvrePlanner:
         return _commanded(flown.run) if flown.done and flown.duration_s >= SHORTEST_S else None
 
     def information(self, run: Run, effects: Sequence[Effect], own: float = 1.0) -> np.ndarray:
-        """Hessian (P, P) of a planned run, whose true states are known, in the parameters of `effects`.
+        """Hessian (P, P) of a simulated `run`, whose states are known, in the parameters of `effects`.
 
-        `own`: times the usual biases of gyro and accelerometers that each log may have of its own.
+        `own`: factor on the sigmas of the run's own biases of gyro and accelerometers.
         """
         a_x, a_y, r = self.noise.bias
         noise = dataclasses.replace(self.noise, bias=(own * a_x, own * a_y, own * r))
@@ -175,17 +182,18 @@ class ManoeuvrePlanner:
 
 
 def nats_needed(rival: str) -> float:
-    """Nats from which on a cause is told from a rival; from nothing, named."""
+    """Nats that separate a cause from `rival`; from `NOTHING`, the nats from which it is named."""
     return LEAST_EVIDENCE_NATS if rival == NOTHING else DECISIVE_NATS
 
 
 def _worth(now: np.ndarray, then: np.ndarray) -> float:
-    """Nats that the worst pair gains, and a little for all of them; beyond `ENOUGH` nothing counts."""
+    """Gain of the worst pair plus a tenth of the sum of all gains, each pair capped at `ENOUGH` [nats]."""
     gain = np.minimum(then, ENOUGH) - np.minimum(now, ENOUGH)
     return float(np.minimum(then, ENOUGH).min() - now.min() + 0.1 * gain.sum())
 
 
 def _water(fit: PosteriorFit) -> Site:
+    """A square fence round the positions of the logs."""
     places = fit.physics.windows.fixes.place_m
     middle, reach = places.mean(axis=0), np.ptp(places, axis=0).max() / 2
     half = max(float(reach), LEAST_WATER_M / 2)
@@ -195,7 +203,7 @@ def _water(fit: PosteriorFit) -> Site:
 
 
 def at_rates(fit: PosteriorFit) -> VesselFile:
-    """The vessel with sensors at the rates of the logs as they were fitted, of inertial ones that of the quickest."""
+    """The vessel with the sensor rates of the fitted logs; the IMU's is that of its fastest channel."""
     vessel, w = fit.physics.vessel, fit.physics.windows
     known = [w.t_s[:, :-1][channel] for channel in np.moveaxis(np.isfinite(w.y), 2, 0)]
     step, fix = min(_interval(t) for t in known if len(t) > 1), _interval(w.fixes.t_s)
@@ -207,12 +215,12 @@ def at_rates(fit: PosteriorFit) -> VesselFile:
 
 
 def _interval(t_s: np.ndarray) -> float:
-    """Usual time between samples of all logs, one log after the other."""
+    """Median time between samples of all logs, stacked one after the other [s]."""
     gaps = np.diff(t_s)
     return float(np.median(gaps[gaps > 0]))
 
 
 def _commanded(run: Run) -> Run:
-    """From the first command on: before it no pulse width is known."""
+    """`run` from its first command on: pulse widths before it are unknown."""
     held = [f"pwm_{name}" for name in run.thrusters]
     return Run(run.table.drop_nulls(held), run.meta)

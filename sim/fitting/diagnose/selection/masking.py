@@ -1,4 +1,4 @@
-"""What causes of chance leave behind: functions that say nothing new beside them, to whoever asks what is left over."""
+"""Masking: groups of residual functions that a stochastic cause explains and that adequacy does not count beside it."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
 
-GUSTY_NATS = 24.0  # one gust is felt in many windows, which count as so many: assumed
+GUSTY_NATS = 24.0  # limit beside gusts: residuals of the many windows of one gust are correlated; assumed
 
 
 @dataclass(frozen=True)
 class Masking:
-    """What causes of chance leave behind, which says nothing new beside them.
+    """What stochastic causes mask.
 
-    `names`: how the names of such groups begin; `within`: what varies within a window; `far_out`: fixes far out;
-    `limit` [nats]: what a group must reach.
+    names       prefixes of the names of masked groups
+    within      whether variation within a window is masked: groups are taken by their means over windows
+    outliers    whether outlying fixes are masked
+    limit       nats that a group must reach beside them
     """
 
     names: tuple[str, ...] = ()
@@ -25,7 +27,7 @@ class Masking:
 
     @staticmethod
     def of(causes: Iterable[str]) -> Masking:
-        """Of all `causes` (names) together."""
+        """Masking by all of `causes` (names) together."""
         every = [MASKED_BY[name] for name in causes if name in MASKED_BY]
         names = tuple(name for echo in every for name in echo.names)
         limit = max((echo.limit for echo in every), default=DECISIVE_NATS)
@@ -39,4 +41,4 @@ MASKED_BY = {
                           "pull over position", "place error over position", "force over speed"), limit=GUSTY_NATS),
     "nlos": Masking(("place error", "scale of places"), outliers=True),
 }  # fmt: skip
-"""By cause. A boat that is blown about is pushed by other forces at other times, and so at other places and speeds."""
+"""By name of the cause. Gusts vary in time, and with it, by chance, over positions and speeds."""

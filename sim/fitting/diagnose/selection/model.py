@@ -1,6 +1,6 @@
-"""Models to choose from: sets of believed effects, refitted to convergence, and the evidence for each.
+"""Candidate models: sets of active effects, refitted to convergence, with the evidence for each.
 
-All other entries of the catalogue are free within their tolerance bands.
+All other entries of the catalogue that are always free stay within their tolerance bands.
 """
 
 from __future__ import annotations
@@ -20,15 +20,20 @@ from sim.fitting.engine.noise import Noise
 from sim.fitting.identify.structured_fit import with_latent
 
 ROUNDS = 6  # of four steps each, in a refit
-SAME = 0.1  # of the logarithm of the latent acceleration: so small a change asks for no further round
-SHARES = (2.0, 1.0, 0.6, 0.4, 0.25)  # of the size that a secant promises, from which the search for a far effect starts
+SAME = 0.1  # change of the logarithm of the latent acceleration at convergence
+SHARES = (2.0, 1.0, 0.6, 0.4, 0.25)  # starts of a nonlinear effect over the value that its secant predicts
 
 
 @dataclass
 class CandidateModel:
-    """A set of believed effects, refitted: where it stands, and its evidence with all tolerance bands.
+    """A set of active effects, refitted.
 
-    `own`: over the parameters of `free`; `reduced`, once screened: over those of the whole catalogue.
+    active      ids of the active effects
+    point       linearisation at the optimum, without columns
+    free        effects with free parameters: always free ones and the active ones
+    own         normal equations of the parameters of `free`, nodes eliminated
+    evidence    log evidence with all tolerance bands [nats]
+    reduced     the same equations of the whole catalogue, once it is screened
     """
 
     active: frozenset[str]
@@ -49,9 +54,9 @@ class Refitter:
         self.always_free = [e for e in fit.effects if e.always_free]
 
     def base(self, stated: Noise | None = None) -> CandidateModel:
-        """The vessel file's model refitted within the tolerance of its coefficients, and the noise found on the way.
+        """The vessel file's model refitted within all tolerance bands, with noise estimated in alternation.
 
-        `stated`: noise to begin with, if not the fit's.
+        `stated`: initial noise (default: the fit's).
         """
         fit = self.fit
         stated = stated or fit.noise
@@ -65,7 +70,7 @@ class Refitter:
         return self._finish(frozenset(), point, free)
 
     def _coarse_fit(self, noise: Noise, theta: dict[str, np.ndarray]) -> LinearisationPoint:
-        """From the measured motion towards that of a boat with `theta`, the ties of windows being loose at first."""
+        """Coarse fit from the measured motion with `theta` active, with loose ties of the windows at first."""
         fit, active = self.fit, frozenset(theta)
         few = [e for e in self.fit.effects if e.family == "base" or e.id in active]
         fit.noise = replace(noise, slack=100.0)
@@ -76,13 +81,17 @@ class Refitter:
         return point
 
     def refit(self, start: CandidateModel, active: frozenset[str], values: dict[str, np.ndarray]) -> CandidateModel:
-        """`active` to convergence from `start`, with the latent acceleration found anew."""
+        """Fit the set `active` to convergence from the model `start`, with `values` of newly active effects (by id).
+
+        1. First step from `values`, or a coarse fit for an effect that is present as a whole.
+        2. Gauss-Newton and the latent acceleration of most evidence, alternating until both are stationary.
+        """
         fit = self.fit
         fit.noise = start.noise
         free = [*self.always_free, *(self.by_id[i] for i in sorted(active) if not self.by_id[i].always_free)]
         ids = {e.id for e in free}
         theta = {k: v for k, v in start.point.theta.items() if k in ids} | values
-        if any(self.by_id[i].all_or_nothing for i in values):  # another boat, to which this fit's numbers say little
+        if any(self.by_id[i].all_or_nothing for i in values):  # the present nodes are no start for such another boat
             point = self._coarse_fit(with_latent(start.noise, np.array(START)), {i: theta[i] for i in active})
         else:
             point = self._first_step(theta, values, start, free, active)
@@ -103,7 +112,7 @@ class Refitter:
         free: Sequence[Effect],
         active: frozenset[str],
     ) -> LinearisationPoint:
-        """One step from `values`; of a far effect, which secants tell little of, from the best of several shares."""
+        """One step from `values`; of a nonlinear effect from the best of several `SHARES` of them."""
         tried = [self.by_id[i] for i in values]
         shares = SHARES if any(e.nonlinear for e in tried) else (1.0,)
         points = []
@@ -112,18 +121,18 @@ class Refitter:
             points.append(self.fit.solve(guess, start.point.z, free, active, steps=1, before=start.point))
         prior = self.fit.prior(free, active)
         costs = np.nan_to_num([self.fit.cost(p, free, prior) for p in points], nan=np.inf)
-        best = int(np.argmin(costs))  # of none that can be reckoned with: from nil
+        best = int(np.argmin(costs))  # where none is finite: from the present model
         return points[best] if np.isfinite(costs[best]) else start.point
 
     def _finish(self, active: frozenset[str], point: LinearisationPoint, free: Sequence[Effect]) -> CandidateModel:
-        """At `point` linearised anew: its steps took small effects as they were along the motion before."""
+        """The candidate model at `point`, linearised anew: steps take small effects along an earlier motion."""
         point = self.fit.point(point.theta, point.z, free, point).without_columns()
         reduced = self.fit.reduced(point, free)
         evidence = reduced.evidence(self.fit.prior(free, active))
         return CandidateModel(active, point, self.fit.noise, tuple(free), reduced, evidence)
 
     def linearise_catalogue(self, model: CandidateModel) -> LinearisationPoint:
-        """`model` linearised with the columns of every entry of the catalogue: too large to be kept."""
+        """Linearise `model` with columns of the whole catalogue, set its `reduced`; the point, which is not kept."""
         fit = self.fit
         fit.noise = model.noise
         point = fit.point(model.point.theta, model.point.z, fit.effects, model.point).without_columns()
@@ -131,12 +140,12 @@ class Refitter:
         return point
 
     def score_active(self, model: CandidateModel, id_: str) -> Candidate:
-        """One of those believed in, with the others in place."""
+        """Score of the active effect `id_` beside the other active ones."""
         within = self.fit.prior(model.free, model.active - {id_})
         return score_candidate(model.own.posterior(within), parameter_slices(model.free)[id_], self.by_id[id_])
 
     def start_values(self, model: CandidateModel, c: Candidate) -> np.ndarray:
-        """Values within limits from which to refit: those of the best of an entry's `starts`, where it has any."""
+        """Start of a refit within limits: the candidate's values, or those of the best of its `start_entries`."""
         effect = self.by_id[c.id]
         return np.clip(self._start_entry_values(model, effect) if effect.start_entries else c.values, *effect.limits())
 

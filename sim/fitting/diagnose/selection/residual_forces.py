@@ -1,6 +1,7 @@
-"""What the model leaves over, as forces over time and over whatever they might depend on, with the causes beside it.
+"""Residual forces of the model over time and other variables, beside the force that the causes add.
 
-Latent force of a window = M times its latent acceleration, [X Y N]; its standard error comes from the chain of nodes.
+The latent force of a window is [X Y N] = M d with its latent acceleration d; its sigma follows from the nodes'
+covariance P: diag(M P_d M^T)^1/2.
 """
 
 from __future__ import annotations
@@ -24,9 +25,12 @@ LAGS = 20
 
 @dataclass(frozen=True)
 class ResidualForces:
-    """Of W windows of all logs: middle times [s] of the log and of the shared clock, log, state (W, 6), latent force
+    """Residual forces of the W windows of all logs.
 
-    and its sigma (W, 3) [N, N, N m]; what the model with the causes adds to the force there, (W, 3).
+    t_s, clock_s    (W,) middle time of the log, and on the shared clock [s]
+    log, x          (W,) index of the log, (W, 6) mean state [x y psi u v r]
+    force, sigma    (W, 3) latent force and its standard error [N, N, N m]
+    cause           (W, 3) mean force that the causes add there
     """
 
     t_s: np.ndarray
@@ -41,10 +45,7 @@ class ResidualForces:
 def residual_forces(
     fit: PosteriorFit, point: LinearisationPoint, noise: Noise, theta: ParameterValues, causes: Sequence[Effect]
 ) -> ResidualForces:
-    """At `point`, linearised with `noise`; `causes`: effects whose force along this motion is wanted, when `theta` is
-
-    added to what the point has of them.
-    """
+    """Residual forces at `point`, linearised with `noise`; force of `causes` for `theta` beyond the point's values."""
     physics = fit.physics
     M = mass_matrix(physics.vessel)
     chain, _, _ = fit.assembled(point, noise)
@@ -68,7 +69,7 @@ def cause_accelerations(
     theta: ParameterValues,
     causes: Sequence[Effect],
 ) -> np.ndarray:
-    """Mean acceleration in each window that `theta` of `causes` adds at `point`, (W, 3); nil for sensor effects."""
+    """Mean acceleration in each window that `theta` of `causes` adds at `point`, (W, 3); zero for sensor effects."""
     if not causes:
         return np.zeros((physics.windows.size[0], 3))
     whole = [_whole(effect, theta[effect.id]) for effect in causes]
@@ -77,7 +78,7 @@ def cause_accelerations(
 
 
 def _whole(effect: Effect, values: np.ndarray) -> Effect:
-    """The effect at once: its one parameter goes from nil to all of `values`."""
+    """The effect with one parameter `share` that scales all of `values`, so that one secant spans the whole effect."""
 
     def scaled(hook: Hook) -> Hook:
         def call(p: Values, *rest: Any) -> Any:
@@ -91,13 +92,13 @@ def _whole(effect: Effect, values: np.ndarray) -> Effect:
 
 
 def autocorrelation(point: LinearisationPoint) -> dict[str, np.ndarray]:
-    """Correlation of whitened residuals with those some samples before, by channel, (LAGS,)."""
+    """Autocorrelation of the whitened residuals at lags of 1 to `LAGS` samples, by channel, (LAGS,); NaN: too few."""
     series = {name: point.residuals[..., i].ravel() for i, name in enumerate(("heading", "yaw rate", "a_x", "a_y"))}
     series |= {"north": point.fix_residuals[:, 0], "east": point.fix_residuals[:, 1]}
     out = {}
     for name, values in series.items():
         known = values[np.isfinite(values)]
-        known = np.clip(known, -5, 5)  # an outlier says nothing of its neighbours
+        known = np.clip(known, -5, 5)  # outliers are independent of their neighbours
         known = known - known.mean() if len(known) else known
         power = float(known @ known)
         ok = len(known) > 2 * LAGS and power > 0

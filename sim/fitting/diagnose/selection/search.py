@@ -1,6 +1,6 @@
-"""All causes of one set of logs: those of chance beside those that the linearisation can express.
+"""Search for all causes of one set of logs: selection over the catalogue, and tests for stochastic causes.
 
-base -> fixes without line of sight, which from then on count for less -> selection -> waves, gusts
+1. base model   2. fixes without line of sight, which are down-weighted from here on   3. selection   4. waves, gusts
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from sim.fitting.diagnose.stochastic_effects import StochasticCause, has_acceler
 
 @dataclass(frozen=True)
 class AcceptedCause:
-    """One accepted cause: its entry, and by what entry of the fit it stands there (empty: by none).
+    """One accepted cause. `fitted`: id of the entry that represents it in the fit (empty: none).
 
-    `form_doubtful`: the family is right, its form is not quite.
+    `form_doubtful`: the family is right, the functional form is in doubt.
     """
 
     effect: Effect
@@ -31,28 +31,25 @@ class AcceptedCause:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The selection and all causes, the surest first."""
+    """The selection, and all causes in order of evidence."""
 
     selection: Selection
     causes: tuple[AcceptedCause, ...]
 
     def rivals(self, fit: PosteriorFit) -> dict[str, list[tuple[str, float]]]:
-        """By cause, what explains nearly as much and how far it is behind [nats], all by their names in findings.
-
-        What is part of another cause, or contains it, is there already: that is no rival.
-        """
+        """By name of a cause, its rivals and how many nats each is behind. A part or whole of another cause is none."""
         called = {c.fitted: c.effect.name for c in self.causes if c.fitted}
         found: dict[str, list[tuple[str, float]]] = {}
         for fitted, rivals in self.selection.rivals.items():
             name = called.get(fitted, fitted)
             others = [c.effect for c in self.causes if c.effect.name != name]
             parts, wholes = {e.contains for e in others}, {e.name for e in others}
-            there = parts | {e.name for e in fit.effects if e.contains in wholes}
-            found[name] = [(called.get(rival, rival), behind) for rival, behind in rivals if rival not in there]
+            present = parts | {e.name for e in fit.effects if e.contains in wholes}
+            found[name] = [(called.get(rival, rival), behind) for rival, behind in rivals if rival not in present]
         return found
 
     def without(self, fit: PosteriorFit, gone: Collection[str]) -> SearchResult:
-        """The causes `gone` (ids of entries of the fit) taken back, and the others as they fit then."""
+        """The result with the causes `gone` (ids of entries of the fit) withdrawn, and the others refitted."""
         selection = Selector(fit).without(self.selection, gone)
         now = {c.id: c for c in selection.causes}
         kept = [c for c in self.causes if not c.fitted or c.fitted in now]
@@ -66,7 +63,7 @@ def search_causes(
     known_causes: Sequence[str] = (),
     say: Progress = lambda _text, _share: None,
 ) -> SearchResult:
-    """Everything that can be named of the logs of `fit`. `without`: names of causes of chance not to look for.
+    """All causes that can be named from the logs of `fit`. `without`: names of stochastic causes not to test.
 
     `known_causes`: names of causes that are present for sure; no others are searched. ValueError for an unknown name,
     or for a cause that no sensor of these logs shows.
@@ -79,37 +76,33 @@ def search_causes(
         blind := [name for name in known_causes if name in (WAVES.name, GUSTY_WIND.name)]
     ):
         raise ValueError(f"believe {blind[0]!r}: accelerations alone show it, and these logs have none")
-    blocked = nlos_cause(fit, base) if NLOS.name not in without else None
-    if (
-        blocked is not None
-        and (blocked.candidate.accepted or NLOS.name in known_causes)
-        and blocked.fix_weight is not None
-    ):
-        fit.lineariser.weight = blocked.fix_weight
+    nlos = nlos_cause(fit, base) if NLOS.name not in without else None
+    if nlos is not None and (nlos.candidate.accepted or NLOS.name in known_causes) and nlos.fix_weight is not None:
+        fit.lineariser.weight = nlos.fix_weight
         base = selector.base(base.noise)
     selection = selector.fit_causes(base, entry_names) if known_causes else selector.run(base)
     say("waves, gusts, fixes without line of sight", 0.9)
-    by_chance = [c for c in stochastic_causes(fit, selection.final, selection.causes, known_causes)
+    stochastic_found = [c for c in stochastic_causes(fit, selection.final, selection.causes, known_causes)
                  if c.effect.name not in without and (not known_causes or c.effect.name in known_causes)]  # fmt: skip
-    return SearchResult(selection, _together(fit, selection, by_chance))
+    return SearchResult(selection, _together(fit, selection, stochastic_found))
 
 
 def _entries(fit: PosteriorFit, known_causes: Sequence[str]) -> list[str]:
-    """Names of the entries of the fit by which `known_causes` stand there: a gusty wind is a wind, waves have none."""
-    there, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
-    if strange := [name for name in known_causes if name not in there | chance]:
-        raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(there | chance))}")
+    """Names of the fit's entries that represent `known_causes`: a gusty wind is a wind, waves have none."""
+    present, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
+    if strange := [name for name in known_causes if name not in present | chance]:
+        raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(present | chance))}")
     for both in (e for e in fit.effects if e.contains and {e.name, e.contains} <= set(known_causes)):
         raise ValueError(f"believe {both.name!r} or {both.contains!r}, not both: the one contains the other")
     names = ["wind" if name == GUSTY_WIND.name else name for name in known_causes]
-    return [name for name in dict.fromkeys(names) if name in there]
+    return [name for name in dict.fromkeys(names) if name in present]
 
 
 def _together(
-    fit: PosteriorFit, selection: Selection, by_chance: Sequence[StochasticCause]
+    fit: PosteriorFit, selection: Selection, stochastic_found: Sequence[StochasticCause]
 ) -> tuple[AcceptedCause, ...]:
     by_id = {e.id: e for e in fit.effects}
-    replaced = {c.replaces for c in by_chance if c.replaces}
+    replaced = {c.replaces for c in stochastic_found if c.replaces}
     causes = [AcceptedCause(by_id[c.id], c, c.id) for c in selection.causes if c.id not in replaced]
-    causes += [AcceptedCause(c.effect, c.candidate, c.replaces, c.form_doubtful) for c in by_chance]
+    causes += [AcceptedCause(c.effect, c.candidate, c.replaces, c.form_doubtful) for c in stochastic_found]
     return tuple(sorted(causes, key=lambda c: -c.candidate.nats))

@@ -1,7 +1,7 @@
-"""Which effects the logs ask for: forward by evidence with refits to convergence, then backward.
+"""Greedy selection of causes: forward by evidence with refits to convergence, then backward elimination.
 
-Each is judged as a candidate beside those believed in, all other entries of the catalogue being free within their
-tolerance bands.
+Every candidate is scored beside the active effects, all other entries of the catalogue being free within their
+tolerance bands. A round: screen all by the linearisation, refit the best `REFIT`, add the best that is acceptable.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from sim.fitting.diagnose.report.findings import RIVAL_NATS
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, Candidate, score_candidate
 from sim.fitting.diagnose.selection.model import CandidateModel, Refitter
 
-REFIT = 3  # how many candidates a round refits
-HOPEFUL = 3.0  # nats by the linearisation that a candidate must have to be refitted: it may tell less than is there
-SIZED = 0.7  # of the smallest size that a candidate must seem to have to be refitted; assumed
-LOCATED = 0.35  # the same of one of many places or times, which are seen smaller than they are; assumed
-NEAR = 12.0  # nats behind the first within which a candidate is refitted
-MOST = 4
-ASTRAY = 1.2  # times the cost of the data before: a refit that ends there did not find its way
+REFIT = 3  # candidates refitted in a round
+HOPEFUL = 3.0  # least nats by the linearisation for a refit: it may underestimate the evidence
+SIZED = 0.7  # least size by the linearisation, over the smallest worth a name, for a refit; assumed
+LOCATED = 0.35  # the same for a variant of place or time, whose size is underestimated away from the true one; assumed
+NEAR = 12.0  # nats behind the first candidate within which others are refitted beside an accepted one
+MOST = 4  # most causes
+ASTRAY = 1.2  # data cost over that before above which a refit did not converge
 Progress = Callable[[str, float], None]
 Rivals = dict[str, list[tuple[str, float]]]
-"""By name of a cause what could stand in its place, by name, and how many nats less that explains."""
+"""By name of a cause, names of rivals and how many nats less each explains in its place."""
 
 
 @dataclass
 class Selection:
-    """The path and its end. `ranking`: every candidate at the last step, best first."""
+    """Base model, final model, its causes and their rivals. `ranking`: all candidates at the last step, best first."""
 
     base: CandidateModel
     final: CandidateModel
@@ -43,7 +43,7 @@ class Selection:
 
 
 class Selector(Refitter):
-    """Greedy search over one catalogue."""
+    """Greedy selection over the catalogue of `fit`; `say`: text and share done."""
 
     def __init__(self, fit: PosteriorFit, say: Progress = lambda _text, _share: None):
         super().__init__(fit)
@@ -52,29 +52,29 @@ class Selector(Refitter):
         self._at = parameter_slices(fit.effects)
 
     def screen(self, model: CandidateModel) -> list[Candidate]:
-        """Every effect that is not yet believed in, at the best of a few latent accelerations, best first."""
+        """Score of every effect that is not active, at the best of a few latent accelerations, best first."""
         point = self.linearise_catalogue(model)
-        found: dict[str, Candidate] = {}
+        best: dict[str, Candidate] = {}
         scores: dict[str, float] = {}
         active = [self.by_id[i] for i in model.active]
-        said = {name for e in active for name in (e.name, e.contains)}
+        excluded_names = {name for e in active for name in (e.name, e.contains)}
         for noise in latent_scales(model.noise):
             reduced = model.reduced if noise is model.noise else self.fit.reduced(point, self.fit.effects, noise)
             assert reduced is not None
             within = self.fit.prior(self.fit.effects, model.active)
             posterior, evidence = reduced.posterior(within), reduced.evidence(within)
             for effect in self.named:
-                if effect.name in said:
+                if effect.name in excluded_names:
                     continue
                 candidate = score_candidate(posterior, self._at[effect.id], effect)
                 if evidence + candidate.gain > scores.get(effect.id, -np.inf):
-                    found[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
-        return sorted(found.values(), key=lambda c: -scores[c.id])
+                    best[effect.id], scores[effect.id] = candidate, evidence + candidate.gain
+        return sorted(best.values(), key=lambda c: -scores[c.id])
 
     def fit_causes(self, base: CandidateModel, names: Sequence[str]) -> Selection:
-        """These causes and no others, however small: of variants of one name those that explain most.
+        """Fit the causes `names` and no others, however small, each by its best variant.
 
-        Of a value beyond its limits nothing is known of how small it may be.
+        A value beyond its limits has a lower limit of size of 0.
         """
         model, ranking = base, self.screen(base)
         for name in names:
@@ -85,9 +85,9 @@ class Selector(Refitter):
         return Selection(base, model, [replace(c, lower=max(c.lower, 0.0)) for c in judged], ranking)
 
     def without(self, selection: Selection, gone: Collection[str]) -> Selection:
-        """`selection` with the causes `gone` (ids) taken back, and the others refitted.
+        """`selection` with the causes `gone` (ids) withdrawn and the others refitted.
 
-        Those that do not stand without them go as well.
+        Causes that are no longer accepted without them are withdrawn as well.
         """
         kept = [c.id for c in selection.causes if c.id not in gone]
         names = {self.by_id[i].name for i in kept}
@@ -102,7 +102,7 @@ class Selector(Refitter):
         return replace(selection, final=model, causes=causes, rivals=self._rescore_rivals(model, rivals))
 
     def run(self, base: CandidateModel | None = None) -> Selection:
-        """From the base to the end."""
+        """Forward selection from `base` (default: a fit of it), up to `MOST` causes, then backward elimination."""
         base = model = base or self.base()
         ranking: list[Candidate] = []
         rivals: Rivals = {}
@@ -128,15 +128,14 @@ class Selector(Refitter):
     def _best_addition(
         self, model: CandidateModel, ranking: list[Candidate]
     ) -> tuple[CandidateModel | None, list[tuple[str, float]]]:
-        """The refitted candidate of greatest evidence if it is acceptable, and how far others are behind it [nats].
+        """The best acceptable refitted candidate, or None, and by name how far others are behind it [nats].
 
-        If it is not, the special case that it contains may be: there is more to it, which adequacy will tell. Of those
-        that then explain more, the acceptable ones are nil behind; the others could not be named themselves. What is a
-        special case of the candidate is not believed in beside it: it makes room if the candidate explains that much
-        more than it did.
+        1. Refit candidates with enough nats and size; if none is accepted, also smaller variants of place or time.
+        2. Order by evidence; accepted are those that converged and may be named.
+        3. Take the first acceptable one, see `_first_acceptable`. Accepted candidates of more evidence are 0 behind;
+           others of more evidence could not be named and are no rivals.
 
-        Of many places or times, one at which an impossible value explains most is chance: what has neither place nor
-        time, is acceptable, and explains nearly as much (`DECISIVE_NATS`) is taken before it.
+        A special case of a candidate is not active beside it: see `justifies_removal`.
         """
         tried = self._refit_best(model, [c for c in ranking if c.nats >= HOPEFUL and c.size > SIZED])
         if not any(self.score_active(m, id_).accepted for m, id_ in tried):
@@ -146,8 +145,8 @@ class Selector(Refitter):
             return None, []
         tried.sort(key=lambda t: -t[0].evidence)
         judged = [self.score_active(m, id_) for m, id_ in tried]
-        found = [m.point.cost <= ASTRAY * model.point.cost for m, _ in tried]
-        sure = [there and c.accepted for there, c in zip(found, judged, strict=True)]
+        converged_refits = [m.point.cost <= ASTRAY * model.point.cost for m, _ in tried]
+        sure = [converged and c.accepted for converged, c in zip(converged_refits, judged, strict=True)]
         best = self._first_acceptable(tried, judged, sure)
         if best is None:
             return None, []
@@ -159,7 +158,13 @@ class Selector(Refitter):
     def _first_acceptable(
         self, tried: Sequence[tuple[CandidateModel, str]], judged: Sequence[Candidate], sure: Sequence[bool]
     ) -> int | None:
-        """Which of `tried`, best first, may be taken: see `_best_addition`."""
+        """Index of the candidate of `tried` (best first) to take; `sure`: whether each is accepted and converged.
+
+        1. The first if it is accepted.
+        2. Else the special case that it contains, if accepted: adequacy then finds what is missing.
+        3. Else, where the first is a variant of place or time with an impossible value (chance, of so many variants),
+           the first accepted effect without place or time within `DECISIVE_NATS`.
+        """
         if sure[0]:
             return 0
         effects = [self.by_id[id_] for _, id_ in tried]
@@ -173,17 +178,17 @@ class Selector(Refitter):
         near = (k for k, e in enumerate(effects) if behind[k] < DECISIVE_NATS and not e.variant_of)
         return next((k for k in near if sure[k]), None)
 
-    def _refit_best(self, model: CandidateModel, hopeful: Sequence[Candidate]) -> list[tuple[CandidateModel, str]]:
-        """`model` with each of the best few of `hopeful`, as far as that makes room."""
+    def _refit_best(self, model: CandidateModel, candidates: Sequence[Candidate]) -> list[tuple[CandidateModel, str]]:
+        """`model` with each of the best of `candidates` added, by id; a special case of the candidate is removed."""
         tried: list[tuple[CandidateModel, str]] = []
         names: set[str] = set()
-        for c in hopeful:
+        for c in candidates:
             name = self.by_id[c.id].name
             sure = any(self.score_active(m, id_).accepted for m, id_ in tried)
-            if name in names or len(tried) >= REFIT or (sure and hopeful[0].gain - c.gain > NEAR):
+            if name in names or len(tried) >= REFIT or (sure and candidates[0].gain - c.gain > NEAR):
                 continue
             names.add(name)
-            with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
+            with suppress(np.linalg.LinAlgError):  # the motion diverged
                 special = {i for i in model.active if self.by_id[i].name == self.by_id[c.id].contains}
                 active = (model.active - special) | {c.id}
                 after = self.refit(model, active, {c.id: self.start_values(model, c)})
@@ -192,14 +197,14 @@ class Selector(Refitter):
         return tried
 
     def _accepted_causes(self, model: CandidateModel) -> list[Candidate]:
-        """What stands at the end, each judged with the others in place."""
+        """Active effects that are accepted, each scored beside the others."""
         judged = [self.score_active(model, id_) for id_ in sorted(model.active)]
         return [c for c in judged if c.accepted]
 
     def _rescore_rivals(self, model: CandidateModel, rivals: Rivals) -> Rivals:
-        """`rivals`, those that were near when their cause was taken judged anew beside what is believed in now."""
+        """`rivals`, of which those within `RIVAL_NATS` are scored anew beside the effects active now."""
         ids = {self.by_id[i].name: i for i in model.active}
-        found = {
+        rescored = {
             name: [
                 (other, self._nats_behind(model, ids[name], other) if near < RIVAL_NATS and other not in ids else near)
                 for other, near in others
@@ -208,11 +213,11 @@ class Selector(Refitter):
             if name in ids
         }
         self.fit.noise = model.noise
-        return found
+        return rescored
 
     def _nats_behind(self, model: CandidateModel, id_: str, other: str) -> float:
-        """How many nats less `model` explains with the effect named `other` in the place of `id_`, at least nil."""
-        with suppress(np.linalg.LinAlgError):  # a boat that would be thrown out of all bounds
+        """Evidence of `model` over that with the effect named `other` in place of `id_`, at least 0 [nats]."""
+        with suppress(np.linalg.LinAlgError):  # the motion diverged
             left = self.refit(model, model.active - {id_}, self._zero_values([id_]))
             best = next((c for c in self.screen(left) if self.by_id[c.id].name == other), None)
             if best is not None:
@@ -221,10 +226,10 @@ class Selector(Refitter):
         return np.inf
 
     def _zero_values(self, ids: Collection[str]) -> dict[str, np.ndarray]:
-        """Values at which to begin without what was believed: its tolerance band stays."""
+        """Start values of zero for the `ids` that stay free within their tolerance bands."""
         return {i: np.zeros(len(self.by_id[i].parameters)) for i in ids if self.by_id[i].always_free}
 
 
 def justifies_removal(before: CandidateModel, after: CandidateModel) -> bool:
-    """Whether what is believed in before may go after: then that much more is explained, or nothing goes."""
+    """Whether `after` may drop active effects of `before`: it drops none, or gains `DECISIVE_NATS`."""
     return before.active <= after.active or after.evidence - before.evidence >= DECISIVE_NATS

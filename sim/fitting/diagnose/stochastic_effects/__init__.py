@@ -1,10 +1,9 @@
-"""Causes that push or report at random: waves, gusts, fixes without line of sight. Each has a test of its own.
+"""Stochastic causes: waves, gusts, fixes without line of sight, each with a likelihood test of its own.
 
-No column of the linearisation can express them, so the search over the catalogue neither finds them nor, left to
-itself, is safe from them. `stochastic_causes` is to be asked twice:
+No Jacobian column can express them, so the search over the catalogue neither finds them nor is robust against them:
 
-1. about the base, before any search: fixes without line of sight weigh what they are worth from then on (`fix_weight`);
-2. about the final model with its causes: waves and, where a wind was found, whether it is gusty.
+1. at the base model, before the search: `nlos_cause`, whose `fix_weight` down-weights such fixes from then on;
+2. at the final model with its causes: `stochastic_causes`, waves and, where a wind was found, its gusts.
 """
 
 from __future__ import annotations
@@ -26,17 +25,19 @@ from sim.fitting.diagnose.stochastic_effects import nlos, waves
 from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, left_over
 from sim.fitting.engine.windows import SURGE, SWAY
 
-PERIOD_DOUBT = 2.0  # times the standard error of a period: a band is not quite the shape that its test assumes; assumed
-COMPASS_DEG = 0.7  # sigma of a compass error that nobody would name, and every direction with it; assumed
-DIRECTION_DOUBT_DEG = 1.5  # of a gusty wind, beside what the fit says, which takes gusts for ambient noise; assumed
+PERIOD_DOUBT = 2.0  # factor on the standard error of a period, for the unknown shape of the spectrum; assumed
+COMPASS_DEG = 0.7  # sigma of a compass error below its smallest size, and thus of every direction; assumed
+DIRECTION_DOUBT_DEG = 1.5  # sigma of a gusty wind's direction beside the fit's, which takes gusts for noise; assumed
 
 
 @dataclass(frozen=True)
 class StochasticCause:
-    """One such cause: entry, candidate in its parameters, whether the form is in doubt.
+    """One stochastic cause.
 
-    `replaces`: name of a cause of the search whose place it takes. `fix_weight` (m,): probability that each fix is as
-    good as its noise says; `form_doubtful`: the family is right, but waves are broader than the entry has them.
+    effect, candidate    entry and its score
+    form_doubtful        the family is right, but the waves' spectrum is broader than the entry's
+    replaces             name of the cause of the search that it replaces
+    fix_weight           (m,) probability that each fix has line of sight
     """
 
     effect: Effect
@@ -49,10 +50,10 @@ class StochasticCause:
 def stochastic_causes(
     fit: PosteriorFit, model: CandidateModel, causes: Sequence[Candidate] = (), sure: Collection[str] = ()
 ) -> list[StochasticCause]:
-    """All that can be named at `model`, the surest first. `causes`: those of the search that are believed in there.
+    """Stochastic causes that can be named at `model`, in order of evidence. `causes`: active ones of the search.
 
-    For 12 nats: what chance does varies more than the search's causes, and its echoes count for nothing from then on.
-    `sure`: names of those that are there, however small.
+    They need `DECISIVE_NATS`, more than causes of the search, since they mask groups of the adequacy check. `sure`:
+    names of those that are present for sure, however small.
     """
     found = [nlos_cause(fit, model)]
     if has_accelerations(model):
@@ -64,7 +65,7 @@ def stochastic_causes(
 
 
 def has_accelerations(model: CandidateModel) -> bool:
-    """Whether accelerations were measured: without them nothing shows waves or gusts."""
+    """Whether accelerations were measured, without which waves and gusts cannot be tested."""
     return bool(np.isfinite(model.point.residuals[..., SURGE : SWAY + 1]).any())
 
 
@@ -73,7 +74,7 @@ def _accepted(candidate: Candidate) -> bool:
 
 
 def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | None:
-    """Fixes without line of sight to the anchor that explains them best."""
+    """Fixes without line of sight to the anchor that explains them best, with `fix_weight`."""
     places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
     anchors = nlos.anchors_of(fit.physics.runs, places)
     best = nlos.blocked(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]
@@ -86,7 +87,7 @@ def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | No
 
 
 def wave_cause(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> StochasticCause | None:
-    """Waves, if a quick look shows any worth a name; if they are there for `sure`, what looks most like them."""
+    """Waves by screening, then by a fit of the likelihood; None where either rejects them, unless they are `sure`."""
     whole = left_over(fit, model, waves.STEP_S, np.inf)
     seen = waves.look(whole)
     if not sure and (seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N):
@@ -106,7 +107,7 @@ def wave_cause(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> 
 
 
 def gust_cause(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure: bool = False) -> StochasticCause | None:
-    """Whether the wind that was found comes and goes, or for `sure` how much; nats over a steady wind."""
+    """Gusts of the wind that the search found, with nats over a steady wind; None where too small, unless `sure`."""
     pressure = float(np.hypot(*wind.values))
     if pressure <= 0:
         return None
@@ -120,7 +121,7 @@ def gust_cause(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure: 
     along = wind.values / pressure
     across = np.array([-along[1], along[0]])
     of_engine = float(np.sqrt(along @ wind.covariance @ along)) / pressure / 2
-    of_gusts = gustiness * np.sqrt(2 * time / data.span_s)  # the mean of so few gusts is not the mean of all
+    of_gusts = gustiness * np.sqrt(2 * time / data.span_s)  # sampling error of the mean over few gusts
     share = float(np.hypot(of_engine, of_gusts))
     values = np.array([speed / np.sqrt(1 + gustiness**2), beta % 360, gustiness, time])
     sigma = np.array([
@@ -141,7 +142,7 @@ def _wind_along(fit: PosteriorFit, data: ResidualAcceleration, speed: float, bet
 
 
 def _candidate(effect: Effect, nats: float, values: np.ndarray, covariance: np.ndarray) -> Candidate:
-    """The first parameter says how much."""
+    """Candidate with `values` (k,), whose first parameter is the size; `covariance` of the first ones."""
     smallest = effect.parameters[0].smallest
     full = np.zeros((len(values), len(values)))
     full[: len(covariance), : len(covariance)] = covariance

@@ -1,4 +1,4 @@
-"""Noise of every day in what is left over: where its estimate starts, what is believed of it beforehand, its peak."""
+"""Ambient noise of the residual accelerations: initial estimate, prior, maximum; evidence of a process beside it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCALE = np.array([0.2] * 6 + [0.3])
 
 
 def rough(data: ResidualAcceleration) -> np.ndarray:
-    """Nuisance parameters (7,) from differences (white) and from what these leave (ambient)."""
+    """Initial nuisance parameters (7,): white noise from differences, ambient noise from the remaining variance."""
     quick = np.maximum(_spread(np.diff(data.y, axis=0)) / np.sqrt(2), 1e-6)
     slow = _spread(data.y)
     out = np.empty(NUISANCE)
@@ -32,13 +32,13 @@ def _spread(y: np.ndarray) -> np.ndarray:
 
 
 def prior(nuisance: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """Log prior (h,) of nuisance parameters (h, 7) about rough values."""
+    """Log prior (h,) of nuisance parameters (h, 7) about the initial values `about` (7,)."""
     sizes = normal(nuisance[:, :TIME], about[:TIME], SIZES_SIGMA).sum(axis=1)
     return sizes + normal(nuisance[:, TIME], np.log(AMBIENT_TIME_S), 1.0)
 
 
 def calm(data: ResidualAcceleration, about: np.ndarray, steps: int = 15) -> tuple[np.ndarray, float]:
-    """Most likely nuisance parameters with nothing else about, and their log posterior [nats]."""
+    """Maximum of the nuisance parameters (7,) without any process, and its log posterior [nats]."""
     T, _, B = data.y.shape
 
     def f(q: np.ndarray) -> np.ndarray:
@@ -49,12 +49,15 @@ def calm(data: ResidualAcceleration, about: np.ndarray, steps: int = 15) -> tupl
 
 
 def nats_over(calm_height: float, with_process: Peak) -> float:
-    """Evidence for a process's own parameters, which come after the nuisance: Laplace, noise profiled out."""
+    """Log evidence of a process over ambient noise alone [nats].
+
+    Laplace over the process's own parameters, which follow the nuisance ones: peak difference + 1/2 log det(2 pi C).
+    """
     own = with_process.covariance[NUISANCE:, NUISANCE:]
     _, log_det = np.linalg.slogdet(2 * np.pi * own)
     return with_process.height - calm_height + 0.5 * float(log_det)
 
 
 def beside(data: ResidualAcceleration, about: np.ndarray, own: Batch) -> Batch:
-    """Log posterior of [nuisance, own parameters]; `own`: of all parameters, without the nuisance's prior."""
+    """Log posterior of [nuisance, own parameters] (h, 7 + k); `own`: the same without the nuisance's prior."""
     return lambda q: own(q) + prior(q[:, :NUISANCE], about)

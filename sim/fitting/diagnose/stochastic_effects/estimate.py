@@ -1,4 +1,4 @@
-"""Most likely parameters, their covariance and the log evidence (Laplace) of a likelihood that is quick in batches."""
+"""Maximum, covariance and Laplace evidence of a log posterior that is evaluated in batches of hypotheses."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.optimize import minimize
 
 Batch = Callable[[np.ndarray], np.ndarray]
 """Log posteriors [nats] of parameters (h, k): (h,)."""
-REACH = 1e-3  # of difference quotients, in units of each parameter's scale
-FTOL = 3e-6  # relative: some tenths of a nat
-REACH_2 = 0.05  # of second differences
+REACH = 1e-3  # step of first differences in units of each parameter's scale
+FTOL = 3e-6  # relative tolerance: some tenths of a nat
+REACH_2 = 0.05  # step of second differences, same units
 LOG_2PI = float(np.log(2 * np.pi))
 
 
@@ -24,7 +24,7 @@ def normal(x: Any, mean: Any, sigma: Any) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Peak:
-    """Top of a log posterior: where (k,), how high [nats], covariance (k, k), log evidence [nats]."""
+    """Maximum of a log posterior: `at` (k,), height [nats], covariance (k, k), Laplace log evidence [nats]."""
 
     at: np.ndarray
     height: float
@@ -33,7 +33,7 @@ class Peak:
 
 
 def climb(f: Batch, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> tuple[np.ndarray, float]:
-    """Local maximum by L-BFGS in units of `scale`; every gradient is one batch."""
+    """Local maximum by L-BFGS-B in units of `scale` (k,), and its height; a gradient is one batch of 2 k + 1."""
     k = len(start)
     probes = np.concatenate([np.zeros((1, k)), REACH * np.eye(k), -REACH * np.eye(k)])
 
@@ -47,11 +47,14 @@ def climb(f: Batch, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> tu
 
 
 def peak(f: Batch, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> Peak:
-    """Maximum from `start`, with its curvature from second differences."""
+    """Maximum from `start` (k,) with covariance from second differences and log evidence
+
+    height + k / 2 log 2 pi - 1/2 log det H,   H = -d2 log p in units of `scale`.
+    """
     at, height = climb(f, start, scale, steps)
     H = -curvature(f, at, scale)
     values, vectors = np.linalg.eigh(H)
-    values = np.maximum(values, 0.1)  # a direction about which the data say nothing: a few scales wide
+    values = np.maximum(values, 0.1)  # directions without information: sigma of at most about 3 scales
     inverse = vectors / values @ vectors.T
     k = len(at)
     evidence = height + k / 2 * LOG_2PI - 0.5 * float(np.log(values).sum()) + float(np.log(scale).sum())

@@ -1,10 +1,10 @@
-"""Gusts: the wind that the model has found comes and goes, V = V_w (1 + gustiness g), g Gauss-Markov of unit size.
+"""Gusts of the wind that the search found: V = V_w (1 + gustiness g), g a Gauss-Markov process of unit variance.
 
-Along the motion the force of the wind at its effective speed F(t) is multiplied by V^2 / V_e^2, with
+The force F(t) of the wind at its effective speed V_e along the motion is multiplied by V^2 / V_e^2, with
 
-    V_e^2 = V_w^2 (1 + a),   sd of V^2 / V_e^2:  s^2 = (4 a + 2 a^2) / (1 + a)^2,   a = gustiness^2
+    V_e^2 = V_w^2 (1 + a),   variance of V^2 / V_e^2:  s^2 = (4 a + 2 a^2) / (1 + a)^2,   a = gustiness^2
 
-so the test is for a Gauss-Markov process of size s that acts by the pattern F(t), beside ambient noise in body axes.
+The test is for a Gauss-Markov process of size s that acts by the pattern F(t), beside ambient noise in body axes.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ SIZE_PRIOR, TIME_PRIOR = (float(np.log(0.6)), 0.7), (float(np.log(8.0)), 0.8)  #
 OWN_SCALE = np.array([0.1, 0.2])
 SMALLEST = 0.1  # gustiness; assumed
 MEAN = 4  # steps over which the record is averaged
-SKEW = 1.5  # assumed
-MOST_SIZE = 1.38  # s of a gustiness of 2: more than any wind
+SKEW = 1.5  # factor on the standard error of s, for the skewness of squared wind; assumed
+MOST_SIZE = 1.38  # s of a gustiness of 2, the upper limit
 
 
 @dataclass(frozen=True)
 class Gusts:
-    """Peak of [noise, log s, log of gust time]; nats over a steady wind; s as the record shows it."""
+    """Posterior of [noise, log s, log gust time]; nats over a steady wind; `size`: s by moments of the record."""
 
     posterior: Peak
     nats: float
@@ -44,18 +44,18 @@ class Gusts:
 
 
 def gustiness_of(size: float) -> float:
-    """Of the pressure's relative standard deviation s."""
+    """Gustiness from the relative standard deviation s of the dynamic pressure: the inverse of s(a)."""
     s2 = min(size, MOST_SIZE) ** 2
     return float(np.sqrt(np.sqrt(2 / (2 - s2)) - 1))
 
 
 def size_error(gust_time_s: float, span_s: float) -> float:
-    """Relative standard error of s from a record: sqrt(T_g / 2 T) of a normal process; squared wind is skew."""
+    """Relative standard error of s from a record of T: `SKEW` sqrt(T_g / 2 T)."""
     return SKEW * float(np.sqrt(gust_time_s / (2 * span_s)))
 
 
 def gusts(data: ResidualAcceleration, force: np.ndarray) -> Gusts:
-    """`force` (T, 3, B): of the steady wind along the motion [N, N, N m]."""
+    """Fit gusts of the wind whose steady force along the motion is `force` (T, 3, B) [N, N, N m]."""
     about = rough(data)
     noise, height = calm(data, about)
     acts = data.pattern(force)
@@ -71,7 +71,10 @@ def gusts(data: ResidualAcceleration, force: np.ndarray) -> Gusts:
 
 
 def _shown(data: ResidualAcceleration, acts: np.ndarray, white: np.ndarray) -> float:
-    """Standard deviation of the left-over force along the pattern, white noise taken off; by the pattern's square."""
+    """Size s by moments: standard deviation of the residual along the pattern p, white variance subtracted.
+
+    s^2 = sum((p . y - mean p . p)^2 - p^2 white) / sum((p . p)^2),   moving averages over `MEAN` steps
+    """
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow, and few logs have a wind
 
     p, known = acts[:, :2], np.isfinite(data.y[:, :2])

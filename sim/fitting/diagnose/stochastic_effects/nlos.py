@@ -1,9 +1,9 @@
-"""Fixes without line of sight: a share of them lies further from one anchor, by an exponential extra.
+"""Fixes without line of sight: a share of them lies further from one anchor, by an exponential extra distance.
 
-    e = fix - tag:   (1 - share) p_everyday(e + c n) + share (N * Exp)(e . n + c; sigma, extra) N(e x n; sigma)
+    e = fix - tag:   (1 - share) p_usual(e + c n) + share (N * Exp)(e . n + c; sigma, extra) N(e x n; sigma)
 
-n: unit vector from the anchor to the tag; c: by how much the fit was drawn after these fixes; p_everyday: normal, but
-for a few larger errors in no direction. Tested against p_everyday alone. Exponential plus normal: Grushka (1972), Anal.
+n: unit vector from the anchor to the tag; c: displacement of the fitted track by these fixes; p_usual: isotropic
+normal with a small share of larger sigma. Tested against p_usual alone. Exponential plus normal: Grushka (1972), Anal.
 Chem. 44, 1733.
 """
 
@@ -23,15 +23,14 @@ EVERYDAY, OWN = slice(0, 3), slice(3, 6)
 SCALE = np.array([0.01, 0.2, 0.1, 0.1, 0.1, 0.003])
 FEW_PRIOR, LARGER_PRIOR = (float(logit(0.01)), 1.5), (float(np.log(5.0)), 0.7)  # of sigma; assumed
 SHARE_PRIOR, EXTRA_PRIOR, SHIFT_SIGMA_M = (float(logit(0.08)), 1.0), (float(np.log(0.7)), 0.8), 0.05  # assumed
-BOX_MARGIN = 0.25  # of the box of positions: how far outside it the corners are where no anchor is known; assumed
+BOX_MARGIN = 0.25  # margin of the corners that stand for unknown anchors, over the box of positions; assumed
 
 
 @dataclass(frozen=True)
 class Blocked:
-    """One anchor's story: peak in the parameters above, nats over everyday errors alone.
+    """Hypothesis that one anchor is out of sight: posterior of the parameters above, nats over usual errors alone.
 
-    `number`: the anchor's name where that is a number, else its place in the list; `sighted` (m,): probability that a
-    fix had line of sight.
+    `number`: the anchor's name where that is a number, else its index; `line_of_sight` (m,): probability of each fix.
     """
 
     anchor: str
@@ -43,12 +42,12 @@ class Blocked:
 
     @property
     def share(self) -> float:
-        """Of fixes."""
+        """Share of fixes without line of sight."""
         return float(expit(self.posterior.at[SHARE]))
 
 
 def anchors_of(runs: Sequence[Run], places_m: np.ndarray) -> dict[str, tuple[float, float]]:
-    """North and east of all anchors: as the logs have them, else corners round the positions."""
+    """North and east of the anchors [m]: from the logs, else corners round the positions `places_m` (m, 2)."""
     known = {name: (a[0], a[1]) for run in runs for name, a in run.meta.anchors_m.items()}
     if known:
         return known
@@ -61,7 +60,7 @@ def anchors_of(runs: Sequence[Run], places_m: np.ndarray) -> dict[str, tuple[flo
 def blocked(
     e: np.ndarray, places_m: np.ndarray, fix_m: float, anchors: Mapping[str, tuple[float, float]]
 ) -> list[Blocked]:
-    """Every anchor's story, the best first. `e`: fix minus tag (m, 2), `places_m`: fixes (m, 2), `fix_m`: sigma."""
+    """One hypothesis an anchor, the best first. `e`: fix minus tag (m, 2), `places_m`: fixes (m, 2), `fix_m`: sigma."""
     usual = _everyday(e, fix_m)
     found = []
     for i, (name, anchor) in enumerate(anchors.items()):
@@ -81,7 +80,7 @@ def blocked(
 
 
 def _parts(q: np.ndarray, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log densities (h, m) of fixes with and without line of sight, shares in them."""
+    """Log densities (h, m) of fixes with and without line of sight, each times its share."""
     share, extra, sigma, c = q[:, [SHARE]], np.exp(q[:, [EXTRA]]), np.exp(q[:, [SIGMA]]), q[:, [SHIFT]]
     seen = log_expit(-share) + _usual(q, (along + c) ** 2 + across**2)
     rate, s = sigma / extra, (along + c) / sigma
@@ -90,13 +89,13 @@ def _parts(q: np.ndarray, along: np.ndarray, across: np.ndarray) -> tuple[np.nda
 
 
 def _usual(q: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Log density of an error by its square: round, normal but for a few larger ones."""
+    """Log density of a usual error by its square: isotropic normal with a small share of larger sigma."""
     few = log_expit(q[:, [FEW]]) + _round(squares, q[:, [SIGMA]] + q[:, [LARGER]])
     return np.logaddexp(few, log_expit(-q[:, [FEW]]) + _round(squares, q[:, [SIGMA]]))
 
 
 def _round(squares: np.ndarray, log_sigma: np.ndarray) -> np.ndarray:
-    """Log density of a round normal distribution in the plane."""
+    """Log density of an isotropic normal distribution in the plane."""
     return -0.5 * squares * np.exp(-2 * log_sigma) - 2 * log_sigma - LOG_2PI
 
 
@@ -111,7 +110,7 @@ def _prior(q: np.ndarray, sigma_m: float) -> np.ndarray:
 
 
 def _everyday(e: np.ndarray, sigma_m: float) -> Peak:
-    """Errors without any anchor's doing."""
+    """Posterior of the usual errors' parameters, all fixes having line of sight."""
     squares = (e**2).sum(axis=1)
 
     def f(q: np.ndarray) -> np.ndarray:
@@ -121,7 +120,7 @@ def _everyday(e: np.ndarray, sigma_m: float) -> Peak:
 
 
 def _start(f: Batch, usual: Peak) -> np.ndarray:
-    """The best of a few shares and extras, with everyday errors as they seem and as they may be without these."""
+    """Best start of a grid over share and extra, with usual errors as fitted and with few large ones."""
     few = [usual.at, np.array([usual.at[SIGMA], FEW_PRIOR[0], LARGER_PRIOR[0]])]
     grid = np.array([
         [*q, logit(share), np.log(extra), 0.0] for q in few for share in (0.02, 0.1) for extra in (0.3, 0.7, 1.5)

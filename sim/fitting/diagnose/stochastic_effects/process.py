@@ -1,4 +1,4 @@
-"""Likelihood of left-over accelerations: ambient noise in body axes, and one random process that acts by a pattern.
+"""Likelihood of residual accelerations: ambient noise in body axes and one random process that acts by a pattern.
 
     c_dot = -g c - w s + noise,  s_dot = w c - g s + noise     c of unit size (w = 0: Gauss-Markov)
     n_dot = -n / T_n + noise                                   ambient, three axes
@@ -29,7 +29,11 @@ def log_likelihood(
     decay_1_s: np.ndarray,
     omega_rad_s: np.ndarray,
 ) -> np.ndarray:
-    """Nats of h hypotheses, (h,): nuisance (h, 7), pattern (T, 3, h, B) with the process's size in it, decay, omega."""
+    """Log likelihood (h,) of h hypotheses [nats].
+
+    nuisance (h, 7); pattern (T, 3, h, B) times the process's size; decay g (h,) [1/s]; angular frequency w (h,).
+    """
+    # 1. Discrete transition, process noise, and the stationary covariance at the beginning of each block.
     T, _, h, B = pattern.shape
     R = h * B
 
@@ -50,6 +54,7 @@ def log_likelihood(
     total = np.zeros(R)
     y, p = np.tile(data.y, (1, 1, h)), pattern.reshape(T, 3, R)
     diagonal = np.arange(5)
+    # 2. Kalman filter: scalar updates channel by channel, then prediction P = F P F^T + Q.
     for k in range(T):
         for i in range(3):
             total += _update(x, P, y[k, i], p[k, i], i, white[i])
@@ -69,7 +74,7 @@ def log_likelihood(
 
 
 def _update(x: np.ndarray, P: np.ndarray, y: np.ndarray, p: np.ndarray, channel: int, white: np.ndarray) -> np.ndarray:
-    """One channel's innovation taken in; its nats, (R,)."""
+    """Kalman update of x (6, R), P (6, 6, R) in place by one channel; its log likelihood (R,), 0 without a sample."""
     known = np.isfinite(y)
     if not known.any():
         return np.zeros(len(y))

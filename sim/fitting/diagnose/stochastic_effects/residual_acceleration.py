@@ -1,10 +1,10 @@
-"""What the model leaves unexplained of accelerations, on even stamps and in blocks: the data of the tests of noise.
+"""Residual accelerations of the model on even stamps in blocks: the data of the tests for stochastic causes.
 
-    ahead, starboard:  latent + (measured - predicted) specific force       [m/s^2]
-    yaw:               rho, rho_dot = -rho / T_r + unexplained yaw acceleration   [rad/s]
+    ahead, starboard:  latent acceleration + (measured - predicted) specific force             [m/s^2]
+    yaw:               rho with rho_dot = -rho / T_r + latent, plus measured - predicted rate  [rad/s]
 
-The latent acceleration of the fit follows slow forces and its residuals hold the quick ones; only their sum means
-anything. Yaw comes as a rate, so that no noise need be differentiated.
+The latent acceleration of the fit follows slow forces and the residuals hold fast ones, so their sum is used. Yaw is
+a rate, so that no noise is differentiated.
 """
 
 from __future__ import annotations
@@ -18,15 +18,18 @@ from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.engine.noise import LATENT
 from sim.fitting.engine.windows import RATE, SURGE, SWAY
 
-LEAST = 8  # stamps that a block must have
+LEAST = 8  # least number of stamps in a block
 
 
 @dataclass(frozen=True)
 class ResidualAcceleration:
-    """Blocks side by side: `y` (T, 3, B) as above, NaN where nothing is known; `x` (T, 6, B) states; `step_s`.
+    """B blocks of T stamps.
 
-    `M_inv` (3, 3): accelerations of body forces; `to_imu` (2, 3): specific force of accelerations; `yaw_rate_1_s`: of
-    decay of a yaw rate.
+    y, x            (T, 3, B) as in the module, NaN where not measured; (T, 6, B) states [x y psi u v r]
+    step_s          interval of the stamps [s]
+    M_inv           (3, 3) inverse mass matrix
+    to_imu          (2, 3) specific force at the IMU per acceleration (lever arm)
+    yaw_rate_1_s    decay rate 1 / T_r of the yaw rate [1/s]
     """
 
     y: np.ndarray
@@ -38,18 +41,22 @@ class ResidualAcceleration:
 
     @property
     def span_s(self) -> float:
-        """Time with data."""
+        """Total time with data [s]."""
         return float(np.isfinite(self.y[:, :2]).any(axis=1).sum() * self.step_s)
 
     def pattern(self, force: np.ndarray) -> np.ndarray:
-        """What a body force (..., 3, n) per unit does to the three channels (yaw: as an acceleration)."""
+        """Response of the three channels to a body force (.., 3, n) [N, N, N m]; yaw as an acceleration."""
         accelerations = np.einsum("ij,...jn->...in", self.M_inv, force)
         seen = np.einsum("ij,...jn->...in", self.to_imu, accelerations)
         return np.concatenate([seen, accelerations[..., 2:, :]], axis=-2)
 
 
 def left_over(fit: PosteriorFit, model: CandidateModel, step_s: float, block_s: float) -> ResidualAcceleration:
-    """Of `model`, as means over about `step_s` (a whole number of samples), in blocks of `block_s` (at most a log)."""
+    """Residual accelerations of `model`, means over about `step_s` (a whole number of samples), blocks of `block_s`.
+
+    A block is at most one log.
+    """
+    # 1. Latent acceleration plus residual, at the IMU; step and block lengths.
     point, windows = model.point, fit.physics.windows
     K = windows.size[1]
     error = -point.residuals * np.array(model.noise.white)
@@ -62,6 +69,7 @@ def left_over(fit: PosteriorFit, model: CandidateModel, step_s: float, block_s: 
     step_s = max(1, round(step_s / usual)) * usual
     longest = max(float(windows.t_s[span, -1].max() - windows.t_s[span, 0].min()) for span in windows.spans)
     steps = max(1, int(np.ceil(min(block_s, longest) / step_s - 1e-6)))
+    # 2. Log by log: means over the steps, yaw acceleration integrated to a rate, cut into blocks.
     y, x = [], []
     for span in windows.spans:
         t = windows.t_s[span, :K]
@@ -97,7 +105,7 @@ def _filled(values: np.ndarray) -> np.ndarray:
 
 
 def _driven(yaw: np.ndarray, decay: float, step_s: float) -> np.ndarray:
-    """Yaw rate that an acceleration has caused."""
+    """Yaw rate rho (n,) driven by the acceleration `yaw` (n,): rho' = exp(-decay h) rho + h yaw."""
     keep, rho, out = np.exp(-decay * step_s), 0.0, np.empty(len(yaw))
     for k, push in enumerate(yaw):
         out[k] = rho
@@ -106,7 +114,7 @@ def _driven(yaw: np.ndarray, decay: float, step_s: float) -> np.ndarray:
 
 
 def _blocks(values: np.ndarray, steps: int) -> np.ndarray:
-    """(n, c) as (steps, c, blocks); the rest of the last block is NaN, and a very short one is left out."""
+    """Values (n, c) as (steps, c, blocks); the last block is filled with NaN, or left out if shorter than `LEAST`."""
     count = max(1, (len(values) + steps - LEAST) // steps)
     out = np.full((count * steps, values.shape[1]), np.nan)
     size = min(len(values), len(out))

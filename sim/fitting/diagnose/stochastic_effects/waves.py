@@ -2,11 +2,13 @@
 
     X = a cos q,  Y = 1.5 a sin q,  N = 0.25 m a sin 2q,   q = beta_wave + pi - psi
 
-a: rms F_w, a peak at 1 / T_p of relative half width `width`. First a quick look: left-over accelerations are projected
-on the pattern of each direction (|pattern| never vanishes), and one band of the periodogram is compared with its
-neighbours (Whittle: k ordinates whose mean is R times the background's gain k (R - 1 - log R) nats). What stands out is
-then fitted for good (`process`). Tested against ambient noise alone, and against the same band in a direction of its
-own of the boat (an engine or a pilot that oscillates does not know where north is).
+a has rms F_w and a spectral peak at 1 / T_p of relative half width `width`.
+
+1. Screening: residual accelerations are projected on the pattern of each direction (|pattern| never vanishes), and one
+   band of the periodogram is compared with its neighbours (Whittle: k ordinates whose mean is R times the background
+   gain k (R - 1 - log R) nats).
+2. The best band is fitted by the likelihood in `process`, and tested against ambient noise alone and against the same
+   band of a force fixed to the body axes (an oscillating controller does not depend on north).
 """
 
 from __future__ import annotations
@@ -25,23 +27,23 @@ STEP_S, BLOCK_S = 0.2, 30.0
 SWAY_SHARE, YAW_ARM_M = 1.5, 0.25  # of a small catamaran; assumed
 SMALLEST_N = 0.4
 WIDTH = 0.04  # relative half width of the band at half its height
-BROAD = 0.12  # from which waves have another form than assumed here; assumed
-MOST_WIDTH = 0.4  # a wider band is no band: forces that come at once, such as gusts that set in; assumed
+BROAD = 0.12  # width beyond which the form is in doubt; assumed
+MOST_WIDTH = 0.4  # width beyond which it is no band but sudden forces, such as gusts; assumed
 PERIODS_S = (0.9, 8.0)  # within which a small boat's waves lie; assumed
-OTHER = 0.5  # of the power at the peak; assumed
-BESIDE = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 1.2, 1.27, 1.35, 1.43, 1.52, 1.62, 1.75)  # of the peak's frequency
+OTHER = 0.5  # power of a second peak over that of the first; assumed
+BESIDE = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 1.2, 1.27, 1.35, 1.43, 1.52, 1.62, 1.75)  # frequencies over the peak's
 STEPS = 20  # of each search
-QUICK_NATS = 25.0  # of the quick look, from which the real test is worth its time
-TAPER_LOSS = 1.94  # of a Hann window: ordinates are correlated, as if there were so many times fewer
-MASS_SHARE = 0.04  # sigma of what the boat's mass is known to, and the force with it
-DIRECTIONS = 12  # of the quick look, over half a turn
+QUICK_NATS = 25.0  # nats of the screening from which the likelihood is fitted
+TAPER_LOSS = 1.94  # factor by which a Hann window's correlation reduces independent ordinates
+MASS_SHARE = 0.04  # relative sigma of the boat's mass, and of the force with it
+DIRECTIONS = 12  # of the screening, over half a turn
 F, T_P, BETA, BAND = range(NUISANCE, NUISANCE + 4)  # log N, log s, rad, log
 OWN_SCALE = np.array([0.1, 0.02, 0.1, 0.2])
 
 
 @dataclass(frozen=True)
 class Look:
-    """What the quick look found: F_w [N], T_p [s], direction [rad] but for half a turn, nats."""
+    """Result of the screening: F_w [N], T_p [s], direction modulo pi [rad], nats."""
 
     F_w_N: float
     T_p_s: float
@@ -51,7 +53,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Waves:
-    """Peak of [noise, log F_w, log T_p, beta, log width]; nats over ambient noise; over a band fixed to the boat."""
+    """Posterior of [noise, log F_w, log T_p, beta, log width]; nats over ambient noise and over a body-fixed band."""
 
     posterior: Peak
     nats: float
@@ -59,12 +61,12 @@ class Waves:
 
     @property
     def T_p_s(self) -> float:
-        """Period of the peak."""
+        """Period of the spectral peak [s]."""
         return float(np.exp(self.posterior.at[T_P]))
 
     @property
     def beta_rad(self) -> float:
-        """Where they come from."""
+        """Direction they come from [rad]."""
         return float(self.posterior.at[BETA] % (2 * np.pi))
 
     @property
@@ -74,7 +76,7 @@ class Waves:
 
     @property
     def broad(self) -> bool:
-        """Too broad a band to be what is assumed here."""
+        """Whether the band is broader than the entry's form."""
         return self.width > BROAD
 
 
@@ -84,7 +86,7 @@ def wave_force(q: np.ndarray) -> np.ndarray:
 
 
 def look(data: ResidualAcceleration) -> Look:
-    """The best direction and band; `data` in blocks of whole logs."""
+    """Screening: the best direction and band; `data` in blocks of whole logs."""
     B = data.y.shape[2]
     best = Look(0.0, 1.0, 0.0, -np.inf)
     for beta in np.arange(DIRECTIONS) * np.pi / DIRECTIONS:
@@ -92,7 +94,7 @@ def look(data: ResidualAcceleration) -> Look:
         power = power.mean(axis=1)
         for period in np.exp(np.arange(np.log(PERIODS_S[0]), np.log(PERIODS_S[1]), WIDTH)):
             ratio, background, count = _contrast(frequency, power, 1 / period)
-            nats = count * B * (ratio - 1 - np.log(ratio)) / 1.5 if ratio > 1 else 0.0  # a taper correlates neighbours
+            nats = count * B * (ratio - 1 - np.log(ratio)) / 1.5 if ratio > 1 else 0.0  # taper: correlated ordinates
             if nats > best.nats:
                 rms = np.sqrt(max(ratio - 1, 0.0) * background * count * frequency[1])
                 best = Look(float(rms), float(period), float(beta), float(nats))
@@ -111,8 +113,8 @@ def _projected(data: ResidualAcceleration, beta: float) -> tuple[np.ndarray, np.
 def rms_force(data: ResidualAcceleration, beta: float, period_s: float) -> tuple[float, float]:
     """F_w [N] from the power in the band, whatever its shape, and its relative standard error.
 
-    Ordinates of a periodogram are exponential: var(sum) = sum of S^2, and S^2 is half the mean of its square. Of next
-    to no power the error is the root of the power's own.
+    Ordinates of a periodogram are exponential: var(sum) = sum of S^2, and S^2 is half the mean of its square. Near zero
+    power the relative error of the root is the root of that of the power.
     """
     frequency, power = _projected(data, beta)
     off = frequency * period_s
@@ -139,7 +141,7 @@ def beside_peak(data: ResidualAcceleration, beta: float, period_s: float) -> flo
 
 
 def _contrast(frequency: np.ndarray, power: np.ndarray, centre: float) -> tuple[float, float, int]:
-    """Mean power within 10 % of a frequency over that around it; that around it; how many ordinates."""
+    """Mean power within 10 % of a frequency over the background around it; the background; number of ordinates."""
     off = frequency / centre
     inside = np.abs(off - 1) < 0.1
     around = ((off > 0.6) & (off < 0.8)) | ((off > 1.25) & (off < 1.7))
@@ -150,7 +152,7 @@ def _contrast(frequency: np.ndarray, power: np.ndarray, centre: float) -> tuple[
 
 
 def waves(data: ResidualAcceleration, seen: Look) -> Waves:
-    """The real test, from what the quick look saw."""
+    """Fit of the likelihood from the screening's result, and of its rival, a body-fixed band."""
     about = rough(data)
     noise, height = calm(data, about)
 
@@ -193,7 +195,7 @@ def _band_prior(q: np.ndarray) -> np.ndarray:
 
 
 def _own_band(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
-    """The same band with a fixed direction in the boat: columns F, BETA, and one more are its three components."""
+    """Log likelihood (h,) of a body-fixed band: columns F, BETA and the last are its components in the channels."""
     T, _, B = data.y.shape
     fixed = np.stack([q[:, F], q[:, BETA], q[:, -1]])
     pattern = np.broadcast_to(fixed[None, :, :, None], (T, 3, len(q), B))
@@ -201,7 +203,7 @@ def _own_band(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
 
 
 def _rival_start(data: ResidualAcceleration, top: Peak) -> tuple[np.ndarray, np.ndarray]:
-    """Noise and band of the waves; as large a force, shared by the axes."""
+    """Start and scale of the rival: noise and band of the waves, with their rms in each channel."""
     rms = np.sqrt((data.pattern(wave_force(top.at[BETA] + np.pi - data.x[:, 2])) ** 2).mean(axis=(0, 2)))
     rms *= np.exp(top.at[F])
     start = np.append(top.at, rms[2])

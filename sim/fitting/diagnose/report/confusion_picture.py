@@ -18,26 +18,26 @@ ROWS = 45
 TELLING = 2.0  # nats by which a rival must explain more than nothing to have a column
 
 
-def confusion(found: PairwiseEvidence) -> Figure | None:
+def confusion(evidence: PairwiseEvidence) -> Figure | None:
     """Rows: true cause of medium size; columns: what it could be taken for, "nothing" first; clipped at `MOST`.
 
     Of the causes that the log shows, those with a rival below `MOST`; of the rivals, those that explain more of some
     cause than nothing does. None: there are no such pairs.
     """
-    grid = np.where((found.nothing >= DECISIVE_NATS)[:, None], np.nan_to_num(found.nats, nan=np.inf), np.inf)
-    explains = (grid < MOST) & (grid < found.nothing[:, None] - TELLING)
+    grid = np.where((evidence.nothing >= DECISIVE_NATS)[:, None], np.nan_to_num(evidence.nats, nan=np.inf), np.inf)
+    explains = (grid < MOST) & (grid < evidence.nothing[:, None] - TELLING)
     columns = np.flatnonzero(explains.any(axis=0))
-    rows = np.flatnonzero((found.nothing >= DECISIVE_NATS) & ((found.nothing < MOST) | explains.any(axis=1)))
+    rows = np.flatnonzero((evidence.nothing >= DECISIVE_NATS) & ((evidence.nothing < MOST) | explains.any(axis=1)))
     if not len(rows):
         return None
     rows = rows[np.argsort(grid[rows].min(axis=1), kind="stable")][:ROWS]
-    values = np.column_stack([found.nothing[rows], found.nats[np.ix_(rows, columns)]])
+    values = np.column_stack([evidence.nothing[rows], evidence.nats[np.ix_(rows, columns)]])
     figure = Figure(figsize=(0.34 * (len(columns) + 1) + 4.6, max(0.26 * len(rows) + 2.8, 4.2)), layout="constrained")
     ax = figure.add_subplot()
     colours = ListedColormap(SHADES, over="#f2f2f2", bad="white")
     drawn = ax.imshow(values, cmap=colours, norm=BoundaryNorm(EDGES, len(SHADES), clip=False), aspect="auto")
     drawn.set_clim(0, MOST)
-    names = np.array(found.names)
+    names = np.array(evidence.names)
     ax.set_xticks(range(len(columns) + 1), ["nothing", *names[columns]], rotation=45, ha="right", fontsize=8)
     ax.set_yticks(range(len(rows)), names[rows], fontsize=8)
     for i, j in np.argwhere(values < MOST):

@@ -33,57 +33,59 @@ LINE = "Line: how the force of the model changes with the causes, along the same
 Z975 = 1.959964
 
 
-def report(found: Diagnosis) -> str:
+def report(diagnosis: Diagnosis) -> str:
     """The page, as text."""
-    before, after = residual_forces_before_and_after(found)
+    before, after = residual_forces_before_and_after(diagnosis)
     maps = ((pictures.over_basin(before, after), "Mean residual force in cells of the basin, as arrows."),)
-    doubt = found.adequacy is not None and not found.adequacy.passed
+    doubt = diagnosis.adequacy is not None and not diagnosis.adequacy.passed
     sections = [
-        Section("What the simulation gets wrong", tuple(sentences(found)), look=found.verdict in LOOK),
-        *(_adequacy(found, maps) if doubt else []),
-        *_causes(found),
-        _held_out(found),
-        _left_over(found, before, after, () if doubt else maps),
-        _evidence(found),
-        *([] if doubt else _adequacy(found)),
-        *_apart(found),
-        _visible(found),
-        _noise(found),
-        _logs(found),
+        Section("What the simulation gets wrong", tuple(sentences(diagnosis)), look=diagnosis.verdict in LOOK),
+        *(_adequacy(diagnosis, maps) if doubt else []),
+        *_causes(diagnosis),
+        _held_out(diagnosis),
+        _residuals(diagnosis, before, after, () if doubt else maps),
+        _evidence(diagnosis),
+        *([] if doubt else _adequacy(diagnosis)),
+        *_distinguishability(diagnosis),
+        _detection_limits(diagnosis),
+        _noise(diagnosis),
+        _logs(diagnosis),
     ]
-    return page(f"Diagnosis of {found.base.name}", sections)
+    return page(f"Diagnosis of {diagnosis.base.name}", sections)
 
 
-def residual_forces_before_and_after(found: Diagnosis) -> tuple[ResidualForces, ResidualForces]:
+def residual_forces_before_and_after(diagnosis: Diagnosis) -> tuple[ResidualForces, ResidualForces]:
     """What the refitted base leaves over, with what the causes and numbers beside them change; what is left then."""
-    final, given = found.selection.final, found.refit.theta
-    ids = {n.fitted for n in found.causes} | set(given)
+    final, given = diagnosis.selection.final, diagnosis.refit.theta
+    ids = {n.fitted for n in diagnosis.causes} | set(given)
     acts = {"hull", "thrust", "water", "force", "maps", "pwm"}
-    changed = [e for e in found.fit.effects if e.id in final.point.theta and (e.id in ids or acts & set(e.hooks))]
-    changed = changed if found.causes else []
+    changed = [e for e in diagnosis.fit.effects if e.id in final.point.theta and (e.id in ids or acts & set(e.hooks))]
+    changed = changed if diagnosis.causes else []
     more = {e.id: final.point.theta[e.id] - given.get(e.id, 0.0) for e in changed}
-    before = residual_forces(found.fit, found.refit_point, found.refit.noise, more, changed)
-    return before, residual_forces(found.fit, final.point, final.noise, {}, [])
+    before = residual_forces(diagnosis.fit, diagnosis.refit_point, diagnosis.refit.noise, more, changed)
+    return before, residual_forces(diagnosis.fit, final.point, final.noise, {}, [])
 
 
-def _causes(found: Diagnosis) -> list[Section]:
-    if not found.causes:
+def _causes(diagnosis: Diagnosis) -> list[Section]:
+    if not diagnosis.causes:
         return []
     rows, spans = [], []
-    for n in found.causes:
+    for n in diagnosis.causes:
         c, (least, unit) = n.candidate, n.smallest
         for key, number in n.numbers.items():
             low, high = number.ci95
-            told = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", "" if number.unit == "1" else number.unit)
+            cells = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", "" if number.unit == "1" else number.unit)
             rows.append(
-                (n.effect.name, key, *told, f"{c.nats:.0f}", size_text(least, "" if n.effect.name in PLAIN else unit))
+                (n.effect.name, key, *cells, f"{c.nats:.0f}", size_text(least, "" if n.effect.name in PLAIN else unit))
             )
         if not n.numbers:
             rows.append((n.effect.name, "", "", "", "", f"{c.nats:.0f}", ""))
         half = (c.size - c.lower) / 1.644854 * Z975
         spans.append((n.effect.name, c.size - half, c.size, c.size + half))
     head = ("cause", "parameter", "value", "95 % interval", "unit", "evidence [nats]", "smallest size worth a name")
-    equations = tuple(f"{n.effect.name}: {n.effect.equation}; looks like: {n.effect.signature}." for n in found.causes)
+    equations = tuple(
+        f"{n.effect.name}: {n.effect.equation}; looks like: {n.effect.signature}." for n in diagnosis.causes
+    )
     return [
         Section(
             "The causes",
@@ -94,19 +96,19 @@ def _causes(found: Diagnosis) -> list[Section]:
     ]
 
 
-def _held_out(found: Diagnosis) -> Section:
-    errors = found.held_out.errors
+def _held_out(diagnosis: Diagnosis) -> Section:
+    errors = diagnosis.held_out.errors
     rows = []
     for e in errors:
-        told = [f"{e.rms[m]:.3g} ({e.ci95[m][0]:.3g} to {e.ci95[m][1]:.3g})" for m in MODELS]
+        cells = [f"{e.rms[m]:.3g} ({e.ci95[m][0]:.3g} to {e.ci95[m][1]:.3g})" for m in MODELS]
         gain = f"{100 * e.gain:.0f} % ({100 * e.gain_ci95[0]:.0f} to {100 * e.gain_ci95[1]:.0f})"
-        rows.append((f"{e.channel} [{CHANNELS[e.channel]}], {e.horizon_s} s", *told, gain))
+        rows.append((f"{e.channel} [{CHANNELS[e.channel]}], {e.horizon_s} s", *cells, gain))
     table = ScoreTable(
         ("rms error of readings", "as given", "refitted", "with the causes", "gain over refitted"), tuple(rows)
     )
-    nats = found.held_out.nats
+    nats = diagnosis.held_out.nats
     likely = (
-        f"One-step log likelihood of {found.held_out.samples} held-out readings: as given {nats['base']:.0f}, refitted "
+        f"One-step log likelihood of {diagnosis.held_out.samples} held-out readings: as given {nats['base']:.0f}, refitted "
         f"{nats['refit']:.0f}, with the causes {nats['extended']:.0f} nats."
     )
     return Section(
@@ -115,18 +117,21 @@ def _held_out(found: Diagnosis) -> Section:
         tables=(table,),
         figures=(
             (pictures.held_out(errors), "Open loop under the logged commands; bars: 95 % by bootstrap."),
-            (pictures.tracks(found.held_out.replays), "The window whose error is the median, and one of the worst."),
+            (
+                pictures.tracks(diagnosis.held_out.replays),
+                "The window whose error is the median, and one of the worst.",
+            ),
         ),
         note="What sensors should say so long after the start of a window, against what they said; noise is in all.",
     )
 
 
-def _left_over(found: Diagnosis, before: ResidualForces, after: ResidualForces, maps: Pictures) -> Section:
-    pwm, volts = pulse_widths_and_voltage(found.fit.physics)
+def _residuals(diagnosis: Diagnosis, before: ResidualForces, after: ResidualForces, maps: Pictures) -> Section:
+    pwm, volts = pulse_widths_and_voltage(diagnosis.fit.physics)
     speeds = {name: before.x[:, i] for i, name in enumerate(("u [m/s]", "v [m/s]", "r [rad/s]"), 3)}
     if np.isfinite(volts).any():
         speeds["battery [V]"] = volts
-    thrusters = {f"{t.name} [us]": pwm[:, i] for i, t in enumerate(found.base.thrusters)}
+    thrusters = {f"{t.name} [us]": pwm[:, i] for i, t in enumerate(diagnosis.base.thrusters)}
     return Section(
         "What the model leaves over",
         figures=(
@@ -135,26 +140,29 @@ def _left_over(found: Diagnosis, before: ResidualForces, after: ResidualForces, 
             (pictures.against(before, thrusters), "And over the pulse width of each thruster."),
             (pictures.over_heading(before), "And over heading: on the dark ring it is nil, outside it positive."),
             *maps,
-            (_whiteness(found), "Correlation of one-step errors: in the grey band they tell nothing of each other."),
+            (
+                _whiteness(diagnosis),
+                "Correlation of one-step errors: in the grey band they tell nothing of each other.",
+            ),
         ),
     )
 
 
-def _whiteness(found: Diagnosis):
-    final = found.selection.final.point
-    seen = {
+def _whiteness(diagnosis: Diagnosis):
+    final = diagnosis.selection.final.point
+    samples = {
         n: int(np.isfinite(final.residuals[..., i]).sum()) for i, n in enumerate(("heading", "yaw rate", "a_x", "a_y"))
     }
-    seen |= {"north": len(final.fix_residuals), "east": len(final.fix_residuals)}
-    return pictures.whiteness(autocorrelation(found.refit_point), autocorrelation(final), seen)
+    samples |= {"north": len(final.fix_residuals), "east": len(final.fix_residuals)}
+    return pictures.whiteness(autocorrelation(diagnosis.refit_point), autocorrelation(final), samples)
 
 
-def _evidence(found: Diagnosis) -> Section:
-    names = {e.id: e.name for e in found.fit.effects}
+def _evidence(diagnosis: Diagnosis) -> Section:
+    names = {e.id: e.name for e in diagnosis.fit.effects}
     others: dict[str, tuple[float, float]] = {}
-    for c in found.selection.ranking:
+    for c in diagnosis.selection.ranking:
         others[names[c.id]] = max((c.nats, c.size), others.get(names[c.id], (-np.inf, 0.0)))
-    named = {n.effect.name: n.candidate.nats for n in found.causes}
+    named = {n.effect.name: n.candidate.nats for n in diagnosis.causes}
     return Section(
         "Evidence",
         figures=(
@@ -169,8 +177,8 @@ def _evidence(found: Diagnosis) -> Section:
     )
 
 
-def _adequacy(found: Diagnosis, maps: Pictures = ()) -> list[Section]:
-    a = found.adequacy
+def _adequacy(diagnosis: Diagnosis, maps: Pictures = ()) -> list[Section]:
+    a = diagnosis.adequacy
     if a is None:
         return []
     rows = tuple(
@@ -194,22 +202,22 @@ def _adequacy(found: Diagnosis, maps: Pictures = ()) -> list[Section]:
     ]
 
 
-def _apart(found: Diagnosis) -> list[Section]:
-    told = found.identifiability
-    if told is None:
+def _distinguishability(diagnosis: Diagnosis) -> list[Section]:
+    result = diagnosis.identifiability
+    if result is None:
         return []
-    close = told.pairwise.confused
+    close = result.pairwise.confused
     lines = [f"These logs cannot tell {a} from {b} ({max(nats, 0):.1f} nats)." for a, b, nats in close[:CONFUSED]]
     if len(close) > CONFUSED:
         lines.append(f"So it is with {len(close) - CONFUSED} pairs more.")
-    if told.pairwise.hidden:
-        lines.append(f"These logs might not have shown, even of medium size: {', '.join(told.pairwise.hidden)}.")
-    figure = confusion(told.pairwise)
+    if result.pairwise.hidden:
+        lines.append(f"These logs might not have shown, even of medium size: {', '.join(result.pairwise.hidden)}.")
+    figure = confusion(result.pairwise)
     return [
         Section(
             "What these logs can tell apart",
-            (*lines, told.record.manoeuvre)
-            if told.record.manoeuvre
+            (*lines, result.record.manoeuvre)
+            if result.record.manoeuvre
             else tuple(lines) or ("These logs tell apart every pair of causes that they show well.",),
             figures=((figure, "Red: these logs cannot tell the two apart."),) if figure is not None else (),
             note=f"Each cause as if it were there with {MEDIUM:g} times the smallest size worth a name, in the "
@@ -218,10 +226,10 @@ def _apart(found: Diagnosis) -> list[Section]:
     ]
 
 
-def _visible(found: Diagnosis) -> Section:
-    by_name = {e.name: e for e in found.fit.effects}
+def _detection_limits(diagnosis: Diagnosis) -> Section:
+    by_name = {e.name: e for e in diagnosis.fit.effects}
     rows = []
-    for name, (size, unit) in found.visible.items():
+    for name, (size, unit) in diagnosis.visible.items():
         least, least_unit = smallest(by_name[name])
         plain = name in PLAIN
         rows.append((name, size_text(size, "" if plain else unit), size_text(least, "" if plain else least_unit)))
@@ -234,28 +242,30 @@ def _visible(found: Diagnosis) -> Section:
     )
 
 
-def _noise(found: Diagnosis) -> Section:
-    final, stated = found.selection.final.noise, found.fit.physics.vessel.sensors
+def _noise(diagnosis: Diagnosis) -> Section:
+    final, stated = diagnosis.selection.final.noise, diagnosis.fit.physics.vessel.sensors
     rows = [
         ("heading [rad]", f"{final.white[0]:.3g}", f"{stated.imu.heading_sigma_rad:.3g}"),
         ("yaw rate [rad/s]", f"{final.white[1]:.3g}", f"{stated.imu.gyro_sigma_rad_s:.3g}"),
         ("a_x, a_y [m/s^2]", f"{final.white[2]:.3g}, {final.white[3]:.3g}", f"{stated.imu.accel_sigma_m_s2:.3g}"),
         ("position [m]", f"{final.fix_m:.3g}", f"{stated.uwb.range_sigma_m:.3g}"),
     ]
-    latent = [("with the causes", final.latent), ("refitted base", found.refit.noise.latent)]
-    latent += [("reference log", found.ambient.latent)] if found.ambient else []
+    latent = [("with the causes", final.latent), ("refitted base", diagnosis.refit.noise.latent)]
+    latent += [("reference log", diagnosis.ambient.latent)] if diagnosis.ambient else []
     more = tuple((f"latent acceleration, {n}", ", ".join(f"{v:.2g}" for v in values), "") for n, values in latent)
-    said = () if found.ambient else ("No reference log: ambient noise is what the model with its causes leaves over.",)
-    return Section("Noise card", said, tables=(ScoreTable(("one sigma", "found", "vessel file"), (*rows, *more)),))
+    remarks = (
+        () if diagnosis.ambient else ("No reference log: ambient noise is what the model with its causes leaves over.",)
+    )
+    return Section("Noise card", remarks, tables=(ScoreTable(("one sigma", "found", "vessel file"), (*rows, *more)),))
 
 
-def _logs(found: Diagnosis) -> Section:
+def _logs(diagnosis: Diagnosis) -> Section:
     rows = []
-    for used in found.split.used:
-        told = "; ".join(p.text for p in found.problems[used.log.name][:4]) or "-"
+    for used in diagnosis.split.used:
+        problems = "; ".join(p.text for p in diagnosis.problems[used.log.name][:4]) or "-"
         run = used.log.run
         spans = (intervals(used.fitted_s), intervals(used.held_out_s))
-        rows.append((used.log.name, f"{run.duration_s:.0f} s", *spans, told, run.data_hash[:12]))
+        rows.append((used.log.name, f"{run.duration_s:.0f} s", *spans, problems, run.data_hash[:12]))
     head = ("log", "length", "fitted [s]", "held out [s]", "problems", "data")
-    held = f"Held out: {found.split.rule}."
+    held = f"Held out: {diagnosis.split.rule}."
     return Section("The logs", (held,), tables=(ScoreTable(head, tuple(rows)),), text=True)

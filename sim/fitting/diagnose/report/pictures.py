@@ -33,41 +33,41 @@ def over_time(before: ResidualForces, after: ResidualForces) -> Figure:
     figure = Figure(figsize=(11, 6.2))
     axes = figure.subplots(3, 1, sharex=True, gridspec_kw=GRID)
     for i, ax in enumerate(axes):
-        for residue, colour, label in ((before, BASE, LABELS["refit"]), (after, WITH, LABELS["extended"])):
-            for n, log in enumerate(np.unique(residue.log)):
-                mine = residue.log == log
-                t, f, s = residue.clock_s[mine] / 60, residue.force[mine, i], residue.sigma[mine, i]
+        for residual, colour, label in ((before, BASE, LABELS["refit"]), (after, WITH, LABELS["extended"])):
+            for n, log in enumerate(np.unique(residual.log)):
+                mine = residual.log == log
+                t, f, s = residual.clock_s[mine] / 60, residual.force[mine, i], residual.sigma[mine, i]
                 ax.fill_between(t, f - 2 * s, f + 2 * s, color=colour, alpha=0.2, lw=0)
                 ax.plot(t, f, color=colour, lw=0.9, label=label if n == 0 else None)
         ax.axhline(0, color=INK, lw=0.6)
         ax.set_ylabel(FORCES[i])
-        ax.set_ylim(*_limits(np.concatenate([before.force[:, i], after.force[:, i]])))
+        ax.set_ylim(*_axis_limits(np.concatenate([before.force[:, i], after.force[:, i]])))
     axes[-1].set_xlabel("t [min], all logs on one clock")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper center", ncols=2)
     return figure
 
 
-def against(residue: ResidualForces, columns: Mapping[str, np.ndarray]) -> Figure:
+def against(residual: ResidualForces, columns: Mapping[str, np.ndarray]) -> Figure:
     """Residual force of the refitted base over values of its windows by label; what the causes change through it."""
     figure = Figure(figsize=(11, 6.4))
     axes = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False, gridspec_kw=GRID)
     for i in range(3):
         for ax, (label, x) in zip(axes[i], columns.items(), strict=True):
-            _binned(ax, x, residue.force[:, i], residue.cause[:, i])
+            _binned(ax, x, residual.force[:, i], residual.cause[:, i])
             ax.locator_params(axis="x", nbins=5)
             ax.tick_params(labelsize=9)
             if i == 2:
                 ax.set_xlabel(label)
         axes[i, 0].set_ylabel(FORCES[i])
-        axes[i, 0].set_ylim(*_limits(residue.force[:, i], 0.99))
+        axes[i, 0].set_ylim(*_axis_limits(residual.force[:, i], 0.99))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper center", ncols=2, fontsize=9)
     return figure
 
 
-def over_heading(residue: ResidualForces) -> Figure:
+def over_heading(residual: ResidualForces) -> Figure:
     """Residual force over heading, polar: on the dark ring it is nil, outside it the force is positive."""
     figure = Figure(figsize=(11, 4.4))
-    psi = np.mod(residue.x[:, 2], 2 * np.pi)
+    psi = np.mod(residual.x[:, 2], 2 * np.pi)
     edges = np.linspace(0, 2 * np.pi, SECTORS + 1)
     middle = (edges[:-1] + edges[1:]) / 2
     axes = figure.subplots(
@@ -76,13 +76,13 @@ def over_heading(residue: ResidualForces) -> Figure:
     for i, ax in enumerate(axes):
         ax.set_theta_zero_location("N")
         ax.set_theta_direction(-1)
-        mean, se = means_by_bin(psi, residue.force[:, i], edges)
-        cause, _ = means_by_bin(psi, residue.cause[:, i], edges)
+        mean, se = means_by_bin(psi, residual.force[:, i], edges)
+        cause, _ = means_by_bin(psi, residual.cause[:, i], edges)
         reach = 1.05 * float(np.nanmax(np.concatenate([np.abs(mean) + 2 * se, np.abs(cause)]), initial=1e-3))
         ring = np.linspace(0, 2 * np.pi, 200)
         ax.plot(ring, np.full(200, reach), color=INK, lw=1.4)
         ax.errorbar(middle, mean + reach, yerr=2 * se, fmt="o", ms=3, color=BASE, lw=1, label=MEAN)
-        if residue.cause[:, i].any():
+        if residual.cause[:, i].any():
             closed = np.append(cause, cause[:1]) + reach
             ax.plot(np.append(middle, middle[:1]), closed, color=WITH, label=CHANGE)
         ax.set_ylim(0, 2 * reach)
@@ -100,7 +100,7 @@ def over_basin(before: ResidualForces, after: ResidualForces) -> Figure:
     figure = Figure(figsize=(11, 5.4))
     axes = figure.subplots(1, 2, gridspec_kw=GRID)
     size = next((m for m in CELLS_M if np.ptp(before.x[:, :2], axis=0).max() < 12 * m), CELLS_M[-1])
-    cells = [_cells(residue, size) for residue in (before, after)]
+    cells = [_cells(residual, size) for residual in (before, after)]
     longest = max(float(np.hypot(*c[:, 2:].T).max(initial=0.0)) for c in cells) or 1.0
     for ax, c, colour, label in zip(axes, cells, (BASE, WITH), (LABELS["refit"], LABELS["extended"]), strict=True):
         arrows = ax.quiver(
@@ -165,8 +165,8 @@ def evidence(named: Mapping[str, float], others: Mapping[str, tuple[float, float
     ax = figure.add_subplot()
     at = np.arange(len(bars))[::-1]
     ax.barh(at, [v for _, v, _, _ in bars], color=[c for _, _, c, _ in bars])
-    for y, (_, v, _, told) in zip(at, bars, strict=True):
-        ax.text(max(v, 0.0), y, f" {told}", va="center", fontsize=8)
+    for y, (_, v, _, text) in zip(at, bars, strict=True):
+        ax.text(max(v, 0.0), y, f" {text}", va="center", fontsize=8)
     ax.axvline(least, color=INK, lw=1.2, ls="--", label=f"{least:g} nats: named above")
     ax.set_yticks(at, [k for k, _, _, _ in bars], fontsize=8)
     ax.set_xscale("symlog", linthresh=10)
@@ -242,10 +242,10 @@ def means_by_bin(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.nd
     return mean, se
 
 
-def _cells(residue: ResidualForces, size_m: float) -> np.ndarray:
+def _cells(residual: ResidualForces, size_m: float) -> np.ndarray:
     """Rows north, east, force north, force east of each cell with enough windows."""
-    force = np.column_stack(rotate(residue.x[:, 2], *residue.force[:, :2].T))
-    place = residue.x[:, :2]
+    force = np.column_stack(rotate(residual.x[:, 2], *residual.force[:, :2].T))
+    place = residual.x[:, :2]
     cell, of = np.unique(np.floor(place / size_m).astype(int), axis=0, return_inverse=True)
     of = of.ravel()
     many = np.bincount(of) >= LEAST_IN_BIN
@@ -253,7 +253,7 @@ def _cells(residue: ResidualForces, size_m: float) -> np.ndarray:
     return np.hstack([(cell[many] + 0.5) * size_m, mean])
 
 
-def _limits(values: np.ndarray, share: float = 0.998) -> tuple[float, float]:
+def _axis_limits(values: np.ndarray, share: float = 0.998) -> tuple[float, float]:
     """Of an axis: nearly all of the values, and nil."""
     low, high = np.quantile(values, (1 - share, share))
     room = 0.15 * max(high - low, 1e-3)

@@ -19,7 +19,7 @@ RANKED = 12
 
 
 def outputs(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     vessel_text: str,
     versions: Mapping[str, str],
     command: Sequence[str],
@@ -30,23 +30,25 @@ def outputs(
 
     Without `pictured`: all but the report.
     """
-    logs = ", ".join(used.log.name for used in found.split.used if used.fitted_s)
+    logs = ", ".join(used.log.name for used in diagnosis.split.used if used.fitted_s)
     head = f"By `aritra diagnose` {stamp} from {logs}; {form.REPORT} and {form.FINDINGS} beside this file.\n"
-    told = {
+    headings = {
         form.REFITTED: "Base numbers refitted, without any cause.",
         form.NUMBERS: "Base numbers as they fit beside the causes, which are not in this file.",
         form.EXTENDED: "Base numbers with the causes: the simulation that the logs ask for.",
     }
-    vessels = dict(zip(told, (found.files.refitted, found.files.numbers, found.files.extended), strict=True))
-    files = {name: vessel_toml(vessel, head + told[name]).encode() for name, vessel in vessels.items()}
-    if found.identifiability is not None and (manoeuvre := found.identifiability.file):
+    vessels = dict(
+        zip(headings, (diagnosis.files.refitted, diagnosis.files.numbers, diagnosis.files.extended), strict=True)
+    )
+    files = {name: vessel_toml(vessel, head + headings[name]).encode() for name, vessel in vessels.items()}
+    if diagnosis.identifiability is not None and (manoeuvre := diagnosis.identifiability.file):
         files[form.MANOEUVRE] = manoeuvre.encode()
     if pictured:
         from sim.fitting.diagnose.report.page import report  # noqa: PLC0415 - matplotlib is slow to load
 
-        files[form.REPORT] = report(found).encode()
-    made = findings(found, vessel_text, versions, command)
-    files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(made, enc_hook=_plain), indent=1) + b"\n"
+        files[form.REPORT] = report(diagnosis).encode()
+    record = findings(diagnosis, vessel_text, versions, command)
+    files[form.FINDINGS] = msgspec.json.format(msgspec.json.encode(record, enc_hook=_plain), indent=1) + b"\n"
     return files
 
 
@@ -57,31 +59,33 @@ def _plain(value: object) -> object:
     raise TypeError(f"{type(value).__name__} has no place in findings.json")
 
 
-def findings(found: Diagnosis, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]) -> form.Findings:
+def findings(
+    diagnosis: Diagnosis, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]
+) -> form.Findings:
     """What goes into findings.json."""
-    used = [u for u in found.split.used if u.fitted_s]
+    used = [u for u in diagnosis.split.used if u.fitted_s]
     return form.Findings(
-        verdict=found.verdict,
-        summary=tuple(sentences(found)),
-        causes=tuple(_cause(named) for named in found.causes),
-        ambiguous_with=found.ambiguous_with,
-        withdrawn=found.withdrawn,
-        depends_on=found.adequacy.depends_on if found.adequacy is not None else (),
-        equivalence_class={n.effect.name: n.effect.same_as for n in found.causes if n.effect.same_as},
-        ranking=tuple(_ranking(found)),
-        adequacy=found.adequacy,
-        identifiability=found.identifiability.record if found.identifiability is not None else None,
-        visible_from={k: form.DetectionLimit(size=size, unit=unit) for k, (size, unit) in found.visible.items()},
-        held_out=tuple(_held_out(found)),
-        one_step_nats={name: _number(nats) for name, nats in found.held_out.nats.items()},
-        noise_card=_noise(found),
-        not_in_file=found.files.not_in_file,
-        logs=tuple(_log(found, i) for i in range(len(found.split.used))),
+        verdict=diagnosis.verdict,
+        summary=tuple(sentences(diagnosis)),
+        causes=tuple(_cause(named) for named in diagnosis.causes),
+        ambiguous_with=diagnosis.ambiguous_with,
+        withdrawn=diagnosis.withdrawn,
+        depends_on=diagnosis.adequacy.depends_on if diagnosis.adequacy is not None else (),
+        equivalence_class={n.effect.name: n.effect.same_as for n in diagnosis.causes if n.effect.same_as},
+        ranking=tuple(_ranking(diagnosis)),
+        adequacy=diagnosis.adequacy,
+        identifiability=diagnosis.identifiability.record if diagnosis.identifiability is not None else None,
+        visible_from={k: form.DetectionLimit(size=size, unit=unit) for k, (size, unit) in diagnosis.visible.items()},
+        held_out=tuple(_held_out(diagnosis)),
+        one_step_nats={name: _number(nats) for name, nats in diagnosis.held_out.nats.items()},
+        noise_card=_noise(diagnosis),
+        not_in_file=diagnosis.files.not_in_file,
+        logs=tuple(_log(diagnosis, i) for i in range(len(diagnosis.split.used))),
         data_hash=hashlib.sha256("".join(u.log.run.data_hash for u in used).encode()).hexdigest(),
-        base=found.base.name,
+        base=diagnosis.base.name,
         base_sha256=hashlib.sha256(vessel_text.encode()).hexdigest(),
-        seed=found.seed,
-        runtime_s=found.runtime_s,
+        seed=diagnosis.seed,
+        runtime_s=diagnosis.runtime_s,
         versions=dict(versions),
         command=tuple(command),
     )
@@ -104,18 +108,18 @@ def _cause(named: Named) -> form.CauseRecord:
     )
 
 
-def _ranking(found: Diagnosis) -> list[form.RankRecord]:
+def _ranking(diagnosis: Diagnosis) -> list[form.RankRecord]:
     """The best of every name."""
-    names = {e.id: e.name for e in found.fit.effects}
+    names = {e.id: e.name for e in diagnosis.fit.effects}
     best: dict[str, form.RankRecord] = {}
-    for c in found.selection.ranking:
+    for c in diagnosis.selection.ranking:
         one = form.RankRecord(name=names[c.id], evidence_nats=c.nats, size=c.size)
         if one.name not in best or best[one.name].evidence_nats < c.nats:
             best[one.name] = one
     return sorted(best.values(), key=lambda r: -r.evidence_nats)[:RANKED]
 
 
-def _held_out(found: Diagnosis) -> list[form.HeldOutRecord]:
+def _held_out(diagnosis: Diagnosis) -> list[form.HeldOutRecord]:
     return [
         form.HeldOutRecord(
             horizon_s=e.horizon_s,
@@ -128,16 +132,16 @@ def _held_out(found: Diagnosis) -> list[form.HeldOutRecord]:
             gain=_number(e.gain),
             windows=e.windows,
         )
-        for e in found.held_out.errors
+        for e in diagnosis.held_out.errors
     ]
 
 
-def _noise(found: Diagnosis) -> form.NoiseCard:
-    noise = found.selection.final.noise
+def _noise(diagnosis: Diagnosis) -> form.NoiseCard:
+    noise = diagnosis.selection.final.noise
     heading, rate, x, y = noise.white
     return form.NoiseCard(
-        source=f"reference log {found.reference}"
-        if found.ambient
+        source=f"reference log {diagnosis.reference}"
+        if diagnosis.ambient
         else "the logs themselves: no reference log was given",
         heading_rad=heading,
         yaw_rate_rad_s=rate,
@@ -145,13 +149,13 @@ def _noise(found: Diagnosis) -> form.NoiseCard:
         accel_y_m_s2=y,
         position_m=noise.fix_m,
         latent=_three(noise.latent),
-        latent_base=_three(found.refit.noise.latent),
-        ambient=_three(found.ambient.latent) if found.ambient else None,
+        latent_base=_three(diagnosis.refit.noise.latent),
+        ambient=_three(diagnosis.ambient.latent) if diagnosis.ambient else None,
     )
 
 
-def _log(found: Diagnosis, i: int) -> form.FindingsLog:
-    used = found.split.used[i]
+def _log(diagnosis: Diagnosis, i: int) -> form.FindingsLog:
+    used = diagnosis.split.used[i]
     run = used.log.run
     return form.FindingsLog(
         name=used.log.name,
@@ -159,7 +163,7 @@ def _log(found: Diagnosis, i: int) -> form.FindingsLog:
         duration_s=run.duration_s,
         fitted_s=used.fitted_s,
         held_out_s=used.held_out_s,
-        problems=tuple(p.text for p in found.problems[used.log.name]),
+        problems=tuple(p.text for p in diagnosis.problems[used.log.name]),
     )
 
 

@@ -24,53 +24,53 @@ WORDS = {
 """Words of `depends_on`; `thruster:NAME` where one is meant."""
 
 
-def sentences(found: Diagnosis) -> list[str]:
+def sentences(diagnosis: Diagnosis) -> list[str]:
     """What is wrong, how sure that is, what it is worth, what to do."""
-    lines = [_verdict(found)]
-    lines += [sentence(n.effect.name, n.numbers) for n in found.causes]
-    if found.verdict in ("partial", "unknown"):
-        lines += [_left_over(found), *_doubtful(found)]
-    lines += _withdrawn(found.withdrawn)
-    lines += [f"These logs cannot tell {name} from {', '.join(others)}." for name, others in found.confused.items()]
-    lines += [_same(n.effect.name, n.effect.same_as) for n in found.causes if n.effect.same_as]
-    if found.causes:
-        lines += [gain_sentence(found.held_out, len(found.causes)), *_outside(found)]
-    if found.verdict == "none":
-        lines += _could_have_seen(found)
-    if _rough_reference(found):
+    lines = [_verdict(diagnosis)]
+    lines += [sentence(n.effect.name, n.numbers) for n in diagnosis.causes]
+    if diagnosis.verdict in ("partial", "unknown"):
+        lines += [_residual_dependence(diagnosis), *_doubtful(diagnosis)]
+    lines += _withdrawn(diagnosis.withdrawn)
+    lines += [f"These logs cannot tell {name} from {', '.join(others)}." for name, others in diagnosis.confused.items()]
+    lines += [_same(n.effect.name, n.effect.same_as) for n in diagnosis.causes if n.effect.same_as]
+    if diagnosis.causes:
+        lines += [gain_sentence(diagnosis.held_out, len(diagnosis.causes)), *_outside(diagnosis)]
+    if diagnosis.verdict == "none":
+        lines += _detection_limits(diagnosis)
+    if _rough_reference(diagnosis):
         lines.append(
-            f"The reference log {found.reference} holds more force that nobody can foretell than the logs themselves: "
+            f"The reference log {diagnosis.reference} holds more force that nobody can foretell than the logs themselves: "
             "it was not calm, or something was wrong already. Faults may hide behind its noise; record another, or "
             "leave it out."
         )
-    if found.identifiability is not None and found.identifiability.record.manoeuvre:
-        lines.append(found.identifiability.record.manoeuvre)
+    if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
+        lines.append(diagnosis.identifiability.record.manoeuvre)
     return lines
 
 
-def _rough_reference(found: Diagnosis) -> bool:
-    if found.ambient is None:
+def _rough_reference(diagnosis: Diagnosis) -> bool:
+    if diagnosis.ambient is None:
         return False
-    logs = np.maximum(np.array(found.refit.noise.latent), QUIET_M_S2)
-    return bool((np.array(found.ambient.latent) > ROUGH * logs).any())
+    logs = np.maximum(np.array(diagnosis.refit.noise.latent), QUIET_M_S2)
+    return bool((np.array(diagnosis.ambient.latent) > ROUGH * logs).any())
 
 
-def _verdict(found: Diagnosis) -> str:
-    count, logs = len(found.causes), _logs(found)
+def _verdict(diagnosis: Diagnosis) -> str:
+    count, logs = len(diagnosis.causes), _logs(diagnosis)
     are = "one cause is" if count == 1 else f"{count} causes are"
     they = "it explains" if count == 1 else "they explain"
     return {
-        "none": f"{logs}: nothing is wrong with {found.base.name} that these logs can show.",
+        "none": f"{logs}: nothing is wrong with {diagnosis.base.name} that these logs can show.",
         "named": f"{logs}: {are} named, and {they} what the "
-        f"simulation of {found.base.name} gets wrong.",
+        f"simulation of {diagnosis.base.name} gets wrong.",
         "partial": f"{logs}: {are} named, but something is left over.",
         "ambiguous": f"{logs}: something is wrong, but these logs cannot tell which of several causes it is.",
         "unknown": f"{logs}: something is wrong that the catalogue cannot explain.",
-    }[found.verdict]  # fmt: skip
+    }[diagnosis.verdict]  # fmt: skip
 
 
-def _logs(found: Diagnosis) -> str:
-    used = [u for u in found.split.used if u.fitted_s]
+def _logs(diagnosis: Diagnosis) -> str:
+    used = [u for u in diagnosis.split.used if u.fitted_s]
     seconds = sum(high - low for u in used for low, high in u.fitted_s)
     return f"{len(used)} log{'s' if len(used) > 1 else ''}, {seconds / 60:.1f} minutes"
 
@@ -81,8 +81,8 @@ def dependency_text(word: str) -> str:
     return f"thruster {tail}" if tail else WORDS.get(head, head)
 
 
-def _left_over(found: Diagnosis) -> str:
-    words = list(found.adequacy.depends_on) if found.adequacy is not None else []
+def _residual_dependence(diagnosis: Diagnosis) -> str:
+    words = list(diagnosis.adequacy.depends_on) if diagnosis.adequacy is not None else []
     which = next((w for w in words if w.startswith("thruster:")), "thruster")
     words = list(dict.fromkeys(which if w == "thruster" else w for w in words))
     if not words:
@@ -94,16 +94,16 @@ def _left_over(found: Diagnosis) -> str:
 
 def _withdrawn(withdrawn: Mapping[str, str]) -> list[str]:
     """What was found and taken back, those of one reason together."""
-    said = []
+    lines = []
     for why in dict.fromkeys(withdrawn.values()):
         *others, last = (name for name, reason in withdrawn.items() if reason == why)
         what = f"{', '.join(others)} and {last} were" if others else f"{last} was"
-        said.append(f"{what} found in the fitted logs, but {'are' if others else 'is'} not named: {why}.")
-    return said
+        lines.append(f"{what} found in the fitted logs, but {'are' if others else 'is'} not named: {why}.")
+    return lines
 
 
-def _doubtful(found: Diagnosis) -> list[str]:
-    names = [n.effect.name for n in found.causes if n.form_doubtful]
+def _doubtful(diagnosis: Diagnosis) -> list[str]:
+    names = [n.effect.name for n in diagnosis.causes if n.form_doubtful]
     return [f"What is left over is of the kind of {name}: it may be there in another form." for name in names]
 
 
@@ -111,9 +111,9 @@ def _same(name: str, others: Sequence[str]) -> str:
     return f"No log can tell {name} from {', '.join(others)}: they leave the same signature."
 
 
-def error_at(found: HeldOutScore, channel: str, horizon_s: int) -> OpenLoopError | None:
+def error_at(held_out: HeldOutScore, channel: str, horizon_s: int) -> OpenLoopError | None:
     """The figure of a channel at a horizon, if the held-out logs reach it."""
-    return next((e for e in found.errors if e.channel == channel and e.horizon_s == horizon_s), None)
+    return next((e for e in held_out.errors if e.channel == channel and e.horizon_s == horizon_s), None)
 
 
 def gain_sentence(held_out: HeldOutScore, count: int) -> str:
@@ -138,20 +138,20 @@ def gain_sentence(held_out: HeldOutScore, count: int) -> str:
     )
 
 
-def _outside(found: Diagnosis) -> list[str]:
-    return [f"{name} is not in extended.toml: {why}." for name, why in found.files.not_in_file.items()]
+def _outside(diagnosis: Diagnosis) -> list[str]:
+    return [f"{name} is not in extended.toml: {why}." for name, why in diagnosis.files.not_in_file.items()]
 
 
-def _could_have_seen(found: Diagnosis) -> list[str]:
+def _detection_limits(diagnosis: Diagnosis) -> list[str]:
     """Some of what would have been seen, in words."""
     wanted = ("thruster_gain", "current", "hull_fouling", "payload", "lag", "heading_offset", "uwb_latency")
-    told = []
+    limits = []
     for head in wanted:
-        sizes = [v for name, v in found.visible.items() if name.partition(":")[0] == head]
+        sizes = [v for name, v in diagnosis.visible.items() if name.partition(":")[0] == head]
         if sizes:
             size, unit = max(sizes)
-            told.append(f"{head} from {size_text(size, unit)} on")
-    return [f"These logs would have shown {', '.join(told)}."] if told else []
+            limits.append(f"{head} from {size_text(size, unit)} on")
+    return [f"These logs would have shown {', '.join(limits)}."] if limits else []
 
 
 def size_text(size: float, unit: str) -> str:

@@ -20,7 +20,7 @@ from sim.fitting.diagnose.vessel_edits.public_form import public, smallest
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named, cause_of, place
 from sim.fitting.engine.noise import Noise
 
-TOLD_S = 10  # horizon by which causes are judged on held-out logs
+JUDGED_S = 10  # horizon by which causes are judged on held-out logs
 FORM_DOUBT = 0.1
 """Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
 UNNEEDED = "small faults of other kinds, together, explain the same"
@@ -48,7 +48,7 @@ class DiagnosisVerdict:
 
 
 def conclude(
-    fit: PosteriorFit, found: SearchResult, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
+    fit: PosteriorFit, result: SearchResult, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
 ) -> DiagnosisVerdict:
     """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over.
 
@@ -56,19 +56,19 @@ def conclude(
     """
     withdrawn: dict[str, str] = {}
     doubtful: frozenset[str] = frozenset()
-    left: record.Adequacy | None = None
+    adequacy_record: record.Adequacy | None = None
     if adequate:
-        sound, found, withdrawn = withdraw_unsupported(fit, found, ambient, adequate, known)
-        doubtful, left = sound.doubtful, sound.adequacy
-    named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _named(fit, found, seed)]
+        judgement, result, withdrawn = withdraw_unsupported(fit, result, ambient, adequate, known)
+        doubtful, adequacy_record = judgement.doubtful, judgement.adequacy
+    named = [replace(n, form_doubtful=n.form_doubtful or n.fitted in doubtful) for n in _reported(fit, result, seed)]
     same = {n.effect.name: n.effect.same_as for n in named}
-    verdict, names, confused = record.verdict_of(list(same), found.rivals(fit), same, left)
+    verdict, names, confused = record.verdict_of(list(same), result.rivals(fit), same, adequacy_record)
     causes = tuple(n for n in named if n.effect.name in names)
-    return DiagnosisVerdict(found.selection, causes, verdict, confused, left, withdrawn)
+    return DiagnosisVerdict(result.selection, causes, verdict, confused, adequacy_record, withdrawn)
 
 
 def withdraw_unsupported(
-    fit: PosteriorFit, found: SearchResult, ambient: Noise | None, adequate: Adequate, known: bool
+    fit: PosteriorFit, result: SearchResult, ambient: Noise | None, adequate: Adequate, known: bool
 ) -> tuple[AdequacyJudgement, SearchResult, dict[str, str]]:
     """What is left over, the causes that can stand, and by name why the others are taken back.
 
@@ -76,17 +76,17 @@ def withdraw_unsupported(
     """
     withdrawn: dict[str, str] = {}
     while True:
-        before, echoes = found, Masking.of(c.effect.name for c in found.causes)
-        sound = adequate(fit, found.selection, ambient, echoes, known)
-        if not sound.withdrawn:
-            return sound, found, withdrawn
-        found = before.without(fit, sound.withdrawn)
-        names = {c.effect.name for c in found.causes}
-        why = {id_: OUTDONE if id_ in sound.outdone else UNNEEDED for id_ in sound.withdrawn}
+        before, echoes = result, Masking.of(c.effect.name for c in result.causes)
+        judgement = adequate(fit, result.selection, ambient, echoes, known)
+        if not judgement.withdrawn:
+            return judgement, result, withdrawn
+        result = before.without(fit, judgement.withdrawn)
+        names = {c.effect.name for c in result.causes}
+        why = {id_: OUTDONE if id_ in judgement.outdone else UNNEEDED for id_ in judgement.withdrawn}
         gone = {c.effect.name: why.get(c.fitted, FALLEN) for c in before.causes if c.effect.name not in names}
         withdrawn |= gone
         if FALLEN not in gone.values() and Masking.of(names) == echoes:
-            return sound, found, withdrawn
+            return judgement, result, withdrawn
 
 
 def without_causes(
@@ -95,40 +95,40 @@ def without_causes(
     """Without any of the causes, as held-out logs ask: unknown, and what the base leaves over."""
     withdrawn = verdict.withdrawn | {n.effect.name: why for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
-    left = adequate(fit, selection, ambient, NO_MASKING, False).adequacy if adequate else None
-    return DiagnosisVerdict(selection, (), "unknown", {}, left, withdrawn)
+    adequacy_record = adequate(fit, selection, ambient, NO_MASKING, False).adequacy if adequate else None
+    return DiagnosisVerdict(selection, (), "unknown", {}, adequacy_record, withdrawn)
 
 
-def held_out_objection(verdict: DiagnosisVerdict, judged: HeldOutScore) -> str:
+def held_out_objection(verdict: DiagnosisVerdict, held_out_score: HeldOutScore) -> str:
     """Why none of the causes can be right, seen from the held-out logs, whose readings none makes surely better.
 
     They make them surely worse; or something is left over beside them and one is in doubt by its form, so that evidence
     in nats, which believes in the forms, says little. Empty: nothing is against them.
     """
-    told = [e for e in judged.errors if e.horizon_s == TOLD_S]
-    if any(e.gain_ci95[0] > 0 for e in told):
+    at_horizon = [e for e in held_out_score.at_horizon if e.horizon_s == JUDGED_S]
+    if any(e.gain_ci95[0] > 0 for e in at_horizon):
         return ""
-    if any(e.channel == "position" and e.gain_ci95[1] < 0 for e in told):
+    if any(e.channel == "position" and e.gain_ci95[1] < 0 for e in at_horizon):
         return HARMFUL
-    foretold = all(n.fitted for n in verdict.causes)  # what chance does next no reading tells
+    predictable = all(n.fitted for n in verdict.causes)  # what chance does next no reading tells
     doubted = verdict.verdict == "partial" and any(n.form_doubtful for n in verdict.causes)
-    return UNPROVEN if doubted and foretold else ""
+    return UNPROVEN if doubted and predictable else ""
 
 
-def _named(fit: PosteriorFit, found: SearchResult, seed: int) -> tuple[Named, ...]:
+def _reported(fit: PosteriorFit, result: SearchResult, seed: int) -> tuple[Named, ...]:
     """Accepted causes, the surest first."""
     out = []
-    for one in found.causes:
+    for one in result.causes:
         effect, candidate = one.effect, one.candidate
-        numbers = public(effect, candidate.values, _doubted(effect, candidate.covariance), place(fit), seed)
-        told = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
-        note = f"{effect.name}{f' ({told})' if told else ''} found by aritra diagnose"
-        cause = replace(cause_of(fit, effect, candidate.values, note), forces_n=_forces(found.selection.final))
+        numbers = public(effect, candidate.values, _with_form_doubt(effect, candidate.covariance), place(fit), seed)
+        values = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
+        note = f"{effect.name}{f' ({values})' if errors else ''} found by aritra diagnose"
+        cause = replace(cause_of(fit, effect, candidate.values, note), forces_n=_forces(result.selection.final))
         out.append(Named(candidate, effect, numbers, smallest(effect), cause, one.fitted, one.form_doubtful))
     return tuple(out)
 
 
-def _doubted(effect: Effect, covariance: np.ndarray) -> np.ndarray:
+def _with_form_doubt(effect: Effect, covariance: np.ndarray) -> np.ndarray:
     """`covariance` with the doubt that the entry's form is quite that of the world, which no log shows."""
     smallest_sizes = [p.smallest if np.isfinite(p.smallest) else 0.0 for p in effect.parameters]
     return covariance + np.diag((FORM_DOUBT * np.array(smallest_sizes)) ** 2)

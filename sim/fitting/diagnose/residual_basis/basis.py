@@ -1,4 +1,4 @@
-"""What functions may depend on, at a fitted point: means over each window, and thruster forces within it."""
+"""Variables of the basis functions at a fitted point: means over windows, thruster forces within; their groups."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ Factors = Mapping[str, np.ndarray]
 
 
 class Basis:
-    """Of the windows of `physics` at `point`: W windows of K steps, n thrusters.
+    """Variables at `point` on the W windows of K steps of `physics`, with n thrusters.
 
-    `x` (W, 6), `psi` (W,), `clock` (W,): means over each window; `f` (W, K + 1, n): thruster forces; `accelerations`
-    (W, K + 1, 3): what the model's forces give the boat, with centripetal parts.
+    x, psi, clock    (W, 6), (W,), (W,) mean state, heading [rad] and shared time [s] of each window
+    f                (W, K + 1, n) thruster forces [N]
+    turn, M          (3, 3) transposed inverse mass matrix, mass matrix
+    accelerations    (W, K + 1, 3) by the model's forces in an inertial frame, body axes: nu_dot - d + [-r v, r u, 0]
     """
 
     def __init__(self, physics: EffectPhysics, point: LinearisationPoint):
@@ -43,11 +45,11 @@ class Basis:
         self.accelerations = own + turning
 
     def mean(self, values: np.ndarray) -> np.ndarray:
-        """Over each window, (W, K or K + 1, c) -> (W, c)."""
+        """Mean over each window, (W, K or K + 1, c) -> (W, c)."""
         return window_means(self.physics, values)
 
     def axes(self, letters: str) -> list[np.ndarray]:
-        """Unit accelerations (W, 3): X, Y, K of the boat, N, E of the world."""
+        """Unit accelerations (W, 3) in body axes by letter: X, Y, K (yaw) of the body, N, E over ground."""
         out = {}
         for i, letter in enumerate("XYK"):
             out[letter] = np.tile(np.eye(3)[i], (self.W, 1))
@@ -56,12 +58,12 @@ class Basis:
         return [out[letter] for letter in letters]
 
     def velocity(self) -> np.ndarray:
-        """Over ground, north and east, (W, 2)."""
+        """Velocity over ground, north and east, (W, 2) [m/s]."""
         return np.stack(body_to_ned(self.psi, self.x[:, 3], self.x[:, 4]), axis=1)
 
     @cached_property
     def water(self) -> list[np.ndarray]:
-        """Accelerations (W, 3) of a current of 1 m/s to the north, to the east."""
+        """Accelerations (W, 3) by a current of 1 m/s to the north, and to the east."""
 
         def flow(p: Values, scene: Scene) -> np.ndarray:
             return np.broadcast_to(np.array([p["north"], p["east"]]), (*scene.t_s.shape, 2))
@@ -73,13 +75,13 @@ class Basis:
 
     @cached_property
     def damping(self) -> np.ndarray:
-        """Accelerations by a share of the hull's damping, (W, 3)."""
+        """Accelerations by the hull's damping, (W, 3): -M^-1 D(nu_r) nu_r."""
         return -self.mean(hull_damping(self.physics.vessel, self.scene)) @ self.turn
 
     def on_nodes(
         self, name: str, words: tuple[str, ...], kind: str, entries: Sequence[int | np.ndarray], functions: Functions
     ) -> FunctionGroup:
-        """Each function on each of `entries`: of the node (index), or accelerations (W, 3)."""
+        """Group of each function times each of `entries`: index of an entry of the node, or accelerations (W, 3)."""
         columns, names = [], []
         for key, value in functions.items():
             for i, entry in enumerate(entries):
@@ -95,7 +97,7 @@ class Basis:
     def of_thrust(
         self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share", mine: np.ndarray | float = 1.0
     ) -> FunctionGroup:
-        """Changes of the thruster forces. `mine` (n,): what they are multiplied with, one thruster being 1."""
+        """Group of changes `factors` (W, K + 1, n) [N] of the thruster forces, times `mine` (n,) (a mask)."""
 
         def thrust(p: Values, _scene: Scene, f: np.ndarray) -> np.ndarray:
             return f + mine * sum(v * factors[key] for key, v in p.items() if v)
@@ -103,7 +105,7 @@ class Basis:
         return function_group(name, words, kind, list(factors), hooks={"thrust": thrust})
 
     def of_force(self, name: str, words: tuple[str, ...], factors: Factors, kind: str = "share") -> FunctionGroup:
-        """Forces on the body, (W, K + 1, 3) [N, N, N m]."""
+        """Group of body forces `factors` (W, K + 1, 3) [N, N, N m]."""
 
         def force(p: Values, scene: Scene) -> np.ndarray:
             return sum((v * factors[key] for key, v in p.items() if v), start=np.zeros((*scene.t_s.shape, 3)))
@@ -111,7 +113,7 @@ class Basis:
         return function_group(name, words, kind, list(factors), hooks={"force": force})
 
     def of_hull(self, name: str, words: tuple[str, ...], coefficients: Mapping[str, Sequence[str]]) -> FunctionGroup:
-        """Shares of the hull's coefficients, by name of the function."""
+        """Group of relative changes of hull coefficients, by name of the function."""
 
         def hull(p: Values, c: Mapping[str, float]) -> Mapping[str, float]:
             return {**c, **{n: c[n] * (1 + v) for key, v in p.items() for n in coefficients[key]}}

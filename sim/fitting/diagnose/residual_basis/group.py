@@ -1,9 +1,9 @@
-"""One group of functions that are tried together, and the two ways in which they get into the normal equations.
+"""A group of basis functions that are tested together, and its columns in the normal equations, in one of two ways.
 
-As an effect with hooks, of which the engine makes columns as of any entry: what varies within a window. Or by `nodes`:
-a function moves a whole window as the entries of its node do that stand for the same. A force is a latent acceleration
-that is known but for its size, an error of heading, rate or specific force an offset or a bias, a shift of the tag the
-position as the tag alone sees it. So these come from the normal equations that a fit has anyway.
+hooks    an effect whose columns are secants as of any entry: functions that vary within a window
+nodes    N (W, L, p): a function constant over a window acts as entries of its node do: a force as latent acceleration,
+         a sensor error as offset or bias, a shift of the tag as position. Its columns follow from the chain (A, B, g)
+         of the nodes: D = N^T A N, cross terms B^T N, d = N^T g.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.noise import LATENT, STATE, L
 
 SIZES = {
-    "force": 0.01,  # m/s^2, rad/s^2; all assumed: where an effect begins to matter, as the catalogue's smallest sizes
+    "force": 0.01,  # m/s^2, rad/s^2; all assumed: where a function begins to matter, as the catalogue's smallest sizes
     "share": 0.05,  # of thrust, of damping, of inertia
     "past": 0.3,  # of thrust, for what it was 0.1 s ago: 30 ms; of its rate: 0.3 s
     "mix": 0.1,  # of the thrust of two that change places
@@ -36,9 +36,11 @@ SIZES = {
 
 @dataclass(frozen=True)
 class FunctionGroup:
-    """Functions that are tried together. `words`: what they depend on, as in `depends_on`, the most telling first.
+    """Functions that are tested together.
 
-    `effect`: one parameter each; `nodes` (W, L, p): what one unit of each does to the nodes, where it has no hooks.
+    words     what they depend on, as in `depends_on` of findings, the most specific first
+    effect    one parameter for each function; with hooks, or without where there are `nodes`
+    nodes     (W, L, p) change of the nodes by one unit of each function
     """
 
     words: tuple[str, ...]
@@ -46,13 +48,13 @@ class FunctionGroup:
     nodes: np.ndarray | None = None
 
     def named(self) -> FunctionGroup:
-        """The same without its functions, which take room."""
+        """The same without hooks and nodes, to save memory."""
         return replace(self, effect=replace(self.effect, hooks={}), nodes=None)
 
     def of_means(self, physics: EffectPhysics, point: LinearisationPoint, effects: Sequence[Effect]) -> FunctionGroup:
-        """By nodes: what it does on the mean of each window, as if it did not vary within.
+        """The same by nodes, with its mean acceleration over each window; hooks of groups act on the boat only.
 
-        Groups with hooks move the boat, never a sensor. `effects`: those at work at `point`.
+        `effects`: those in theta of `point`.
         """
         if self.nodes is not None:
             return self
@@ -63,7 +65,7 @@ class FunctionGroup:
 
 
 def window_means(physics: EffectPhysics, values: np.ndarray) -> np.ndarray:
-    """Over each window, (W, K or K + 1, c) -> (W, c); steps that only fill a window up count nothing."""
+    """Time-weighted mean over each window, (W, K or K + 1, c) -> (W, c); padding steps have length zero."""
     h_s = physics.windows.h_s
     return np.einsum("wk,wkc->wc", h_s, values[:, : h_s.shape[1]]) / h_s.sum(axis=1)[:, None]
 
@@ -76,14 +78,14 @@ def function_group(
     nodes: np.ndarray | None = None,
     hooks: Mapping[str, Hook] | None = None,
 ) -> FunctionGroup:
-    """`kind`: of size, see `SIZES`; `names`: of the parameters. Either `nodes` or `hooks`."""
+    """Group with one parameter for each of `names`, all of the size of `kind` in `SIZES`; either `nodes` or `hooks`."""
     size = SIZES[kind]
     parameters = tuple(EffectParameter(n, "", size, size, size) for n in names)
     return FunctionGroup(words, Effect(f"generic:{name}", "generic", name, "", parameters, hooks or {}), nodes)
 
 
 def append_groups(point: LinearisationPoint, groups: Sequence[FunctionGroup]) -> LinearisationPoint:
-    """`point` with the columns of `groups`, which have nodes, behind those that it has."""
+    """`point` with the columns of `groups` that have nodes appended to its normal equations."""
     nodes = np.concatenate([g.nodes for g in groups if g.nodes is not None], axis=2)
     chain, ties = point.chain, point.ties
     pushed = chain.A @ nodes

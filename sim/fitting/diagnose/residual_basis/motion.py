@@ -1,4 +1,4 @@
-"""Functions of how the boat moves: speeds, accelerations, ways."""
+"""Basis functions of the motion: velocities, accelerations, displacement along and across the velocity."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ COEFFICIENTS = {
     "Y": ("Y_v_N_s_m", "Y_vv_N_s2_m2", "Y_r_N_s"),
     "K": ("N_r_N_m_s", "N_rr_N_m_s2", "N_v_N_s"),
 }
-"""Of the damping of each axis."""
+"""Damping coefficients of each axis, K being yaw."""
 INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2")
 FEW = ("u", "v", "r", "ur", "rR")
 
 
 def by_speed(basis: Basis) -> Iterator[FunctionGroup]:
-    """Capitals are moduli."""
+    """Groups of products of u, v, r (capitals: absolute values), for forces and sensors."""
     products = _products(basis.x[:, 3:])
     within = _products(basis.point.state.x[..., 3:])
     few = {n: products[n] for n in FEW}
@@ -53,7 +53,7 @@ def _products(nu: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _shares(basis: Basis) -> Iterator[FunctionGroup]:
-    """Damping and inertia, each in proportion to what it is; and inertia of one axis felt on another."""
+    """Groups of relative changes of damping and inertia, and of inertia of one axis on another."""
     yield basis.of_hull("damping", WORD, {axis: COEFFICIENTS[axis] for axis in "XYK"})
     yield basis.of_hull("inertia", WORD, {name: (name,) for name in INERTIA})
     axes = {axis: np.eye(3)[i] for i, axis in enumerate("XYK")}
@@ -63,7 +63,7 @@ def _shares(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def _ways(basis: Basis) -> np.ndarray:
-    """Along and across the way, in proportion to speed and to its square; with yaw rate, ahead and abeam."""
+    """Nodes (W, L, 6): displacement along and across the velocity, also times speed; yaw rate ahead, abeam."""
     along, r = basis.velocity(), basis.x[:, 5]
     speed = np.hypot(*along.T)[:, None]
     across = np.column_stack([-along[:, 1], along[:, 0]])

@@ -1,4 +1,4 @@
-"""Functions of where the boat is and of where it points."""
+"""Basis functions of position and heading."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from sim.fitting.diagnose.residual_basis.group import FunctionGroup
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, OFFSET
 
 ORDER, TURNS = 4, 3
-BENDS = 5  # turns that drag is followed over: it may be larger on a narrow range of headings
+BENDS = 5  # highest harmonic of damping over heading, which may vary within a narrow range
 
 
 def by_position(basis: Basis) -> Iterator[FunctionGroup]:
-    """Fields over the range of places."""
+    """Groups of cosine fields cos(i pi n) cos(j pi e) over the range of positions."""
     places = basis.physics.windows.fixes.place_m
     low, high = np.quantile(places, (0.02, 0.98), axis=0)
     n, e = np.pi * np.clip((basis.x[:, :2] - low) / np.maximum(high - low, 1e-3), 0, 1).T
     fields = {f"{i}{j}": np.cos(i * n) * np.cos(j * e)
               for i in range(ORDER + 1) for j in range(ORDER + 1 - i) if i + j}  # fmt: skip
     word = ("position",)
-    far = {"00": np.ones(basis.W)}  # what pulls from far away hardly changes: with a constant it is still one field
+    far = {"00": np.ones(basis.W)}  # a pull from far away is nearly constant
     pulls = [*basis.axes("NE"), *(np.outer(axis[:, 1], np.eye(3)[2]) for axis in basis.axes("NE"))]
     yield basis.on_nodes("force over position", word, "force", basis.axes("NE"), far | fields)
     yield basis.on_nodes("pull over position", word, "force", pulls, far | fields)
@@ -37,7 +37,7 @@ def by_position(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def by_heading(basis: Basis) -> Iterator[FunctionGroup]:
-    """Waves over the heading, and constants of the world, which the boat feels by its heading."""
+    """Groups of harmonics of the heading, and of constants in NED, which vary with the heading in body axes."""
     word, constant = ("heading",), {"1": np.ones(basis.W)}
     yield basis.on_nodes("steady force over ground", word, "force", basis.axes("NE"), constant)
     yield basis.on_nodes("steadily moving water", word, "water", basis.water, constant)

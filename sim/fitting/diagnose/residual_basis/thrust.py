@@ -1,6 +1,6 @@
-"""Functions of what the thrusters do: each, all, one beside another, with the load, with the voltage.
+"""Basis functions of thrust: of each thruster, all, one beside another, the load, the voltage.
 
-They vary within a window, so the engine makes their columns from hooks.
+They vary within a window, so their columns are made from hooks.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from sim.fitting.diagnose.residual_basis.basis import Basis
 from sim.fitting.diagnose.residual_basis.group import FunctionGroup
 from sim.fitting.diagnose.selection.residual_forces import battery_voltage
 
-PLAY = (0.02, 0.05, 0.1)  # of the largest pulse, to either side: a command must turn so far first; assumed
-STEP_S = 0.05  # half of it to either side, for how fast thrust changes; assumed
-AGO_S = (0.1, 0.2, 0.4, 0.8)  # as it was so long ago: lags and delays are shorter than the last; assumed
+PLAY = (0.02, 0.05, 0.1)  # half widths of play (backlash) over the largest command; assumed
+STEP_S = 0.05  # step of the central difference for the rate of thrust; assumed
+AGO_S = (0.1, 0.2, 0.4, 0.8)  # delays of past thrust: lags and dead times are shorter than the last; assumed
 
 
 def by_thruster(basis: Basis) -> Iterator[FunctionGroup]:
-    """Each alone, all alike, and each beside each other."""
+    """Groups of each thruster, of all alike, and of pairs."""
     f, n = basis.f, len(basis.names)
     largest = max(float(np.abs(f).max()), 1e-9)
     share = f / largest
@@ -49,7 +49,7 @@ def by_thruster(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def by_load(basis: Basis) -> Iterator[FunctionGroup]:
-    """All alike, with what all give now or gave lately."""
+    """Groups of all thrusters alike over the total load, now and through a lag."""
     total = np.abs(basis.f).sum(axis=2)
     load = total / max(float(total.max()), 1e-9)
     now = {str(k): basis.f * load[..., None] ** k for k in (1, 2, 3)}
@@ -59,7 +59,7 @@ def by_load(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def by_voltage(basis: Basis) -> Iterator[FunctionGroup]:
-    """All alike, where it was logged."""
+    """Group of all thrusters alike over the battery voltage, where it was logged and varies."""
     logged = battery_voltage(basis.physics, basis.physics.windows.t_s)
     if np.isfinite(logged).all() and np.ptp(logged) > 0:
         off = ((logged - logged.mean()) / np.ptp(logged))[..., None]
@@ -67,7 +67,7 @@ def by_voltage(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def _past(basis: Basis, ago_s: float) -> np.ndarray:
-    """Thruster forces so long ago, log by log, (W, K + 1, n)."""
+    """Thruster forces `ago_s` earlier, interpolated log by log, (W, K + 1, n) [N]."""
     out, windows = np.empty_like(basis.f), basis.physics.windows
     for log in windows.spans:
         t_s, f = windows.t_s[log].ravel(), basis.f[log].reshape(-1, basis.f.shape[2])
@@ -77,9 +77,11 @@ def _past(basis: Basis, ago_s: float) -> np.ndarray:
 
 
 def _play(basis: Basis, root: np.ndarray, largest: float) -> dict[float, np.ndarray]:
-    """What thrust changes by where it only follows once a command has turned round by more than the play, log by log.
+    """Change of thrust by play of the commands, (W, K + 1, n) [N] by half width b, log by log:
 
-    Commands are taken for the `root` of thrust over the largest, as a rotor's pulses nearly are. (W, K + 1, n) by play.
+        held_k = clip(held_{k-1}, s_k - b, s_k + b),   change = held |held| f_max - f
+
+    s: the command over its largest value, taken as the signed `root` of f / f_max, as for a rotor.
     """
     held, widths = np.empty((len(PLAY), *root.shape)), np.array(PLAY)[:, None]
     for log in basis.physics.windows.spans:
@@ -93,7 +95,7 @@ def _play(basis: Basis, root: np.ndarray, largest: float) -> dict[float, np.ndar
 
 
 def _remembered(basis: Basis, load: np.ndarray, memory_s: float) -> np.ndarray:
-    """Mean load of windows through a first-order lag, log by log, (W,)."""
+    """Mean load of each window through a first-order lag of `memory_s`, log by log, (W,)."""
     mean, out = basis.mean(load[..., None])[:, 0], np.empty(basis.W)
     for w in range(basis.W):
         if basis.physics.windows.first[w]:

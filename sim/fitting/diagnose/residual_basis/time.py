@@ -1,4 +1,4 @@
-"""Functions of the clock that all logs share: slow ones, and periods at which the latent force is largest."""
+"""Basis functions of the shared clock: slow cosines, and the periods at which the latent acceleration is largest."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from sim.fitting.diagnose.residual_basis.basis import Basis, Functions
 from sim.fitting.diagnose.residual_basis.group import FunctionGroup, function_group
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, L
 
-SLOW = 6
-HZ = (0.005, 0.45)  # where periods are sought: slower is "slow", faster than the nodes can follow
+SLOW = 6  # highest order of the slow cosines
+HZ = (0.005, 0.45)  # range of periodic functions: slower ones are "slow", faster ones beyond windows of a second
 PEAKS = 2
-MOST_S = 3600.0  # for which periods are told apart: logs may lie days apart
+MOST_S = 3600.0  # longest span that sets the frequency resolution: logs may be days apart
 WORD = ("time",)
 
 
 def by_time(basis: Basis) -> Iterator[FunctionGroup]:
-    """Slowly."""
+    """Groups of cos(k pi t), k <= `SLOW`, over the span of all logs."""
     low, high = basis.clock.min(), basis.clock.max()
     phase = np.pi * (basis.clock - low) / max(high - low, 1.0)
     slow = {str(k): np.cos(k * phase) for k in range(1, SLOW + 1)}
@@ -39,7 +39,7 @@ def by_time(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def by_period(basis: Basis) -> Iterator[FunctionGroup]:
-    """To and fro."""
+    """Groups of sin and cos at the `PEAKS` largest peaks of the latent acceleration and of its product with thrust."""
     latent = basis.point.z[:, LATENT]
     north, east = body_to_ned(basis.psi, latent[:, 0], latent[:, 1])
     driven = basis.mean(basis.f) @ basis.physics.B.T @ basis.turn
@@ -56,7 +56,7 @@ def by_period(basis: Basis) -> Iterator[FunctionGroup]:
 
 
 def _peaks(clock_s: np.ndarray, signals: Functions) -> dict[str, list[float]]:
-    """Frequencies [Hz] at which each is largest."""
+    """Frequencies [Hz] of the `PEAKS` largest peaks of the periodogram of each signal (W,)."""
     span = min(max(float(np.ptp(clock_s)), 1.0), MOST_S)
     grid = np.arange(*HZ, 0.25 / span)
     spectra = np.abs(np.exp(-2j * np.pi * grid[:, None] * clock_s) @ np.stack(list(signals.values()), axis=1))

@@ -1,4 +1,4 @@
-"""Where each effect goes in a vessel file: one function a family, from the file without it to the file with it."""
+"""Edits of a vessel file: one function for each family of effects, from the file without it to the file with it."""
 
 from __future__ import annotations
 
@@ -18,18 +18,21 @@ from sim.fitting.diagnose.vessel_edits.public_form import family
 
 MOST_LATENCY_S = 1.0
 STAY_AT = ("name", "channel")
-"""What does not go along when two thrusters change places: the command keeps its name and its channel."""
+"""Keys that stay when two thrusters change places: a command keeps its name and its channel."""
 
 
 class NoPlaceError(ValueError):
-    """A vessel file cannot say this effect; why."""
+    """The vessel file has no key for this effect; the message says why."""
 
 
 @dataclass(frozen=True)
 class NamedCause:
-    """An effect with values: the engine's by name, origin added; public ones by name; forces of the logs [N], (k, n).
+    """An effect with its values.
 
-    `note`: for the `source` of the tables that it changes.
+    engine      the fit's values by parameter name, origin added
+    public      values by public name, as in findings
+    note        text for `source` of the tables that it changes
+    forces_n    (k, n) thruster forces of the logs [N]
     """
 
     effect: Effect
@@ -40,17 +43,17 @@ class NamedCause:
 
     @property
     def kind(self) -> str:
-        """Family of the effect; `base` for those that are never named."""
+        """Name of the effect without its thruster; `base` for effects that are never named."""
         return "base" if self.effect.family == "base" else family(self.effect.name)
 
     @property
     def tail(self) -> str:
-        """Which thruster or pair."""
+        """The thruster or pair in the effect's name."""
         return self.effect.name.partition(":")[2]
 
 
 def noted(source: str, note: str) -> str:
-    """`source` of a table, with what changed it."""
+    """`source` of a table with `note` appended once."""
     return source if note in source else f"{source}; {note}"
 
 
@@ -59,7 +62,7 @@ def _thrusters(vessel: VesselFile, edit: Callable[[Thruster], Thruster]) -> Vess
 
 
 def _gain(vessel: VesselFile, cause: NamedCause, name: str | None) -> VesselFile:
-    """Gain of one thruster, or of all."""
+    """Gain of the thruster `name`, or of all (None)."""
     share = cause.public["gain"]
     return _thrusters(
         vessel,
@@ -68,7 +71,7 @@ def _gain(vessel: VesselFile, cause: NamedCause, name: str | None) -> VesselFile
 
 
 def _swapped(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """The command called A drives what stands at B's place, and the other way round."""
+    """The command of thruster A drives the thruster at B's place, and the reverse."""
     one, other = cause.tail.split("+")
     by_name = {t.name: t for t in vessel.thrusters}
 
@@ -121,7 +124,7 @@ def _sensed(vessel: VesselFile, cause: NamedCause, table: str, **keys: float) ->
 
 
 def _accel_bias(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """Found along the axes of the body, in the file along those of the IMU, turned as they are."""
+    """Bias in body axes, turned into the axes of the IMU, which the file uses."""
     x, y, _ = apply_imu_errors(vessel.sensors.imu, cause.public["b_x_m_s2"], cause.public["b_y_m_s2"], 0.0)
     return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
 
@@ -139,12 +142,12 @@ def _propulsion(vessel: VesselFile, cause: NamedCause, **keys: object) -> Vessel
 
 
 def _slew(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """In place of a limit that the file has, which is in it."""
+    """Rate limit, in place of the file's, which is part of the public value."""
     return _propulsion(vessel, cause, slew_N_s=cause.public["rate_limit_N_s"])
 
 
 def _advance(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """k sqrt|f| u of the file for loss |f| u: least squares over the forces of the logs."""
+    """k sqrt|f| u of the file for loss |f| u: k = loss sum |f|^1.5 / sum |f|, least squares over the logs' forces."""
     f = np.abs(cause.forces_n)
     if not f.any():
         raise NoPlaceError("no thrust in the logs to compare with")
@@ -153,7 +156,7 @@ def _advance(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """Of each pair one behind the other on a side, on top of what the file's own jets take."""
+    """Wash of each pair one behind the other on a side, added to the shares of the file."""
     shares = {(w.behind, w.ahead): w.share for w in vessel.propulsion.wash}
     blown = False
     for ahead in vessel.thrusters:
@@ -168,7 +171,7 @@ def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def _cross_flow(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """Pure sway and pure yaw of the strips: Y_vv and N_rr. What both together do beyond that is not in the file."""
+    """Strips in pure sway and in pure yaw as Y_vv and N_rr; their interaction has no key in the file."""
     h, d = vessel.hull, vessel.damping
     per_m = RHO_WATER / 2 * cause.public["C_d"] * 1.5 * h.draft_m
     more = {
@@ -184,7 +187,7 @@ def _term(vessel: VesselFile, name: str, cause: NamedCause, **numbers: float) ->
 
 
 def _current(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """On top of a current that the file has."""
+    """Current added as a vector to that of the file."""
     now = values("current", vessel.terms.get("current", {}))
     angle = np.radians(now["beta_c_deg"])
     north, east = (
@@ -196,7 +199,7 @@ def _current(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """On top of a wind that the file has: dynamic pressures add as vectors (which is what little wind does)."""
+    """Wind added to that of the file by vectors of dynamic pressure, which is right for light winds."""
     now = values("wind", vessel.terms.get("wind", {}))
     angle = np.radians(now["beta_w_deg"])
     pressure = RHO_AIR / 2 * now["V_w_m_s"] ** 2
@@ -207,7 +210,7 @@ def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def _gusty(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """A steady wind of the same mean force; what comes and goes has no place."""
+    """The steady wind of the same mean force; gusts have no key in the file."""
     p = cause.public
     pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
     own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
@@ -215,9 +218,9 @@ def _gusty(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def _tether(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """The term pulls at the body origin: the moment of a line made fast elsewhere is not in the file.
+    """Tether at the body origin; the moment of a line fastened elsewhere has no key in the file.
 
-    Two springs without slack pull as one, from between their anchors.
+    Two springs without slack act as one of k = k_1 + k_2 anchored at the weighted mean of their anchors.
     """
     p, now = cause.public, values("tether", vessel.terms.get("tether", {}))
     k = now["stiffness_N_m"] + p["k_N_m"]
@@ -272,4 +275,4 @@ PLACES: dict[str, Callable[[VesselFile, NamedCause], VesselFile]] = {
     "uwb_scale": _sensor("uwb", scale="scale"),
     "clock_drift": _sensor("uwb", clock_drift_s_s="drift"),
 }
-"""By family. What is not here goes by its hook (hull coefficients, force maps) or has no place."""
+"""By family. Other effects are written by their hook (hull coefficients, force maps), or have no key."""

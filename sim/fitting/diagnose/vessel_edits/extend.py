@@ -1,10 +1,10 @@
-"""Causes into the vessel file: where each goes (docs/adr/0015), and what stays outside of what a file can say.
+"""Writing causes into a vessel file (docs/adr/0015), and which of them a file has no key for.
 
-Three files come of a diagnosis, all of which load as they are:
+A diagnosis yields three files, all of which load unchanged:
 
-    refitted        base numbers as they fit the logs best without any cause
-    numbers         base numbers as they fit beside the causes; the causes themselves are not in it
-    extended        `numbers` with the causes on top: the simulation that the logs ask for
+    refitted        base numbers of the best fit without any cause
+    numbers         base numbers of the fit beside the causes, without the causes
+    extended        `numbers` with the causes
 
 Base numbers: mass, damping, coupling, gains, force maps, dead time, lag, places and latency of sensors, each within its
 tolerance band. Effects of the day (current, wind) and known errors of sensors are written only if they were named.
@@ -36,20 +36,18 @@ FOLDED = (
 )  # fmt: skip
 """Effects whose tolerance band is part of a refitted base: they move numbers that every vessel file has."""
 IN_SAMPLE = 2.0
-"""Times the latent force of the fitted logs: what bands took up in them, and what another day brings; assumed."""
+"""Factor on the latent force of the fitted logs: bands absorbed part of it, and conditions vary; assumed."""
 LEAST_SHARE = 0.2
-"""Of the filter's own tuning: what would never have been named (half the smallest size of a few effects) is there
-on another day, some 0.8 N and 0.3 N m; assumed.
-"""
+"""Least model error over the filter's own tuning: effects below their smallest sizes: 0.8 N and 0.3 N m; assumed."""
 LAST = ("swapped_pair", "accel_bias")
-"""Into the file after all others: then names change places; and the axes along which a bias lies are as they are."""
+"""Causes written after all others: swapped pairs change names, and a bias refers to the final axes of the IMU."""
 COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
 
 
 def refitted(vessel: VesselFile, nuisances: Sequence[NamedCause], source: str) -> VesselFile:
-    """`vessel` with the base numbers moved as far as `nuisances` say; those of other kinds are left out.
+    """`vessel` with its base numbers changed by those `nuisances` that are in `REFITTED_WITH_BASE`.
 
-    Where the file's checks refuse a fitted coupling of yaw and sway, the file's own stays.
+    Where the file's checks refuse the fitted yaw-sway coupling, that of the file is kept.
     """
     mine = [n for n in nuisances if n.kind in FOLDED]
     before = c = _coefficients(vessel)
@@ -69,7 +67,7 @@ def refitted(vessel: VesselFile, nuisances: Sequence[NamedCause], source: str) -
 
 
 def _rounded(vessel: VesselFile) -> VesselFile:
-    """Trims to whole microseconds, as autopilots have them, inside the dead band, as vessel files must have them."""
+    """Trims rounded to whole microseconds and clipped to the dead band, as vessel files require."""
     trimmed = []
     for t in vessel.thrusters:
         fmap = vessel.force_maps[t.force_map]
@@ -79,7 +77,7 @@ def _rounded(vessel: VesselFile) -> VesselFile:
 
 
 def extended(vessel: VesselFile, cause: NamedCause) -> VesselFile:
-    """`vessel` with one cause in it. NoPlaceError where a vessel file cannot say it."""
+    """`vessel` with one cause written into it. NotInVesselFileError where a vessel file has no key for it."""
     hooks = set(cause.effect.hooks)
     if cause.kind in PLACES:
         new = PLACES[cause.kind](vessel, cause)
@@ -98,7 +96,7 @@ def extended(vessel: VesselFile, cause: NamedCause) -> VesselFile:
 
 
 def with_causes(vessel: VesselFile, causes: Sequence[NamedCause]) -> tuple[VesselFile, dict[str, str]]:
-    """`vessel` with all causes that it can say, and by name why it cannot say the others."""
+    """`vessel` with all causes that it has keys for, and by name of the others the reason."""
     left: dict[str, str] = {}
     for cause in sorted(_of_the_fouled(causes), key=lambda c: c.kind in LAST):
         try:
@@ -109,9 +107,9 @@ def with_causes(vessel: VesselFile, causes: Sequence[NamedCause]) -> tuple[Vesse
 
 
 def _of_the_fouled(causes: Sequence[NamedCause]) -> list[NamedCause]:
-    """`causes` with shallow zones as a file has them, by shares of the damping of a hull that is fouled, if it is.
+    """`causes` with the gain of a shallow zone relative to the fouled hull's damping, as in a file.
 
-    They are found by shares of what the base has.
+    A fit has both relative to the damping of the base.
     """
     fouled = math.prod(c.public["gain"] for c in causes if c.kind == "hull_fouling")
     return [
@@ -123,9 +121,9 @@ def _of_the_fouled(causes: Sequence[NamedCause]) -> list[NamedCause]:
 
 
 def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[NamedCause]) -> VesselFile:
-    """Base numbers on top of which the causes' public values give `full`.
+    """Base numbers on which the causes' public values yield `full`.
 
-    The same as `folded` but for added mass, which is named as a share of a number that takes up all changes of M.
+    They are `folded` except for added mass, whose cause is relative to a number that absorbs all changes of M.
     """
     for cause in causes:
         if cause.effect.name == "added_mass":
@@ -136,7 +134,7 @@ def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[NamedC
 
 
 def trusted(vessel: VesselFile, noise: Noise, source: str) -> VesselFile:
-    """`vessel` with what it leaves out of the logs, for the filter: M times the latent acceleration of a fit."""
+    """`vessel` with a model error for the filter: `IN_SAMPLE` diag(M) times the latent acceleration, or more."""
     force = IN_SAMPLE * np.diag(mass_matrix(vessel)) * np.array(noise.latent)
     X, Y, N = np.maximum(force, LEAST_SHARE * np.array(EstimatorTuning().latent_sigma)).tolist()
     error = ModelError(X_sigma_N=round(X, 3), Y_sigma_N=round(Y, 3), N_sigma_N_m=round(N, 3), source=source)
@@ -152,12 +150,12 @@ def _loads(vessel: VesselFile) -> bool:
 
 
 def _coefficients(vessel: VesselFile) -> dict[str, float]:
-    """By the names of HULL."""
+    """Hull coefficients of the file by the names of HULL."""
     return dict(zip(HULL, file_values(vessel)[: len(HULL)].tolist(), strict=True))
 
 
 def _with_maps(before: VesselFile, after: VesselFile, note: str) -> VesselFile:
-    """`after` with the note in those of its tables that differ."""
+    """`after` with the note in `source` of those tables that differ from `before`."""
     maps = {
         name: m if m == before.force_maps[name] else replace(m, source=noted(m.source, note))
         for name, m in after.force_maps.items()

@@ -1,12 +1,13 @@
-"""What the engine estimates, in the names, units and signs in which people and `findings.json` have it.
+"""Public form of estimates: names, units and signs as in `findings.json`.
 
-The engine's parameters are nil where an effect is absent and as linear as can be (`effect`); a reader wants a gain of
-0.73, a speed and a direction, newtons per second. One entry of `PUBLIC` an effect: `form` from the engine's parameters
-(origin added; arrays of draws pass as well as numbers) to public ones, their units, what is said of it in words, and
-the smallest size worth a name in public units. A user's effect without an entry keeps the names it has.
+The fit's parameters are zero where an effect is absent and nearly linear (`effect`); a reader wants a gain of 0.73, a
+speed and a direction, newtons per second. Each entry of `PUBLIC` maps the fit's parameters (origin added; numbers or
+arrays of draws) to public ones, with units, a sentence, and the smallest size worth a name in public units. A user's
+effect without an entry keeps its own names.
 
-Intervals: where `form` is the identity or adds constants, value +- 1.96 se. Elsewhere 2.5 and 97.5 % of the form of
-draws from the estimate's normal distribution (within what is physically possible), directions taken round the value.
+95 % intervals: where the form is the identity or adds constants, value +- 1.96 se; elsewhere the 2.5 and 97.5 %
+quantiles of the form over draws from the estimate's normal distribution, clipped to the parameters' limits. Directions
+are unwrapped round the value.
 """
 
 from __future__ import annotations
@@ -57,16 +58,16 @@ class PublicForm:
 
 
 def _digits(value: float) -> str:
-    """Three digits; no more than a thousandth of anything matters to a reader."""
+    """Three significant digits; above 1000 whole numbers."""
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
 def public(
     effect: Effect, values: Sequence[float] | np.ndarray, covariance: np.ndarray, place: Place, seed: int = 0
 ) -> dict[str, PublicForm]:
-    """Public numbers of an effect with the engine's `values` (k,) and their covariance (k, k).
+    """Public numbers of an effect from the fit's `values` (k,) and their covariance (k, k); `seed`: of the draws.
 
-    ValueError where the entry of `PUBLIC` asks for a parameter that the effect does not have.
+    ValueError where the entry of `PUBLIC` and the effect's parameters do not match.
     """
     values, covariance = np.asarray(values, dtype=float), np.asarray(covariance, dtype=float)
     entry = PUBLIC.get(family(effect.name))
@@ -93,7 +94,7 @@ def public(
 
 
 def point(effect: Effect, values: Sequence[float] | np.ndarray, place: Place) -> dict[str, float]:
-    """Public values alone."""
+    """Public values without intervals."""
     entry = PUBLIC.get(family(effect.name))
     if entry is None or entry.form is None:
         return {name: told.value for name, told in _plain(effect, np.asarray(values), _NOTHING, entry).items()}
@@ -101,7 +102,7 @@ def point(effect: Effect, values: Sequence[float] | np.ndarray, place: Place) ->
 
 
 def smallest(effect: Effect, times: float = 1.0) -> tuple[float, str]:
-    """The smallest size worth a name, or so many times as much, in public units, and the unit."""
+    """`times` the smallest size worth a name in public units, and the unit."""
     parameter = effect.parameters[0]
     entry = PUBLIC.get(family(effect.name))
     if entry is None:
@@ -111,7 +112,7 @@ def smallest(effect: Effect, times: float = 1.0) -> tuple[float, str]:
 
 
 def sentence(name: str, numbers: Mapping[str, PublicForm]) -> str:
-    """What a named effect means, in one sentence."""
+    """Sentence of the effect `name` with its public numbers."""
     entry, tail = PUBLIC.get(family(name)), name.partition(":")[2]
     if entry is None:
         told = ", ".join(f"{key} {number}" for key, number in numbers.items())
@@ -131,7 +132,7 @@ def family(name: str) -> str:
 def _plain(
     effect: Effect, values: np.ndarray, covariance: np.ndarray, entry: PublicEntry | None
 ) -> dict[str, PublicForm]:
-    """The engine's own names."""
+    """Public numbers under the parameters' own names, value +- 1.96 se."""
     own = effect.by_name(map(float, values))
     if entry is not None and set(own) != set(entry.units):
         raise ValueError(f"effect {effect.id}: has {sorted(own)}, its public entry expects {sorted(entry.units)}")

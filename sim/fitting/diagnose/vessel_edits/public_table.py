@@ -1,4 +1,4 @@
-"""The table behind `public`: one entry an effect, its public numbers, units, sentence."""
+"""Table of public forms: for each family its public numbers, units, sentence. Used by `public_form`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from companion.core.model.loads import RHO_AIR
 
 DIRECTIONS = ("beta_c_deg", "beta_w_deg", "beta_wave_deg", "phase_deg")
-"""Public names of angles that have no beginning: values from 0 to 360, intervals may reach beyond."""
+"""Public names of directions: values from 0 to 360 deg, intervals may reach beyond."""
 Numbers = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Place:
-    """What some forms need of the logs: middle of all positions [m], middle of the clock that all logs share [s]."""
+    """Reference point of the fit's parameters: mean of all positions (2,) [m], middle of the shared clock [s]."""
 
     centre_m: np.ndarray
     middle_s: float
@@ -27,7 +27,7 @@ Form = Callable[[Numbers, Place], dict[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class PublicEntry:
-    """One effect in public. `says`: format of `sentence`; `smallest`: from the engine's smallest size to the public."""
+    """Public form of one family: units, format of its sentence, map of its values, map of its smallest size."""
 
     units: Mapping[str, str]
     says: str
@@ -46,7 +46,7 @@ def _current(p: Numbers, _: Place) -> dict[str, np.ndarray]:
 
 
 def _turning(p: Numbers, place: Place) -> dict[str, np.ndarray]:
-    """The engine's direction is that in the middle of the logs; in public it is that at their beginning."""
+    """The fit's direction is that at the middle of the clock; the public one is that at its beginning."""
     now = _current(p, place)
     return now | {
         "beta_c_deg": (now["beta_c_deg"] - p["turn_deg_s"] * place.middle_s) % 360,
@@ -86,7 +86,7 @@ def _iron(p: Numbers, _: Place) -> dict[str, np.ndarray]:
 
 
 def _gain(key: str, sign: float = 1.0, **others: str) -> Form:
-    """One plus (minus) a share, as `gain`; `others`: public name and the engine's."""
+    """`gain` = 1 + sign times the parameter `key`; `others`: public name = the fit's name."""
     return lambda p, _: {"gain": 1 + sign * p[key], **{public: p[own] for public, own in others.items()}}
 
 

@@ -1,6 +1,6 @@
-"""What a fit gives back: the base refitted, base numbers beside the causes, and the vessel files of both.
+"""Vessel files and models from a fit: the base refitted without causes, and base numbers beside the causes.
 
-Three beliefs are judged on held-out logs: the base as given, the base refitted, the base with the causes.
+Three models are scored on held-out logs: the base as given, the base refitted, the base with the causes.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from sim.fitting.diagnose.vessel_edits.public_form import PublicForm, family, po
 from sim.fitting.diagnose.vessel_edits.public_table import Place
 
 OF_THE_DAY = ("sensors", "environment")
-REFIT_SIGMAS = 2.0  # of a tolerance band: a gain may then reach the smallest size worth a name, and no more
+REFIT_SIGMAS = 2.0  # limit of the refit in sigmas of a tolerance band, below the smallest size worth a name
 NOTE = "refitted by aritra diagnose"
 LEFT_OUT = "latent force of the fitted logs, doubled, or a fifth of the filter's own tuning: aritra diagnose"
 
 
 @dataclass(frozen=True)
 class Named:
-    """A cause in public: what is said of it, its size over the smallest worth a name, its values for the files.
+    """A cause as it is reported: score, public numbers, smallest size worth a name, values for the vessel files.
 
-    `fitted`: id of the entry by which the fit has it (empty: none). `form_doubtful`: see `NamedCause` of `search`.
+    `fitted`: id of the entry that represents it in the fit (empty: none); `form_doubtful`: see `AcceptedCause`.
     """
 
     candidate: Candidate
@@ -48,7 +48,7 @@ class Named:
 
 @dataclass(frozen=True)
 class VesselFiles:
-    """Vessel files: refitted without causes, numbers beside the causes, with the causes; what has no place in one."""
+    """The three vessel files, see `extend`; by name of a cause without a key in a vessel file, the reason."""
 
     refitted: VesselFile
     numbers: VesselFile
@@ -58,26 +58,26 @@ class VesselFiles:
 
 @dataclass(frozen=True)
 class MendedVessel:
-    """The files, and what the base with the causes believes of readings."""
+    """The vessel files, and the model with the causes, to be scored on held-out logs."""
 
     files: VesselFiles
     extended: ModelUnderTest
 
 
 def place(fit: PosteriorFit) -> Place:
-    """Where and when the values of causes refer to."""
+    """Centre and middle time that public values refer to."""
     return Place(fit.physics.centre_m, fit.physics.middle_s)
 
 
 def cause_of(fit: PosteriorFit, effect: Effect, values: np.ndarray, note: str) -> NamedCause:
-    """An entry with its values, for the files."""
+    """An entry with its `values` (k,), for the vessel files; `note`: for `source` of the tables."""
     return NamedCause(effect, effect.by_name(map(float, values)), point(effect, values, place(fit)), note)
 
 
 def refit(fit: PosteriorFit, base: CandidateModel) -> tuple[ModelUnderTest, LinearisationPoint]:
-    """Coefficients and gains alone, each within what nobody would name: a cause must not hide in the base.
+    """Base refitted by coefficients and gains alone, within `REFIT_SIGMAS` of their bands: no cause may hide in it.
 
-    And where that stands on the fitted logs.
+    The model, and its linearisation on the fitted logs.
     """
     few = [_within(e) for e in fit.effects if e.family == "base" or e.name.startswith("thruster_gain:")]
     theta = {e.id: np.clip(base.point.theta[e.id], *e.limits()) for e in few}
@@ -89,7 +89,7 @@ def refit(fit: PosteriorFit, base: CandidateModel) -> tuple[ModelUnderTest, Line
 
 
 def _within(effect: Effect) -> Effect:
-    """The effect with its parameters held within `REFIT_SIGMAS` of nil."""
+    """The effect with its parameters limited to `REFIT_SIGMAS` of their tolerance bands round zero."""
     held = [
         replace(p, lower=max(p.lower, -REFIT_SIGMAS * s), upper=min(p.upper, REFIT_SIGMAS * s))
         for p, s in zip(effect.parameters, effect.tolerance(), strict=True)
@@ -98,9 +98,9 @@ def _within(effect: Effect) -> Effect:
 
 
 def mend(fit: PosteriorFit, plain: ModelUnderTest, final: CandidateModel, causes: Sequence[Named]) -> MendedVessel:
-    """Files and belief with `causes`, as `final` has them; without any: those of the refitted base `plain`.
+    """Files and model with `causes` at the point of `final`; without causes those of the refitted base `plain`.
 
-    A cause of chance alone changes no number: nobody can foretell what it does next.
+    A stochastic cause alone changes no base number: its force is not predictable.
     """
     first = refitted(fit.physics.vessel, _nuisances(fit, plain.theta, ()), NOTE)
     first = trusted(first, plain.noise, LEFT_OUT)
@@ -118,10 +118,10 @@ def mend(fit: PosteriorFit, plain: ModelUnderTest, final: CandidateModel, causes
 
 
 def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -> ParameterValues:
-    """Base numbers beside the causes, to stand in a file alone: what the hull might have beyond them is held at nil.
+    """Parameters of the causes and of base numbers for a file, with all other hull and propulsion effects at zero.
 
-    Free beside them are the bands of sensors and environment, which no file gets: what they did that day is not the
-    boat's. Chosen on seven hidden cases (nonce "report") against keeping the whole catalogue free.
+    Bands of sensors and environment stay free but are not written: they belong to the day, not to the boat. Chosen on
+    seven hidden cases (nonce "report") against keeping the whole catalogue free.
     """
     ids = frozenset(n.fitted for n in causes)
     free = [e for e in fit.effects if e.id in ids or _is_number(e) or (e.always_free and e.family in OF_THE_DAY)]
@@ -131,7 +131,7 @@ def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -
 
 
 def _is_number(effect: Effect) -> bool:
-    """Whether its tolerance band moves numbers that every vessel file has."""
+    """Whether its tolerance band changes base numbers of a vessel file."""
     return effect.always_free and (effect.family == "base" or family(effect.name) in FOLDED)
 
 

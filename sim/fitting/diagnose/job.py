@@ -1,9 +1,9 @@
-"""One diagnosis from logs to findings: what the simulation gets wrong, why, and what is gained by mending it.
+"""One diagnosis from logs to findings.
 
-    split -> noise of the reference log -> base refitted, causes by evidence -> what is left over -> files
-          -> held-out logs, by which causes that do harm are taken back -> verdict
+    split -> noise of the reference log -> base refitted, causes by evidence -> adequacy -> vessel files
+          -> score on held-out logs, by which harmful causes are withdrawn -> verdict
 
-No file or random source here: logs are Runs, the seed is an argument, `clock` tells how long it took.
+No I/O and no random source here: logs are Runs, the seed is an argument, `clock` measures the run time.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from sim.fitting.diagnose.selection.distinguishability import Distinguishability
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
 from sim.fitting.diagnose.selection.search import search_causes
 from sim.fitting.diagnose.selection.select import Selection, Selector
-from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named, VesselFiles, mend, refit
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import usable_fixes
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
-"""What `diagnose` says it is at, in this order; shares run from 0 to 1 within each."""
+"""Steps that `diagnose` reports, in this order; shares run from 0 to 1 within each."""
 WINDOW_S = 1.0
 Progress = Callable[[str, str, float], None]
-"""Step, what of it, share of it that is done."""
+"""Report of progress: step, text, share done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
 """A user's own entries for a boat: `effects` of the file that `--catalogue` names."""
 
 
 @dataclass(frozen=True)
 class Data:
-    """What of the logs is fitted and what is held out, in unbroken pieces. `clock`: of all logs."""
+    """Fitted and held-out runs without pauses, and the clock of all logs."""
 
     split: Split
     fitted: list[Run]
@@ -58,9 +58,13 @@ class Data:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything. `refit`: the base with coefficients and gains only, against which gain is counted.
+    """The result of a diagnosis.
 
-    `refit_point`: where it stands on the fitted logs; `ambient`: noise of the reference log; `confused`: see `Verdict`.
+    refit, refit_point    base refitted by coefficients and gains, against which gain is counted; its linearisation
+    ambient, reference    noise and name of the reference log (None, empty: there is none)
+    confused, withdrawn   see `DiagnosisVerdict`
+    visible               by effect, detection limit in public units and its unit
+    problems              by log
     """
 
     base: VesselFile
@@ -71,7 +75,7 @@ class Diagnosis:
     refit_point: LinearisationPoint
     ambient: Noise | None
     reference: str
-    causes: tuple[Named, ...]
+    causes: tuple[ReportedCause, ...]
     verdict: record.Verdict
     confused: dict[str, tuple[str, ...]]
     withdrawn: dict[str, str]
@@ -86,7 +90,7 @@ class Diagnosis:
 
     @property
     def ambiguous_with(self) -> tuple[str, ...]:
-        """All that one of the causes cannot be told from."""
+        """Names of all rivals of the causes."""
         return tuple(dict.fromkeys(other for others in self.confused.values() for other in others))
 
 
@@ -106,13 +110,18 @@ def diagnose(
     seed: int = 0,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:
-    """What `vessel` gets wrong of the logs `runs`. `reference`: a calm log of the boat before anything was wrong.
+    """Diagnose the logs `runs` of the boat that `vessel` describes.
 
-    `held_out`: logs that no fit shall see; without any the last quarter of each log, or every other block of `block_s`.
-    `without`: names of effects, or their heads, that the catalogue shall not know. `known`: names of the causes that
-    are there for sure: how large they are is found, no others are looked for. `clock`: seconds. Raises JobError,
-    RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
+    reference          a log of the sound boat in calm, for the ambient noise
+    held_out           logs that no fit uses; default: the last quarter of each log, or every other block of `block_s`
+    more, without      a user's own entries; names or families of effects that the catalogue leaves out
+    known              names of causes that are present for sure: they are sized, no others are searched
+    adequacy, identifiability    the checks; None: left out
+    say, seed, clock   progress; of intervals; run time [s]
+
+    JobError, RunError or StructuredFitError (all ValueError) name a log that cannot be used.
     """
+    # 1. Data, noise of the reference log, catalogue.
     begun = clock()
     data = data_of(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
@@ -120,13 +129,16 @@ def diagnose(
     fit = PosteriorFit(
         EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient)
     )
+    # 2. Base refitted, causes by evidence.
     search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
+    # 3. Verdict by the fitted logs, vessel files.
     say(STEPS[2], "refitted base", 0.0)
     refitted_base, refitted_point = refit(fit, search_result.selection.base)
     verdict = conclude(fit, search_result, ambient, adequacy, seed, bool(known))
-    files_and_model = mend(fit, refitted_base, verdict.selection.final, verdict.causes)
+    files_and_model = vessel_with_causes(fit, refitted_base, verdict.selection.final, verdict.causes)
     say(STEPS[2], "", 1.0)
+    # 4. Held-out score of the three models; harmful causes are withdrawn.
     say(STEPS[3], "", 0.0)
     models = {
         "base": ModelUnderTest({}, search_result.selection.base.noise),
@@ -136,7 +148,7 @@ def diagnose(
     held_out_score = score(data.held_out, vessel, fit.effects, models, fit.physics, seed)
     if verdict.causes and not known and (why := held_out_objection(verdict, held_out_score)):
         verdict = without_causes(fit, verdict, why, ambient, adequacy)
-        files_and_model = mend(fit, refitted_base, verdict.selection.final, ())
+        files_and_model = vessel_with_causes(fit, refitted_base, verdict.selection.final, ())
         held_out_score = score(
             data.held_out, vessel, fit.effects, models | {"extended": refitted_base}, fit.physics, seed
         )
@@ -176,7 +188,7 @@ def data_of(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, bl
         run for out in parted.held_out for run in (intervals_as_runs(out.run, out.inside) if out.inside else [out.run])
     ]
     for run in outside:
-        usable_fixes(run)  # they are looked at last, after a long search
+        usable_fixes(run)  # raises early: held-out runs are used only after a long search
     return Data(parted, list(parted.fitted), outside, clock)
 
 
@@ -185,7 +197,7 @@ def _logs(runs: Sequence[Run]) -> list[NamedLog]:
 
 
 def _ambient(reference: Run, vessel: VesselFile, say: Progress) -> Noise:
-    """Noise of sensors and of what nobody can foretell, from a log in which nothing is wrong."""
+    """Noise of sensors and ambient latent acceleration from the log of a sound boat."""
     say(STEPS[0], reference.meta.source, 0.0)
     run = usable(NamedLog(reference.meta.source, reference), vessel).run
     reject_swapped_columns(run)
@@ -197,6 +209,6 @@ def _ambient(reference: Run, vessel: VesselFile, say: Progress) -> Noise:
 
 
 def _stated(vessel: VesselFile, runs: Sequence[Run], ambient: Noise | None) -> Noise:
-    """Noise to begin with: the file's, or the reference log's."""
+    """Initial noise: the file's, with white noise and fixes of the reference log where there is one."""
     noise = stated_noise(vessel, runs)
     return noise if ambient is None else replace(noise, white=ambient.white, fix_m=ambient.fix_m)

@@ -13,7 +13,7 @@ from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import mass_matrix
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.vessel_edits.extend import trusted
+from sim.fitting.diagnose.vessel_edits.extend import with_model_error
 from sim.fitting.identify.structured_fit import with_latent
 from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.driving.diagnosed import (
@@ -106,12 +106,12 @@ def test_a_boat_that_cannot_move_has_not_finished_and_lies_off_its_leg():
 
 def test_what_the_fit_leaves_over_is_a_force_and_never_nothing():
     noise = with_latent(stated_noise(BASE), np.array([0.05, 1e-4, 0.2]))
-    error = trusted(BASE, noise, "test").model_error
+    error = with_model_error(BASE, noise, "test").model_error
     assert error is not None
     M = np.diag(mass_matrix(BASE))
     assert (error.X_sigma_N, error.N_sigma_N_m) == pytest.approx((2 * 0.05 * M[0], 2 * 0.2 * M[2]), abs=1e-3)
     assert error.Y_sigma_N == pytest.approx(0.8)  # a fifth of the filter's 4 N
-    assert load_vessel(vessel_toml(trusted(BASE, noise, "test")), name="x").model_error == error
+    assert load_vessel(vessel_toml(with_model_error(BASE, noise, "test")), name="x").model_error == error
 
 
 @pytest.mark.long

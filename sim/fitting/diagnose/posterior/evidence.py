@@ -89,18 +89,20 @@ class Posterior:
 
         and the gain is the difference of log p to that of the present prior.
         """
-        was, S, m = self.prior.part(at), self.covariance[at, at], self.values[at]
-        known, nil = np.linalg.inv(S), np.zeros_like(m)
-        h = known @ m - was.precision * was.mean + prior.precision * prior.mean
-        C = np.linalg.inv(known - np.diag(was.precision) + np.diag(prior.precision))
-        gain = h @ C @ h - m @ known @ m + _log_det(C) - _log_det(S) + 2 * float(np.log(was.sigma / prior.sigma).sum())
-        return float(gain) / 2 + was.cost(nil) - prior.cost(nil), C @ h, C
+        present, S, m = self.prior.part(at), self.covariance[at, at], self.values[at]
+        S_inv, zeros = np.linalg.inv(S), np.zeros_like(m)
+        h = S_inv @ m - present.precision * present.mean + prior.precision * prior.mean
+        C = np.linalg.inv(S_inv - np.diag(present.precision) + np.diag(prior.precision))
+        gain = (
+            h @ C @ h - m @ S_inv @ m + _log_det(C) - _log_det(S) + 2 * float(np.log(present.sigma / prior.sigma).sum())
+        )
+        return float(gain) / 2 + present.cost(zeros) - prior.cost(zeros), C @ h, C
 
     def nats_if_absent(self, at: slice) -> float:
         """Gain of log evidence with the parameters `at` held at zero [nats]."""
-        S, m, was = self.covariance[at, at], self.values[at], self.prior.part(at)
-        gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(was.sigma).sum())
-        return float(gain) / 2 + was.cost(np.zeros_like(m))
+        S, m, present = self.covariance[at, at], self.values[at], self.prior.part(at)
+        gain = -m @ np.linalg.solve(S, m) - _log_det(S) + 2 * float(np.log(present.sigma).sum())
+        return float(gain) / 2 + present.cost(np.zeros_like(m))
 
 
 def _log_det(S: np.ndarray) -> float:

@@ -19,22 +19,22 @@ NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positi
 def split_at_pauses(run: Run) -> list[Run]:
     """`run` cut at the pauses of its recording; the run itself where there are none. JobError: no usable part."""
     spans = recording_intervals(run)
-    return [run] if len(spans) == 1 else intervals_as_runs(run, _left(run, spans, spans, "used"))
+    return [run] if len(spans) == 1 else intervals_as_runs(run, _usable(run, spans, spans, "used"))
 
 
-def without_pauses(found: Split) -> Split:
-    """`found` with intervals cut at pauses, without unusable ones; what is left out is noted in the log's problems.
+def without_pauses(original: Split) -> Split:
+    """`original` with intervals cut at pauses, without unusable ones; what is left out is noted in the log's problems.
 
     A log in one piece without pauses is unchanged. JobError where no interval of a log is usable.
     """
-    used = tuple(_without_pauses(one) for one in found.used)
+    used = tuple(_without_pauses(one) for one in original.used)
     fitted = tuple(run for one in used for run in intervals_as_runs(one.log.run, one.fitted_s))
-    both = [(was, now) for was, now in zip(found.used, used, strict=True) if was.held_out_s]
+    both = [(was, now) for was, now in zip(original.used, used, strict=True) if was.held_out_s]
     held_out = tuple(
         out if now is was else HeldOut(now.log.run, now.held_out_s)
-        for out, (was, now) in zip(found.held_out, both, strict=True)
+        for out, (was, now) in zip(original.held_out, both, strict=True)
     )
-    return replace(found, fitted=fitted, used=used, held_out=held_out)
+    return replace(original, fitted=fitted, used=used, held_out=held_out)
 
 
 def intervals_as_runs(run: Run, intervals: Sequence[Interval]) -> list[Run]:
@@ -68,8 +68,8 @@ def _without_pauses(used: LogUse) -> LogUse:
     spans = recording_intervals(run)
     if len(spans) == 1 and len(used.fitted_s) <= 1 and len(used.held_out_s) <= 1:
         return used
-    fitted_s = _left(run, used.fitted_s, spans, "fitted")
-    held_out_s = _left(run, used.held_out_s, spans, "held out")
+    fitted_s = _usable(run, used.fitted_s, spans, "fitted")
+    held_out_s = _usable(run, used.held_out_s, spans, "held out")
     left_s = _length_s(spans) - _length_s(fitted_s) - _length_s(held_out_s)
     if left_s > 1.0:
         text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
@@ -77,17 +77,17 @@ def _without_pauses(used: LogUse) -> LogUse:
     return LogUse(NamedLog(used.log.name, run), fitted_s, held_out_s)
 
 
-def _left(run: Run, some: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
-    """Usable parts of the intervals `some` within the recorded `spans`. JobError where there is none.
+def _usable(run: Run, intervals: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
+    """Usable parts of the intervals `intervals` within the recorded `spans`. JobError where there is none.
 
     `what`: the purpose, for the message.
     """
-    left = tuple(usable_intervals(run, [(max(low, a), min(high, b)) for low, high in some for a, b in spans]))
-    if some and not left:
+    left = tuple(usable_intervals(run, [(max(low, a), min(high, b)) for low, high in intervals for a, b in spans]))
+    if intervals and not left:
         pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
         raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")
     return left
 
 
-def _length_s(some: Sequence[Interval]) -> float:
-    return sum(high - low for low, high in some)
+def _length_s(intervals: Sequence[Interval]) -> float:
+    return sum(high - low for low, high in intervals)

@@ -16,20 +16,22 @@ LONGEST_S = 1000.0  # of all fitted logs together: a quarter of an hour tells ne
 PIECE_S = 50.0  # long against every time constant of a boat, short against drift and draining batteries; assumed
 
 
-def subsample(found: Split) -> Split:
-    """`found`, or where more than `LONGEST_S` would be fitted, usable pieces of `PIECE_S` evenly spread over it.
+def subsample(original: Split) -> Split:
+    """`original`, or where more than `LONGEST_S` would be fitted, usable pieces of `PIECE_S` evenly spread over it.
 
     JobError where no piece can be used.
     """
-    total_s = sum(high - low for used in found.used for low, high in used.fitted_s)
+    total_s = sum(high - low for used in original.used for low, high in used.fitted_s)
     if total_s <= LONGEST_S:
-        return found
-    usable = [usable_intervals(used.log.run, [p for one in used.fitted_s for p in _pieces(one)]) for used in found.used]
-    usable_s = sum(high - low for some in usable for low, high in some)
+        return original
+    usable_pieces = [
+        usable_intervals(used.log.run, [p for one in used.fitted_s for p in _pieces(one)]) for used in original.used
+    ]
+    usable_s = sum(high - low for parts in usable_pieces for low, high in parts)
     share, seen, kept = min(LONGEST_S / max(usable_s, PIECE_S), 1.0), 0, []
-    for used, some in zip(found.used, usable, strict=True):
+    for used, parts in zip(original.used, usable_pieces, strict=True):
         taken: list[Interval] = []
-        for piece in some:
+        for piece in parts:
             seen += 1
             if floor(seen * share) > floor((seen - 1) * share):
                 begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
@@ -38,10 +40,10 @@ def subsample(found: Split) -> Split:
     fitted = tuple(run for used in kept for run in intervals_as_runs(used.log.run, used.fitted_s))
     if not fitted:
         raise JobError(f"{total_s / 60:.0f} minutes to fit, but no piece of {PIECE_S:g} s can be used: {NEEDED}")
-    rule = f"{found.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"
+    rule = f"{original.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"
     if usable_s < total_s - PIECE_S:
         rule += f", over the {usable_s / 60:.0f} that can be used: {NEEDED}"
-    return replace(found, fitted=fitted, used=tuple(kept), rule=rule)
+    return replace(original, fitted=fitted, used=tuple(kept), rule=rule)
 
 
 def _pieces(interval: Interval) -> list[Interval]:

@@ -1,4 +1,4 @@
-"""Which cause the logs could take for which, as a map."""
+"""Heat map of pairwise evidence: which cause the logs could confuse with which."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
 from sim.fitting.diagnose.selection.identifiability import PairwiseEvidence
 
 MOST = 50.0
-"""Nats beyond which nobody asks."""
+"""Nats beyond which a pair is not shown."""
 EDGES = (0, 3, 6, DECISIVE_NATS, 20, 35, MOST)
 SHADES = ("#67000d", "#cb181d", "#fc9272", "#c6dbef", "#6baed6", "#2171b5")
 """Reds below 12 nats, blues above."""
 ROWS = 45
-TELLING = 2.0  # nats by which a rival must explain more than nothing to have a column
+TELLING = 2.0  # nats by which a rival must be closer than "nothing" to have a column
 
 
 def confusion(evidence: PairwiseEvidence) -> Figure | None:
-    """Rows: true cause of medium size; columns: what it could be taken for, "nothing" first; clipped at `MOST`.
+    """Figure: rows true causes of medium size, columns rivals, "nothing" first, nats clipped at `MOST`.
 
-    Of the causes that the log shows, those with a rival below `MOST`; of the rivals, those that explain more of some
-    cause than nothing does. None: there are no such pairs.
+    Rows are causes that the log shows with a rival below `MOST`; columns are rivals that are closer to some cause than
+    "nothing". None where there are no such pairs.
     """
     grid = np.where((evidence.nothing >= DECISIVE_NATS)[:, None], np.nan_to_num(evidence.nats, nan=np.inf), np.inf)
     explains = (grid < MOST) & (grid < evidence.nothing[:, None] - TELLING)

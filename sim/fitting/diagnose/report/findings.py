@@ -1,10 +1,10 @@
-"""findings.json: what a diagnosis found, for programs. Names, units and signs of parameters: docs/diagnose.md.
+"""Format of findings.json, the result of a diagnosis for programs. Parameters and units: docs/diagnose.md. Verdicts:
 
-none        nothing is named, and nothing is left over
-named       causes, and nothing is left over
-partial     causes, but something is left over: they may be stand-ins, see `depends_on`
-ambiguous   these logs cannot tell a cause from another that is not of its equivalence class
-unknown     something is left over, and no effect of the catalogue explains it
+none        no cause, no systematic residual
+named       causes, no systematic residual
+partial     causes, but a systematic residual: they may stand in for something else, see `depends_on`
+ambiguous   a cause has a rival of another equivalence class within `RIVAL_NATS`
+unknown     a systematic residual that no effect of the catalogue explains
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FINDINGS, REPORT = "findings.json", "report.html"
 REFITTED, NUMBERS, EXTENDED = "refitted.toml", "extended_numbers.toml", "extended.toml"
 OUTPUTS = (REFITTED, NUMBERS, EXTENDED, REPORT, FINDINGS)
 MANOEUVRE = "manoeuvre.toml"
-"""Beside them, where a manoeuvre was planned."""
+"""Written as well where a manoeuvre was planned."""
 Number = float | None
 """None where it is not finite."""
 
@@ -39,9 +39,9 @@ class ParameterRecord(_Struct, frozen=True, kw_only=True):
 
 
 class CauseRecord(_Struct, frozen=True, kw_only=True):
-    """One cause. `size`: over the smallest worth a name, `smallest_size` in `smallest_unit`; `size_low`: its lower 95 %
+    """One cause. `size`: over the smallest worth a name, which is `smallest_size`; `size_low`: its lower 95 % limit.
 
-    limit. `form_doubtful`: the family is right, but what is left over depends on what the cause depends on.
+    `form_doubtful`: the family is right, but a systematic residual depends on the same variables.
     """
 
     name: str
@@ -64,7 +64,7 @@ class RankRecord(_Struct, frozen=True, kw_only=True):
 
 
 class Check(_Struct, frozen=True, kw_only=True):
-    """One test of adequacy: passed while `value` is at most `limit`. Not `decides`: said only, the verdict stands."""
+    """One check of adequacy, passed while `value` is below `limit`; without `decides` for information only."""
 
     name: str
     value: float
@@ -74,7 +74,7 @@ class Check(_Struct, frozen=True, kw_only=True):
 
 
 class Adequacy(_Struct, frozen=True, kw_only=True):
-    """Whether the model with its causes leaves nothing over. `depends_on`: words, the most likely first."""
+    """Whether the model with its causes leaves no systematic residual. `depends_on`: words, the most likely first."""
 
     passed: bool
     checks: tuple[Check, ...] = ()
@@ -82,7 +82,7 @@ class Adequacy(_Struct, frozen=True, kw_only=True):
 
 
 class Pair(_Struct, frozen=True, kw_only=True):
-    """Nats by which these logs would tell cause `a`, of medium size, from `b` (empty: from nothing). Below 12: not."""
+    """Expected nats of cause `a` of medium size over `b` (empty: over nothing); below 12 they are not separated."""
 
     a: str
     b: str
@@ -90,10 +90,12 @@ class Pair(_Struct, frozen=True, kw_only=True):
 
 
 class Identifiability(_Struct, frozen=True, kw_only=True):
-    """What these logs can tell apart: pairs below 12 nats, each once, and the weakest above; `nothing`: nats by which
+    """Distinguishability by these logs.
 
-    each cause of medium size would have shown at all (below 9: not named). `manoeuvre`: in words what would tell more,
-    `manoeuvre_file` to fly, `manoeuvre_pairs` with the nats that it and these logs would give together, estimated.
+    pairs              below 12 nats, each once, and the weakest above
+    nothing            by cause of medium size, nats over its absence (below 9: not named)
+    manoeuvre          sentence: what to fly; `manoeuvre_file`: the excitation file
+    manoeuvre_pairs    pairs with the estimated nats of these logs and the manoeuvre together
     """
 
     pairs: tuple[Pair, ...] = ()
@@ -118,9 +120,9 @@ class HeldOutRecord(_Struct, frozen=True, kw_only=True):
 
 
 class NoiseCard(_Struct, frozen=True, kw_only=True):
-    """What noise was found, one sigma. `latent`, `latent_base`: force that the model leaves out, as accelerations of
+    """Estimated noise, one sigma. `latent`, `latent_base`: latent accelerations of surge, sway, yaw with and without
 
-    surge, sway, yaw, with and without causes; `ambient`: the same in the reference log (None: no such log).
+    causes [m/s^2, m/s^2, rad/s^2]; `ambient`: the same in the reference log (None: no such log).
     """
 
     source: str
@@ -153,9 +155,9 @@ class FindingsLog(_Struct, frozen=True, kw_only=True):
 
 
 class Findings(_Struct, frozen=True, kw_only=True):
-    """The file. `extended_vessel`: base numbers beside the causes, without them; `vessel`: with them, to be used.
+    """The file. `vessel`: name of the vessel file with the causes; `extended_vessel`: base numbers beside the causes.
 
-    `withdrawn`: causes that were found in the fitted logs and are not named all the same, and why.
+    `withdrawn`: by name of causes that were selected and then withdrawn, the reason.
     """
 
     format: Literal[1] = 1
@@ -194,10 +196,10 @@ def verdict_of(
     same: Mapping[str, Sequence[str]],
     adequacy: Adequacy | None,
 ) -> tuple[Verdict, tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """Verdict, causes that may be named, and by cause, named or not, those that cannot be told from it.
+    """Verdict, causes that may be named, and by cause (named or not) its rivals within `RIVAL_NATS`.
 
     `rivals`: by cause, (other, nats by which it explains less); `same`: by cause, others of its equivalence class.
-    Without `adequacy` nothing counts as left over.
+    `adequacy` None: no systematic residual.
     """
     close = {
         name: tuple(other for other, behind in rivals.get(name, ()) if behind < RIVAL_NATS

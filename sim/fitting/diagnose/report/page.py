@@ -1,4 +1,4 @@
-"""The report on a diagnosis: one self-contained page, plain sentences first."""
+"""The HTML report of a diagnosis: one self-contained page, sentences first."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from sim.fitting.diagnose.selection.residual_forces import (
     pulse_widths_and_voltage,
     residual_forces,
 )
-from sim.fitting.diagnose.vessel_edits.public_form import smallest
+from sim.fitting.diagnose.vessel_edits.public_form import smallest_size
 from sim.fitting.identify.report.tables import intervals
 from sim.fitting.validate.report import Section, page
 from sim.fitting.validate.table import ScoreTable
 
 CONFUSED = 20  # pairs that the report lists
 Pictures = tuple[tuple[Figure, str], ...]
-"""Figures with what is said below them."""
+"""Figures with their captions."""
 LOOK = ("ambiguous", "partial", "unknown")
 PLAIN = ("cross_flow", "voltage_exponent")
-"""Whose numbers without a unit are no shares."""
+"""Effects whose numbers without a unit are not shares."""
 LINE = "Line: how the force of the model changes with the causes, along the same motion. Sensor causes change none."
 Z975 = 1.959964
 
 
 def report(diagnosis: Diagnosis) -> str:
-    """The page, as text."""
+    """The page as HTML text."""
     before, after = residual_forces_before_and_after(diagnosis)
     maps = ((pictures.over_basin(before, after), "Mean residual force in cells of the basin, as arrows."),)
     doubt = diagnosis.adequacy is not None and not diagnosis.adequacy.passed
@@ -55,7 +55,7 @@ def report(diagnosis: Diagnosis) -> str:
 
 
 def residual_forces_before_and_after(diagnosis: Diagnosis) -> tuple[ResidualForces, ResidualForces]:
-    """What the refitted base leaves over, with what the causes and numbers beside them change; what is left then."""
+    """Residual forces of the refitted base, with the force that the causes add; and those of the final model."""
     final, given = diagnosis.selection.final, diagnosis.refit.theta
     ids = {n.fitted for n in diagnosis.causes} | set(given)
     acts = {"hull", "thrust", "water", "force", "maps", "pwm"}
@@ -108,8 +108,8 @@ def _held_out(diagnosis: Diagnosis) -> Section:
     )
     nats = diagnosis.held_out.nats
     likely = (
-        f"One-step log likelihood of {diagnosis.held_out.samples} held-out readings: as given {nats['base']:.0f}, refitted "
-        f"{nats['refit']:.0f}, with the causes {nats['extended']:.0f} nats."
+        f"One-step log likelihood of {diagnosis.held_out.samples} held-out readings: as given {nats['base']:.0f}, "
+        f"refitted {nats['refit']:.0f}, with the causes {nats['extended']:.0f} nats."
     )
     return Section(
         "What it is worth, on data that no fit has seen",
@@ -138,7 +138,7 @@ def _residuals(diagnosis: Diagnosis, before: ResidualForces, after: ResidualForc
             (pictures.over_time(before, after), "Latent force with 2 sigma: what the equations lack, over time."),
             (pictures.against(before, speeds), f"The same of the refitted base over speeds and voltage. {LINE}"),
             (pictures.against(before, thrusters), "And over the pulse width of each thruster."),
-            (pictures.over_heading(before), "And over heading: on the dark ring it is nil, outside it positive."),
+            (pictures.over_heading(before), "And over heading: on the dark ring it is zero, outside it positive."),
             *maps,
             (
                 _whiteness(diagnosis),
@@ -230,7 +230,7 @@ def _detection_limits(diagnosis: Diagnosis) -> Section:
     by_name = {e.name: e for e in diagnosis.fit.effects}
     rows = []
     for name, (size, unit) in diagnosis.visible.items():
-        least, least_unit = smallest(by_name[name])
+        least, least_unit = smallest_size(by_name[name])
         plain = name in PLAIN
         rows.append((name, size_text(size, "" if plain else unit), size_text(least, "" if plain else least_unit)))
     return Section(

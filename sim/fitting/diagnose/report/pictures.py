@@ -20,7 +20,7 @@ FORCES = ("X [N]", "Y [N]", "N [N m]")
 BINS, SECTORS = 12, 16
 MEAN, CHANGE = "residual force, mean and 2 sigma of it", "what the causes change, mean"
 GRID = {"left": 0.06, "right": 0.99, "bottom": 0.1, "top": 0.92, "wspace": 0.1, "hspace": 0.12}
-"""Margins: to have them worked out takes most of the time of a picture with many axes."""
+"""Fixed margins: a layout engine takes most of the time of a figure with many axes."""
 LEAST_IN_BIN = 4
 CELLS_M = (0.5, 1.0, 2.0)
 MOST_BARS = 14
@@ -48,7 +48,7 @@ def over_time(before: ResidualForces, after: ResidualForces) -> Figure:
 
 
 def against(residual: ResidualForces, columns: Mapping[str, np.ndarray]) -> Figure:
-    """Residual force of the refitted base over values of its windows by label; what the causes change through it."""
+    """Residual force of the refitted base over `columns` (W,) by label, with the force that the causes add."""
     figure = Figure(figsize=(11, 6.4))
     axes = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False, gridspec_kw=GRID)
     for i in range(3):
@@ -65,7 +65,7 @@ def against(residual: ResidualForces, columns: Mapping[str, np.ndarray]) -> Figu
 
 
 def over_heading(residual: ResidualForces) -> Figure:
-    """Residual force over heading, polar: on the dark ring it is nil, outside it the force is positive."""
+    """Residual force over heading, polar: zero on the dark ring, positive outside it."""
     figure = Figure(figsize=(11, 4.4))
     psi = np.mod(residual.x[:, 2], 2 * np.pi)
     edges = np.linspace(0, 2 * np.pi, SECTORS + 1)
@@ -118,7 +118,7 @@ def over_basin(before: ResidualForces, after: ResidualForces) -> Figure:
 
 
 def tracks(replays: Sequence[Replay]) -> Figure:
-    """Measured positions, and where the models have the tag under the same commands, open loop."""
+    """Measured positions, and the models' open-loop tracks of the tag under the same commands."""
     figure = Figure(figsize=(5.4 * max(len(replays), 1), 5.2), layout="constrained")
     axes = figure.subplots(1, max(len(replays), 1), squeeze=False)[0]
     for ax, replay in zip(axes, replays, strict=False):
@@ -232,7 +232,7 @@ def _binned(ax: Axes, x: np.ndarray, force: np.ndarray, cause: np.ndarray) -> No
 
 
 def means_by_bin(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of y in each bin and its standard error (of neighbours that hang together over 5 s); NaN for a few."""
+    """Mean of y in each bin and its standard error, one independent sample every 5 s; NaN in bins with few."""
     of = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     mean, se = np.full(len(edges) - 1, np.nan), np.full(len(edges) - 1, np.nan)
     for i in range(len(mean)):
@@ -254,7 +254,7 @@ def _cells(residual: ResidualForces, size_m: float) -> np.ndarray:
 
 
 def _axis_limits(values: np.ndarray, share: float = 0.998) -> tuple[float, float]:
-    """Of an axis: nearly all of the values, and nil."""
+    """Limits of an axis: the central `share` of the values, zero, and a margin."""
     low, high = np.quantile(values, (1 - share, share))
     room = 0.15 * max(high - low, 1e-3)
     return min(low, 0.0) - room, max(high, 0.0) + room

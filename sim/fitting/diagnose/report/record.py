@@ -1,4 +1,4 @@
-"""What a diagnosis writes: findings.json, three vessel files, the report. Bytes by name; no file is touched here."""
+"""Output files of a diagnosis, as bytes by name: findings.json, three vessel files, the report. No I/O here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.report import findings as form
 from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
-from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause
 from sim.fitting.identify.vessel_out import vessel_toml
 
 RANKED = 12
@@ -26,9 +26,9 @@ def outputs(
     stamp: str,
     pictured: bool = True,
 ) -> dict[str, bytes]:
-    """Every file. `vessel_text`: the vessel file as given; `command`: words of the command line; `stamp`: UTC.
+    """All output files. `vessel_text`: text of the base file; `command`: words of the command line; `stamp`: UTC time.
 
-    Without `pictured`: all but the report.
+    Without `pictured` the report is left out.
     """
     logs = ", ".join(used.log.name for used in diagnosis.split.used if used.fitted_s)
     head = f"By `aritra diagnose` {stamp} from {logs}; {form.REPORT} and {form.FINDINGS} beside this file.\n"
@@ -53,7 +53,7 @@ def outputs(
 
 
 def _plain(value: object) -> object:
-    """Numbers of numpy as Python's own."""
+    """Scalars of numpy as Python's; TypeError for other types."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} has no place in findings.json")
@@ -62,7 +62,7 @@ def _plain(value: object) -> object:
 def findings(
     diagnosis: Diagnosis, vessel_text: str, versions: Mapping[str, str], command: Sequence[str]
 ) -> form.Findings:
-    """What goes into findings.json."""
+    """The content of findings.json."""
     used = [u for u in diagnosis.split.used if u.fitted_s]
     return form.Findings(
         verdict=diagnosis.verdict,
@@ -91,7 +91,7 @@ def findings(
     )
 
 
-def _cause(named: Named) -> form.CauseRecord:
+def _cause(named: ReportedCause) -> form.CauseRecord:
     size, unit = named.smallest
     return form.CauseRecord(
         name=named.effect.name,
@@ -109,7 +109,7 @@ def _cause(named: Named) -> form.CauseRecord:
 
 
 def _ranking(diagnosis: Diagnosis) -> list[form.RankRecord]:
-    """The best of every name."""
+    """The best variant of each name at the last step, best first, at most `RANKED`."""
     names = {e.id: e.name for e in diagnosis.fit.effects}
     best: dict[str, form.RankRecord] = {}
     for c in diagnosis.selection.ranking:

@@ -1,4 +1,4 @@
-"""A diagnosis in plain sentences, for the terminal and the head of the report."""
+"""Sentences of a diagnosis for the terminal and the head of the report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.fitting.diagnose.selection.held_out import HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
 
 SHOWN_S = 10
-ROUGH, QUIET_M_S2 = 2.0, 0.01  # a reference log so many times as rough as the logs, or as this, is none; assumed
+ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
 WORDS = {
     "time": "time",
     "position": "the place in the basin",
@@ -21,11 +21,11 @@ WORDS = {
     "voltage": "the battery's voltage",
     "load": "the load of all thrusters",
 }
-"""Words of `depends_on`; `thruster:NAME` where one is meant."""
+"""Text for the words of `depends_on`; `thruster:NAME` stands for one thruster."""
 
 
 def sentences(diagnosis: Diagnosis) -> list[str]:
-    """What is wrong, how sure that is, what it is worth, what to do."""
+    """Sentences: verdict, causes, residual, withdrawn causes, rivals, gain on held-out logs, what to do."""
     lines = [_verdict(diagnosis)]
     lines += [sentence(n.effect.name, n.numbers) for n in diagnosis.causes]
     if diagnosis.verdict in ("partial", "unknown"):
@@ -39,9 +39,9 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         lines += _detection_limits(diagnosis)
     if _rough_reference(diagnosis):
         lines.append(
-            f"The reference log {diagnosis.reference} holds more force that nobody can foretell than the logs themselves: "
-            "it was not calm, or something was wrong already. Faults may hide behind its noise; record another, or "
-            "leave it out."
+            f"The reference log {diagnosis.reference} holds more force that nobody can foretell than the logs "
+            "themselves: it was not calm, or something was wrong already. Faults may hide behind its noise; record "
+            "another, or leave it out."
         )
     if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
         lines.append(diagnosis.identifiability.record.manoeuvre)
@@ -76,7 +76,7 @@ def _logs(diagnosis: Diagnosis) -> str:
 
 
 def dependency_text(word: str) -> str:
-    """A word of `depends_on` for people."""
+    """Text for a word of `depends_on`."""
     head, _, tail = word.partition(":")
     return f"thruster {tail}" if tail else WORDS.get(head, head)
 
@@ -93,7 +93,7 @@ def _residual_dependence(diagnosis: Diagnosis) -> str:
 
 
 def _withdrawn(withdrawn: Mapping[str, str]) -> list[str]:
-    """What was found and taken back, those of one reason together."""
+    """One sentence for each reason, with the causes withdrawn for it."""
     lines = []
     for why in dict.fromkeys(withdrawn.values()):
         *others, last = (name for name, reason in withdrawn.items() if reason == why)
@@ -112,7 +112,7 @@ def _same(name: str, others: Sequence[str]) -> str:
 
 
 def error_at(held_out: HeldOutScore, channel: str, horizon_s: int) -> OpenLoopError | None:
-    """The figure of a channel at a horizon, if the held-out logs reach it."""
+    """Error of `channel` at `horizon_s`, or None where the held-out logs are too short."""
     return next((e for e in held_out.errors if e.channel == channel and e.horizon_s == horizon_s), None)
 
 
@@ -143,7 +143,7 @@ def _outside(diagnosis: Diagnosis) -> list[str]:
 
 
 def _detection_limits(diagnosis: Diagnosis) -> list[str]:
-    """Some of what would have been seen, in words."""
+    """Sentence with the detection limits of a few common effects."""
     wanted = ("thruster_gain", "current", "hull_fouling", "payload", "lag", "heading_offset", "uwb_latency")
     limits = []
     for head in wanted:
@@ -155,5 +155,5 @@ def _detection_limits(diagnosis: Diagnosis) -> list[str]:
 
 
 def size_text(size: float, unit: str) -> str:
-    """A size with its unit; shares in per cent."""
+    """A size with its unit; shares (unit 1) in per cent."""
     return f"{100 * size:.2g} %" if unit == "1" else f"{size:.2g} {unit}".rstrip()

@@ -1,4 +1,4 @@
-"""What is said of the causes: which can stand on the fitted logs, and whether held-out readings speak against them."""
+"""Verdict: which causes the adequacy check supports, and whether held-out readings refute them."""
 
 from __future__ import annotations
 
@@ -16,31 +16,33 @@ from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import SearchResult
 from sim.fitting.diagnose.selection.select import Selection, Selector
-from sim.fitting.diagnose.vessel_edits.public_form import public, smallest
-from sim.fitting.diagnose.vessel_edits.refitted_vessel import Named, cause_of, place
+from sim.fitting.diagnose.vessel_edits.public_form import public_form, smallest_size
+from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, cause_of, log_reference
 from sim.fitting.engine.noise import Noise
 
 JUDGED_S = 10  # horizon by which causes are judged on held-out logs
 FORM_DOUBT = 0.1
-"""Of the smallest size worth a name, one sigma: no entry is quite of the form of the world: docs/diagnose.md."""
+"""Sigma of a cause's form error over the smallest size worth a name: docs/diagnose.md."""
 UNNEEDED = "small faults of other kinds, together, explain the same"
 OUTDONE = "one kind of function of another nature explains more than all causes together, or as much as three"
 FALLEN = "too small, or too unsure, beside the causes that are left"
 HARMFUL = "readings of the held-out logs become worse"
 UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
 Adequate = Callable[[PosteriorFit, Selection, Noise | None, Masking, bool], AdequacyJudgement]
-"""What is left over and which causes can stand, from the fit, its end, the reference log's noise, and echoes."""
+"""Adequacy check: of the fit, the selection, the reference log's noise, the masking, whether causes are known."""
 
 
 @dataclass(frozen=True)
 class DiagnosisVerdict:
-    """What is said of the causes. `confused`: by name of a cause, named or not, those that it cannot be told from.
+    """Verdict on the causes of a selection.
 
-    `withdrawn`: by name of those that were found and then taken back, why.
+    causes       those that are named
+    confused     by name of a cause, named or not, its rivals within `RIVAL_NATS`
+    withdrawn    by name of a withdrawn cause, the reason
     """
 
     selection: Selection
-    causes: tuple[Named, ...]
+    causes: tuple[ReportedCause, ...]
     verdict: record.Verdict
     confused: dict[str, tuple[str, ...]]
     adequacy: record.Adequacy | None
@@ -50,9 +52,9 @@ class DiagnosisVerdict:
 def conclude(
     fit: PosteriorFit, result: SearchResult, ambient: Noise | None, adequate: Adequate | None, seed: int, known: bool
 ) -> DiagnosisVerdict:
-    """Of the fitted logs: which causes can stand, whether they are told from others, whether anything is left over.
+    """Verdict from the fitted logs: supported causes, their rivals, adequacy. `known`: no cause is withdrawn.
 
-    `known`: the causes are there, and none of them is taken back.
+    `ambient`: noise of the reference log, if any; `adequate` None: no adequacy check; `seed`: of intervals.
     """
     withdrawn: dict[str, str] = {}
     doubtful: frozenset[str] = frozenset()
@@ -70,14 +72,14 @@ def conclude(
 def withdraw_unsupported(
     fit: PosteriorFit, result: SearchResult, ambient: Noise | None, adequate: Adequate, known: bool
 ) -> tuple[AdequacyJudgement, SearchResult, dict[str, str]]:
-    """What is left over, the causes that can stand, and by name why the others are taken back.
+    """Adequacy judgement, the result without withdrawn causes, and by name of these the reason.
 
-    Judged anew where it was judged beside a cause that fell with them, or by the echoes of one that is gone.
+    Repeated while the judgement was made beside a cause that has since fallen, or with the masking of one.
     """
     withdrawn: dict[str, str] = {}
     while True:
-        before, echoes = result, Masking.of(c.effect.name for c in result.causes)
-        judgement = adequate(fit, result.selection, ambient, echoes, known)
+        before, masking = result, Masking.of(c.effect.name for c in result.causes)
+        judgement = adequate(fit, result.selection, ambient, masking, known)
         if not judgement.withdrawn:
             return judgement, result, withdrawn
         result = before.without(fit, judgement.withdrawn)
@@ -85,14 +87,14 @@ def withdraw_unsupported(
         why = {id_: OUTDONE if id_ in judgement.outdone else UNNEEDED for id_ in judgement.withdrawn}
         gone = {c.effect.name: why.get(c.fitted, FALLEN) for c in before.causes if c.effect.name not in names}
         withdrawn |= gone
-        if FALLEN not in gone.values() and Masking.of(names) == echoes:
+        if FALLEN not in gone.values() and Masking.of(names) == masking:
             return judgement, result, withdrawn
 
 
 def without_causes(
     fit: PosteriorFit, verdict: DiagnosisVerdict, why: str, ambient: Noise | None, adequate: Adequate | None
 ) -> DiagnosisVerdict:
-    """Without any of the causes, as held-out logs ask: unknown, and what the base leaves over."""
+    """`verdict` with all causes withdrawn for the reason `why`: unknown, with the adequacy of the base."""
     withdrawn = verdict.withdrawn | {n.effect.name: why for n in verdict.causes}
     selection = Selector(fit).without(verdict.selection, {c.id for c in verdict.selection.causes})
     adequacy_record = adequate(fit, selection, ambient, NO_MASKING, False).adequacy if adequate else None
@@ -100,12 +102,13 @@ def without_causes(
 
 
 def held_out_objection(verdict: DiagnosisVerdict, held_out_score: HeldOutScore) -> str:
-    """Why none of the causes can be right, seen from the held-out logs, whose readings none makes surely better.
+    """Reason to withdraw all causes by the held-out score, or empty.
 
-    They make them surely worse; or something is left over beside them and one is in doubt by its form, so that evidence
-    in nats, which believes in the forms, says little. Empty: nothing is against them.
+    1. Any reading surely better (95 %) at `JUDGED_S`: none.
+    2. Positions surely worse: `HARMFUL`.
+    3. A systematic residual and a cause of doubtful form: `UNPROVEN`, since evidence in nats presumes the forms.
     """
-    at_horizon = [e for e in held_out_score.at_horizon if e.horizon_s == JUDGED_S]
+    at_horizon = [e for e in held_out_score.errors if e.horizon_s == JUDGED_S]
     if any(e.gain_ci95[0] > 0 for e in at_horizon):
         return ""
     if any(e.channel == "position" and e.gain_ci95[1] < 0 for e in at_horizon):
@@ -115,21 +118,25 @@ def held_out_objection(verdict: DiagnosisVerdict, held_out_score: HeldOutScore) 
     return UNPROVEN if doubted and predictable else ""
 
 
-def _reported(fit: PosteriorFit, result: SearchResult, seed: int) -> tuple[Named, ...]:
-    """Accepted causes, the surest first."""
+def _reported(fit: PosteriorFit, result: SearchResult, seed: int) -> tuple[ReportedCause, ...]:
+    """The accepted causes with public numbers, in order of evidence."""
     out = []
     for one in result.causes:
         effect, candidate = one.effect, one.candidate
-        numbers = public(effect, candidate.values, _with_form_doubt(effect, candidate.covariance), place(fit), seed)
+        numbers = public_form(
+            effect, candidate.values, _with_form_doubt(effect, candidate.covariance), log_reference(fit), seed
+        )
         values = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
-        note = f"{effect.name}{f' ({values})' if errors else ''} found by aritra diagnose"
+        note = f"{effect.name}{f' ({values})' if values else ''} found by aritra diagnose"
         cause = replace(cause_of(fit, effect, candidate.values, note), forces_n=_forces(result.selection.final))
-        out.append(Named(candidate, effect, numbers, smallest(effect), cause, one.fitted, one.form_doubtful))
+        out.append(
+            ReportedCause(candidate, effect, numbers, smallest_size(effect), cause, one.fitted, one.form_doubtful)
+        )
     return tuple(out)
 
 
 def _with_form_doubt(effect: Effect, covariance: np.ndarray) -> np.ndarray:
-    """`covariance` with the doubt that the entry's form is quite that of the world, which no log shows."""
+    """`covariance` plus the variance of the form error, `FORM_DOUBT` times the smallest sizes."""
     smallest_sizes = [p.smallest if np.isfinite(p.smallest) else 0.0 for p in effect.parameters]
     return covariance + np.diag((FORM_DOUBT * np.array(smallest_sizes)) ** 2)
 

@@ -86,12 +86,12 @@ class AdequacyJudgement:
 
 
 def group_evidence(
-    fit: PosteriorFit, model: CandidateModel, causes: Sequence[str], echoes: Masking = NO_MASKING
+    fit: PosteriorFit, model: CandidateModel, causes: Sequence[str], masking: Masking = NO_MASKING
 ) -> GroupEvidence:
     """Evidence of all groups beside `causes` (ids of entries) at the fitted `model`; masked groups are left out."""
     # 1. Groups: as effects with hooks, or by node columns that the normal equations have already.
-    every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(echoes.names)]
-    if echoes.within:
+    every = [g for g in groups_at(fit.physics, model.point) if not g.effect.equation.startswith(masking.names)]
+    if masking.within:
         every = [g.of_means(fit.physics, model.point, fit.effects) for g in every]
     hooked, on_nodes = ([g for g in every if (g.nodes is None) == whether] for whether in (True, False))
     groups, within = (*hooked, *on_nodes), [*model.free, *(g.effect for g in hooked)]
@@ -102,8 +102,8 @@ def group_evidence(
     free = [*within, *(g.effect for g in on_nodes)]
     size = np.concatenate([[p.prior for p in g.effect.parameters] for g in groups])
     own = fit.prior(model.free, frozenset(causes))
-    start, nil = len(own.sigma), np.zeros(len(size))
-    prior = Prior(np.concatenate([own.sigma, BAND * size]), np.concatenate([own.mean, nil]))
+    start, zeros = len(own.sigma), np.zeros(len(size))
+    prior = Prior(np.concatenate([own.sigma, BAND * size]), np.concatenate([own.mean, zeros]))
     # 3. At each latent acceleration: gain of each group at its best scale; support and mimics of the causes.
     best, before = np.full(len(groups), -np.inf), -np.inf
     akin: dict[str, frozenset[str]] = {}
@@ -111,19 +111,19 @@ def group_evidence(
     where = parameter_slices(model.free)
     for noise in latent_scales(model.noise):
         reduced = fit.reduced(point, free, noise)
-        evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
+        log_evidence, posterior = reduced.evidence(prior), reduced.posterior(prior)
         for i, at in enumerate(_at(groups, start)):
             wide = size[at.start - start : at.stop - start]
             tried = [posterior.under_prior(at, Prior.zero_mean(scale * wide))[0] for scale in SCALES]
             gain = max(tried) - np.log(len(SCALES))
-            best[i] = max(best[i], evidence + gain)
-        if evidence > before:
-            before = evidence
+            best[i] = max(best[i], log_evidence + gain)
+        if log_evidence > before:
+            before = log_evidence
             support = {id_: -posterior.nats_if_absent(where[id_]) for id_ in causes}
         akin = akin or {id_: _akin(reduced, where[id_], groups, start) for id_ in causes}
     order = np.argsort(-best)
     return GroupEvidence(
-        tuple((groups[i].named(), float(best[i] - before)) for i in order), before, akin, support, echoes.limit
+        tuple((groups[i].named(), float(best[i] - before)) for i in order), before, akin, support, masking.limit
     )
 
 
@@ -149,13 +149,13 @@ def _akin(reduced: ReducedNormalEquations, cause: slice, groups: Sequence[Functi
     return frozenset(mimics)
 
 
-def checks(found: GroupEvidence, model: CandidateModel, ambient: Noise | None) -> tuple[Check, ...]:
+def checks(evidence: GroupEvidence, model: CandidateModel, ambient: Noise | None) -> tuple[Check, ...]:
     """The best group of every word in `depends_on`, which decide; then checks for information."""
     best: dict[str, tuple[FunctionGroup, float]] = {}
-    for group, nats in found.nats:
+    for group, nats in evidence.nats:
         best.setdefault(group.words[0].partition(":")[0], (group, nats))
     out = [
-        Check(name=f"{group.effect.equation} [nats]", value=nats, limit=found.limit, passed=nats < found.limit)
+        Check(name=f"{group.effect.equation} [nats]", value=nats, limit=evidence.limit, passed=nats < evidence.limit)
         for group, nats in best.values()
     ]
     alike = {k: v for k, v in autocorrelation(model.point).items() if np.isfinite(v).all()}
@@ -173,7 +173,7 @@ def checks(found: GroupEvidence, model: CandidateModel, ambient: Noise | None) -
 
 
 def adequacy(
-    fit: PosteriorFit, selection: Selection, ambient: Noise | None, echoes: Masking = NO_MASKING, known: bool = False
+    fit: PosteriorFit, selection: Selection, ambient: Noise | None, masking: Masking = NO_MASKING, known: bool = False
 ) -> AdequacyJudgement:
     """Check the final model of `selection`, and which of its causes may be named.
 
@@ -182,35 +182,38 @@ def adequacy(
        it), or where there are `MANY` causes and one group explains about as much (within `RIVAL_NATS`).
     3. The groups that remain significant, and outlying fixes, fail the check.
 
-    `ambient`: noise of the reference log, if any; `echoes`: masked groups; `known`: no cause is withdrawn.
+    `ambient`: noise of the reference log, if any; `masking`: masked groups; `known`: no cause is withdrawn.
     """
     model, causes = selection.final, [c.id for c in selection.causes]
-    found = group_evidence(fit, model, causes, echoes)
-    withdrawn = {id_ for id_, nats in found.support.items() if nats < LEAST_EVIDENCE_NATS and not known}
+    evidence = group_evidence(fit, model, causes, masking)
+    withdrawn = {id_ for id_, nats in evidence.support.items() if nats < LEAST_EVIDENCE_NATS and not known}
     causes = [id_ for id_ in causes if id_ not in withdrawn]
     if withdrawn:
         model = model if causes else selection.base
-        found = group_evidence(fit, model, causes, echoes)
-    first, outdone = found, frozenset()
-    if causes and (found.significant or len(causes) >= MANY):
-        first = group_evidence(fit, selection.base, [], echoes)
-        if not known and _stand_in(causes, found, first):
+        evidence = group_evidence(fit, model, causes, masking)
+    first, outdone = evidence, frozenset()
+    if causes and (evidence.significant or len(causes) >= MANY):
+        first = group_evidence(fit, selection.base, [], masking)
+        if not known and _stand_in(causes, evidence, first):
             outdone = frozenset(causes)
-            withdrawn, causes, found, model = withdrawn | outdone, [], first, selection.base
-    said, words = checks(found, model, ambient), depends_on(found, first)
-    if not echoes.outliers:
+            withdrawn, causes, evidence, model = withdrawn | outdone, [], first, selection.base
+    checked, variables = checks(evidence, model, ambient), depends_on(evidence, first)
+    if not masking.outliers:
         out = outlier_check(model.point)
-        said, words = (out, *said), words if out.passed else tuple(dict.fromkeys((*words, "position")))
-    report = Adequacy(passed=not any(c.decides and not c.passed for c in said), checks=said, depends_on=words)
-    doubtful = frozenset(id_ for id_ in causes if found.is_akin(id_, found.significant))
+        checked, variables = (
+            (out, *checked),
+            variables if out.passed else tuple(dict.fromkeys((*variables, "position"))),
+        )
+    report = Adequacy(passed=not any(c.decides and not c.passed for c in checked), checks=checked, depends_on=variables)
+    doubtful = frozenset(id_ for id_ in causes if evidence.is_akin(id_, evidence.significant))
     return AdequacyJudgement(report, doubtful, frozenset(withdrawn), outdone)
 
 
-def _stand_in(causes: Sequence[str], found: GroupEvidence, first: GroupEvidence) -> bool:
-    """Whether `causes` stand in for the best group beside the base alone (`first`); `found`: groups beside them."""
+def _stand_in(causes: Sequence[str], evidence: GroupEvidence, first: GroupEvidence) -> bool:
+    """Whether `causes` stand in for the best group beside the base alone (`first`); `evidence`: with them."""
     group, nats = first.nats[0]
-    alone = first.evidence + nats - found.evidence
-    akin = any(found.is_akin(id_, [group]) for id_ in causes)
+    alone = first.evidence + nats - evidence.evidence
+    akin = any(evidence.is_akin(id_, [group]) for id_ in causes)
     return (alone >= DECISIVE_NATS and not akin) or (alone > -RIVAL_NATS and len(causes) >= MANY)
 
 
@@ -221,8 +224,8 @@ def outlier_check(point: LinearisationPoint) -> Check:
     return Check(name=f"share of fixes beyond {FAR_OUT:g} sigma", value=share, limit=OFTEN, passed=share < OFTEN)
 
 
-def depends_on(found: GroupEvidence, first: GroupEvidence) -> tuple[str, ...]:
-    """Words of the significant groups of `found`, ordered by their nats beside the base alone (`first`)."""
+def depends_on(evidence: GroupEvidence, first: GroupEvidence) -> tuple[str, ...]:
+    """Words of the significant groups of `evidence`, ordered by their nats beside the base alone (`first`)."""
     nats = {group.effect.id: value for group, value in first.nats}
-    groups = sorted(found.significant, key=lambda group: -nats.get(group.effect.id, -np.inf))
+    groups = sorted(evidence.significant, key=lambda group: -nats.get(group.effect.id, -np.inf))
     return tuple(dict.fromkeys(word for group in groups for word in group.words))

@@ -17,7 +17,7 @@ from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import LEAST_EVIDENCE_NATS, Z95
 from sim.fitting.diagnose.selection.model import CandidateModel
-from sim.fitting.diagnose.vessel_edits.public_form import smallest
+from sim.fitting.diagnose.vessel_edits.public_form import smallest_size
 
 BLIND = 1000.0  # limit over the smallest size worth a name beyond which logs show nothing of an effect
 
@@ -30,14 +30,14 @@ def detection_limits(fit: PosteriorFit, model: CandidateModel) -> dict[str, tupl
     assert model.reduced is not None
     C = model.reduced.posterior(fit.prior(fit.effects, model.active)).covariance
     at = parameter_slices(fit.effects)
-    found: dict[str, tuple[float, Effect]] = {}
-    for effect, share in _shares(fit, model, C, at):
-        if effect.name not in found or share < found[effect.name][0]:
-            found[effect.name] = (share, effect)
-    return {name: smallest(effect, share) for name, (share, effect) in found.items() if share < BLIND}
+    least_limits: dict[str, tuple[float, Effect]] = {}
+    for effect, share in _limits(fit, model, C, at):
+        if effect.name not in least_limits or share < least_limits[effect.name][0]:
+            least_limits[effect.name] = (share, effect)
+    return {name: smallest_size(effect, share) for name, (share, effect) in least_limits.items() if share < BLIND}
 
 
-def _shares(
+def _limits(
     fit: PosteriorFit, model: CandidateModel, C: np.ndarray, at: dict[str, slice]
 ) -> Iterator[tuple[Effect, float]]:
     active_names = {e.name for e in fit.effects if e.id in model.active}
@@ -46,10 +46,10 @@ def _shares(
             continue
         sure = np.flatnonzero([np.isfinite(p.smallest) for p in effect.parameters])
         index = np.arange(at[effect.id].start, at[effect.id].stop)[sure]
-        least = np.array([effect.parameters[i].smallest for i in sure])
+        smallest_sizes = np.array([effect.parameters[i].smallest for i in sure])
         prior = np.array([effect.parameters[i].prior for i in sure])
         J = np.linalg.inv(C[np.ix_(index, index)]) - np.diag(1 / effect.tolerance()[sure] ** 2)
-        J = np.outer(least, least) * J
+        J = np.outer(smallest_sizes, smallest_sizes) * J
         se = 1 / np.sqrt(max(float(np.linalg.eigvalsh(J).min()), 1e-12))
-        price = LEAST_EVIDENCE_NATS + float(np.maximum(np.log(prior / least / se), 0.0).sum())
+        price = LEAST_EVIDENCE_NATS + float(np.maximum(np.log(prior / smallest_sizes / se), 0.0).sum())
         yield effect, max(1 + Z95 * se, se * float(np.sqrt(2 * price)))

@@ -56,18 +56,18 @@ def distinguishability(
     """
     final = selection.final
     assert final.reduced is not None
-    found = pairwise_evidence(fit, final.reduced.H, final.active)
-    pairs = _of_named(fit, selection, found)
+    evidence = pairwise_evidence(fit, final.reduced.H, final.active)
+    pairs = _close_pairs(fit, selection, evidence)
     if always and not pairs:
-        alone = zip(found.names, found.nothing, strict=True)
-        pairs = found.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < LEAST_EVIDENCE_NATS]
+        alone = zip(evidence.names, evidence.nothing, strict=True)
+        pairs = evidence.confused or [(n, NOTHING, float(nats)) for n, nats in alone if nats < LEAST_EVIDENCE_NATS]
     plan = None
     if library is not None and pairs:
         plan = ManoeuvrePlanner(fit, final.reduced.H, final.active, final.noise, site).plan(library, pairs[:ASKED])
-    return Distinguishability(found, _record(found, plan), plan)
+    return Distinguishability(evidence, _record(evidence, plan), plan)
 
 
-def _of_named(fit: PosteriorFit, selection: Selection, found: PairwiseEvidence) -> list[tuple[str, str, float]]:
+def _close_pairs(fit: PosteriorFit, selection: Selection, evidence: PairwiseEvidence) -> list[tuple[str, str, float]]:
     """Pairs of a named cause and a rival that the logs do not separate, rivals of the selection first.
 
     Nats grow with the square of the size: a cause larger than `MEDIUM` is separated by more than the medium one.
@@ -75,19 +75,21 @@ def _of_named(fit: PosteriorFit, selection: Selection, found: PairwiseEvidence) 
     names = {e.id: e.name for e in fit.effects}
     size = {names[c.id]: c.size for c in selection.causes}
     near = {(a, b) for a, rivals in selection.rivals.items() for b, behind in rivals if behind < record.RIVAL_NATS}
-    told = [p for p in found.pairs() if p[0] in size]
-    close = [p for p in told if p[:2] in near and p[2] < ENOUGH]
+    pairs = [p for p in evidence.pairs() if p[0] in size]
+    close = [p for p in pairs if p[:2] in near and p[2] < ENOUGH]
     return close + [
-        p for p in told if p[2] < DECISIVE_NATS and p[2] * (size[p[0]] / MEDIUM) ** 2 < DECISIVE_NATS and p not in close
+        p
+        for p in pairs
+        if p[2] < DECISIVE_NATS and p[2] * (size[p[0]] / MEDIUM) ** 2 < DECISIVE_NATS and p not in close
     ]
 
 
-def _record(found: PairwiseEvidence, plan: ManoeuvrePlan | None) -> record.Identifiability:
-    shown = {n for n, nats in zip(found.names, found.nothing, strict=True) if nats >= DECISIVE_NATS}
-    others = [p for p in found.pairs() if p[0] in shown and p[2] >= DECISIVE_NATS][:LISTED]
+def _record(evidence: PairwiseEvidence, plan: ManoeuvrePlan | None) -> record.Identifiability:
+    shown = {n for n, nats in zip(evidence.names, evidence.nothing, strict=True) if nats >= DECISIVE_NATS}
+    others = [p for p in evidence.pairs() if p[0] in shown and p[2] >= DECISIVE_NATS][:LISTED]
     return record.Identifiability(
-        pairs=tuple(record.Pair(a=a, b=b, nats=nats) for a, b, nats in (*found.confused, *others)),
-        nothing={n: float(nats) for n, nats in zip(found.names, found.nothing, strict=True)},
+        pairs=tuple(record.Pair(a=a, b=b, nats=nats) for a, b, nats in (*evidence.confused, *others)),
+        nothing={n: float(nats) for n, nats in zip(evidence.names, evidence.nothing, strict=True)},
         manoeuvre=manoeuvre_sentence(plan) if plan is not None else "",
         manoeuvre_file=record.MANOEUVRE if plan is not None and plan.excitation is not None else "",
         manoeuvre_pairs=tuple(record.Pair(a=a, b=b, nats=nats) for a, b, _, nats in plan.pairs) if plan else (),
@@ -96,20 +98,20 @@ def _record(found: PairwiseEvidence, plan: ManoeuvrePlan | None) -> record.Ident
 
 def manoeuvre_sentence(plan: ManoeuvrePlan) -> str:
     """Sentence for findings: pairs that these logs cannot separate, the manoeuvre that would, pairs that none would."""
-    told = [p for p in plan.pairs if p[3] >= nats_needed(p[1])]
-    words = []
-    if told and plan.excitation is not None:
+    separated = [p for p in plan.pairs if p[3] >= nats_needed(p[1])]
+    sentences = []
+    if separated and plan.excitation is not None:
         what = ", ".join(dict.fromkeys(s.name for s in plan.excitation.segments))
-        least = min(p[3] for p in told)
-        words.append(
-            f"These logs {_cannot([p[:3] for p in told])}; {plan.duration_s:.0f} s of {what} would "
-            f"(estimated {'at least ' if len(told) > 1 else ''}{least:.0f} nats): {record.MANOEUVRE}."
+        least = min(p[3] for p in separated)
+        sentences.append(
+            f"These logs {_cannot([p[:3] for p in separated])}; {plan.duration_s:.0f} s of {what} would "
+            f"(estimated {'at least ' if len(separated) > 1 else ''}{least:.0f} nats): {record.MANOEUVRE}."
         )
-    lost = [*plan.unreachable, *(p for p in plan.pairs if p[3] < nats_needed(p[1]))]
-    if lost:
-        most, pairs = max(0.0, *(p[3] for p in lost)), " nor ".join(_tell(a, b) for a, b, _, _ in lost[:SAID])
-        words.append(f"No manoeuvre of the library would {pairs} (at most {int(most)} nats).")
-    return " ".join(words)
+    failed = [*plan.unreachable, *(p for p in plan.pairs if p[3] < nats_needed(p[1]))]
+    if failed:
+        most, pairs = max(0.0, *(p[3] for p in failed)), " nor ".join(_tell(a, b) for a, b, _, _ in failed[:SAID])
+        sentences.append(f"No manoeuvre of the library would {pairs} (at most {int(most)} nats).")
+    return " ".join(sentences)
 
 
 def _cannot(pairs: ConfusedPairs) -> str:

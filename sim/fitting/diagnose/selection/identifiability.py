@@ -41,8 +41,8 @@ class PairwiseEvidence:
     def pairs(self) -> list[tuple[str, str, float]]:
         """All pairs: truth, rival, nats; the weakest first."""
         known = np.argwhere(np.isfinite(self.nats))
-        found = [(self.names[i], self.names[j], float(self.nats[i, j])) for i, j in known]
-        return sorted(found, key=lambda p: p[2])
+        rows = [(self.names[i], self.names[j], float(self.nats[i, j])) for i, j in known]
+        return sorted(rows, key=lambda p: p[2])
 
     @property
     def confused(self) -> list[tuple[str, str, float]]:
@@ -109,9 +109,9 @@ def pairwise_evidence(
 
 def marginal_information(H: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """K = H - H_:s (H_ss + S^-1)^-1 H_s: (P, P) for nuisances s with `sigma` (P,) > 0."""
-    there = np.flatnonzero(sigma > 0)
-    factor = np.linalg.cholesky(H[np.ix_(there, there)] + np.diag(1 / sigma[there] ** 2))
-    half = np.linalg.solve(factor, H[there])
+    nuisances = np.flatnonzero(sigma > 0)
+    factor = np.linalg.cholesky(H[np.ix_(nuisances, nuisances)] + np.diag(1 / sigma[nuisances] ** 2))
+    half = np.linalg.solve(factor, H[nuisances])
     return H - half.T @ half
 
 
@@ -152,10 +152,10 @@ def _between(K: np.ndarray, blocks: EffectBlocks, pairs: np.ndarray) -> np.ndarr
     """The first of each pair (2, m) against the second, (m,)."""
     a, width = pairs[0], blocks.index.shape[1]
     index = blocks.index[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
-    there = blocks.prior[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
+    variance = blocks.prior[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
     band = blocks.band[pairs].swapaxes(0, 1).reshape(len(a), 2 * width)
     first = np.arange(2 * width) < width
-    Q, price = _gain(_parts(K, index, there > 0), there * first - band, there * ~first - band)
+    Q, price = _gain(_parts(K, index, variance > 0), variance * first - band, variance * ~first - band)
     return _least(Q[:, :width, :width], price, blocks.medium[a], blocks.vector[a])
 
 
@@ -178,5 +178,5 @@ def _least(Q: np.ndarray, price: np.ndarray, medium: np.ndarray, vector: np.ndar
     """Least nats (m,): over directions of a vector, else over the parameters alone."""
     Q = medium[:, :, None] * (Q + Q.swapaxes(1, 2)) / 2 * medium[:, None, :]
     each = np.where(medium > 0, np.diagonal(Q, axis1=1, axis2=2), np.inf).min(axis=1)
-    round_ = np.linalg.eigvalsh(Q[:, :2, :2])[:, 0]
-    return np.where(vector, round_, each) - price
+    of_vector = np.linalg.eigvalsh(Q[:, :2, :2])[:, 0]
+    return np.where(vector, of_vector, each) - price

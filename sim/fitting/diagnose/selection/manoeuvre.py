@@ -93,7 +93,7 @@ class ManoeuvrePlanner:
     ):
         self.fit, self.active, self.noise = fit, active, noise
         self._H = H
-        self._site = site or _water(fit)
+        self._site = site or _fence(fit)
         self._vessel = at_rates(fit)
 
     def plan(self, library: Excitation, confused: ConfusedPairs) -> ManoeuvrePlan:
@@ -138,12 +138,12 @@ class ManoeuvrePlanner:
 
     def _candidates(self, library: Excitation, effects: Sequence[Effect], names: set[str]) -> list[_FlownSegment]:
         slow = any(family(name) in SLOW for name in names)
-        found = []
+        flown = []
         for segment in (*library.segments, *((TEN_MINUTES,) if slow else ())):
             run = self._flown(replace(library, segments=(segment,), name=segment.name))
             if run is not None:
-                found.append(_FlownSegment(segment, run, self.information(run, effects, own=ANYTHING)))
-        return found
+                flown.append(_FlownSegment(segment, run, self.information(run, effects, own=ANYTHING)))
+        return flown
 
     def _flown(self, excitation: Excitation) -> Run | None:
         """The log of the file's own boat under `excitation`; None where it cannot fly it to its end."""
@@ -171,9 +171,11 @@ class ManoeuvrePlanner:
 
     def _nats(self, H: np.ndarray, effects: Sequence[Effect], confused: ConfusedPairs) -> np.ndarray:
         names = [n for a, b, _ in confused for n in (a, b) if n]
-        found = pairwise_evidence(self.fit, H, self.active, effects, names)
-        at = {n: i for i, n in enumerate(found.names)}
-        return np.array([found.nothing[at[a]] if b == NOTHING else found.nats[at[a], at[b]] for a, b, _ in confused])
+        evidence = pairwise_evidence(self.fit, H, self.active, effects, names)
+        index = {n: i for i, n in enumerate(evidence.names)}
+        return np.array(
+            [evidence.nothing[index[a]] if b == NOTHING else evidence.nats[index[a], index[b]] for a, b, _ in confused]
+        )
 
     def _information_of(self, effects: Sequence[Effect]) -> np.ndarray:
         at = parameter_slices(self.fit.effects)
@@ -192,7 +194,7 @@ def _worth(now: np.ndarray, then: np.ndarray) -> float:
     return float(np.minimum(then, ENOUGH).min() - now.min() + 0.1 * gain.sum())
 
 
-def _water(fit: PosteriorFit) -> Site:
+def _fence(fit: PosteriorFit) -> Site:
     """A square fence round the positions of the logs."""
     places = fit.physics.windows.fixes.place_m
     middle, reach = places.mean(axis=0), np.ptp(places, axis=0).max() / 2

@@ -28,10 +28,10 @@ class Masking:
     @staticmethod
     def of(causes: Iterable[str]) -> Masking:
         """Masking by all of `causes` (names) together."""
-        every = [MASKED_BY[name] for name in causes if name in MASKED_BY]
-        names = tuple(name for echo in every for name in echo.names)
-        limit = max((echo.limit for echo in every), default=DECISIVE_NATS)
-        return Masking(names, any(e.within for e in every), any(e.outliers for e in every), limit)
+        maskings = [MASKED_BY[name] for name in causes if name in MASKED_BY]
+        names = tuple(name for masking in maskings for name in masking.names)
+        limit = max((masking.limit for masking in maskings), default=DECISIVE_NATS)
+        return Masking(names, any(e.within for e in maskings), any(e.outliers for e in maskings), limit)
 
 
 NO_MASKING = Masking()

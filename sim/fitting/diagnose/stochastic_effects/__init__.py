@@ -22,7 +22,7 @@ from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, Z95, C
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.stochastic_effects import gusts as gusty
 from sim.fitting.diagnose.stochastic_effects import nlos, waves
-from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, left_over
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, residual_acceleration
 from sim.fitting.engine.windows import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # factor on the standard error of a period, for the unknown shape of the spectrum; assumed
@@ -77,7 +77,7 @@ def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | No
     """Fixes without line of sight to the anchor that explains them best, with `fix_weight`."""
     places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
     anchors = nlos.anchors_of(fit.physics.runs, places)
-    best = nlos.blocked(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]
+    best = nlos.fit_anchors(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]
     at, C = best.posterior.at[nlos.OWN][:2], best.posterior.covariance[nlos.OWN, nlos.OWN][:2, :2]
     values = np.array([best.share, np.exp(at[1]), best.number])
     slope = np.array([best.share * (1 - best.share), values[1]])
@@ -88,11 +88,11 @@ def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | No
 
 def wave_cause(fit: PosteriorFit, model: CandidateModel, sure: bool = False) -> StochasticCause | None:
     """Waves by screening, then by a fit of the likelihood; None where either rejects them, unless they are `sure`."""
-    whole = left_over(fit, model, waves.STEP_S, np.inf)
-    seen = waves.look(whole)
+    whole = residual_acceleration(fit, model, waves.STEP_S, np.inf)
+    seen = waves.screen_waves(whole)
     if not sure and (seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N):
         return None
-    found = waves.waves(left_over(fit, model, waves.STEP_S, waves.BLOCK_S), seen)
+    found = waves.fit_waves(residual_acceleration(fit, model, waves.STEP_S, waves.BLOCK_S), seen)
     if not sure and found.width > waves.MOST_WIDTH:
         return None
     F_w, share = waves.rms_force(whole, found.beta_rad, found.T_p_s)
@@ -115,8 +115,8 @@ def gust_cause(fit: PosteriorFit, model: CandidateModel, wind: Candidate, sure: 
         float(np.sqrt(2 * pressure / RHO_AIR)),
         float(np.degrees(np.arctan2(-wind.values[1], -wind.values[0]))),
     )
-    data = left_over(fit, model, gusty.STEP_S, gusty.BLOCK_S)
-    found = gusty.gusts(data, _wind_along(fit, data, speed, beta))
+    data = residual_acceleration(fit, model, gusty.STEP_S, gusty.BLOCK_S)
+    found = gusty.fit_gusts(data, _wind_along(fit, data, speed, beta))
     gustiness, time = gusty.gustiness_of(found.size), found.gust_time_s
     along = wind.values / pressure
     across = np.array([-along[1], along[0]])

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.fitting.diagnose.stochastic_effects.estimate import Batch, Peak, climb, normal
+from sim.fitting.diagnose.stochastic_effects.estimate import (
+    BatchedLogPosterior,
+    PosteriorPeak,
+    maximise,
+    normal_log_density,
+)
 from sim.fitting.diagnose.stochastic_effects.process import AMBIENT, NUISANCE, TIME, WHITE, log_likelihood
 from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
@@ -13,7 +18,7 @@ SIZES_SIGMA = 1.5  # of the logarithm of all other parameters, about their rough
 SCALE = np.array([0.2] * 6 + [0.3])
 
 
-def rough(data: ResidualAcceleration) -> np.ndarray:
+def initial_noise(data: ResidualAcceleration) -> np.ndarray:
     """Initial nuisance parameters (7,): white noise from differences, ambient noise from the remaining variance."""
     quick = np.maximum(_spread(np.diff(data.y, axis=0)) / np.sqrt(2), 1e-6)
     slow = _spread(data.y)
@@ -31,24 +36,24 @@ def _spread(y: np.ndarray) -> np.ndarray:
     return np.array([values.std() if len(values) else 1e-3 for values in channels])
 
 
-def prior(nuisance: np.ndarray, about: np.ndarray) -> np.ndarray:
+def noise_log_prior(nuisance: np.ndarray, about: np.ndarray) -> np.ndarray:
     """Log prior (h,) of nuisance parameters (h, 7) about the initial values `about` (7,)."""
-    sizes = normal(nuisance[:, :TIME], about[:TIME], SIZES_SIGMA).sum(axis=1)
-    return sizes + normal(nuisance[:, TIME], np.log(AMBIENT_TIME_S), 1.0)
+    sizes = normal_log_density(nuisance[:, :TIME], about[:TIME], SIZES_SIGMA).sum(axis=1)
+    return sizes + normal_log_density(nuisance[:, TIME], np.log(AMBIENT_TIME_S), 1.0)
 
 
-def calm(data: ResidualAcceleration, about: np.ndarray, steps: int = 15) -> tuple[np.ndarray, float]:
+def fit_ambient(data: ResidualAcceleration, about: np.ndarray, steps: int = 15) -> tuple[np.ndarray, float]:
     """Maximum of the nuisance parameters (7,) without any process, and its log posterior [nats]."""
     T, _, B = data.y.shape
 
     def f(q: np.ndarray) -> np.ndarray:
         one = np.ones(len(q))
-        return log_likelihood(data, q, np.zeros((T, 3, len(q), B)), one, one) + prior(q, about)
+        return log_likelihood(data, q, np.zeros((T, 3, len(q), B)), one, one) + noise_log_prior(q, about)
 
-    return climb(f, about, SCALE, steps)
+    return maximise(f, about, SCALE, steps)
 
 
-def nats_over(calm_height: float, with_process: Peak) -> float:
+def nats_over(calm_height: float, with_process: PosteriorPeak) -> float:
     """Log evidence of a process over ambient noise alone [nats].
 
     Laplace over the process's own parameters, which follow the nuisance ones: peak difference + 1/2 log det(2 pi C).
@@ -58,6 +63,6 @@ def nats_over(calm_height: float, with_process: Peak) -> float:
     return with_process.height - calm_height + 0.5 * float(log_det)
 
 
-def beside(data: ResidualAcceleration, about: np.ndarray, own: Batch) -> Batch:
+def with_noise_prior(data: ResidualAcceleration, about: np.ndarray, own: BatchedLogPosterior) -> BatchedLogPosterior:
     """Log posterior of [nuisance, own parameters] (h, 7 + k); `own`: the same without the nuisance's prior."""
-    return lambda q: own(q) + prior(q[:, :NUISANCE], about)
+    return lambda q: own(q) + noise_log_prior(q[:, :NUISANCE], about)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-Batch = Callable[[np.ndarray], np.ndarray]
+BatchedLogPosterior = Callable[[np.ndarray], np.ndarray]
 """Log posteriors [nats] of parameters (h, k): (h,)."""
 REACH = 1e-3  # step of first differences in units of each parameter's scale
 FTOL = 3e-6  # relative tolerance: some tenths of a nat
@@ -17,13 +17,13 @@ REACH_2 = 0.05  # step of second differences, same units
 LOG_2PI = float(np.log(2 * np.pi))
 
 
-def normal(x: Any, mean: Any, sigma: Any) -> np.ndarray:
+def normal_log_density(x: Any, mean: Any, sigma: Any) -> np.ndarray:
     """Log density of a normal distribution."""
     return -0.5 * ((x - mean) / sigma) ** 2 - np.log(sigma) - LOG_2PI / 2
 
 
 @dataclass(frozen=True)
-class Peak:
+class PosteriorPeak:
     """Maximum of a log posterior: `at` (k,), height [nats], covariance (k, k), Laplace log evidence [nats]."""
 
     at: np.ndarray
@@ -32,7 +32,7 @@ class Peak:
     evidence: float
 
 
-def climb(f: Batch, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> tuple[np.ndarray, float]:
+def maximise(f: BatchedLogPosterior, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> tuple[np.ndarray, float]:
     """Local maximum by L-BFGS-B in units of `scale` (k,), and its height; a gradient is one batch of 2 k + 1."""
     k = len(start)
     probes = np.concatenate([np.zeros((1, k)), REACH * np.eye(k), -REACH * np.eye(k)])
@@ -46,22 +46,22 @@ def climb(f: Batch, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> tu
     return start + scale * found.x, -float(found.fun)
 
 
-def peak(f: Batch, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> Peak:
+def fit_peak(f: BatchedLogPosterior, start: np.ndarray, scale: np.ndarray, steps: int = 40) -> PosteriorPeak:
     """Maximum from `start` (k,) with covariance from second differences and log evidence
 
     height + k / 2 log 2 pi - 1/2 log det H,   H = -d2 log p in units of `scale`.
     """
-    at, height = climb(f, start, scale, steps)
+    at, height = maximise(f, start, scale, steps)
     H = -curvature(f, at, scale)
     values, vectors = np.linalg.eigh(H)
     values = np.maximum(values, 0.1)  # directions without information: sigma of at most about 3 scales
     inverse = vectors / values @ vectors.T
     k = len(at)
     evidence = height + k / 2 * LOG_2PI - 0.5 * float(np.log(values).sum()) + float(np.log(scale).sum())
-    return Peak(at, height, inverse * np.outer(scale, scale), evidence)
+    return PosteriorPeak(at, height, inverse * np.outer(scale, scale), evidence)
 
 
-def curvature(f: Batch, at: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def curvature(f: BatchedLogPosterior, at: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Second derivatives (k, k) in units of `scale`, in one batch."""
     k = len(at)
     i, j = np.triu_indices(k)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
-from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
-from sim.fitting.diagnose.stochastic_effects.estimate import Peak, normal, peak
+from sim.fitting.diagnose.stochastic_effects.ambient import fit_ambient, initial_noise, nats_over, with_noise_prior
+from sim.fitting.diagnose.stochastic_effects.estimate import PosteriorPeak, fit_peak, normal_log_density
 from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, WHITE, log_likelihood
 from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
@@ -30,10 +30,10 @@ MOST_SIZE = 1.38  # s of a gustiness of 2, the upper limit
 
 
 @dataclass(frozen=True)
-class Gusts:
+class GustEstimate:
     """Posterior of [noise, log s, log gust time]; nats over a steady wind; `size`: s by moments of the record."""
 
-    posterior: Peak
+    posterior: PosteriorPeak
     nats: float
     size: float
 
@@ -54,20 +54,20 @@ def size_error(gust_time_s: float, span_s: float) -> float:
     return SKEW * float(np.sqrt(gust_time_s / (2 * span_s)))
 
 
-def gusts(data: ResidualAcceleration, force: np.ndarray) -> Gusts:
+def fit_gusts(data: ResidualAcceleration, force: np.ndarray) -> GustEstimate:
     """Fit gusts of the wind whose steady force along the motion is `force` (T, 3, B) [N, N, N m]."""
-    about = rough(data)
-    noise, height = calm(data, about)
+    about = initial_noise(data)
+    noise, height = fit_ambient(data, about)
     acts = data.pattern(force)
 
     def own(q: np.ndarray) -> np.ndarray:
         pattern = acts[:, :, None] * np.exp(q[:, SIZE])[:, None]
         nats = log_likelihood(data, q[:, :NUISANCE], pattern, np.exp(-q[:, TIME]), np.zeros(len(q)))
-        return nats + normal(q[:, SIZE], *SIZE_PRIOR) + normal(q[:, TIME], *TIME_PRIOR)
+        return nats + normal_log_density(q[:, SIZE], *SIZE_PRIOR) + normal_log_density(q[:, TIME], *TIME_PRIOR)
 
     start = np.concatenate([noise, [SIZE_PRIOR[0], TIME_PRIOR[0]]])
-    top = peak(beside(data, about, own), start, np.concatenate([NUISANCE_SCALE, OWN_SCALE]))
-    return Gusts(top, nats_over(height, top), _shown(data, acts, np.exp(2 * top.at[WHITE])[:2]))
+    top = fit_peak(with_noise_prior(data, about, own), start, np.concatenate([NUISANCE_SCALE, OWN_SCALE]))
+    return GustEstimate(top, nats_over(height, top), _shown(data, acts, np.exp(2 * top.at[WHITE])[:2]))
 
 
 def _shown(data: ResidualAcceleration, acts: np.ndarray, white: np.ndarray) -> float:

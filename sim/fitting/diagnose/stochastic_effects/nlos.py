@@ -16,7 +16,13 @@ import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, logit
 
 from companion.logs.runs.run import Run
-from sim.fitting.diagnose.stochastic_effects.estimate import LOG_2PI, Batch, Peak, normal, peak
+from sim.fitting.diagnose.stochastic_effects.estimate import (
+    LOG_2PI,
+    BatchedLogPosterior,
+    PosteriorPeak,
+    fit_peak,
+    normal_log_density,
+)
 
 SIGMA, FEW, LARGER, SHARE, EXTRA, SHIFT = range(6)  # log m, logit, log, logit, log m, m
 EVERYDAY, OWN = slice(0, 3), slice(3, 6)
@@ -27,7 +33,7 @@ BOX_MARGIN = 0.25  # margin of the corners that stand for unknown anchors, over 
 
 
 @dataclass(frozen=True)
-class Blocked:
+class BlockedAnchor:
     """Hypothesis that one anchor is out of sight: posterior of the parameters above, nats over usual errors alone.
 
     `number`: the anchor's name where that is a number, else its index; `line_of_sight` (m,): probability of each fix.
@@ -36,7 +42,7 @@ class Blocked:
     anchor: str
     number: int
     place_m: tuple[float, float]
-    posterior: Peak
+    posterior: PosteriorPeak
     nats: float
     line_of_sight: np.ndarray
 
@@ -57,9 +63,9 @@ def anchors_of(runs: Sequence[Run], places_m: np.ndarray) -> dict[str, tuple[flo
     return {"south-west": (n0, e0), "north-west": (n1, e0), "north-east": (n1, e1), "south-east": (n0, e1)}
 
 
-def blocked(
+def fit_anchors(
     e: np.ndarray, places_m: np.ndarray, fix_m: float, anchors: Mapping[str, tuple[float, float]]
-) -> list[Blocked]:
+) -> list[BlockedAnchor]:
     """One hypothesis an anchor, the best first. `e`: fix minus tag (m, 2), `places_m`: fixes (m, 2), `fix_m`: sigma."""
     usual = _everyday(e, fix_m)
     found = []
@@ -71,11 +77,11 @@ def blocked(
         def f(q: np.ndarray, along: np.ndarray = along, across: np.ndarray = across) -> np.ndarray:
             return np.logaddexp(*_parts(q, along, across)).sum(axis=1) + _prior(q, fix_m)
 
-        top = peak(f, _start(f, usual), SCALE)
+        top = fit_peak(f, _start(f, usual), SCALE)
         seen, hidden = _parts(top.at[None], along, across)
         place = (float(anchor[0]), float(anchor[1]))
         number = int(name) if name.isdecimal() else i
-        found.append(Blocked(name, number, place, top, top.evidence - usual.evidence, expit(seen - hidden)[0]))
+        found.append(BlockedAnchor(name, number, place, top, top.evidence - usual.evidence, expit(seen - hidden)[0]))
     return sorted(found, key=lambda b: -b.nats)
 
 
@@ -85,7 +91,7 @@ def _parts(q: np.ndarray, along: np.ndarray, across: np.ndarray) -> tuple[np.nda
     seen = log_expit(-share) + _usual(q, (along + c) ** 2 + across**2)
     rate, s = sigma / extra, (along + c) / sigma
     late = -q[:, [EXTRA]] - rate * s + rate**2 / 2 + log_ndtr(s - rate)
-    return seen, log_expit(share) + late + normal(across, 0.0, sigma)
+    return seen, log_expit(share) + late + normal_log_density(across, 0.0, sigma)
 
 
 def _usual(q: np.ndarray, squares: np.ndarray) -> np.ndarray:
@@ -100,26 +106,26 @@ def _round(squares: np.ndarray, log_sigma: np.ndarray) -> np.ndarray:
 
 
 def _usual_prior(q: np.ndarray, sigma_m: float) -> np.ndarray:
-    noise = normal(q[:, SIGMA], np.log(sigma_m), 0.5)
-    return noise + normal(q[:, FEW], *FEW_PRIOR) + normal(q[:, LARGER], *LARGER_PRIOR)
+    noise = normal_log_density(q[:, SIGMA], np.log(sigma_m), 0.5)
+    return noise + normal_log_density(q[:, FEW], *FEW_PRIOR) + normal_log_density(q[:, LARGER], *LARGER_PRIOR)
 
 
 def _prior(q: np.ndarray, sigma_m: float) -> np.ndarray:
-    own = normal(q[:, SHARE], *SHARE_PRIOR) + normal(q[:, EXTRA], *EXTRA_PRIOR)
-    return _usual_prior(q, sigma_m) + own + normal(q[:, SHIFT], 0.0, SHIFT_SIGMA_M)
+    own = normal_log_density(q[:, SHARE], *SHARE_PRIOR) + normal_log_density(q[:, EXTRA], *EXTRA_PRIOR)
+    return _usual_prior(q, sigma_m) + own + normal_log_density(q[:, SHIFT], 0.0, SHIFT_SIGMA_M)
 
 
-def _everyday(e: np.ndarray, sigma_m: float) -> Peak:
+def _everyday(e: np.ndarray, sigma_m: float) -> PosteriorPeak:
     """Posterior of the usual errors' parameters, all fixes having line of sight."""
     squares = (e**2).sum(axis=1)
 
     def f(q: np.ndarray) -> np.ndarray:
         return _usual(q, squares).sum(axis=1) + _usual_prior(q, sigma_m)
 
-    return peak(f, np.array([np.log(sigma_m), FEW_PRIOR[0], LARGER_PRIOR[0]]), SCALE[EVERYDAY])
+    return fit_peak(f, np.array([np.log(sigma_m), FEW_PRIOR[0], LARGER_PRIOR[0]]), SCALE[EVERYDAY])
 
 
-def _start(f: Batch, usual: Peak) -> np.ndarray:
+def _start(f: BatchedLogPosterior, usual: PosteriorPeak) -> np.ndarray:
     """Best start of a grid over share and extra, with usual errors as fitted and with few large ones."""
     few = [usual.at, np.array([usual.at[SIGMA], FEW_PRIOR[0], LARGER_PRIOR[0]])]
     grid = np.array([

@@ -51,7 +51,9 @@ class ResidualAcceleration:
         return np.concatenate([seen, accelerations[..., 2:, :]], axis=-2)
 
 
-def left_over(fit: PosteriorFit, model: CandidateModel, step_s: float, block_s: float) -> ResidualAcceleration:
+def residual_acceleration(
+    fit: PosteriorFit, model: CandidateModel, step_s: float, block_s: float
+) -> ResidualAcceleration:
     """Residual accelerations of `model`, means over about `step_s` (a whole number of samples), blocks of `block_s`.
 
     A block is at most one log.

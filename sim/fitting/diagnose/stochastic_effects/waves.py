@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
-from sim.fitting.diagnose.stochastic_effects.ambient import beside, calm, nats_over, rough
-from sim.fitting.diagnose.stochastic_effects.estimate import Peak, climb, normal, peak
+from sim.fitting.diagnose.stochastic_effects.ambient import fit_ambient, initial_noise, nats_over, with_noise_prior
+from sim.fitting.diagnose.stochastic_effects.estimate import PosteriorPeak, fit_peak, maximise, normal_log_density
 from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, log_likelihood
 from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
@@ -42,7 +42,7 @@ OWN_SCALE = np.array([0.1, 0.02, 0.1, 0.2])
 
 
 @dataclass(frozen=True)
-class Look:
+class WaveScreening:
     """Result of the screening: F_w [N], T_p [s], direction modulo pi [rad], nats."""
 
     F_w_N: float
@@ -52,10 +52,10 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Waves:
+class WaveEstimate:
     """Posterior of [noise, log F_w, log T_p, beta, log width]; nats over ambient noise and over a body-fixed band."""
 
-    posterior: Peak
+    posterior: PosteriorPeak
     nats: float
     over_body_fixed: float
 
@@ -85,10 +85,10 @@ def wave_force(q: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(q), SWAY_SHARE * np.sin(q), YAW_ARM_M * np.sin(2 * q)], axis=1)
 
 
-def look(data: ResidualAcceleration) -> Look:
+def screen_waves(data: ResidualAcceleration) -> WaveScreening:
     """Screening: the best direction and band; `data` in blocks of whole logs."""
     B = data.y.shape[2]
-    best = Look(0.0, 1.0, 0.0, -np.inf)
+    best = WaveScreening(0.0, 1.0, 0.0, -np.inf)
     for beta in np.arange(DIRECTIONS) * np.pi / DIRECTIONS:
         frequency, power = _projected(data, beta)
         power = power.mean(axis=1)
@@ -97,7 +97,7 @@ def look(data: ResidualAcceleration) -> Look:
             nats = count * B * (ratio - 1 - np.log(ratio)) / 1.5 if ratio > 1 else 0.0  # taper: correlated ordinates
             if nats > best.nats:
                 rms = np.sqrt(max(ratio - 1, 0.0) * background * count * frequency[1])
-                best = Look(float(rms), float(period), float(beta), float(nats))
+                best = WaveScreening(float(rms), float(period), float(beta), float(nats))
     return best
 
 
@@ -151,22 +151,22 @@ def _contrast(frequency: np.ndarray, power: np.ndarray, centre: float) -> tuple[
     return float(power[inside].mean()) / background, background, int(inside.sum())
 
 
-def waves(data: ResidualAcceleration, seen: Look) -> Waves:
+def fit_waves(data: ResidualAcceleration, seen: WaveScreening) -> WaveEstimate:
     """Fit of the likelihood from the screening's result, and of its rival, a body-fixed band."""
-    about = rough(data)
-    noise, height = calm(data, about)
+    about = initial_noise(data)
+    noise, height = fit_ambient(data, about)
 
     def own(q: np.ndarray) -> np.ndarray:
         return _nats(data, q) + _prior(q)
 
-    f = beside(data, about, own)
+    f = with_noise_prior(data, about, own)
     scale = np.concatenate([NUISANCE_SCALE, OWN_SCALE])
     begin = [np.log(max(seen.F_w_N, 0.1)), np.log(seen.T_p_s), seen.beta_rad, np.log(WIDTH)]
     starts = np.array([[*about, *begin], [*about, *begin], [*noise, *begin], [*noise, *begin]])
     starts[1::2, BETA] += np.pi
-    top = peak(f, starts[int(f(starts).argmax())], scale, STEPS)
-    _, rival = climb(lambda q: _own_band(data, q) + _rival_prior(data, q, about), *_rival_start(data, top), STEPS)
-    return Waves(top, nats_over(height, top), top.height - rival)
+    top = fit_peak(f, starts[int(f(starts).argmax())], scale, STEPS)
+    _, rival = maximise(lambda q: _own_band(data, q) + _rival_prior(data, q, about), *_rival_start(data, top), STEPS)
+    return WaveEstimate(top, nats_over(height, top), top.height - rival)
 
 
 def _nats(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
@@ -184,14 +184,14 @@ def _banded(data: ResidualAcceleration, q: np.ndarray, pattern: np.ndarray) -> n
 
 
 def _prior(q: np.ndarray) -> np.ndarray:
-    size = normal(q[:, F], float(np.log(3 * SMALLEST_N)), 1.0) - np.log(2 * np.pi)
+    size = normal_log_density(q[:, F], float(np.log(3 * SMALLEST_N)), 1.0) - np.log(2 * np.pi)
     return size + _band_prior(q)
 
 
 def _band_prior(q: np.ndarray) -> np.ndarray:
     low, high = np.log(PERIODS_S)
     outside = np.maximum(np.abs(q[:, T_P] - (low + high) / 2) - (high - low) / 2, 0.0)
-    return normal(q[:, BAND], float(np.log(WIDTH)), 0.7) - np.log(high - low) - 0.5 * (outside / 0.02) ** 2
+    return normal_log_density(q[:, BAND], float(np.log(WIDTH)), 0.7) - np.log(high - low) - 0.5 * (outside / 0.02) ** 2
 
 
 def _own_band(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
@@ -202,7 +202,7 @@ def _own_band(data: ResidualAcceleration, q: np.ndarray) -> np.ndarray:
     return _banded(data, q, pattern)
 
 
-def _rival_start(data: ResidualAcceleration, top: Peak) -> tuple[np.ndarray, np.ndarray]:
+def _rival_start(data: ResidualAcceleration, top: PosteriorPeak) -> tuple[np.ndarray, np.ndarray]:
     """Start and scale of the rival: noise and band of the waves, with their rms in each channel."""
     rms = np.sqrt((data.pattern(wave_force(top.at[BETA] + np.pi - data.x[:, 2])) ** 2).mean(axis=(0, 2)))
     rms *= np.exp(top.at[F])
@@ -214,4 +214,4 @@ def _rival_start(data: ResidualAcceleration, top: Peak) -> tuple[np.ndarray, np.
 
 
 def _rival_prior(data: ResidualAcceleration, q: np.ndarray, about: np.ndarray) -> np.ndarray:
-    return beside(data, about, _band_prior)(q)
+    return with_noise_prior(data, about, _band_prior)(q)

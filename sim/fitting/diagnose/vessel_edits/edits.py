@@ -21,12 +21,12 @@ STAY_AT = ("name", "channel")
 """Keys that stay when two thrusters change places: a command keeps its name and its channel."""
 
 
-class NoPlaceError(ValueError):
+class NotInVesselFileError(ValueError):
     """The vessel file has no key for this effect; the message says why."""
 
 
 @dataclass(frozen=True)
-class NamedCause:
+class CauseValues:
     """An effect with its values.
 
     engine      the fit's values by parameter name, origin added
@@ -52,7 +52,7 @@ class NamedCause:
         return self.effect.name.partition(":")[2]
 
 
-def noted(source: str, note: str) -> str:
+def append_note(source: str, note: str) -> str:
     """`source` of a table with `note` appended once."""
     return source if note in source else f"{source}; {note}"
 
@@ -61,16 +61,18 @@ def _thrusters(vessel: VesselFile, edit: Callable[[Thruster], Thruster]) -> Vess
     return replace(vessel, thrusters=tuple(edit(t) for t in vessel.thrusters))
 
 
-def _gain(vessel: VesselFile, cause: NamedCause, name: str | None) -> VesselFile:
+def _gain(vessel: VesselFile, cause: CauseValues, name: str | None) -> VesselFile:
     """Gain of the thruster `name`, or of all (None)."""
     share = cause.public["gain"]
     return _thrusters(
         vessel,
-        lambda t: replace(t, gain=t.gain * share, source=noted(t.source, cause.note)) if name in (None, t.name) else t,
+        lambda t: (
+            replace(t, gain=t.gain * share, source=append_note(t.source, cause.note)) if name in (None, t.name) else t
+        ),
     )
 
 
-def _swapped(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _swapped(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """The command of thruster A drives the thruster at B's place, and the reverse."""
     one, other = cause.tail.split("+")
     by_name = {t.name: t for t in vessel.thrusters}
@@ -79,7 +81,7 @@ def _swapped(vessel: VesselFile, cause: NamedCause) -> VesselFile:
         if t.name not in (one, other):
             return t
         there = by_name[other if t.name == one else one]
-        return replace(there, **{k: getattr(t, k) for k in STAY_AT}, source=noted(there.source, cause.note))
+        return replace(there, **{k: getattr(t, k) for k in STAY_AT}, source=append_note(there.source, cause.note))
 
     swap = {one: other, other: one}
     wash = tuple(
@@ -89,25 +91,25 @@ def _swapped(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     return replace(_thrusters(vessel, edit), propulsion=replace(vessel.propulsion, wash=wash))
 
 
-def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, NamedCause], VesselFile]:
-    def place(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, CauseValues], VesselFile]:
+    def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
         i = vessel.inertia
         return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.public[public or key]},
-                                               source=noted(i.source, cause.note)))  # fmt: skip
+                                               source=append_note(i.source, cause.note)))  # fmt: skip
 
     return place
 
 
-def _cg(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _cg(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     i, p = vessel.inertia, cause.public
-    moved = replace(i, x_g_m=i.x_g_m + p["x_g_m"], y_g_m=i.y_g_m + p["y_g_m"], source=noted(i.source, cause.note))
+    moved = replace(i, x_g_m=i.x_g_m + p["x_g_m"], y_g_m=i.y_g_m + p["y_g_m"], source=append_note(i.source, cause.note))
     return replace(vessel, inertia=moved)
 
 
-def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselFile, NamedCause], VesselFile]:
+def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselFile, CauseValues], VesselFile]:
     """Public numbers times `scale` added to keys of `[sensors.imu]` or `[sensors.uwb]`: key = public name."""
 
-    def place(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+    def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
         now = getattr(vessel.sensors, table)
         moved = {key: getattr(now, key) + scale * cause.public[public] for key, public in keys.items()}
         if "latency_s" in moved:
@@ -117,45 +119,45 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
     return place
 
 
-def _sensed(vessel: VesselFile, cause: NamedCause, table: str, **keys: float) -> VesselFile:
+def _sensed(vessel: VesselFile, cause: CauseValues, table: str, **keys: float) -> VesselFile:
     now = getattr(vessel.sensors, table)
-    new = replace(now, **keys, source=noted(now.source, cause.note))
+    new = replace(now, **keys, source=append_note(now.source, cause.note))
     return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
 
 
-def _accel_bias(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _accel_bias(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Bias in body axes, turned into the axes of the IMU, which the file uses."""
     x, y, _ = apply_imu_errors(vessel.sensors.imu, cause.public["b_x_m_s2"], cause.public["b_y_m_s2"], 0.0)
     return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
 
 
-def _iron(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _iron(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     imu = vessel.sensors.imu
     more = {f"hard_iron_{k}_rad": getattr(imu, f"hard_iron_{k}_rad") + float(np.radians(cause.engine[f"{k}_deg"]))
             for k in ("cos", "sin")}  # fmt: skip
     return _sensed(vessel, cause, "imu", **more)
 
 
-def _propulsion(vessel: VesselFile, cause: NamedCause, **keys: object) -> VesselFile:
+def _propulsion(vessel: VesselFile, cause: CauseValues, **keys: object) -> VesselFile:
     p = vessel.propulsion
-    return replace(vessel, propulsion=replace(p, **keys, source=noted(p.source, cause.note)))
+    return replace(vessel, propulsion=replace(p, **keys, source=append_note(p.source, cause.note)))
 
 
-def _slew(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _slew(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Rate limit, in place of the file's, which is part of the public value."""
     return _propulsion(vessel, cause, slew_N_s=cause.public["rate_limit_N_s"])
 
 
-def _advance(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _advance(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """k sqrt|f| u of the file for loss |f| u: k = loss sum |f|^1.5 / sum |f|, least squares over the logs' forces."""
     f = np.abs(cause.forces_n)
     if not f.any():
-        raise NoPlaceError("no thrust in the logs to compare with")
+        raise NotInVesselFileError("no thrust in the logs to compare with")
     k = cause.public["loss_s_m"] * float((f**1.5).sum() / f.sum())
     return _propulsion(vessel, cause, advance_loss_sqrt_N_s_m=vessel.propulsion.advance_loss_sqrt_N_s_m + k)
 
 
-def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _wash(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Wash of each pair one behind the other on a side, added to the shares of the file."""
     shares = {(w.behind, w.ahead): w.share for w in vessel.propulsion.wash}
     blown = False
@@ -166,11 +168,11 @@ def _wash(vessel: VesselFile, cause: NamedCause) -> VesselFile:
                 pair, blown = (behind.name, ahead.name), True
                 shares[pair] = shares.get(pair, 0.0) + share
     if not blown or min(shares.values()) < 0:
-        raise NoPlaceError("no thruster lies in another's jet, or the loss is negative")
+        raise NotInVesselFileError("no thruster lies in another's jet, or the loss is negative")
     return _propulsion(vessel, cause, wash=tuple(Wash(behind=b, ahead=a, share=s) for (b, a), s in shares.items()))
 
 
-def _cross_flow(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _cross_flow(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Strips in pure sway and in pure yaw as Y_vv and N_rr; their interaction has no key in the file."""
     h, d = vessel.hull, vessel.damping
     per_m = RHO_WATER / 2 * cause.public["C_d"] * 1.5 * h.draft_m
@@ -178,15 +180,15 @@ def _cross_flow(vessel: VesselFile, cause: NamedCause) -> VesselFile:
         "Y_vv_N_s2_m2": d.Y_vv_N_s2_m2 - per_m * h.length_m,
         "N_rr_N_m_s2": d.N_rr_N_m_s2 - per_m * h.length_m**4 / 32,
     }
-    return replace(vessel, damping=replace(d, **more, source=noted(d.source, cause.note)))
+    return replace(vessel, damping=replace(d, **more, source=append_note(d.source, cause.note)))
 
 
-def _term(vessel: VesselFile, name: str, cause: NamedCause, **numbers: float) -> VesselFile:
+def _term(vessel: VesselFile, name: str, cause: CauseValues, **numbers: float) -> VesselFile:
     table = {k: float(v) for k, v in numbers.items()} | {"source": cause.note}
     return replace(vessel, terms=vessel.terms | {name: table})
 
 
-def _current(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _current(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Current added as a vector to that of the file."""
     now = values("current", vessel.terms.get("current", {}))
     angle = np.radians(now["beta_c_deg"])
@@ -198,7 +200,7 @@ def _current(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     )
 
 
-def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _wind(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Wind added to that of the file by vectors of dynamic pressure, which is right for light winds."""
     now = values("wind", vessel.terms.get("wind", {}))
     angle = np.radians(now["beta_w_deg"])
@@ -209,15 +211,15 @@ def _wind(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=np.degrees(np.arctan2(-east, -north)), **own)
 
 
-def _gusty(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _gusty(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """The steady wind of the same mean force; gusts have no key in the file."""
     p = cause.public
     pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
     own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
-    return _wind(vessel, NamedCause(cause.effect, own, p, cause.note))
+    return _wind(vessel, CauseValues(cause.effect, own, p, cause.note))
 
 
-def _tether(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _tether(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """Tether at the body origin; the moment of a line fastened elsewhere has no key in the file.
 
     Two springs without slack act as one of k = k_1 + k_2 anchored at the weighted mean of their anchors.
@@ -225,27 +227,27 @@ def _tether(vessel: VesselFile, cause: NamedCause) -> VesselFile:
     p, now = cause.public, values("tether", vessel.terms.get("tether", {}))
     k = now["stiffness_N_m"] + p["k_N_m"]
     if now["stiffness_N_m"] and now["slack_m"]:
-        raise NoPlaceError("the file has a tether with slack already")
+        raise NotInVesselFileError("the file has a tether with slack already")
     share = p["k_N_m"] / k if now["stiffness_N_m"] else 1.0
     place = {f"{at}_m": (1 - share) * now[f"{at}_m"] + share * p[f"anchor_{at}_m"] for at in ("north", "east")}
     return _term(vessel, "tether", cause, **place, stiffness_N_m=k)
 
 
-def _zone(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _zone(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     p = cause.public
     if values("shallow_zone", vessel.terms.get("shallow_zone", {}))["share"]:
-        raise NoPlaceError("the file has a shallow zone already")
+        raise NotInVesselFileError("the file has a shallow zone already")
     where = {k: p[k] for k in ("north_m", "east_m")}
     return _term(vessel, "shallow_zone", cause, **where, radius_m=max(p["radius_m"], 0.01), share=p["gain"] - 1)
 
 
-def _munk(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def _munk(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     now = values("munk_moment", vessel.terms.get("munk_moment", {}))
     return _term(vessel, "munk_moment", cause, k_kg=now["k_kg"] + cause.public["N_uv_kg"])
 
 
 RAD = float(np.pi / 180)
-PLACES: dict[str, Callable[[VesselFile, NamedCause], VesselFile]] = {
+EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "current": _current,
     "wind": _wind,
     "gusty_wind": _gusty,

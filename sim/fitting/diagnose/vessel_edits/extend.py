@@ -24,12 +24,12 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Damping, ModelError, RotorMap, VesselFile
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.manoeuvring import mass_matrix
-from sim.fitting.diagnose.vessel_edits.edits import PLACES, NamedCause, NoPlaceError, noted
+from sim.fitting.diagnose.vessel_edits.edits import EDITS, CauseValues, NotInVesselFileError, append_note
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.parameters import DAMPING, HULL, file_values
 from sim.fitting.identify.vessel_out import inertia_of, vessel_toml
 
-FOLDED = (
+REFITTED_WITH_BASE = (
     "base", "thruster_gain", "common_loss", "astern_asymmetry", "voltage_exponent", "dead_band", "lag", "dead_time",
     "hull_fouling", "payload", "added_mass", "yaw_inertia", "cg_shift", "yaw_sway_coupling", "imu_lever_arm",
     "uwb_latency", "uwb_lever_arm",
@@ -44,12 +44,12 @@ LAST = ("swapped_pair", "accel_bias")
 COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
 
 
-def refitted(vessel: VesselFile, nuisances: Sequence[NamedCause], source: str) -> VesselFile:
+def refitted(vessel: VesselFile, nuisances: Sequence[CauseValues], source: str) -> VesselFile:
     """`vessel` with its base numbers changed by those `nuisances` that are in `REFITTED_WITH_BASE`.
 
     Where the file's checks refuse the fitted yaw-sway coupling, that of the file is kept.
     """
-    mine = [n for n in nuisances if n.kind in FOLDED]
+    mine = [n for n in nuisances if n.kind in REFITTED_WITH_BASE]
     before = c = _coefficients(vessel)
     for cause in mine:
         if "hull" in cause.effect.hooks:
@@ -61,7 +61,7 @@ def refitted(vessel: VesselFile, nuisances: Sequence[NamedCause], source: str) -
         if cause.kind == "base" and "maps" in cause.effect.hooks:
             moved = _rounded(cause.effect.hooks["maps"](dict(cause.engine), moved))
         elif "hull" not in cause.effect.hooks and cause.kind != "base":
-            with suppress(NoPlaceError):
+            with suppress(NotInVesselFileError):
                 moved = extended(moved, cause)
     return moved
 
@@ -76,37 +76,37 @@ def _rounded(vessel: VesselFile) -> VesselFile:
     return replace(vessel, thrusters=tuple(trimmed))
 
 
-def extended(vessel: VesselFile, cause: NamedCause) -> VesselFile:
+def extended(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """`vessel` with one cause written into it. NotInVesselFileError where a vessel file has no key for it."""
     hooks = set(cause.effect.hooks)
-    if cause.kind in PLACES:
-        new = PLACES[cause.kind](vessel, cause)
+    if cause.kind in EDITS:
+        new = EDITS[cause.kind](vessel, cause)
     elif hooks == {"maps"}:
         new = _with_maps(vessel, cause.effect.hooks["maps"](dict(cause.engine), vessel), cause.note)
     elif hooks == {"hull"}:
         c = cause.effect.hooks["hull"](dict(cause.engine), _coefficients(vessel))
         new = _with_hull(vessel, c, cause.note)
     else:
-        raise NoPlaceError("no key of a vessel file stands for it")
+        raise NotInVesselFileError("no key of a vessel file stands for it")
     try:
         vessel_toml(new)
     except ConfigError as error:
-        raise NoPlaceError(str(error)) from None
+        raise NotInVesselFileError(str(error)) from None
     return new
 
 
-def with_causes(vessel: VesselFile, causes: Sequence[NamedCause]) -> tuple[VesselFile, dict[str, str]]:
+def with_causes(vessel: VesselFile, causes: Sequence[CauseValues]) -> tuple[VesselFile, dict[str, str]]:
     """`vessel` with all causes that it has keys for, and by name of the others the reason."""
     left: dict[str, str] = {}
     for cause in sorted(_of_the_fouled(causes), key=lambda c: c.kind in LAST):
         try:
             vessel = extended(vessel, cause)
-        except NoPlaceError as error:
+        except NotInVesselFileError as error:
             left[cause.effect.name] = str(error)
     return vessel, left
 
 
-def _of_the_fouled(causes: Sequence[NamedCause]) -> list[NamedCause]:
+def _of_the_fouled(causes: Sequence[CauseValues]) -> list[CauseValues]:
     """`causes` with the gain of a shallow zone relative to the fouled hull's damping, as in a file.
 
     A fit has both relative to the damping of the base.
@@ -120,7 +120,7 @@ def _of_the_fouled(causes: Sequence[NamedCause]) -> list[NamedCause]:
     ]
 
 
-def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[NamedCause]) -> VesselFile:
+def base_numbers(folded: VesselFile, full: VesselFile, causes: Sequence[CauseValues]) -> VesselFile:
     """Base numbers on which the causes' public values yield `full`.
 
     They are `folded` except for added mass, whose cause is relative to a number that absorbs all changes of M.
@@ -133,7 +133,7 @@ def numbers_beside(folded: VesselFile, full: VesselFile, causes: Sequence[NamedC
     return folded
 
 
-def trusted(vessel: VesselFile, noise: Noise, source: str) -> VesselFile:
+def with_model_error(vessel: VesselFile, noise: Noise, source: str) -> VesselFile:
     """`vessel` with a model error for the filter: `IN_SAMPLE` diag(M) times the latent acceleration, or more."""
     force = IN_SAMPLE * np.diag(mass_matrix(vessel)) * np.array(noise.latent)
     X, Y, N = np.maximum(force, LEAST_SHARE * np.array(EstimatorTuning().latent_sigma)).tolist()
@@ -157,15 +157,17 @@ def _coefficients(vessel: VesselFile) -> dict[str, float]:
 def _with_maps(before: VesselFile, after: VesselFile, note: str) -> VesselFile:
     """`after` with the note in `source` of those tables that differ from `before`."""
     maps = {
-        name: m if m == before.force_maps[name] else replace(m, source=noted(m.source, note))
+        name: m if m == before.force_maps[name] else replace(m, source=append_note(m.source, note))
         for name, m in after.force_maps.items()
     }
     propulsion = after.propulsion
     if propulsion != before.propulsion:
-        propulsion = replace(propulsion, source=noted(propulsion.source, note))
+        propulsion = replace(propulsion, source=append_note(propulsion.source, note))
     return replace(after, force_maps=maps, propulsion=propulsion)
 
 
 def _with_hull(vessel: VesselFile, c: Mapping[str, float], note: str) -> VesselFile:
-    damping = Damping(**{name: c[name] for name in DAMPING}, source=noted(vessel.damping.source, note))
-    return replace(vessel, inertia=inertia_of(vessel.inertia, c, noted(vessel.inertia.source, note)), damping=damping)
+    damping = Damping(**{name: c[name] for name in DAMPING}, source=append_note(vessel.damping.source, note))
+    return replace(
+        vessel, inertia=inertia_of(vessel.inertia, c, append_note(vessel.inertia.source, note)), damping=damping
+    )

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, Form, Place, PublicEntry
+from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, Form, LogReference, PublicEntry
 
 Z975 = 1.959964
 DRAWS = 20_000
@@ -41,11 +41,11 @@ class PublicForm:
 
     def __format__(self, spec: str) -> str:
         form, _, tail = spec.partition("|")
-        nil, form = (1.0, "%more/less") if form == "gain" else (0.0, form)
+        reference, form = (1.0, "%more/less") if form == "gain" else (0.0, form)
         scale, unit = 1.0, "" if self.unit == "1" else f" {self.unit}"
         if form.startswith("%"):
             scale, unit, form = 100.0, " %", form[1:]
-        value, low, high = (scale * (number - nil) for number in (self.value, *self.ci95))
+        value, low, high = (scale * (number - reference) for number in (self.value, *self.ci95))
         if not form:
             return f"{_digits(value)}{unit}{tail} (95 %: {_digits(low)} to {_digits(high)})"
         more, less = form.split("/")
@@ -62,8 +62,8 @@ def _digits(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def public(
-    effect: Effect, values: Sequence[float] | np.ndarray, covariance: np.ndarray, place: Place, seed: int = 0
+def public_form(
+    effect: Effect, values: Sequence[float] | np.ndarray, covariance: np.ndarray, place: LogReference, seed: int = 0
 ) -> dict[str, PublicForm]:
     """Public numbers of an effect from the fit's `values` (k,) and their covariance (k, k); `seed`: of the draws.
 
@@ -93,15 +93,15 @@ def public(
     return out
 
 
-def point(effect: Effect, values: Sequence[float] | np.ndarray, place: Place) -> dict[str, float]:
+def public_values(effect: Effect, values: Sequence[float] | np.ndarray, place: LogReference) -> dict[str, float]:
     """Public values without intervals."""
     entry = PUBLIC.get(family(effect.name))
     if entry is None or entry.form is None:
-        return {name: told.value for name, told in _plain(effect, np.asarray(values), _NOTHING, entry).items()}
+        return {name: number.value for name, number in _plain(effect, np.asarray(values), _NOTHING, entry).items()}
     return {name: float(v) for name, v in _formed(effect, entry.form, np.asarray(values), place).items()}
 
 
-def smallest(effect: Effect, times: float = 1.0) -> tuple[float, str]:
+def smallest_size(effect: Effect, times: float = 1.0) -> tuple[float, str]:
     """`times` the smallest size worth a name in public units, and the unit."""
     parameter = effect.parameters[0]
     entry = PUBLIC.get(family(effect.name))
@@ -115,8 +115,8 @@ def sentence(name: str, numbers: Mapping[str, PublicForm]) -> str:
     """Sentence of the effect `name` with its public numbers."""
     entry, tail = PUBLIC.get(family(name)), name.partition(":")[2]
     if entry is None:
-        told = ", ".join(f"{key} {number}" for key, number in numbers.items())
-        return f"{name}: {told}." if told else f"{name}."
+        text = ", ".join(f"{key} {number}" for key, number in numbers.items())
+        return f"{name}: {text}." if text else f"{name}."
     gain = numbers.get("gain")
     if family(name) == "thruster_gain" and gain is not None and gain.value < 0.1:
         how = "gives no thrust" if gain.value > -0.1 else "pushes the wrong way round"
@@ -143,7 +143,7 @@ def _plain(
     return out
 
 
-def _formed(effect: Effect, form: Form, values: np.ndarray, place: Place) -> dict[str, np.ndarray]:
+def _formed(effect: Effect, form: Form, values: np.ndarray, place: LogReference) -> dict[str, np.ndarray]:
     named = effect.by_name(values)
     try:
         return form(named, place)

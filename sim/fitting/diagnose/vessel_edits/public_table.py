@@ -15,14 +15,14 @@ Numbers = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Place:
+class LogReference:
     """Reference point of the fit's parameters: mean of all positions (2,) [m], middle of the shared clock [s]."""
 
     centre_m: np.ndarray
     middle_s: float
 
 
-Form = Callable[[Numbers, Place], dict[str, np.ndarray]]
+Form = Callable[[Numbers, LogReference], dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ def _direction(north: np.ndarray, east: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(east, north)) % 360
 
 
-def _current(p: Numbers, _: Place) -> dict[str, np.ndarray]:
+def _current(p: Numbers, _: LogReference) -> dict[str, np.ndarray]:
     north, east = p["north_m_s"], p["east_m_s"]
     return {"V_c_m_s": np.hypot(north, east), "beta_c_deg": _direction(north, east)}
 
 
-def _turning(p: Numbers, place: Place) -> dict[str, np.ndarray]:
+def _turning(p: Numbers, place: LogReference) -> dict[str, np.ndarray]:
     """The fit's direction is that at the middle of the clock; the public one is that at its beginning."""
     now = _current(p, place)
     return now | {
@@ -54,7 +54,7 @@ def _turning(p: Numbers, place: Place) -> dict[str, np.ndarray]:
     }
 
 
-def _wind(p: Numbers, _: Place) -> dict[str, np.ndarray]:
+def _wind(p: Numbers, _: LogReference) -> dict[str, np.ndarray]:
     north, east = p["north_Pa"], p["east_Pa"]
     return {"V_w_m_s": _wind_speed(np.hypot(north, east)), "beta_w_deg": _direction(-north, -east)}
 
@@ -63,7 +63,7 @@ def _wind_speed(pressure_Pa):
     return np.sqrt(2 * pressure_Pa / RHO_AIR)
 
 
-def _tether(p: Numbers, place: Place) -> dict[str, np.ndarray]:
+def _tether(p: Numbers, place: LogReference) -> dict[str, np.ndarray]:
     k = np.maximum(p["k_N_m"], 1e-6)
     return {
         "k_N_m": p["k_N_m"],
@@ -73,11 +73,11 @@ def _tether(p: Numbers, place: Place) -> dict[str, np.ndarray]:
     }
 
 
-def _zone(p: Numbers, _: Place) -> dict[str, np.ndarray]:
+def _zone(p: Numbers, _: LogReference) -> dict[str, np.ndarray]:
     return {"gain": 1 + p["share"], **{k: p[k] for k in ("north_m", "east_m", "radius_m")}}
 
 
-def _iron(p: Numbers, _: Place) -> dict[str, np.ndarray]:
+def _iron(p: Numbers, _: LogReference) -> dict[str, np.ndarray]:
     """cos_deg cos psi + sin_deg sin psi = A sin(psi - phase)."""
     return {
         "amplitude_deg": np.hypot(p["cos_deg"], p["sin_deg"]),

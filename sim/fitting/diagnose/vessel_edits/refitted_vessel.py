@@ -19,10 +19,16 @@ from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.held_out import ModelUnderTest
 from sim.fitting.diagnose.selection.model import CandidateModel
-from sim.fitting.diagnose.vessel_edits.edits import NamedCause
-from sim.fitting.diagnose.vessel_edits.extend import FOLDED, numbers_beside, refitted, trusted, with_causes
-from sim.fitting.diagnose.vessel_edits.public_form import PublicForm, family, point
-from sim.fitting.diagnose.vessel_edits.public_table import Place
+from sim.fitting.diagnose.vessel_edits.edits import CauseValues
+from sim.fitting.diagnose.vessel_edits.extend import (
+    REFITTED_WITH_BASE,
+    base_numbers,
+    refitted,
+    with_causes,
+    with_model_error,
+)
+from sim.fitting.diagnose.vessel_edits.public_form import PublicForm, family, public_values
+from sim.fitting.diagnose.vessel_edits.public_table import LogReference
 
 OF_THE_DAY = ("sensors", "environment")
 REFIT_SIGMAS = 2.0  # limit of the refit in sigmas of a tolerance band, below the smallest size worth a name
@@ -31,7 +37,7 @@ LEFT_OUT = "latent force of the fitted logs, doubled, or a fifth of the filter's
 
 
 @dataclass(frozen=True)
-class Named:
+class ReportedCause:
     """A cause as it is reported: score, public numbers, smallest size worth a name, values for the vessel files.
 
     `fitted`: id of the entry that represents it in the fit (empty: none); `form_doubtful`: see `AcceptedCause`.
@@ -41,7 +47,7 @@ class Named:
     effect: Effect
     numbers: dict[str, PublicForm]
     smallest: tuple[float, str]
-    cause: NamedCause
+    cause: CauseValues
     fitted: str
     form_doubtful: bool = False
 
@@ -57,21 +63,23 @@ class VesselFiles:
 
 
 @dataclass(frozen=True)
-class MendedVessel:
+class RefittedVessel:
     """The vessel files, and the model with the causes, to be scored on held-out logs."""
 
     files: VesselFiles
     extended: ModelUnderTest
 
 
-def place(fit: PosteriorFit) -> Place:
+def log_reference(fit: PosteriorFit) -> LogReference:
     """Centre and middle time that public values refer to."""
-    return Place(fit.physics.centre_m, fit.physics.middle_s)
+    return LogReference(fit.physics.centre_m, fit.physics.middle_s)
 
 
-def cause_of(fit: PosteriorFit, effect: Effect, values: np.ndarray, note: str) -> NamedCause:
+def cause_of(fit: PosteriorFit, effect: Effect, values: np.ndarray, note: str) -> CauseValues:
     """An entry with its `values` (k,), for the vessel files; `note`: for `source` of the tables."""
-    return NamedCause(effect, effect.by_name(map(float, values)), point(effect, values, place(fit)), note)
+    return CauseValues(
+        effect, effect.by_name(map(float, values)), public_values(effect, values, log_reference(fit)), note
+    )
 
 
 def refit(fit: PosteriorFit, base: CandidateModel) -> tuple[ModelUnderTest, LinearisationPoint]:
@@ -97,27 +105,29 @@ def _within(effect: Effect) -> Effect:
     return replace(effect, parameters=tuple(held))
 
 
-def mend(fit: PosteriorFit, plain: ModelUnderTest, final: CandidateModel, causes: Sequence[Named]) -> MendedVessel:
+def vessel_with_causes(
+    fit: PosteriorFit, plain: ModelUnderTest, final: CandidateModel, causes: Sequence[ReportedCause]
+) -> RefittedVessel:
     """Files and model with `causes` at the point of `final`; without causes those of the refitted base `plain`.
 
     A stochastic cause alone changes no base number: its force is not predictable.
     """
     first = refitted(fit.physics.vessel, _nuisances(fit, plain.theta, ()), NOTE)
-    first = trusted(first, plain.noise, LEFT_OUT)
+    first = with_model_error(first, plain.noise, LEFT_OUT)
     if not causes:
-        return MendedVessel(VesselFiles(first, first, first, {}), plain)
+        return RefittedVessel(VesselFiles(first, first, first, {}), plain)
     theta = _beside(fit, final, causes) if any(n.fitted for n in causes) else plain.theta
     names = {n.effect.name for n in causes} | {n.fitted for n in causes}
     beside = refitted(fit.physics.vessel, _nuisances(fit, theta, names), NOTE)
     mine = [n.cause for n in causes]
     extended, left = with_causes(beside, mine)
-    numbers = numbers_beside(beside, extended, mine)
+    numbers = base_numbers(beside, extended, mine)
     kept = {n.fitted for n in causes} | {e.id for e in fit.effects if _is_number(e)}
     sayable = ModelUnderTest({k: v for k, v in theta.items() if k in kept}, final.noise)
-    return MendedVessel(VesselFiles(first, numbers, trusted(extended, final.noise, LEFT_OUT), left), sayable)
+    return RefittedVessel(VesselFiles(first, numbers, with_model_error(extended, final.noise, LEFT_OUT), left), sayable)
 
 
-def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -> ParameterValues:
+def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[ReportedCause]) -> ParameterValues:
     """Parameters of the causes and of base numbers for a file, with all other hull and propulsion effects at zero.
 
     Bands of sensors and environment stay free but are not written: they belong to the day, not to the boat. Chosen on
@@ -132,8 +142,8 @@ def _beside(fit: PosteriorFit, final: CandidateModel, causes: Sequence[Named]) -
 
 def _is_number(effect: Effect) -> bool:
     """Whether its tolerance band changes base numbers of a vessel file."""
-    return effect.always_free and (effect.family == "base" or family(effect.name) in FOLDED)
+    return effect.always_free and (effect.family == "base" or family(effect.name) in REFITTED_WITH_BASE)
 
 
-def _nuisances(fit: PosteriorFit, theta: ParameterValues, names: set[str] | tuple[str, ...]) -> list[NamedCause]:
+def _nuisances(fit: PosteriorFit, theta: ParameterValues, names: set[str] | tuple[str, ...]) -> list[CauseValues]:
     return [cause_of(fit, e, theta[e.id], NOTE) for e in fit.effects if e.id in theta and e.name not in names]

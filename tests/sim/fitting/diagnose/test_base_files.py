@@ -20,7 +20,7 @@ from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.vessel_edits.extend import extended
-from sim.fitting.diagnose.vessel_edits.public_form import smallest
+from sim.fitting.diagnose.vessel_edits.public_form import smallest_size
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import cause_of
 from sim.fitting.engine.initial_guess import initial_nodes
 from sim.fitting.engine.jacobian_rows import AccelerationPartials, sensitivities
@@ -166,7 +166,7 @@ def test_a_limit_that_is_found_is_the_limit_in_full():
     limit = next(e for e in fit.effects if e.id == "rate_limit")
     cause = cause_of(fit, limit, found, "test")
     assert cause.public["rate_limit_N_s"] == pytest.approx(1 / (0.02 + 1 / 25))
-    assert smallest(limit) == (pytest.approx(1 / (1 / 150 + 1 / 25)), "N/s")
+    assert smallest_size(limit) == (pytest.approx(1 / (1 / 150 + 1 / 25)), "N/s")
 
 
 ZONE = {"north_m": 15.0, "east_m": 15.0, "radius_m": 4.0, "share": 0.8, "source": "test"}

@@ -19,9 +19,10 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection.select import Selector
-from sim.fitting.diagnose.vessel_edits.edits import NamedCause
-from sim.fitting.diagnose.vessel_edits.extend import NoPlaceError, extended, numbers_beside, refitted, with_causes
-from sim.fitting.diagnose.vessel_edits.public_form import Place, point
+from sim.fitting.diagnose.vessel_edits.edits import CauseValues, NotInVesselFileError
+from sim.fitting.diagnose.vessel_edits.extend import base_numbers, extended, refitted, with_causes
+from sim.fitting.diagnose.vessel_edits.public_form import public_values
+from sim.fitting.diagnose.vessel_edits.public_table import LogReference
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.excite.information import true_nodes
 from sim.fitting.identify.vessel_out import vessel_toml
@@ -31,17 +32,17 @@ from tests.support.vessel_fixtures import boat
 
 VESSEL = boat("aritra")
 RUN = teleop_run(VESSEL, 4, 60.0)
-PLACE = Place(RUN.samples("north_m", "east_m")[1].mean(axis=0), 30.0)
+PLACE = LogReference(RUN.samples("north_m", "east_m")[1].mean(axis=0), 30.0)
 EFFECTS = {e.id: e for e in catalogue(VESSEL, [RUN])}
 WEATHER = ("V_c_m_s", "beta_c_deg", "V_w_m_s", "beta_w_deg")
 long = pytest.mark.long
 
 
-def cause(id: str, *values: float) -> NamedCause:
+def cause(id: str, *values: float) -> CauseValues:
     effect = EFFECTS[id]
     own = {p.name: v + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
-    return NamedCause(
-        effect, own, point(effect, np.array(values), PLACE), "test", np.full((9, 4), 18.0)
+    return CauseValues(
+        effect, own, public_values(effect, np.array(values), PLACE), "test", np.full((9, 4), 18.0)
     )  # about what the pilot asks for
 
 
@@ -98,8 +99,8 @@ def test_wash_blows_where_the_thruster_ahead_pushes_its_water_whichever_way_it_i
     )
     vessel = replace(VESSEL, thrusters=turned)
     effect = next(e for e in catalogue(vessel, [RUN]) if e.id == "wash")
-    told = point(effect, np.array([0.3]), PLACE)
-    washed = extended(vessel, NamedCause(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
+    told = public_values(effect, np.array([0.3]), PLACE)
+    washed = extended(vessel, CauseValues(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
     for f in ([20.0, 0, 20, 0], [-20.0, 0, 20, 0], [0, 20.0, 0, 20], [0, -20.0, 0, 20]):
         expected = np.array(apply_thrust_losses(washed, np.zeros(3), np.array(f, dtype=float))).ravel()
         found = effect.hooks["thrust"]({"loss": 0.3}, None, np.array([[f]], dtype=float))[0, 0]
@@ -171,13 +172,13 @@ def test_what_a_file_cannot_say_is_left_out_and_said():
     )
     causes = [
         cause(turning, 0.1, 0.0, 0.0),
-        NamedCause(mine, {"k": 1.0}, {"k": 1.0}, "test"),
+        CauseValues(mine, {"k": 1.0}, {"k": 1.0}, "test"),
         cause("munk_moment", 400.0),
     ]
     vessel, left = with_causes(VESSEL, causes)
     assert vessel == VESSEL and set(left) == {"turning_current", "bent_skeg", "munk_moment"}
     assert "feeds energy" in left["munk_moment"]
-    with pytest.raises(NoPlaceError, match="no key of a vessel file stands for it"):
+    with pytest.raises(NotInVesselFileError, match="no key of a vessel file stands for it"):
         extended(VESSEL, causes[0])
 
 
@@ -276,6 +277,6 @@ def test_a_gain_of_added_mass_is_of_the_numbers_beside_it():
     one = cause("added_mass", 0.5)
     folded = refitted(VESSEL, [cause("base:M11_kg", 0.05)], "refitted")
     full = extended(folded, one)
-    numbers = numbers_beside(folded, full, [one])
+    numbers = base_numbers(folded, full, [one])
     assert numbers.inertia.X_udot_kg * 1.5 == pytest.approx(full.inertia.X_udot_kg)
-    assert numbers_beside(folded, full, []) == folded
+    assert base_numbers(folded, full, []) == folded

@@ -110,7 +110,7 @@ def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_w
 def judged(**gains: tuple[float, float]) -> Any:
     """Intervals of the gain by channel, at the horizon by which causes are judged."""
     return SimpleNamespace(
-        errors=[SimpleNamespace(horizon_s=verdict.TOLD_S, channel=k, gain_ci95=v) for k, v in gains.items()]
+        errors=[SimpleNamespace(horizon_s=verdict.JUDGED_S, channel=k, gain_ci95=v) for k, v in gains.items()]
     )
 
 

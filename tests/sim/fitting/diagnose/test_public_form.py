@@ -11,14 +11,21 @@ from hypothesis import strategies as st
 from companion.core.model.loads import RHO_AIR
 from sim.fitting.diagnose.catalogue import catalogue, stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
-from sim.fitting.diagnose.vessel_edits.public_form import PublicForm, family, point, public, sentence, smallest
-from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, Place
+from sim.fitting.diagnose.vessel_edits.public_form import (
+    PublicForm,
+    family,
+    public_form,
+    public_values,
+    sentence,
+    smallest_size,
+)
+from sim.fitting.diagnose.vessel_edits.public_table import DIRECTIONS, PUBLIC, LogReference
 from tests.companion.logs.readers.run_logs import clean_run
 from tests.hidden.names import FAMILIES
 from tests.support.vessel_fixtures import boat
 
 VESSEL = boat("aritra")
-PLACE = Place(np.array([14.0, 16.0]), 200.0)
+PLACE = LogReference(np.array([14.0, 16.0]), 200.0)
 EFFECTS = {e.id: e for e in catalogue(VESSEL, [clean_run(60.0)])}
 NAMED = [*(e for e in EFFECTS.values() if e.family != "base"), *stochastic.effects()]
 SPEED = st.floats(0.01, 1.0)
@@ -41,20 +48,20 @@ def test_every_entry_of_the_catalogue_has_a_public_form():
 @pytest.mark.parametrize("effect", NAMED, ids=lambda e: e.id)
 def test_every_effect_can_be_told(effect):
     values = np.array([(2 if p.upper > 0 else -2) * min(p.smallest, p.prior) for p in effect.parameters])
-    told = public(effect, values, np.diag((0.1 * values) ** 2), PLACE)
-    assert {k: t.value for k, t in told.items()} == pytest.approx(point(effect, values, PLACE))
+    told = public_form(effect, values, np.diag((0.1 * values) ** 2), PLACE)
+    assert {k: t.value for k, t in told.items()} == pytest.approx(public_values(effect, values, PLACE))
     for number in told.values():
         assert number.ci95[0] <= number.value <= number.ci95[1] and number.se > 0
     text = sentence(effect.name, told)
     assert text.endswith(".") and "{" not in text and len(text) > 20
-    size, unit = smallest(effect)
+    size, unit = smallest_size(effect)
     assert size > 0 and unit
 
 
 @given(SPEED, ANGLE)
 def test_a_current_is_told_by_speed_and_direction(speed, angle):
     values = np.array([speed * math.cos(math.radians(angle)), speed * math.sin(math.radians(angle))])
-    told = point(of("current"), values, PLACE)
+    told = public_values(of("current"), values, PLACE)
     assert told["V_c_m_s"] == pytest.approx(speed) and same_angle(told["beta_c_deg"], angle)
 
 
@@ -62,7 +69,7 @@ def test_a_current_is_told_by_speed_and_direction(speed, angle):
 def test_a_wind_is_told_by_where_it_comes_from(speed, angle):
     pressure = RHO_AIR / 2 * speed**2
     values = -pressure * np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
-    told = point(of("wind"), values, PLACE)
+    told = public_values(of("wind"), values, PLACE)
     assert told["V_w_m_s"] == pytest.approx(speed) and same_angle(told["beta_w_deg"], angle)
 
 
@@ -70,7 +77,7 @@ def test_a_wind_is_told_by_where_it_comes_from(speed, angle):
 def test_hard_iron_is_the_same_error_at_every_heading(amplitude, phase, psi):
     a = math.radians(phase)
     values = np.array([-amplitude * math.sin(a), amplitude * math.cos(a)])  # of cos psi, sin psi
-    told = point(of("hard_iron"), values, PLACE)
+    told = public_values(of("hard_iron"), values, PLACE)
     error = told["amplitude_deg"] * math.sin(math.radians(psi - told["phase_deg"]))
     assert error == pytest.approx(amplitude * math.sin(math.radians(psi - phase)), abs=1e-6)
 
@@ -78,7 +85,7 @@ def test_hard_iron_is_the_same_error_at_every_heading(amplitude, phase, psi):
 def test_a_turning_current_has_its_direction_at_the_beginning():
     effect = next(e for e in NAMED if e.name == "turning_current")
     turn = effect.origin["turn_deg_s"]
-    told = point(effect, np.array([0.1, 0.0, 0.05]), PLACE)
+    told = public_values(effect, np.array([0.1, 0.0, 0.05]), PLACE)
     assert told["turn_deg_s"] == pytest.approx(turn + 0.05)
     assert same_angle(told["beta_c_deg"] + 200.0 * (turn + 0.05), 0.0)
 
@@ -94,50 +101,50 @@ def test_a_turning_current_has_its_direction_at_the_beginning():
     ],
 )
 def test_signs_and_units(name, values, key, wanted):
-    assert point(of(name), np.array(values), PLACE)[key] == pytest.approx(wanted)
+    assert public_values(of(name), np.array(values), PLACE)[key] == pytest.approx(wanted)
 
 
 def test_places_count_from_where_positions_lie():
     tether, zone = of("tether"), of("shallow_zone")
-    told = point(tether, np.array([0.5, 2.0, -1.0, 0.0]), PLACE)
+    told = public_values(tether, np.array([0.5, 2.0, -1.0, 0.0]), PLACE)
     assert (told["anchor_north_m"], told["anchor_east_m"]) == (18.0, 14.0)
     assert told["x_t_m"] == tether.origin["arm_m"]
-    told = point(zone, np.array([0.4, 1.0, 0.0, 0.0]), PLACE)
+    told = public_values(zone, np.array([0.4, 1.0, 0.0, 0.0]), PLACE)
     assert told["north_m"] == pytest.approx(zone.origin["north_m"] + 1.0) and told["gain"] == pytest.approx(1.4)
 
 
 @given(st.floats(-0.5, 0.5), st.floats(0.001, 0.1))
 def test_intervals_of_what_is_linear_are_normal(gain, se):
-    told = public(of("thruster_gain:rear_port"), [gain], np.array([[se**2]]), PLACE)["gain"]
+    told = public_form(of("thruster_gain:rear_port"), [gain], np.array([[se**2]]), PLACE)["gain"]
     assert told.se == pytest.approx(se, rel=0.05)
     assert np.array(told.ci95) - told.value == pytest.approx([-1.96 * se, 1.96 * se], rel=0.06)
 
 
 def test_intervals_of_directions_wrap_round():
-    told = public(of("current"), [0.1, -0.0005], np.eye(2) * 0.01**2, PLACE)["beta_c_deg"]
+    told = public_form(of("current"), [0.1, -0.0005], np.eye(2) * 0.01**2, PLACE)["beta_c_deg"]
     assert told.value > 359 and told.ci95[0] < 360 < told.ci95[1]
     assert told.ci95[1] - told.ci95[0] == pytest.approx(2 * 1.96 * math.degrees(0.1), rel=0.1)
 
 
 def test_a_slow_rate_limit_has_an_uneven_interval():
-    told = public(of("rate_limit"), [0.02], np.array([[0.004**2]]), PLACE)["rate_limit_N_s"]
+    told = public_form(of("rate_limit"), [0.02], np.array([[0.004**2]]), PLACE)["rate_limit_N_s"]
     assert told.ci95 == pytest.approx((1 / (0.02 + 1.96 * 0.004), 1 / (0.02 - 1.96 * 0.004)), rel=0.02)
 
 
 def test_a_parameter_that_is_not_there_is_said():
     wrong = Effect("lag", "propulsion", "", "", (EffectParameter("delay_s", "s", 0.1, 0.03, 0.01),), {})
     with pytest.raises(ValueError, match=r"effect lag: has \['delay_s'\], its public entry expects \['lag_s'\]"):
-        public(wrong, [0.1], np.eye(1), PLACE)
+        public_form(wrong, [0.1], np.eye(1), PLACE)
     wrong = Effect("hard_iron", "sensors", "", "", (EffectParameter("cos_rad", "rad", 0.1, 0.03, 0.01),), {})
     with pytest.raises(ValueError, match="effect hard_iron: its public form asks for 'cos_deg', it has cos_rad"):
-        public(wrong, [0.1], np.eye(1), PLACE)
+        public_form(wrong, [0.1], np.eye(1), PLACE)
 
 
 def test_a_users_effect_keeps_its_names():
     mine = Effect("bent_skeg", "hull", "", "", (EffectParameter("k_kg_m", "kg/m", 5.0, 1.0, 0.3),), {})
-    told = public(mine, [3.0], np.array([[0.25]]), PLACE)
+    told = public_form(mine, [3.0], np.array([[0.25]]), PLACE)
     assert sentence("bent_skeg", told) == "bent_skeg: k_kg_m 3 kg/m (95 %: 2.02 to 3.98)."
-    assert smallest(mine) == (1.0, "kg/m")
+    assert smallest_size(mine) == (1.0, "kg/m")
 
 
 @pytest.mark.parametrize(

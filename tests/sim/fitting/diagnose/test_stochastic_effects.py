@@ -8,10 +8,10 @@ from scipy.stats import multivariate_normal
 
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.stochastic_effects import gusts, nlos, waves
-from sim.fitting.diagnose.stochastic_effects.ambient import calm, rough
+from sim.fitting.diagnose.stochastic_effects.ambient import fit_ambient, initial_noise
 from sim.fitting.diagnose.stochastic_effects.process import log_likelihood
-from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, left_over
-from sim.fitting.diagnose.vessel_edits.edits import NamedCause
+from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, residual_acceleration
+from sim.fitting.diagnose.vessel_edits.edits import CauseValues
 from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.engine.noise import LATENT
 from sim.fitting.engine.windows import SURGE
@@ -110,7 +110,7 @@ def test_what_is_left_over_does_not_ask_who_holds_it():
         windows = SimpleNamespace(size=(W, K), t_s=t, spans=(slice(0, W),))
         point = SimpleNamespace(residuals=residuals, z=z, state=state)
         fit = SimpleNamespace(physics=SimpleNamespace(windows=windows, vessel=boat("aritra")))
-        return left_over(fit, SimpleNamespace(point=point, noise=SimpleNamespace(white=white)), 0.2, 10.0)  # type: ignore[arg-type]  # stand-ins
+        return residual_acceleration(fit, SimpleNamespace(point=point, noise=SimpleNamespace(white=white)), 0.2, 10.0)  # type: ignore[arg-type]  # stand-ins
 
     one, other = of(latent), of(np.zeros((W, 3)))
     assert one.y.shape == (50, 3, 3) and np.isnan(one.y[35:40, :, 0]).all()
@@ -126,8 +126,8 @@ def test_noise_of_every_day_without_a_yaw_rate():
     rng, data, force = world(3, 0.5, minutes=2.0)
     seen = measured(rng, data, force)
     seen.y[:, 2] = np.nan
-    about = rough(seen)
-    found, height = calm(seen, about, steps=3)
+    about = initial_noise(seen)
+    found, height = fit_ambient(seen, about, steps=3)
     assert np.isfinite(about).all() and np.isfinite(found).all() and np.isfinite(height)
 
 
@@ -136,9 +136,9 @@ def test_waves_are_found_with_direction_and_size():
     a = 0.8 * band(rng, len(force), 2.2, 0.04, data.step_s)
     q = np.radians(130.0) + np.pi - data.x[:, 2]
     data = measured(rng, data, force + waves.wave_force(q)[..., 0] * a[:, None])
-    seen = waves.look(data)
+    seen = waves.screen_waves(data)
     assert seen.nats > waves.QUICK_NATS and seen.T_p_s == pytest.approx(2.2, rel=0.08)
-    found = waves.waves(blocks(data, 150), seen)
+    found = waves.fit_waves(blocks(data, 150), seen)
     assert found.nats > 100 and found.over_body_fixed > 50 and not found.broad
     assert found.T_p_s == pytest.approx(2.2, rel=0.03)
     assert np.degrees(found.beta_rad) == pytest.approx(130.0, abs=5.0)  # and not 310: yaw tells
@@ -160,7 +160,7 @@ def test_two_peaks_are_seen():
 @pytest.mark.parametrize("seed", [4, 5, 6])
 def test_ambient_force_is_no_wave(seed):
     rng, data, force = world(seed, waves.STEP_S)
-    seen = waves.look(measured(rng, data, force))
+    seen = waves.screen_waves(measured(rng, data, force))
     assert seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N
 
 
@@ -169,7 +169,7 @@ def test_an_engine_that_oscillates_is_no_wave():
     rng, data, force = world(7, waves.STEP_S, 4.0)
     force[:, 0] += 1.0 * band(rng, len(force), 2.2, 0.04, data.step_s)
     data = measured(rng, data, force)
-    found = waves.waves(blocks(data, 150), waves.look(data))
+    found = waves.fit_waves(blocks(data, 150), waves.screen_waves(data))
     assert found.over_body_fixed < 0
 
 
@@ -186,11 +186,11 @@ def test_a_gusty_wind_is_told_from_a_steady_one():
     speed = 1 + 0.35 * markov(rng, len(force), 9.0, data.step_s)
     left = wind_along(data)[..., 0] * (speed**2 / (1 + 0.35**2) - 1)[:, None]
     steady, gusty = measured(rng, data, force), measured(rng, data, force + left)
-    found = gusts.gusts(blocks(gusty, 200), _cut(wind_along(data), 200))
+    found = gusts.fit_gusts(blocks(gusty, 200), _cut(wind_along(data), 200))
     assert found.nats > 30
     assert gusts.gustiness_of(found.size) == pytest.approx(0.35, rel=0.4)
     assert 4.0 < found.gust_time_s < 20.0
-    steady_wind = gusts.gusts(blocks(steady, 200), _cut(wind_along(data), 200))
+    steady_wind = gusts.fit_gusts(blocks(steady, 200), _cut(wind_along(data), 200))
     assert steady_wind.nats < 6
 
 
@@ -221,7 +221,7 @@ def test_fixes_without_line_of_sight_name_the_anchor_and_are_weighed_down():
     away = places - np.array(ANCHORS["2"])
     hidden = rng.random(len(e)) < 0.06
     e[hidden] += (away / np.linalg.norm(away, axis=1)[:, None] * rng.exponential(0.8, (len(e), 1)))[hidden]
-    best, second = nlos.blocked(e, places + e, 0.07, ANCHORS)[:2]
+    best, second = nlos.fit_anchors(e, places + e, 0.07, ANCHORS)[:2]
     assert best.anchor == "2" and best.number == 2 and best.nats > 50 and best.nats > second.nats + 12
     sigma = np.sqrt(np.diag(best.posterior.covariance))
     at = best.posterior.at
@@ -233,7 +233,7 @@ def test_fixes_without_line_of_sight_name_the_anchor_and_are_weighed_down():
 @pytest.mark.parametrize("outliers", [0.0, 0.05])
 def test_errors_in_no_direction_are_not_an_anchors_doing(outliers):
     places, e = fixes(np.random.default_rng(11), outliers=outliers)
-    assert nlos.blocked(e, places + e, 0.07, ANCHORS)[0].nats < 0
+    assert nlos.fit_anchors(e, places + e, 0.07, ANCHORS)[0].nats < 0
 
 
 def test_anchors_are_the_logs_or_else_corners_round_the_positions():
@@ -247,9 +247,9 @@ def test_anchors_are_the_logs_or_else_corners_round_the_positions():
 
 def test_a_file_carries_the_mean_force_of_gusts_and_says_what_it_cannot():
     told = {"V_w_m_s": 4.0, "beta_w_deg": 50.0, "gustiness": 0.3, "gust_time_s": 9.0}
-    gusty = NamedCause(GUSTY_WIND, told, told, "found")
+    gusty = CauseValues(GUSTY_WIND, told, told, "found")
     vessel, left = with_causes(
-        boat("aritra"), [gusty, NamedCause(WAVES, {}, {}, "found"), NamedCause(NLOS, {}, {}, "found")]
+        boat("aritra"), [gusty, CauseValues(WAVES, {}, {}, "found"), CauseValues(NLOS, {}, {}, "found")]
     )
     assert vessel.terms["wind"]["V_w_m_s"] == pytest.approx(4.0 * np.sqrt(1.09))
     assert vessel.terms["wind"]["beta_w_deg"] % 360 == pytest.approx(50.0)

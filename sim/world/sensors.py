@@ -1,4 +1,4 @@
-"""What the boat's sensors would say of a motion: noise, bias, wander, outliers, dropouts, all from a seed.
+"""Simulated measurements of a motion: noise, bias, wander, outliers, dropouts, all from a seed.
 
 IMU       a = nu_dot + omega x nu at the IMU's place, minus gravity, tilted by roll and pitch; white noise per
           sample, a bias drawn at start that walks
@@ -129,12 +129,12 @@ class UwbSensor:
 
         Horizontal Gauss-Newton at the tag's known height, from the anchors' middle; None with fewer than 3.
         """
-        heard = [(a, r) for a in self._anchors if (r := ranges[a.id]) is not None]
-        if len(heard) < 3:
+        measured_by = [(a, r) for a in self._anchors if (r := ranges[a.id]) is not None]
+        if len(measured_by) < 3:
             return None
-        places = np.array([(a.north_m, a.east_m) for a, _ in heard])
-        height2 = np.array([(a.down_m - self._uwb.z_m) ** 2 for a, _ in heard])
-        measured = np.array([r for _, r in heard])
+        places = np.array([(a.north_m, a.east_m) for a, _ in measured_by])
+        height2 = np.array([(a.down_m - self._uwb.z_m) ** 2 for a, _ in measured_by])
+        measured = np.array([r for _, r in measured_by])
         p = places.mean(axis=0)
         for _ in range(8):
             away = p - places

@@ -183,10 +183,10 @@ def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, flo
 
 
 def _weather(setup: WorldSetup) -> Weather:
-    """The weather asked for; where none is, what the vessel file's own terms say of current and wind."""
+    """The weather asked for; where none is, current and wind of the vessel file's own terms."""
     weather, terms = setup.weather, setup.vessel.terms
     for name, keys in (("current", ("V_c_m_s", "beta_c_deg")), ("wind", ("V_w_m_s", "beta_w_deg"))):
         if name in terms and not getattr(weather, keys[0]):
-            told = values(name, terms[name])
-            weather = replace(weather, **{key: told[key] for key in keys})
+            parameters = values(name, terms[name])
+            weather = replace(weather, **{key: parameters[key] for key in keys})
     return weather

@@ -51,6 +51,6 @@ def load_site(text: str, *, name: str) -> Site:
         if anchor in ids[:i]:
             raise ConfigError(f"{name}: anchors[{i}].id: anchor {anchor!r} is there twice")
     if edges := crossing(site.fence):
-        told = f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch"
-        raise ConfigError(f"{name}: fence: {told}: give each corner once, in order along the fence")
+        problem = f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch"
+        raise ConfigError(f"{name}: fence: {problem}: give each corner once, in order along the fence")
     return site

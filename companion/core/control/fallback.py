@@ -79,8 +79,8 @@ def command(
     if reference is None:
         return FallbackCommand(zero, "neutral", f"{why}; no reference")
     pose = (estimate.north_m, estimate.east_m, estimate.psi_rad)
-    told = (*pose, estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s, *estimate.disturbance_n, *reference)
-    if not (np.abs(told) <= LARGEST).all():
+    numbers = (*pose, estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s, *estimate.disturbance_n, *reference)
+    if not (np.abs(numbers) <= LARGEST).all():
         return FallbackCommand(zero, "neutral", f"{why}; estimate or reference not finite, or beyond {LARGEST:g}")
     return FallbackCommand(allocate(pd_force(estimate, reference, vessel, settings), vessel), "pd", why)
 

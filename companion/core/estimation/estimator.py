@@ -4,7 +4,7 @@
 
 The vessel model, driven by the thruster forces that the commands produce, predicts; what it leaves out (wind,
 current, wrong coefficients) is the latent body force d. Every measurement is fused at its own stamp: one that
-comes late is put in its place among the messages of the last second, and what followed is fused again.
+arrives late is inserted among the messages of the last second, and those after it are fused again.
 
     estimator = Estimator(vessel, site)
     state = estimator.initial()
@@ -63,10 +63,10 @@ UNKNOWN_VARIANCE = 1e6
 
 
 class EstimatorState(msgspec.Struct, frozen=True):
-    """Everything the estimator remembers, as a value.
+    """State of the estimator, as a value.
 
-    `history`: messages of the last second with the belief after each, oldest first; empty before the start.
-    `refused`: how many messages never entered, by reason. `restarts`, `restart_reason`: starts afresh.
+    `history`: messages of the last second with the filter after each, oldest first; empty before the start.
+    `refused`: number of messages not fused, by reason. `restarts`, `restart_reason`: re-initialisations.
     `uwb_zero_ns`: arrival of the first UWB message, from which a drifting stamp drifts.
     """
 
@@ -157,7 +157,7 @@ class Estimator:
         )  # fmt: skip
 
     def belief(self, state: EstimatorState, t_ns: int) -> FilterState | None:
-        """The whole belief carried to t_ns (delivered forces included); None before the start."""
+        """The filter predicted to t_ns (delivered forces included); None before initialisation."""
         if not state.history:
             return None
         entry = next((e for e in reversed(state.history) if e.t_ns <= t_ns), state.history[0])
@@ -165,7 +165,7 @@ class Estimator:
         return self._predictor.to(entry.belief, min(t_ns, horizon_ns), state.commands)
 
     def _begin(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
-        """Give one message to the starter; with the first belief comes the first entry of the history."""
+        """Initialise by one message; the first filter state is the first entry of the history."""
         start, belief = self._starter.take(state.start, t_ns, m, active_command(state.commands, t_ns)[0])
         state = replace(state, start=start)
         if belief is None:
@@ -185,7 +185,7 @@ class Estimator:
             return _refuse(state, "duplicate"), ()
         try:
             new, innovations = self._replay(old[place - 1].belief, [(t_ns, m), *(e[:2] for e in old[place:])], state)
-        except ValueError:  # numpy's and filterpy's word for numbers that are not finite or S not invertible
+        except ValueError:  # numpy and filterpy raise it for numbers that are not finite or S not invertible
             new, innovations = (), ()
         if not (new and _sound(new[-1].belief)):
             return self._restart(state, "the filter's numbers were no longer finite"), innovations
@@ -204,7 +204,7 @@ class Estimator:
         return tuple(entries), first or ()
 
     def _fuse(self, belief: FilterState, m: Fusible) -> Result:
-        """Belief after a message whose instant is the belief's own."""
+        """Measurement update by a message of the filter state's own instant."""
         match m:
             case ImuSample():
                 return self._inertial.fuse_imu(belief, m)
@@ -225,7 +225,7 @@ class Estimator:
         return history[first:]
 
     def _restart(self, state: EstimatorState, reason: str) -> EstimatorState:
-        """Forget what was believed, keep what was commanded and counted."""
+        """State to initialise from afresh; commands and counts are kept."""
         begun, count = self._starter.initial(), state.restarts + 1
         return EstimatorState(begun, state.commands, (), state.refused, count, reason, state.uwb_zero_ns)
 

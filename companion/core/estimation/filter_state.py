@@ -1,4 +1,4 @@
-"""What the filter believes at one instant, as a value: states, covariance, forces, gates.
+"""The filter at one instant, as a value: state, covariance, thruster forces, gates.
 
 x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | b_1 .. b_m]
 """
@@ -33,8 +33,8 @@ class Tilt(NamedTuple):
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     """State x (13 + m,) with covariance P at t_ns; arrays are never changed in place.
 
-    `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health. `doubt`: of what
-    the vessel file says of its model's error (`trust`).
+    `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health. `doubt`: the
+    cumulative sum of `model_confidence`.
     """
 
     t_ns: int
@@ -53,7 +53,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BufferedMeasurement(NamedTuple):
-    """One message at its own stamp, and the belief after it."""
+    """One message at the instant when it was measured, and the filter after it."""
 
     t_ns: int
     message: Fusible

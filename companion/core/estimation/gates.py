@@ -1,10 +1,10 @@
-"""A gate that knows when it may be wrong.
+"""An innovation gate that re-opens when what it rejects is consistent.
 
     s = clip(sqrt(S), floor, ceiling);   accept if |nu| <= limit s
 
-The ceiling keeps a filter that is unsure of itself from swallowing a 15 m spike. What is rejected is kept:
-`reopen_count` or more rejections in a row over `reopen_span_s`, four fifths of them within `agreement` of
-each other, are no spikes but news, and the gate re-opens. Spikes do not agree; stale repeats are too short.
+The ceiling keeps an uncertain filter from accepting an outlier of 15 m. Rejected innovations are kept: `reopen_count`
+or more in a row over `reopen_span_s`, four fifths of them within `agreement` of each other, are a real offset, and the
+gate re-opens. Outliers do not agree; repeats of a stale value do not last so long.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class Rejection(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What one gate remembers: when it last let something pass, and the rejections since."""
+    """State of one gate: when it last accepted, and the rejections since."""
 
     accepted_ns: int | None = None
     rejections: tuple[Rejection, ...] = ()
 
     def starved_s(self, t_ns: int) -> float:
-        """Seconds since something passed; infinite before the first time."""
+        """Seconds since the last acceptance; infinite before the first."""
         return float("inf") if self.accepted_ns is None else (t_ns - self.accepted_ns) * 1e-9
 
 

@@ -1,4 +1,4 @@
-"""How far the estimate may be trusted, and why, in words for the operator.
+"""Health of the estimate, with the reason as text for the operator.
 
 lost       position sigma above the limit along its worst axis
 degraded   no UWB, IMU or heading for too long (the filter dead-reckons), or position sigma raised
@@ -21,7 +21,7 @@ def position_sigma_m(P: np.ndarray) -> float:
 
 
 def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:
-    """Health and reason of a belief at t_ns; one that could not be carried so far is lost."""
+    """Health and reason of a filter state at t_ns; one that could not be predicted so far is lost."""
     if t_ns > belief.t_ns:
         return "lost", "no sensor message for too long to carry the estimate on"
     uwb_s = (t_ns - belief.uwb_ns) * 1e-9

@@ -1,4 +1,4 @@
-"""What the autopilot measures, into a belief: IMU and heading.
+"""Measurement updates by the autopilot's sensors: IMU and heading.
 
 IMU      [a_x a_y r] at the lever arm, in level axes, plus biases  (process.imu)
 heading  psi + b_psi, where b_psi is the slow wander of the autopilot's own estimate
@@ -49,7 +49,7 @@ class Inertial:
         self._heading_R = np.array([[imu.heading_sigma_rad**2]])
 
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
-        """Three numbers at once. An axis off by more than the limit is trusted less: R grows with nu^2."""
+        """One update by a_x, a_y, r. R of an axis whose innovation exceeds the limit grows with nu^2."""
         expected, J = self._process.imu(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         a_x, a_y, _ = to_level_axes(belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         nu = np.array([a_x, a_y, m.r_rad_s]) - expected
@@ -65,7 +65,7 @@ class Inertial:
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns), (innovation,)
 
     def fuse_heading(self, belief: FilterState, m: Attitude) -> Result:
-        """The autopilot's heading; roll and pitch are taken as they are."""
+        """One update by the autopilot's heading; roll and pitch are taken as exact."""
         belief = replace(belief, tilt=Tilt(m.phi_rad, m.theta_rad))
         nu = np.array([ssa(m.psi_rad - belief.x[2] - belief.x[B_PSI])])
         H = np.zeros((1, len(belief.x)))

@@ -1,10 +1,10 @@
-"""Whether the ranges still bear out what the vessel file says of its model's error.
+"""A test of the vessel file's `model_error` on the innovations of UWB: a one-sided CUSUM of d2.
 
     g = max(0, g + min(d2, 9) - 1.5)      after each range or coordinate, d2 = nu^2 / S
 
-d2 has a mean of 1 where filter and world agree. A cumulative sum (Page 1954) that reaches `doubt_limit` ends the trust,
-until the filter starts afresh: from then on the latent force is as large as the filter's own tuning has it. Files
-without `model_error` are never in doubt.
+d2 has a mean of 1 where the filter is consistent. A cumulative sum (Page 1954) that reaches `doubt_limit` rejects the
+file's `model_error` until the filter restarts: the latent force takes the sigma of `wary_latent_sigma`. Files without
+`model_error` are not tested.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Innovation
 
 MOST = 9.0
-"""Three sigma: one wild range is not the model's fault; assumed."""
+"""Three sigma: an outlier does not count against the model; assumed."""
 SLACK = 1.5
-"""Errors half as large again in the mean square are let pass; assumed."""
+"""Drift of the sum: a mean square 1.5 times the predicted one is tolerated; assumed."""
 
 
 def update_confidence(belief: FilterState, innovations: Iterable[Innovation], tuning: EstimatorTuning) -> FilterState:
-    """The belief after its UWB innovations, in doubt or not."""
+    """The filter state with the sum after UWB innovations; P grows where it reaches the limit."""
     if tuning.model_error is None or is_in_doubt(belief, tuning):
         return belief
     g = belief.doubt
@@ -40,5 +40,5 @@ def update_confidence(belief: FilterState, innovations: Iterable[Innovation], tu
 
 
 def is_in_doubt(belief: FilterState, tuning: EstimatorTuning) -> bool:
-    """Whether the trust has ended."""
+    """Whether the file's `model_error` was rejected."""
     return belief.doubt >= tuning.doubt_limit

@@ -1,4 +1,4 @@
-"""What never enters the filter: numbers that are not finite or that no sensor of this kind can give."""
+"""Plausibility of sensor messages before the filter: finite, and within what such a sensor can measure."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Carrying a belief forward in time: vessel model, thruster lag, and the noise of everything else.
+"""The time update of the filter: vessel model, thruster lag, process noise.
 
-latent force: d' = d exp(-dt / T), stationary sigma;  heading wander: the same
+latent force, heading wander: first-order Gauss-Markov, d' = d exp(-dt / T), stationary sigma
 biases: random walk;  u v r: white acceleration on top of the latent force
 """
 
@@ -28,7 +28,7 @@ Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool = False) -> Noise:
     """Function dt -> (decay, q): factor per state over dt and process noise variances, both (13 + m,).
 
-    `wary`: where the vessel file's word on its model's error is not borne out.
+    `wary`: with the latent force of `wary_latent_sigma`, once innovations contradict the file's `model_error`.
     """
     n = B_RANGE + anchors
     time_s = np.full(n, np.inf)
@@ -48,7 +48,7 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool =
 
 
 class Predictor:
-    """Constant parts of the prediction; `to` is pure."""
+    """Constant parts of the time update; `to` is pure."""
 
     def __init__(
         self,

@@ -1,7 +1,7 @@
-"""How the filter begins: heading from the autopilot, place from the first ranges, no operator, no truth.
+"""Initialisation of the filter: heading from the autopilot, position by multilateration of the first ranges.
 
-Two fixes in a row that agree are wanted, so that one wild range starts nothing. Where the anchors leave two
-places (they stand in a line), the fence decides; where it cannot, the filter waits and says so.
+Two consecutive fixes must agree, so that one outlier starts nothing. Where anchors on a line leave two positions, the
+one within the fence is taken; where that does not decide, the filter waits and gives the reason.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from companion.core.messages import Attitude, UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import correct_uwb_scale
 
 MIRROR_COST = 6.0
-"""A second place that costs so much more than the best is out of the question; assumed (log of weights)."""
+"""A second position that costs so much more than the best is discarded; assumed (log of weights)."""
 
 
 @dataclass(frozen=True, slots=True)

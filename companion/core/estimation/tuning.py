@@ -82,8 +82,8 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
 
     @property
     def wary_latent_sigma(self) -> tuple[float, float, float]:
-        """The same where the file's word is not borne out: the larger of the two."""
-        X, Y, N = (max(own, told) for own, told in zip(self._own_sigma, self.latent_sigma, strict=True))
+        """The same where innovations contradict the file's `model_error`: the larger of the two for each axis."""
+        X, Y, N = (max(own, file) for own, file in zip(self._own_sigma, self.latent_sigma, strict=True))
         return X, Y, N
 
     @property

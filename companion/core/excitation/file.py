@@ -20,7 +20,7 @@ Levels = Annotated[tuple[Share, ...], msgspec.Meta(min_length=1, max_length=200)
 
 
 class _Segment(Table, frozen=True, kw_only=True):
-    """Base of all kinds. `name`: in logs and tables; `why`: what it shows, in words."""
+    """Base of all kinds. `name`: in logs and tables; `why`: what it shows, as text."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     why: str = ""

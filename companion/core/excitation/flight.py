@@ -1,4 +1,4 @@
-"""Flying an excitation: which forces now, given where the boat is believed to be. Pure; never outside the pen.
+"""Flying an excitation: which forces now, given the estimated pose. Pure; never outside the pen.
 
     home --within return_m of the middle--> fly --segment over--> home --> ... --> done
     fly --could not be stopped within the margin any more--> home, then the rest of the same segment
@@ -31,7 +31,7 @@ from companion.core.model.thrusters import configuration_matrix
 CAUTION = 1.5
 """The boat may be so much heavier, its drag and thrust so much weaker, than the file says; assumed."""
 BRAKE_SHARE = 0.5
-"""Of an axis' force counted on for stopping: the rest is for turning and wind; assumed."""
+"""Share of an axis' force counted on for stopping: the rest is for turning and wind; assumed."""
 REACTION_S = 0.5
 """Until a braking force is there: a tick, dead time, lag, and growing thrust of the segment; assumed."""
 LEAST_DAMPING = 0.01
@@ -124,7 +124,7 @@ class Flight:
     def _advance(
         self, state: FlightState, eta: np.ndarray, nu: np.ndarray, dt: float, spread_m: float
     ) -> tuple[FlightState, str]:
-        """The state after `dt` seconds, and what changed in words."""
+        """The state after `dt` seconds, and what changed as text."""
         if state.phase == "fly":
             return self._fly(replace(state, elapsed_s=state.elapsed_s + dt), eta, nu, spread_m)
         if state.phase == "home":
@@ -167,7 +167,7 @@ class Flight:
         return state, f"{self.title(state.segment)} {verb}"
 
     def title(self, segment: int) -> str:
-        """A segment in words."""
+        """Description of a segment."""
         return f"segment {segment + 1} of {len(self.signals)}, {self.excitation.segments[segment].name},"
 
     def room_m(self, eta: np.ndarray, nu: np.ndarray, f_n: np.ndarray) -> float:

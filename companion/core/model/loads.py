@@ -42,7 +42,7 @@ class LoadParameter:
 
 @dataclass(frozen=True)
 class Term:
-    """One effect. `equation` is for people and says what the callables compute."""
+    """One effect. `equation`: what the callables compute, for people."""
 
     name: str
     equation: str

@@ -107,7 +107,7 @@ class StructuredModel:
         return not has_thrust_losses(self.vessel)
 
     def water_velocity(self, eta: Any) -> Any:
-        """nu_c in body axes, shape (3,): what the terms say of moving water."""
+        """nu_c in body axes, shape (3,): the current of the terms."""
         north = east = 0.0
         for name, p in self.term_values.items():
             if flow := term_registry.REGISTRY[name].water_velocity:
@@ -132,7 +132,7 @@ class StructuredModel:
         return total
 
     def damping(self, eta: Any, nu_r: Any) -> Any:
-        """D(nu_r) nu_r here, shape (3,): the file's damping, times what the terms say of the place."""
+        """D(nu_r) nu_r here, shape (3,): the file's damping, times the factors of the terms at this place."""
         force = damping_force(self.c, nu_r)
         for name, p in self.term_values.items():
             if factor := term_registry.REGISTRY[name].damping_factor:
@@ -140,7 +140,7 @@ class StructuredModel:
         return force
 
     def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
-        """tau [N, N, N m] of thruster forces f (n,) [N] on the boat as it moves: B f', f' by `inflow`."""
+        """tau [N, N, N m] of thruster forces f (n,) [N] on the boat as it moves: B f', f' by `thrust_losses`."""
         if self.is_linear_in_f:
             return ca.mtimes(ca.DM(self.B), f)
         return ca.mtimes(ca.DM(self.B), apply_thrust_losses(self.vessel, nu - self.water_velocity(eta), f))

@@ -1,7 +1,8 @@
-"""Known errors of the sensors: what they say of a true value, and the true value of what they say.
+"""Known errors of the sensors: the measurement of a true value, and its inverse.
 
-Each pair undoes the other: corrected(applied(y)) = y. The simulator's sensors apply them, the filter and the fits
-correct for them, with the numbers of `[sensors.imu]` and `[sensors.uwb]`. All zero: nothing changes, to the last bit.
+Each pair is inverse: `correct_imu` of `apply_imu_errors`, and so on. The simulator's sensors apply them, the filter and
+the fits correct for them, with the numbers of `[sensors.imu]` and `[sensors.uwb]`. All zero: nothing changes, bit for
+bit.
 
 IMU      [a_x a_y] = R(m)^T a + b      m: `misalignment_rad`, by which its axes are turned about z, from x towards y
          r         = (1 + `gyro_scale`) r + `gyro_bias_rad_s`
@@ -10,7 +11,7 @@ place    p         = (1 + `scale`) p   of the tag, horizontal, about the site's 
 stamp    t         = t + `latency_s` + `clock_drift_s_s` (t - t_0)      t_0: the first UWB message
 
 Heading in the axes of the site. A constant heading offset and UWB anchors surveyed in a frame that is turned the other
-way look the same in every log: one number stands for both. Arrays or numbers alike.
+way look the same in every log: one number stands for both. Numbers and arrays alike.
 """
 
 from __future__ import annotations
@@ -25,60 +26,60 @@ from companion.core.geometry.frames import rotate, ssa, unrotate
 from companion.core.messages import Attitude, ImuSample, UwbPosition, UwbRanges
 
 NEWTON_STEPS = 8
-"""Of the heading with hard iron; amplitudes of 0.5 rad need six to reach rounding."""
+"""Newton steps of the heading with hard iron; amplitudes of 0.5 rad need six to reach rounding."""
 
 
 def apply_imu_errors(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
-    """What the IMU says of specific force [m/s^2] along its x and y and of yaw rate [rad/s]."""
+    """Measured specific force [m/s^2] along the IMU's x and y, and yaw rate [rad/s], of the true ones."""
     a_x, a_y = unrotate(imu.misalignment_rad, a_x, a_y)
     rate = (1 + imu.gyro_scale) * r + imu.gyro_bias_rad_s
     return a_x + imu.accel_bias_x_m_s2, a_y + imu.accel_bias_y_m_s2, rate
 
 
 def correct_imu(imu: Imu, a_x: Any, a_y: Any, r: Any) -> tuple[Any, Any, Any]:
-    """Specific force along the body's x and y, and yaw rate, of what the IMU says."""
+    """Specific force along the body's x and y, and yaw rate, of the measured ones."""
     a_x, a_y = rotate(imu.misalignment_rad, a_x - imu.accel_bias_x_m_s2, a_y - imu.accel_bias_y_m_s2)
     return a_x, a_y, correct_yaw_rate(imu, r)
 
 
 def correct_yaw_rate(imu: Imu, r: Any) -> Any:
-    """Yaw rate of what the gyroscope says [rad/s]."""
+    """Yaw rate [rad/s] of a measured one."""
     return (r - imu.gyro_bias_rad_s) / (1 + imu.gyro_scale)
 
 
 def apply_heading_errors(imu: Imu, psi: Any) -> Any:
-    """What the compass says of a heading [rad], not wrapped."""
+    """Measured heading [rad] of a true one, not wrapped."""
     return psi + imu.heading_offset_rad + imu.hard_iron_cos_rad * np.cos(psi) + imu.hard_iron_sin_rad * np.sin(psi)
 
 
-def correct_heading(imu: Imu, psi_said: Any) -> Any:
-    """The heading [rad] of which the compass says `psi_said`: unique, as hard iron turns it by less than a radian."""
+def correct_heading(imu: Imu, psi_measured: Any) -> Any:
+    """Heading [rad] of a measured one, by Newton's method; unique while hard iron turns it by less than a radian."""
     a, b = imu.hard_iron_cos_rad, imu.hard_iron_sin_rad
-    psi = psi_said - imu.heading_offset_rad
+    psi = psi_measured - imu.heading_offset_rad
     if a or b:
         for _ in range(NEWTON_STEPS):
-            psi = psi + (psi_said - apply_heading_errors(imu, psi)) / (1 - a * np.sin(psi) + b * np.cos(psi))
+            psi = psi + (psi_measured - apply_heading_errors(imu, psi)) / (1 - a * np.sin(psi) + b * np.cos(psi))
     return psi
 
 
 def apply_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
-    """Where the tag appears to be [m]."""
+    """Position of the tag as its ranges make it appear [m]."""
     return (1 + uwb.scale) * north, (1 + uwb.scale) * east
 
 
 def correct_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
-    """Where the tag is [m] that appears there."""
+    """Position of the tag [m] that appears at a place."""
     return north / (1 + uwb.scale), east / (1 + uwb.scale)
 
 
 def arrival_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
-    """When what was measured at `t_ns` arrives; `zero_ns`: t_0 above. Never before it was measured."""
+    """Instant [ns] at which a measurement of `t_ns` arrives, never before it; `zero_ns`: t_0 above."""
     since = t_ns - zero_ns
     return t_ns + max(0, round(uwb.latency_s * 1e9) + round(uwb.clock_drift_s_s * since))
 
 
 def measurement_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
-    """When it was measured that arrived at `t_ns`."""
+    """Instant [ns] of the measurement that arrived at `t_ns`."""
     since = t_ns - zero_ns - round(uwb.latency_s * 1e9)
     return zero_ns + since - round(since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s))
 
@@ -97,7 +98,7 @@ IMU_KEYS = (
 
 
 def is_exact(sensors: Sensors) -> bool:
-    """Whether the file knows of no error that `correct_message` could take out."""
+    """Whether the file has no error that `correct_message` removes."""
     return not (sensors.uwb.scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
 
 

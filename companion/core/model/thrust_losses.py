@@ -1,10 +1,10 @@
-"""What water that moves past the thrusters takes from their force; absent from a file, thrust is B f.
+"""Thrust lost to the water that moves past the thrusters; without it in a file, thrust is B f.
 
     f'_i = (f_i - k s(f_i) u_a,i) prod_j (1 - share_ij p(f_j) / f_max,j)
 
 advance  u_a = (u_r - y r) cos a + (v_r + x r) sin a: speed of thruster i through the water along its azimuth a. With
          f = T_nn n |n| the loss T_nu |n| u_a of Fossen (2011), section 9, is k sqrt|f| u_a. s(f) = f^2 (f^2 + e^2)^-3/4
-         is sqrt|f| but smooth and nil at f = 0; k: `propulsion.advance_loss_sqrt_N_s_m`.
+         is sqrt|f| but smooth, 0 at f = 0; k: `propulsion.advance_loss_sqrt_N_s_m`.
 wash     thruster i lies in the jet of j (`propulsion.wash`), which leaves j against its thrust: p(f) = |f| while the
          jet points to i, else 0, smooth; f_max: the larger of j's force limits.
 
@@ -25,7 +25,7 @@ SMOOTH_N = 0.1
 
 
 def has_thrust_losses(vessel: VesselFile) -> bool:
-    """Whether the file has any of it."""
+    """Whether the file has a loss by advance or by wash."""
     p = vessel.propulsion
     return p.advance_loss_sqrt_N_s_m != 0.0 or any(w.share for w in p.wash)
 

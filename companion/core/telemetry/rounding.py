@@ -1,4 +1,4 @@
-"""Numbers and texts as telemetry tells them: as fine as a person or a plot can use, and no longer."""
+"""Numbers and texts as telemetry sends them: as fine as a person or a plot can use, and no longer."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def angle(value: float) -> float:
 
 
 def centimetres(value: float) -> float:
-    """Of the horizon, which is a picture: metres and radians to two decimals."""
+    """Poses of the horizon, which is a picture: metres and radians to two decimals."""
     return round(value, 2)
 
 

@@ -39,7 +39,7 @@ class ChecksNow(ShoreMessage, frozen=True, kw_only=True):
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
-    """Of the last second: median and largest; null where there was none."""
+    """Median and largest value of the last second; null where there was none."""
 
     median_ms: float | None
     max_ms: float | None
@@ -79,7 +79,7 @@ class LinksNow(ShoreMessage, frozen=True, kw_only=True):
 
 
 class BatteryNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `battery`, once a second. `age_s`: of the autopilot's last word on it."""
+    """Topic `battery`, once a second. `age_s`: of the autopilot's last message about it."""
 
     voltage_v: float
     current_a: float | None

@@ -58,7 +58,7 @@ class About(ShoreMessage, frozen=True, kw_only=True):
 
     `unix_minus_t_ns`: added to a `t_ns` gives the boat's idea of Unix time, which may be wrong. `within`: polygons the
     boat must stay inside of; `without`: outside of. `configuration`: name of run, vessel, site and mission texts.
-    `length_m`, `beam_m`: of the hull, about the origin of the body axes; null from boats that do not tell.
+    `length_m`, `beam_m`: of the hull, about the origin of the body axes; null from boats that do not send it.
     """
 
     vessel: str
@@ -100,8 +100,8 @@ class StateNow(ShoreMessage, frozen=True, kw_only=True):
 class ThrustersNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `thrusters`, at the full rate: the lease. In the order of `About.thrusters`.
 
-    `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`: what the
-    autopilot says leaves its first outputs, null before it told.
+    `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`:
+    pulse widths at the autopilot's first outputs as it reports them, null before it did.
     """
 
     pwm_us: tuple[int, ...]
@@ -128,7 +128,7 @@ class ReferenceNow(ShoreMessage, frozen=True, kw_only=True):
 class PathNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `path`, at the start and when another mission was loaded: the reference path, in straight legs.
 
-    `end_heading_rad`: null: that of the last leg. `origin`: where the mission came from.
+    `end_heading_rad`: null: that of the last leg. `origin`: source of the mission.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """One struct a topic, from the messages that it speaks of; numbers as fine as a plot can use (`telemetry_figures`).
 
-`run`: the name of this run, in every struct. When each is told is the view's business.
+`run`: the name of this run, in every struct. When each is sent is decided in `view`.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def state(run: str, e: StateEstimate) -> shore.StateNow:
 
 
 def thrusters(run: str, lease: OverrideLease, output: ServoOutput | None, n: int) -> shore.ThrustersNow:
-    """The lease, and what the autopilot says of its first `n` outputs."""
+    """The lease, and the first `n` outputs as the autopilot reports them."""
     return shore.ThrustersNow(
         run=run,
         t_ns=lease.t_ns,
@@ -139,31 +139,31 @@ def horizon(run: str, plan: PlanResult, request: SolveRequest, step_s: float) ->
     )
 
 
-def ranges(run: str, heard: UwbRanges, residuals: Mapping[str, Innovation]) -> shore.RangesNow:
+def ranges(run: str, measured: UwbRanges, residuals: Mapping[str, Innovation]) -> shore.RangesNow:
     """A tag's cycle. `residuals`: what the filter made of it, by anchor."""
     return shore.RangesNow(
-        run=run, t_ns=heard.t_ns, ranges=tuple(_range(each, residuals.get(each.anchor)) for each in heard.ranges)
+        run=run, t_ns=measured.t_ns, ranges=tuple(_range(each, residuals.get(each.anchor)) for each in measured.ranges)
     )
 
 
-def _range(heard: AnchorRange, judged: Innovation | None) -> shore.RangeNow:
+def _range(measured: AnchorRange, judged: Innovation | None) -> shore.RangeNow:
     return shore.RangeNow(
-        anchor=heard.anchor,
-        range_m=metres(heard.range_m),
+        anchor=measured.anchor,
+        range_m=metres(measured.range_m),
         residual_m=metres(judged.innovation[0]) if judged else None,
         accepted=judged.accepted if judged else None,
     )
 
 
-def path(run: str, told: NewMission | Mission, t_ns: int) -> shore.PathNow:
+def path(run: str, message: NewMission | Mission, t_ns: int) -> shore.PathNow:
     """The reference path: of an order from shore, or the run file's."""
-    loaded = isinstance(told, NewMission)
+    loaded = isinstance(message, NewMission)
     return shore.PathNow(
         run=run,
         t_ns=t_ns,
-        name=told.name,
-        waypoints=told.waypoints if loaded else points_of(told),
-        end_heading_rad=told.end_heading_rad,
+        name=message.name,
+        waypoints=message.waypoints if loaded else points_of(message),
+        end_heading_rad=message.end_heading_rad,
         origin="shore" if loaded else "run file",
     )
 
@@ -189,27 +189,27 @@ def excitation(run: str, x: ExcitationStatus) -> shore.ExcitationNow:
     )
 
 
-def mode(run: str, told: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow:
+def mode(run: str, message: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow:
     """The pilot's mode, and the autopilot's with it."""
     return shore.ModeNow(
         run=run,
-        t_ns=told.t_ns,
-        mode=told.mode,
-        why=cut(told.why),
-        driving=told.driving,
+        t_ns=message.t_ns,
+        mode=message.mode,
+        why=cut(message.why),
+        driving=message.driving,
         armed=beat.armed if beat else None,
         autopilot_mode=beat.custom_mode if beat else None,
     )
 
 
-def links(run: str, told: Iterable[LinkStatus], ages_s: Mapping[str, float | None], t_ns: int) -> shore.LinksNow:
+def links(run: str, statuses: Iterable[LinkStatus], ages_s: Mapping[str, float | None], t_ns: int) -> shore.LinksNow:
     """Devices, and how old their last words are."""
-    each = tuple(LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in told)
+    each = tuple(LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in statuses)
     return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=dict(ages_s))
 
 
 def battery(run: str, b: Battery, t_ns: int) -> shore.BatteryNow:
-    """The pack, as the autopilot last told."""
+    """The pack, as the autopilot last reported."""
     return shore.BatteryNow(
         run=run,
         t_ns=t_ns,

@@ -57,13 +57,13 @@ def wants(message: Message) -> bool:
 
 
 class TelemetryView:
-    """What is known of one run, and when each topic was last told. `rate_hz`: of the fastest topics."""
+    """What is known of one run, and when each topic was last sent. `rate_hz`: of the fastest topics."""
 
     def __init__(self, settings: PilotSettings, who: Who, rate_hz: float) -> None:
         self.dropped = 0
-        """Messages that the shell had no room for; told with `timing`."""
+        """Messages that the shell had no room for; sent with `timing`."""
         self.refused = 0
-        """Orders from shore that were refused; told likewise."""
+        """Orders from shore that were refused; sent likewise."""
         self._settings, self._who = settings, who
         self._n = len(settings.vessel.thrusters)
         self._periods_ns = {kind: round(share * S / rate_hz) for kind, share in _RATED.items()}
@@ -80,7 +80,7 @@ class TelemetryView:
         self._alerts: list[int] = []
 
     def begin(self, t_ns: int) -> list[shore.ShoreMessage]:
-        """What is told at the start: the boat, and its path."""
+        """What is sent at the start: the boat, and its path."""
         return [topics.about(self._who, self._settings, t_ns), self._path_now(t_ns)]
 
     def checks(self, rows: Sequence[Row], t_ns: int) -> shore.ChecksNow:
@@ -101,7 +101,7 @@ class TelemetryView:
     def _link(self, message: LinkStatus) -> None:
         self._links[message.link] = message
 
-    def _heard(self, message: UwbRanges) -> None:
+    def _note_ranges(self, message: UwbRanges) -> None:
         """What the filter makes of its ranges comes right after it."""
         self._keep(message)
         self._residuals.clear()
@@ -144,12 +144,12 @@ class TelemetryView:
         second.late_ms.append(message.lateness_ms)
         if message.imu_to_override_ms is not None:
             second.imu_ms.append(message.imu_to_override_ms)
-        told: list[shore.ShoreMessage] = []
+        due: list[shore.ShoreMessage] = []
         for kind, make in _MAKE.items():
             if self._is_due(kind, now) and (made := make(self, now)) is not None:
                 self._due_ns[kind] = max(self._due_ns.get(kind, now) + self._periods_ns[kind], now)
-                told.append(made)
-        return told
+                due.append(made)
+        return due
 
     def _is_due(self, kind: type, now_ns: int) -> bool:
         return now_ns >= self._due_ns.get(kind, now_ns) - EARLY * self._periods_ns[kind]
@@ -178,11 +178,11 @@ class TelemetryView:
         return topics.horizon(self._who.run, plan, request, self._settings.nmpc.step_s)
 
     def _ranges(self, t_ns: int) -> shore.RangesNow | None:
-        heard: UwbRanges | None = self._last.get(UwbRanges)
-        if heard is None or heard.t_ns == self._ranges_ns:
+        latest: UwbRanges | None = self._last.get(UwbRanges)
+        if latest is None or latest.t_ns == self._ranges_ns:
             return None
-        self._ranges_ns = heard.t_ns
-        return topics.ranges(self._who.run, heard, self._residuals)
+        self._ranges_ns = latest.t_ns
+        return topics.ranges(self._who.run, latest, self._residuals)
 
     def _path(self, t_ns: int) -> shore.PathNow | None:
         return self._path_now(t_ns) if self._loaded and self._last.pop(NewMission, None) else None
@@ -274,5 +274,5 @@ _SEE: dict[type[Message], Callable[[TelemetryView, Any], list[shore.ShoreMessage
     OverrideLease: TelemetryView._leased,
     PlanResult: TelemetryView._planned,
     SolveRequest: TelemetryView._asked,
-    UwbRanges: TelemetryView._heard,
+    UwbRanges: TelemetryView._note_ranges,
 }  # fmt: skip

@@ -21,7 +21,7 @@ from sim.world.autopilot.stick import share
 OMNI_X = 2
 FIRST_FUNCTION = 33
 FACTORS = ((1, -1, -1), (1, -1, 1), (1, 1, -1), (1, 1, 1))
-"""Of throttle, steering and lateral, motor 1 first."""
+"""Shares of throttle, steering and lateral, motor 1 first."""
 _S = 1_000_000_000
 
 

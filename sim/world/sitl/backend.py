@@ -40,7 +40,7 @@ PACE_BAND = (0.9, 1.1)
 REPEAT_NS = 500_000_000
 """Half of the second that the firmware waits: a repeat that comes earlier had been waiting in a queue."""
 LONGEST_FRAME_NS = 50_000_000
-"""Of one step: the firmware's clock stands still over a difference of 0.1 s or more."""
+"""Longest step: the firmware's clock stands still over a difference of 0.1 s or more."""
 _S = 1_000_000_000
 
 
@@ -116,7 +116,7 @@ class JsonBackend:
             self._mark = now_ns, self._world_ns
 
     def take_news(self) -> list[str]:
-        """What has happened since the last call, in words."""
+        """What has happened since the last call, as texts."""
         news, self._news = self._news, []
         return news
 

@@ -44,7 +44,7 @@ class ServoPacket:
 
 @dataclass(frozen=True)
 class PhysicsState:
-    """What the firmware is told. Body axes x forward, y starboard, z down; NED about the firmware's home.
+    """The state that the firmware receives. Body axes x forward, y starboard, z down; NED about the firmware's home.
 
     `timestamp_s`: time of the physics; `accel_m_s2`: specific force, (0, 0, -9.81) in a level boat at rest;
     `attitude_rad`: roll, pitch, yaw.
@@ -75,7 +75,7 @@ def decode(data: bytes) -> ServoPacket:
 
 def encode(state: PhysicsState) -> bytes:
     """The datagram that tells the firmware `state`. Raises ValueError for a number that is not finite."""
-    told = {
+    fields = {
         "timestamp": state.timestamp_s,
         "imu": {"gyro": state.gyro_rad_s, "accel_body": state.accel_m_s2},
         "position": state.position_m,
@@ -83,5 +83,5 @@ def encode(state: PhysicsState) -> bytes:
         "velocity": state.velocity_m_s,
         "battery": {"voltage": state.voltage_v, "current": state.current_a},
     }
-    text = json.dumps(told, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(fields, separators=(",", ":"), allow_nan=False)
     return f"\n{text}\n".encode("ascii")

@@ -20,9 +20,10 @@ STILL = 1e-4
 CLOSED = 1e-3
 """Largest gap of the dynamics at the end of a cold start, scaled."""
 FULL_STEPS, HALF_STEPS = 6, 16
-"""Of a cold start, up to which step; quarters after: where full ones go to and fro, the middle is near the solution."""
+"""Cold start: up to which iteration steps are full, then half, then quarters. Where full ones alternate about the
+solution, their middle is near it."""
 FORGET_S = 0.5
-"""Active limits of an older plan say nothing any more; assumed."""
+"""Active limits of an older plan are discarded; assumed."""
 
 
 class Solution(NamedTuple):
@@ -71,17 +72,17 @@ class RealTimeSolver:
             rti.X[:, PSI] += 2 * np.pi * np.round((x0[PSI] - warm.x[0, PSI]) / (2 * np.pi))
         else:
             w = shifted(self._problem, warm, t_ns, x0)
-            assert w is not None, "usable says so"
+            assert w is not None, "usable was checked"
             rti.X[:], rti.C[:] = self._problem.split(w)
             rti.shift[0] = 0.0
         rti.active[:] = warm.active if warm.active is not None and share * s.step_s < FORGET_S else 0.0
         rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
         rti.solve()
-        came, count = rti.came(), rti.iterations
-        while count < s.most_iterations and came.sane and came.defect > s.defect_tolerance:
+        info, count = rti.came(), rti.iterations
+        while count < s.most_iterations and info.sane and info.defect > s.defect_tolerance:
             rti.iterate()
-            came, count = rti.came(), count + 1
-        return came, count
+            info, count = rti.came(), count + 1
+        return info, count
 
     def cold(self, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Solution | None, int]:
         """From a roll-out by full steps, and from standing still by half steps; the cheaper plan of the two.
@@ -96,10 +97,10 @@ class RealTimeSolver:
         best, steps = None, 0
         for (X, C), full_steps in ((rolled, FULL_STEPS), (held, 0)):
             rti.X[:], rti.C[:], rti.active[:] = X, C, 0.0
-            came, count = self._until_still(full_steps)
+            info, count = self._until_still(full_steps)
             steps += count
-            if came is not None and (best is None or came.cost < best.cost):
-                best = self.ended(came)
+            if info is not None and (best is None or info.cost < best.cost):
+                best = self.ended(info)
         return best, steps
 
     def _until_still(self, full_steps: int) -> tuple[SolveInfo | None, int]:
@@ -107,19 +108,19 @@ class RealTimeSolver:
         last, most = np.inf, self._problem.settings.cold_iterations
         for count in range(1, most + 1):
             self.rti.damped(1.0 if count <= full_steps else 0.5 if count <= HALF_STEPS else 0.25)
-            came = self.rti.came()
-            if not came.sane:
+            info = self.rti.came()
+            if not info.sane:
                 return None, count
-            if came.settled and came.defect < CLOSED and abs(last - came.cost) <= STILL * came.cost:
-                return came, count
-            last = came.cost
+            if info.settled and info.defect < CLOSED and abs(last - info.cost) <= STILL * info.cost:
+                return info, count
+            last = info.cost
         return None, most
 
-    def ended(self, came: SolveInfo) -> Solution:
+    def ended(self, info: SolveInfo) -> Solution:
         """The plan, copied out of the solver's memory."""
         rti = self.rti
-        return Solution(rti.X.copy(), rti.C.copy(), came.cost, came.defect, came.excess, rti.active.copy())
+        return Solution(rti.X.copy(), rti.C.copy(), info.cost, info.defect, info.excess, rti.active.copy())
 
 
 NOTHING = SolveInfo(np.inf, np.inf, np.inf, np.inf, np.inf)
-"""No plan came of it."""
+"""Information on a solve that found no plan."""

@@ -86,9 +86,9 @@ class Nmpc:
         """From the last plan: our kernel, then hpipm. None where neither ends in a plan that closes; why; steps."""
         steps, tolerance = 0, self.problem.settings.defect_tolerance
         if self._real_time:
-            came, steps = self._real_time.warm(warm, request.t_ns, asked.x0, asked.rows, asked.d)
-            if came.sane and came.settled and came.defect <= tolerance and came.excess <= BOUND_TOLERANCE:
-                return self._real_time.ended(came), "", steps
+            info, steps = self._real_time.warm(warm, request.t_ns, asked.x0, asked.rows, asked.d)
+            if info.sane and info.settled and info.defect <= tolerance and info.excess <= BOUND_TOLERANCE:
+                return self._real_time.ended(info), "", steps
         first = shifted(self.problem, warm, request.t_ns, asked.x0)
         if first is None:
             return None, "warm start not usable", steps

@@ -88,7 +88,7 @@ def steady_force(model: VesselModel, B: np.ndarray, row: Any, d: Any) -> Any:
     """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
 
     Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau. `B`: of the thrusters that
-    work, columns of the others nil. Where moving water weakens thrust, the part lost of a first guess is added.
+    work, columns of the others 0. Where moving water weakens thrust, the part lost of a first guess is added.
     """
     eta, nu, tau = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("tau", 3)
     slope_of = ca.Function("slope", [eta, nu, tau], [ca.jacobian(model.nu_dot(eta, nu, tau), tau)])

@@ -1,4 +1,4 @@
-"""One UWB range into a filter, whatever else that filter estimates: gate, bias per anchor, re-opening.
+"""Measurement update by one UWB range, whatever else the filter estimates: gate, bias per anchor, re-opening.
 
     h(x) = |p_tag - a_i| + b_i
 
@@ -19,9 +19,9 @@ from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.multilateration import multilaterate
 
 VELOCITY_SIGMA_M_S = 0.5
-"""How unsure of its speed a filter is that finds itself in the wrong place; assumed."""
+"""Sigma of the velocity after the position turned out wrong; assumed."""
 PLACE_SIGMA_M = 2.0
-"""How unsure a fix is before the ranges it came from are fused; wide, so that they decide."""
+"""Sigma of a multilateration fix before its ranges are fused; wide, so that the ranges decide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class RangeMeasurement(NamedTuple):
 
 
 class RangeUpdate(NamedTuple):
-    """What became of one range."""
+    """State, covariance and gate after one range, the verdict, innovation nu and its variance S."""
 
     x: np.ndarray
     P: np.ndarray
@@ -153,7 +153,7 @@ def recent_anchors(latest: Sequence[AnchorHistory | None], t_ns: int, window_s: 
 def relocate(
     layout: RangeLayout, x: np.ndarray, P: np.ndarray, place_m: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State put at `place_m` with a wide position, decorrelated from the rest; velocities made unsure."""
+    """State put at `place_m` with a wide position, decorrelated from the rest; velocity variances inflated."""
     P, x = decorrelate(P, layout.position), x.copy()
     for i, value in zip(layout.position, place_m, strict=True):
         x[i], P[i, i] = value, PLACE_SIGMA_M**2

@@ -1,7 +1,7 @@
-"""What a UWB tag measures, into a belief: ranges first, positions where no ranges are to be had.
+"""Measurement updates by UWB: ranges, or the tag's own position where it sends no ranges.
 
 range     |k (p + R(psi) l) - a_i| + b_i      l: lever arm of the tag in level axes, a_i: anchor, k = 1 + `scale`
-position  p + R(psi) l                        north and east judged one by one; corrected for k before
+position  p + R(psi) l                        north and east judged one by one; corrected for k before it arrives here
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class UwbFusion:
         return north - dx, east - dy
 
     def fuse_position(self, belief: FilterState, m: UwbPosition) -> Result:
-        """The tag's own position, site ENU; left out while ranges come, which say the same and more."""
+        """The tag's own position, site ENU; left out while ranges arrive, from which the tag computed it."""
         silent_ns = round(self._tuning.uwb_timeout_s * 1e9)
         if belief.ranges_ns is not None and belief.t_ns - belief.ranges_ns < silent_ns:
             return belief, ()

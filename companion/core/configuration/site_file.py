@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
 from companion.core.configuration.tables import ConfigError, SourcedTable, parse_toml
-from companion.core.geometry.fence import crossing
+from companion.core.geometry.fence import clearance, crossing
 
 
 class Anchor(SourcedTable, frozen=True, kw_only=True):
@@ -35,12 +36,8 @@ class Site(SourcedTable, frozen=True, kw_only=True):
     anchors: tuple[Anchor, ...] = ()
 
     def inside(self, north_m: float, east_m: float) -> bool:
-        """Whether a place lies within the fence (even-odd rule)."""
-        within = False
-        for (n1, e1), (n2, e2) in zip(self.fence, (*self.fence[1:], self.fence[0]), strict=True):
-            if (n1 > north_m) != (n2 > north_m) and east_m < e1 + (north_m - n1) / (n2 - n1) * (e2 - e1):
-                within = not within
-        return within
+        """Whether a place lies within the fence, not on its edge."""
+        return bool(clearance(np.array(self.fence), np.array([[north_m, east_m]]))[0] > 0)
 
 
 def load_site(text: str, *, name: str) -> Site:

@@ -75,7 +75,7 @@ class Starter:
         fixes = multilaterate(self._anchors_m[use], ranges, self._sensors.uwb.z_m, self._tuning.fix_spread_m)
         good = [f for f in fixes if f.inliers.sum() >= 3 and f.cost <= fixes[0].cost + MIRROR_COST]
         if len(good) > 1:
-            good = [f for f in good if inside(self._site.fence, f.north_m, f.east_m)]
+            good = [f for f in good if self._site.inside(f.north_m, f.east_m)]
         if len(good) != 1:
             return f"{len(good)} places explain the ranges"
         return correct_uwb_scale(self._sensors.uwb, good[0].north_m, good[0].east_m)
@@ -120,12 +120,3 @@ class Starter:
             t_ns=t_ns, x=x, P=P, f_n=f_n, tilt=tilt, anchor_gates=(Gate(),) * m, heading_gate=Gate(),
             position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns, ranges_ns=None,
         )  # fmt: skip
-
-
-def inside(polygon: tuple[tuple[float, float], ...], north_m: float, east_m: float) -> bool:
-    """Whether a point lies in a closed polygon of (north, east): even-odd rule."""
-    hit = False
-    for (n1, e1), (n2, e2) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-        if (n1 > north_m) != (n2 > north_m) and east_m < e1 + (north_m - n1) / (n2 - n1) * (e2 - e1):
-            hit = not hit
-    return hit

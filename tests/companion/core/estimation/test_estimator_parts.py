@@ -21,7 +21,6 @@ from companion.core.estimation.plausibility import screen
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
-from companion.core.estimation.start import inside
 from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
 from companion.core.messages import AnchorRange, UwbRanges
 from companion.core.model.manoeuvring import StructuredModel
@@ -185,13 +184,6 @@ def test_anchors_in_a_line_leave_two_places() -> None:
 
 def test_fewer_than_two_anchors_give_no_place() -> None:
     assert multilaterate(ANCHORS[:1], np.array([5.0]), 0.0, 0.6) == []
-
-
-def test_inside_a_polygon() -> None:
-    fence = basin().fence
-    assert inside(fence, 15, 15)
-    assert not inside(fence, -3, 15)
-    assert not inside(fence, 15, 31)
 
 
 def test_position_sigma_is_the_largest_semi_axis() -> None:

@@ -179,7 +179,7 @@ def diagnose(
 
 
 def data_of(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
-    """What is fitted, what is held out, and the clock of both."""
+    """Split of the logs without pauses, subsampled, and the shared clock. JobError for swapped columns."""
     whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
     parted, clock = subsample(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:

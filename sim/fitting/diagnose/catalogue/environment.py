@@ -61,6 +61,8 @@ def _steady(scene: Scene, north: float, east: float) -> np.ndarray:
 
 
 def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
+    """A current that turns at start_deg_s + turn_deg_s about the middle of the clock, its direction there."""
+
     def water(p: Values, scene: Scene) -> np.ndarray:
         angle = np.radians(start_deg_s + p["turn_deg_s"]) * (scene.clock_s - scene.middle_s)
         c, s = np.cos(angle), np.sin(angle)
@@ -109,6 +111,8 @@ def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
 
 
 def _tether(arm_m: float, around_m: float) -> Effect:
+    """A linear spring f_0 - k p at `arm_m` on the centreline, p from the centre of the positions."""
+
     def force(p: Values, scene: Scene) -> np.ndarray:
         arm = arm_m + p["arm_m"]
         at_north = scene.north_m + arm * np.cos(scene.psi_rad) - scene.centre_m[0]
@@ -135,6 +139,8 @@ def _tether(arm_m: float, around_m: float) -> Effect:
 
 
 def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
+    """A circle round `centre` in which all damping is (1 + share) times the file's."""
+
     def force(p: Values, scene: Scene) -> np.ndarray:
         at = (centre[0] + p["north_m"], centre[1] + p["east_m"])
         inside = zone_weight(scene.north_m, scene.east_m, at, max(ZONE_RADIUS_M + p["radius_m"], 1.0))

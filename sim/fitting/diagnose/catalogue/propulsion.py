@@ -91,6 +91,8 @@ def _scaled(vessel: VesselFile, factor: Callable[[Values], float], *which: int) 
 
 
 def _fouling(i: int, name: str, onset_s: float, starts: Callable[[], Sequence[Effect]] | None = None) -> Effect:
+    """Loss of thruster i from onset_s on; variant of the family of that thruster."""
+
     def hook(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         out = f.copy()
         since = scene.clock_s - onset_s - p["onset_s"]
@@ -125,6 +127,7 @@ def _swap(i: int, j: int) -> Callable[[Values, np.ndarray], np.ndarray]:
 
 
 def _common(vessel: VesselFile) -> Iterator[Effect]:
+    """Effects on all thrusters alike: loss, astern force, voltage, dead band."""
     yield Effect(
         "common_loss",
         "propulsion",
@@ -183,6 +186,7 @@ def _maps(edit: Callable[[RotorMap, Values], RotorMap]) -> Callable[[Values, Ves
 
 
 def _timing(vessel: VesselFile) -> Iterator[Effect]:
+    """Effects on the time response of thrust: lag, dead time, rate limit."""
     slew_N_s = vessel.propulsion.slew_N_s
     yield Effect(
         "lag",
@@ -228,6 +232,7 @@ def _limited(p: Values, vessel: VesselFile) -> VesselFile:
 
 
 def _flow(vessel: VesselFile) -> Iterator[Effect]:
+    """Effects of the flow on thrust: loss with advance speed, wash."""
     x, y, azimuth = vessel.positions.T
     fore = [int(i) for i in np.argsort(-x)]
     behind_one = [(i, j) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]

@@ -64,6 +64,7 @@ def _fits(commands_s: np.ndarray, heading_s: np.ndarray, fixes_s: np.ndarray) ->
 
 
 def _without_pauses(used: LogUse) -> LogUse:
+    """`used` with usable intervals within the recorded spans, and a note of what is left out."""
     run = used.log.run
     spans = recording_intervals(run)
     if len(spans) == 1 and len(used.fitted_s) <= 1 and len(used.held_out_s) <= 1:

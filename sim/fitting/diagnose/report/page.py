@@ -67,6 +67,7 @@ def residual_forces_before_and_after(diagnosis: Diagnosis) -> tuple[ResidualForc
 
 
 def _causes(diagnosis: Diagnosis) -> list[Section]:
+    """Causes: equations, table of parameters, figure of sizes."""
     if not diagnosis.causes:
         return []
     rows, spans = [], []
@@ -97,6 +98,7 @@ def _causes(diagnosis: Diagnosis) -> list[Section]:
 
 
 def _held_out(diagnosis: Diagnosis) -> Section:
+    """Held-out errors by channel and horizon, and replayed windows."""
     errors = diagnosis.held_out.errors
     rows = []
     for e in errors:
@@ -158,6 +160,7 @@ def _whiteness(diagnosis: Diagnosis):
 
 
 def _evidence(diagnosis: Diagnosis) -> Section:
+    """Evidence of the named causes and of the other candidates."""
     names = {e.id: e.name for e in diagnosis.fit.effects}
     others: dict[str, tuple[float, float]] = {}
     for c in diagnosis.selection.ranking:
@@ -178,6 +181,7 @@ def _evidence(diagnosis: Diagnosis) -> Section:
 
 
 def _adequacy(diagnosis: Diagnosis, maps: Pictures = ()) -> list[Section]:
+    """Checks of adequacy."""
     a = diagnosis.adequacy
     if a is None:
         return []
@@ -203,6 +207,7 @@ def _adequacy(diagnosis: Diagnosis, maps: Pictures = ()) -> list[Section]:
 
 
 def _distinguishability(diagnosis: Diagnosis) -> list[Section]:
+    """Pairs that these logs cannot separate, heat map, manoeuvre."""
     result = diagnosis.identifiability
     if result is None:
         return []
@@ -227,6 +232,7 @@ def _distinguishability(diagnosis: Diagnosis) -> list[Section]:
 
 
 def _detection_limits(diagnosis: Diagnosis) -> Section:
+    """Sizes from which these logs would have shown each effect."""
     by_name = {e.name: e for e in diagnosis.fit.effects}
     rows = []
     for name, (size, unit) in diagnosis.visible.items():
@@ -243,6 +249,7 @@ def _detection_limits(diagnosis: Diagnosis) -> Section:
 
 
 def _noise(diagnosis: Diagnosis) -> Section:
+    """Noise card: estimated and stated."""
     final, stated = diagnosis.selection.final.noise, diagnosis.fit.physics.vessel.sensors
     rows = [
         ("heading [rad]", f"{final.white[0]:.3g}", f"{stated.imu.heading_sigma_rad:.3g}"),

@@ -217,6 +217,7 @@ def sizes(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
 
 
 def _binned(ax: Axes, x: np.ndarray, force: np.ndarray, cause: np.ndarray) -> None:
+    """Force over x as points, means of equal bins with 2 standard errors, and the mean that the causes add."""
     known = np.isfinite(x)
     x, force, cause = x[known], force[known], cause[known]
     ax.plot(x, force, ".", ms=1.5, color="#bbbbbb", zorder=1)

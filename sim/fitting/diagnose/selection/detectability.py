@@ -40,6 +40,7 @@ def detection_limits(fit: PosteriorFit, model: CandidateModel) -> dict[str, tupl
 def _limits(
     fit: PosteriorFit, model: CandidateModel, C: np.ndarray, at: dict[str, slice]
 ) -> Iterator[tuple[Effect, float]]:
+    """Effect and detection limit over its smallest size, for each effect that is not active; C (P, P): covariance."""
     active_names = {e.name for e in fit.effects if e.id in model.active}
     for effect in fit.effects:
         if effect.family == "base" or effect.name in active_names or effect.nonlinear:

@@ -221,6 +221,7 @@ def _groups(far: EffectPhysics, of: Sequence[int]) -> np.ndarray:
 def _errors(
     squares: Mapping[str, Mapping[str, np.ndarray]], groups: np.ndarray, seed: int
 ) -> tuple[OpenLoopError, ...]:
+    """Rms errors; bootstrap draws are multinomial counts of blocks times their sums of squares."""
     count = int(groups.max()) + 1
     draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), BOOTSTRAPS)
     found = []

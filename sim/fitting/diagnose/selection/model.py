@@ -150,6 +150,7 @@ class Refitter:
         return np.clip(self._start_entry_values(model, effect) if effect.start_entries else c.values, *effect.limits())
 
     def _start_entry_values(self, model: CandidateModel, effect: Effect) -> np.ndarray:
+        """Values of the best of the effect's `start_entries`, relative to its own `origin`."""
         assert effect.start_entries
         fit, starts = self.fit, effect.start_entries()
         fit.noise = model.noise

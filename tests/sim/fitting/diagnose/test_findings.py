@@ -80,7 +80,7 @@ def test_rivals_have_the_names_of_findings_and_are_not_there_already():
     assert SearchResult(late, turned).rivals(fit) == {"lag": [("wash", 1.0)]}
 
 
-def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_without_their_echoes(monkeypatch):
+def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_without_their_masking(monkeypatch):
     """A gusty wind that smooth functions make unnecessary, and a wash that was there only beside it; then a tether."""
     judged = iter(
         AdequacyJudgement(left, withdrawn=frozenset({id_})) for left, id_ in ((GOOD, "wind"), (BAD, "tether"))
@@ -88,8 +88,8 @@ def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_w
     stay = iter([{"lag", "tether"}, {"lag"}])
     asked: list[Masking] = []
 
-    def adequate(_fit, _selection, _ambient, echoes, _known):
-        asked.append(echoes)
+    def adequate(_fit, _selection, _ambient, masking, _known):
+        asked.append(masking)
         return next(judged)
 
     def without(found, _fit, _gone):
@@ -103,7 +103,7 @@ def test_causes_that_fall_with_others_are_told_and_what_is_left_over_is_judged_w
     assert [c.effect.name for c in found.causes] == ["lag"] and not sound.adequacy.passed
     assert withdrawn == {"gusty_wind": verdict.UNNEEDED, "wash": verdict.FALLEN, "tether": verdict.UNNEEDED}
     assert asked == [Masking.of(["gusty_wind"]), NO_MASKING], (
-        "and no more: a tether has no echoes, and nothing fell with it"
+        "and no more: a tether masks nothing, and nothing fell with it"
     )
 
 

@@ -1,6 +1,6 @@
 """Columns of the diagnosis against finite differences of the motion, for every entry of the catalogue.
 
-Logs are simulated (`teleop_run`, seeds stated); boats differ from the believed file by one effect.
+Logs are simulated (`teleop_run`, seeds stated); boats differ from the vessel file by one effect.
 """
 
 from __future__ import annotations

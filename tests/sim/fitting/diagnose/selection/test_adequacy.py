@@ -62,7 +62,7 @@ def named(group_name: str, word: str) -> FunctionGroup:
     return FunctionGroup((word,), Effect(group_name, "generic", "", "", UNIT, {}), np.zeros((2, L, 1)))
 
 
-def test_what_is_left_over_without_the_echoes_of_the_best():
+def test_what_is_left_over_without_what_the_best_masks():
     a, b, c, d = (named(n, w) for n, w in (("a", "heading"), ("b", "time"), ("c", "speed"), ("d", "load")))
     found = GroupEvidence(((a, 100.0), (b, 30.0), (c, 19.0), (d, -2.0)), 0.0, {"tether": frozenset("b")}, {})
     assert found.significant == (a, b)

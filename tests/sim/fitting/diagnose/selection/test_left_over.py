@@ -22,7 +22,7 @@ from sim.fitting.diagnose.selection.select import Selection
 from tests.sim.fitting.diagnose.adequacy_fixture import clean, compass_off_by_place, faulty, other
 
 
-def test_nothing_is_left_over_of_a_boat_that_is_as_believed():
+def test_nothing_is_left_over_of_a_boat_that_is_as_the_file_says():
     fit, model = clean()
     found = adequacy(fit, Selection(model, model, [], []), None)
     report = found.adequacy

@@ -1,6 +1,6 @@
 """Causes found in simulated logs, and requests that are refused.
 
-Logs are simulated (`teleop_run`, seeds stated); boats differ from the believed file by one effect.
+Logs are simulated (`teleop_run`, seeds stated); boats differ from the vessel file by one effect.
 """
 
 from __future__ import annotations

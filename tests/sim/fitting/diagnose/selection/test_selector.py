@@ -176,7 +176,7 @@ def test_what_does_not_stand_without_a_cause_that_is_taken_back_goes_too():
     assert tried == [{"lag", "payload"}, {"payload"}] and left.rivals == {"payload": []}
 
 
-def test_two_causes_of_which_one_contains_the_other_are_not_believed_together():
+def test_two_causes_of_which_one_contains_the_other_are_not_known_together():
     fit, _ = bench()
     with pytest.raises(ValueError, match="'turning_current' or 'current', not both"):
         search_causes(fit, known_causes=("current", "turning_current"))

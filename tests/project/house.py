@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from configparser import ConfigParser
 from functools import cache
 from pathlib import Path
@@ -102,30 +102,35 @@ def path_changes(path: Path) -> list[int]:
     return lines
 
 
-def private_members(path: Path) -> list[str]:
-    """Accesses `x._name` of a test, where x is not self or cls and `_name` is no member of a class in the same file.
+def private_names(paths: Iterable[Path]) -> set[str]:
+    """Private names of members that the product's classes and modules define."""
+    names: set[str] = set()
+    for path in paths:
+        scopes = [tree_of(path), *(n for n in ast.walk(tree_of(path)) if isinstance(n, ast.ClassDef))]
+        names |= {name for scope in scopes for name in _members(scope)}
+    return {name for name in names if name.startswith("_") and not name.endswith("__")}
 
-    Names that begin and end with two underscores are Python's, not the product's.
-    """
+
+def private_members(path: Path, private: Container[str]) -> list[str]:
+    """Accesses `x._name` in a test, `_name` in `private`: x is not self or cls, `_name` not of a class in the file."""
     tree = tree_of(path)
     own = {name for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for name in _members(node)}
-    accesses = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.endswith("__"):
-            owner = node.value.id if isinstance(node.value, ast.Name) else ""
-            if owner not in ("self", "cls") and node.attr not in own:
-                accesses.append(f"{path.relative_to(ROOT)}:{node.lineno} {ast.unparse(node)}")
-    return accesses
+    return [
+        f"{path.relative_to(ROOT)}:{node.lineno} {ast.unparse(node)}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and node.attr in private and node.attr not in own
+        and not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"))
+    ]  # fmt: skip
 
 
-def _members(node: ast.ClassDef) -> Iterator[str]:
-    """Names that a class defines: methods, fields, and attributes that it sets on self."""
-    for part in ast.walk(node):
+def _members(node: ast.AST) -> Iterator[str]:
+    """Names that a class or module defines: methods, fields, and attributes that are set on self."""
+    for part in ast.iter_child_nodes(node) if not isinstance(node, ast.ClassDef) else ast.walk(node):
         if isinstance(part, (ast.FunctionDef, ast.AsyncFunctionDef)):
             yield part.name
         elif isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name):
             yield part.target.id
         elif isinstance(part, ast.Assign):
-            yield from (target.id for target in part.targets if isinstance(target, ast.Name))
+            yield from (n.id for t in part.targets for n in ast.walk(t) if isinstance(n, ast.Name))
         if isinstance(part, ast.Attribute) and isinstance(part.ctx, ast.Store) and ast.unparse(part.value) == "self":
             yield part.attr

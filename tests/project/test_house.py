@@ -21,6 +21,7 @@ from tests.project.house import (
     outside_studies,
     path_changes,
     private_members,
+    private_names,
     public_classes,
 )
 
@@ -132,15 +133,25 @@ def test_changes_of_the_path_are_seen(tree, line):
     assert path_changes(*tree(a=line)) == [1]
 
 
-def test_private_members_are_those_of_others(monkeypatch, tree):
-    (path,) = tree(
-        a="""
+def test_private_members_are_those_of_the_product(monkeypatch, tree):
+    product, path = tree(
+        product="""
+        _cache = {}
+        class Thing:
+            _busy: bool
+            def __init__(self): self._inner, self._set, self.open = 1, 2, 3
+            def _method(self): local._other = 1
+        """,
+        test="""
         class Own:
-            _field: int
-            def _method(self): self._set = self._other
-        Own()._method(), own._field, own._set
-        thing._busy, thing.__dict__, thing.part._inner
-        """
+            def _method(self): self._set = self._busy
+        Own()._method(), own._set
+        thing._busy, thing.__dict__, row._replace(a=1), thing.part._inner
+        module._cache
+        """,
     )
+    private = private_names([product])
+    assert private == {"_cache", "_busy", "_inner", "_set", "_method"}
     monkeypatch.setattr("tests.project.house.ROOT", path.parent)
-    assert private_members(path) == ["a.py:6 thing._busy", "a.py:6 thing.part._inner"]
+    seen = [access.partition(" ")[2] for access in private_members(path, private)]
+    assert sorted(seen) == ["module._cache", "thing._busy", "thing.part._inner"]

@@ -21,7 +21,7 @@ def closed_loop(full: bool) -> Iterator[Line]:
     with base_tree() as base, tempfile.TemporaryDirectory() as folder:
         # both at once: they share the machine, and no time is in the log
         children = [start(tree, words, Path(folder) / str(i)) for i, tree in enumerate((base, ROOT))]
-        before, now = (_digests(output(child)) for child in children)
+        before, now = (digests(output(child)) for child in children)
     same = [seed for seed in SEEDS if before[seed] == now[seed]]
     others = [seed for seed in SEEDS if seed not in same]
     note = f"base {BASE}" + (f"; differ: {', '.join(map(str, others))}" if others else "")
@@ -30,7 +30,7 @@ def closed_loop(full: bool) -> Iterator[Line]:
     yield exactly("seeds whose log is the same byte for byte", len(same), len(SEEDS), "", note)
 
 
-def _digests(text: str) -> dict[int, tuple[str, int]]:
+def digests(text: str) -> dict[int, tuple[str, int]]:
     """Seed -> (SHA-256 of the log, number of messages)."""
     rows = [line.split() for line in text.splitlines()]
     return {int(seed): (digest, int(count)) for seed, digest, count in rows}

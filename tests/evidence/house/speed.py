@@ -18,7 +18,7 @@ WHAT = ("NMPC over the states of a mission", "structured fit of a 60 s log", "60
 
 
 def speed(full: bool) -> Iterator[Line]:
-    """Speed: time here over time at the base commit, median of five rounds in turn"""
+    """Speed: processor time here over that at the base commit, median of five rounds in turn"""
     with base_tree() as base, tempfile.TemporaryDirectory() as folder:
         children = [start(tree, ["rounds"], Path(folder) / str(i)) for i, tree in enumerate((base, ROOT))]
         try:

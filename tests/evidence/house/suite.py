@@ -49,22 +49,22 @@ def suite(full: bool) -> Iterator[Line]:
         Path(folder).chmod(0o755)
         clone = Path(folder) / "aritra"
         git("clone", "--quiet", str(ROOT), str(clone))
-        alone = _run(clone, "make", "test")
+        alone = run_suite(clone, "make", "test")
         yield from alone.lines("fresh clone, make test, without ../shared")
         yield information("  minutes, installation included", alone.minutes, "min")
         yield information("  tests passed", alone.passed)
         yield information("  tests skipped", alone.skipped)
         if SHARED.is_dir():
             (clone.parent / "shared").symlink_to(SHARED)
-            yield from _run(clone).lines("with ../shared")
-        yield from _run(clone, COLUMNS="200").lines("COLUMNS=200")
-        yield from _run(clone, LANG="C", LC_ALL="C").lines("LANG=C")
+            yield from run_suite(clone).lines("with ../shared")
+        yield from run_suite(clone, COLUMNS="200").lines("COLUMNS=200")
+        yield from run_suite(clone, LANG="C", LC_ALL="C").lines("LANG=C")
         yield from _with_sim_py(clone).lines("a sim.py in the way")
         yield from _with_busy_processes(clone).lines(f"{BUSY} busy processes beside it")
         yield from _as_nobody(clone)
 
 
-def _run(clone: Path, *command: str, before: tuple[str, ...] = (), **env: str) -> SuiteRun:
+def run_suite(clone: Path, *command: str, before: tuple[str, ...] = (), **env: str) -> SuiteRun:
     """The suite in a clone; the environment's own variables of Python and of pytest do not reach it."""
     kept: Mapping[str, str] = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "PYTEST", "VIRTUAL"))}
     begun = time.monotonic()
@@ -83,7 +83,7 @@ def _with_sim_py(clone: Path) -> SuiteRun:
     for file in files:
         file.write_text('raise ImportError("the wrong sim")\n')
     try:
-        return _run(clone, TMPDIR=str(other))
+        return run_suite(clone, TMPDIR=str(other))
     finally:
         for file in files:
             file.unlink()
@@ -95,7 +95,7 @@ def _with_busy_processes(clone: Path) -> SuiteRun:
             child = subprocess.Popen([sys.executable, "-c", "while True: pass"])
             stack.callback(child.wait)
             stack.callback(child.kill)
-        return _run(clone)
+        return run_suite(clone)
 
 
 def _as_nobody(clone: Path) -> Iterator[Line]:
@@ -114,4 +114,4 @@ def _as_nobody(clone: Path) -> Iterator[Line]:
         yield exactly(f"{name}: exit code", float("nan"), 0, "", note)
         return
     more = {"HOME": str(home), "TMPDIR": str(home), "USER": "nobody", "LOGNAME": "nobody"}
-    yield from _run(clone, before=AS_NOBODY, **more).lines(name)
+    yield from run_suite(clone, before=AS_NOBODY, **more).lines(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,8 @@ def git(*words: str, root: Path = ROOT) -> str:
 
 def base_is_here() -> bool:
     """Whether the base commit is in this clone."""
+    if not shutil.which("git"):
+        return False
     words = ["git", "-C", str(ROOT), "cat-file", "-e", f"{BASE}^{{commit}}"]
     return subprocess.run(words, check=False, capture_output=True).returncode == 0
 

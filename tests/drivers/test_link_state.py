@@ -13,9 +13,6 @@ from tests.drivers.link_bench import CYCLE, SECOND, TIMING
 STATES = ("searching", "online", "stale", "lost")
 
 
-# --- the table ---------------------------------------------------------------------------------------
-
-
 def whole_ns() -> st.SearchStrategy[int]:
     edges = [TIMING.stale_after_ns, TIMING.lost_after_ns]
     return st.one_of(st.integers(0, 10 * SECOND), st.sampled_from([e + d for e in edges for d in (-1, 0, 1)]))

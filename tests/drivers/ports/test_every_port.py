@@ -18,9 +18,6 @@ def pair(request, tmp_path) -> Pair:
     return Pair(request.param, tmp_path, BIG)
 
 
-# --- the suite ---------------------------------------------------------------------------------------
-
-
 def test_bytes_pass_both_ways_in_order(pair):
     async def main():
         await pair.join()

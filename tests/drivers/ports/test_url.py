@@ -13,9 +13,6 @@ from drivers.ports.url import open_port_from_url
 BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"
 
 
-# --- URLs --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("url", "kind", "name"),
     [

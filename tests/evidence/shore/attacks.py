@@ -21,9 +21,6 @@ FLOOD_S = 10.0
 WAIT_S = 0.5
 
 
-# --- what attackers do: each returns (tries, accepted) ----------------------------------------------
-
-
 def ask(session: zenoh.Session, payload: bytes, attachment: bytes | None, wait_s: float = WAIT_S) -> list[str]:
     """One order; the codes of its answers, `done` where it was obeyed anew."""
     replies = session.get(shore.command_key(BOAT), payload=payload, attachment=attachment, timeout=wait_s)

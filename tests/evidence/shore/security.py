@@ -39,9 +39,6 @@ from tests.support.zenoh_fixture import Console
 FUZZED, FULL_FUZZED = 3000, 30_000
 
 
-# --- the table --------------------------------------------------------------------------------------
-
-
 ROWS: tuple[tuple[str, Callable, str, str], ...] = (
     ("no TLS", no_tls, "router", "InvalidContentType"),
     ("no certificate", no_certificate, "router", "peer sent no certificates"),

@@ -21,9 +21,6 @@ from tests.support.drive_fixture import START, setup
 S = 1_000_000_000
 
 
-# --- what valid inputs are ---------------------------------------------------------------------------------
-
-
 @cache
 def telemetry(seconds: float = 12.0) -> bytes:
     """What the simulated autopilot sends when it is asked for our streams, after it was armed and told things."""
@@ -97,9 +94,6 @@ def log_bytes(kind: str) -> list[bytes]:
     mav = wire.MAVLink(None)
     found = mav.parse_buffer(frames) or []
     return [tlog([(1_700_000_000_000_000 + 5000 * k, bytes(m.get_msgbuf())) for k, m in enumerate(found)])]
-
-
-# --- how they are read -------------------------------------------------------------------------------------
 
 
 def slices(data: bytes, size: int = 4000) -> list[bytes]:

@@ -44,9 +44,6 @@ class Reader:
     text: bool = False
 
 
-# --- how they are read -------------------------------------------------------------------------------------
-
-
 def _codec(made) -> Callable[[bytes], None]:
     """Chunks of any size, as a wire gives them, at a clock that runs."""
     state = [S]

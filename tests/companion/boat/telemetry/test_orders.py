@@ -20,9 +20,6 @@ from tests.support.drive_fixture import setup
 KEY = bytes(range(1, 33))
 
 
-# --- orders -----------------------------------------------------------------------------------------
-
-
 class Query:
     """What zenoh hands over, with its answer."""
 

@@ -59,9 +59,6 @@ def alert(text):
     return Alert(t_ns=time.monotonic_ns(), level="info", text=text)
 
 
-# --- telemetry --------------------------------------------------------------------------------------
-
-
 def test_without_a_router_the_boat_is_told_once_and_waits_for_nothing():
     with telemetry(free_port(), rate_Hz=20.0) as (boat, told):
         spent = []

@@ -22,9 +22,6 @@ SITE = setup().pilot.site
 START = (8.0, 9.0, 0.4)
 
 
-# --- what the firmware is told ---------------------------------------------------------------------------
-
-
 def physics(seed=1, name="aritra", site=SITE, imu=None, **changes):
     vessel = boat(name)
     if imu:

@@ -34,9 +34,6 @@ states = st.builds(
 )
 
 
-# --- the wire ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("outputs", [16, 32])
 @given(rate=st.integers(0, 65535), count=st.integers(0, 2**32 - 1), data=st.data())
 def test_little_endian_magic_18458_has_16_pulses_and_29569_has_32(outputs, rate, count, data):

@@ -35,9 +35,6 @@ def point(north, east, origin=ORIGIN):
     return dict(zip(("latitude", "longitude"), geodetic_from_site(origin, north, east), strict=True))
 
 
-# --- what items mean ----------------------------------------------------------------------------------
-
-
 def test_a_change_of_speed_holds_for_the_legs_after_it():
     text = plan(
         item(**point(1, 0)), item(178, p2=0.4), item(**point(5, 0)), item(178, p1=1, p2=0.7, p3=-1),

@@ -57,13 +57,14 @@ def main() -> int:
 
 def draw_track(track: PaperTrack, path: Path) -> None:
     """Figures 11 and 12: the track with its waypoints, and the surge speed."""
+    from matplotlib import patches  # noqa: PLC0415
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.6), width_ratios=(1, 1.4))
     points = np.array(WAYPOINTS)
     left.plot(points[:, 1], points[:, 0], "k--o", lw=1, ms=4, label="waypoints")
     for north, east in points[1:]:
-        left.add_patch(plt.Circle((east, north), ACCEPTANCE_M, fill=False, ec="0.6", lw=0.8))
+        left.add_patch(patches.Circle((east, north), ACCEPTANCE_M, fill=False, ec="0.6", lw=0.8))
     left.plot(track.eta[:, 1], track.eta[:, 0], "C0", label="track")
     left.set(xlabel="east [m]", ylabel="north [m]", title="Track (as Figure 11)", aspect="equal")
     left.set(xlim=(0, 30), ylim=(0, 30))

@@ -1,0 +1,84 @@
+"""docs/adding.md followed to the letter where that is cheap: a vessel, a message, an effect of one's own."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from companion.boat.load_run import EXAMPLES, setup_of
+from companion.core.control.nmpc import Actuation, Nmpc
+from companion.core.messages import GroundTruth, Message, OverrideLease, topic
+from companion.core.model.load_vessel import load_vessel
+from companion.core.model.manoeuvring import StructuredModel
+from companion.core.pilot.pilot import Pilot
+from companion.logs.schema import viewer_schema
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.user import user_effects
+from sim.world.stepped import SteppedRun
+from sim.world.world import World, WorldSetup
+from tests.support.drive_fixture import setup
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+def block(page: str, title: str, language: str) -> str:
+    """The first block of a language in a section of a page, without its indent."""
+    part = (DOCS / page).read_text().split(f"\n## {title}\n")[1].split("\n## ")[0]
+    found = re.search(rf"^( *)```{language}\n(.*?)^ *```", part, flags=re.M | re.S)
+    assert found
+    return re.sub(rf"^{found[1]}", "", found[2], flags=re.M)
+
+
+def merged(old: dict, new: dict) -> dict:
+    return {**old, **{k: merged(old[k], v) if isinstance(v, dict) else v for k, v in new.items()}}
+
+
+@pytest.fixture
+def pontoon(tmp_path) -> str:
+    """The example boat with the page's tables in it, written as a file and read back."""
+    example = tomllib.loads((EXAMPLES / "boats" / "twin.toml").read_text())
+    path = tmp_path / "pontoon.toml"
+    path.write_bytes(msgspec.toml.encode(merged(example, tomllib.loads(block("adding.md", "A vessel", "toml")))))
+    return path.read_text()
+
+
+def test_a_new_vessel_loads(pontoon):
+    vessel = load_vessel(pontoon, name="pontoon.toml")
+    assert (vessel.name, vessel.inertia.mass_kg) == ("pontoon", 48.0)
+
+
+def test_a_new_vessel_drives_a_second_of_its_mission(pontoon):
+    files = {**setup().files, "vessel.toml": pontoon}
+    told = setup_of(files, {name: name for name in files}).pilot
+    settings = msgspec.structs.replace(told.nmpc, method="interpreted", rescue_time_s=60.0)
+    nmpc = Nmpc(StructuredModel.of(told.vessel), Actuation.of(told.vessel), settings, lambda: 0.0, told.fence)
+    world = World(WorldSetup(told.vessel, told.site, start=(8.0, 8.0, 0.35)), 1)
+    run = SteppedRun(world, Pilot(told), nmpc.solve)
+    assert run.run(lambda r: r.state.helm.mode == "auto", 30.0)
+    begun = len(run.messages)
+    run.run(lambda r: False, 1.0)
+    leases = [m for m in run.messages[begun:] if isinstance(m, OverrideLease)]
+    assert len(leases) == 10 and {lease.source for lease in leases} <= {"plan", "shifted_plan", "pd"}
+    assert [m for m in run.messages[begun:] if isinstance(m, GroundTruth)][-1].u_m_s > 0
+
+
+def test_a_new_message_has_a_topic_and_a_schema():
+    made: dict = {}
+    exec(block("adding.md", "A message", "python"), made)
+    (kind,) = (v for v in made.values() if isinstance(v, type) and v.__module__ == "builtins")
+    assert issubclass(kind, Message)
+    assert f"(`{topic(kind)}`)" in (DOCS / "adding.md").read_text()
+    schema = msgspec.json.decode(viewer_schema(kind, kind.__name__))
+    assert (schema["title"], schema["type"]) == (kind.__name__, "object")
+    assert schema["properties"]["depth_m"]["type"] == "number"
+    sent = kind(t_ns=1, t_rx_ns=2, depth_m=3.25)
+    assert msgspec.json.decode(msgspec.json.encode(sent), type=kind) == sent
+
+
+def test_an_effect_of_ones_own_is_picked_up(tmp_path):
+    path = tmp_path / "my_effects.py"
+    path.write_text(block("diagnose.md", "Your own effects", "python"))
+    (effect,) = user_effects(path)(setup().pilot.vessel)
+    assert isinstance(effect, Effect) and effect.id == "soft_iron" and set(effect.hooks) == {"imu"}

@@ -3,8 +3,10 @@
 import re
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 
 from companion.boat.load_run import EXAMPLES, setup_of
@@ -82,3 +84,7 @@ def test_an_effect_of_ones_own_is_picked_up(tmp_path):
     path.write_text(block("diagnose.md", "Your own effects", "python"))
     (effect,) = user_effects(path)(setup().pilot.vessel)
     assert isinstance(effect, Effect) and effect.id == "soft_iron" and set(effect.hooks) == {"imu"}
+    y, scene = np.ones((1, 3, 4)), SimpleNamespace(psi_rad=np.array([[0.0, 0.3, 0.8]]))
+    assert (effect.hooks["imu"]({"amplitude_deg": 0.0}, scene, y) == y).all()
+    changed = effect.hooks["imu"]({"amplitude_deg": 2.0}, scene, y)
+    assert changed[0, 2, 0] == pytest.approx(1 + np.radians(2.0) * np.sin(1.6)) and (changed[..., 1:] == 1).all()

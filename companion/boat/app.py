@@ -18,7 +18,7 @@ from msgspec.structs import replace
 
 from companion.boat.clock import Clock
 from companion.boat.devices.autopilot_commands import AutopilotCommands
-from companion.boat.devices.uwb_tag import UwbTag, uwb_timing
+from companion.boat.devices.uwb_tag import UwbTagLink, uwb_timing
 from companion.boat.fault_barrier import FaultBarrier
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
@@ -80,7 +80,7 @@ class App:
         self._session = MavlinkSession(codec)
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
         self._uwb = self._link("uwb", *uwb, rng, uwb_timing(settings.vessel.sensors.uwb.rate_Hz))
-        self._tag = UwbTag(self._uwb, uwb[1], recorder)
+        self._tag = UwbTagLink(self._uwb, uwb[1], recorder)
         position = PositionFeed(vision_hz, settings.site, settings.vessel, codec) if vision_hz else None
         self._autopilot = AutopilotCommands(
             self._mavlink, codec, pilot.channels, recorder, forward=forward, position=position

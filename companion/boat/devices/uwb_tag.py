@@ -13,7 +13,7 @@ RETRY_S = 0.25
 """A tag is plugged in while all else waits for it: its port is tried so often. Assumed."""
 
 
-class UwbTag:
+class UwbTagLink:
     """The sending side of the link to the tag."""
 
     def __init__(self, link: DeviceLink, codec: UwbCodec, recorder: Recorder) -> None:

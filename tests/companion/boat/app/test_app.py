@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from companion.boat.app import uwb_timing
+from companion.boat.devices.uwb_tag import uwb_timing
 from companion.core.messages import (
     LoopTiming,
     ManualInput,

@@ -15,7 +15,7 @@ from companion.core.pilot.autopilot_state import (
     is_alive,
     prepare,
 )
-from tests.companion.core.pilot.monitor_fixture import view
+from tests.companion.core.pilot.monitors.monitor_fixture import view
 
 S = 1_000_000_000
 NOW = 100 * S

@@ -21,7 +21,7 @@ from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
-from tests.companion.core.pilot.test_pilot import Shell, heartbeat, operator, plan
+from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of
 

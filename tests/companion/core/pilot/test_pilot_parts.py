@@ -17,7 +17,7 @@ from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.modes import THRUSTERS, ModeState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
-from tests.companion.core.pilot.test_pilot import Shell, operator, plan
+from tests.companion.core.pilot.pilot_shell import Shell, operator, plan
 from tests.companion.core.pilot.test_pilot_modes import PLAN, Boat
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of

@@ -7,8 +7,8 @@ from companion.core.messages import Alert, Attitude, Heartbeat, ImuSample
 from companion.core.pilot.monitors.monitor import Monitor, MonitorReport
 from companion.core.pilot.monitors.table import MonitorTable, monitors_of
 from companion.core.pilot.state import PilotState
-from tests.companion.core.pilot.monitor_fixture import view
-from tests.companion.core.pilot.test_pilot import heartbeat
+from tests.companion.core.pilot.monitors.monitor_fixture import view
+from tests.companion.core.pilot.pilot_shell import heartbeat
 from tests.support.drive_fixture import pilot, setup, under_way
 
 ALERT = Alert(t_ns=7, level="info", text="counted")

@@ -14,7 +14,7 @@ from companion.core.pilot.monitors.battery import LIMIT_NS, BatteryMonitor, Batt
 from companion.core.pilot.monitors.fence_distance import FenceMonitor, FenceState
 from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag, LoopLagMonitor
 from companion.core.pilot.monitors.plan_gap import PLANLESS_NS, ControllerTime, PlanGapMonitor
-from tests.companion.core.pilot.monitor_fixture import view
+from tests.companion.core.pilot.monitors.monitor_fixture import view
 
 S, MS = 1_000_000_000, 1_000_000
 LIMITS = BatteryLimits(low_V=14.0, critical_V=13.2, low_percent=30, critical_percent=15)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from companion.core.messages import TimeSync
 from companion.core.pilot.monitors.link_latency import NO_ANSWER, LinkLatencyMonitor
-from tests.companion.core.pilot.monitor_fixture import view
+from tests.companion.core.pilot.monitors.monitor_fixture import view
 
 MS = 1_000_000
 MONITOR = LinkLatencyMonitor()

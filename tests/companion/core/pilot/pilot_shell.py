@@ -1,0 +1,86 @@
+"""A shell around the pilot for its tests: messages in, leases out, a plan or none."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from companion.core import messages as m
+from tests.support.drive_fixture import pilot, setup, under_way
+
+S, MS = 1_000_000_000, 1_000_000
+VESSEL = setup().pilot.vessel
+CHANNELS = (9, 10, 11, 12, 1, 2, 3, 4)
+N = len(VESSEL.thrusters)
+NAN, INF = math.nan, math.inf
+
+
+def heartbeat(t_ns, armed=True, mode=0):
+    return m.Heartbeat(t_ns=t_ns, system=1, component=1, vehicle_type=11, autopilot=3, base_mode=0, custom_mode=mode,
+                       system_status=4, armed=armed)  # fmt: skip
+
+
+def plan(index, t_ns=0, status="ok", f_n=None):
+    rows = tuple((float(k + 1),) * N for k in range(20)) if f_n is None else f_n
+    return m.PlanResult(t_ns=t_ns, index=index, status=status, reason="because", solve_time_s=0.001, iterations=1,
+                        cost=0.0, f_n=rows, x=())  # fmt: skip
+
+
+def operator(command, t_ns=0):
+    return m.OperatorCommand(t_ns=t_ns, command=command)
+
+
+class Shell:
+    """Feeds a pilot as a shell would, and holds every history to the rules."""
+
+    def __init__(self, state, t_ns, index=0):
+        self.state, self.t_ns, self.index = state, t_ns, index
+        self.ticks, self.leases, self.outputs = [], [], []
+
+    def feed(self, *inputs):
+        self.state, outputs = pilot().step(self.state, inputs, self.t_ns)
+        self.outputs += outputs
+        self.ticks += [i.index for i in inputs if isinstance(i, m.Tick)]
+        for lease in (o for o in outputs if isinstance(o, m.OverrideLease)):
+            self.check(lease, inputs)
+            self.leases.append(lease)
+        indexes = [lease.index for lease in self.leases]
+        waiting = [] if self.state.open_tick is None else [self.state.open_tick]
+        assert indexes + waiting == self.ticks, "a tick without a lease, or with two"
+        msgspec.json.encode(outputs)
+        return outputs
+
+    def check(self, lease, inputs):
+        assert lease.channels == CHANNELS
+        assert all(1100 <= pwm <= 1900 and type(pwm) is int for pwm in lease.pwm_us)
+        assert lease.pwm_us[N:] == (1500,) * 4
+        assert np.isfinite(lease.f_command_n).all() and lease.valid_for_s == 0.3
+        if lease.source == "neutral":
+            assert lease.reason and lease.pwm_us == (1500,) * 8
+        if len(inputs) == 1 and not self.state.helm.driving:
+            assert lease.source == "neutral", "thrust without leave to drive"
+
+    def tick(self):
+        self.t_ns += 100 * MS
+        self.index += 1
+        return self.feed(m.Tick(t_ns=self.t_ns, index=self.index))
+
+    def wait(self, ms):
+        self.t_ns += ms * MS
+
+    def deadline(self):
+        return self.feed(m.PlanDeadline(t_ns=self.t_ns, index=self.index))
+
+    @property
+    def lease(self):
+        return self.leases[-1]
+
+
+def on_the_leg():
+    return Shell(*under_way(), index=1000)
+
+
+def at_the_start():
+    return Shell(pilot().initial(0), 0)

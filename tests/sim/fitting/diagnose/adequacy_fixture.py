@@ -60,4 +60,4 @@ def compass_off_by_place(run: Run) -> Run:
 def other(changed: Callable[[VesselFile], VesselFile], *without: str) -> tuple[PosteriorFit, CandidateModel]:
     """Logs of a boat that is not as the file has it, and a catalogue that lacks some entries."""
     vessel = boat("aritra")
-    return bench(teleop_run(changed(vessel), 21, 100.0, uwb_hz=5.0, sigma_m=0.07, active=vessel), without)
+    return bench(teleop_run(changed(vessel), 21, 100.0, uwb_hz=5.0, sigma_m=0.07, believed=vessel), without)

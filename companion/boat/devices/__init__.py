@@ -1,1 +1,1 @@
-"""The sending sides of the links: what goes out to the autopilot and to the UWB tag."""
+"""The autopilot and the UWB tag as the event loop uses them: what goes out to them, and when."""

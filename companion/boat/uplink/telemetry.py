@@ -2,7 +2,7 @@
 
     loop thread     see(message): append, or count as dropped; wake the thread once a tick, after the lease has gone
     thread          view.see -> encode -> AdvancedPublisher.put (congestion control DROP: a stopped shore costs 3 ms)
-    zenoh's threads answer who asks for the last values; hand orders to `Answerer` (companion.boat.uplink.orders)
+    zenoh's threads answer who asks for the last values; hand orders to `Answerer` (`order_receiver`)
 
 A boat whose router cannot be reached is not slower, larger or chattier: zenoh tries again by itself, publications
 without a reader go nowhere, each topic keeps `history_s` for whoever joins late or comes back, and it is told once.

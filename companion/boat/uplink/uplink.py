@@ -15,11 +15,11 @@ from companion.boat.clock import Clock
 from companion.boat.load_run import RunSetup
 from companion.boat.signing_key import load_secret
 from companion.boat.start_interlock import StartInterlock
-from companion.boat.uplink.orders import ShoreCommands
+from companion.boat.uplink.order_receiver import ShoreCommands
 from companion.boat.uplink.telemetry import Telemetry, boat_name, config_of
 from companion.core.messages import Alert, Message
 from companion.core.pilot.state import PilotSettings
-from companion.core.telemetry.orders import OrderGate
+from companion.core.telemetry.order_gate import OrderGate
 from companion.core.telemetry.view import TelemetryView, Who
 
 RUN_BYTES = 6

@@ -1,1 +1,1 @@
-"""The rooms of the estimator. `companion.core.estimation.estimator` is the door."""
+"""The extended Kalman filter: prediction, gates, start, health. `estimator.Estimator` is what others use."""

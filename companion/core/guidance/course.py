@@ -27,7 +27,7 @@ STRAIGHT_RAD = 1e-3
 """A smaller turn angle is no corner (assumed)."""
 
 
-class SpeedLimits(Table, frozen=True, kw_only=True):
+class PathLimits(Table, frozen=True, kw_only=True):
     """How the boat may be driven along a path. Speed: paper, section 5.1; all other defaults assumed.
 
     Raises ValueError where one is not a positive number.
@@ -92,7 +92,7 @@ class Course:
     starts_m: tuple[float, ...]
     speeds_m_s: tuple[float, ...]
     waypoints_m: tuple[float, ...]
-    limits: SpeedLimits
+    limits: PathLimits
 
     @property
     def length_m(self) -> float:
@@ -140,7 +140,7 @@ class Course:
         return best
 
 
-def hold_point(north_m: float, east_m: float, psi_rad: float, limits: SpeedLimits) -> Course:
+def hold_point(north_m: float, east_m: float, psi_rad: float, limits: PathLimits) -> Course:
     """The course of no length: a pose to hold."""
     here = Segment(0.0, 0.0, north_m, east_m, psi_rad, 0.0, 0.0)
     return Course((here,), (0.0, 0.0), (0.0, 0.0), (0.0,), limits)
@@ -152,7 +152,7 @@ class _Corner(NamedTuple):
     turn_rad: float
 
 
-def _corner(path: Path, i: int, limits: SpeedLimits) -> _Corner:
+def _corner(path: Path, i: int, limits: PathLimits) -> _Corner:
     """Rounding of waypoint `i`: an arc, a sharp corner (radius 0), or nothing (reach 0, radius inf)."""
     turn = ssa(path.angles_rad[i] - path.angles_rad[i - 1])
     if abs(turn) < STRAIGHT_RAD:
@@ -168,13 +168,13 @@ def _corner(path: Path, i: int, limits: SpeedLimits) -> _Corner:
     return _Corner(reach, radius, turn) if radius >= SMALLEST_RADIUS_M else _Corner(0.0, 0.0, turn)
 
 
-def corner_speed(radius_m: float, limits: SpeedLimits) -> float:
+def corner_speed(radius_m: float, limits: PathLimits) -> float:
     """Speed on an arc [m/s] by lateral acceleration and yaw rate, at least the crawl."""
     limit = min(math.sqrt(limits.lateral_m_s2 * radius_m), limits.yaw_rate_rad_s * radius_m)
     return max(limit, limits.crawl_m_s)
 
 
-def plan_course(path: Path, limits: SpeedLimits) -> Course:
+def plan_course(path: Path, limits: PathLimits) -> Course:
     """Path of at least one leg -> Course. Raises ValueError for a path of one waypoint."""
     if not path.lengths_m:
         raise ValueError("a path of one waypoint has no course")
@@ -209,7 +209,7 @@ def plan_course(path: Path, limits: SpeedLimits) -> Course:
     return Course(tuple(segments), starts, _join_speeds(segments, joins, limits), tuple(waypoints), limits)
 
 
-def _join_speeds(segments: list[Segment], joins: list[float], limits: SpeedLimits) -> tuple[float, ...]:
+def _join_speeds(segments: list[Segment], joins: list[float], limits: PathLimits) -> tuple[float, ...]:
     """Speeds where segments join: the slower neighbour, then what deceleration and acceleration allow."""
     v = list(joins)
     for i, segment in enumerate(segments):

@@ -20,7 +20,7 @@ import numpy as np
 
 from companion.core.configuration.tables import Table
 from companion.core.geometry.frames import ssa, unrotate
-from companion.core.guidance.course import Course, SpeedLimits
+from companion.core.guidance.course import Course, PathLimits
 from companion.core.guidance.path import los_heading
 from companion.core.guidance.reference_row import Column
 
@@ -43,7 +43,7 @@ class GuidanceSettings(Table, frozen=True, kw_only=True):
     settle_m: float = 0.3
     settle_deg: float = 5.0
     settle_s: float = 3.0
-    limits: SpeedLimits = SpeedLimits()
+    limits: PathLimits = PathLimits()
 
     def __post_init__(self) -> None:
         for name in ("lookahead_m", "station_ramp_m", "lag_rad", "settle_m", "settle_deg"):

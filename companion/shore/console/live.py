@@ -12,7 +12,7 @@ from typing import Annotated
 import msgspec
 from aiohttp import WSMsgType, web
 
-from companion.core.telemetry.orders import MAX_BYTES, Command, MissionFile, Sender
+from companion.core.telemetry.order_gate import MAX_BYTES, Command, MissionFile, Sender
 from companion.shore.console.fan_out import Watcher
 from companion.shore.console.orders import Given, Orders
 from companion.shore.console.request_auth import RequestAuth

@@ -13,7 +13,7 @@ from typing import Literal
 
 import msgspec
 
-from companion.core.telemetry.orders import Command, MissionFile, OrderOutcome, Sender, read_outcome
+from companion.core.telemetry.order_gate import Command, MissionFile, OrderOutcome, Sender, read_outcome
 
 ANSWER_S = 1.0
 """How long an answer may take before the order is said again (assumed)."""

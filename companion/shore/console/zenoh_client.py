@@ -19,7 +19,7 @@ from zenoh.handlers import Callback
 
 from companion.boat.uplink.zenoh_session import Setting, configured, join_callbacks
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import read_outcome
+from companion.core.telemetry.order_gate import read_outcome
 from companion.shore import subscriber
 
 QUEUE = 50_000

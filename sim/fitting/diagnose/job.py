@@ -29,9 +29,9 @@ from sim.fitting.diagnose.report.verdict import Adequate, conclude, held_out_obj
 from sim.fitting.diagnose.selection.adequacy import adequacy
 from sim.fitting.diagnose.selection.detectability import detection_limits
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability
+from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
 from sim.fitting.diagnose.selection.search import search_causes
-from sim.fitting.diagnose.selection.select import Selection, Selector
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable

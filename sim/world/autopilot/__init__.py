@@ -1,16 +1,14 @@
 """A simulated ArduPilot Rover that speaks MAVLink 2: bytes and time in, bytes out, nothing else.
 
     rover.py          composition: links, `receive`, `step`, reboot
-    received.py       what each received message does    commands.py   MAV_CMD table
     vehicle.py        the state behind the wires, advanced in time
     modes.py          modes, arming, refusals            failsafe.py   radio and ground-station fail-safes
     rc.py             RC channels: overrides, receiver   stick.py      RCn_MIN/TRIM/MAX/DZ, SERVOn_*
     outputs.py        SERVOn_FUNCTION wirings, latency   mixer.py      Omni-X
     pilot_inputs.py   rudder arming, mode channel        firmware.py   what differs between 4.6 and 4.7
     parameters.py     PARAM_* semantics                  parameter_table.py   names, types, defaults
-    telemetry.py      one builder per streamed message   link.py       per-link rates, download, chunks
-    signing.py        MAVLink 2 signing                  ftp.py        refusal: clients fall back
-    files.py          an SD card behind MAVLink FTP      logs.py       dataflash logs over MAVLink
+    mavlink/          its side of MAVLink: `received` (what each message does), `commands` (MAV_CMD table), `telemetry`
+                      (one builder per streamed message), `link` (rates), `signing`, `ftp`, `files`, `logs`
 
 It reproduces what the real firmware was seen to do, the unsafe things included. Time is always the
 simulation's, in ns; there is no clock, socket, thread or random number in here.

@@ -13,7 +13,7 @@ from companion.boat.uplink.telemetry import Telemetry, config_of
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import Alert
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import OrderOutcome
+from companion.core.telemetry.order_gate import OrderOutcome
 from companion.core.telemetry.view import TelemetryView, Who
 from tests.support.drive_fixture import setup
 from tests.support.zenoh_fixture import Console, config, free_port, wait_for

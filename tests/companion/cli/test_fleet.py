@@ -14,7 +14,7 @@ from companion.boat.signing_key import load_secret
 from companion.cli.simulator.fleet import MOST, SHORE, FleetWires, absolute, default_name, fleet, names_of, toml_of
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
-from companion.core.telemetry.orders import seal
+from companion.core.telemetry.order_gate import seal
 from companion.python_child import aritra
 from tests.support.zenoh_fixture import wait_for
 

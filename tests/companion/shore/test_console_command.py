@@ -55,6 +55,6 @@ def test_keys_for_all_for_one_and_from_a_fleets_folder(tmp_path):
 def test_the_default_name_is_one_that_boats_believe():
     import msgspec
 
-    from companion.core.telemetry.orders import Name
+    from companion.core.telemetry.order_gate import Name
 
     assert msgspec.convert(default_name(), Name)

@@ -5,7 +5,15 @@ import asyncio
 import msgspec
 import pytest
 
-from companion.core.telemetry.orders import MissionFile, OrderGate, OrderOutcome, OrderRefused, Repeated, Sender, seal
+from companion.core.telemetry.order_gate import (
+    MissionFile,
+    OrderGate,
+    OrderOutcome,
+    OrderRefused,
+    Repeated,
+    Sender,
+    seal,
+)
 from companion.shore.console import orders as module
 from companion.shore.console.orders import Given, Orders
 

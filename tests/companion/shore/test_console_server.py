@@ -12,7 +12,7 @@ import zenoh
 from aiohttp import web
 
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import OrderGate, OrderOutcome, OrderRefused, Repeated
+from companion.core.telemetry.order_gate import OrderGate, OrderOutcome, OrderRefused, Repeated
 from companion.shore.console.assets import assets
 from companion.shore.console.live import Console, Keys
 from companion.shore.console.request_auth import RequestAuth

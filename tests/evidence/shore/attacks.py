@@ -12,7 +12,7 @@ from collections.abc import Callable
 import zenoh
 
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import MAX_BYTES, WINDOW_S, Sender, read_outcome, seal
+from companion.core.telemetry.order_gate import MAX_BYTES, WINDOW_S, Sender, read_outcome, seal
 from tests.evidence.shore.secured_boat import BOAT, ZENOH, Range
 from tests.support.zenoh_fixture import Console, config
 

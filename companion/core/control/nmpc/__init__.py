@@ -1,4 +1,5 @@
-"""Nonlinear model predictive control: the production problem, and the paper's (`paper`)."""
+"""Nonlinear model predictive control: the production problem (stage, cost, settings) and its solver, which always
+ends in a status. Plans come from `control.rti`; hpipm and IPOPT stand behind it."""
 
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.control.nmpc.solver import Nmpc

@@ -26,10 +26,10 @@ from sim.fitting.diagnose.posterior.noise import FLOOR, latent_scales
 from sim.fitting.diagnose.report.findings import RIVAL_NATS, Adequacy, Check
 from sim.fitting.diagnose.residual_basis import FunctionGroup, append_groups, groups_at
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
+from sim.fitting.diagnose.selection.greedy_selection import Selection
 from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.residual_forces import autocorrelation
-from sim.fitting.diagnose.selection.select import Selection
 from sim.fitting.engine.noise import Noise
 
 BAND = 0.05  # tolerance band over the size at which a function begins to matter; chosen on development cases

@@ -9,6 +9,7 @@ from companion.core.excitation.file import Excitation, excitation_toml
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.report import findings as record
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, LEAST_EVIDENCE_NATS
+from sim.fitting.diagnose.selection.greedy_selection import Selection
 from sim.fitting.diagnose.selection.identifiability import MEDIUM, PairwiseEvidence, pairwise_evidence
 from sim.fitting.diagnose.selection.manoeuvre import (
     ENOUGH,
@@ -18,7 +19,6 @@ from sim.fitting.diagnose.selection.manoeuvre import (
     ManoeuvrePlanner,
     nats_needed,
 )
-from sim.fitting.diagnose.selection.select import Selection
 
 ASKED = 12  # pairs for which a manoeuvre is looked for, worst first
 SAID = 3  # pairs that no manoeuvre would tell apart, in the sentence

@@ -12,7 +12,7 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES, effects
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import Candidate
-from sim.fitting.diagnose.selection.select import Progress, Selection, Selector
+from sim.fitting.diagnose.selection.greedy_selection import Progress, Selection, Selector
 from sim.fitting.diagnose.stochastic_effects import StochasticCause, has_accelerations, nlos_cause, stochastic_causes
 
 

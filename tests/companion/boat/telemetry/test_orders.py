@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from companion.__main__ import main
 from companion.boat.clock import BoatClock
-from companion.boat.uplink.orders import PENDING, ShoreCommands
+from companion.boat.uplink.order_receiver import PENDING, ShoreCommands
 from companion.core.messages import NewMission, OperatorCommand
 from companion.core.pilot.modes import ModeState
-from companion.core.telemetry.orders import MissionFile, OrderGate, Sender, read_outcome
+from companion.core.telemetry.order_gate import MissionFile, OrderGate, Sender, read_outcome
 from tests.companion.boat.app_fixture import Bench, neutral
 from tests.support.drive_fixture import setup
 

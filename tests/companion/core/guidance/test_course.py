@@ -8,13 +8,13 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from companion.core.geometry.frames import ssa
-from companion.core.guidance.course import SpeedLimits, corner_speed, hold_point, plan_course
+from companion.core.guidance.course import PathLimits, corner_speed, hold_point, plan_course
 from companion.core.guidance.path import Path, Waypoint
 from tests.companion.core.guidance.polyline import distance_m
 
 TURNS = st.floats(-3.14159, 3.14159)
 LEGS = st.lists(st.tuples(TURNS, st.floats(0.3, 12.0), st.floats(0.1, 1.0)), min_size=1, max_size=5)
-LIMITS = SpeedLimits()
+LIMITS = PathLimits()
 
 
 def path_of(legs):
@@ -149,5 +149,5 @@ def test_one_waypoint_is_no_course():
 
 def test_limits_must_be_positive_and_corner_speed_never_falls_below_the_crawl():
     with pytest.raises(ValueError, match="lateral_m_s2 must be a positive number, not 0"):
-        SpeedLimits(lateral_m_s2=0.0)
+        PathLimits(lateral_m_s2=0.0)
     assert corner_speed(0.0, LIMITS) == LIMITS.crawl_m_s

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.telemetry.orders import (
+from companion.core.telemetry.order_gate import (
     MAX_BYTES,
     SESSIONS,
     MissionFile,

@@ -15,8 +15,8 @@ from sim.fitting.diagnose.catalogue.effect import EffectParameter
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
+from sim.fitting.diagnose.selection.greedy_selection import Selector
 from sim.fitting.diagnose.selection.model import CandidateModel
-from sim.fitting.diagnose.selection.select import Selector
 from sim.studies.boats.draw import in_still_air
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat

@@ -18,7 +18,7 @@ from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.selection.select import Selector
+from sim.fitting.diagnose.selection.greedy_selection import Selector
 from sim.fitting.diagnose.vessel_edits.edits import CauseValues, NotInVesselFileError
 from sim.fitting.diagnose.vessel_edits.extend import base_numbers, extended, refitted, with_causes
 from sim.fitting.diagnose.vessel_edits.public_form import public_values

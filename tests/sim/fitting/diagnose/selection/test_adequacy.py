@@ -25,8 +25,8 @@ from sim.fitting.diagnose.selection.adequacy import (
     group_evidence,
 )
 from sim.fitting.diagnose.selection.candidate_score import Candidate
+from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.model import CandidateModel
-from sim.fitting.diagnose.selection.select import Selection, Selector
 from sim.fitting.engine.noise import L
 from tests.sim.fitting.diagnose.adequacy_fixture import (
     UNIT,

@@ -17,8 +17,8 @@ from sim.fitting.diagnose.selection.adequacy import (
     adequacy,
     outlier_check,
 )
+from sim.fitting.diagnose.selection.greedy_selection import Selection
 from sim.fitting.diagnose.selection.masking import Masking
-from sim.fitting.diagnose.selection.select import Selection
 from tests.sim.fitting.diagnose.adequacy_fixture import clean, compass_off_by_place, faulty, other
 
 

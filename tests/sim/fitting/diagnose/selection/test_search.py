@@ -18,8 +18,8 @@ from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
+from sim.fitting.diagnose.selection.greedy_selection import Selector
 from sim.fitting.diagnose.selection.search import search_causes
-from sim.fitting.diagnose.selection.select import Selector
 from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short

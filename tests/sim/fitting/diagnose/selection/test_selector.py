@@ -15,9 +15,9 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection.candidate_score import Candidate
+from sim.fitting.diagnose.selection.greedy_selection import Rivals, Selection, Selector, justifies_removal
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import search_causes
-from sim.fitting.diagnose.selection.select import Rivals, Selection, Selector, justifies_removal
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, bench, short
 
 

@@ -87,7 +87,7 @@ class OrderOutcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OrderRefused(Exception):
-    """An order that is not obeyed: code and text of its Outcome."""
+    """An order that is not obeyed: code and text of its OrderOutcome."""
 
     def __init__(self, code: Code, text: str) -> None:
         super().__init__(text)
@@ -109,7 +109,7 @@ def seal(key: bytes, boat: str, payload: bytes) -> bytes:
 
 
 def read_outcome(data: bytes) -> OrderOutcome:
-    """JSON -> Outcome. Raises ValueError."""
+    """JSON -> OrderOutcome. Raises ValueError."""
     try:
         return msgspec.json.decode(data, type=OrderOutcome)
     except msgspec.MsgspecError as error:
@@ -172,7 +172,7 @@ class OrderGate:
         return self._key is not None
 
     def judge(self, payload: bytes, attachment: bytes | None, now_ns: int) -> Order:
-        """The order in `payload`, believed. Raises Refused or Repeated."""
+        """The order in `payload`, believed. Raises OrderRefused or Repeated."""
         order = self._read(payload, attachment)
         if order.run != self.run:
             raise OrderRefused("wrong_run", "meant for another run of the boat's program: it was started anew since")

@@ -1,7 +1,7 @@
 """Orders from shore: from zenoh's thread through the gate to the pilot, and the answer back.
 
-    zenoh's thread   Gate.judge (signature, run, counter, age), the mission's text parsed; refused at once, or
-    loop thread      call_soon_threadsafe: App.command / App.load, what the boat does now as an Outcome
+    zenoh's thread   OrderGate.judge (signature, run, counter, age), the mission's text parsed; refused at once, or
+    loop thread      call_soon_threadsafe: App.command / App.load, what the boat does now as an OrderOutcome
     answer thread    query.reply, which may wait for a bad network
 
 So a stop reaches the pilot as soon as the loop is free, nothing that the shore sends costs the loop time before it is
@@ -28,7 +28,7 @@ from companion.core.guidance.missions.mission import Mission, MissionErrors, kin
 from companion.core.messages import Alert, NewMission, OperatorCommand
 from companion.core.pilot.state import PilotSettings
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.orders import (
+from companion.core.telemetry.order_gate import (
     MAX_BYTES,
     MissionFile,
     Order,
@@ -116,7 +116,7 @@ class ShoreCommands:
             query.drop()  # the loop is gone, and the run with it
 
     def _mission(self, file: MissionFile) -> Mission:
-        """The mission in a file. Raises Refused with everything that is wrong with it."""
+        """The mission in a file. Raises OrderRefused with everything that is wrong with it."""
         site, fence = self._settings.site, self._settings.fence
         origin = Origin(site.lat_deg, site.lon_deg, math.radians(site.rotation_deg))
         try:

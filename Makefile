@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 OUT ?= out/demo
 NAME ?= main-job
 
-.PHONY: demo test long check evidence lock clean
+.PHONY: demo test long matrix check evidence lock clean
 
 demo: $(VENV)/installed
 	$(BIN)/aritra demo --out $(OUT)
@@ -16,6 +16,9 @@ test: $(VENV)/installed
 
 long: $(VENV)/installed
 	scripts/test long
+
+matrix: $(VENV)/installed
+	scripts/test -m matrix
 
 check: $(VENV)/installed
 	scripts/check

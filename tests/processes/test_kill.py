@@ -48,6 +48,7 @@ TOGETHER = [OTHERS[k : k + 3] for k in range(0, len(OTHERS), 3)]
 
 @pytest.mark.long
 @pytest.mark.parametrize("names", TOGETHER, ids=" + ".join)
+@pytest.mark.matrix
 def test_the_other_rows(names):
     with ThreadPoolExecutor(len(names)) as pool:
         rows = list(pool.map(lambda name: tried(BY_NAME[name]), names))

@@ -14,10 +14,10 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from companion.jit.checksummed import Damaged, opened, sealed
-from companion.jit.worker import ChildFailed, compiled_apart
+from companion.jit.checksummed import ChecksumError, checked, with_checksum
+from companion.jit.worker import ChildFailed, compiled_in_child
 
-KEPT = 200
+MOST_FILES = 200
 """Files kept, some 50 kB each; the oldest go first. One boat needs a dozen; assumed enough for a desk with many."""
 
 
@@ -37,7 +37,7 @@ class CodeStore:
     def __init__(
         self,
         folder: Path,
-        make: Callable[[str], bytes] = compiled_apart,
+        make: Callable[[str], bytes] = compiled_in_child,
         tell: Callable[[str], None] = lambda _: None,
     ):
         self._folder, self._make, self._tell = folder, make, tell
@@ -50,8 +50,8 @@ class CodeStore:
     def get(self, key: str) -> bytes | None:
         """The code, or None where there is none or it is damaged."""
         try:
-            return opened(self._path(key).read_bytes())
-        except (OSError, Damaged):
+            return checked(self._path(key).read_bytes())
+        except (OSError, ChecksumError):
             return None
 
     def put(self, key: str, code: bytes) -> None:
@@ -59,7 +59,7 @@ class CodeStore:
         with contextlib.suppress(OSError):
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
-                file.write(sealed(code))
+                file.write(with_checksum(code))
             os.replace(file.name, self._path(key))
             self._forget_the_oldest()
 
@@ -76,5 +76,5 @@ class CodeStore:
 
     def _forget_the_oldest(self) -> None:
         files = sorted(self._folder.glob("*.o"), key=lambda f: f.stat().st_mtime)
-        for file in files[:-KEPT]:
+        for file in files[:-MOST_FILES]:
             file.unlink(missing_ok=True)

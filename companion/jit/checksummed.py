@@ -7,18 +7,18 @@ import hashlib
 DIGEST = hashlib.sha256().digest_size
 
 
-class Damaged(Exception):
+class ChecksumError(Exception):
     """The bytes are not what was sealed, or nothing was."""
 
 
-def sealed(data: bytes) -> bytes:
+def with_checksum(data: bytes) -> bytes:
     """The digest, then the data."""
     return hashlib.sha256(data).digest() + data
 
 
-def opened(seal: bytes) -> bytes:
+def checked(seal: bytes) -> bytes:
     """The data, which is not empty. Raises Damaged."""
     data = seal[DIGEST:]
     if not data or hashlib.sha256(data).digest() != seal[:DIGEST]:
-        raise Damaged
+        raise ChecksumError
     return data

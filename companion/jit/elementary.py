@@ -4,7 +4,7 @@ LLVM knows no such functions for vectors: it calls the C library's once for each
 rest of a boat's dynamics. These here are the same for every lane, processor and width; their results are within a few
 units in the last place of the C library's (a test measures it). What they leave out:
 
-    sin, cos   NaN beyond |x| = `FAR`
+    sin, cos   NaN beyond |x| = `LARGEST_ANGLE`
     exp        0 below -708, where the C library's becomes subnormal
     pow        a^b = exp(b log a): its last digits are lost as |b log a| grows
     sin, cos   of atan2(y, x): wrong where y^2 + x^2 is beyond 1e308 or below 1e-300
@@ -23,7 +23,7 @@ import casadi as ca
 from companion.jit.emit import bits_of
 from companion.jit.operators import MAGIC, Bits, Lane
 
-FAR = 1e6
+LARGEST_ANGLE = 1e6
 """[rad] Up to here x - n pi / 2 is exact enough: n fits into 20 bits."""
 _PI_2 = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 """pi / 2 in three parts; the first two have 33 bits, so that n times them is exact."""
@@ -70,7 +70,7 @@ def _turned(x: Lane) -> tuple[Lane, Lane, Bits]:
     y = x
     for part in _PI_2:
         y = y - n * part
-    y = x.call("fabs").test("ole", FAR).choose(y, math.nan)
+    y = x.call("fabs").test("ole", LARGEST_ANGLE).choose(y, math.nan)
     z = y * y
     sine = y + y * z * _series(z, _SIN)
     half = z * 0.5
@@ -156,7 +156,7 @@ def _atan2(y: Lane, x: Lane) -> Lane:
     return x.test("uno", y).choose(math.nan, angle).call("copysign", y)
 
 
-def direction(y: Lane, x: Lane) -> tuple[Lane, Lane]:
+def atan2_sine_cosine(y: Lane, x: Lane) -> tuple[Lane, Lane]:
     """Sine and cosine of atan2(y, x); 0, 1 where both are nil."""
     far = (x * x + y * y).call("sqrt")
     nil = far.test("oeq", 0.0)
@@ -164,7 +164,7 @@ def direction(y: Lane, x: Lane) -> tuple[Lane, Lane]:
     return y * one, nil.choose(1.0, x * one)
 
 
-def doubled(sine: Lane, cosine: Lane) -> tuple[Lane, Lane]:
+def double_angle(sine: Lane, cosine: Lane) -> tuple[Lane, Lane]:
     """Of twice the angle."""
     product = sine * cosine
     squares = cosine * cosine - sine * sine

@@ -144,7 +144,7 @@ RULES: dict[int, Callable[..., Value]] = {
 """Operations that are more than one line, or none."""
 
 
-def walk(
+def translate(
     function: ca.Function, body: Body, load: Callable[[int, int], Value], store: Callable[[int, int, Value], None]
 ) -> None:
     """Every instruction of an SX function in its order. `load(input, nonzero)`, `store(output, nonzero, value)`."""

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 import casadi as ca
 
-from companion.jit.elementary import OF_LANES, direction, doubled
+from companion.jit.elementary import OF_LANES, atan2_sine_cosine, double_angle
 from companion.jit.emit import Body, Value, constant
 from companion.jit.operators import Lane
 
@@ -39,11 +39,11 @@ class Lanes(Body):
         rule, lanes = OF_LANES.get(op), [Lane(self, name) for name in names]
         value = (rule(*lanes).name, True) if rule else super().operation(op, args)
         if op == ca.OP_ATAN2:
-            self._angles[value[0]] = direction(*lanes)
+            self._angles[value[0]] = atan2_sine_cosine(*lanes)
         elif known and op == ca.OP_NEG:
             self._angles[value[0]] = -known[0], known[1]
         elif known and op == ca.OP_TWICE:
-            self._angles[value[0]] = doubled(*known)
+            self._angles[value[0]] = double_angle(*known)
         if op in (ca.OP_FABS, ca.OP_SQRT, ca.OP_SQ) or (op == ca.OP_FMAX and any(map(self._is_sure, args))):
             self.never_negative.add(value[0])
         return value
@@ -51,7 +51,7 @@ class Lanes(Body):
     def _is_sure(self, value: Value) -> bool:
         """Whether it is never negative; NaN is not."""
         name = value[0]
-        return number(name) >= 0 if name.startswith("0x") else name in self.never_negative
+        return parsed_constant(name) >= 0 if name.startswith("0x") else name in self.never_negative
 
     def binary(self, op: str, a: Value, b: Value) -> Value:
         """As `Body`."""
@@ -77,7 +77,7 @@ class Lanes(Body):
         """1 / b where b does not change, else None."""
         name, lane = b
         if name.startswith("0x"):
-            return (constant(1 / value), False) if (value := number(name)) else None
+            return (constant(1 / value), False) if (value := parsed_constant(name)) else None
         if name in self._steady and name not in self._reciprocals:
             one, kind = self.alike((constant(1.0), False), b)[0][0], self.type_of(lane)
             self._reciprocals[name] = self.add(f"fdiv {kind} {one}, {name}"), lane
@@ -91,6 +91,6 @@ class Lanes(Body):
         return self.add(f"fneg {kind} {x}")
 
 
-def number(text: str) -> float:
+def parsed_constant(text: str) -> float:
     """What `constant` wrote."""
     return struct.unpack("<d", int(text, 16).to_bytes(8, "little"))[0]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from companion.core.control.rti.loops import Fetch, Kernel, Loop, Operand, Repeat, Step
-from companion.jit.emit import Body, Value, walk
+from companion.jit.emit import Body, Value, translate
 
 LINE = 64
 """Bytes of a cache line; x86-64 and aarch64."""
@@ -146,7 +146,7 @@ class _Writer:
             return body.gathered(apart(operand, offset))
 
         written: list[tuple[Operand, int, Value]] = []
-        walk(kernel.function, body, load, lambda i, nz, v: written.append((kernel.outputs[i], nz, v)))
+        translate(kernel.function, body, load, lambda i, nz, v: written.append((kernel.outputs[i], nz, v)))
         for operand, nonzero, value in written:
             offset, kind = operand.offsets[nonzero], body.type_of(True)
             if operand.lane is None or kernel.width == 1:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from companion.jit.cache import CodeStore
-from companion.jit.emit import Value, walk
+from companion.jit.emit import Value, translate
 from companion.jit.lanes import Lanes
 from companion.jit.machine import Code
 
@@ -90,7 +90,7 @@ def _text(function: ca.Function, width: int) -> str:
             return f"%{('carry', 'constant')[index]}{nonzero}", True
         return body.gathered(place(names[index - 2], nonzero))
 
-    walk(function, body, load, lambda i, nonzero, value: (following, rows)[i].__setitem__(nonzero, value))
+    translate(function, body, load, lambda i, nonzero, value: (following, rows)[i].__setitem__(nonzero, value))
     last = [body.spread(following[i]) for i in range(len(following))]
     for nonzero, value in rows.items():
         body.scatter(value, place("out", nonzero))

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-from companion.jit.checksummed import Damaged, opened, sealed
+from companion.jit.checksummed import ChecksumError, checked, with_checksum
 from companion.python_child import python
 
 LIMIT_S = 30.0
@@ -22,7 +22,7 @@ class ChildFailed(Exception):
     """No code came of it; the text says why."""
 
 
-def compiled_apart(text: str, command: Sequence[str] = COMMAND, limit_s: float = LIMIT_S) -> bytes:
+def compiled_in_child(text: str, command: Sequence[str] = COMMAND, limit_s: float = LIMIT_S) -> bytes:
     """Object code of a module's text for this processor. Raises ChildFailed after `limit_s` at the latest."""
     try:
         done = subprocess.run(command, input=text.encode(), capture_output=True, timeout=limit_s, check=False)
@@ -34,8 +34,8 @@ def compiled_apart(text: str, command: Sequence[str] = COMMAND, limit_s: float =
         said = done.stderr.decode(errors="replace").strip().splitlines()
         raise ChildFailed(f"exit code {done.returncode}{': ' + said[-1] if said else ''}")
     try:
-        return opened(done.stdout)
-    except Damaged:
+        return checked(done.stdout)
+    except ChecksumError:
         raise ChildFailed(f"answered {len(done.stdout)} bytes that are no object code") from None
 
 
@@ -44,4 +44,4 @@ def main() -> None:
     from companion.jit.machine import object_code  # noqa: PLC0415 - the parent has no use for it here
 
     code = object_code(sys.stdin.buffer.read().decode())
-    sys.stdout.buffer.write(sealed(code))
+    sys.stdout.buffer.write(with_checksum(code))

@@ -10,7 +10,7 @@ import pytest
 
 from companion.boat.load_run import EXAMPLES
 from companion.jit import machine
-from companion.jit.worker import compiled_apart
+from companion.jit.worker import compiled_in_child
 from companion.python_child import aritra, python
 from sim.bench.controller.starting import starts
 
@@ -39,7 +39,7 @@ def test_they_are_in_the_way_of_a_python_that_looks_there():
 def test_the_child_that_makes_machine_code():
     pytest.importorskip("llvmlite", reason="llvmlite is not installed")
     text = "define void @nothing(ptr %memory) {\n  ret void\n}\n"
-    assert compiled_apart(text) == machine.object_code(text)
+    assert compiled_in_child(text) == machine.object_code(text)
 
 
 def test_the_child_whose_start_is_measured():

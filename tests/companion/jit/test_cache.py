@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.jit.cache import KEPT, CodeStore, cache_folder
+from companion.jit.cache import MOST_FILES, CodeStore, cache_folder
 
 
 def test_what_was_put_is_found_by_the_next_run(tmp_path):
@@ -44,12 +44,12 @@ def test_a_folder_that_cannot_be_written_is_no_error(tmp_path):
 
 def test_the_oldest_go_first(tmp_path):
     store = CodeStore(tmp_path)
-    for k in range(KEPT + 3):
+    for k in range(MOST_FILES + 3):
         store.put(f"key{k}", b"code")
         os.utime(tmp_path / f"key{k}.o", (k, k))
     store.put("last", b"code")
     left = {file.name for file in tmp_path.iterdir()}
-    assert len(left) == KEPT and "last.o" in left and "key0.o" not in left
+    assert len(left) == MOST_FILES and "last.o" in left and "key0.o" not in left
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.control.rti.loops import Fetch, Kernel, Loop, NotCompiled, Operand, Repeat, over
+from companion.core.control.rti.loops import Fetch, Kernel, Loop, NotCompiled, Operand, Repeat, over_stages
 from companion.jit import compile_loops, machine
 
 pytest.importorskip("llvmlite", reason="llvmlite is not installed")
@@ -35,7 +35,7 @@ def run(function, values, width):
         [Operand(values.size, high, range(high), lane[1])],
         width,
     )  # fmt: skip
-    compile_loops({"all": [over([kernel], count)]}, memory)["all"]()
+    compile_loops({"all": [over_stages([kernel], count)]}, memory)["all"]()
     return memory[values.size :].reshape(count, high), np.array(function.map(count)(values.T)).T
 
 

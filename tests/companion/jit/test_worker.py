@@ -9,7 +9,7 @@ import pytest
 
 from companion.core.control.rti.loops import Kernel, Loop, Operand
 from companion.jit import CodeStore, compile_loops, machine
-from companion.jit.worker import ChildFailed, compiled_apart
+from companion.jit.worker import ChildFailed, compiled_in_child
 from companion.python_child import python
 
 pytest.importorskip("llvmlite", reason="llvmlite is not installed")
@@ -39,12 +39,12 @@ FAILING = {
 
 
 def test_the_child_makes_the_code_that_this_process_would_make():
-    assert compiled_apart(TEXT) == machine.object_code(TEXT)
+    assert compiled_in_child(TEXT) == machine.object_code(TEXT)
 
 
 def test_text_that_is_no_module_is_told():
     with pytest.raises(ChildFailed, match="exit code 1"):
-        compiled_apart("no module")
+        compiled_in_child("no module")
 
 
 @pytest.mark.parametrize("name", FAILING)
@@ -52,7 +52,7 @@ def test_a_child_that_fails_is_told_in_bounded_time(name):
     command, why = FAILING[name]
     began = time.monotonic()
     with pytest.raises(ChildFailed, match=why):
-        compiled_apart(TEXT * 4000, command, limit_s=2.0)
+        compiled_in_child(TEXT * 4000, command, limit_s=2.0)
     assert time.monotonic() - began < 20.0
 
 

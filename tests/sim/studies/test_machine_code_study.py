@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from companion.core.control.rti.loops import Kernel, Loop, Operand, Repeat, over
+from companion.core.control.rti.loops import Kernel, Loop, Operand, Repeat, over_stages
 from companion.jit import machine
 from sim.studies.machine_code.ways import COMPILERS, SCANS
 
@@ -35,7 +35,7 @@ def ran(way: str) -> np.ndarray:
     memory = np.concatenate([np.random.default_rng(1).normal(size=22), np.zeros(12), [1.0]])
     compiler = COMPILERS[way]()
     assert compiler is not None
-    run = compiler({"all": [over([each], 11), Repeat([Loop([add], 11, 10, -1), Loop([on], 1)], 34, 50)]}, memory)
+    run = compiler({"all": [over_stages([each], 11), Repeat([Loop([add], 11, 10, -1), Loop([on], 1)], 34, 50)]}, memory)
     memory[33:] = 0.0, 1.0
     run["all"]()
     return memory

@@ -15,14 +15,14 @@ from companion.core.control.rti.loops import Compiler
 from companion.core.geometry.fence import Fence
 from companion.core.model.integrate import FORCES, VesselModel
 
-STILL = 1e-4
+COST_TOLERANCE = 1e-4
 """Share of the cost by which the last step of a cold start may still have changed it."""
-CLOSED = 1e-3
+GAP_TOLERANCE = 1e-3
 """Largest gap of the dynamics at the end of a cold start, scaled."""
 FULL_STEPS, HALF_STEPS = 6, 16
 """Cold start: up to which iteration steps are full, then half, then quarters. Where full ones alternate about the
 solution, their middle is near it."""
-FORGET_S = 0.5
+ACTIVE_SET_AGE_S = 0.5
 """Active limits of an older plan are discarded; assumed."""
 
 
@@ -66,7 +66,7 @@ class RealTimeSolver:
         s, rti = self._problem.settings, self.rti
         share = (t_ns - warm.t_ns) * 1e-9 / s.step_s
         if not usable(self._problem, warm, t_ns):
-            return NOTHING, 0
+            return NO_SOLUTION, 0
         if share <= 1.0:
             rti.X[:], rti.C[:], rti.shift[0] = warm.x, warm.c, share
             rti.X[:, PSI] += 2 * np.pi * np.round((x0[PSI] - warm.x[0, PSI]) / (2 * np.pi))
@@ -75,7 +75,7 @@ class RealTimeSolver:
             assert w is not None, "usable was checked"
             rti.X[:], rti.C[:] = self._problem.split(w)
             rti.shift[0] = 0.0
-        rti.active[:] = warm.active if warm.active is not None and share * s.step_s < FORGET_S else 0.0
+        rti.active[:] = warm.active if warm.active is not None and share * s.step_s < ACTIVE_SET_AGE_S else 0.0
         rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
         rti.solve()
         info, count = rti.came(), rti.iterations
@@ -111,7 +111,7 @@ class RealTimeSolver:
             info = self.rti.came()
             if not info.sane:
                 return None, count
-            if info.settled and info.defect < CLOSED and abs(last - info.cost) <= STILL * info.cost:
+            if info.settled and info.defect < GAP_TOLERANCE and abs(last - info.cost) <= COST_TOLERANCE * info.cost:
                 return info, count
             last = info.cost
         return None, most
@@ -122,5 +122,5 @@ class RealTimeSolver:
         return Solution(rti.X.copy(), rti.C.copy(), info.cost, info.defect, info.excess, rti.active.copy())
 
 
-NOTHING = SolveInfo(np.inf, np.inf, np.inf, np.inf, np.inf)
+NO_SOLUTION = SolveInfo(np.inf, np.inf, np.inf, np.inf, np.inf)
 """Information on a solve that found no plan."""

@@ -14,16 +14,16 @@ import casadi as ca
 import numpy as np
 
 from companion.core.control.rti import riccati
-from companion.core.control.rti.interior_loops import Interior
-from companion.core.control.rti.loops import Compiler, Fetch, Kernel, Loop, Operand, Repeat, Step, over
+from companion.core.control.rti.interior_loops import InteriorPointLoops
+from companion.core.control.rti.loops import Compiler, Fetch, Kernel, Loop, Operand, Repeat, Step, over_stages
 from companion.core.control.rti.memory import LANES, Memory
-from companion.core.control.rti.stage_functions import SWEEPS, Parts, tallied
+from companion.core.control.rti.stage_functions import MOST_QPS, StageFunctions, accumulated
 
 
 class CompiledRti:
     """Arrays by name in `view`, and the entries as functions without arguments. Raises NotCompiled."""
 
-    def __init__(self, parts: Parts, iterations: int, compiler: Compiler):
+    def __init__(self, parts: StageFunctions, iterations: int, compiler: Compiler):
         ocp = parts.ocp
         self._parts, self._ocp, self._at = parts, ocp, Memory(parts)
         self._lanes = LANES if ocp.stages >= LANES else 4 if ocp.stages >= 4 else 1
@@ -60,7 +60,7 @@ class CompiledRti:
             at.end(),
             [at.entries("end", parts.H_end, staged=False), at.column("end", n, staged=False)],
         )
-        return [over([linear], N), Loop([end], 1, N), *self._backward()]
+        return [over_stages([linear], N), Loop([end], 1, N), *self._backward()]
 
     def _backward(self, cost: str = "Hg", codes: str = "active") -> list[Step]:
         """P of the last stage, then the Riccati step from the last stage to the first; one code for all uses."""
@@ -77,7 +77,7 @@ class CompiledRti:
         n, m, parts, at = self._ocp.nx, self._ocp.nu, self._parts, self._at
         P, p, D = ca.SX.sym("P", n, n), ca.SX.sym("p", n), ca.SX.sym("D", parts.D.count)
         column, one, h = ca.SX.sym("column", n), ca.SX.sym("one"), ca.SX.sym("h", n + m)
-        Q = riccati.cost_to_go(P, p, parts.D.filled(D), column, one, h)
+        Q = riccati.state_control_cost(P, p, parts.D.filled(D), column, one, h)
         return Kernel(
             ca.Function("cost_to_go", [P, p, D, column, one, h], [ca.densify(Q)]),
             [
@@ -93,7 +93,7 @@ class CompiledRti:
         n, m = ocp.nx, ocp.nu
         Q_cc, code = ca.SX.sym("Q", m, m), ca.SX.sym("code", m)
         x, c = ca.SX.sym("x", n), ca.SX.sym("c", m)
-        law = riccati.held(ocp, code, x, c)
+        law = riccati.active_law(ocp, code, x, c)
         L, inverse = riccati.factor(Q_cc, law.active)
         below = [L[i][j] for i in range(m) for j in range(i)]
         controls = range(n, n + m)
@@ -112,7 +112,7 @@ class CompiledRti:
         below, inverse = ca.SX.sym("L", m * (m - 1) // 2), ca.SX.sym("inverse", m)
         force, one = ca.SX.sym("force", m), ca.SX.sym("one")
         L = [[below[i * (i - 1) // 2 + j] for j in range(i)] for i in range(m)]
-        held = riccati.Held(*ca.vertsplit(law, m))
+        held = riccati.ActiveLaw(*ca.vertsplit(law, m))
         K, W = riccati.gains(Q_c, Q_cc, held, L, [inverse[i] for i in range(m)], force, one)
         controls = range(n, n + m)
         return Kernel(
@@ -131,7 +131,7 @@ class CompiledRti:
         Q_x, Q_cx, K_x = ca.SX.sym("Q_x", n), ca.SX.sym("Q_cx", m, n), ca.SX.sym("K_x", m, n)
         K, W = ca.SX.sym("K", m), ca.SX.sym("W", m)
         return Kernel(
-            ca.Function("before", [Q_x, Q_cx, K_x, K, W], [riccati.before(Q_x, Q_cx, K_x, K, W)]),
+            ca.Function("before", [Q_x, Q_cx, K_x, K, W], [riccati.previous_cost_to_go(Q_x, Q_cx, K_x, K, W)]),
             [
                 at.rows("Q", 0, n), at.block("Q", range(n, n + m), range(n)),
                 at.block("K", range(m), range(n), staged=True),
@@ -153,7 +153,7 @@ class CompiledRti:
             [at.staged("dx"), at.one("changed")],
         )
         forward: list[Step] = [Loop([begin], 1), Loop([self._roll()], N)]
-        again = Repeat([*self._backward(), *forward], at.base["changed"], SWEEPS - 1)
+        again = Repeat([*self._backward(), *forward], at.base["changed"], MOST_QPS - 1)
         inner = self._interior_point(begin)
         steps = [*forward, again, Repeat(inner, at.base["changed"], 1), *self._move()]
         return steps, next(step.kernels[0] for step in inner if isinstance(step, Loop))
@@ -172,7 +172,7 @@ class CompiledRti:
             [at.staged("dc"), at.staged("dx", ahead=1)],
         )  # fmt: skip
         forward: list[Step] = [Loop([begin], 1), Loop([advance], N)]
-        return Interior(ocp, at.base, at.wide, self._backward("barred", "dead"), forward).steps()
+        return InteriorPointLoops(ocp, at.base, at.wide, self._backward("barred", "dead"), forward).steps()
 
     def _roll(self) -> Kernel:
         ocp, parts, at = self._ocp, self._parts, self._at
@@ -180,7 +180,7 @@ class CompiledRti:
         dx, K, W = ca.SX.sym("dx", n), ca.SX.sym("K", m, n + 1), ca.SX.sym("W", m, n + 1)
         D, b = ca.SX.sym("D", parts.D.count), ca.SX.sym("b", n)
         x, c, code, count = ca.SX.sym("x", n), ca.SX.sym("c", m), ca.SX.sym("code", m), ca.SX.sym("count")
-        r = riccati.roll(ocp, dx, K, W, parts.D.filled(D), b, x, c, code)
+        r = riccati.roll_out_stage(ocp, dx, K, W, parts.D.filled(D), b, x, c, code)
         columns = [*range(n), n + m]
         return Kernel(
             ca.Function(
@@ -221,7 +221,7 @@ class CompiledRti:
         gap, cost, x, c = ca.SX.sym("gap", n), ca.SX.sym("cost"), ca.SX.sym("x", n), ca.SX.sym("c", m)
         so_far = ca.SX.sym("sums", 4)
         tally = Kernel(
-            ca.Function("tally", [so_far, gap, cost, x, c], [tallied(ocp, so_far, gap, cost, x, c)]),
+            ca.Function("tally", [so_far, gap, cost, x, c], [accumulated(ocp, so_far, gap, cost, x, c)]),
             [at.one("sums"), at.staged("gap"), at.staged("cost"), at.staged("X"), at.staged("C")],
             [at.one("sums")],
         )
@@ -230,7 +230,7 @@ class CompiledRti:
             [at.one("sums"), at.staged("cost")],
             [at.one("sums")],
         )
-        return [over([look], N), Loop([end], 1, N), Loop([clear], 1), Loop([tally], N), Loop([cost_N], 1, N)]
+        return [over_stages([look], N), Loop([end], 1, N), Loop([clear], 1), Loop([tally], N), Loop([cost_N], 1, N)]
 
     def _shift(self) -> list[Step]:
         """X_k, C_k towards those of the next stage by the share `shift` of a stage; the last ones hold."""

@@ -12,7 +12,7 @@ from companion.core.control.rti import interior_point
 from companion.core.control.rti.loops import Kernel, Loop, Operand, Repeat, Step
 
 
-class Interior:
+class InteriorPointLoops:
     """`at`: bases of the arrays; `wide`: doubles of a row; `sweep`: Riccati sweep on the barred Hessian;
     `advance`: roll-out.
     """
@@ -43,12 +43,12 @@ class Interior:
             Loop([self._apply()], N),
             Loop([self._close()], 1),
         ]
-        mu, is_open = ca.SX(interior_point.START), ca.SX(1)
+        mu, is_open = ca.SX(interior_point.MU_START), ca.SX(1)
         begin = Kernel(
             ca.Function("begin", [], [ca.densify(mu), ca.densify(is_open)]), [], [self._one("mu"), self._one("open")]
         )
         return [
-            Loop([begin], 1), Loop([self._begun()], N), Repeat(body, at["open"], interior_point.STEPS),
+            Loop([begin], 1), Loop([self._begun()], N), Repeat(body, at["open"], interior_point.MOST_STEPS),
             Loop([self._codes()], N), Loop([self._judge()], 1),
         ]  # fmt: skip
 
@@ -98,7 +98,7 @@ class Interior:
 
     def _begun(self) -> Kernel:
         def make(at: interior_point.BoundPair) -> dict[str, ca.SX]:
-            s, z = interior_point.begun(at)
+            s, z = interior_point.initial_slacks(at)
             return {"s": s, "z": z}
 
         return self._kernel("begun", (), make)
@@ -124,11 +124,11 @@ class Interior:
         def make(
             at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
         ) -> dict[str, ca.SX]:
-            ds, dz = interior_point.direction(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
+            ds, dz = interior_point.slack_step(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
             held = 1 - alive
             return {
-                "share_s": ca.fmin(v["share_s"], interior_point.room(s, ds, v["share_s"]) + 1e9 * held),
-                "share_z": ca.fmin(v["share_z"], interior_point.room(z, dz, v["share_z"]) + 1e9 * held),
+                "share_s": ca.fmin(v["share_s"], interior_point.step_to_boundary(s, ds, v["share_s"]) + 1e9 * held),
+                "share_z": ca.fmin(v["share_z"], interior_point.step_to_boundary(z, dz, v["share_z"]) + 1e9 * held),
             }
 
         return self._kernel("ratio", ("s", "z", "mu", "alive", "dc", *self._df(), "share_s", "share_z"), make)
@@ -140,7 +140,7 @@ class Interior:
         """The least over the controls, for all of them, kept off the wall."""
         m = self._ocp.nu
         s, z = ca.SX.sym("s", m), ca.SX.sym("z", m)
-        far = [ca.fmin(1, interior_point.WALL * ca.mmin(v)) for v in (s, z)]
+        far = [ca.fmin(1, interior_point.STEP_FRACTION * ca.mmin(v)) for v in (s, z)]
         where = [Operand(self._at[n], 0, range(m)) for n in ("share_s", "share_z")]
         shares = ca.Function("shares", [s, z], [ca.repmat(v, m, 1) for v in far])
         return Kernel(shares, where, where)
@@ -151,7 +151,7 @@ class Interior:
         def make(
             at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
         ) -> dict[str, ca.SX]:
-            ds, dz = interior_point.direction(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
+            ds, dz = interior_point.slack_step(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
             s_new, z_new = s + v["share_s"] * ds, z + v["share_z"] * dz
             return {"s": s_new, "z": z_new, "sz": v["sz"] + alive * ca.dot(s_new, z_new)}
 
@@ -163,9 +163,9 @@ class Interior:
         sz, share_s, share_z = ca.SX.sym("sz", m), ca.SX.sym("s"), ca.SX.sym("z")
         alive = max(1, int(np.sum(ocp.c_min < ocp.c_max)))
         mean = ca.sum1(sz) / (ocp.stages * self._j * alive)
-        done = ca.logic_and(mean < interior_point.CLOSED, ca.fmin(share_s, share_z) > 0.9)
+        done = ca.logic_and(mean < interior_point.MU_END, ca.fmin(share_s, share_z) > 0.9)
         close = ca.Function(
-            "close", [sz, share_s, share_z], [mean * interior_point.towards(share_s, share_z), ca.logic_not(done)]
+            "close", [sz, share_s, share_z], [mean * interior_point.centring(share_s, share_z), ca.logic_not(done)]
         )
         return Kernel(
             close,
@@ -176,7 +176,7 @@ class Interior:
     def _codes(self) -> Kernel:
         def make(at: interior_point.BoundPair, s: ca.SX, z: ca.SX, dead: ca.SX) -> dict[str, ca.SX]:
             del at
-            return {"active": ca.if_else(dead, 1, interior_point.code(s, z))}
+            return {"active": ca.if_else(dead, 1, interior_point.active_code(s, z))}
 
         return self._kernel("codes", ("s", "z", "dead"), make)
 

@@ -18,15 +18,15 @@ from typing import NamedTuple
 
 import casadi as ca
 
-WALL = 0.995
+STEP_FRACTION = 0.995
 """Share of the way to the nearest limit that a step may take."""
-START = 1.0
+MU_START = 1.0
 """mu to begin with [cost]; costs of a stage are of order 0.01 to 100."""
-CLOSED = 1e-9
+MU_END = 1e-9
 """Mean of s z that counts as solved [cost]."""
-STEPS = 40
+MOST_STEPS = 40
 """At most."""
-NEAR_N = 0.1
+LEAST_SLACK_N = 0.1
 """[N] that a slack begins with at least."""
 
 
@@ -46,10 +46,10 @@ def limits(c: ca.SX, f: ca.SX | None, low: ca.SX, high: ca.SX, rate: float) -> B
     return BoundPair([*bounds, rate - (c - f), rate + (c - f)], (1, -1, 1, -1), (0, 0, -1, 1))
 
 
-def begun(at: BoundPair) -> tuple[ca.SX, ca.SX]:
+def initial_slacks(at: BoundPair) -> tuple[ca.SX, ca.SX]:
     """Slacks and multipliers to begin with."""
-    s = ca.vertcat(*(ca.fmax(b, NEAR_N) for b in at.b))
-    return s, START / s
+    s = ca.vertcat(*(ca.fmax(b, LEAST_SLACK_N) for b in at.b))
+    return s, MU_START / s
 
 
 class Barrier(NamedTuple):
@@ -73,26 +73,26 @@ def barrier(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX) -> Barrier:
     return Barrier(cc, ff, cf, c, f)
 
 
-def direction(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, dc: ca.SX, df: ca.SX) -> tuple[ca.SX, ca.SX]:
+def slack_step(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, dc: ca.SX, df: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Changes of s and z that belong to the roll-out's dc and df."""
     new = ca.vertcat(*(b - at.dc[j] * dc - at.df[j] * df for j, b in enumerate(at.b)))
     ds = new - s
     return ds, (mu - z * ds) / s - z
 
 
-def room(value: ca.SX, change: ca.SX, share: ca.SX) -> ca.SX:
-    """The smaller of `share` and the largest step that keeps every value positive, before `WALL`."""
+def step_to_boundary(value: ca.SX, change: ca.SX, share: ca.SX) -> ca.SX:
+    """The smaller of `share` and the largest step that keeps every value positive, before `STEP_FRACTION`."""
     for j in range(value.numel()):
         share = ca.fmin(share, ca.if_else(change[j] < 0, -value[j] / change[j], 1e9))
     return share
 
 
-def towards(share_s: ca.SX, share_z: ca.SX) -> ca.SX:
+def centring(share_s: ca.SX, share_z: ca.SX) -> ca.SX:
     """By how much mu may shrink after a step: much where the way was free, little where walls were near."""
     return ca.fmax(0.02, (1 - ca.fmin(share_s, share_z)) ** 2)
 
 
-def code(s: ca.SX, z: ca.SX) -> ca.SX:
+def active_code(s: ca.SX, z: ca.SX) -> ca.SX:
     """Which limit holds at the end, in the codes of `riccati`."""
     held = [z[j] > s[j] for j in range(s.numel())]
     chosen = ca.if_else(held[0], 1, ca.if_else(held[1], -1, 0))

@@ -12,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from companion.core.control.rti import riccati
-from companion.core.control.rti.stage_functions import SWEEPS, Parts, tallied
+from companion.core.control.rti.stage_functions import MOST_QPS, StageFunctions, accumulated
 
 
 class InterpretedRti:
     """Arrays by name in `view`, and the entries as functions without arguments."""
 
-    def __init__(self, parts: Parts, iterations: int):
+    def __init__(self, parts: StageFunctions, iterations: int):
         ocp = parts.ocp
         self._ocp, self._parts, self._iterations = ocp, parts, iterations
         n, m, N = ocp.nx, ocp.nu, ocp.stages
@@ -58,7 +58,7 @@ class InterpretedRti:
         """Roll out from x0, mend the active limits, move."""
         view = self.view
         self._roll()
-        for _ in range(SWEEPS - 1):
+        for _ in range(MOST_QPS - 1):
             if view["changed"][0] == 0.0:
                 break
             view["active"][:] = view["chosen"]
@@ -171,7 +171,7 @@ class InterpretedRti:
         Q_c, code = ca.SX.sym("Q", m, n + 1 + m), ca.SX.sym("code", m)
         x, c = ca.SX.sym("x", n), ca.SX.sym("c", m)
         nothing = ca.SX(m, 1)
-        law = riccati.Held(nothing, nothing, nothing) if free else riccati.held(ocp, code, x, c)
+        law = riccati.ActiveLaw(nothing, nothing, nothing) if free else riccati.active_law(ocp, code, x, c)
         Q_cc = Q_c[:, n + 1 :]
         L, inverse = riccati.factor(Q_cc, law.active)
         force, one = ca.SX(m, n + 1), ca.SX(1, n + 1)
@@ -190,7 +190,7 @@ class InterpretedRti:
         dx, entries, b = ca.SX.sym("dx", n), ca.SX.sym("D", parts.D.count), ca.SX.sym("b", n)
         K, W, code = ca.SX.sym("K", m, n + 1), ca.SX.sym("W", m, n + 1), ca.SX.sym("code", m)
         x, c, count = ca.SX.sym("x", n), ca.SX.sym("c", m), ca.SX.sym("count")
-        r = riccati.roll(ocp, dx, K, W, parts.D.filled(entries), b, x, c, code)
+        r = riccati.roll_out_stage(ocp, dx, K, W, parts.D.filled(entries), b, x, c, code)
         results = [ca.densify(e) for e in ca.cse([r.following, count + r.changed, r.dc, r.code])]
         step = ca.Function("roll", [dx, count, entries, b, K, W, code, x, c], results)
         x0 = ca.MX.sym("x0", n)
@@ -211,7 +211,7 @@ class InterpretedRti:
         N = ocp.stages
         so_far, gap, cost = ca.SX.sym("sums", 4), ca.SX.sym("gap", ocp.nx), ca.SX.sym("cost")
         x, c = ca.SX.sym("x", ocp.nx), ca.SX.sym("c", ocp.nu)
-        tally = ca.Function("tally", [so_far, gap, cost, x, c], [tallied(ocp, so_far, gap, cost, x, c)])
+        tally = ca.Function("tally", [so_far, gap, cost, x, c], [accumulated(ocp, so_far, gap, cost, x, c)])
         X, C, p, q = self._given()
         gaps, costs = parts.look.map(N)(X[:, :N], C, X[:, 1:], p[:, :N], ca.repmat(q, 1, N))
         sums = tally.mapaccum("tally", N)(ca.DM.zeros(4), gaps, costs, X[:, :N], C)[:, N - 1]

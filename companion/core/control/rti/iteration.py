@@ -15,7 +15,7 @@ from companion.core.control.ocp import Ocp
 from companion.core.control.rti.compiled import CompiledRti
 from companion.core.control.rti.interpreted import InterpretedRti
 from companion.core.control.rti.loops import Compiler, NotCompiled
-from companion.core.control.rti.stage_functions import parts
+from companion.core.control.rti.stage_functions import stage_functions
 
 ITERATIONS = 2
 """Of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
@@ -59,7 +59,7 @@ class Rti:
         `compiler` makes the machine code; None: CasADi's interpreter.
         """
         self.ocp = ocp
-        made = parts(ocp)
+        made = stage_functions(ocp)
         self.why_not_compiled = "" if compiler else "not asked for"
         self._way: CompiledRti | InterpretedRti | None = None
         if compiler:

@@ -78,7 +78,7 @@ class Fetch:
 Step = Loop | Repeat | Fetch
 
 
-def over(kernels: Sequence[Kernel], stages: int) -> Loop:
+def over_stages(kernels: Sequence[Kernel], stages: int) -> Loop:
     """A loop over stages for kernels whose lanes are stages."""
     width = kernels[0].width
     return Loop(kernels, -(-stages // width), 0, width, stages - width)

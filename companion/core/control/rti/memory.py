@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.core.control.rti.loops import Operand
-from companion.core.control.rti.stage_functions import Parts, Pattern
+from companion.core.control.rti.stage_functions import Pattern, StageFunctions
 
 LANES = 8
 """Stages that are linearised at once, processors with shorter vectors split them; also doubles of a cache line."""
@@ -20,7 +20,7 @@ LANES = 8
 class Memory:
     """`doubles`: all of it; `view`: arrays by name; `base`, `shape`: of each; `wide`: doubles of a matrix's row."""
 
-    def __init__(self, parts: Parts):
+    def __init__(self, parts: StageFunctions):
         self._ocp = ocp = parts.ocp
         n, m, N = ocp.nx, ocp.nu, ocp.stages
         self.wide = wide = -(-(n + m + 1) // 4) * 4

@@ -25,18 +25,18 @@ import numpy as np
 
 from companion.core.control.ocp import Ocp
 
-BOUND_N = 1e-9
+ACTIVATE_N = 1e-9
 """[N] beyond a limit that makes it active."""
-PULL = 1e-9
+RELEASE = 1e-9
 """Gradient inwards [1/N] that lets an active limit go."""
 
 
-def cost_to_go(P: ca.SX, p: ca.SX, D: ca.SX, columns: ca.SX, one: ca.SX, h: ca.SX) -> ca.SX:
+def state_control_cost(P: ca.SX, p: ca.SX, D: ca.SX, columns: ca.SX, one: ca.SX, h: ca.SX) -> ca.SX:
     """Q, shape (nx + nu, columns), of columns [A B b], [H g], and `one` = [0 .. 0 1]."""
     return h + D.T @ (P @ columns + p @ one)
 
 
-class Held(NamedTuple):
+class ActiveLaw(NamedTuple):
     """Which controls are active, and their law: each shape (nu, 1)."""
 
     active: ca.SX
@@ -44,15 +44,15 @@ class Held(NamedTuple):
     alpha: ca.SX
 
 
-def held(ocp: Ocp, code: ca.SX, x: ca.SX, c: ca.SX) -> Held:
+def active_law(ocp: Ocp, code: ca.SX, x: ca.SX, c: ca.SX) -> ActiveLaw:
     """The law of each active control, from its code and the guess."""
     up, rate = code > 0, ca.fabs(code) > 1.5
     alpha = ca.if_else(up, ca.DM(ocp.c_max), ca.DM(ocp.c_min)) - c
     if ocp.forces is None:
-        return Held(code != 0, ca.SX.zeros(ocp.nu), alpha)
+        return ActiveLaw(code != 0, ca.SX.zeros(ocp.nu), alpha)
     f = x[ocp.forces : ocp.forces + ocp.nu]
     off = f + ca.if_else(up, ocp.rate_n, -ocp.rate_n) - c
-    return Held(code != 0, rate, ca.if_else(rate, off, alpha))
+    return ActiveLaw(code != 0, rate, ca.if_else(rate, off, alpha))
 
 
 def factor(Q_cc: ca.SX, active: ca.SX) -> tuple[list[list[ca.SX]], list[ca.SX]]:
@@ -72,7 +72,7 @@ def factor(Q_cc: ca.SX, active: ca.SX) -> tuple[list[list[ca.SX]], list[ca.SX]]:
 
 
 def gains(
-    Q_c: ca.SX, Q_cc: ca.SX, law: Held, L: list[list[ca.SX]], inverse: list[ca.SX], force: ca.SX, one: ca.SX
+    Q_c: ca.SX, Q_cc: ca.SX, law: ActiveLaw, L: list[list[ca.SX]], inverse: list[ca.SX], force: ca.SX, one: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """K and W, shapes (nu, columns), from rows c of Q. `force` (nu, columns): 1 at the column of f_i."""
     n = Q_cc.shape[0]
@@ -88,12 +88,12 @@ def gains(
     return K_all, Q_c + Q_cc @ K_all
 
 
-def before(Q_x: ca.SX, Q_cx: ca.SX, K_x: ca.SX, K: ca.SX, W: ca.SX) -> ca.SX:
+def previous_cost_to_go(Q_x: ca.SX, Q_cx: ca.SX, K_x: ca.SX, K: ca.SX, W: ca.SX) -> ca.SX:
     """P (and p, in the last column) of the stage before, shape (nx, columns)."""
     return Q_x + Q_cx.T @ K + K_x.T @ W
 
 
-class Rolled(NamedTuple):
+class RollOutStage(NamedTuple):
     """One stage of the roll-out: dc (nu,), dx of the next stage (nx,), new codes (nu,), how many codes changed."""
 
     dc: ca.SX
@@ -102,7 +102,9 @@ class Rolled(NamedTuple):
     changed: ca.SX
 
 
-def roll(ocp: Ocp, dx: ca.SX, K: ca.SX, W: ca.SX, D: ca.SX, b: ca.SX, x: ca.SX, c: ca.SX, code: ca.SX) -> Rolled:
+def roll_out_stage(
+    ocp: Ocp, dx: ca.SX, K: ca.SX, W: ca.SX, D: ca.SX, b: ca.SX, x: ca.SX, c: ca.SX, code: ca.SX
+) -> RollOutStage:
     """Apply dc = K [dx 1] and look which limits ought to be active. K, W: (nu, nx + 1)."""
     at = ca.vertcat(dx, 1)
     dc = K @ at
@@ -116,9 +118,9 @@ def roll(ocp: Ocp, dx: ca.SX, K: ca.SX, W: ca.SX, D: ca.SX, b: ca.SX, x: ca.SX, 
         low_code = ca.if_else(f - ocp.rate_n > low, -2, -1)
         high_code = ca.if_else(f + ocp.rate_n < high, 2, 1)
         low, high = ca.fmax(low, f - ocp.rate_n), ca.fmin(high, f + ocp.rate_n)
-    over, under = new > high + BOUND_N, new < low - BOUND_N
-    let_go = ca.logic_or(ca.logic_and(code > 0, pull > PULL), ca.logic_and(code < 0, pull < -PULL))
+    over, under = new > high + ACTIVATE_N, new < low - ACTIVATE_N
+    let_go = ca.logic_or(ca.logic_and(code > 0, pull > RELEASE), ca.logic_and(code < 0, pull < -RELEASE))
     chosen = ca.if_else(over, high_code, ca.if_else(under, low_code, ca.if_else(let_go, 0, code)))
     for i in np.flatnonzero(ocp.c_min >= ocp.c_max):
         chosen[int(i)] = 1
-    return Rolled(dc, ca.vertcat(D @ ca.vertcat(dx, dc) + b), chosen, ca.sum1(chosen != code))
+    return RollOutStage(dc, ca.vertcat(D @ ca.vertcat(dx, dc) + b), chosen, ca.sum1(chosen != code))

@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.core.control.ocp import Ocp
 
-SWEEPS = 12
+MOST_QPS = 12
 """Quadratic programs solved at most while the active limits change."""
 
 
@@ -53,7 +53,7 @@ class Pattern:
 
 
 @dataclass(frozen=True)
-class Parts:
+class StageFunctions:
     """Functions of one stage. `linear`: (x, c, ahead, p, q) -> D, b, H, g; `end`: (x, p, q) -> H, g;
     `look`: (x, c, ahead, p, q) -> gap, cost; `end_cost`: (x, p, q) -> cost. D, H as varying entries.
     """
@@ -68,7 +68,7 @@ class Parts:
     end_cost: ca.Function
 
 
-def parts(ocp: Ocp) -> Parts:
+def stage_functions(ocp: Ocp) -> StageFunctions:
     """Differentiate one stage."""
     x, c, p, q = ocp.x, ocp.c, ocp.p, ocp.q
     z, ahead = ca.vertcat(x, c), ca.SX.sym("ahead", ocp.nx)
@@ -79,7 +79,7 @@ def parts(ocp: Ocp) -> Parts:
     g, g_end = ca.densify(2 * J.T @ ocp.residual), ca.densify(2 * J_end.T @ ocp.last)
     gap = ca.densify(ocp.following - ahead)
     stage = [x, c, ahead, p, q]
-    return Parts(
+    return StageFunctions(
         ocp, D, H, H_end,
         ca.Function("linear", stage, ca.cse([D_entries, gap, H_entries, g])),
         ca.Function("end", [x, p, q], ca.cse([H_end_entries, g_end])),
@@ -88,7 +88,7 @@ def parts(ocp: Ocp) -> Parts:
     )  # fmt: skip
 
 
-def tallied(ocp: Ocp, sums: ca.SX, gap: ca.SX, cost: ca.SX, x: ca.SX, c: ca.SX) -> ca.SX:
+def accumulated(ocp: Ocp, sums: ca.SX, gap: ca.SX, cost: ca.SX, x: ca.SX, c: ca.SX) -> ca.SX:
     """[cost, largest gap over scale, largest excess over a limit, sum of squared gaps], with one more stage."""
     gaps = ca.fabs(gap) / ca.DM(ocp.scale)
     excess = ca.fmax(c - ca.DM(ocp.c_max), ca.DM(ocp.c_min) - c)

@@ -3,8 +3,8 @@
     min  sum_{k<N} |residual(x_k, c_k, p_k, q)|^2 + |last(x_N, p_N, q)|^2
     s.t. x_{k+1} = F(x_k, c_k, p_k, q),  c_min <= c_k <= c_max,  |c_k - f_k| <= rate_n
 
-f: the states that hold the force of each control, for the rate limit (ADR 5). The production problem and the paper's
-are both of this kind; the real-time iteration (`rti`) knows no other.
+f: the states that are the forces of the controls, for the rate limit (ADR 5). The production problem and the paper's
+are of this form; the real-time iteration (`rti`) solves it. Scheme: Diehl, Bock, Schloeder (2005).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Ocp:
-    """Symbols x (nx,), c (nu,), p (by stage) and q (constant over the horizon), expressions, limits.
+    """Symbols x (nx,), c (nu,), p (of each stage) and q (constant over the horizon), expressions, limits.
 
-    `jacobian`: of F by [x c]. `forces`: index of the first of the nu states f, or None where there is no rate limit.
-    `scale` (nx,): what counts as an equally large gap of each state.
+    `following`: F; `jacobian`: dF/d[x c], shape (nx, nx + nu). `forces`: index of the first of the nu states f, or None
+    where there is no rate limit. `rate_n` [N]. `scale` (nx,): gaps of equal importance, in the unit of each state.
     """
 
     stages: int

@@ -96,7 +96,7 @@ class RtiPlanner:
         r = self.rti
         kept = [(array, array.copy()) for array in (r.X, r.C, r.active)]
         r.solve()
-        r.came()
+        r.info()
         for array, before in kept:
             array[:] = before
 
@@ -105,13 +105,13 @@ class RtiPlanner:
         r = self.rti
         r.x0[:], r.p[:], r.q[:], r.shift[0] = x0, p, q, self._share
         r.solve()
-        came = r.came()
+        info = r.info()
         if self._to:
             last = np.inf
             for _ in range(20):
-                if abs(last - came.cost) <= self._to * came.cost and came.defect < 1e-6:
+                if abs(last - info.cost) <= self._to * info.cost and info.defect < 1e-6:
                     break
-                last = came.cost
+                last = info.cost
                 r.iterate()
-                came = r.came()
-        return PlannedControls(r.X, r.C, came.cost, came.settled and came.sane)
+                info = r.info()
+        return PlannedControls(r.X, r.C, info.cost, info.settled and info.sane)

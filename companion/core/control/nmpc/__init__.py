@@ -1,5 +1,4 @@
-"""Nonlinear model predictive control: the production problem (stage, cost, settings) and its solver, which always
-ends in a status. Plans come from `control.rti`; hpipm and IPOPT stand behind it."""
+"""Nonlinear model predictive control of the production boat."""
 
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.control.nmpc.solver import Nmpc

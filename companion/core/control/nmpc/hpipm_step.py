@@ -1,12 +1,12 @@
-"""One Newton-type step: linearise along w, solve the quadratic program with hpipm, move.
+"""One Gauss-Newton step by hpipm: linearise about w, solve the quadratic program, add dw.
 
     min 1/2 dw^T H dw + g^T dw   s.t.  g_min <= g(w) + A dw <= g_max,  w_min <= w + dw <= w_max
 
-Linearisation, hpipm and the check of its answer are one CasADi function, called through buffers: arrays are
-read and written in place, nothing is allocated. An instance therefore belongs to one thread at a time.
+Linearisation, hpipm and the check of its solution are one CasADi function, called through buffers: arrays are read and
+written in place, nothing is allocated. An instance therefore belongs to one thread at a time.
 
-The plugin gives no status when called from inside a function, so its answer is checked instead: stationarity
-|H dw + g + A^T lam_a + lam_x| and feasibility of the step. That also catches what a status would not.
+The plugin gives no status when it is called from inside a function. So the optimality conditions are checked:
+stationarity |H dw + g + A^T lam_a + lam_x|, and feasibility of the step.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from companion.core.control.nmpc.problem import NmpcProblem
 from companion.core.control.nmpc.warm_start import LARGEST
 
 INF = 1e4
-"""What hpipm takes for an absent bound: large against any step, small enough to keep it well scaled."""
+"""hpipm treats this as an absent bound: large against any step, small enough to keep it well scaled."""
 QP_ITERATIONS = 50
 """Interior-point iterations of one quadratic program; 6 to 15 are usual."""
 KKT_TOLERANCE = 1e-4
-"""Largest residual of a quadratic program that counts as solved, against gradients of order 1 to 1e3."""
+"""Largest residual of a solved quadratic program; gradients are of order 1 to 1e3."""
 
 
 class Step(NamedTuple):
-    """Where a step ended: w, residual of the quadratic program, and cost and g(w) there."""
+    """Result of a step: w, residual of the quadratic program, cost and g at w."""
 
     w: np.ndarray
     kkt: float
@@ -37,9 +37,9 @@ class Step(NamedTuple):
 
     @property
     def solved(self) -> bool:
-        """Every number finite and of this world, and the quadratic program solved."""
-        sane = np.isfinite(self.cost) and np.isfinite(self.g).all() and (np.abs(self.w) <= LARGEST).all()
-        return bool(self.kkt <= KKT_TOLERANCE and sane)
+        """Every number finite, none of w beyond `LARGEST`, and the quadratic program solved."""
+        finite = np.isfinite(self.cost) and np.isfinite(self.g).all() and (np.abs(self.w) <= LARGEST).all()
+        return bool(self.kkt <= KKT_TOLERANCE and finite)
 
 
 def _function(p: NmpcProblem) -> ca.Function:
@@ -60,23 +60,23 @@ def _function(p: NmpcProblem) -> ca.Function:
     low = ca.vertcat(fixed, p.w_min[p.nx :] - w[p.nx :])
     high = ca.vertcat(fixed, p.w_max[p.nx :] - w[p.nx :])
     low_g, high_g = p.g_min - rest, p.g_max - rest
-    answer = solver(h=H, g=g, a=A, lbx=low, ubx=high, lba=low_g, uba=high_g)
+    solution = solver(h=H, g=g, a=A, lbx=low, ubx=high, lba=low_g, uba=high_g)
     # the plugin writes all its results: each must be used, else CasADi passes it a null pointer
-    dw, lam_a, lam_x = answer["x"], answer["lam_a"], answer["lam_x"]
-    moved = ca.mtimes(A, dw)
+    dw, lam_a, lam_x = solution["x"], solution["lam_a"], solution["lam_x"]
+    dg = ca.mtimes(A, dw)
     residuals = ca.vertcat(
         ca.fabs(ca.mtimes(H, dw) + g + ca.mtimes(A.T, lam_a) + lam_x),
         low - dw,
         dw - high,
-        low_g - moved,
-        moved - high_g,
+        low_g - dg,
+        dg - high_g,
     )
     cost, g_next = p.measure(w + dw, rows, d)
     return ca.Function("step", [w, rows, d], [w + dw, ca.mmax(residuals), cost, g_next])
 
 
 class QpStep:
-    """The step of one problem, ready to be called."""
+    """The step of one problem, with its buffers."""
 
     def __init__(self, problem: NmpcProblem):
         function = _function(problem)
@@ -90,7 +90,7 @@ class QpStep:
             self._buffer.set_res(i, array.data)
 
     def __call__(self, w: np.ndarray, rows: np.ndarray, d: np.ndarray) -> Step | None:
-        """One full step, or None where the linearisation has no numbers.
+        """One full step, or None where the linearisation is not finite.
 
         The first nx entries of `w` are x0 and stay; `rows` is (N + 1, 8).
         """

@@ -3,7 +3,7 @@
     min  sum_k |residual(x_k, c_k, row_k)|^2 + terminal |residual(x_N, row_N)|^2
     s.t. x_0 = x0,  x_{k+1} = F(x_k, c_k, d),  c_min <= c_k <= c_max,  |c_k - f_k| <= rate_limit T_lag
 
-w = [x_0 c_0 x_1 c_1 .. x_N], rows [gap_0 rate_0 gap_1 rate_1 ..]: the order that hpipm wants. With f_dot =
+w = [x_0 c_0 x_1 c_1 .. x_N], rows [gap_0 rate_0 gap_1 rate_1 ..]: the order of hpipm. With f_dot =
 (c - f) / T_lag the rate limit is local to a stage, so the structure stays that of an optimal control
 problem. Both constraints hold for every x0 whose forces are within the limits: the problem is never infeasible.
 
@@ -61,7 +61,7 @@ class NmpcProblem:
 def _stage_functions(
     model: VesselModel, able: np.ndarray, s: NmpcSettings, levels: Sequence[Level]
 ) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """(x, c, row, d) -> linearised stage; the same without derivatives; the last row's. `able` (n,): 1 or 0."""
+    """(x, c, row, d) -> linearised stage; the same without derivatives; last state. `able` (n,): 0 where dead."""
     n = model.B.shape[1]
     x, c = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n)
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
@@ -86,7 +86,7 @@ def _stage_functions(
 
 
 def build(model: VesselModel, actuation: Actuation, settings: NmpcSettings, fence: Fence | None = None) -> NmpcProblem:
-    """Compile the problem for one model, its limits, settings and fence."""
+    """Build the functions for one model, its limits, settings and fence."""
     N, nu = settings.stages, model.B.shape[1]
     nx = 6 + nu
     able = actuation.force_min_n < actuation.force_max_n

@@ -13,7 +13,7 @@ from companion.core.guidance.reference_row import COLUMNS
 from companion.core.model.integrate import FORCES, VesselModel
 
 FORCE_SCALE_N = 10.0
-"""[N] of a gap that counts like 1 m, 1 rad, 1 m/s or 1 rad/s."""
+"""A gap of this force [N] counts like 1 m, 1 rad, 1 m/s or 1 rad/s; assumed."""
 
 
 def production(model: VesselModel, actuation: Actuation, s: NmpcSettings, fence: Fence | None = None) -> Ocp:

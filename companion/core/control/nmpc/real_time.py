@@ -1,4 +1,4 @@
-"""The real-time iteration on the production problem: from the last plan, or from a roll-out until it stands still."""
+"""The real-time iteration on the production problem: warm start from the last plan, or cold start until convergence."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from companion.core.geometry.fence import Fence
 from companion.core.model.integrate import FORCES, VesselModel
 
 COST_TOLERANCE = 1e-4
-"""Share of the cost by which the last step of a cold start may still have changed it."""
+"""Cold start: relative change of the cost in the last step, at most."""
 GAP_TOLERANCE = 1e-3
-"""Largest gap of the dynamics at the end of a cold start, scaled."""
+"""Cold start: largest gap of the dynamics at the end, scaled."""
 FULL_STEPS, HALF_STEPS = 6, 16
-"""Cold start: up to which iteration steps are full, then half, then quarters. Where full ones alternate about the
-solution, their middle is near it."""
+"""Cold start: last iteration with step length 1, and last with 1/2; then 1/4. Where full steps alternate about the
+solution, their mean is near it."""
 ACTIVE_SET_AGE_S = 0.5
-"""Active limits of an older plan are discarded; assumed."""
+"""Active limits of a plan older than this are discarded [s]; assumed."""
 
 
 class Solution(NamedTuple):
-    """Where the iterations ended: states (N + 1, nx), commands (N, nu), cost, largest gap of the dynamics (scaled),
+    """Result of the iterations: states (N + 1, nx), commands (N, nu), cost, largest gap of the dynamics (scaled),
     largest excess over a limit [N], active limits (N, nu) for the next start.
     """
 
@@ -40,7 +40,7 @@ class Solution(NamedTuple):
 
 
 class RealTimeSolver:
-    """For one vessel. Belongs to one thread at a time."""
+    """Real-time iteration of one vessel. Belongs to one thread at a time."""
 
     def __init__(
         self,
@@ -62,7 +62,7 @@ class RealTimeSolver:
     def warm(
         self, warm: WarmStart, t_ns: int, x0: np.ndarray, rows: np.ndarray, d: np.ndarray
     ) -> tuple[SolveInfo, int]:
-        """From the plan before: `Rti.iterations` steps, more while the dynamics do not close."""
+        """From the last plan: `Rti.iterations` steps, more while a gap exceeds the tolerance. Outcome, steps."""
         s, rti = self._problem.settings, self.rti
         share = (t_ns - warm.t_ns) * 1e-9 / s.step_s
         if not usable(self._problem, warm, t_ns):
@@ -78,37 +78,37 @@ class RealTimeSolver:
         rti.active[:] = warm.active if warm.active is not None and share * s.step_s < ACTIVE_SET_AGE_S else 0.0
         rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
         rti.solve()
-        info, count = rti.came(), rti.iterations
+        info, count = rti.info(), rti.iterations
         while count < s.most_iterations and info.sane and info.defect > s.defect_tolerance:
             rti.iterate()
-            info, count = rti.came(), count + 1
+            info, count = rti.info(), count + 1
         return info, count
 
     def cold(self, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> tuple[Solution | None, int]:
-        """From a roll-out by full steps, and from standing still by half steps; the cheaper plan of the two.
+        """From a roll-out by full steps, and from x0 constant by half steps; the solution of lower cost, and the steps.
 
-        Each until cost and dynamics stand still; None where neither does. One in a hundred problems thrown at random
-        has another minimum, and the two ways seldom fall into the same.
+        None where neither converges. About one in a hundred random problems has a second local minimum, and the two
+        starts seldom end in the same.
         """
         p, rti = self._problem, self.rti
         rti.x0[:], rti.p[:], rti.q[:] = x0, rows, d
         rolled = p.split(rolled_out(p, x0, f_prev, rows, d))
-        held = np.tile(x0, (p.stages + 1, 1)), np.tile(x0[FORCES], (p.stages, 1))
+        constant = np.tile(x0, (p.stages + 1, 1)), np.tile(x0[FORCES], (p.stages, 1))
         best, steps = None, 0
-        for (X, C), full_steps in ((rolled, FULL_STEPS), (held, 0)):
+        for (X, C), full_steps in ((rolled, FULL_STEPS), (constant, 0)):
             rti.X[:], rti.C[:], rti.active[:] = X, C, 0.0
-            info, count = self._until_still(full_steps)
+            info, count = self._converge(full_steps)
             steps += count
             if info is not None and (best is None or info.cost < best.cost):
-                best = self.ended(info)
+                best = self.solution(info)
         return best, steps
 
-    def _until_still(self, full_steps: int) -> tuple[SolveInfo | None, int]:
-        """From the guess in memory."""
+    def _converge(self, full_steps: int) -> tuple[SolveInfo | None, int]:
+        """Iterate from the guess in memory until cost and gaps converge; None where they do not. Also the steps."""
         last, most = np.inf, self._problem.settings.cold_iterations
         for count in range(1, most + 1):
             self.rti.damped(1.0 if count <= full_steps else 0.5 if count <= HALF_STEPS else 0.25)
-            info = self.rti.came()
+            info = self.rti.info()
             if not info.sane:
                 return None, count
             if info.settled and info.defect < GAP_TOLERANCE and abs(last - info.cost) <= COST_TOLERANCE * info.cost:
@@ -116,11 +116,11 @@ class RealTimeSolver:
             last = info.cost
         return None, most
 
-    def ended(self, info: SolveInfo) -> Solution:
-        """The plan, copied out of the solver's memory."""
+    def solution(self, info: SolveInfo) -> Solution:
+        """A copy of the plan in the solver's memory."""
         rti = self.rti
         return Solution(rti.X.copy(), rti.C.copy(), info.cost, info.defect, info.excess, rti.active.copy())
 
 
 NO_SOLUTION = SolveInfo(np.inf, np.inf, np.inf, np.inf, np.inf)
-"""Information on a solve that found no plan."""
+"""Outcome without a plan."""

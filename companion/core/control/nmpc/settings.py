@@ -58,34 +58,34 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     yaw_rate_limit_rad_s: Positive | None = 1.0
     """Soft limit on |r|."""
     fence: NonNegative = 100.0
-    """1/m^2 on what is nearer to the fence than the margin, of each of its levels (`fence.levels`): a half-plane with
-    a slack s >= 0 of cost w s^2, the slack solved for. Soft, so that the problem stays feasible beyond the fence."""
+    """1/m^2 on max(0, margin - l)^2 for each level l of the fence (`fence.levels`): a half-plane with a slack s >= 0 of
+    cost w s^2, the slack eliminated. Soft, so that the problem stays feasible beyond the fence."""
     fence_margin_m: NonNegative = 0.5
     """About the error of the position plus half the beam; assumed."""
     soft: NonNegative = 100.0
-    """Weight on what exceeds a soft limit, s^2/m^2 and s^2/rad^2."""
+    """Weight on the excess over a soft limit, s^2/m^2 and s^2/rad^2."""
 
     method: Literal["rti", "interpreted", "hpipm"] = "rti"
-    """Who takes the steps: our kernel as machine code where it can be, our kernel by CasADi's interpreter, or hpipm."""
+    """Solver of the steps: Riccati kernel as machine code if possible, the same by CasADi's interpreter, or hpipm."""
     iterations: Count = 2
     """Newton-type steps on a usable warm start."""
     interpreted_iterations: Count = 1
-    """The same where CasADi's interpreter takes them: half the time, and 0.02 % more cost in closed loop."""
+    """The same by CasADi's interpreter: half the time, and 0.02 % more cost in closed loop."""
     most_iterations: Count = 6
     """Steps allowed until the dynamics close to `defect_tolerance`, before the rescue."""
     defect_tolerance: Positive = 0.1
     """Largest |F(x_k, c_k) - x_{k+1}| of a usable plan, in m, rad, m/s, rad/s and units of 10 N."""
     cold_iterations: Count = 50
-    """Steps of each of the two cold starts until cost and dynamics stand still, before the rescue."""
+    """Steps of each of the two cold starts until cost and gaps converge, before the rescue."""
     rescue_iterations: Count = 60
     """Interior-point iterations of the rescue."""
     rescue_time_s: Positive = 0.25
-    """Wall time after which the rescue stops where it is."""
+    """Wall time of the rescue, at most."""
 
 
 @dataclass(frozen=True)
 class Actuation:
-    """What the thrusters allow: force limits, shape (n,) [N], and rate limit [N/s]. Equal limits: a dead thruster."""
+    """Limits of the thrusters: force, shape (n,) [N], and rate [N/s]. Equal force limits: a dead thruster."""
 
     force_min_n: np.ndarray
     force_max_n: np.ndarray
@@ -93,6 +93,6 @@ class Actuation:
 
     @classmethod
     def of(cls, vessel: VesselFile) -> Actuation:
-        """Limits from a vessel file. What the thrusters cannot do, the plan does not ask: then the lag is exact."""
+        """Limits from a vessel file. The plan stays within what the thrusters can do, so the lag is exact."""
         p = vessel.propulsion
         return cls(*force_limits(vessel), min(p.rate_limit_N_s, p.slew_N_s or p.rate_limit_N_s))

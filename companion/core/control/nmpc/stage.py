@@ -37,9 +37,9 @@ def advance(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
 
 
 def advance_jacobian(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> Any:
-    """Derivative of `advance` by [x c], shape (6 + n, 6 + 2 n): the Runge-Kutta steps differentiated one by one.
+    """Jacobian of `advance` with respect to [x c], shape (6 + n, 6 + 2 n), by the variational equation.
 
-    The same as CasADi's own of the whole step, in two thirds of the operations.
+    Equal to CasADi's Jacobian of the whole step up to rounding, in two thirds of the operations.
     """
     n = x.numel() - 6
     y, f, unit = ca.SX.sym("y", 6), ca.SX.sym("f", n), ca.SX.eye(n)
@@ -65,7 +65,7 @@ def _excess(value: Any, limit: float) -> Any:
 
 
 def state_residual(s: NmpcSettings, x: Any, row: Any, levels: Sequence[Level] = ()) -> Any:
-    """Weighted residuals of a state against its reference row, and the fence; their squares sum to the state cost."""
+    """Weighted residuals of a state from its reference row and the fence; the sum of squares is the state cost."""
     sin, cos = ca.sin(row[ref.PATH_ANGLE]), ca.cos(row[ref.PATH_ANGLE])
     north, east = x[0] - row[ref.NORTH], x[1] - row[ref.EAST]
     weighted = [
@@ -87,22 +87,23 @@ def state_residual(s: NmpcSettings, x: Any, row: Any, levels: Sequence[Level] = 
 def steady_force(model: VesselModel, B: np.ndarray, row: Any, d: Any) -> Any:
     """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
 
-    Uses that nu_dot is affine in tau with a constant slope, as in M nu_dot = ... + tau. `B`: of the thrusters that
-    work, columns of the others 0. Where moving water weakens thrust, the part lost of a first guess is added.
+    nu_dot is affine in tau with a constant slope S, so tau_ss = -S^+ nu_dot(eta_ref, nu_ref, d) and c_ss = B^+ tau_ss.
+    `B`: columns of dead thrusters are 0. Where thrust depends on the motion, one fixed-point step is added:
+    c_ss += B^+ (tau_ss - thrust(c_ss)).
     """
     eta, nu, tau = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("tau", 3)
     slope_of = ca.Function("slope", [eta, nu, tau], [ca.jacobian(model.nu_dot(eta, nu, tau), tau)])
     slope = np.array(slope_of(0, 0, 0))
-    held = ca.vertcat(row[ref.NORTH], row[ref.EAST], row[ref.PSI])
-    wanted = ca.vertcat(row[ref.U], row[ref.V], row[ref.R])
-    tau_ss = -ca.mtimes(ca.DM(np.linalg.pinv(slope)), model.nu_dot(held, wanted, d))
+    eta_ref = ca.vertcat(row[ref.NORTH], row[ref.EAST], row[ref.PSI])
+    nu_ref = ca.vertcat(row[ref.U], row[ref.V], row[ref.R])
+    tau_ss = -ca.mtimes(ca.DM(np.linalg.pinv(slope)), model.nu_dot(eta_ref, nu_ref, d))
     B_plus = ca.DM(np.linalg.pinv(B))
     c_ss = ca.mtimes(B_plus, tau_ss)
-    return c_ss if model.is_linear_in_f else c_ss + ca.mtimes(B_plus, tau_ss - model.thrust(held, wanted, c_ss))
+    return c_ss if model.is_linear_in_f else c_ss + ca.mtimes(B_plus, tau_ss - model.thrust(eta_ref, nu_ref, c_ss))
 
 
 def control_residual(s: NmpcSettings, model: VesselModel, B: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
-    """Weighted residuals of the command: effort beyond c_ss, null space of B, rate. `B` as in `steady_force`."""
+    """Weighted residuals of the command: c - c_ss, null space of B, c - f. `B` as in `steady_force`."""
     n = B.shape[1]
     projector = ca.DM(np.eye(n) - np.linalg.pinv(B) @ B)
     return ca.vertcat(

@@ -1,4 +1,4 @@
-"""First guesses: the last plan shifted by the time that went by, or a roll-out where there is none."""
+"""First guesses: the last plan shifted by the elapsed time, or a roll-out where there is none."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from companion.core.model.integrate import ETA
 
 PSI = 2
 LARGEST = 1e6
-"""No entry of a request or of a guess may be larger: positions in m, forces in N."""
+"""Largest absolute entry of a request or a guess; positions in m, forces in N. Assumed."""
 
 
 @dataclass(frozen=True)
 class WarmStart:
-    """A plan to start from: states (N + 1, nx), commands (N, nu), first state at `t_ns`; `active`: its limits."""
+    """A plan to start from: states (N + 1, nx), commands (N, nu), first state at `t_ns`; `active`: codes (N, nu)."""
 
     t_ns: int
     x: np.ndarray
@@ -25,15 +25,15 @@ class WarmStart:
 
 
 def _at(times: np.ndarray, grid: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Rows of `table` over `grid`, interpolated at `times`; the last row holds beyond the end."""
+    """Rows of `table` over `grid`, interpolated at `times`; beyond the end the last row."""
     return np.stack([np.interp(times, grid, column) for column in table.T], axis=1)
 
 
 def usable(problem: NmpcProblem, warm: WarmStart, t_ns: int) -> bool:
-    """Whether the plan can serve at `t_ns`.
+    """Whether the plan can start a solve at `t_ns`.
 
-    It cannot when it has another shape, is not finite or huge, is younger than the request or older than half the
-    horizon.
+    Not where it has another shape, is not finite, has an entry beyond `LARGEST`, begins after `t_ns` or is older than
+    half the horizon.
     """
     N, h = problem.stages, problem.settings.step_s
     if warm.x.shape != (N + 1, problem.nx) or warm.c.shape != (N, problem.nu):
@@ -44,9 +44,9 @@ def usable(problem: NmpcProblem, warm: WarmStart, t_ns: int) -> bool:
 
 
 def shifted(problem: NmpcProblem, warm: WarmStart, t_ns: int, x0: np.ndarray) -> np.ndarray | None:
-    """W for a problem that starts `t_ns - warm.t_ns` later, or None where the plan is not `usable`.
+    """`w` of a problem that starts `t_ns - warm.t_ns` later, or None where the plan is not `usable`.
 
-    Headings are brought to the turn of x0; x0 itself takes the first place.
+    Headings are unwrapped to the heading of x0; the first state is x0.
     """
     if not usable(problem, warm, t_ns):
         return None
@@ -59,10 +59,10 @@ def shifted(problem: NmpcProblem, warm: WarmStart, t_ns: int, x0: np.ndarray) ->
 
 
 def rolled_out(problem: NmpcProblem, x0: np.ndarray, f_prev: np.ndarray, rows: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """W of the last command held over the horizon; standing still where that ends in no numbers."""
+    """`w` of the last command held over the horizon; of x0 constant where that diverges."""
     c = np.tile(f_prev, (problem.stages, 1))
-    along = np.tile(d, (problem.stages, 1))
-    x = np.array(problem.roll(x0, c.T, rows[:-1].T, along.T)[0]).T
+    disturbance = np.tile(d, (problem.stages, 1))
+    x = np.array(problem.roll(x0, c.T, rows[:-1].T, disturbance.T)[0]).T
     if not (np.abs(x[:, ETA] - x0[ETA]) <= 1e3).all() or not (np.abs(x) <= LARGEST).all():
         x = np.tile(x0, (problem.stages, 1))
     return problem.join(np.vstack([x0, x]), c)

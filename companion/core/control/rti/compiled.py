@@ -2,10 +2,12 @@
 
 Entries:
 
-    prepare   linearise about the guess, Riccati factors            before the state is known
-    feedback  dx_0 = x0 - x_0, roll out, mend the active limits, move      after
-    solve     shift the guess, `iterations` times prepare and feedback, then look
-    look      cost, largest gap of the dynamics, largest excess over a limit
+    shift      X_k += shift (X_k+1 - X_k), C likewise
+    prepare    linearise about the guess, Riccati sweep                            needs no state
+    feedback   dx_0 = x0 - x_0, roll out; sweep and roll-out again while the active limits change; X += dx, C += dc
+    look       cost, largest gap of the dynamics, largest excess over a limit
+    solve      shift, `iterations` times prepare and feedback, look
+    iterate    prepare, feedback, look
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from companion.core.control.rti.stage_functions import MOST_QPS, StageFunctions,
 
 
 class CompiledRti:
-    """Arrays by name in `view`, and the entries as functions without arguments. Raises NotCompiled."""
+    """Arrays by name in `view`, entries as functions without arguments. Raises NotCompiled."""
 
     def __init__(self, parts: StageFunctions, iterations: int, compiler: Compiler):
         ocp = parts.ocp
@@ -30,13 +32,13 @@ class CompiledRti:
         self._sweeps: dict[tuple[str, str], list[Step]] = {}
         self.view = self._at.view
         shift, prepare, look = self._shift(), self._prepare(), self._look()
-        feedback, rarely = self._feedback()
-        entries = {  # the code lies in this order: what every solve runs first, then what it seldom does
+        feedback, cold = self._feedback()
+        entries = {  # order of the machine code: first what every solve runs
             "shift": shift,
             "look": look,
             "prepare": prepare,
             "feedback": feedback,
-            "solve": [Fetch(rarely), *shift, *[*prepare, *feedback] * iterations, *look],
+            "solve": [Fetch(cold), *shift, *[*prepare, *feedback] * iterations, *look],
             "iterate": [*prepare, *feedback, *look],
         }
         run = compiler(entries, self._at.doubles)
@@ -63,12 +65,13 @@ class CompiledRti:
         return [over_stages([linear], N), Loop([end], 1, N), *self._backward()]
 
     def _backward(self, cost: str = "Hg", codes: str = "active") -> list[Step]:
-        """P of the last stage, then the Riccati step from the last stage to the first; one code for all uses."""
+        """Riccati sweep: [P p] of the last stage, then the step of each stage backwards. Shared by all uses."""
         n, N, at = self._ocp.nx, self._ocp.stages, self._at
         if (cost, codes) not in self._sweeps:
             s = ca.SX.sym("s", n)
             copy = ca.Function("begin", [s], [s])
             begin = Kernel(copy, [at.rows("end", 0, n)], [at.rows("P", 0, n)], at.wide)
+            # Q; law of the active controls, Cholesky factor of Q_cc; K and W; [P p] of this stage
             kernels = [self._cost_to_go(cost), self._factor(codes), self._gains(), self._before()]
             self._sweeps[cost, codes] = [Loop([begin], 1), Loop(kernels, N, N - 1, -1)]
         return self._sweeps[cost, codes]
@@ -112,8 +115,8 @@ class CompiledRti:
         below, inverse = ca.SX.sym("L", m * (m - 1) // 2), ca.SX.sym("inverse", m)
         force, one = ca.SX.sym("force", m), ca.SX.sym("one")
         L = [[below[i * (i - 1) // 2 + j] for j in range(i)] for i in range(m)]
-        held = riccati.ActiveLaw(*ca.vertsplit(law, m))
-        K, W = riccati.gains(Q_c, Q_cc, held, L, [inverse[i] for i in range(m)], force, one)
+        active_law = riccati.ActiveLaw(*ca.vertsplit(law, m))
+        K, W = riccati.gains(Q_c, Q_cc, active_law, L, [inverse[i] for i in range(m)], force, one)
         controls = range(n, n + m)
         return Kernel(
             ca.Function("gains", [Q_c, Q_cc, law, below, inverse, force, one], [ca.densify(K), ca.densify(W)]),
@@ -142,13 +145,16 @@ class CompiledRti:
         )  # fmt: skip
 
     def _feedback(self) -> tuple[list[Step], Kernel]:
-        """The steps, and the first kernel of what a solve seldom needs."""
+        """The steps, and the first kernel of the interior-point method, which a solve seldom needs.
+
+        1. roll out  2. while limits change: Riccati sweep, roll out  3. still changing: interior point  4. move
+        """
         ocp, at = self._ocp, self._at
         n, N = ocp.nx, ocp.stages
         x0, first = ca.SX.sym("x0", n), ca.SX.sym("x", n)
-        nothing = ca.SX(1, 1)
+        zero = ca.SX(1, 1)
         begin = Kernel(
-            ca.Function("begin", [x0, first], [x0 - first, ca.densify(nothing)]),
+            ca.Function("begin", [x0, first], [x0 - first, ca.densify(zero)]),
             [at.one("x0"), at.staged("X")],
             [at.staged("dx"), at.one("changed")],
         )
@@ -159,7 +165,7 @@ class CompiledRti:
         return steps, next(step.kernels[0] for step in inner if isinstance(step, Loop))
 
     def _interior_point(self, begin: Kernel) -> list[Step]:
-        """For programs whose active limits do not settle."""
+        """For quadratic programs whose active limits do not settle within `MOST_QPS` sweeps."""
         ocp, parts, at = self._ocp, self._parts, self._at
         n, m, N = ocp.nx, ocp.nu, ocp.stages
         dx, K = ca.SX.sym("dx", n), ca.SX.sym("K", m, n + 1)
@@ -196,7 +202,7 @@ class CompiledRti:
         )  # fmt: skip
 
     def _move(self) -> list[Step]:
-        """X += dx, C += dc; the padding moves with them."""
+        """X += dx, C += dc, padding included."""
         at = self._at
         a, b = ca.SX.sym("a"), ca.SX.sym("b")
         add = ca.Function("move", [a, b], [a + b])
@@ -219,27 +225,27 @@ class CompiledRti:
         end = Kernel(parts.end_cost, at.end(), [at.staged("cost")])
         clear = Kernel(ca.Function("clear", [], [ca.densify(ca.SX(4, 1))]), [], [at.one("sums")])
         gap, cost, x, c = ca.SX.sym("gap", n), ca.SX.sym("cost"), ca.SX.sym("x", n), ca.SX.sym("c", m)
-        so_far = ca.SX.sym("sums", 4)
+        sums = ca.SX.sym("sums", 4)
         tally = Kernel(
-            ca.Function("tally", [so_far, gap, cost, x, c], [accumulated(ocp, so_far, gap, cost, x, c)]),
+            ca.Function("tally", [sums, gap, cost, x, c], [accumulated(ocp, sums, gap, cost, x, c)]),
             [at.one("sums"), at.staged("gap"), at.staged("cost"), at.staged("X"), at.staged("C")],
             [at.one("sums")],
         )
         cost_N = Kernel(
-            ca.Function("close", [so_far, cost], [ca.vertcat(so_far[0] + cost, so_far[1:])]),
+            ca.Function("close", [sums, cost], [ca.vertcat(sums[0] + cost, sums[1:])]),
             [at.one("sums"), at.staged("cost")],
             [at.one("sums")],
         )
         return [over_stages([look], N), Loop([end], 1, N), Loop([clear], 1), Loop([tally], N), Loop([cost_N], 1, N)]
 
     def _shift(self) -> list[Step]:
-        """X_k, C_k towards those of the next stage by the share `shift` of a stage; the last ones hold."""
+        """X_k += shift (X_k+1 - X_k), C_k likewise, `shift` in stages; the last ones stay."""
         n, m, N, at = self._ocp.nx, self._ocp.nu, self._ocp.stages, self._at
         loops: list[Step] = []
         for name, size, count in (("X", n, N), ("C", m, N - 1)):
             a, b, share = ca.SX.sym("a", size), ca.SX.sym("b", size), ca.SX.sym("share")
             toward = ca.Function("toward", [a, b, share], [a + share * (b - a)])
-            there = [at.staged(name), at.staged(name, ahead=1), at.one("shift")]
+            inputs = [at.staged(name), at.staged(name, ahead=1), at.one("shift")]
             if count:
-                loops.append(Loop([Kernel(toward, there, [at.staged(name)])], count))
+                loops.append(Loop([Kernel(toward, inputs, [at.staged(name)])], count))
         return loops

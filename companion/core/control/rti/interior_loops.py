@@ -1,4 +1,4 @@
-"""The interior-point method as loops of kernels over the memory of `rti_memory`; controls are its lanes."""
+"""The interior-point method as loops of kernels over `memory.Memory`; the controls of a stage are the lanes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from companion.core.control.rti.loops import Kernel, Loop, Operand, Repeat, Step
 
 
 class InteriorPointLoops:
-    """`at`: bases of the arrays; `wide`: doubles of a row; `sweep`: Riccati sweep on the barred Hessian;
-    `advance`: roll-out.
+    """`at`: first double of each array; `wide`: doubles of a matrix row; `sweep`: Riccati sweep on the Hessian with the
+    barrier terms; `advance`: roll-out.
     """
 
     def __init__(self, ocp: Ocp, at: Mapping[str, int], wide: int, sweep: Sequence[Step], advance: Sequence[Step]):
@@ -22,7 +22,12 @@ class InteriorPointLoops:
         self._j = 2 if ocp.forces is None else 4
 
     def steps(self) -> list[Step]:
-        """Begin, iterate while open, put the codes."""
+        """Start, Newton steps until solved, then the codes of the active limits.
+
+        1. s, z, mu start
+        2. while open: barrier terms, Riccati sweep, roll-out, step lengths, move s and z, next mu
+        3. codes of `active` from s and z; `changed` = still open
+        """
         ocp = self._ocp
         N, at = ocp.stages, self._at
         size = N * (ocp.nx + ocp.nu) * self._wide
@@ -31,25 +36,25 @@ class InteriorPointLoops:
             ca.Function("copy", [a], [a]),
             [Operand(at["Hg"], 8, (0,), 1)], [Operand(at["barred"], 8, (0,), 1)], 8,
         )  # fmt: skip
-        ratio_begin = self._scalars("far", [], {"share_s": ca.SX.ones(1), "share_z": ca.SX.ones(1), "sz": ca.SX(1, 1)})
+        clear = self._scalars("far", [], {"share_s": ca.SX.ones(1), "share_z": ca.SX.ones(1), "sz": ca.SX(1, 1)})
         body: list[Step] = [
             Loop([copy], -(-size // 8)),
             Loop([self._barrier()], N),
             *self._sweep,
             *self._advance,
-            Loop([ratio_begin], 1),
-            Loop([self._ratio()], N),
-            Loop([self._shares()], 1),
-            Loop([self._apply()], N),
-            Loop([self._close()], 1),
+            Loop([clear], 1),
+            Loop([self._step_lengths()], N),
+            Loop([self._common_step()], 1),
+            Loop([self._move()], N),
+            Loop([self._next_mu()], 1),
         ]
         mu, is_open = ca.SX(interior_point.MU_START), ca.SX(1)
         begin = Kernel(
             ca.Function("begin", [], [ca.densify(mu), ca.densify(is_open)]), [], [self._one("mu"), self._one("open")]
         )
         return [
-            Loop([begin], 1), Loop([self._begun()], N), Repeat(body, at["open"], interior_point.MOST_STEPS),
-            Loop([self._codes()], N), Loop([self._judge()], 1),
+            Loop([begin], 1), Loop([self._start()], N), Repeat(body, at["open"], interior_point.MOST_STEPS),
+            Loop([self._codes()], N), Loop([self._still_open()], 1),
         ]  # fmt: skip
 
     def _one(self, name: str) -> Operand:
@@ -59,7 +64,7 @@ class InteriorPointLoops:
         return Operand(self._at[name], 0, (0,), 1)
 
     def _scalars(self, name: str, inputs: list[ca.SX], outputs: dict[str, ca.SX]) -> Kernel:
-        """A kernel over lanes of memory without stages."""
+        """A kernel without loop over stages: `outputs` by name, controls as lanes."""
         function = ca.Function(name, inputs, [ca.densify(e) for e in outputs.values()])
         return Kernel(function, [], [self._lane(o) for o in outputs], self._ocp.nu)
 
@@ -77,7 +82,7 @@ class InteriorPointLoops:
         return Kernel(function, [self._place(s) for s in names], [self._place(s) for s in outputs], ocp.nu)
 
     def _place(self, name: str) -> Operand:
-        """Where each array has its entry of control i, i being the lane."""
+        """Operand of an array, or of an entry `matrix:entry` of a matrix, whose lane i belongs to control i."""
         ocp, wide = self._ocp, self._wide
         n, m, base = ocp.nx, ocp.nu, self._at.get(name, 0)
         if name in ("X", "dx"):
@@ -96,7 +101,7 @@ class InteriorPointLoops:
             return self._one(name)
         return self._lane(name)
 
-    def _begun(self) -> Kernel:
+    def _start(self) -> Kernel:
         def make(at: interior_point.BoundPair) -> dict[str, ca.SX]:
             s, z = interior_point.initial_slacks(at)
             return {"s": s, "z": z}
@@ -105,7 +110,7 @@ class InteriorPointLoops:
 
     def _barrier(self) -> Kernel:
         entries = ("cc", "c") if self._ocp.forces is None else ("cc", "ff", "cf", "c", "f")
-        given = tuple(f"Hg:{e}" for e in entries)
+        of_cost = tuple(f"Hg:{e}" for e in entries)
 
         def make(
             at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **H: ca.SX
@@ -116,19 +121,19 @@ class InteriorPointLoops:
                 out["barred:fc"] = out["barred:cf"]
             return out
 
-        return self._kernel("barrier", ("s", "z", "mu", "alive", *given), make)
+        return self._kernel("barrier", ("s", "z", "mu", "alive", *of_cost), make)
 
-    def _ratio(self) -> Kernel:
-        """How far s and z may go, least over the stages so far."""
+    def _step_lengths(self) -> Kernel:
+        """Step lengths of s and z to the boundary, the least over the stages so far; dead controls do not count."""
 
         def make(
             at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
         ) -> dict[str, ca.SX]:
             ds, dz = interior_point.slack_step(at, s, z, mu, v["dc"], v.get("dx", ca.SX(0)))
-            held = 1 - alive
+            dead = 1 - alive
             return {
-                "share_s": ca.fmin(v["share_s"], interior_point.step_to_boundary(s, ds, v["share_s"]) + 1e9 * held),
-                "share_z": ca.fmin(v["share_z"], interior_point.step_to_boundary(z, dz, v["share_z"]) + 1e9 * held),
+                "share_s": ca.fmin(v["share_s"], interior_point.step_to_boundary(s, ds, v["share_s"]) + 1e9 * dead),
+                "share_z": ca.fmin(v["share_z"], interior_point.step_to_boundary(z, dz, v["share_z"]) + 1e9 * dead),
             }
 
         return self._kernel("ratio", ("s", "z", "mu", "alive", "dc", *self._df(), "share_s", "share_z"), make)
@@ -136,17 +141,17 @@ class InteriorPointLoops:
     def _df(self) -> tuple[str, ...]:
         return () if self._ocp.forces is None else ("dx",)
 
-    def _shares(self) -> Kernel:
-        """The least over the controls, for all of them, kept off the wall."""
+    def _common_step(self) -> Kernel:
+        """One step length of s and one of z for all controls: min(1, `STEP_FRACTION` times the least of them)."""
         m = self._ocp.nu
         s, z = ca.SX.sym("s", m), ca.SX.sym("z", m)
-        far = [ca.fmin(1, interior_point.STEP_FRACTION * ca.mmin(v)) for v in (s, z)]
+        lengths = [ca.fmin(1, interior_point.STEP_FRACTION * ca.mmin(v)) for v in (s, z)]
         where = [Operand(self._at[n], 0, range(m)) for n in ("share_s", "share_z")]
-        shares = ca.Function("shares", [s, z], [ca.repmat(v, m, 1) for v in far])
+        shares = ca.Function("shares", [s, z], [ca.repmat(v, m, 1) for v in lengths])
         return Kernel(shares, where, where)
 
-    def _apply(self) -> Kernel:
-        """Move s and z; add up s z."""
+    def _move(self) -> Kernel:
+        """s += alpha_s ds, z += alpha_z dz; sum of s z."""
 
         def make(
             at: interior_point.BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, alive: ca.SX, **v: ca.SX
@@ -157,8 +162,8 @@ class InteriorPointLoops:
 
         return self._kernel("apply", ("s", "z", "mu", "alive", "dc", *self._df(), "share_s", "share_z", "sz"), make)
 
-    def _close(self) -> Kernel:
-        """mu of the next step, and whether there is to be one."""
+    def _next_mu(self) -> Kernel:
+        """mu = sigma mean(s z) of the next step, and whether there is one."""
         ocp, m = self._ocp, self._ocp.nu
         sz, share_s, share_z = ca.SX.sym("sz", m), ca.SX.sym("s"), ca.SX.sym("z")
         alive = max(1, int(np.sum(ocp.c_min < ocp.c_max)))
@@ -180,7 +185,7 @@ class InteriorPointLoops:
 
         return self._kernel("codes", ("s", "z", "dead"), make)
 
-    def _judge(self) -> Kernel:
-        """`changed` says of an interior-point solution whether it is still open."""
+    def _still_open(self) -> Kernel:
+        """`changed` = 1 where the last step left the program unsolved, else 0."""
         a = ca.SX.sym("a")
         return Kernel(ca.Function("judge", [a], [a]), [self._one("open")], [self._one("changed")])

@@ -1,15 +1,19 @@
-"""The interior-point method for the quadratic program of one stage, one control at a time, in SX.
+"""Primal-dual interior-point method for the quadratic program, in SX for one control of one stage.
 
-For each control four limits a_j . [dc df] <= b_j (two where there is no rate limit), slacks s, multipliers z:
+Each control has limits a_j [dc df]' + s_j = b_j with slack s_j >= 0 and multiplier z_j >= 0 (four, or two where there
+is no rate limit):
 
-    c: +-(c + dc) <= +-c_max or min        c - f: +-(c + dc - f - df) <= rate
+    c:  +-(c + dc) <= c_max or -c_min          c - f:  +-(c + dc - f - df) <= rate
 
-Each Newton step is one Riccati sweep with the weights w = z / s on the limits and the gradient
-t = mu / s - w (b - s) added (`barrier`); the roll-out gives s_new = b - a . d, and
-z_new = (mu - z (s_new - s)) / s. Steps keep 0.5 % away from the wall. It is used where
-the active-set method goes round in circles, which it does where a force runs at its rate limit into its bound; its
-number of steps is bounded.
-Source: Wright (1997), Primal-Dual Interior-Point Methods, chapter 5; Rao, Wright, Rawlings (1998).
+Newton step on the perturbed optimality conditions s_j z_j = mu, the slacks eliminated:
+
+    H += sum_j w_j a_j' a_j,   g += sum_j t_j a_j,   w_j = z_j / s_j,   t_j = mu / s_j - w_j (b_j - s_j)     `barrier`
+    Riccati sweep and roll-out give [dc df]
+    s_new = b - a [dc df]',   z_new = (mu - z (s_new - s)) / s                                            `slack_step`
+
+Then s and z move by the fraction-to-the-boundary rule (`STEP_FRACTION`) and mu shrinks (`centring`). Used where the
+active-set method cycles, which happens where a force runs at its rate limit into its bound. The number of steps is
+bounded. Sources: Wright (1997), Primal-Dual Interior-Point Methods, chapter 5; Rao, Wright, Rawlings (1998).
 """
 
 from __future__ import annotations
@@ -19,19 +23,19 @@ from typing import NamedTuple
 import casadi as ca
 
 STEP_FRACTION = 0.995
-"""Share of the way to the nearest limit that a step may take."""
+"""Largest share of the step to the boundary s = 0 or z = 0 (Wright 1997, chapter 5)."""
 MU_START = 1.0
-"""mu to begin with [cost]; costs of a stage are of order 0.01 to 100."""
+"""First mu [cost]; costs of a stage are of order 0.01 to 100. Assumed."""
 MU_END = 1e-9
-"""Mean of s z that counts as solved [cost]."""
+"""Mean of s z at which the program counts as solved [cost]; assumed."""
 MOST_STEPS = 40
-"""At most."""
+"""Newton steps at most; assumed."""
 LEAST_SLACK_N = 0.1
-"""[N] that a slack begins with at least."""
+"""Smallest first slack [N]; assumed."""
 
 
 class BoundPair(NamedTuple):
-    """b of each limit, and the signs of dc and df in it."""
+    """Right-hand side b_j of each limit, and the factors of dc and df in a_j."""
 
     b: list[ca.SX]
     dc: tuple[int, ...]
@@ -47,13 +51,13 @@ def limits(c: ca.SX, f: ca.SX | None, low: ca.SX, high: ca.SX, rate: float) -> B
 
 
 def initial_slacks(at: BoundPair) -> tuple[ca.SX, ca.SX]:
-    """Slacks and multipliers to begin with."""
+    """First slacks s = max(b, `LEAST_SLACK_N`) and multipliers z = mu / s."""
     s = ca.vertcat(*(ca.fmax(b, LEAST_SLACK_N) for b in at.b))
     return s, MU_START / s
 
 
 class Barrier(NamedTuple):
-    """What one control adds to the Hessian (cc, ff, cf) and to the gradient (c, f)."""
+    """Entries that the limits of one control add to the Hessian (cc, ff, cf) and to the gradient (c, f)."""
 
     cc: ca.SX
     ff: ca.SX
@@ -63,7 +67,7 @@ class Barrier(NamedTuple):
 
 
 def barrier(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX) -> Barrier:
-    """Weights and gradient of the limits."""
+    """Sums over the limits j of w_j a_j' a_j and t_j a_j."""
     cc = ff = cf = c = f = ca.SX(0)
     for j, b in enumerate(at.b):
         w = z[j] / s[j]
@@ -74,28 +78,28 @@ def barrier(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX) -> Barrier:
 
 
 def slack_step(at: BoundPair, s: ca.SX, z: ca.SX, mu: ca.SX, dc: ca.SX, df: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Changes of s and z that belong to the roll-out's dc and df."""
+    """Newton step (ds, dz) for the roll-out's dc and df."""
     new = ca.vertcat(*(b - at.dc[j] * dc - at.df[j] * df for j, b in enumerate(at.b)))
     ds = new - s
     return ds, (mu - z * ds) / s - z
 
 
 def step_to_boundary(value: ca.SX, change: ca.SX, share: ca.SX) -> ca.SX:
-    """The smaller of `share` and the largest step that keeps every value positive, before `STEP_FRACTION`."""
+    """min(share, largest step length along `change` with value >= 0); without the factor `STEP_FRACTION`."""
     for j in range(value.numel()):
         share = ca.fmin(share, ca.if_else(change[j] < 0, -value[j] / change[j], 1e9))
     return share
 
 
 def centring(share_s: ca.SX, share_z: ca.SX) -> ca.SX:
-    """By how much mu may shrink after a step: much where the way was free, little where walls were near."""
+    """Factor sigma of the next mu, max(0.02, (1 - alpha)^2): the shorter the step length alpha, the larger."""
     return ca.fmax(0.02, (1 - ca.fmin(share_s, share_z)) ** 2)
 
 
 def active_code(s: ca.SX, z: ca.SX) -> ca.SX:
-    """Which limit holds at the end, in the codes of `riccati`."""
-    held = [z[j] > s[j] for j in range(s.numel())]
-    chosen = ca.if_else(held[0], 1, ca.if_else(held[1], -1, 0))
-    if len(held) == 2:
+    """The active limit at the end, z_j > s_j, in the codes of `riccati`."""
+    active = [z[j] > s[j] for j in range(s.numel())]
+    chosen = ca.if_else(active[0], 1, ca.if_else(active[1], -1, 0))
+    if len(active) == 2:
         return chosen
-    return ca.if_else(held[2], 2, ca.if_else(held[3], -2, chosen))
+    return ca.if_else(active[2], 2, ca.if_else(active[3], -2, chosen))

@@ -1,6 +1,6 @@
 """The real-time iteration by CasADi's interpreter: the same expressions where there is no machine code.
 
-Same arrays, same entries as `rti_compiled`; some twenty times slower. Called through buffers, nothing is copied.
+Arrays and entries as in `compiled`; some twenty times slower. Functions are called through buffers: nothing is copied.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ class InterpretedRti:
         n, m, N = ocp.nx, ocp.nu, ocp.stages
         self.view = {
             "X": np.zeros((N + 1, n)), "C": np.zeros((N, m)), "x0": np.zeros(n), "p": np.zeros((N + 1, ocp.p.numel())),
-            "q": np.zeros(ocp.q.numel()), "shift": np.zeros(1), "active": np.zeros((N, m)), "told": np.zeros(5),
+            "q": np.zeros(ocp.q.numel()), "shift": np.zeros(1), "active": np.zeros((N, m)), "info": np.zeros(5),
             "dx": np.zeros((N + 1, n)), "dc": np.zeros((N, m)), "chosen": np.zeros((N, m)),
             "D": np.zeros((N, parts.D.count)), "b": np.zeros((N, n)), "H": np.zeros((N, parts.H.count)),
             "g": np.zeros((N, n + m)), "end": np.zeros(n * (n + 1)),
             "K": np.zeros((N, m * (n + 1))), "W": np.zeros((N, m * (n + 1))),
         }  # fmt: skip
-        self.view |= {"sums": self.view["told"][:4], "changed": self.view["told"][4:]}
+        self.view |= {"sums": self.view["info"][:4], "changed": self.view["info"][4:]}
         self._buffers: list[Any] = []
-        given = ("X", "C", "p", "q")
-        lawful = ("D", "b", "H", "g", "end", "active", "X", "C")
-        self._linear = self._called(self._linear_function(), given, ("D", "b", "H", "g", "end"))
-        self._bound = self._called(self._backward_function(free=False), lawful, ("K", "W"))
-        self._free = self._called(self._backward_function(free=True), lawful, ("K",))
+        guess = ("X", "C", "p", "q")
+        quadratic = ("D", "b", "H", "g", "end", "active", "X", "C")
+        self._linear = self._called(self._linear_function(), guess, ("D", "b", "H", "g", "end"))
+        self._bound = self._called(self._backward_function(free=False), quadratic, ("K", "W"))
+        self._free = self._called(self._backward_function(free=True), quadratic, ("K",))
         rolled = ("x0", "X", "C", "D", "b", "K", "W", "active")
         self._roll = self._called(self._roll_function(), rolled, ("dx", "dc", "chosen", "changed"))
-        self.look = self._called(self._look_function(), given, ("sums",))
+        self.look = self._called(self._look_function(), guess, ("sums",))
 
     def prepare(self) -> None:
-        """Linearise about the guess, Riccati factors."""
+        """Linearise about the guess, Riccati sweep."""
         self._linear()
         self._backward()
 
     def _backward(self) -> None:
-        """Riccati factors; the shorter way where no limit is active."""
+        """Riccati sweep; without W where no limit is active."""
         if self.view["active"].any():
             self._bound()
         else:
@@ -55,7 +55,7 @@ class InterpretedRti:
             self._free()
 
     def feedback(self) -> None:
-        """Roll out from x0, mend the active limits, move."""
+        """Roll out from x0; repeat sweep and roll-out while the active limits change; X += dx, C += dc."""
         view = self.view
         self._roll()
         for _ in range(MOST_QPS - 1):
@@ -70,14 +70,14 @@ class InterpretedRti:
             view["C"] += view["dc"]
 
     def shift(self) -> None:
-        """X, C towards those of the next stage by the share `shift`."""
+        """X_k += shift (X_k+1 - X_k), C_k likewise; the last ones stay."""
         for name, count in (("X", self._ocp.stages), ("C", self._ocp.stages - 1)):
             table = self.view[name]
-            with np.errstate(all="ignore"):  # `look` says what became of numbers that are none
+            with np.errstate(all="ignore"):  # `look` reports NaN
                 table[:count] += self.view["shift"][0] * (table[1 : count + 1] - table[:count])
 
     def solve(self) -> None:
-        """Shift, iterate, look."""
+        """Shift, iterate `iterations` times, look."""
         self.shift()
         for _ in range(self._iterations):
             self.prepare()
@@ -85,13 +85,13 @@ class InterpretedRti:
         self.look()
 
     def iterate(self) -> None:
-        """One iteration, and the look."""
+        """One iteration, look."""
         self.prepare()
         self.feedback()
         self.look()
 
     def _called(self, function: ca.Function, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Callable[[], None]:
-        """The function over arrays of `view`."""
+        """`function` bound to arrays of `view`."""
         pair: tuple[Any, Any] = function.buffer()
         buffer, call = pair
         for i, name in enumerate(inputs):
@@ -101,8 +101,8 @@ class InterpretedRti:
         self._buffers.append(buffer)  # `call` alone does not keep it alive
         return call
 
-    def _given(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
-        """X (n, N + 1), C (m, N), p, q: CasADi counts down columns, numpy along rows."""
+    def _guess(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+        """Symbols X (n, N + 1), C (m, N), p, q: transposed, as CasADi stores by columns and numpy by rows."""
         ocp = self._ocp
         return (
             ca.MX.sym("X", ocp.nx, ocp.stages + 1), ca.MX.sym("C", ocp.nu, ocp.stages),
@@ -111,7 +111,7 @@ class InterpretedRti:
 
     def _linear_function(self) -> ca.Function:
         N, parts, n = self._ocp.stages, self._parts, self._ocp.nx
-        X, C, p, q = self._given()
+        X, C, p, q = self._guess()
         stages = parts.linear.map(N)(X[:, :N], C, X[:, 1:], p[:, :N], ca.repmat(q, 1, N))
         x, p_end, q_end = ca.SX.sym("x", n), ca.SX.sym("p", p.shape[0]), ca.SX.sym("q", q.shape[0])
         entries, g = parts.end(x, p_end, q_end)
@@ -120,14 +120,15 @@ class InterpretedRti:
         return ca.Function("linear", [X, C, p, q], [*stages, end(X[:, N], p[:, N], q)])
 
     def _backward_function(self, *, free: bool) -> ca.Function:
-        """(D, b, H, g, end, active, X, C) -> K, W of all stages. `free`: no limit is active, W is nil and left out.
+        """(D, b, H, g, end, active, X, C) -> K, W of all stages. `free`: no limit is active, W is zero and left out.
 
-        Products of whole matrices, in z = [x 1 c], are MX, dense loops in C: written as scalars of the interpreter the
-        sweep takes half as long again. P (n + 1, n + 1) of [x 1].
+        In z = [x 1 c]: P (n + 1, n + 1) of [x 1], M = [A b B; 0 1 0], Q = M' P M + H. Products of whole matrices are
+        MX, which are dense loops in C: as scalar operations of the interpreter the sweep takes half as long again.
         """
         parts, ocp = self._parts, self._ocp
         n, m, N = ocp.nx, ocp.nu, ocp.stages
         filled, gains = self._filled_function(), self._gains_function(free=free)
+        # 1. one Riccati step: (P, stage) -> (P of the stage before, K, W)
         P = ca.MX.sym("P", n + 1, n + 1)
         sizes = {"D": parts.D.count, "b": n, "H": parts.H.count, "g": n + m, "code": m, "x": n, "c": m}
         local = [ca.MX.sym(name, size) for name, size in sizes.items()]
@@ -140,13 +141,14 @@ class InterpretedRti:
         if W is not None:
             P_next += K.T @ W
         step = ca.Function("back", [P, *local], [P_next, ca.vec(K), *([] if W is None else [ca.vec(W)])])
+        # 2. from the last stage to the first
         stages = [ca.MX.sym(name, size, N) for name, size in list(sizes.items())[:5]]
-        X, C, _, _ = self._given()
+        X, C, _, _ = self._guess()
         end = ca.MX.sym("end", n * (n + 1))
         H_N, g_N = ca.reshape(end[: n * n], n, n), end[n * n :]
-        first = ca.vertcat(ca.horzcat(H_N, g_N), ca.horzcat(g_N.T, 0))
+        P_N = ca.vertcat(ca.horzcat(H_N, g_N), ca.horzcat(g_N.T, 0))
         backwards = [s[:, ::-1] for s in (*stages, X[:, :N], C)]
-        answers = step.mapaccum("sweep", N, 1)(first, *backwards)
+        answers = step.mapaccum("sweep", N, 1)(P_N, *backwards)
         return ca.Function("backward", [*stages[:4], end, stages[4], X, C], [a[:, ::-1] for a in answers[1:]])
 
     def _filled_function(self) -> ca.Function:
@@ -194,7 +196,7 @@ class InterpretedRti:
         results = [ca.densify(e) for e in ca.cse([r.following, count + r.changed, r.dc, r.code])]
         step = ca.Function("roll", [dx, count, entries, b, K, W, code, x, c], results)
         x0 = ca.MX.sym("x0", n)
-        X, C, _, _ = self._given()
+        X, C, _, _ = self._guess()
         D_all, b_all = ca.MX.sym("D", parts.D.count, N), ca.MX.sym("b", n, N)
         K_all, W_all, codes = (ca.MX.sym(s, r, N) for s, r in (("K", m * (n + 1)), ("W", m * (n + 1)), ("code", m)))
         begin = x0 - X[:, 0]
@@ -209,11 +211,11 @@ class InterpretedRti:
     def _look_function(self) -> ca.Function:
         parts, ocp = self._parts, self._ocp
         N = ocp.stages
-        so_far, gap, cost = ca.SX.sym("sums", 4), ca.SX.sym("gap", ocp.nx), ca.SX.sym("cost")
+        sums, gap, cost = ca.SX.sym("sums", 4), ca.SX.sym("gap", ocp.nx), ca.SX.sym("cost")
         x, c = ca.SX.sym("x", ocp.nx), ca.SX.sym("c", ocp.nu)
-        tally = ca.Function("tally", [so_far, gap, cost, x, c], [accumulated(ocp, so_far, gap, cost, x, c)])
-        X, C, p, q = self._given()
+        tally = ca.Function("tally", [sums, gap, cost, x, c], [accumulated(ocp, sums, gap, cost, x, c)])
+        X, C, p, q = self._guess()
         gaps, costs = parts.look.map(N)(X[:, :N], C, X[:, 1:], p[:, :N], ca.repmat(q, 1, N))
-        sums = tally.mapaccum("tally", N)(ca.DM.zeros(4), gaps, costs, X[:, :N], C)[:, N - 1]
+        total = tally.mapaccum("tally", N)(ca.DM.zeros(4), gaps, costs, X[:, :N], C)[:, N - 1]
         end = parts.end_cost(X[:, N], p[:, N], q)
-        return ca.Function("look", [X, C, p, q], [ca.densify(sums + ca.vertcat(end, 0, 0, 0))])
+        return ca.Function("look", [X, C, p, q], [ca.densify(total + ca.vertcat(end, 0, 0, 0))])

@@ -1,6 +1,8 @@
 """Real-time iteration: Gauss-Newton steps on one problem, by machine code where it can be had.
 
-    load -> solve (shift, `iterations` times prepare and feedback, look) -> what came of it
+    x_k+1 = x_k + dx, c_k+1 = c_k + dc,    (dx, dc) from the quadratic program with the Gauss-Newton Hessian 2 J' J
+
+    write X, C, x0, p, q -> `solve` (shift, `iterations` times prepare and feedback, look) -> read X, C, `info`
 
 `prepare` needs no state: it may run before the state is known; `feedback` then costs a roll-out. Neither allocates,
 and both end after a bounded number of operations. Source: Diehl, Bock, Schloeder (2005), SIAM J. Control Optim. 43(5).
@@ -18,12 +20,12 @@ from companion.core.control.rti.loops import Compiler, NotCompiled
 from companion.core.control.rti.stage_functions import stage_functions
 
 ITERATIONS = 2
-"""Of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
+"""Steps of one solve: the second brings the open-loop cost within 3e-5 of the optimum (docs/benchmarks/speed.md)."""
 
 
 class SolveInfo(NamedTuple):
-    """What came of it: cost, largest gap of the dynamics over its scale, largest excess over a limit [N], sum of the
-    squared gaps, and how many active limits the last quadratic program still wanted to change.
+    """Outcome: cost, largest gap of the dynamics over its scale, largest excess over a limit [N], sum of the squared
+    gaps, and the number of active limits that still changed in the last quadratic program.
     """
 
     cost: float
@@ -39,7 +41,7 @@ class SolveInfo(NamedTuple):
 
     @property
     def sane(self) -> bool:
-        """Every number finite; `defect`, a largest value, does not tell of gaps that are none."""
+        """Every number finite. `squares` is asked because the largest value, `defect`, does not show NaN."""
         return math.isfinite(self.cost + self.squares)
 
 
@@ -47,37 +49,37 @@ class Rti:
     """One problem, ready to be solved again and again. Belongs to one thread at a time.
 
     Arrays to write before and to read after: X (N + 1, nx), C (N, nu) the guess and the plan, x0 (nx,), p (N + 1, .),
-    q, active (N, nu) the limits thought active, shift (1,) in stages.
+    q, active (N, nu) codes of the active limits (`riccati`), shift (1,) in stages.
     """
 
     def __init__(
         self, ocp: Ocp, *,
         iterations: int = ITERATIONS, interpreted: int | None = None, compiler: Compiler | None = None,
     ):  # fmt: skip
-        """`iterations` of a solve; `interpreted`: of a solve without machine code, None: as many.
+        """`iterations`: steps of a solve; `interpreted`: the same without machine code, None: as many.
 
         `compiler` makes the machine code; None: CasADi's interpreter.
         """
         self.ocp = ocp
-        made = stage_functions(ocp)
+        functions = stage_functions(ocp)
         self.why_not_compiled = "" if compiler else "not asked for"
         self._way: CompiledRti | InterpretedRti | None = None
         if compiler:
             try:
-                self._way = CompiledRti(made, iterations, compiler)
+                self._way = CompiledRti(functions, iterations, compiler)
             except NotCompiled as reason:
                 self.why_not_compiled = str(reason)
         self.iterations = iterations if self._way or interpreted is None else interpreted
-        way = self._way = self._way or InterpretedRti(made, self.iterations)
+        way = self._way = self._way or InterpretedRti(functions, self.iterations)
         view = way.view
         self.X, self.C, self.x0, self.p, self.q = (view[name] for name in ("X", "C", "x0", "p", "q"))
         self.active, self.shift, self.dx, self.dc = (view[name] for name in ("active", "shift", "dx", "dc"))
-        self._told = view["told"]
+        self._info = view["info"]
         self.prepare, self.feedback, self.solve, self.iterate = way.prepare, way.feedback, way.solve, way.iterate
         self.look = way.look
 
     def damped(self, share: float) -> None:
-        """One iteration of which only that share is gone; limits still hold, as both ends are within them."""
+        """One iteration with step length `share`; limits are kept, as both ends keep them and they are convex."""
         X, C = self.X.copy(), self.C.copy()
         self.prepare()
         self.feedback()
@@ -85,6 +87,6 @@ class Rti:
         self.C[:] = C + share * (self.C - C)
         self.look()
 
-    def came(self) -> SolveInfo:
-        """Of the last solve or iteration."""
-        return SolveInfo(*self._told.tolist())
+    def info(self) -> SolveInfo:
+        """Outcome of the last solve or iteration."""
+        return SolveInfo(*self._info.tolist())

@@ -1,7 +1,7 @@
-"""A program as loops of SX functions over one block of doubles: a description, for whoever makes machine code of it.
+"""A program as loops of SX functions over one block of doubles: a description that a `Compiler` makes machine code of.
 
-A `Kernel` is an SX function with the places of its arguments; a `Loop` runs kernels for k = 0, 1, .. or backwards;
-`Repeat` runs a body while a flag in memory is not nil, up to a count. An entry is a list of them:
+A `Kernel` is an SX function with the addresses of its arguments; a `Loop` runs kernels for k = 0, 1, .. or backwards;
+`Repeat` runs a body while a flag in memory is not zero, up to a count. An entry is a list of steps:
 
     operand of nonzero i, loop index k, lane l:   memory[base + step k + offsets[i] + lane l]
 
@@ -20,12 +20,12 @@ import numpy as np
 
 
 class NotCompiled(Exception):
-    """No machine code here; the text says why."""
+    """Machine code cannot be made or run on this machine; the text says why."""
 
 
 @dataclass(frozen=True)
 class Operand:
-    """Where the nonzeros of one argument are. `lane`: distance between lanes; None: the same for all of them."""
+    """Addresses of the nonzeros of one argument, in doubles. `lane`: from lane to lane; None: one for all lanes."""
 
     base: int
     step: int
@@ -35,7 +35,7 @@ class Operand:
 
 @dataclass(frozen=True)
 class Kernel:
-    """An SX function, where its inputs and outputs are, and how many lanes it works on at once."""
+    """An SX function, the addresses of its inputs and outputs, and its number of lanes."""
 
     function: ca.Function
     inputs: Sequence[Operand]
@@ -45,9 +45,9 @@ class Kernel:
 
 @dataclass(frozen=True)
 class Loop:
-    """The kernels, in their order, for each k of `indices`, which are `first`, `first + by`, .. `count` of them.
+    """The kernels, in their order, for `count` indices k = `first`, `first + by`, ..
 
-    A last step that would go beyond `last` is drawn back to it: lanes that overlap compute the same twice.
+    An index beyond `last` is replaced by `last`: overlapping lanes compute the same values twice.
     """
 
     kernels: Sequence[Kernel]
@@ -59,7 +59,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Repeat:
-    """The body while memory[flag] is not nil, at most `most` times."""
+    """The body while memory[flag] is not zero, at most `most` times."""
 
     body: Sequence[Step]
     flag: int
@@ -68,8 +68,8 @@ class Repeat:
 
 @dataclass(frozen=True)
 class Fetch:
-    """Call the program's code into the cache, up to but without `end`, all lines at once, where they would come one
-    after the other after a sleep. What that is worth: docs/benchmarks/speed.md.
+    """Prefetch the program's code, up to but without the kernel `end`: all cache lines at once, where after a sleep
+    they would be loaded one after the other. Time saved: docs/benchmarks/speed.md.
     """
 
     end: Kernel
@@ -79,7 +79,7 @@ Step = Loop | Repeat | Fetch
 
 
 def over_stages(kernels: Sequence[Kernel], stages: int) -> Loop:
-    """A loop over stages for kernels whose lanes are stages."""
+    """Loop over `stages` for kernels whose lanes are stages."""
     width = kernels[0].width
     return Loop(kernels, -(-stages // width), 0, width, stages - width)
 

@@ -1,7 +1,7 @@
-"""The memory of the compiled real-time iteration: all arrays in one block, and where kernels find their arguments.
+"""Memory layout of the compiled real-time iteration: all arrays in one block, and operands of kernels in it.
 
-Each array begins on a cache line. Matrices of a stage are rows of `wide` doubles, columns [x c 1] and padding, so that
-a row is one lane of kernels; kernels that linearise take stages for lanes.
+Each array begins on a cache line. A matrix of a stage has rows of `wide` doubles, columns [x c 1] and padding, so that
+one vector operation takes a row; kernels that linearise have stages as lanes.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from companion.core.control.rti.loops import Operand
 from companion.core.control.rti.stage_functions import Pattern, StageFunctions
 
 LANES = 8
-"""Stages that are linearised at once, processors with shorter vectors split them; also doubles of a cache line."""
+"""Stages that are linearised at once (processors with shorter vectors split them); also doubles of a cache line."""
 
 
 class Memory:
-    """`doubles`: all of it; `view`: arrays by name; `base`, `shape`: of each; `wide`: doubles of a matrix's row."""
+    """`doubles`: the block; `view`: arrays; `base`, `shape`: first double and shape; `wide`: doubles of a row."""
 
     def __init__(self, parts: StageFunctions):
         self._ocp = ocp = parts.ocp
@@ -26,7 +26,7 @@ class Memory:
         self.wide = wide = -(-(n + m + 1) // 4) * 4
         self.shape: dict[str, tuple[int, ...]] = {
             "X": (N + 1, n), "C": (N, m), "x0": (n,), "p": (N + 1, ocp.p.numel()), "q": (ocp.q.numel(),),
-            "shift": (1,), "active": (N, m), "told": (5,),
+            "shift": (1,), "active": (N, m), "info": (5,),
             "dx": (N + 1, n), "dc": (N, m),
             "AB": (N, n, wide), "Hg": (N, n + m, wide), "end": (n, wide), "P": (n, wide), "Q": (n + m, wide),
             "law": (3, m), "L": (m, m), "inverse": (m,), "K": (N, m, wide), "W": (N, m, wide),
@@ -39,11 +39,11 @@ class Memory:
         for name, shape in self.shape.items():
             self.base[name] = size
             size += -(-(int(np.prod(shape)) + LANES) // LANES) * LANES
-        room = np.zeros(size + LANES)
-        begin = -(room.__array_interface__["data"][0] // room.itemsize) % LANES
-        self.doubles = room[begin : begin + size]
+        block = np.zeros(size + LANES)
+        begin = -(block.__array_interface__["data"][0] // block.itemsize) % LANES
+        self.doubles = block[begin : begin + size]
         self.view = {name: self._array(name) for name in self.shape}
-        self.base |= {"sums": self.base["told"], "changed": self.base["told"] + 4}
+        self.base |= {"sums": self.base["info"], "changed": self.base["info"] + 4}
         self.shape |= {"sums": (4,), "changed": (1,)}
         v = self.view
         v["AB"][:, :, : n + m] = parts.D.rest
@@ -61,7 +61,7 @@ class Memory:
         return self.doubles[base : base + int(np.prod(shape))].reshape(shape)
 
     def _step(self, name: str) -> int:
-        """From stage to stage."""
+        """Doubles from stage to stage."""
         return int(np.prod(self.shape[name][1:]))
 
     def one(self, name: str) -> Operand:
@@ -80,7 +80,7 @@ class Memory:
         return Operand(self.base[name], step, offsets, step if lanes else None)
 
     def column(self, name: str, rows: int, *, lanes: bool = False, staged: bool = True) -> Operand:
-        """The last column, that of 1: b, g, p or k."""
+        """The last column, that of 1: b, g, p or the constant part of K."""
         step = self._step(name) if staged else 0
         offsets = range(self._ocp.nx + self._ocp.nu, rows * self.wide, self.wide)
         return Operand(self.base[name], step, offsets, step if lanes else None)
@@ -91,22 +91,22 @@ class Memory:
         return Operand(self.base[name], step, range(first * self.wide, (first + count) * self.wide, self.wide), 1)
 
     def block(self, name: str, rows: Sequence[int], columns: Sequence[int], *, staged: bool = False) -> Operand:
-        """A dense block, column by column as CasADi counts."""
+        """A dense block, by columns as CasADi stores."""
         step = self._step(name) if staged else 0
         offsets = [r * self.wide + c for c in columns for r in rows]
         return Operand(self.base[name], step, offsets)
 
     def by_stage(self) -> list[Operand]:
-        """Arguments of what is done at each stage: x, c, the next x, p and q, stages as lanes."""
+        """Inputs of a function of each stage: x, c, next x, p and q; stages as lanes."""
         x, c, p = (self.staged(name, lanes=True) for name in ("X", "C", "p"))
         return [x, c, self.staged("X", ahead=1, lanes=True), p, self.one("q")]
 
     def end(self) -> list[Operand]:
-        """Arguments of what is done at the last x: x, p and q."""
+        """Inputs of a function of the last state: x, p and q."""
         return [self.staged("X"), self.staged("p"), self.one("q")]
 
     def codes(self, name: str) -> Operand:
-        """Of the stage, or of controls that are dead at all stages."""
+        """Codes of the active limits of a stage; "dead": of dead controls, the same at all stages."""
         return self.one(name) if name == "dead" else self.staged(name)
 
     def lane(self, name: str) -> Operand:

@@ -1,19 +1,23 @@
-"""One stage of the quadratic program, in SX: Riccati step, and roll-out with the choice of active limits.
+"""One stage of the quadratic program in SX: the Riccati step, and the roll-out that chooses the active limits.
 
-In deviations from the guess, with [x c 1] for columns,
+Notation, in deviations dx (n,), dc (m,) from the guess (x, c), with columns [x c 1]:
 
-    min sum 1/2 [dx dc 1] [H g; g' .] [dx dc 1]'   s.t.  dx+ = A dx + B dc + b,  limits on dc
+    min  sum_k 1/2 [dx; dc]' H [dx; dc] + g' [dx; dc]    s.t.  dx+ = A dx + B dc + b,  D = [A B],  limits on dc
 
-    Q = [H g] + [A B]' (P [A B b] + [0 p])              cost-to-go before the choice of dc
-    dc_i = gamma_i df_i + alpha_i                       where limit i is active: c_i at a bound, or f_i off by the rate
-    K: dc = K [dx 1], the minimum over those that are free;  W = Q_c [1 K] = gradient there: nil where free
-    P = Q_xx + Q_xc K + K' W                            symmetric, positive semidefinite
+Riccati recursion backwards, V(dx) = 1/2 dx' P dx + p' dx being the cost-to-go of the next stage:
 
-A primal-dual active-set method chooses the limits: after the roll-out a free control beyond a limit is put on it,
-an active one whose gradient pulls inwards is let go; where nothing changes the program is solved exactly. Codes of
-`active`: 0 free, +-1 at a bound, +-2 at the rate limit. Every expression is written for any number of columns: the
-compiled kernel takes them as lanes, the interpreter all at once.
-Sources: Rawlings, Mayne, Diehl (2017), 8.8; Hintermueller, Ito, Kunisch (2002), SIAM J. Optim. 13(3).
+    Q = [H g] + D' (P [A B b] + [0 p])      cost of [dx; dc] at this stage before the choice of dc
+    dc_i = gamma_i df_i + alpha_i           active i: c_i at a bound (gamma = 0) or c_i - f_i at the rate limit (1)
+    Q_cc,FF K_F = -(Q_c,F + Q_cc,FA K_A)    free controls F: the minimum; A: the active ones; Q_c = [Q_cx q_c]
+    W = Q_c + Q_cc K                        gradient with respect to dc, zero for free controls
+    P = Q_xx + Q_xc K + K' W                symmetric, positive semidefinite; p is its last column
+
+Primal-dual active-set method: after the roll-out a free control beyond a limit becomes active there, and an active one
+whose multiplier has the wrong sign (gradient pointing inwards) becomes free. When no code changes, the quadratic
+program is solved exactly. Codes of `active`: 0 free, +-1 upper or lower bound, +-2 upper or lower rate limit.
+
+All expressions hold for any number of columns: the compiled kernels take columns as lanes, the interpreter takes all
+at once. Sources: Rawlings, Mayne, Diehl (2017), 8.8; Hintermueller, Ito, Kunisch (2002), SIAM J. Optim. 13(3).
 """
 
 from __future__ import annotations
@@ -26,18 +30,21 @@ import numpy as np
 from companion.core.control.ocp import Ocp
 
 ACTIVATE_N = 1e-9
-"""[N] beyond a limit that makes it active."""
+"""A free control becomes active where it exceeds a limit by more than this [N]; rounding, assumed."""
 RELEASE = 1e-9
-"""Gradient inwards [1/N] that lets an active limit go."""
+"""An active control becomes free where its gradient points inwards by more than this [1/N]; rounding, assumed."""
 
 
 def state_control_cost(P: ca.SX, p: ca.SX, D: ca.SX, columns: ca.SX, one: ca.SX, h: ca.SX) -> ca.SX:
-    """Q, shape (nx + nu, columns), of columns [A B b], [H g], and `one` = [0 .. 0 1]."""
+    """Q = h + D' (P columns + p one), shape (nx + nu, k).
+
+    `columns`, `h`, `one`: the same k columns of [A B b], [H g] and [0 .. 0 1].
+    """
     return h + D.T @ (P @ columns + p @ one)
 
 
 class ActiveLaw(NamedTuple):
-    """Which controls are active, and their law: each shape (nu, 1)."""
+    """Which controls are active (1 or 0), and their law dc = gamma df + alpha: each shape (nu, 1)."""
 
     active: ca.SX
     gamma: ca.SX
@@ -45,7 +52,7 @@ class ActiveLaw(NamedTuple):
 
 
 def active_law(ocp: Ocp, code: ca.SX, x: ca.SX, c: ca.SX) -> ActiveLaw:
-    """The law of each active control, from its code and the guess."""
+    """The law of the active controls, from codes, state and controls of the guess."""
     up, rate = code > 0, ca.fabs(code) > 1.5
     alpha = ca.if_else(up, ca.DM(ocp.c_max), ca.DM(ocp.c_min)) - c
     if ocp.forces is None:
@@ -56,7 +63,10 @@ def active_law(ocp: Ocp, code: ca.SX, x: ca.SX, c: ca.SX) -> ActiveLaw:
 
 
 def factor(Q_cc: ca.SX, active: ca.SX) -> tuple[list[list[ca.SX]], list[ca.SX]]:
-    """Cholesky factor of Q_cc with rows and columns of active controls replaced by the unit's; 1 / its diagonal."""
+    """Cholesky factor L of Q_cc, rows and columns of active controls replaced by those of the identity.
+
+    Returns the rows below the diagonal, and 1 / L_ii.
+    """
     n = Q_cc.shape[0]
     free = 1 - active
     L: list[list[ca.SX]] = []
@@ -74,22 +84,25 @@ def factor(Q_cc: ca.SX, active: ca.SX) -> tuple[list[list[ca.SX]], list[ca.SX]]:
 def gains(
     Q_c: ca.SX, Q_cc: ca.SX, law: ActiveLaw, L: list[list[ca.SX]], inverse: list[ca.SX], force: ca.SX, one: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """K and W, shapes (nu, columns), from rows c of Q. `force` (nu, columns): 1 at the column of f_i."""
+    """K and W, shapes (nu, k), from k columns of the rows c of Q. `force` (nu, k): 1 at the column of f_i."""
     n = Q_cc.shape[0]
+    # 1. rows of the active controls: K_A = gamma df + alpha; zero for the free ones
     K = [law.active[i] * (law.gamma[i] * force[i, :] + law.alpha[i] * one) for i in range(n)]
-    K_held = ca.vertcat(*K)
-    right = Q_c + Q_cc @ K_held
+    K_active = ca.vertcat(*K)
+    right = Q_c + Q_cc @ K_active
+    # 2. free controls: L L' z = right by forward and backward substitution
     z: list[ca.SX] = []
     for i in range(n):
         z.append(((1 - law.active[i]) * right[i, :] - sum(L[i][t] * z[t] for t in range(i))) * inverse[i])
     for i in reversed(range(n)):
         z[i] = (z[i] - sum(L[t][i] * z[t] for t in range(i + 1, n))) * inverse[i]
-    K_all = K_held - ca.vertcat(*z)
+    # 3. K, and the gradient W = Q_c + Q_cc K
+    K_all = K_active - ca.vertcat(*z)
     return K_all, Q_c + Q_cc @ K_all
 
 
 def previous_cost_to_go(Q_x: ca.SX, Q_cx: ca.SX, K_x: ca.SX, K: ca.SX, W: ca.SX) -> ca.SX:
-    """P (and p, in the last column) of the stage before, shape (nx, columns)."""
+    """[P p] of this stage, shape (nx, k): Q_x + Q_xc K + K_x' W."""
     return Q_x + Q_cx.T @ K + K_x.T @ W
 
 
@@ -105,11 +118,16 @@ class RollOutStage(NamedTuple):
 def roll_out_stage(
     ocp: Ocp, dx: ca.SX, K: ca.SX, W: ca.SX, D: ca.SX, b: ca.SX, x: ca.SX, c: ca.SX, code: ca.SX
 ) -> RollOutStage:
-    """Apply dc = K [dx 1] and look which limits ought to be active. K, W: (nu, nx + 1)."""
-    at = ca.vertcat(dx, 1)
-    dc = K @ at
-    pull = W @ at
+    """Apply dc = K [dx; 1], and choose the active limits by primal feasibility and sign of the multiplier.
+
+    K, W: (nu, nx + 1); D (nx, nx + nu), b (nx,); x, c: the guess; code (nu,): limits active so far.
+    """
+    # 1. control, and its gradient
+    dx_one = ca.vertcat(dx, 1)
+    dc = K @ dx_one
+    gradient = W @ dx_one
     new = c + dc
+    # 2. the nearer of bound and rate limit on each side, and its code
     low, high = ca.SX(ca.DM(ocp.c_min)), ca.SX(ca.DM(ocp.c_max))
     low_code, high_code = -ca.SX.ones(ocp.nu), ca.SX.ones(ocp.nu)
     if ocp.forces is not None:
@@ -118,9 +136,10 @@ def roll_out_stage(
         low_code = ca.if_else(f - ocp.rate_n > low, -2, -1)
         high_code = ca.if_else(f + ocp.rate_n < high, 2, 1)
         low, high = ca.fmax(low, f - ocp.rate_n), ca.fmin(high, f + ocp.rate_n)
+    # 3. primal-dual active set
     over, under = new > high + ACTIVATE_N, new < low - ACTIVATE_N
-    let_go = ca.logic_or(ca.logic_and(code > 0, pull > RELEASE), ca.logic_and(code < 0, pull < -RELEASE))
-    chosen = ca.if_else(over, high_code, ca.if_else(under, low_code, ca.if_else(let_go, 0, code)))
+    release = ca.logic_or(ca.logic_and(code > 0, gradient > RELEASE), ca.logic_and(code < 0, gradient < -RELEASE))
+    chosen = ca.if_else(over, high_code, ca.if_else(under, low_code, ca.if_else(release, 0, code)))
     for i in np.flatnonzero(ocp.c_min >= ocp.c_max):
-        chosen[int(i)] = 1
+        chosen[int(i)] = 1  # a dead thruster: always at its bound
     return RollOutStage(dc, ca.vertcat(D @ ca.vertcat(dx, dc) + b), chosen, ca.sum1(chosen != code))

@@ -1,7 +1,8 @@
-"""The SX functions of the real-time iteration, for one problem: what both ways to evaluate them share.
+"""SX functions of one stage of a problem, shared by the compiled and the interpreted real-time iteration.
 
-Sparse matrices travel as the list of their entries that are no constants (`varying`); the constants stay in the
-expressions. `D` = [A B], shape (nx, nx + nu); `H`, the Gauss-Newton Hessian of one stage.
+With residual r and Jacobian J = dr/d[x c]: Gauss-Newton Hessian H = 2 J' J and gradient g = 2 J' r of |r|^2 (Nocedal &
+Wright 2006, 10.3); D = [A B] = dF/d[x c], shape (nx, nx + nu); gap b = F(x, c) - x_next. Sparse matrices are passed as
+the list of their varying entries; constant entries stay in the expressions.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ import numpy as np
 from companion.core.control.ocp import Ocp
 
 MOST_QPS = 12
-"""Quadratic programs solved at most while the active limits change."""
+"""Riccati sweeps at most while the active limits change; then the interior-point method. Assumed."""
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Which entries of a matrix vary: rows, columns; and the constant rest as numbers."""
+    """`rows`, `columns` of the varying entries of a matrix; `rest`, shape `shape`: constant entries, 0 elsewhere."""
 
     shape: tuple[int, int]
     rows: np.ndarray
@@ -41,7 +42,7 @@ class Pattern:
 
     @property
     def count(self) -> int:
-        """How many entries vary."""
+        """Number of varying entries."""
         return len(self.rows)
 
     def filled(self, entries: ca.SX) -> ca.SX:
@@ -69,7 +70,7 @@ class StageFunctions:
 
 
 def stage_functions(ocp: Ocp) -> StageFunctions:
-    """Differentiate one stage."""
+    """Differentiate one stage of `ocp`."""
     x, c, p, q = ocp.x, ocp.c, ocp.p, ocp.q
     z, ahead = ca.vertcat(x, c), ca.SX.sym("ahead", ocp.nx)
     D, D_entries = Pattern.of(ocp.jacobian)
@@ -89,7 +90,9 @@ def stage_functions(ocp: Ocp) -> StageFunctions:
 
 
 def accumulated(ocp: Ocp, sums: ca.SX, gap: ca.SX, cost: ca.SX, x: ca.SX, c: ca.SX) -> ca.SX:
-    """[cost, largest gap over scale, largest excess over a limit, sum of squared gaps], with one more stage."""
+    """[cost, largest gap over scale, largest excess over a limit [N], sum of squared gaps], shape (4,), one stage added
+    to `sums`.
+    """
     gaps = ca.fabs(gap) / ca.DM(ocp.scale)
     excess = ca.fmax(c - ca.DM(ocp.c_max), ca.DM(ocp.c_min) - c)
     if ocp.forces is not None:

@@ -61,12 +61,12 @@ def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiler, seeds, ra
             rti.C[:] = x0[3:] if rate else 0.0
             rti.x0[:], rti.p[:] = x0, p
             rti.iterate()
-            came = rti.came()
-            if not came.settled and compiler is None:
+            info = rti.info()
+            if not info.settled and compiler is None:
                 continue  # the interpreter has no interior point: its caller asks hpipm
             cost, c = dense_optimum(ocp, x0, p)
-            assert came.settled and came.defect < 1e-9 and came.excess < 1e-6
-            assert came.cost == pytest.approx(cost, rel=1e-7, abs=1e-9)
+            assert info.settled and info.defect < 1e-9 and info.excess < 1e-6
+            assert info.cost == pytest.approx(cost, rel=1e-7, abs=1e-9)
             assert np.abs(rti.C - c).max() < 1e-4
             active += np.count_nonzero(rti.active)
     assert active > 9 * len(seeds)
@@ -94,10 +94,10 @@ def test_repeated_it_ends_where_ipopt_and_fatrop_end(compiler):
         near_the_leg(rng, rti)
         for k in range(40):
             rti.damped(1.0 if k < 6 else 0.5)
-        came = rti.came()
+        info = rti.info()
         for name in ("ipopt", "fatrop"):
             cost, c = optimum(name, rti)
-            assert came.cost == pytest.approx(cost, rel=1e-6, abs=1e-9)
+            assert info.cost == pytest.approx(cost, rel=1e-6, abs=1e-9)
             assert np.abs(rti.C[0] - c[0]).max() < 1e-3
 
 
@@ -109,9 +109,9 @@ def test_no_plan_goes_beyond_a_limit(seed):
     anywhere(np.random.default_rng(seed), rti)
     for _ in range(3):
         rti.iterate()
-        came = rti.came()
-        assert not came.settled or came.excess < 1e-6
-        if came.settled:
+        info = rti.info()
+        assert not info.settled or info.excess < 1e-6
+        if info.settled:
             assert np.all(rti.C - rti.ocp.c_min >= -1e-6) and np.all(rti.C - rti.ocp.c_max <= 1e-6)
             assert np.abs(rti.C - rti.X[:-1, 6:]).max() <= rti.ocp.rate_n + 1e-6
 
@@ -124,5 +124,5 @@ def test_almost_every_program_is_settled():
         anywhere(rng, rti)
         rti.active[:] = 0.0
         rti.iterate()
-        settled += rti.came().settled
+        settled += rti.info().settled
     assert settled >= 298

@@ -33,11 +33,11 @@ def test_both_ways_give_the_same_numbers(thrusters):
             getattr(slow, name)[:] = getattr(quick, name)
         quick.iterate()
         slow.iterate()
-        if slow.came().settled and quick.came().settled:
+        if slow.info().settled and quick.info().settled:
             compared += 1
             scale = 1 + np.abs(quick.X).max()
             assert np.abs(quick.X - slow.X).max() < 1e-8 * scale and np.abs(quick.C - slow.C).max() < 1e-7 * scale
-            assert quick.came().cost == pytest.approx(slow.came().cost, rel=1e-8)
+            assert quick.info().cost == pytest.approx(slow.info().cost, rel=1e-8)
     assert compared > 25
 
 
@@ -52,7 +52,7 @@ def test_a_dead_thruster_stays_dead():
     rti.x0[7] = rti.X[:, 7] = rti.C[:, 1] = 0.0
     for _ in range(5):
         rti.iterate()
-    assert rti.came().settled and np.abs(rti.C[:, 1]).max() < 1e-9 and np.abs(rti.C[:, 0]).max() > 0.1
+    assert rti.info().settled and np.abs(rti.C[:, 1]).max() < 1e-9 and np.abs(rti.C[:, 0]).max() > 0.1
 
 
 @pytest.mark.parametrize("compiler", WAYS)
@@ -113,11 +113,11 @@ def test_nonsense_ends_with_a_status_too(compiler):
         near_the_leg(np.random.default_rng(27), rti)
         rti.X[3, 4] = value
         rti.solve()
-        came = rti.came()
-        assert not (came.sane and came.settled and came.defect < 1.0)
+        info = rti.info()
+        assert not (info.sane and info.settled and info.defect < 1.0)
     near_the_leg(np.random.default_rng(27), rti)
     rti.solve()
-    assert rti.came().sane
+    assert rti.info().sane
 
 
 @pytest.mark.parametrize("compiler", WAYS)
@@ -131,7 +131,7 @@ def test_the_papers_problem_too(compiler):
         rti.iterate()
     solver = nlp.solver("ipopt", tolerance=1e-9)
     answer = nlp.call(solver, nlp.join(rti.X, rti.C), rti.x0, rti.p, rti.q)
-    assert rti.came().cost == pytest.approx(float(answer["f"]), rel=1e-6)
+    assert rti.info().cost == pytest.approx(float(answer["f"]), rel=1e-6)
     assert np.abs(rti.C - nlp.split(np.array(answer["x"]).ravel())[1]).max() < 1e-3
 
 

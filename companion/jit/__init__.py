@@ -3,10 +3,10 @@
     compile_loops   loops of SX functions over one block of memory (`control.rti.loops`): the NMPC's kernel
     compile_scan    a recurrence over series of any length, in arrays of the caller: trajectories, fits
 
-Inside: `emit` turns an SX function into LLVM's language, `program` strings such functions into loops, `scan` makes one
-loop, whose functions of lanes are our own (`lanes`, `operators`, `elementary`); `machine` has llvmlite compile them
-(wheels for x86 and aarch64, no compiler needed), `worker` does that in a process of its own, `cache` keeps the code.
-Whoever uses this has a way without it: CasADi's interpreter. Nothing in `companion.core` knows it. ADR 23, 24 and 30.
+`emit` translates an SX function to LLVM's intermediate language, `program` joins such functions to loops, `scan` makes
+one loop with its own functions of vectors (`lanes`, `operators`, `elementary`). `machine` compiles the text by llvmlite
+(wheels for x86 and aarch64, no compiler needed), `worker` does so in a child process, `cache` keeps the code. Every
+caller can use CasADi's interpreter instead. Nothing in `companion.core` depends on it. ADR 23, 24, 30.
 """
 
 from companion.core.control.rti.loops import NotCompiled

@@ -1,9 +1,9 @@
-"""Machine code kept in a folder between runs: one file for each key, written whole or not at all.
+"""Machine code kept in a folder between runs: one file for each key, written atomically.
 
 The folder is `$ARITRA_CACHE`, else systemd's `$CACHE_DIRECTORY`, else `$XDG_CACHE_HOME/aritra` or `~/.cache/aritra`.
-Where it cannot be written nothing is kept, and the code is made anew at each start (a second or two). A file holds the
-code behind its SHA-256: one that was cut short or changed is not run but replaced. What is not there yet is made in a
-process of its own (`worker`): 30 MB of compiler that the companion would keep for ever.
+Where it cannot be written nothing is kept, and the code is compiled at each start (a second or two). A file holds the
+SHA-256 of the code and the code: a truncated or changed file is not run but replaced. New code is compiled in a child
+process (`worker`), as the compiler would otherwise occupy 30 MB of the companion for as long as it runs.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from companion.jit.checksummed import ChecksumError, checked, with_checksum
 from companion.jit.worker import ChildFailed, compiled_in_child
 
 MOST_FILES = 200
-"""Files kept, some 50 kB each; the oldest go first. One boat needs a dozen; assumed enough for a desk with many."""
+"""Files kept, some 50 kB each; the oldest are deleted. One boat needs a dozen; assumed enough for many boats."""
 
 
 def cache_folder(environment: Mapping[str, str]) -> Path:
-    """Where to keep it, by the environment's variables."""
+    """The folder, by the variables of the environment."""
     if named := environment.get("ARITRA_CACHE"):
         return Path(named)
-    if given := environment.get("CACHE_DIRECTORY"):
-        return Path(given.split(":")[0])
+    if folders := environment.get("CACHE_DIRECTORY"):
+        return Path(folders.split(":")[0])
     home = environment.get("XDG_CACHE_HOME") or str(Path(environment.get("HOME", tempfile.gettempdir())) / ".cache")
     return Path(home) / "aritra"
 
 
 class CodeStore:
-    """Object code in a folder, by key. `make` compiles elsewhere; where it cannot, `tell` hears why."""
+    """Object code in a folder, by key. `make` compiles in a child process; where that fails `tell` gets the reason."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class CodeStore:
 
     @classmethod
     def of(cls, environment: Mapping[str, str] = os.environ, tell: Callable[[str], None] = lambda _: None) -> CodeStore:
-        """The store that the environment names."""
+        """The store in the folder of `environment`."""
         return cls(cache_folder(environment), tell=tell)
 
     def get(self, key: str) -> bytes | None:
@@ -55,16 +55,16 @@ class CodeStore:
             return None
 
     def put(self, key: str, code: bytes) -> None:
-        """Keep it where the folder can be written."""
+        """Store the code; nothing happens where the folder cannot be written."""
         with contextlib.suppress(OSError):
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
                 file.write(with_checksum(code))
             os.replace(file.name, self._path(key))
-            self._forget_the_oldest()
+            self._delete_oldest()
 
     def made(self, text: str) -> bytes | None:
-        """Object code of a module's text by a process of its own; None where that failed: to be made here."""
+        """Object code of a module's text, compiled in a child process; None where that failed."""
         try:
             return self._make(text)
         except ChildFailed as error:
@@ -74,7 +74,7 @@ class CodeStore:
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.o"
 
-    def _forget_the_oldest(self) -> None:
+    def _delete_oldest(self) -> None:
         files = sorted(self._folder.glob("*.o"), key=lambda f: f.stat().st_mtime)
         for file in files[:-MOST_FILES]:
             file.unlink(missing_ok=True)

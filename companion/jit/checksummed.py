@@ -1,4 +1,4 @@
-"""Bytes behind their SHA-256, so that what was cut short or changed on its way is not taken for what was sent."""
+"""Bytes behind their SHA-256, so that truncated or changed data is detected."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ DIGEST = hashlib.sha256().digest_size
 
 
 class ChecksumError(Exception):
-    """The bytes are not what was sealed, or nothing was."""
+    """The data does not match its checksum, or is empty."""
 
 
 def with_checksum(data: bytes) -> bytes:
-    """The digest, then the data."""
+    """SHA-256 of the data, then the data."""
     return hashlib.sha256(data).digest() + data
 
 
-def checked(seal: bytes) -> bytes:
-    """The data, which is not empty. Raises Damaged."""
-    data = seal[DIGEST:]
-    if not data or hashlib.sha256(data).digest() != seal[:DIGEST]:
+def checked(message: bytes) -> bytes:
+    """The data of `with_checksum`, not empty. Raises ChecksumError."""
+    data = message[DIGEST:]
+    if not data or hashlib.sha256(data).digest() != message[:DIGEST]:
         raise ChecksumError
     return data

@@ -1,9 +1,9 @@
 """An SX function as text of LLVM's intermediate language: one line for each operation.
 
-Values come in two kinds, scalars and lanes: vectors of the same quantity for `width` neighbours (stages of a horizon,
-columns of a matrix, boats). What is made of scalars alone stays a scalar; where a lane comes in, scalars are spread. A
-multiplication and an addition may become one fused operation (`contract`), nothing else is rearranged: results
-differ from CasADi's own in the last bits only.
+A value is a scalar or a lane vector ("lane"): the same quantity for `width` neighbours (stages of a horizon, columns of
+a matrix, boats). Operations on scalars alone give a scalar; otherwise scalars are broadcast. A multiplication and an
+addition may become one fused operation (`contract`), nothing else is rearranged: results differ from CasADi's own in
+the last bits only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import casadi as ca
 from companion.core.control.rti.loops import NotCompiled
 
 Value = tuple[str, bool]
-"""Name in the text, and whether it is a lane."""
+"""Name in the text, and whether it is a lane vector."""
 
 BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
 COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
@@ -27,7 +27,7 @@ CALLS = {
     ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2",
     ca.OP_COPYSIGN: "copysign",
 }  # fmt: skip
-"""LLVM has an intrinsic of the name."""
+"""Operations with an LLVM intrinsic, and its name."""
 
 
 def bits_of(value: float) -> int:
@@ -36,12 +36,12 @@ def bits_of(value: float) -> int:
 
 
 def constant(value: float) -> str:
-    """A number as LLVM writes it: its bits."""
+    """A number in LLVM's syntax: its bits in hexadecimal."""
     return f"0x{bits_of(value):016X}"
 
 
 class Body:
-    """Lines of one LLVM function. `width` 1: no lanes."""
+    """Lines of one LLVM function. `width`: lanes of a vector; 1: scalars only."""
 
     def __init__(self, width: int):
         self.width = width
@@ -54,13 +54,13 @@ class Body:
         return f"<{self.width} x double>" if lane else "double"
 
     def add(self, text: str) -> str:
-        """One line with a result; its name."""
+        """Append one instruction; the name of its result."""
         self._count += 1
         self.lines.append(f"  %v{self._count} = {text}")
         return f"%v{self._count}"
 
     def spread(self, value: Value) -> str:
-        """The name of a value as a lane."""
+        """Broadcast a value to a lane vector; its name."""
         name, lane = value
         if lane:
             return name
@@ -71,7 +71,7 @@ class Body:
         return self.add(f"shufflevector {kind} {first}, {kind} poison, <{self.width} x i32> zeroinitializer")
 
     def gathered(self, place: Callable[[int], str]) -> Value:
-        """A lane of doubles from anywhere; `place`: the pointer to each."""
+        """A lane vector of doubles at any addresses; `place`: pointer of each."""
         kind, lane = self.type_of(True), "poison"
         for i in range(self.width):
             one = self.add(f"load double, ptr {place(i)}, align 8")
@@ -79,18 +79,18 @@ class Body:
         return lane, True
 
     def scatter(self, value: Value, place: Callable[[int], str]) -> None:
-        """The doubles of a lane to anywhere."""
+        """Store the doubles of a lane vector to any addresses."""
         for i in range(self.width):
             one = self.add(f"extractelement {self.type_of(True)} {value[0]}, i32 {i}") if value[1] else value[0]
             self.lines.append(f"  store double {one}, ptr {place(i)}, align 8")
 
     def alike(self, *values: Value) -> tuple[list[str], bool]:
-        """Names of values brought to one kind, and the kind."""
+        """Names of the values, broadcast if one of them is a lane vector; whether that is so."""
         lane = any(v[1] for v in values)
         return [self.spread(v) if lane else v[0] for v in values], lane
 
     def call(self, name: str, *values: Value) -> Value:
-        """A function of LLVM's own, element by element."""
+        """An LLVM intrinsic, element by element."""
         names, lane = self.alike(*values)
         kind = self.type_of(lane)
         full = f"llvm.{name}." + (f"v{self.width}f64" if lane else "f64")
@@ -141,13 +141,13 @@ RULES: dict[int, Callable[..., Value]] = {
     ca.OP_OR: lambda body, a, b: body.where("une", a, ZERO, ONE, body.where("une", b, ZERO, ONE, ZERO)),
     ca.OP_IF_ELSE_ZERO: lambda body, a, b: body.where("une", a, ZERO, b, ZERO),
 }
-"""Operations that are more than one line, or none."""
+"""Operations of several instructions, or of none."""
 
 
 def translate(
     function: ca.Function, body: Body, load: Callable[[int, int], Value], store: Callable[[int, int, Value], None]
 ) -> None:
-    """Every instruction of an SX function in its order. `load(input, nonzero)`, `store(output, nonzero, value)`."""
+    """Translate an SX function instruction by instruction. `load(input, nonzero)`, `store(output, nonzero, value)`."""
     slots: dict[int, Value] = {}
     for op, out, args, number in _instructions(function):
         if op == ca.OP_INPUT:

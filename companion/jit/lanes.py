@@ -1,4 +1,4 @@
-"""A body of lanes whose results depend on nothing but the expression: not on width, processor or compiler."""
+"""A function body of lane vectors whose results depend on the expression only, not on width, processor or compiler."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from companion.jit.operators import Lane
 
 
 class Lanes(Body):
-    """A body with its own sin, cos, exp, log, pow and atan2, that leaves nothing to the compiler's choice.
+    """A body with its own sin, cos, exp, log, pow and atan2 (`elementary`), that leaves no choice to the compiler.
 
-    A sum with a product in it is one fused operation, written so; a division by what does not change (a number, or one
-    of `steady`) is a product with its reciprocal. So results do not depend on the width, and are the same on every
-    processor. Sine and cosine of an angle from atan2 are shares of its arguments: then nobody needs the angle.
+    A sum with a product is written as one fused multiply-add; a division by a constant (a number, or a name in
+    `steady`) as a product with its reciprocal. So results do not depend on the width and are the same on every
+    processor. Sine and cosine of atan2(y, x) are y / r and x / r, so that the angle need not be computed.
     """
 
     def __init__(self, width: int, steady: Collection[str] = ()):
@@ -29,7 +29,7 @@ class Lanes(Body):
         self.never_negative: set[str] = set()
 
     def operation(self, op: int, args: Sequence[Value]) -> Value:
-        """As `Body`, but for these functions."""
+        """One CasADi operation; the functions of `OF_LANES` by `elementary`."""
         names, lane = self.alike(*args)
         if not lane:
             return super().operation(op, args)
@@ -44,17 +44,17 @@ class Lanes(Body):
             self._angles[value[0]] = -known[0], known[1]
         elif known and op == ca.OP_TWICE:
             self._angles[value[0]] = double_angle(*known)
-        if op in (ca.OP_FABS, ca.OP_SQRT, ca.OP_SQ) or (op == ca.OP_FMAX and any(map(self._is_sure, args))):
+        if op in (ca.OP_FABS, ca.OP_SQRT, ca.OP_SQ) or (op == ca.OP_FMAX and any(map(self._is_nonnegative, args))):
             self.never_negative.add(value[0])
         return value
 
-    def _is_sure(self, value: Value) -> bool:
-        """Whether it is never negative; NaN is not."""
+    def _is_nonnegative(self, value: Value) -> bool:
+        """Whether the value is known to be never negative (it may be NaN)."""
         name = value[0]
         return parsed_constant(name) >= 0 if name.startswith("0x") else name in self.never_negative
 
     def binary(self, op: str, a: Value, b: Value) -> Value:
-        """As `Body`."""
+        """fadd, fsub, fmul or fdiv, fused where an operand is a product."""
         if op == "fdiv" and (reciprocal := self._reciprocal(b)):
             op, b = "fmul", reciprocal
         (left, right), lane = self.alike(a, b)
@@ -62,7 +62,7 @@ class Lanes(Body):
         if op == "fmul":
             name = self.add(f"fmul {kind} {left}, {right}")
             self._products[name] = left, right
-            if self._is_sure(a) and self._is_sure(b):
+            if self._is_nonnegative(a) and self._is_nonnegative(b):
                 self.never_negative.add(name)
             return name, lane
         if op in ("fadd", "fsub") and right in self._products:
@@ -74,7 +74,7 @@ class Lanes(Body):
         return self.add(f"{op} {kind} {left}, {right}"), lane
 
     def _reciprocal(self, b: Value) -> Value | None:
-        """1 / b where b does not change, else None."""
+        """1 / b where b is constant and not 0, else None."""
         name, lane = b
         if name.startswith("0x"):
             return (constant(1 / value), False) if (value := parsed_constant(name)) else None
@@ -84,7 +84,7 @@ class Lanes(Body):
         return self._reciprocals.get(name)
 
     def _fused(self, lane: bool, x: str, y: str, z: str) -> str:
-        """x y + z, rounded once."""
+        """Fused multiply-add x y + z, rounded once."""
         return self.call("fma", (x, lane), (y, lane), (z, lane))[0]
 
     def _negative(self, kind: str, x: str) -> str:
@@ -92,5 +92,5 @@ class Lanes(Body):
 
 
 def parsed_constant(text: str) -> float:
-    """What `constant` wrote."""
+    """The number that `constant` wrote."""
     return struct.unpack("<d", int(text, 16).to_bytes(8, "little"))[0]

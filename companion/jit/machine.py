@@ -1,8 +1,8 @@
-"""A module's text as functions that can be called; its object code kept, so that it is compiled once.
+"""Functions from a module's text, with a store of object code, so that a text is compiled once.
 
-llvmlite is a wheel (x86-64 and aarch64) that brings LLVM with it. Where it is absent, or the system forbids memory
-that is written and then run (`MemoryDenyWriteExecute` of a service), `NotCompiled` says so and the caller takes
-CasADi's interpreter instead.
+llvmlite is a wheel (x86-64 and aarch64) that contains LLVM. `NotCompiled` where it is absent, or where the system
+forbids to execute memory that was written (`MemoryDenyWriteExecute` of a service); the caller then takes CasADi's
+interpreter.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Code:
         self._engine.finalize_object()
 
     def address(self, name: str) -> int:
-        """Of a function; valid while this object lives."""
+        """Address of a function; valid while this object lives."""
         return self._engine.get_function_address(name)
 
 
@@ -50,16 +50,16 @@ def compile_loops(
 ) -> dict[str, Callable[[], None]]:
     """A function for each entry that runs its loops over `memory`: doubles, contiguous. Raises NotCompiled.
 
-    `store` keeps the code between runs. A function allocates nothing and lets no exception out; whoever holds one keeps
-    code and memory.
+    `store` keeps the code between runs. A function allocates nothing and raises nothing; it keeps a reference to code
+    and memory.
     """
     code = Code(module(entries), store)
-    here = ctypes.c_void_p(memory.ctypes.data)
+    pointer = ctypes.c_void_p(memory.ctypes.data)
 
     def bound(name: str) -> Callable[[], None]:
         function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(code.address(name))
         function.kept = code, memory  # type: ignore[attr-defined]
-        return partial(function, here)
+        return partial(function, pointer)
 
     return {name: bound(name) for name in entries}
 
@@ -84,14 +84,14 @@ def object_code(text: str) -> bytes:
 
 
 def _target(llvm: Any) -> Any:
-    """This processor, with all that it can do."""
+    """This processor with all its features."""
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, jit=True
     )
 
 
 def may_run_what_was_written() -> bool:
-    """Whether memory that was written can be made executable. LLVM would end the program where it cannot."""
+    """Whether written memory can be made executable. LLVM aborts the process where it cannot."""
     page = mmap.mmap(-1, mmap.PAGESIZE)
     try:
         address = ctypes.addressof(ctypes.c_char.from_buffer(page))
@@ -103,10 +103,10 @@ def may_run_what_was_written() -> bool:
 
 
 def _key(llvm: Any, target: Any, text: str) -> str:
-    """Names what the object code depends on: the text, LLVM's version, the processor."""
+    """SHA-256 of all that the object code depends on: text, version of LLVM, processor."""
     features = llvm.get_host_cpu_features().flatten()
-    about = "\n".join([str(llvm.llvm_version_info), target.triple, llvm.get_host_cpu_name(), features, text])
-    return hashlib.sha256(about.encode()).hexdigest()
+    inputs = "\n".join([str(llvm.llvm_version_info), target.triple, llvm.get_host_cpu_name(), features, text])
+    return hashlib.sha256(inputs.encode()).hexdigest()
 
 
 def _compiled(llvm: Any, target: Any, text: str) -> bytes:

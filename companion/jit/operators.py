@@ -1,4 +1,4 @@
-"""Values of a body of lanes with Python's operators: each writes a line of LLVM's language and names its result."""
+"""Values of a body of lane vectors with Python's operators: each writes one LLVM instruction and names its result."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from companion.jit.lanes import Lanes
 
 MAGIC = 1.5 * 2.0**52
-"""Added to a small number it rounds it to a whole one, which then stands in the lowest bits."""
+"""Adding it rounds a small number to an integer, which is then in the lowest bits of the sum."""
 
 
 def _line(op: str, *, swapped: bool = False) -> Callable[[Any, Any], Any]:
@@ -21,7 +21,7 @@ def _line(op: str, *, swapped: bool = False) -> Callable[[Any, Any], Any]:
 
 @dataclass(frozen=True)
 class Lane:
-    """Doubles side by side; numbers beside them are the same in every lane."""
+    """A vector of doubles; a number as other operand is broadcast."""
 
     body: Lanes
     name: str
@@ -38,21 +38,21 @@ class Lane:
         return Lane(self.body, self.body.add(f"fneg {self.body.type_of(True)} {self.name}"))
 
     def call(self, name: str, *others: Lane) -> Lane:
-        """A function of LLVM's own."""
+        """An LLVM intrinsic, element by element."""
         return Lane(self.body, self.body.call(name, *((v.name, True) for v in (self, *others)))[0])
 
     def test(self, op: str, other: Lane | float) -> Test:
-        """A comparison; `op` as LLVM's fcmp has it."""
+        """A comparison; `op`: predicate of LLVM's fcmp."""
         kind, b = self.body.type_of(True), _name(self.body, other)
         return Test(self.body, self.body.add(f"fcmp {op} {kind} {self.name}, {b}"))
 
     def bits(self) -> Bits:
-        """Of these doubles."""
+        """The bits of these doubles."""
         width = self.body.width
         return Bits(self.body, self.body.add(f"bitcast <{width} x double> {self.name} to <{width} x i64>"))
 
     def rounded(self, factor: float) -> tuple[Lane, Bits]:
-        """`factor` times this, rounded to a whole number: as a double, and as bits whose lowest are that number."""
+        """`factor` times this, rounded to an integer: as a double, and as bits with the integer in the lowest ones."""
         high = self * factor + MAGIC
         return high - MAGIC, high.bits()
 
@@ -73,29 +73,29 @@ class Bits:
         return Bits(self.body, self.body.add(f"{op} <{width} x i64> {self.name}, {b}"))
 
     def odd(self) -> Test:
-        """Whether the lowest is set."""
+        """Whether the lowest bit is set."""
         width = self.body.width
         return Test(self.body, self.body.add(f"trunc <{width} x i64> {self.name} to <{width} x i1>"))
 
     def negative(self) -> Test:
-        """Whether the highest is set."""
+        """Whether the highest bit is set."""
         return Test(self.body, self.two("icmp slt", self, 0).name)
 
     def double(self) -> Lane:
-        """The doubles of these bits."""
+        """The doubles with these bits."""
         width = self.body.width
         return Lane(self.body, self.body.add(f"bitcast <{width} x i64> {self.name} to <{width} x double>"))
 
 
 @dataclass(frozen=True)
 class Test:
-    """A yes or no for each lane."""
+    """A boolean for each lane."""
 
     body: Lanes
     name: str
 
     def choose(self, yes: Lane | float, no: Lane | float) -> Lane:
-        """Lane by lane."""
+        """`yes` or `no`, lane by lane."""
         kind, (y, n) = self.body.type_of(True), (_name(self.body, v) for v in (yes, no))
         return Lane(self.body, self.body.add(f"select <{self.body.width} x i1> {self.name}, {kind} {y}, {kind} {n}"))
 

@@ -34,7 +34,7 @@ class _Writer:
         self.functions.append("\n".join([*lines, "  ret void", "}"]))
 
     def _steps(self, lines: list[str], steps: Sequence[Step], before: str) -> str:
-        """Append them; the label that control comes from afterwards."""
+        """Append the steps; label of the block in which they end."""
         for step in steps:
             match step:
                 case Loop():
@@ -46,7 +46,7 @@ class _Writer:
         return before
 
     def _fetch(self, lines: list[str], fetch: Fetch, before: str) -> str:
-        """Of the functions that were written so far; LLVM keeps their order."""
+        """Prefetch the functions up to `fetch.end`; LLVM keeps them in the order of the text."""
         n, end = self._label(), self._kernel(fetch.end)
         self.intrinsics.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
         lines += [
@@ -121,19 +121,19 @@ class _Writer:
         return self._kernels[id(kernel)][0]
 
     def _text(self, name: str, kernel: Kernel) -> str:
-        """One kernel as a function of (memory, k). Inputs are read where first used, outputs written at the end."""
+        """One kernel as a function of (memory, k). Inputs are loaded at first use, outputs stored at the end."""
         body = Body(kernel.width)
         bases = {}
 
         def place(operand: Operand, offset: int) -> str:
             key = (operand.base, operand.step)
             if key not in bases:
-                far = body.add(f"mul i64 %k, {operand.step}")
-                there = body.add(f"add i64 {far}, {operand.base}")
-                bases[key] = body.add(f"getelementptr double, ptr %memory, i64 {there}")
+                offset_k = body.add(f"mul i64 %k, {operand.step}")
+                first = body.add(f"add i64 {offset_k}, {operand.base}")
+                bases[key] = body.add(f"getelementptr double, ptr %memory, i64 {first}")
             return body.add(f"getelementptr double, ptr {bases[key]}, i64 {offset}")
 
-        def apart(operand: Operand, offset: int) -> Callable[[int], str]:
+        def by_lane(operand: Operand, offset: int) -> Callable[[int], str]:
             return lambda i: place(operand, offset + i * (operand.lane or 0))
 
         def load(index: int, nonzero: int) -> Value:
@@ -143,7 +143,7 @@ class _Writer:
                 return body.add(f"load double, ptr {place(operand, offset)}, align 8"), False
             if operand.lane == 1:
                 return body.add(f"load {kind}, ptr {place(operand, offset)}, align 8"), True
-            return body.gathered(apart(operand, offset))
+            return body.gathered(by_lane(operand, offset))
 
         written: list[tuple[Operand, int, Value]] = []
         translate(kernel.function, body, load, lambda i, nz, v: written.append((kernel.outputs[i], nz, v)))
@@ -152,10 +152,10 @@ class _Writer:
             if operand.lane is None or kernel.width == 1:
                 body.lines.append(f"  store double {value[0]}, ptr {place(operand, offset)}, align 8")
             elif operand.lane == 1:
-                lane, there = body.spread(value), place(operand, offset)
-                body.lines.append(f"  store {kind} {lane}, ptr {there}, align 8")
+                lane, pointer = body.spread(value), place(operand, offset)
+                body.lines.append(f"  store {kind} {lane}, ptr {pointer}, align 8")
             else:
-                body.scatter(value, apart(operand, offset))
+                body.scatter(value, by_lane(operand, offset))
         self.intrinsics |= body.intrinsics
         head = f"define internal void @{name}(ptr noalias %memory, i64 %k) {{"
         return "\n".join([head, *body.lines, "  ret void", "}"])

@@ -1,10 +1,9 @@
-"""A recurrence over whole series as one machine-code loop, for several lanes (boats, trajectories) side by side.
+"""A recurrence over whole series as one machine-code loop, for several lanes (boats, trajectories) at once.
 
     (carry_k+1, row_k) = function(carry_k, constants, series_k ..)          k = 0 .. count - 1
 
-The carry stays in registers, what depends on constants alone is computed once, nothing is allocated. Series and rows
-are arrays of the caller (lanes, count, width) read and written where they are; a distance of 0 in either direction
-means the same for all of them.
+The carry stays in registers, expressions of constants alone are computed once, nothing is allocated. Series and rows
+are arrays of the caller (lanes, count, width), used in place; stride 0 along an axis: the same values for all indices.
 """
 
 from __future__ import annotations
@@ -21,22 +20,22 @@ from companion.jit.lanes import Lanes
 from companion.jit.machine import Code
 
 LANES, ALONE = 8, 2
-"""Of one pass for many trajectories, and for one: two lanes were quicker than one or four (doubles that are alone are
-chosen by jumps). Processors with shorter vectors split them.
+"""Lanes of one pass for many trajectories, and for one: two were measured faster than one (whose selections become
+branches) and than four. Processors with shorter vectors split them.
 """
 
 
 def compile_scan(function: ca.Function, store: CodeStore | None = None, *, first: int = ALONE) -> Scan:
     """The loop of `function`: carry (c,), constants (q,), any number of series -> carry, row. All dense.
 
-    `store` keeps the code between runs. `first`: lanes of the code that is made at once, ALONE or LANES; the other is
-    made when it is needed. Raises NotCompiled.
+    `store` keeps the code between runs. `first`: lanes of the code that is compiled now, ALONE or LANES; the other is
+    compiled at first use. Raises NotCompiled.
     """
     return Scan(function, store, first)
 
 
 class Scan:
-    """A compiled loop. Each trajectory comes out the same, bit for bit, alone or beside others."""
+    """A compiled loop. A trajectory is the same bit for bit, alone or with others."""
 
     def __init__(self, function: ca.Function, store: CodeStore | None, first: int):
         self._function, self._store = function, store
@@ -47,27 +46,27 @@ class Scan:
     ) -> None:
         """Run all m trajectories; `carry` (m, c) and `rows` (m, count, r) are overwritten.
 
-        `constants` (m, q); each of `series` (m or 1, count or 1, width): 1 is the same for all. All of doubles, the
-        last axis contiguous, in the caller's hands until this returns.
+        `constants` (m, q); each of `series` (m or 1, count or 1, width), 1: broadcast. All doubles, last axis
+        contiguous; no other thread may write them until this returns.
         """
         m, count, _ = rows.shape
         width = ALONE if m <= ALONE else LANES
         if width not in self._made:
             self._made[width] = self._compiled(width)
         _, run = self._made[width]
-        given: list[int] = []
+        arguments: list[int] = []
         for array in (*series, rows):
             lane, step, _ = (0 if size == 1 else far // 8 for size, far in zip(array.shape, array.strides, strict=True))
-            given += [array.ctypes.data, step, lane]
+            arguments += [array.ctypes.data, step, lane]
         wide_carry, wide_constants = (np.empty((a.shape[1], width)) for a in (carry, constants))
         for first in range(0, m if count else 0, width):
             lanes = np.minimum(np.arange(first, first + width, dtype=np.int64), m - 1)
             wide_carry[:], wide_constants[:] = carry[lanes].T, constants[lanes].T
-            run(*(a.ctypes.data for a in (lanes, wide_carry, wide_constants)), *given, count)
+            run(*(a.ctypes.data for a in (lanes, wide_carry, wide_constants)), *arguments, count)
             carry[lanes] = wide_carry.T
 
     def _compiled(self, width: int) -> tuple[Code, Callable[..., None]]:
-        """The code, to be kept alive, and the loop in it."""
+        """The code, which must be kept alive, and its function."""
         code = Code(_text(self._function, width), self._store)
         arrays = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64] * (self._function.n_in() - 1)
         kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, *arrays, ctypes.c_int64)
@@ -109,7 +108,7 @@ def _text(function: ca.Function, width: int) -> str:
 
 
 def _begin(names: Sequence[str], wide: str, width: int, carried: int, constants: int) -> list[str]:
-    """Before the loop: the first carry, the constants, where each lane's arrays begin."""
+    """Before the loop: first carry, constants, begin of the arrays of each lane."""
     lines = []
     for name, source, count in (("first", "carry", carried), ("constant", "constants", constants)):
         for i in range(count):
@@ -127,7 +126,7 @@ def _begin(names: Sequence[str], wide: str, width: int, carried: int, constants:
 
 
 def _places(names: Sequence[str], width: int) -> list[str]:
-    """In the loop: where each lane's row of each series is."""
+    """In the loop: address of row k of each series, for each lane."""
     lines = []
     for n in names:
         lines += [f"  %by_{n} = mul i64 %k, %{n}_step"]

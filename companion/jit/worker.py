@@ -1,7 +1,7 @@
-"""Machine code made in a short-lived process of its own, so that a compiler's memory never belongs to the companion.
+"""Machine code made in a short-lived child process, so that the companion does not keep the compiler's memory.
 
-The child reads a module's text on its standard input and writes the SHA-256 of the object code and the code. It has a
-bounded time; one that fails, hangs or answers nonsense raises `ChildFailed`, and the caller compiles by itself.
+The child reads a module's text on standard input and writes the SHA-256 of the object code and the code. Its time is
+bounded; where it fails, hangs or answers damaged data, `ChildFailed` is raised, and the caller compiles by itself.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from companion.jit.checksummed import ChecksumError, checked, with_checksum
 from companion.python_child import python
 
 LIMIT_S = 30.0
-"""Twenty times what it takes on a desk; assumed enough for a small board that starts up."""
+"""Time of the child, at most: twenty times that on a desktop; assumed enough for a small board at start."""
 COMMAND = tuple(python("-c", "from companion.jit.worker import main; main()"))
 
 
 class ChildFailed(Exception):
-    """No code came of it; the text says why."""
+    """The child made no code; the text says why."""
 
 
 def compiled_in_child(text: str, command: Sequence[str] = COMMAND, limit_s: float = LIMIT_S) -> bytes:
@@ -31,8 +31,8 @@ def compiled_in_child(text: str, command: Sequence[str] = COMMAND, limit_s: floa
     except OSError as error:
         raise ChildFailed(str(error)) from None
     if done.returncode:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ChildFailed(f"exit code {done.returncode}{': ' + said[-1] if said else ''}")
+        errors = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ChildFailed(f"exit code {done.returncode}{': ' + errors[-1] if errors else ''}")
     try:
         return checked(done.stdout)
     except ChecksumError:
@@ -40,7 +40,7 @@ def compiled_in_child(text: str, command: Sequence[str] = COMMAND, limit_s: floa
 
 
 def main() -> None:
-    """The child: text in, digest and code out."""
+    """The child: text in, checksum and code out."""
     from companion.jit.machine import object_code  # noqa: PLC0415 - the parent has no use for it here
 
     code = object_code(sys.stdin.buffer.read().decode())

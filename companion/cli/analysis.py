@@ -1,4 +1,4 @@
-"""What commands that turn logs into results share: what they open, refusals, progress, versions, arguments."""
+"""Shared by the commands that turn logs into results: inputs, refusals, progress, versions, arguments."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels")
 
 
 REFUSED = (LogError, ValueError, OSError)
-"""What bad input raises: ConfigError, RunError, JobError and StructuredFitError are ValueErrors."""
+"""Exceptions of bad input: ConfigError, RunError, JobError and StructuredFitError are ValueErrors."""
 BAD_INPUT = 2
 
 
@@ -39,7 +39,7 @@ class Opened:
 
 
 def opened(args: argparse.Namespace, logs: Sequence[Path], outputs: Sequence[str]) -> Opened:
-    """`--vessel` and `--site`, once it is sure that the logs are there and that `--out` is free for `outputs`."""
+    """`--vessel` and `--site`, checked: logs, and that `--out` has none of `outputs`. Raises ConfigError."""
     text = text_of(args.vessel)
     vessel = load_vessel(text, name=str(args.vessel))
     site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
@@ -50,7 +50,7 @@ def opened(args: argparse.Namespace, logs: Sequence[Path], outputs: Sequence[str
 
 
 def refuse(command: str, why: str | Exception) -> int:
-    """Say on stderr what of the input is bad; the exit code."""
+    """Print on stderr what is wrong with the input; the exit code."""
     if isinstance(why, OSError) and why.filename:
         why = f"{why.filename}: {why.strerror}"
     print(f"aritra {command}: {why}", file=sys.stderr)
@@ -65,7 +65,7 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 def text_of(path: Path) -> str:
-    """Of a UTF-8 file; ConfigError where it is none."""
+    """Text of a UTF-8 file. Raises ConfigError where it is not one."""
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -73,7 +73,7 @@ def text_of(path: Path) -> str:
 
 
 def free_folder(out: Path, names: Sequence[str]) -> None:
-    """Make the folder; ConfigError where it holds results already: they are never overwritten."""
+    """Make the folder. Raises ConfigError where it holds results: they are never overwritten."""
     taken = [name for name in names if (out / name).exists()]
     if taken:
         raise ConfigError(f"{out}: holds {', '.join(taken)} already; choose another folder, or move them away")
@@ -81,7 +81,7 @@ def free_folder(out: Path, names: Sequence[str]) -> None:
 
 
 def progress_of(console: Console) -> Progress:
-    """Bars with time and what each is at."""
+    """Progress bars with elapsed time and current item."""
     columns = (
         TextColumn("{task.description:17}"),
         BarColumn(24),
@@ -92,7 +92,7 @@ def progress_of(console: Console) -> Progress:
 
 
 def bars(progress: Progress, steps: Sequence[str]) -> Callable[[str, str, float], None]:
-    """A bar for each step; what it is at stands beside it."""
+    """A bar for each step, with its current item."""
     tasks = {step: progress.add_task(step, total=1.0, start=False, what="") for step in steps}
 
     def say(step: str, text: str, share: float) -> None:
@@ -104,14 +104,14 @@ def bars(progress: Progress, steps: Sequence[str]) -> Callable[[str, str, float]
 
 
 def versions() -> dict[str, str]:
-    """Of this program, its source, the machine, and the libraries that figures depend on."""
+    """Versions of this program, its source, the machine, and the libraries that results depend on."""
     about = log_metadata("", {})
     ours = {"aritra": about["version"]} | {k: about[k] for k in ("git_revision", "python", "machine")}
     return ours | {name: version(name) for name in LIBRARIES}
 
 
 def now_utc() -> str:
-    """ISO 8601."""
+    """Current time, UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 

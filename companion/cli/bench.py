@@ -21,7 +21,7 @@ VESSEL = EXAMPLES / "boats" / "aritra.toml"
 PROBLEMS = {"production": ("production",), "paper": ("paper",), "both": ("production", "paper")}
 NOT_ALL = 1
 PLAIN_S = 5.0
-"""Between two lines of progress where there is no terminal."""
+"""Period of progress lines without a terminal [s]; assumed."""
 
 
 def add_parser(commands) -> None:
@@ -68,22 +68,22 @@ def bench(args: argparse.Namespace) -> int:
     )
     about = log_metadata("", {})
     program = {"version": about["version"], "git_revision": about["git_revision"]}
-    found = run.run(order, args.only, args.growth, program)
+    results = run.run(order, args.only, args.growth, program)
     order.progress("")
-    table.show(out, found)
+    table.show(out, results)
     if args.json:
-        result.write(args.json, found)
+        result.write(args.json, results)
         out.print(f"wrote {args.json}")
     if args.picture:
         from sim.bench.growth.picture import draw
 
-        draw(found, args.picture)
+        draw(results, args.picture)
         out.print(f"wrote {args.picture}")
-    return NOT_ALL if found.refused else 0
+    return NOT_ALL if results.refused else 0
 
 
 def _writable(path: Path | None) -> None:
-    """ConfigError where a file there could not be written: better now than after two minutes."""
+    """Raise ConfigError where the file could not be written: before the measurement, which takes two minutes."""
     if path is None:
         return
     if path.is_dir() or not path.parent.is_dir():
@@ -93,7 +93,7 @@ def _writable(path: Path | None) -> None:
 
 
 def _progress() -> Callable[[str], None]:
-    """What is being measured, on one line of the terminal; where there is none, a line now and then."""
+    """The current measurement, on one line of the terminal; without a terminal a line every few seconds."""
     live, next_s = sys.stderr.isatty(), 0.0
 
     def progress(text: str) -> None:

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 DONE, LOOK, INTERRUPTED = 0, 1, 130
 PLAIN_S = 10.0
-"""How often progress is told where there is no terminal."""
+"""Period of progress lines without a terminal [s]; assumed."""
 LISTED = 10
 SHOWN = ("figure", "cases", "least", "median", "95 %", "most")
-"""Columns of the table of figures that a terminal of 80 characters holds."""
+"""Columns of the table that fit into a terminal of 80 characters."""
 
 
 def add_parser(commands) -> None:
@@ -56,7 +56,7 @@ def add_parser(commands) -> None:
 
 
 def campaign(args: argparse.Namespace, console: Console | None = None) -> int:
-    """Read, run what is left, write, tell; the exit code."""
+    """Read the file, run the cases that are left, write and print results; the exit code."""
     try:
         from sim.campaign import campaign as job
         from sim.campaign.inputs import read_campaign
@@ -74,7 +74,7 @@ def campaign(args: argparse.Namespace, console: Console | None = None) -> int:
             _begin(console, inputs, cases, journal, left)
             ended = _run(args, console, inputs, left, journal)
             files = job.write(out, inputs, cases, journal, program())
-            return _tell(console, out, inputs, cases, journal, files, ended)
+            return _print(console, out, inputs, cases, journal, files, ended)
     except OSError as error:
         return refuse("campaign", error)
 
@@ -93,7 +93,7 @@ def _begin(console: Console, inputs: Inputs, cases: Sequence[Case], journal: Jou
 def _run(
     args: argparse.Namespace, console: Console, inputs: Inputs, left: Sequence[Case], journal: Journal
 ) -> tuple[int, str]:
-    """Run what is left; an exit code where it ended early, and why."""
+    """Run the cases that are left; exit code and reason where it ended early."""
     from sim.campaign import campaign as job
     from sim.campaign.runners.job import RunnerLost
 
@@ -161,7 +161,7 @@ class _Progress:
             self._console.print(Text(line))
 
 
-def _tell(
+def _print(
     console: Console, out: Path, inputs: Inputs, cases: Sequence[Case], journal: Journal, files: dict[str, bytes],
     ended: tuple[int, str],
 ) -> int:  # fmt: skip
@@ -176,8 +176,8 @@ def _tell(
         console.print(Text(f"failed: {case.id} seed {case.seed}: {outcome.error}", style="bold yellow"))
     if len(failed) > LISTED:
         console.print(Text(f".. and {len(failed) - LISTED} more"))
-    there = sum(case.id in journal.outcomes for case in cases)
-    console.print(Text(f"{there - len(failed)} done, {len(failed)} failed, {len(cases) - there} not run"))
+    finished = sum(case.id in journal.outcomes for case in cases)
+    console.print(Text(f"{finished - len(failed)} done, {len(failed)} failed, {len(cases) - finished} not run"))
     for name, data in files.items():
         console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB)"), soft_wrap=True)
     code, why = ended

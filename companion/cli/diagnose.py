@@ -1,4 +1,4 @@
-"""`aritra diagnose LOG...`: what the simulation gets wrong, why, and what is gained by mending it.
+"""`aritra diagnose LOG...`: errors of the simulation, their causes, and the gain of correcting them.
 
 polars and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
 """
@@ -45,7 +45,7 @@ def add_parser(commands) -> None:
     """Add `diagnose` to the command line."""
     p = commands.add_parser(
         "diagnose",
-        help="say what the simulation gets wrong, why, and what mending it is worth",
+        help="say what the simulation gets wrong, why, and what correcting it is worth",
         description="Compares a vessel file with logs of the boat, names what is wrong with it (a thruster, a current, "
         "a compass ..) with sizes and intervals, and writes extended.toml (the vessel file with the causes), "
         "refitted.toml, extended_numbers.toml, report.html and findings.json. Existing files are never overwritten. "
@@ -76,7 +76,7 @@ def add_parser(commands) -> None:
 
 
 def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
-    """Find, judge, write, tell; the exit code."""
+    """Diagnose, write and print the results; the exit code."""
     try:
         from companion.logs.readers.read_run import ReadOptions, read_run
         from sim.fitting.diagnose import job
@@ -88,8 +88,8 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
     console = console or Console()
     try:
         reference = [args.reference] if args.reference else []
-        given = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE))
-        vessel, site = given.vessel, given.site
+        inputs = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE))
+        vessel, site = inputs.vessel, inputs.site
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
         library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
         telling = partial(distinguishability.distinguishability, library=library, site=site, always=args.plan)
@@ -104,43 +104,45 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
 
             logs, held_out, calm = ([read(p) for p in paths] for paths in (args.logs, args.held_out, reference))
             say("reading", "", 1.0)
-            found = job.diagnose(
+            diagnosis = job.diagnose(
                 logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
                 without=args.without, known=args.believe, identifiability=telling, say=say, seed=args.seed,
                 clock=time.monotonic,
             )  # fmt: skip
             say("report", "" if args.no_report else "tables and pictures", 0.0)
-            files = record.outputs(found, given.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report)
+            files = record.outputs(
+                diagnosis, inputs.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report
+            )
             for name, data in files.items():
                 (args.out / name).write_bytes(data)
             say("report", "", 1.0)
     except REFUSED as error:
         return refuse("diagnose", error)
-    _tell(found, args.out, files, console)
-    return DONE if found.verdict in SETTLED else LOOK
+    _print(diagnosis, args.out, files, console)
+    return DONE if diagnosis.verdict in SETTLED else LOOK
 
 
-def _tell(found: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:
-    """The sentences, the causes, the gain, what was written."""
+def _print(diagnosis: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:
+    """Print sentences, causes, gain and the files written."""
     from sim.fitting.diagnose.report.sentences import sentences
 
     console.print()
-    first, *others = sentences(found)
-    console.print(Text(first, style="bold" if found.verdict in SETTLED else "bold yellow"))
+    first, *others = sentences(diagnosis)
+    console.print(Text(first, style="bold" if diagnosis.verdict in SETTLED else "bold yellow"))
     for line in others:
         console.print(Text(line))
-    if found.causes:
-        console.print(_causes(found))
-    console.print(_gain(found))
+    if diagnosis.causes:
+        console.print(_causes(diagnosis))
+    console.print(_gain(diagnosis))
     for name, data in files.items():
         console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB)"), soft_wrap=True)
 
 
-def _causes(found: Diagnosis) -> Table:
+def _causes(diagnosis: Diagnosis) -> Table:
     table = Table(box=None, pad_edge=False)
     for head in ("cause", "parameter", "value", "95 % interval", "unit", "nats"):
         table.add_column(head, justify="left" if head in ("cause", "parameter") else "right", no_wrap=True)
-    for n in found.causes:
+    for n in diagnosis.causes:
         for i, (key, number) in enumerate(n.numbers.items()):
             low, high = number.ci95
             cells = (f"{number.value:.4g}", f"{low:.4g} to {high:.4g}", number.unit)
@@ -150,7 +152,7 @@ def _causes(found: Diagnosis) -> Table:
     return table
 
 
-def _gain(found: Diagnosis) -> Table:
+def _gain(diagnosis: Diagnosis) -> Table:
     """Errors on held-out logs after 10 s."""
     from sim.fitting.diagnose.report.sentences import SHOWN_S
 
@@ -158,7 +160,7 @@ def _gain(found: Diagnosis) -> Table:
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for head in ("channel", "as given", "refitted", "with causes", "gain"):
         table.add_column(head, justify="left" if head == "channel" else "right", no_wrap=True)
-    for e in (e for e in found.held_out.errors if e.horizon_s == SHOWN_S):
+    for e in (e for e in diagnosis.held_out.errors if e.horizon_s == SHOWN_S):
         cells = (f"{e.rms[m]:.3g}" for m in ("base", "refit", "extended"))
         table.add_row(f"{e.channel} [{e.unit}]".replace("[", r"\["), *cells, f"{100 * e.gain:.0f} %")
     return table

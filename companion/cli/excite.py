@@ -30,7 +30,7 @@ EXIT_CODES = "Exit code 0: done; 1: the flight did not come to its end; 2: bad i
 
 
 def add_parser(commands) -> None:
-    """Add `excite` and what it does to the command line."""
+    """Add `excite` and its subcommands to the command line."""
     p = commands.add_parser(
         "excite",
         help="manoeuvres for identification: choose, judge beforehand, fly in the simulator",
@@ -96,7 +96,7 @@ def _minutes(text: str) -> float:
 
 
 def _guarded(function):
-    """What a subcommand may meet becomes a message and an exit code."""
+    """Run a subcommand; its errors become a message and an exit code."""
 
     def run(args: argparse.Namespace) -> int:
         try:
@@ -113,7 +113,7 @@ def _guarded(function):
 
 
 def design(args: argparse.Namespace, console: Console) -> int:
-    """Choose a plan, say what it would tell, write it; the exit code."""
+    """Choose a plan, print its expected information, write it; the exit code."""
     from sim.fitting.excite import design as chooser
     from sim.fitting.excite import table
     from sim.fitting.excite.information import planned_information
@@ -145,7 +145,7 @@ def design(args: argparse.Namespace, console: Console) -> int:
 
 
 def info(args: argparse.Namespace, console: Console) -> int:
-    """What a plan would tell; the exit code."""
+    """Print the expected information of a plan; the exit code."""
     from sim.fitting.excite import table
     from sim.fitting.excite.information import planned_information
     from sim.fitting.excite.nominal import fly_nominal
@@ -242,7 +242,7 @@ def _read(path: Path) -> Excitation:
 
 
 def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> Knowledge:
-    """What the logs tell, or the vessel file alone. Raises ConfigError naming the log."""
+    """Prior knowledge of the parameters: from logs, or the vessel file alone. Raises ConfigError naming the log."""
     from companion.logs.readers.read_run import ReadOptions, read_run
     from companion.logs.runs.run import RunError
     from sim.fitting.engine.windows import StructuredFitError
@@ -264,8 +264,8 @@ def _candidates(library: Excitation, setup: RunSetup, console: Console):
     from sim.fitting.excite.design import candidates
 
     with console.status("flies the library") as status:
-        found, left_out = candidates(library, setup.pilot.vessel, setup.pilot.site, status.update)
-    return found, [f"left out: {text}" for text in left_out]
+        segments, left_out = candidates(library, setup.pilot.vessel, setup.pilot.site, status.update)
+    return segments, [f"left out: {text}" for text in left_out]
 
 
 def _picture_of_plan(flown, plan: Excitation, setup: RunSetup, path: Path) -> None:

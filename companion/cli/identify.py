@@ -1,4 +1,4 @@
-"""`aritra identify LOG...`: from logs to a vessel file that may drive the boat, and which model to believe.
+"""`aritra identify LOG...`: from logs to a vessel file for the controller, and which model predicts better.
 
 polars, statsmodels and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
 """
@@ -65,7 +65,7 @@ def add_parser(commands) -> None:
 
 
 def identify(args: argparse.Namespace, console: Console | None = None) -> int:
-    """Fit, judge, write, tell; the exit code."""
+    """Fit, validate, write and print the results; the exit code."""
     try:
         from companion.logs.readers.read_run import ReadOptions
         from sim.fitting.identify import (
@@ -77,26 +77,26 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
     console = console or Console()
     try:
         beside_them = [args.uwb] if args.uwb else []
-        given = opened(args, (*args.logs, *args.held_out, *beside_them), record.OUTPUTS)
-        vessel = given.vessel
+        inputs = opened(args, (*args.logs, *args.held_out, *beside_them), record.OUTPUTS)
+        vessel = inputs.vessel
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
-        beside = ReadOptions(vessel, given.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
+        beside = ReadOptions(vessel, inputs.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
         choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", *job.STEPS, "report"))
             logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)
             say("reading", "", 1.0)
-            found = job.identify(logs, held_out, vessel, choices, now_utc, say)
+            identification = job.identify(logs, held_out, vessel, choices, now_utc, say)
             say("report", "tables and pictures", 0.0)
-            files = record.outputs(found, given.vessel_text, versions(), sys.argv[1:])
+            files = record.outputs(identification, inputs.vessel_text, versions(), sys.argv[1:])
             for name, data in files.items():
                 (args.out / name).write_bytes(data)
             say("report", "", 1.0)
     except REFUSED as error:
         return refuse("identify", error)
-    _tell(found, args.out, files, console)
-    return LOOK if found.verdict.attention else DONE
+    _print(identification, args.out, files, console)
+    return LOOK if identification.verdict.attention else DONE
 
 
 def _read(
@@ -112,34 +112,34 @@ def _read(
     return logs
 
 
-def _tell(found: Identification, out: Path, files: dict[str, bytes], console: Console) -> None:
+def _print(identification: Identification, out: Path, files: dict[str, bytes], console: Console) -> None:
     """The verdict, one table, what to look at, what was written."""
     console.print()
-    for line in found.verdict.lines:
+    for line in identification.verdict.lines:
         console.print(Text(line))
-    console.print(_models(found))
-    for line in found.verdict.attention:
+    console.print(_models(identification))
+    for line in identification.verdict.attention:
         console.print(Text(f"look: {line}", style="bold yellow"))
-    for names, manoeuvre in found.verdict.advice:
+    for names, manoeuvre in identification.verdict.advice:
         console.print(Text(f"to know more of {', '.join(names)}: {manoeuvre}"))
-    console.print(Text(f"held out: {found.split.rule}"))
+    console.print(Text(f"held out: {identification.split.rule}"))
     for name, data in files.items():
         digest = hashlib.sha256(data).hexdigest()[:12]
         console.print(Text(f"wrote {out / name} ({len(data) / 1000:.0f} kB, {digest})"), soft_wrap=True)
 
 
-def _models(found: Identification) -> Table:
+def _models(identification: Identification) -> Table:
     """A row for each model: its error over the better baseline's, rms errors 10 s ahead, runs that diverge."""
     from sim.fitting.validate.table import error_rows, stability_rows
 
-    scores, errors = found.validation.scores, found.verdict.relative_error
+    scores, errors = identification.validation.scores, identification.verdict.relative_error
     figures = error_rows(scores, (10,))
     title = "Held-out data, open loop with the same commands: rms errors after 10 s"
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     table.add_column("model", no_wrap=True)
     for head, unit in zip(("error", "position", "heading", "u", "v", "r", "gone"), UNITS, strict=True):
         table.add_column(f"{head}\n{unit}", justify="right", no_wrap=True)
-    diverged = stability_rows(found.validation)[0]
+    diverged = stability_rows(identification.validation)[0]
     for i, score in enumerate(scores, 1):
         share = errors.get(score.name)
         share_text = "-" if share is None else f"{100 * share:.3g} %" if share < 100 else "gone"

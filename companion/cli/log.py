@@ -1,4 +1,4 @@
-"""`aritra log info | plot | page | recover | export`. Exit codes: 0 all well, 1 damaged log, 2 it cannot be done."""
+"""`aritra log info | plot | page | recover | export`. Exit codes: 0 sound log, 1 damaged log, 2 error."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def plot(
 
 
 def recover(path: Path, out: Path | None = None, *, console: Console | None = None) -> int:
-    """Write a sound, indexed copy of a damaged or rotated log; tell what was kept. Returns the exit code."""
+    """Write a sound, indexed copy of a damaged or rotated log; print what was kept. Returns the exit code."""
     report = recover_log(path, out)
     console = console or Console()
     lines = [
@@ -111,7 +111,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 PRINT_MM = {"column": 88.0, "page": 180.0}
-"""Of journals with two columns (IEEE 88.9 and 181, Elsevier 90 and 190), with a hair to spare."""
+"""Column widths [mm] of journals with two columns (IEEE 88.9 and 181, Elsevier 90 and 190), with a margin."""
 LEAST_MM, MOST_MM = 60.0, 500.0
 
 

@@ -1,4 +1,4 @@
-"""What is going on, on one line of a terminal, or now and then as a line of its own where there is none."""
+"""State of a run on one line of a terminal; without a terminal, a new line every few seconds."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Progress:
         self._write(("\r\x1b[2K" if self._live else "") + text + "\n")
 
     def _write(self, text: str) -> None:
-        """A terminal that went away must not stop the boat."""
+        """Write `text`; a closed terminal must not stop the boat."""
         with contextlib.suppress(OSError):
             self._out.write(text)
             self._out.flush()

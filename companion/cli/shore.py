@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from companion.shore.foxglove_live import FoxgloveServer
 
 LISTEN = "tcp/127.0.0.1:7447"
-"""Without `--connect`, `--listen` and `--config`: where `aritra demo --shore` on this machine looks for us."""
+"""Endpoint without `--connect`, `--listen` and `--config`: where `aritra demo --shore` on this machine connects."""
 PORT = 8470
 MIN_TOKEN = 8
 KEY_FILE = "command.key"
@@ -119,7 +119,7 @@ async def _serve(args: argparse.Namespace) -> int:
 
 
 def _foxglove(console: Console, port: int) -> FoxgloveServer:
-    """A server for Foxglove that hears what the console hears. Raises ConfigError."""
+    """A Foxglove server with the samples of the console. Raises ConfigError."""
     from companion.shore.foxglove_live import FoxgloveServer
 
     server = FoxgloveServer(port)
@@ -141,23 +141,23 @@ async def _until_told(work) -> None:
         await task
 
 
-def _token(given: str | None, local: bool) -> str | None:
-    if given is not None:
-        if not re.fullmatch(rf"[A-Za-z0-9_-]{{{MIN_TOKEN},100}}", given):
+def _token(token: str | None, local: bool) -> str | None:
+    if token is not None:
+        if not re.fullmatch(rf"[A-Za-z0-9_-]{{{MIN_TOKEN},100}}", token):
             raise ConfigError(f"--token: expected {MIN_TOKEN} to 100 letters, digits, _ or -")
-        return given
+        return token
     return None if local else secrets.token_urlsafe(12)
 
 
 class KeyFiles:
     """Command keys: `FILE` for all boats, `BOAT=FILE` for one, or a folder as `aritra demo --shore` makes it, whose
-    `command.key` or `BOAT/command.key` may come later than we. Raises ConfigError for a file that cannot be used.
+    `command.key` or `BOAT/command.key` may be created later. Raises ConfigError for a file that cannot be used.
     """
 
-    def __init__(self, given: list[str]) -> None:
+    def __init__(self, options: list[str]) -> None:
         self._keys: dict[str, bytes] = {}
         self._folders: list[Path] = []
-        for each in given:
+        for each in options:
             boat, _, file = each.rpartition("=")
             if boat in self._keys:
                 raise ConfigError(f"--command-key: given twice for {boat or 'all boats'}")

@@ -1,4 +1,4 @@
-"""The configuration that a log was driven with, from its own metadata; and where its time begins."""
+"""The configuration of a logged run, from the log's metadata, and the origin of its time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CONFIGURATION = ("run.toml", "vessel.toml", "site.toml", "mission.")
 
 
 def setup_in(log: LogFile) -> RunSetup:
-    """Everything the run was made from. Raises LogError where the log does not hold all of it, ConfigError."""
+    """The run's complete configuration. Raises LogError where the log does not hold all of it, ConfigError."""
     texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
     missing = [name for name in CONFIGURATION if not any(text.startswith(name) for text in texts)]
     if missing:

@@ -60,7 +60,7 @@ class Part:
             raise LogError(f"{path}: not an MCAP log (its first bytes are {magic.hex(' ')})")
 
     def declared(self) -> list[Schema | Channel]:
-        """Schemas and channels from the index at the end, if there: for where their chunk is damaged."""
+        """Schemas and channels from the index at the end, if it exists: needed where their chunk is damaged."""
         try:
             with self.path.open("rb") as file:
                 summary = SeekingReader(file, record_size_limit=self.size).get_summary()

@@ -22,7 +22,7 @@ CHUNK_BYTES = 64 * 1024  # bounds what one damaged chunk costs; `sync` ends chun
 
 
 class ChannelInfo(NamedTuple):
-    """What names one channel, independent of the file it is written to."""
+    """Identity of a channel, independent of the file it is written to."""
 
     topic: str
     schema_name: str
@@ -93,12 +93,12 @@ class LogPart:
         self._file.close()
 
     def abandon(self) -> None:
-        """Close without index, whatever the disk says."""
+        """Close without index; errors of the disk are ignored."""
         with contextlib.suppress(OSError):
             self._file.close()
 
     def discard(self) -> None:
-        """Close and delete: for a file that holds nothing of worth."""
+        """Close and delete a file without content of value."""
         self.abandon()
         self.path.unlink(missing_ok=True)
 

@@ -17,7 +17,7 @@ from companion.core.pilot.pilot import Pilot
 
 @dataclass(frozen=True)
 class Difference:
-    """Where replay and log part: call number, its time, what was logged and what came out."""
+    """First difference between replay and log: number and time of the call, logged and replayed output."""
 
     step: int
     t_ns: int
@@ -36,7 +36,7 @@ class Report:
 
 
 def replay(pilot: Pilot, messages: Iterable[Message]) -> Report:
-    """Repeat `messages` (a log in write order). Alerts made by the shell are told apart by their absence."""
+    """Repeat `messages` (a log in write order). Alerts made by the shell are those that the replay lacks."""
     state = None
     pending: list[Message] = []
     expected: list[Message] = []

@@ -32,7 +32,7 @@ class AlertLine(msgspec.Struct):
 
 
 class LogSummary(msgspec.Struct, kw_only=True):
-    """What `aritra log info` tells. `start`: UTC. `undecodable`: messages that do not fit their class."""
+    """Contents of `aritra log info`. `start`: UTC. `undecodable`: messages that do not fit their class."""
 
     path: str
     parts: int

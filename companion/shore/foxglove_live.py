@@ -1,6 +1,6 @@
 """Live telemetry for Foxglove: a WebSocket server beside the console (`aritra shore --foxglove PORT`).
 
-    /<boat>/<topic>       the structs of docs/telemetry.md as they came, with their JSON schema
+    /<boat>/<topic>       the structs of docs/telemetry.md as received, with their JSON schema
     /<boat>/pose, /log    the estimate as foxglove.PoseInFrame in `ned`, alerts as foxglove.Log
     /tf                   foxglove.FrameTransform: `ned` below `world`, so that north is up
 
@@ -21,13 +21,13 @@ from companion.logs.foxglove import FrameTransform, Log, PoseInFrame, log_line, 
 from companion.logs.schema import viewer_schema
 
 AGAIN_NS = 1_000_000_000
-"""What is told once is told again so often: a viewer that joins later needs it, too."""
+"""Period at which samples that are sent once are repeated, for viewers that join later [s]; assumed."""
 ONCE = ("about", "path", "checks")
 _ENCODER = msgspec.json.Encoder()
 
 
 class FoxgloveServer:
-    """Give it every sample. Raises ConfigError where the port cannot be had."""
+    """Call it with every sample. Raises ConfigError where the port is taken."""
 
     def __init__(self, port: int, host: str = "127.0.0.1") -> None:
         self._context = Context()

@@ -1,4 +1,4 @@
-"""How shore hears boats: what they publish, and what they have kept for whoever comes late or was away.
+"""Subscription to boats: what they publish, and the cache of what was published before or during a loss.
 
     live    AdvancedSubscriber with recovery: notices by sequence numbers what it missed, and asks the boat for it
     kept    each time a boat comes into reach (its liveliness token appears): one `get` of its publishers' caches
@@ -20,7 +20,7 @@ from zenoh.handlers import Callback
 from companion.core.telemetry import structs as shore
 
 KEPT_S = 20.0
-"""How long a boat may take to hand over what it kept: about 1 MB, over a slow radio."""
+"""Timeout of a query of a boat's cache [s]: about 1 MB over a slow radio; assumed."""
 
 
 def listen(
@@ -29,13 +29,13 @@ def listen(
     *,
     boat: str = "*",
     topic: str = "*",
-    reach: Callable[[str, bool], None] = lambda boat, there: None,
+    reach: Callable[[str, bool], None] = lambda boat, is_alive: None,
 ) -> list[object]:
-    """Hear boats until what is returned is let go of. Both functions are called on zenoh's threads.
+    """Subscribe to all boats while the returned object lives. Both functions are called on zenoh's threads.
 
-    `on_sample`: samples come in any order, and some twice (same `run` and `t_ns`). `reach`: a boat came into reach, or
-    went out of it. Ask for liveliness in no other way in this session: zenoh 1.10 often answers a `get` with nothing
-    where a subscriber has just asked for the same (112 of 120, measured), and a subscriber it always tells.
+    `on_sample`: samples come in any order, and some twice (same `run` and `t_ns`). `reach`: a boat appeared or
+    disappeared. Ask for liveliness in no other way in this session: zenoh 1.10 often answers a `get` with nothing
+    where a subscriber has just asked for the same (112 of 120, measured), but always notifies a subscriber.
     """
     key = shore.telemetry_key(boat, topic)
     recovery = ext.RecoveryConfig(heartbeat=True, periodic_queries=None)
@@ -46,9 +46,9 @@ def listen(
             on_sample(reply.ok)
 
     def in_reach(token: zenoh.Sample) -> None:
-        name, there = str(token.key_expr).split("/")[1], token.kind == zenoh.SampleKind.PUT
-        reach(name, there)
-        if there:
+        name, is_alive = str(token.key_expr).split("/")[1], token.kind == zenoh.SampleKind.PUT
+        reach(name, is_alive)
+        if is_alive:
             with contextlib.suppress(zenoh.ZError, RuntimeError):  # the session closes
                 session.get(
                     f"{shore.telemetry_key(name, topic)}/@adv/pub/**",

@@ -1,4 +1,4 @@
-"""`aritra check`: the pre-flight table. Listens and asks; never arms, never overrides, never sets anything."""
+"""`aritra check`: the pre-flight table. Only reads and requests; never arms, overrides or sets a parameter."""
 
 from __future__ import annotations
 
@@ -102,9 +102,9 @@ def _verdict(rows: list[Row]) -> Text:
     level = worst(rows)
     count = sum(row.level == level for row in rows)
     s = "s" if count > 1 else ""
-    words = {
+    texts = {
         "ok": f"ready: {len(rows)} rows, all in order",
         "warning": f"ready, with {count} warning{s} to read",
         "refuse": f"DO NOT START: {count} row{s} refuse{'' if s else 's'}",
     }
-    return Text(words[level], style=STYLES[level])
+    return Text(texts[level], style=STYLES[level])

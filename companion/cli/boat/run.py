@@ -49,9 +49,9 @@ REFUSED = 1
 """Exit code of a run that was to start by itself on an autopilot that the check refuses."""
 UNCHECKED = "UNCHECKED: nobody knows whether the thrusters stop when this program dies (--unchecked)"
 PRIORITY = -10
-"""Nice value asked for: the control loop goes before a ground station or a build on the same machine; assumed."""
+"""Nice value: the control loop has priority over a ground station or a build on the same machine; assumed."""
 GIL_S = 0.0001
-"""How long a thread may keep the interpreter from the other: at the default of 5 ms the solver waits for the filter."""
+"""Python's thread switch interval [s]: at the default of 5 ms the solver waits for the filter."""
 
 
 def add_parser(commands) -> None:
@@ -81,7 +81,7 @@ def add_parser(commands) -> None:
 
 
 class RunConsole(Protocol):
-    """A person's place at a run: sees every message, and may command the App. `run` ends with the run."""
+    """User interface of a run: gets every message and may command the App. `run` ends with the run."""
 
     def see(self, message: Message) -> None:
         """Note one message."""
@@ -131,7 +131,7 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
 
 
 def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
-    """Path of the log, its folder made and within its quota; and how to look after the quota again."""
+    """Path of the log, its folder made and within its quota; and the function that checks the quota again."""
     settings = setup.run.log
     folder = args.config.parent / settings.folder if settings.folder else Path()
     try:
@@ -265,7 +265,7 @@ def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:
 
 
 def _hurry() -> None:
-    """Before other programs where the machine allows it; threads hand the interpreter over quickly."""
+    """Raise the priority where the system permits it; shorten the thread switch interval."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     sys.setswitchinterval(GIL_S)

@@ -26,7 +26,7 @@ from drivers.sticks.device import GamepadDevice
 from drivers.sticks.keyboard import Command, Keyboard
 
 PERIOD_NS = 50_000_000
-"""Sticks are read 20 times a second: twice a tick, so that a late one does not matter."""
+"""Sticks are read 20 times a second: twice a tick, so that a late reading does no harm."""
 _OPERATOR: dict[Command, Literal["stop", "manual", "start", "hold", "excite"]] = {
     "stop": "stop",
     "drive": "manual",
@@ -111,7 +111,7 @@ class TeleopConsole:
                 reading.cancel()
 
     async def _serve(self, app: App, clock: Clock, tell: Callable[[Alert], None], pad: GamepadDevice | None) -> None:
-        """Until the terminal is gone or Ctrl-D: twenty times a second the keys, then the sticks."""
+        """Twenty times a second the keys, then the sticks, until the terminal is closed or Ctrl-D."""
         due_ns, stops = clock.now_ns(), 0
         while True:
             now = clock.now_ns()
@@ -131,7 +131,7 @@ class TeleopConsole:
             await clock.sleep_until(due_ns)
 
     def _read(self) -> bytes | None:
-        """Keys typed since the last call, b"" for none; None: the terminal is gone."""
+        """Keys typed since the last call, b"" for none; None: the terminal was closed."""
         happened = [events for _, events in self._poll.poll(0)]
         if not happened:
             return b""

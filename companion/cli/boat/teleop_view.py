@@ -1,4 +1,4 @@
-"""What the person at the sticks sees: one table, drawn anew four times a second in a thread of its own.
+"""The display of teleop: one table, redrawn four times a second in a thread of its own.
 
 Of its own, because a terminal may stop taking characters (Ctrl-S, a radio link that stalls): then the picture stands
 still, and the control loop does not.
@@ -113,7 +113,7 @@ class TeleopView:
         self._thread.start()
 
     def close(self) -> None:
-        """Draw a last time; a terminal that takes nothing any more is not waited for."""
+        """Draw a last time, without waiting for a terminal that is blocked."""
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join(timeout=2 * PERIOD_S)

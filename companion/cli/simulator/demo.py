@@ -157,11 +157,11 @@ def _of(boat: FleetBoat) -> str:
 
 @contextlib.contextmanager
 def _process(command: list[str], name: str) -> Iterator[subprocess.Popen]:
-    """A child that is asked to end, and made to after 10 s; its lines begin with `name`, where it has one."""
+    """A child process: SIGTERM, and SIGKILL after 10 s; its output lines begin with `name`, if it has one."""
     pipe = subprocess.PIPE if name else None
     child = subprocess.Popen(command, stdout=pipe, stderr=pipe and subprocess.STDOUT, text=True, errors="replace")
     if child.stdout:
-        threading.Thread(target=_retell, args=(child.stdout, name), daemon=True).start()
+        threading.Thread(target=_prefix_lines, args=(child.stdout, name), daemon=True).start()
     try:
         yield child
     finally:
@@ -173,13 +173,13 @@ def _process(command: list[str], name: str) -> Iterator[subprocess.Popen]:
             child.wait()
 
 
-def _retell(lines: IO[str], name: str) -> None:
+def _prefix_lines(lines: IO[str], name: str) -> None:
     for line in lines:
         print(f"{name}: {line}", end="", flush=True)
 
 
 def free_port() -> int:
-    """A UDP port of this machine that nobody has taken at this moment."""
+    """A UDP port of this machine that is free now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]

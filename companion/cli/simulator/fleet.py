@@ -1,4 +1,4 @@
-"""Several boats on one machine: what each is called, and a run file for each, made from the one that they share.
+"""Several boats on one machine: their names, and a run file for each, made from a common one.
 
 A boat's folder gets `aritra.toml`, complete and with absolute paths, so that the boat can be run by hand as well, and
 where orders from shore are to be signed `command.key`, another for every boat. No boat sees another: each has a world
@@ -82,7 +82,7 @@ def fleet(
 
 
 def default_name(setup: RunSetup) -> str:
-    """What a boat alone would be called."""
+    """Name of a single boat."""
     return boat_name(setup.run.telemetry or TelemetryLink(connect=(SHORE,)), setup.pilot.vessel.name)
 
 
@@ -117,7 +117,7 @@ def _telemetry(link: TelemetryLink | None, name: str, shore: str | None, *, wher
 
 
 def _make_key(path: Path) -> None:
-    """A key that only its owner may read; one that is there stays, as shore may have it already."""
+    """Write a key that only its owner may read; an existing one is kept, as shore may have it already."""
     with contextlib.suppress(FileExistsError):
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(file, "wb") as opened:
@@ -125,7 +125,7 @@ def _make_key(path: Path) -> None:
 
 
 def absolute(run: RunFile, folder: Path) -> RunFile:
-    """The run file with paths that hold from everywhere; `folder`: the one that it lies in."""
+    """The run file with absolute paths; `folder`: its own."""
 
     def whole(path: str | None) -> Any:
         return path and str((folder / path).resolve())

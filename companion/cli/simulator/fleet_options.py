@@ -1,4 +1,4 @@
-"""What `aritra demo` and `aritra sim` share of several boats: their options, and what those mean."""
+"""Options for several boats, shared by `aritra demo` and `aritra sim`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PORTS = 10
 
 
 def add_fleet_arguments(p: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """How many boats, and which shore they tell; the group, for options of a command's own."""
+    """Add the options for boats and shore; returns the group, for further options of the command."""
     f = p.add_argument_group("fleet", "docs/telemetry.md says what shore sees of several boats")
     f.add_argument(
         "--boats", metavar="N|NAME,...", help="several boats, each in a world of its own; OUT/NAME is theirs"
@@ -37,11 +37,11 @@ def folders_of(args: argparse.Namespace, setup: RunSetup) -> dict[str, Path]:
 
 
 def boats_of(args: argparse.Namespace, setup: RunSetup, wires: Mapping[str, FleetWires]) -> list[FleetBoat]:
-    """The boats asked for, with a run file each; none: one boat, as the run file says. Raises ConfigError."""
+    """The boats of the options, with a run file each; none: one boat, as the run file says. Raises ConfigError."""
     return fleet(folders_of(args, setup), setup, args.config, args.shore, wires)
 
 
 def place_of(path: str, name: str) -> str:
-    """A boat's own path for one that is given for all: `-NAME` before the suffix."""
-    given = Path(path)
-    return str(given.with_name(f"{given.stem}-{name}{given.suffix}"))
+    """The path of one boat from a path for all: `-NAME` before the suffix."""
+    common = Path(path)
+    return str(common.with_name(f"{common.stem}-{name}{common.suffix}"))

@@ -66,12 +66,12 @@ def add_world_arguments(p: argparse.ArgumentParser) -> None:
 
 def world_arguments(args: argparse.Namespace) -> list[str]:
     """The world's options as a command line, to hand them on to a process of its own."""
-    words: list[str] = ["--seed", str(args.seed)]
+    arguments: list[str] = ["--seed", str(args.seed)]
     for name in ("start", "current", "wind"):
-        words += [f"--{name}", *map(str, getattr(args, name))]
+        arguments += [f"--{name}", *map(str, getattr(args, name))]
     for name in ("gusts", "waves", "mismatch", "nlos", "dropout"):
-        words += [f"--{name}", str(getattr(args, name))]
-    return words
+        arguments += [f"--{name}", str(getattr(args, name))]
+    return arguments
 
 
 def world_setup(args: argparse.Namespace, setup: RunSetup):

@@ -2,7 +2,7 @@
 
 logs -> a table a topic (`log_tables`), or its track on the earth (`log_geojson`).
 
-polars is an optional dependency (extra `analysis`): everything that needs it is imported when it is asked for.
+polars is an optional dependency (extra `analysis`): modules that need it are imported at first use.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Extras:
 def export(
     path: Path, out: Path, extras: Extras | None = None, *, as_json: bool = False, console: Console | None = None
 ) -> int:
-    """Write the run in `path` to `out` and tell what is in it and what is wrong. Returns the exit code.
+    """Write the run in `path` to `out`; print its contents and problems. Returns the exit code.
 
     Raises LogError: it cannot be read or written, or polars is not installed.
     """

@@ -169,7 +169,7 @@ def _yaw_rate(axes: Axes, series: Series) -> None:
 
 
 def _legend(axes: Axes, columns: int) -> None:
-    """One above the axes, in symbols where there are any; an empty title keeps its place."""
+    """Legend above the axes, with symbols where there are any; an empty title keeps its space."""
     if old := axes.get_legend():
         old.remove()
     handles, labels = axes.get_legend_handles_labels()
@@ -184,7 +184,7 @@ def _legend(axes: Axes, columns: int) -> None:
 
 
 def _short(label: str) -> str:
-    """Of a thruster or a rung of the ladder: without channel and count."""
+    """Label of a thruster or of a level of degradation, without channel and count."""
     return label.removeprefix("fallback ").replace("_", " ").split(" (ch ")[0].split(": ")[0]
 
 

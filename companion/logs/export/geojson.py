@@ -44,7 +44,7 @@ Feature = dict[str, Any]
 def features(log: LogFile, site: Site | None = None, truth: LogFile | None = None) -> list[Feature]:
     """All features of a log. `site`: instead of the log's own; `truth`: the simulator's log of the same run.
 
-    Raises LogError: nobody says where the site's origin lies, or the log has no estimate of a place.
+    Raises LogError: the position of the site's origin is unknown, or the log has no position estimate.
     """
     site = site or site_in(log)
     if site is None:
@@ -70,7 +70,7 @@ def _first_mission(log: LogFile) -> list[Place]:
 
 
 class _Line:
-    """Places in pieces: a new one after a gap."""
+    """Positions in segments: a new one after a gap."""
 
     def __init__(self) -> None:
         self.pieces: list[list[Place]] = []
@@ -83,7 +83,7 @@ class _Line:
         self.pieces[-1].append(place)
 
     def lost(self) -> None:
-        """The next place begins a new piece."""
+        """The next position begins a new segment."""
         self.t_ns = 0
 
 

@@ -52,7 +52,7 @@ class Tables:
 def tables(log: LogFile, truth: LogFile | None = None, say: Say = lambda _count: None) -> Tables:
     """All messages but raw bytes. `truth`: the simulator's log, for its topics that the boat's does not have.
 
-    `say` hears how many messages were read.
+    `say` is called with the number of messages read.
     """
     zero_ns, offset_ns = zero_ns_of(log), log.wall_offset_ns or None
     parts = _frames(log, say)

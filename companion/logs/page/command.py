@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 OK, DAMAGED = 0, 1
 EVERY_S = 5.0
-"""Until a ghost is put back. Longer pieces tell of errors at their start: with the simulated boat's very model they
-ended 0.04 m and 4 degrees off after 5 s, 0.35 m and 26 degrees after 10 s (`aritra demo`, seed 0)."""
+"""Time until a ghost is reset to the estimate [s]. Longer pieces show mainly the errors of their start: with the
+simulated boat's own model they ended 0.04 m and 4 degrees off after 5 s, 0.35 m and 26 degrees after 10 s (`aritra
+demo`, seed 0)."""
 NEEDS = 'ghosts need polars: pip install "aritra[analysis]", or leave them out with --no-ghosts'
 Command = Callable[[argparse.Namespace], int]
 

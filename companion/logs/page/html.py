@@ -48,7 +48,7 @@ def page(title: str, data: bytes) -> bytes:
 
 
 def _reached(first: str, modules: dict[str, str]) -> dict[str, str]:
-    """The module `first` and all that it needs."""
+    """The module `first` and its imports, recursively."""
     found, left = {}, [first]
     while left:
         name = left.pop()
@@ -67,5 +67,5 @@ def _import_map(modules: dict[str, str]) -> str:
 
 
 def _closed(text: str) -> str:
-    """Text that ends no element that it stands in."""
+    """Text escaped so that it cannot end its element."""
     return re.sub(r"</(script|style)", r"<\\/\1", text, flags=re.IGNORECASE)

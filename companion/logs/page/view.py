@@ -1,6 +1,6 @@
-"""A log as the shore would have seen it, and ghosts beside it: the data of the page (`log_web/log.js`).
+"""A log as telemetry for the page, and simulated ghosts: the data of the page (`log_web/log.js`).
 
-Samples are made by the very code that tells the shore (`core.telemetry_view`), at a rate that keeps the page small.
+Samples are made by the code of the telemetry (`core.telemetry`), at a rate that keeps the page small.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def rate_of(duration_s: float) -> float:
 
 
 def samples(log: LogFile, rate_hz: float) -> list[shore.ShoreMessage]:
-    """What the boat would have told. Raises LogError, ConfigError: the log does not hold its configuration."""
+    """The telemetry samples of the log. Raises LogError, ConfigError: the log does not hold its configuration."""
     setup, zero_ns = setup_in(log), zero_ns_of(log)
     software = f"aritra {log.metadata.get('version', 'unknown')}"
     view = TelemetryView(setup.pilot, Who(RUN, setup.digest, software, log.wall_offset_ns, False), rate_hz)

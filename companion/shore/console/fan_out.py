@@ -1,4 +1,4 @@
-"""What each browser is due: everything of the boat that it chose, of the others what a list and a map need. Pure.
+"""Samples for each browser: all of the boat that it chose, and what list and map need of the others. Pure.
 
 A frame is one text message, every 0.1 s at most:
 
@@ -22,7 +22,7 @@ from companion.shore.console.store import BoatRecord, Sample
 OVERVIEW = ("about", "state", "mode")
 """Topics of boats that were not chosen, of each the newest in a frame."""
 QUEUE = 2000
-"""Samples that wait for a slow browser; then the oldest go (assumed)."""
+"""Queue for a slow browser; beyond it the oldest samples are dropped (assumed)."""
 QUIET_MS = 1000.0
 """A frame without samples goes out this often, so that the page knows that the console lives."""
 _ENCODER = msgspec.json.Encoder()

@@ -1,4 +1,4 @@
-"""The live console: what is heard goes into the store and out to every browser; orders go to the boats."""
+"""The live console: received samples go into the store and to every browser; orders go to the boats."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BROWSERS = 32
 """Open pages at a time (assumed)."""
 EVENTS = 200
 LOOK_S = 2.0
-"""Between looks for a boat's key that is not there yet."""
+"""Period of looking for a boat's missing key [s]; assumed."""
 HOME = "/web/console.html"
 _ENCODER = msgspec.json.Encoder()
 
@@ -39,13 +39,13 @@ class BrowserRequest(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class BrowserSelection(msgspec.Struct):
-    """What a page says over its WebSocket: the boat that it shows."""
+    """Message of a page over its WebSocket: the boat that it shows."""
 
     choose: str
 
 
 class Browser:
-    """One open page: what it is due, and a bell that rings when there is something."""
+    """One open page: its queue of samples, and an event that is set when there are any."""
 
     def __init__(self) -> None:
         self.watcher = Watcher()
@@ -53,14 +53,14 @@ class Browser:
         self.bell = asyncio.Event()
 
     def tell(self, event: bytes) -> None:
-        """Something that must not wait for the next frame."""
+        """Send at once, without waiting for the next frame."""
         if len(self.events) < EVENTS:
             self.events.append(event)
         self.bell.set()
 
 
 class Keys:
-    """Who makes orders for which boat. `find`: the boat's key or None, asked again now and then; `sender`: the name
+    """Makers of signed orders, by boat. `find`: the boat's key or None, asked again now and then; `sender`: the name
     under which orders are given.
     """
 
@@ -73,7 +73,7 @@ class Keys:
         return self._find is not None
 
     def of(self, boat: str) -> Sender | None:
-        """Who makes orders for a boat; None: there is no key for it."""
+        """The maker of a boat's orders; None: no key."""
         now_s = time.monotonic()
         if boat in self._senders or self._find is None or now_s - self._looked_s.get(boat, -LOOK_S) < LOOK_S:
             return self._senders.get(boat)
@@ -84,7 +84,7 @@ class Keys:
 
 
 class Console:
-    """Wires hearing, store, browsers and orders. `run` works until cancelled; `app` is the web server's."""
+    """Connects zenoh client, store, browsers and orders. `run` works until cancelled; `app` is the web server's."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class Console:
         self._hearing, self._keys, self._compress = hearing, keys, compress
         self._orders = Orders(keys.of, hearing.ask, self._told)
         self.also: list[Callable[[Sample], None]] = []
-        """Who else hears every sample that was believed; must not wait."""
+        """Further consumers of every accepted sample; must not block."""
         self._waiting: set[asyncio.Task] = set()
         self._started, self._say, self._network = secrets.token_hex(4), say, hearing.problem
         self._said: dict[str, int] = {}
@@ -108,7 +108,7 @@ class Console:
         self.app.router.add_post("/order", self._order)
 
     async def run(self) -> None:
-        """Hear, and pass on, until cancelled."""
+        """Receive and distribute samples until cancelled."""
         async with asyncio.TaskGroup() as group:
             group.create_task(self._hearing.run())
             while True:

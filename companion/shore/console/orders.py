@@ -1,6 +1,6 @@
 """Orders from the page to a boat: signed, sent, repeated word for word until the boat answers or time is up.
 
-The boat takes an order once, however often it hears it (docs/telemetry.md), so repeating is safe; a stop is repeated
+The boat obeys an order once, however often it receives it (docs/telemetry.md), so repeating is safe; a stop is repeated
 for longer than the others. What the page shows is what the boat answered, or that no answer came.
 """
 
@@ -16,9 +16,9 @@ import msgspec
 from companion.core.telemetry.order_gate import Command, MissionFile, OrderOutcome, Sender, read_outcome
 
 ANSWER_S = 1.0
-"""How long an answer may take before the order is said again (assumed)."""
+"""How long to wait for an answer before the order is sent again (assumed)."""
 PAUSE_S = 0.2
-"""Between tries where the network says at once that there is nobody (assumed)."""
+"""Pause between attempts where the network reports at once that nobody answers (assumed)."""
 PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "load_mission": 5.0}
 """How long an order is repeated. Others than a stop are not believed when older than 5 s, and should not be."""
 MAX_TOLD = 50
@@ -46,7 +46,7 @@ class Given(msgspec.Struct, kw_only=True):
 
 
 class Orders:
-    """Gives orders. `tell` hears of every change of each."""
+    """Sends orders. `tell` is called with every change of each."""
 
     def __init__(self, sender: Callable[[str], Sender | None], ask: Ask, tell: Callable[[Given], None]) -> None:
         self.last: dict[int, Given] = {}
@@ -54,7 +54,7 @@ class Orders:
         self._number = 0
 
     async def give(self, boat: str, command: Command, mission: MissionFile | None = None) -> Given:
-        """One order, until it is answered or given up."""
+        """Send one order until it is answered or its time is up."""
         begun_s = time.monotonic()
         self._number += 1
         given = Given(number=self._number, boat=boat, command=command, state="sending", asked_ms=begun_s * 1e3)
@@ -106,7 +106,7 @@ class Orders:
 
 
 def _signed(sender: Sender, command: Command, mission: MissionFile | None) -> tuple[bytes, bytes | None] | None:
-    """Payload and attachment; None: nothing was heard of the boat yet, as just after our own start."""
+    """Payload and attachment; None: no sample of the boat was received yet, as just after start."""
     try:
         return sender.order(command, mission)
     except ValueError:

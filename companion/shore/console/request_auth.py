@@ -1,4 +1,4 @@
-"""Which requests the console believes: hosts, origins, the token. Pure.
+"""Authentication of the console's requests: host, origin, token. Pure.
 
 Three strangers are kept out. A page of another site that posts to us, or opens a WebSocket: its `Origin` is not ours.
 A name of a stranger that was made to point at us (DNS rebinding): its `Host` is neither an IP address nor a name of
@@ -17,7 +17,7 @@ COOKIE = "aritra_token"
 
 @dataclass(frozen=True)
 class RequestAuth:
-    """`names`: host names that are this machine's; `token`: None: nobody needs one."""
+    """`names`: host names of this machine; `token`: None: none is needed."""
 
     names: frozenset[str]
     token: str | None
@@ -28,7 +28,7 @@ class RequestAuth:
         return name in self.names or _is_address(name)
 
     def origin(self, origin: str | None, host: str | None, *, needed: bool) -> bool:
-        """Whether an Origin header is that of our own page. `needed`: it must be there."""
+        """Whether an Origin header is that of our own page. `needed`: it must be present."""
         if origin is None:
             return not needed
         return host is not None and origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")

@@ -1,4 +1,4 @@
-"""What the boats told, checked and kept: newest values, bounded history, and how old each boat's word is. Pure.
+"""Telemetry of all boats, validated: newest values, bounded history, age of each boat's last sample. Pure.
 
 Samples come in any order (history and what was missed arrive beside what is new), from runs that ended, from boats
 that started anew, and from strangers; what is not a sample of docs/telemetry.md is counted and left out.
@@ -20,7 +20,7 @@ BOATS = 200
 RUNS = 16
 """Former runs of a boat that are remembered, to leave out what still arrives from them."""
 LATE_NS, TWIN_NS = 5_000_000_000, 3_000_000_000
-"""What a former run told may arrive so late; one that still tells counts as a twin for so long (assumed)."""
+"""Samples of a former run may arrive so late; one that still sends counts as a twin for so long (assumed)."""
 MAX_BYTES = 65_536
 DRIFT = 1e-3
 """More than two clocks run apart: what a boat's clock was thought to show is doubted in time (assumed)."""
@@ -29,7 +29,7 @@ NAME = r"^[A-Za-z0-9_.-]{1,40}\Z"
 
 
 class Sample(NamedTuple):
-    """One told struct, checked: `data` is its JSON, written anew."""
+    """One valid telemetry struct; `data`: its JSON, encoded anew."""
 
     boat: str
     topic: str
@@ -38,10 +38,10 @@ class Sample(NamedTuple):
 
 
 class BoatRecord:
-    """One boat: its present run, what it told, and its clock.
+    """One boat: its present run, its samples and its clock.
 
-    `ahead_ns`: its clock minus ours, by the sample that came quickest: no sample can come before it was sent, so the
-    largest difference seen is nearest to the truth, and what it lacks is the quickest trip's time.
+    `ahead_ns`: its clock minus ours, estimated by the sample with the least transit time: no sample arrives before it
+    was sent, so the largest difference is nearest to the truth; its error is the least transit time.
     """
 
     def __init__(self, name: str) -> None:
@@ -72,7 +72,7 @@ class BoatRecord:
         return sample
 
     def knows(self, topic: str, message: shore.ShoreMessage) -> bool:
-        """Whether it has this very sample: what was kept for latecomers may come twice."""
+        """Whether this sample is kept already: samples of the boat's cache may arrive twice."""
         if message.run != self.run or message.t_ns > self._newest_ns.get(topic, -1):
             return False
         return Sample(self.name, topic, message.t_ns, shore.encode(message)) in self.kept[topic]
@@ -87,7 +87,7 @@ class BoatRecord:
             yield from kept
 
     def twin(self, now_ns: int) -> bool:
-        """Whether a former run goes on telling: two programs call themselves by this name."""
+        """Whether a former run still sends: two programs use this name."""
         return self.twin_ns is not None and now_ns - self.twin_ns < TWIN_NS
 
     def _begin(self, run: str, ahead_ns: int, heard_ns: int) -> None:
@@ -107,7 +107,7 @@ class BoatStore:
         self.refused: Counter[str] = Counter()
 
     def take(self, boat: str, topic: str, data: bytes, heard_ns: int) -> Sample | None:
-        """One sample from the wire, heard at `heard_ns` of our clock; None: known already, or left out and counted."""
+        """One sample from the wire, received at `heard_ns` of our clock; None: known, or refused and counted."""
         if len(data) > MAX_BYTES:
             return self._refuse("too long", boat)
         try:
@@ -121,10 +121,10 @@ class BoatStore:
             return None
         return known.take(topic, message, heard_ns) or self._refuse("of a former run", boat)
 
-    def alive(self, boat: str, there: bool) -> None:
-        """The boat's liveliness token came or went."""
+    def alive(self, boat: str, is_alive: bool) -> None:
+        """The boat's liveliness token appeared or disappeared."""
         if known := self._boat(boat):
-            known.alive = there
+            known.alive = is_alive
 
     def _boat(self, name: str) -> BoatRecord | None:
         if name not in self.boats and (len(self.boats) >= BOATS or not re.match(NAME, name)):

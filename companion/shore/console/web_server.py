@@ -1,4 +1,4 @@
-"""The console's web server: files of the page, guarded. `base_app` is shared by every page; see `guard`."""
+"""The console's web server: files of the page, by `request_auth`. `base_app` is shared by every page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def base_app(guard: RequestAuth, home: str) -> web.Application:
-    """Serves the page `home` (its path) and all files, to those that `guard` believes. Raises ConfigError."""
+    """Serves the page `home` (its path) and all files, to requests that pass `request_auth`. Raises ConfigError."""
     app = web.Application(middlewares=[_guarded(guard)], client_max_size=MAX_BODY_BYTES)
     for path, asset in assets().items():
         app.router.add_get(path, _file(asset))

@@ -1,6 +1,6 @@
-"""The console's ear and mouth: one zenoh session, samples and tokens into a bounded queue, orders out.
+"""The console's zenoh session: samples and liveliness tokens into a bounded queue, orders out.
 
-Callbacks run on zenoh's threads and only append. A router that is not there yet is tried again for ever (a client's
+Callbacks run on zenoh's threads and only append. An unreachable router is tried again for ever (a client's
 session cannot even be opened without one); a session that was opened once looks after its connection itself.
 """
 
@@ -28,7 +28,7 @@ RETRY_S = 2.0
 
 
 class ZenohSample(NamedTuple):
-    """A sample (`topic`), or a liveliness token that came or went (`topic` None). `heard_ns`: our monotonic clock."""
+    """A sample (`topic`), or a liveliness token that appeared or disappeared (`topic` None). `heard_ns`: our clock."""
 
     boat: str
     topic: str | None
@@ -44,7 +44,7 @@ def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh
     """
     settings: list[Setting] = []
     if file is None:
-        mode = "peer" if listen else "client"  # a peer hears nothing through a router, and a client cannot listen
+        mode = "peer" if listen else "client"  # a peer receives nothing through a router, and a client cannot listen
         settings.append(Setting("mode", "--connect", mode))
         settings += [Setting(f"scouting/{way}/enabled", "--connect", False) for way in ("multicast", "gossip")]
     if connect or file is None:
@@ -55,7 +55,7 @@ def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh
 
 
 class ZenohClient:
-    """Call `run` on the loop; `take` what was heard. `problem`: why there is no session, in words; empty: all is well.
+    """Call `run` on the loop; `take` the received samples. `problem`: why there is no session; empty: connected.
 
     `dropped`: samples without room in the queue.
     """
@@ -66,7 +66,7 @@ class ZenohClient:
         self._session: zenoh.Session | None = None
 
     def take(self) -> list[ZenohSample]:
-        """What was heard since the last time."""
+        """Samples and tokens received since the last call."""
         return [self._queue.popleft() for _ in range(len(self._queue))]
 
     def peers(self) -> int:
@@ -75,7 +75,7 @@ class ZenohClient:
         return len([*session.info.routers_zid(), *session.info.peers_zid()]) if session else 0
 
     async def run(self) -> None:
-        """Hear until cancelled."""
+        """Receive until cancelled."""
         before = set(threading.enumerate())
         try:
             while True:
@@ -85,10 +85,10 @@ class ZenohClient:
                 except zenoh.ZError as error:
                     self.problem = f"{error}"
                     await asyncio.sleep(RETRY_S)
-            held = self._declare(self._session)
+            subscription = self._declare(self._session)
             self.problem = ""
             await asyncio.Event().wait()
-            del held
+            del subscription
         finally:
             if session := self._session:
                 self._session = None
@@ -98,7 +98,7 @@ class ZenohClient:
     async def ask(self, boat: str, payload: bytes, attachment: bytes | None, timeout_s: float) -> bytes | None:
         """One query on a boat's command key, to all who answer there; the first reply, or None.
 
-        "Meant for another run" counts only where nobody says anything else: a program that was left over under the
+        "Meant for another run" counts only where there is no other answer: a program that was left over under the
         same name must not answer for the one that is meant.
         """
         session, loop = self._session, asyncio.get_running_loop()
@@ -150,8 +150,8 @@ class ZenohClient:
         _, boat, _, topic = str(sample.key_expr).split("/", 3)
         self._note(ZenohSample(boat, topic, bytes(sample.payload), True, time.monotonic_ns()))
 
-    def _reach(self, boat: str, there: bool) -> None:
-        self._note(ZenohSample(boat, None, b"", there, time.monotonic_ns()))
+    def _reach(self, boat: str, is_alive: bool) -> None:
+        self._note(ZenohSample(boat, None, b"", is_alive, time.monotonic_ns()))
 
     def _note(self, sample: ZenohSample) -> None:
         if len(self._queue) >= QUEUE:

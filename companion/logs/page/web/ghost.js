@@ -41,7 +41,7 @@ export class Ghost {
     return out;
   }
 
-  /** Everything into a history, for the plots; nothing told at the end of a piece, so that no line leads to the next. */
+  /** Everything into a history, for the plots; null at the end of a piece, so that no line leads to the next. */
   tell(history) {
     for (const piece of this.pieces) {
       piece.x.forEach((_, k) => history.push({ boat: this.name, topic: "state", sample: this.state(piece, k) }));

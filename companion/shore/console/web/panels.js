@@ -43,7 +43,7 @@ export function showFigures(element, { state, reference, battery, thrusters, pat
     ["Yaw rate", figure(state && (state.r_rad_s * 180) / Math.PI, 1, "°/s")],
     ["Cross-track", figure(fresh(reference, state)?.y_e_m, 2, "m")],
     ["Position ±", state ? figure(sigma(state.covariance), 2, "m") : figure(null)],
-    ["Estimate", state ? state.health + (state.reason ? `: ${state.reason}` : "") : "not told", state && health],
+    ["Estimate", state ? state.health + (state.reason ? `: ${state.reason}` : "") : "not reported", state && health],
     ["Waypoints", total ? `${reference?.waypoints_passed ?? 0} of ${total}` : figure(null)],
     ["Battery", figure(battery?.voltage_v, 1, "V")],
     ["Charge", figure(battery?.remaining_percent, 0, "%")],
@@ -81,8 +81,8 @@ export function showThrusters(element, { about, thrusters }) {
 export function showMode(element, { mode }) {
   const [word, kind] = modeWords(mode);
   const text = `${word}|${mode?.why ?? ""}|${mode?.armed}`;
-  if (element.dataset.told === text) return;
-  element.dataset.told = text;
+  if (element.dataset.shown === text) return;
+  element.dataset.shown = text;
   element.dataset.kind = kind;
   const armed = mode ? (mode.armed === null ? "autopilot silent" : mode.armed ? "armed" : "disarmed") : "";
   element.replaceChildren(make("strong", "", word), make("span", "armed", armed), make("span", "why", mode?.why ?? ""));
@@ -92,8 +92,8 @@ export function showMode(element, { mode }) {
 export function showAlerts(element, alerts, t_s = Infinity, unix_minus_t_ns = 0) {
   const known = alerts.filter((a) => a.t_ns * 1e-9 <= t_s).slice(-SHOWN_ALERTS).reverse();
   const key = `${known.length} ${known[0]?.t_ns} ${known[0]?.text} ${unix_minus_t_ns}`;
-  if (element.dataset.told === key) return;
-  element.dataset.told = key;
+  if (element.dataset.shown === key) return;
+  element.dataset.shown = key;
   element.replaceChildren(
     ...known.map((alert) => {
       const item = make("li", alert.level);
@@ -102,7 +102,7 @@ export function showAlerts(element, alerts, t_s = Infinity, unix_minus_t_ns = 0)
       return item;
     }),
   );
-  if (!known.length) element.append(make("li", "none", "Nothing was told."));
+  if (!known.length) element.append(make("li", "none", "None so far."));
 }
 
 const LEVELS = { ok: "OK", warning: "Warning", refuse: "Refused" };
@@ -111,13 +111,13 @@ const GRAVEST = ["refuse", "warning", "ok"];
 /** The boat's pre-flight table; what needs a person's care first. */
 export function showChecks(element, checks) {
   const key = checks ? `${checks.run} ${checks.t_ns}` : "none";
-  if (element.dataset.told === key) return;
-  element.dataset.told = key;
-  if (!checks) return element.replaceChildren(make("p", "none", "Not told yet: the boat checks once the autopilot has given its parameters."));
+  if (element.dataset.shown === key) return;
+  element.dataset.shown = key;
+  if (!checks) return element.replaceChildren(make("p", "none", "Not reported yet: the boat checks once the autopilot has given its parameters."));
   const order = GRAVEST.flatMap((level) => checks.rows.filter((row) => row.level === level));
   const table = make("table");
   const head = table.createTHead().insertRow();
-  for (const name of ["", "What", "Found", "Needed", "How to mend it"]) head.append(Object.assign(make("th", "", name), { scope: "col" }));
+  for (const name of ["", "What", "Found", "Needed", "How to fix it"]) head.append(Object.assign(make("th", "", name), { scope: "col" }));
   head.firstChild.append(make("span", "hidden", "Verdict"));
   const body = table.createTBody();
   for (const row of order) {

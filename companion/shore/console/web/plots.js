@@ -1,4 +1,4 @@
-// Plots against time, drawn by uPlot: one panel a figure, one cursor for all, gaps where nothing was told.
+// Plots against time, drawn by uPlot: one panel a figure, one cursor for all, gaps where there are no samples.
 
 import { figure } from "./words.js";
 
@@ -34,7 +34,7 @@ export const PANELS = [
   { id: "late", title: "Loop lateness", unit: "ms", digits: 1, min_span: 2, lines: () => [one("median", "timing", (s) => s.lateness.median_ms), one("largest", "timing", (s) => s.lateness.max_ms)] },
 ];
 
-/** Times and values of one line between two instants; null where nothing was told for long. */
+/** Times and values of one line between two instants; null where samples are missing for long. */
 function column(list, value, from_s, to_s, zero_s) {
   const t = [];
   const y = [];
@@ -134,7 +134,7 @@ class Panel {
       if (this.values[k].textContent !== text) this.values[k].textContent = text;
     });
     const words = told.map((text, k) => `${this.names[k]} ${text}`).join(", ");
-    this.canvas.setAttribute("aria-label", `${this.spec.title}, ${this.spec.unit}: ${words || "nothing told"}`);
+    this.canvas.setAttribute("aria-label", `${this.spec.title}, ${this.spec.unit}: ${words || "no data"}`);
   }
 
   size() {

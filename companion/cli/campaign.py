@@ -55,7 +55,7 @@ def add_parser(commands) -> None:
     p.set_defaults(function=campaign)
 
 
-def campaign(args: argparse.Namespace, console: Console | None = None) -> int:
+def campaign(args: argparse.Namespace) -> int:
     """Read the file, run the cases that are left, write and print results; the exit code."""
     try:
         from sim.campaign import campaign as job
@@ -64,7 +64,7 @@ def campaign(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.campaign.runners.worker import program
     except ImportError as error:
         return refuse("campaign", f'{error}; pip install "aritra[campaign]" brings what campaigns need')
-    console = console or Console()
+    console = Console()
     inputs, cases = read_campaign(args.file)
     out = args.out or Path("out") / "campaign" / args.file.stem
     try:

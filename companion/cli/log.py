@@ -24,10 +24,9 @@ OK, DAMAGED, IMPOSSIBLE = 0, 1, 2
 EXIT_CODES = "Exit codes: 0 all well; 1 the log is damaged (what is readable was used); 2 it cannot be done."
 
 
-def info(path: Path, *, as_json: bool = False, console: Console | None = None) -> int:
+def info(path: Path, *, as_json: bool = False) -> int:
     """Print what is in the log: as tables, or as one JSON object. Returns the exit code."""
-    summary = summarise(LogFile(path))
-    console = console or Console()
+    summary, console = summarise(LogFile(path)), Console()
     if as_json:
         console.file.write(json.dumps(msgspec.to_builtins(summary), indent=2) + "\n")
     else:
@@ -64,10 +63,9 @@ def plot(
     return DAMAGED if log.damage else OK
 
 
-def recover(path: Path, out: Path | None = None, *, console: Console | None = None) -> int:
+def recover(path: Path, out: Path | None = None) -> int:
     """Write a sound, indexed copy of a damaged or rotated log; print what was kept. Returns the exit code."""
-    report = recover_log(path, out)
-    console = console or Console()
+    report, console = recover_log(path, out), Console()
     lines = [
         f"wrote {report.out}",
         f"kept {report.messages} messages, {report.kept_bytes} bytes, from {report.parts} file(s)",

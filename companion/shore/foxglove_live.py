@@ -29,11 +29,16 @@ _ENCODER = msgspec.json.Encoder()
 class FoxgloveServer:
     """Call it with every sample. Raises ConfigError where the port is taken."""
 
-    def __init__(self, port: int, host: str = "127.0.0.1") -> None:
+    def __init__(self, port: int) -> None:
         self._context = Context()
         try:
             self._server = start_server(
-                name="aritra", host=host, port=port, capabilities=[], supported_encodings=[], context=self._context
+                name="aritra",
+                host="127.0.0.1",
+                port=port,
+                capabilities=[],
+                supported_encodings=[],
+                context=self._context,
             )
         except (RuntimeError, OSError, OverflowError) as error:
             raise ConfigError(f"--foxglove {port}: {error}") from None

@@ -31,12 +31,18 @@ class _UdpPort(DescriptorPort):
         self.host = host
         self.port = port
 
-    async def _resolve(self) -> tuple[socket.AddressFamily, Any]:
+    async def open(self) -> None:
+        """Resolve the address, connect or bind. Raises OSError (unknown host, no route, address in use, not ours)."""
+        self._require_closed()
         infos = await asyncio.get_running_loop().getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)
         family, _, _, _, address = infos[0]
-        return family, address
-
-    def _use(self, made: socket.socket) -> None:
+        made = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            made.setblocking(False)
+            self._attach(made, address)
+        except BaseException:
+            made.close()
+            raise
         self._socket = made
         self._begin()
         self._adopt(made)
@@ -65,6 +71,9 @@ class _UdpPort(DescriptorPort):
             self.counters.refused_datagrams += 1
             return 0
 
+    def _attach(self, made: socket.socket, address: Any) -> None:
+        raise NotImplementedError
+
     def _accepts(self, address: Any) -> bool:
         raise NotImplementedError
 
@@ -73,23 +82,13 @@ class _UdpPort(DescriptorPort):
 
 
 class UdpClientPort(_UdpPort):
-    """`udpout:127.0.0.1:14551`: sends to this address and hears only it (the kernel filters)."""
+    """`udpout:127.0.0.1:14551`: sends to this address and receives from it only (the kernel filters)."""
 
     def __init__(self, host: str, port: int, *, send_limit_bytes: int = SEND_LIMIT_BYTES) -> None:
         super().__init__("udpout", host, port, send_limit_bytes)
 
-    async def open(self) -> None:
-        """Fix the destination; needs nobody there. Raises OSError (unknown host, no route)."""
-        self._require_closed()
-        family, address = await self._resolve()
-        made = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            made.setblocking(False)
-            made.connect(address)
-        except BaseException:
-            made.close()
-            raise
-        self._use(made)
+    def _attach(self, made: socket.socket, address: Any) -> None:
+        made.connect(address)
 
     def _accepts(self, address: Any) -> bool:
         return True
@@ -117,19 +116,9 @@ class UdpServerPort(_UdpPort):
         self._now_ns = now_ns
         self._heard_ns = 0
 
-    async def open(self) -> None:
-        """Bind. Raises OSError (address in use, not an address of this machine)."""
-        self._require_closed()
-        family, address = await self._resolve()
-        made = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            made.setblocking(False)
-            made.bind(address)
-        except BaseException:
-            made.close()
-            raise
+    def _attach(self, made: socket.socket, address: Any) -> None:
+        made.bind(address)
         self.peer = None
-        self._use(made)
 
     def _accepts(self, address: Any) -> bool:
         now_ns = self._now_ns()

@@ -26,7 +26,7 @@ from typing import Literal, NamedTuple
 
 from companion.core.messages import AnchorRange, Message
 from drivers.uwb.dwm1001_shell import ShellDialog
-from drivers.uwb.lines import MAX_RANGE_M, Garbage, Ignored, LineCodec, unique
+from drivers.uwb.lines import Garbage, Ignored, LineCodec, unique
 
 _N = r"-?\d{1,4}\.\d\d"
 _Q = r"\d{1,3}"
@@ -73,9 +73,8 @@ class Dwm1001Codec(LineCodec):
         *,
         rate_hz: float = 1.0,
         command: Literal["lec", "lep", "les"] = "lec",
-        max_range_m: float = MAX_RANGE_M,
     ) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
+        super().__init__(tag)
         self._dialog = ShellDialog(rate_hz, command)
 
     def start_bytes(self) -> list[bytes]:
@@ -156,9 +155,9 @@ def encode_lep(fix: TagFix) -> bytes:
     return f"POS,{_xyz(fix.position_m)},{fix.quality}\r\n".encode("ascii")
 
 
-def encode_les(anchors: Sequence[AnchorReport], fix: TagFix | None, le_us: int = 2576) -> bytes:
-    """One `les` line; `le_us` is the time the tag's solver took [us]. Resolution 0.01 m."""
+def encode_les(anchors: Sequence[AnchorReport], fix: TagFix | None) -> bytes:
+    """One `les` line. Resolution 0.01 m."""
     parts = [f"{a.anchor}[{_xyz(a.position_m)}]={a.range_m:.2f}" for a in anchors]
     if fix is not None:
-        parts += [f"le_us={le_us}", f"est[{_xyz(fix.position_m)},{fix.quality}]"]
+        parts += ["le_us=2576", f"est[{_xyz(fix.position_m)},{fix.quality}]"]
     return (" ".join(parts) + "\r\n").encode("ascii")

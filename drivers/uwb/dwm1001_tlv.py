@@ -37,8 +37,8 @@ _MAX_ANCHORS = 12  # the length byte leaves room for no more
 class Dwm1001TlvCodec(UwbCodecBase):
     """Codec of the TLV API. `rate_hz`: poll rate; the module's own update rate is not changed."""
 
-    def __init__(self, tag: str, *, rate_hz: float = 1.0, max_range_m: float = MAX_RANGE_M) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
+    def __init__(self, tag: str, *, rate_hz: float = 1.0) -> None:
+        super().__init__(tag)
         if not rate_hz > 0.0:
             raise ValueError(f"rate_hz must be positive, not {rate_hz}")
         self._period_ns = round(1e9 / rate_hz)
@@ -104,7 +104,7 @@ class Dwm1001TlvCodec(UwbCodecBase):
         rows = list(_ANCHOR.iter_unpack(frame[_FIXED + 3 :]))
         sound = (
             quality <= 100
-            and all(row[1] <= self._max_range_m * 1e3 and row[2] <= 100 and row[6] <= 100 for row in rows)
+            and all(row[1] <= MAX_RANGE_M * 1e3 and row[2] <= 100 and row[6] <= 100 for row in rows)
             and len({row[0] for row in rows}) == len(rows)
         )
         if not sound:

@@ -89,17 +89,16 @@ class LineSplitter:
 class UwbCodecBase:
     """Common parts of all UWB codecs.
 
-    `tag`: name of the tag in the messages; a range under MIN_RANGE_M or over `max_range_m` is left out.
+    `tag`: name of the tag in the messages; a range under MIN_RANGE_M or over MAX_RANGE_M is left out.
     Messages carry t_ns = t_rx_ns = arrival of the bytes that complete them: the tag's latency is the
     estimator's affair.
     """
 
     baud: ClassVar[int] = 115200
 
-    def __init__(self, tag: str, *, max_range_m: float = MAX_RANGE_M) -> None:
+    def __init__(self, tag: str) -> None:
         self.tag = tag
         self.counters = UwbCounters()
-        self._max_range_m = max_range_m
 
     def start_bytes(self) -> list[bytes]:
         """Call when the port has been opened: forgets half a record; what to send at once."""
@@ -116,7 +115,7 @@ class UwbCodecBase:
         for item in ranges:
             if item.range_m == 0.0:
                 self.counters.reasons["zero_range"] += 1
-            elif not MIN_RANGE_M <= item.range_m <= self._max_range_m:
+            elif not MIN_RANGE_M <= item.range_m <= MAX_RANGE_M:
                 self.counters.reasons["range_limit"] += 1
             else:
                 usable.append(item)
@@ -136,8 +135,8 @@ class UwbCodecBase:
 class LineCodec(UwbCodecBase):
     """Base of the text codecs: a subclass gives `_decode(line, t_ns)`."""
 
-    def __init__(self, tag: str, *, max_range_m: float = MAX_RANGE_M) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
+    def __init__(self, tag: str) -> None:
+        super().__init__(tag)
         self._splitter = LineSplitter()
 
     def start_bytes(self) -> list[bytes]:

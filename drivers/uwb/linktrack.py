@@ -22,7 +22,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from companion.core.messages import AnchorRange, Message
-from drivers.uwb.lines import MAX_RANGE_M, UwbCodecBase
+from drivers.uwb.lines import UwbCodecBase
 
 HEADER = b"\x55\x04"
 INVALID = -8388000
@@ -37,8 +37,8 @@ class LinkTrackCodec(UwbCodecBase):
 
     baud: ClassVar[int] = 921600
 
-    def __init__(self, tag: str, *, max_range_m: float = MAX_RANGE_M) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
+    def __init__(self, tag: str) -> None:
+        super().__init__(tag)
         self._buffer = bytearray()
 
     def start_bytes(self) -> list[bytes]:

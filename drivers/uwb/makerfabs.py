@@ -11,8 +11,8 @@ the JSON comes, an anchor comes again, or one arrives more than GROUP_NS after t
 message bears the arrival time of the last line in it and so may leave `feed` one line late.
 
 Without debug lines the JSON gives the ranges, and the lost links among them must be guessed: a link is taken
-for stale, and left out, when it kept its value for `stale_cycles` lines while another one moved by
-`stale_move_m`. Both numbers are assumed: at 0.5 m/s and 15 m a boat passing an anchor keeps a true range
+for stale, and left out, when it kept its value for `STALE_CYCLES` lines while another one moved by
+`STALE_MOVE_M`. Both numbers are assumed: at 0.5 m/s and 15 m a boat passing an anchor keeps a true range
 within one step of 0.1 m for some 7 s. A resting boat is never affected. Until then the stale range does come
 through: the estimator's gate must live with it.
 
@@ -29,8 +29,9 @@ from dataclasses import dataclass
 import msgspec
 
 from companion.core.messages import AnchorRange, Message
-from drivers.uwb.lines import MAX_RANGE_M, Garbage, Ignored, LineCodec, unique
+from drivers.uwb.lines import Garbage, Ignored, LineCodec, unique
 
+STALE_CYCLES, STALE_MOVE_M = 8, 1.0  # lines, and metres; assumed, see above
 GROUP_NS = 150_000_000  # assumed: one round of the tag's ranging with four anchors takes less
 _DEBUG = re.compile(
     r"from: ?([0-9A-F]{1,4})\s+Range: ?(-?\d{1,4}\.\d\d) m"
@@ -62,19 +63,10 @@ class _Held:
 
 
 class MakerfabsCodec(LineCodec):
-    """Codec of the Makerfabs DW1000 tags. `stale_cycles`, `stale_move_m` [m]: see the module's docstring."""
+    """Codec of the Makerfabs DW1000 tags."""
 
-    def __init__(
-        self,
-        tag: str,
-        *,
-        stale_cycles: int = 8,
-        stale_move_m: float = 1.0,
-        max_range_m: float = MAX_RANGE_M,
-    ) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
-        self._stale_cycles = stale_cycles
-        self._stale_move_m = stale_move_m
+    def __init__(self, tag: str) -> None:
+        super().__init__(tag)
         self.start_bytes()
 
     def start_bytes(self) -> list[bytes]:
@@ -135,7 +127,7 @@ class MakerfabsCodec(LineCodec):
 
     def _stale(self, held: _Held, now_m: dict[str, float]) -> bool:
         moved_m = [abs(now_m[a] - before_m) for a, before_m in held.others_m.items() if a in now_m]
-        return held.cycles >= self._stale_cycles and max(moved_m, default=0.0) >= self._stale_move_m
+        return held.cycles >= STALE_CYCLES and max(moved_m, default=0.0) >= STALE_MOVE_M
 
 
 def encode_links(ranges_m: Mapping[str, float]) -> bytes:

@@ -22,7 +22,7 @@ from collections.abc import Mapping
 import msgspec
 
 from companion.core.messages import AnchorRange, Message
-from drivers.uwb.lines import MAX_RANGE_M, Garbage, Ignored, LineCodec, unique
+from drivers.uwb.lines import Garbage, Ignored, LineCodec, unique
 
 SLOTS = 8
 _AT = re.compile(
@@ -42,8 +42,8 @@ _DECODER = msgspec.json.Decoder(_Demo)
 class MauwbCodec(LineCodec):
     """Codec of MaUWB log lines. `tid`: take only this tag's lines (an anchor's port logs every tag)."""
 
-    def __init__(self, tag: str, *, tid: int | None = None, max_range_m: float = MAX_RANGE_M) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
+    def __init__(self, tag: str, *, tid: int | None = None) -> None:
+        super().__init__(tag)
         self._tid = tid
         self._ancid_seen = False
 

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from companion.core.messages import AnchorRange, Message
-from drivers.uwb.lines import MAX_RANGE_M, Garbage, Ignored, LineCodec
+from drivers.uwb.lines import Garbage, Ignored, LineCodec
 
 _LINE = re.compile(
     r"m([cra]) ([0-9a-f]{2})((?: [0-9a-f]{8}){4}|(?: [0-9a-f]{8}){8}) [0-9a-f]{4} [0-9a-f]{2} [0-9a-f]{1,8}"
@@ -30,8 +30,8 @@ _LINE = re.compile(
 class Trek1000Codec(LineCodec):
     """Codec of TREK1000 lines. `tag_number`: take only this tag's lines (an anchor's port reports all)."""
 
-    def __init__(self, tag: str, *, tag_number: int | None = None, max_range_m: float = MAX_RANGE_M) -> None:
-        super().__init__(tag, max_range_m=max_range_m)
+    def __init__(self, tag: str, *, tag_number: int | None = None) -> None:
+        super().__init__(tag)
         self._tag_number = tag_number
         self._corrected_seen = False
 
@@ -69,10 +69,9 @@ def encode_line(
     seq: int,
     time: int,
     tag: int = 0,
-    anchor: int = 0,
 ) -> bytes:
     """One line with four or eight ranges [m]; None clears the mask bit. Resolution 1 mm."""
     mask = sum(1 << i for i, r in enumerate(ranges_m) if r is not None)
     fields = " ".join(f"{round((r or 0.0) * 1e3):08x}" for r in ranges_m)
-    tail = f"{number & 0xFFFF:04x} {seq & 0xFF:02x} {time & 0xFFFFFFFF:08x} a{tag}:{anchor}"
+    tail = f"{number & 0xFFFF:04x} {seq & 0xFF:02x} {time & 0xFFFFFFFF:08x} a{tag}:0"
     return f"{kind} {mask:02x} {fields} {tail}\r\n".encode("ascii")

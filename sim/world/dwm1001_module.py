@@ -19,7 +19,6 @@ BANNER = (
     b"\r\n DWM1001 TWR Real Time Location System\r\n\r\n Copyright :  2016-2019 LEAPS and Decawave\r\n"
     b" Help      :  ? or help\r\n\r\n"
 )
-STREAMS = ("lec", "lep", "les")
 
 
 class Dwm1001Module:

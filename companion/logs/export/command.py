@@ -46,9 +46,7 @@ class Extras:
     uwb_offset_s: float | None = None
 
 
-def export(
-    path: Path, out: Path, extras: Extras | None = None, *, as_json: bool = False, console: Console | None = None
-) -> int:
+def export(path: Path, out: Path, extras: Extras | None = None, *, as_json: bool = False) -> int:
     """Write the run in `path` to `out`; print its contents and problems. Returns the exit code.
 
     Raises LogError: it cannot be read or written, or polars is not installed.
@@ -66,7 +64,7 @@ def export(
         write_run(run, out)
     except (ValueError, OSError) as error:  # RunError, ConfigError and an unknown wire format are ValueErrors
         raise LogError(_told(error)) from None
-    console, found = console or Console(), problems(run)
+    console, found = Console(), problems(run)
     if as_json:
         console.file.write(json.dumps({"out": str(out), **summary(run, found)}, indent=2) + "\n")
     else:
@@ -87,15 +85,13 @@ def summary(run: Run, found: list[LogProblem]) -> dict[str, Any]:
     }
 
 
-def export_topics(
-    path: Path, folder: Path, form: str, *, truth: Path | None = None, console: Console | None = None
-) -> int:
+def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = None) -> int:
     """Write a file a topic, `form` csv or parquet, into `folder`. Returns the exit code. Raises LogError."""
     try:
         from companion.logs.export import tables
     except ImportError:
         raise LogError(NEEDS_POLARS) from None
-    log, simulator, console = LogFile(path), LogFile(truth) if truth else None, console or Console()
+    log, simulator, console = LogFile(path), LogFile(truth) if truth else None, Console()
     taken = [p.name for p in sorted(folder.glob(f"*.{form}"))] if folder.is_dir() else []
     if taken:
         raise LogError(f"{folder}: holds {taken[0]} already; choose another folder, or move it away")
@@ -114,9 +110,7 @@ def export_topics(
     return _end(console, summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
 
-def export_track(
-    path: Path, out: Path, *, site: Path | None = None, truth: Path | None = None, console: Console | None = None
-) -> int:
+def export_track(path: Path, out: Path, *, site: Path | None = None, truth: Path | None = None) -> int:
     """Write the track as GeoJSON. Returns the exit code. Raises LogError, ConfigError."""
     log, simulator = LogFile(path), LogFile(truth) if truth else None
     try:
@@ -128,7 +122,7 @@ def export_track(
     except OSError as error:
         raise LogError(_told(error)) from None
     summary_line = f"wrote {out}: {len(found)} features, {out.stat().st_size / 1e6:.1f} MB"
-    return _end(console or Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
+    return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
 
 def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:

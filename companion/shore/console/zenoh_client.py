@@ -69,11 +69,6 @@ class ZenohClient:
         """Samples and tokens received since the last call."""
         return [self._queue.popleft() for _ in range(len(self._queue))]
 
-    def peers(self) -> int:
-        """Routers and peers that this session is connected to."""
-        session = self._session
-        return len([*session.info.routers_zid(), *session.info.peers_zid()]) if session else 0
-
     async def run(self) -> None:
         """Receive until cancelled."""
         before = set(threading.enumerate())

@@ -26,11 +26,9 @@ def scalar_parameter(
     return (EffectParameter(name, unit, prior, smallest, REACH * smallest, lower, upper),)
 
 
-def share_parameter(
-    prior: float, smallest: float, lower: float = -0.95, upper: float = 10.0
-) -> tuple[EffectParameter, ...]:
+def share_parameter(prior: float, smallest: float) -> tuple[EffectParameter, ...]:
     """One relative change, `share`: the quantity becomes (1 + share) times that of the file."""
-    return scalar_parameter("share", "1", prior, smallest, lower, upper)
+    return scalar_parameter("share", "1", prior, smallest, lower=-0.95, upper=10.0)
 
 
 def vector_parameters(one: str, other: str, unit: str, prior: float, smallest: float) -> tuple[EffectParameter, ...]:

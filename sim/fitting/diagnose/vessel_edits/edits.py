@@ -91,10 +91,10 @@ def _swapped(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     return replace(_thrusters(vessel, edit), propulsion=replace(vessel.propulsion, wash=wash))
 
 
-def _inertia(key: str, public: str | None = None) -> Callable[[VesselFile, CauseValues], VesselFile]:
+def _inertia(key: str) -> Callable[[VesselFile, CauseValues], VesselFile]:
     def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
         i = vessel.inertia
-        return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.public[public or key]},
+        return replace(vessel, inertia=replace(i, **{key: getattr(i, key) + cause.public[key]},
                                                source=append_note(i.source, cause.note)))  # fmt: skip
 
     return place

@@ -24,11 +24,11 @@ class _RefusedError(Exception):
 
 
 class FtpFiles:
-    """`stored`: contents by absolute path. `folders` are there without a file in them, too."""
+    """`stored`: contents by absolute path. The folder of scripts exists without a file in it, too."""
 
-    def __init__(self, stored: dict[str, bytes] | None = None, folders: Sequence[str] = ("/APM/scripts",)):
+    def __init__(self, stored: dict[str, bytes] | None = None):
         self.stored = dict(stored or {})
-        self._folders = set(folders)
+        self._folders = {"/APM/scripts"}
         self._open: str | None = None
 
     def answer(self, payload: Sequence[int]) -> bytes:

@@ -1,6 +1,6 @@
 """`aritra campaign FILE`: many seeded missions, identifications or diagnoses, here or on a Dask cluster.
 
-polars and matplotlib (extra `analysis`) and Dask (extra `campaign`) are optional: imported when they are asked for.
+polars and matplotlib (extra `analysis`) and Dask (extra `campaign`) are optional, imported at first use.
 """
 
 from __future__ import annotations

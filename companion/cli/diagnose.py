@@ -1,6 +1,6 @@
 """`aritra diagnose LOG...`: errors of the simulation, their causes, and the gain of correcting them.
 
-polars and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
+polars and matplotlib are optional (extra `analysis`): modules that need them are imported at first use.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         vessel, site = inputs.vessel, inputs.site
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
         library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
-        telling = partial(distinguishability.distinguishability, library=library, site=site, always=args.plan)
+        identifiability = partial(distinguishability.distinguishability, library=library, site=site, always=args.plan)
         beside = ReadOptions(vessel, site)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", *job.STEPS, "report"))
@@ -106,7 +106,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
             say("reading", "", 1.0)
             diagnosis = job.diagnose(
                 logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
-                without=args.without, known=args.believe, identifiability=telling, say=say, seed=args.seed,
+                without=args.without, known=args.believe, identifiability=identifiability, say=say, seed=args.seed,
                 clock=time.monotonic,
             )  # fmt: skip
             say("report", "" if args.no_report else "tables and pictures", 0.0)

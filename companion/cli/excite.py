@@ -1,7 +1,7 @@
 """`aritra excite design | info | next | fly`: manoeuvres that make the boat's parameters visible.
 
 `aritra run --excite FILE` flies a plan on the boat; `fly` flies it in the simulator, as fast as it computes.
-polars and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
+polars and matplotlib are optional (extra `analysis`): modules that need them are imported at first use.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def add_parser(commands) -> None:
     p = commands.add_parser(
         "excite",
         help="manoeuvres for identification: choose, judge beforehand, fly in the simulator",
-        description="Excitation: manoeuvres inside the fence from which a boat's parameters can be told. "
+        description="Excitation: manoeuvres inside the fence from which a boat's parameters can be identified. "
         "`aritra run --excite FILE` flies a plan on the boat. " + EXIT_CODES,
     )
     kinds = p.add_subparsers(dest="kind", required=True, metavar="WHAT")

@@ -1,6 +1,6 @@
 """`aritra identify LOG...`: from logs to a vessel file for the controller, and which model predicts better.
 
-polars, statsmodels and matplotlib are optional (extra `analysis`): what needs them is imported when it is asked for.
+polars, statsmodels and matplotlib are optional (extra `analysis`): modules that need them are imported at first use.
 """
 
 from __future__ import annotations

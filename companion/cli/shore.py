@@ -110,7 +110,7 @@ async def _serve(args: argparse.Namespace) -> int:
     if foxglove:
         print(f"Foxglove: ws://127.0.0.1:{foxglove.port}", flush=True)
     try:
-        await _until_told(console.run())
+        await _until_signal(console.run())
     finally:
         await runner.cleanup()
         if foxglove:
@@ -131,8 +131,8 @@ def _say(text: str) -> None:
     print(text, flush=True)
 
 
-async def _until_told(work) -> None:
-    """Until SIGINT or SIGTERM: an orderly end."""
+async def _until_signal(work) -> None:
+    """Await `work`; SIGINT, SIGTERM and SIGHUP cancel it in order."""
     task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         with contextlib.suppress(NotImplementedError):

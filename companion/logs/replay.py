@@ -65,7 +65,7 @@ def replay(pilot: Pilot, messages: Iterable[Message]) -> Report:
 
 
 def _same(a: Message, b: Message) -> bool:
-    """Equal as they stand in the log: a number that came back from JSON equals the one that went in."""
+    """Equal in the encoding of the log, so that numbers compare after a round trip through JSON."""
     return msgspec.json.encode(a) == msgspec.json.encode(b)
 
 

@@ -61,8 +61,8 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
 
 def end_heading(settings: PilotSettings) -> float:
     """Heading to hold at the end [rad]: the mission's, else the last leg's; NaN where there is neither."""
-    asked, legs = settings.mission.end_heading_rad, settings.mission.path.angles_rad
-    return asked if asked is not None else (legs[-1] if legs else math.nan)
+    wanted, legs = settings.mission.end_heading_rad, settings.mission.path.angles_rad
+    return wanted if wanted is not None else (legs[-1] if legs else math.nan)
 
 
 def _timing(messages: dict[type[Message], list[Any]]) -> dict[str, float | int]:

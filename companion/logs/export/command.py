@@ -63,7 +63,7 @@ def export(path: Path, out: Path, extras: Extras | None = None, *, as_json: bool
         run = read_run(path, _beside(extras or Extras()))
         write_run(run, out)
     except (ValueError, OSError) as error:  # RunError, ConfigError and an unknown wire format are ValueErrors
-        raise LogError(_told(error)) from None
+        raise LogError(_reason(error)) from None
     console, found = Console(), problems(run)
     if as_json:
         console.file.write(json.dumps({"out": str(out), **summary(run, found)}, indent=2) + "\n")
@@ -103,7 +103,7 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
     try:
         written = tables.write(found, folder, form, about)
     except OSError as error:
-        raise LogError(_told(error)) from None
+        raise LogError(_reason(error)) from None
     rows = sum(table.height for table in found.by_topic.values())
     size = sum(p.stat().st_size for p in written) / 1e6
     summary_line = f"wrote {len(found.by_topic)} tables, {rows} rows, {size:.1f} MB to {folder}"
@@ -120,7 +120,7 @@ def export_track(path: Path, out: Path, *, site: Path | None = None, truth: Path
             raise LogError(f"{out}: is a folder; name the file to write")
         out.write_bytes(log_geojson.collection(path.stem, found, msgspec.json.encode))
     except OSError as error:
-        raise LogError(_told(error)) from None
+        raise LogError(_reason(error)) from None
     summary_line = f"wrote {out}: {len(found)} features, {out.stat().st_size / 1e6:.1f} MB"
     return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
@@ -172,7 +172,7 @@ def _beside(extras: Extras) -> Any:
     return ReadOptions(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
 
 
@@ -204,6 +204,6 @@ def _print(run: Run, found: list[LogProblem], out: Path, console: Console) -> No
             length = f" ({p.length_s:.2f} s)" if p.length_s else ""
             console.print(Text(f"  {at}{p.text}{length}"))
         if len(ones) > 3:
-            console.print(Text(f"  ... and {len(ones) - 3} more (--json tells all)"))
+            console.print(Text(f"  ... and {len(ones) - 3} more (--json lists all)"))
     if not found:
         console.print(Text("no problems found"))

@@ -36,9 +36,9 @@ WIDE_MM = 130.0
 MM_PER_INCH = 25.4
 DPI = 300
 PANEL_MM, WIDE_PANEL_MM = 27.0, 31.0
-"""Heights of a panel."""
+"""Height of a panel [mm], narrow and wide figure; assumed."""
 MARGIN_MM, LEGEND_MM = 16.0, 18.0
-"""Beside a map in one column, and above and below it."""
+"""Space beside a map in one column, and above and below it [mm]; assumed."""
 Draw = Callable[[Axes, Series], None]
 
 PRINT: dict[Any, Any] = STYLE | {

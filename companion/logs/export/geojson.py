@@ -1,6 +1,6 @@
 """The track of a log on the earth: GeoJSON (RFC 7946, longitude before latitude, WGS84), as QGIS and others read it.
 
-Features, told apart by their property `kind`:
+Features, distinguished by their property `kind`:
 
     track       the estimate, a line a piece: broken where the boat did not know its place or the log has a gap
     truth       the simulator's, where its log is given

@@ -1,6 +1,6 @@
 """One picture of one log: track, cross-track error, speeds, heading, thruster PWM, innovations, timing.
 
-Colours: Okabe and Ito's palette, told apart by colour-blind readers too (https://jfly.uni-koeln.de/color).
+Colours: Okabe and Ito's palette, which colour-blind readers can distinguish (https://jfly.uni-koeln.de/color).
 matplotlib is an optional dependency (extra `analysis`): nothing on the boat imports this module.
 """
 
@@ -173,7 +173,7 @@ def heading(axes: Axes, series: Series) -> None:
 
 
 def speeds(axes: Axes, series: Series) -> None:
-    """u and v, and the u asked for."""
+    """u, v and the reference u."""
     axes.set(title="Speeds over ground", ylabel="[m/s]")
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     for name, light, dark, say in (("u_m_s", SKY, BLUE, "surge u"), ("v_m_s", ORANGE, VERMILION, "sway v")):

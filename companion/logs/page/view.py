@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 FULL_HZ, LEAST_HZ = 10.0, 1.0
 STATES = 12_000
-"""States in a page at most, unless it is asked for more: 20 minutes at 10 Hz, an hour at 3.3 Hz."""
+"""States in a page at most, by default: 20 minutes at 10 Hz, an hour at 3.3 Hz."""
 RUN = "log"
 SHOWN = {"position": (1.0, "m", 3), "heading": (57.29578, "deg", 1), "u": (1.0, "m/s", 3), "v": (1.0, "m/s", 3),
          "r": (57.29578, "deg/s", 2)}  # fmt: skip

@@ -50,7 +50,7 @@ class Watcher:
         self._all: deque[Sample] = deque(maxlen=QUEUE)
         self._newest: dict[tuple[str, str], Sample] = {}
         self._missed = 0
-        self._told: dict[str, Clock] = {}
+        self._sent_clocks: dict[str, Clock] = {}
         self._last_ms = float("-inf")
 
     def note(self, sample: Sample) -> None:
@@ -82,7 +82,7 @@ class Watcher:
 
     def frame(self, boats: Mapping[str, BoatRecord], now_ms: float) -> bytes | None:
         """The frame that is due, or None."""
-        new = {name: clock for name, clock in clocks(boats, now_ms).items() if self._told.get(name) != clock}
+        new = {name: clock for name, clock in clocks(boats, now_ms).items() if self._sent_clocks.get(name) != clock}
         samples = [*self._newest.values(), *self._all]
         if not samples and not new and now_ms - self._last_ms < QUIET_MS:
             return None
@@ -93,7 +93,7 @@ class Watcher:
             "clocks": new,
             "samples": [entry(s) for s in samples],
         }
-        self._told.update(new)
+        self._sent_clocks.update(new)
         self._all.clear()
         self._newest.clear()
         self._missed, self._last_ms = 0, now_ms

@@ -97,7 +97,7 @@ class Console:
     ) -> None:
         self.store, self.browsers = BoatStore(), set[Browser]()
         self._hearing, self._keys, self._compress = hearing, keys, compress
-        self._orders = Orders(keys.of, hearing.ask, self._told)
+        self._orders = Orders(keys.of, hearing.ask, self._on_order)
         self.also: list[Callable[[Sample], None]] = []
         """Further consumers of every accepted sample; must not block."""
         self._waiting: set[asyncio.Task] = set()
@@ -128,8 +128,8 @@ class Console:
                 sender.hear(self.store.boats[received.boat].run, sample.t_ns)
             for browser in self.browsers:
                 browser.watcher.note(sample)
-            for hear in self.also:
-                hear(sample)
+            for consume in self.also:
+                consume(sample)
         if (network := self._hearing.problem) != self._network:
             self._network = network
             self._say(f"zenoh: {network or 'ready'}")
@@ -142,7 +142,7 @@ class Console:
         for browser in self.browsers:
             browser.bell.set()
 
-    def _told(self, given: Given) -> None:
+    def _on_order(self, given: Given) -> None:
         event = _ENCODER.encode(given)
         for browser in self.browsers:
             browser.tell(event)
@@ -158,14 +158,14 @@ class Console:
         if request.content_type != "application/json":
             raise web.HTTPUnsupportedMediaType(text="expected application/json")
         try:
-            asked = msgspec.json.decode(await request.read(), type=BrowserRequest)
+            body = msgspec.json.decode(await request.read(), type=BrowserRequest)
         except msgspec.MsgspecError as error:
             raise web.HTTPBadRequest(text=str(error)) from None
-        if (asked.mission is not None) != (asked.command == "load_mission"):
+        if (body.mission is not None) != (body.command == "load_mission"):
             raise web.HTTPBadRequest(text="`mission` belongs to load_mission, and to nothing else")
-        if asked.mission and len(asked.mission.text) > MAX_BYTES:
+        if body.mission and len(body.mission.text) > MAX_BYTES:
             raise web.HTTPBadRequest(text=f"missions are at most {MAX_BYTES} bytes long")
-        task = asyncio.create_task(self._orders.give(asked.boat, asked.command, asked.mission))
+        task = asyncio.create_task(self._orders.give(body.boat, body.command, body.mission))
         self._waiting.add(task)  # a page that goes away does not take its order back
         task.add_done_callback(self._waiting.discard)
         given = await asyncio.shield(task)

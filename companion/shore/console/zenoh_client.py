@@ -137,11 +137,11 @@ class ZenohClient:
         return None
 
     def _declare(self, session: zenoh.Session) -> list[object]:
-        return subscriber.listen(session, self._hear, reach=self._reach)
+        return subscriber.listen(session, self._receive, reach=self._reach)
 
     # --- zenoh's threads ---------------------------------------------------------------------------
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         _, boat, _, topic = str(sample.key_expr).split("/", 3)
         self._note(ZenohSample(boat, topic, bytes(sample.payload), True, time.monotonic_ns()))
 

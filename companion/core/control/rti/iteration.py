@@ -41,7 +41,7 @@ class SolveInfo(NamedTuple):
 
     @property
     def sane(self) -> bool:
-        """Every number finite. `squares` is asked because the largest value, `defect`, does not show NaN."""
+        """Every number finite. `squares` is tested because the largest value, `defect`, does not show NaN."""
         return math.isfinite(self.cost + self.squares)
 
 

@@ -63,7 +63,7 @@ def test_a_clean_run_says_so_and_many_problems_are_counted(tmp_path, capsys):
     t = holes["t_s"]
     write_run(Run(holes.filter((t % 10) > 1.0)), path)
     assert run(path, "-o", tmp_path / "b.parquet") == log.OK
-    assert "... and 2 more (--json tells all)" in capsys.readouterr().out
+    assert "... and 2 more (--json lists all)" in capsys.readouterr().out
 
 
 def test_a_damaged_log_is_exit_code_1(logs, tmp_path, capsys):

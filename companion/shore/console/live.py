@@ -14,7 +14,7 @@ from aiohttp import WSMsgType, web
 
 from companion.core.telemetry.order_gate import MAX_BYTES, Command, MissionFile, Sender
 from companion.shore.console.fan_out import Watcher
-from companion.shore.console.orders import Given, Orders
+from companion.shore.console.orders import Orders, SentOrder
 from companion.shore.console.request_auth import RequestAuth
 from companion.shore.console.store import NAME, BoatStore, Sample
 from companion.shore.console.web_server import base_app
@@ -142,7 +142,7 @@ class Console:
         for browser in self.browsers:
             browser.bell.set()
 
-    def _on_order(self, given: Given) -> None:
+    def _on_order(self, given: SentOrder) -> None:
         event = _ENCODER.encode(given)
         for browser in self.browsers:
             browser.tell(event)

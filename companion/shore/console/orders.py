@@ -27,7 +27,7 @@ Ask = Callable[[str, bytes, bytes | None, float], Awaitable[bytes | None]]
 """ask(boat, payload, attachment, timeout [s]) -> the reply's payload, or None: no answer."""
 
 
-class Given(msgspec.Struct, kw_only=True):
+class SentOrder(msgspec.Struct, kw_only=True):
     """One order as the page sees it. `asked_ms`: on the console's clock; `after_ms`: so much later came the answer.
 
     `state`: `sending`; `answered`, `outcome` is the boat's; `no_answer`; `not_sent`, `why` says the reason.
@@ -48,42 +48,42 @@ class Given(msgspec.Struct, kw_only=True):
 class Orders:
     """Sends orders. `tell` is called with every change of each."""
 
-    def __init__(self, sender: Callable[[str], Sender | None], ask: Ask, tell: Callable[[Given], None]) -> None:
-        self.last: dict[int, Given] = {}
+    def __init__(self, sender: Callable[[str], Sender | None], ask: Ask, tell: Callable[[SentOrder], None]) -> None:
+        self.last: dict[int, SentOrder] = {}
         self._sender, self._ask, self._tell = sender, ask, tell
         self._number = 0
 
-    async def give(self, boat: str, command: Command, mission: MissionFile | None = None) -> Given:
+    async def give(self, boat: str, command: Command, mission: MissionFile | None = None) -> SentOrder:
         """Send one order until it is answered or its time is up."""
         begun_s = time.monotonic()
         self._number += 1
-        given = Given(number=self._number, boat=boat, command=command, state="sending", asked_ms=begun_s * 1e3)
-        self.last[given.number] = given
+        order = SentOrder(number=self._number, boat=boat, command=command, state="sending", asked_ms=begun_s * 1e3)
+        self.last[order.number] = order
         if len(self.last) > MAX_TOLD:
             del self.last[next(iter(self.last))]
         sender = self._sender(boat)
         if sender is None:
-            return self._end(given, "not_sent", "this console has no command key for this boat")
-        self._tell(given)
+            return self._end(order, "not_sent", "this console has no command key for this boat")
+        self._tell(order)
         signed: tuple[bytes, bytes | None] | None = None
         while (left_s := begun_s + PATIENCE_S[command] - time.monotonic()) > 0:
             signed = signed or _signed(sender, command, mission)
             if signed:
-                given.tries += 1
+                order.tries += 1
                 reply = await self._ask(boat, *signed, min(ANSWER_S, left_s))
-                if reply is not None and self._read(given, reply, begun_s):
-                    return given
-                signed = None if given.outcome else signed
-                if given.tries > 1:
-                    self._tell(given)
+                if reply is not None and self._read(order, reply, begun_s):
+                    return order
+                signed = None if order.outcome else signed
+                if order.tries > 1:
+                    self._tell(order)
             await asyncio.sleep(PAUSE_S)
-        if given.outcome:
-            return self._end(given, "answered", "")
+        if order.outcome:
+            return self._end(order, "answered", "")
         if signed is None:
-            return self._end(given, "not_sent", f"nothing was heard of {boat}: which run it is in is not known")
-        return self._end(given, "no_answer", f"no answer in {PATIENCE_S[command]:g} s: the boat may not have heard it")
+            return self._end(order, "not_sent", f"nothing was heard of {boat}: which run it is in is not known")
+        return self._end(order, "no_answer", f"no answer in {PATIENCE_S[command]:g} s: the boat may not have heard it")
 
-    def _read(self, given: Given, reply: bytes, begun_s: float) -> bool:
+    def _read(self, order: SentOrder, reply: bytes, begun_s: float) -> bool:
         """Note the boat's answer; False: it is still on its way to the pilot, or is none, or the boat's program was
         started anew and a stop is to be made out for the new run.
         """
@@ -93,16 +93,16 @@ class Orders:
             return False
         if outcome.repeated and outcome.code == "busy":
             return False
-        given.outcome, given.after_ms = outcome, round((time.monotonic() - begun_s) * 1e3, 1)
-        if outcome.code == "wrong_run" and given.command == "stop":
+        order.outcome, order.after_ms = outcome, round((time.monotonic() - begun_s) * 1e3, 1)
+        if outcome.code == "wrong_run" and order.command == "stop":
             return False
-        self._end(given, "answered", "")
+        self._end(order, "answered", "")
         return True
 
-    def _end(self, given: Given, state: Literal["answered", "no_answer", "not_sent"], why: str) -> Given:
-        given.state, given.why = state, why
-        self._tell(given)
-        return given
+    def _end(self, order: SentOrder, state: Literal["answered", "no_answer", "not_sent"], why: str) -> SentOrder:
+        order.state, order.why = state, why
+        self._tell(order)
+        return order
 
 
 def _signed(sender: Sender, command: Command, mission: MissionFile | None) -> tuple[bytes, bytes | None] | None:

@@ -15,7 +15,7 @@ from companion.core.telemetry.order_gate import (
     seal,
 )
 from companion.shore.console import orders as module
-from companion.shore.console.orders import Given, Orders
+from companion.shore.console.orders import Orders, SentOrder
 
 KEY = bytes(range(32))
 
@@ -172,4 +172,4 @@ def test_a_mission_goes_along_and_old_orders_are_forgotten():
         return orders.last
 
     last = asyncio.run(play())
-    assert len(last) == module.MAX_TOLD and isinstance(last[module.MAX_TOLD + 5], Given)
+    assert len(last) == module.MAX_TOLD and isinstance(last[module.MAX_TOLD + 5], SentOrder)

@@ -1,11 +1,11 @@
 """The table of monitors, and the loops of the pilot over it: every monitor is named here and nowhere else.
 
-    link_lost                       `autopilot_state.AutopilotMonitor`   link_late       `link_latency`
-    unfit, degraded                 `annunciator.Annunciator`            fence_breached  `fence_distance`
-    battery_low, battery_critical   `battery`                            solver_failing  `plan_gap`
-    override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
-    sticks                          `manual_control.StickMonitor`
-    sensors that repeat themselves are left out by `stuck_sensor`, which says no condition
+link_lost                       `autopilot_state.AutopilotMonitor`   link_late       `link_latency`
+unfit, degraded                 `annunciator.Annunciator`            fence_breached  `fence_distance`
+battery_low, battery_critical   `battery`                            solver_failing  `plan_gap`
+override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
+sticks                          `manual_control.StickMonitor`
+sensors that repeat themselves are left out by `stuck_sensor`, which says no condition
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ def _drive(case: tuple[str, int]) -> tuple[float, float, float, float]:
     quick.begin(*asked[0])
     for one in asked:
         quick.solve(*one)
-        excess = max(excess, quick.rti.came().excess)
+        excess = max(excess, quick.rti.info().excess)
     apart, exact = 0.0, RtiPlanner("exact", nlp, h, to=1e-10) if seed == 1 else None
     if exact:
         exact.begin(*asked[0])

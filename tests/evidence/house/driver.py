@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import sys
 import time
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -59,7 +60,10 @@ class Bench:
     def nmpc(self):
         patient = msgspec.structs.replace(self.setup.nmpc, rescue_time_s=60.0)
         model, actuation = find("StructuredModel").of(self.vessel), find("Actuation").of(self.vessel)
-        return find("Nmpc")(model, actuation, patient, lambda: 0.0, self.setup.fence)
+        machine_code = {}  # the older trees compile by themselves, the newer are handed a compiler
+        with suppress(ImportError):
+            machine_code["compiler"] = import_module("companion.jit").compile_loops
+        return find("Nmpc")(model, actuation, patient, lambda: 0.0, self.setup.fence, **machine_code)
 
     def driven(self, seed: int, seconds: float):
         """A mission of so many seconds; odd seeds in current and wind, on a boat that is not as believed."""

@@ -171,6 +171,7 @@ def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int,
 
 
 def _truth(truths: list[GroundTruth], names: tuple[str, ...]) -> Stream:
+    """Stream of the true motion and thruster forces."""
     rows = []
     for m in truths:
         forces = m.f_n if len(m.f_n) == len(names) else (np.nan,) * len(names)

@@ -145,6 +145,7 @@ def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
 
 
 def _run(table: pl.DataFrame, metadata: Mapping[str, Any], name: str, place: Any) -> Run:
+    """The run of a table and its metadata as read; RunError for another format version or unknown metadata."""
     fields = dict(metadata)
     stated, version = fields.pop("data_hash", None), fields.pop("aritra_run", FORMAT)
     if version != FORMAT:

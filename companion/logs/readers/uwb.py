@@ -91,6 +91,7 @@ def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m:
 
 
 def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple[LogProblem, ...]]:
+    """Messages of a text log, and notes on lines without stamp and damaged lines."""
     if wire_format is None:
         raise RunError(f"{path}: its wire format is not known: give the vessel file")
     codec = uwb_codec(wire_format, "tag", 1.0)

@@ -56,6 +56,7 @@ def _stretches(marked: np.ndarray, t_s: np.ndarray, least_s: float) -> Iterator[
 
 
 def _missing(run: Run) -> Iterator[LogProblem]:
+    """Columns without values, thrusters without commands, a battery voltage that may be stale."""
     for column, what in (
         ("battery_v", "no battery voltage: thrust at a pulse width is then known at one voltage only"),
         ("psi_rad", "no heading"),
@@ -107,6 +108,7 @@ def _holes(t_s: np.ndarray, run_t_s: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _positions(run: Run) -> Iterator[LogProblem]:
+    """Few or slow positions, lost ones, and jumps."""
     if not run.known("north_m"):
         return
     t_s, places = run.samples("north_m", "east_m")
@@ -126,6 +128,7 @@ def _positions(run: Run) -> Iterator[LogProblem]:
 
 
 def _saturated(run: Run) -> Iterator[LogProblem]:
+    """Intervals with a thruster at its limit."""
     t_s = run.table["t_s"].to_numpy()
     for name in run.thrusters:
         low, high = run.meta.pwm_limits_us.get(name, PWM_LIMITS_US)
@@ -138,6 +141,7 @@ def _saturated(run: Run) -> Iterator[LogProblem]:
 
 
 def _idle(run: Run) -> Iterator[LogProblem]:
+    """Intervals with all thrusters at rest, and thrusters whose command never changes."""
     t_s = run.table["t_s"].to_numpy()
     pwm_us = run.table.select(f"pwm_{name}" for name in run.thrusters).to_numpy()
     with np.errstate(invalid="ignore"):
@@ -152,6 +156,7 @@ def _idle(run: Run) -> Iterator[LogProblem]:
 
 
 def _stuck(run: Run) -> Iterator[LogProblem]:
+    """Samples that repeat one value exactly."""
     for column in (*NOISY, *(name for name in run.table.columns if name.startswith("range_"))):
         if not run.known(column):
             continue

@@ -177,6 +177,7 @@ def check(table: pl.DataFrame, name: str, place: Callable[[int], str]) -> None:
 
 
 def _check_limits(column: pl.Series, name: str, place: Callable[[int], str]) -> None:
+    """Raise RunError for the first value of a column outside its limits, or not finite."""
     limits = next((found for pattern, found in LIMITS if pattern.fullmatch(column.name)), None)
     if limits is None:
         limits = (-np.inf, np.inf, "")

@@ -111,6 +111,7 @@ def _long(log: NamedLog, least_s: float, what: str) -> NamedLog:
 
 
 def _alternate(log: NamedLog, block_s: float) -> LogUse:
+    """Alternate blocks of a log. Raises JobError where it does not hold two."""
     if block_s < LEAST_HELD_OUT_S:
         raise JobError(f"blocks of {block_s:g} s: {LEAST_HELD_OUT_S:g} s are the least to be judged by")
     try:

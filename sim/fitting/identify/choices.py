@@ -40,6 +40,7 @@ def choices(identification: Identification) -> list[Choice]:
 
 
 def _data(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    """Choices on data and sensor noise."""
     chosen = identification.choices
     own = chosen.block_s is not None or any(not u.fitted_s for u in identification.split.used)
     yield "held out", identification.split.rule, USER if own else BEFORE
@@ -56,6 +57,7 @@ def _data(identification: Identification) -> Iterator[tuple[str, str, str]]:
 
 
 def _series(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    """Choices on the regressions."""
     if identification.series:
         yield (
             "samples of the regressions",
@@ -71,6 +73,7 @@ def _series(identification: Identification) -> Iterator[tuple[str, str, str]]:
 
 
 def _structured(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    """Choices on the structured fit."""
     s, settings = identification.structured, identification.choices.settings
     windows = ", then ".join(f"{w:g}" for w in WINDOWS_S)
     chosen = "default" if settings.horizon_s is None else f"{settings.horizon_s:g} s"
@@ -100,6 +103,7 @@ def _structured(identification: Identification) -> Iterator[tuple[str, str, str]
 
 
 def _judging(identification: Identification) -> Iterator[tuple[str, str, str]]:
+    """Choices on the judgement."""
     judged = " and ".join(map(str, JUDGED_S))
     yield "open-loop runs", "one begins every 5 s, lasts up to 60 s, 10 s at least", BEFORE
     yield "commands of open-loop runs", f"sampled every {1000 * STEP_S:g} ms", BEFORE

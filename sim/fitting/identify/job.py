@@ -152,13 +152,8 @@ def identify(
     say(step, f"{structured.iterations} steps", 1.0)
     identified = identified_vessel(vessel, structured, date=now()[:10])
     stamps.append(Stamp("structured model fitted", now()))
-    # 4. All models in open loop on the held-out parts. Where those are of the fitted logs, with the trims of that day.
-    models: list[Simulator] = [VesselSimulator(NAMES["base"], vessel)]
-    models += [TaylorSimulator(one.name, one.fit.C, vessel) for one in series]
-    models += [TaylorSimulator(NAMES["peer"], peer, vessel)] if peer is not None else []
-    same_day = all(used.fitted_s for used in division.used if used.held_out_s)
-    of_the_day = identified_vessel(vessel, structured, date=now()[:10], session=True) if same_day else identified
-    models.append(VesselSimulator(NAMES["structured"], of_the_day))
+    # 4. All models in open loop on the held-out parts.
+    models = _simulators(vessel, identified, structured, division, series, peer, now)
     box = SpeedBox.of(np.concatenate([s.nu for s in motion.smoothed]))
     validation, departures = _judge(models, division, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
@@ -181,6 +176,7 @@ def identify(
 
 
 def _motion(runs: Sequence[Run], noise: SmootherNoise, say: Say) -> SmoothedMotions:
+    """Smooth the fitted runs, and take them through the paper's pipeline where all its sensors were logged."""
     smoothed = []
     for i, run in enumerate(runs):
         say(STEPS[0], run.meta.source, i / len(runs))
@@ -216,6 +212,24 @@ def _series(
             raise JobError('pysindy is not installed: pip install "aritra[analysis]"') from None
     say(step, "" if choices.taylor or choices.peer else "not asked for", 1.0)
     return tuple(series), peer
+
+
+def _simulators(
+    vessel: VesselFile,
+    identified: VesselFile,
+    structured: FitResult,
+    division: Split,
+    series: Sequence[Taylor],
+    peer: np.ndarray | None,
+    now: Callable[[], str],
+) -> list[Simulator]:
+    """The models to judge. Where the held-out parts are of the fitted logs, the structured one has their trims."""
+    models: list[Simulator] = [VesselSimulator(NAMES["base"], vessel)]
+    models += [TaylorSimulator(one.name, one.fit.C, vessel) for one in series]
+    models += [TaylorSimulator(NAMES["peer"], peer, vessel)] if peer is not None else []
+    same_day = all(used.fitted_s for used in division.used if used.held_out_s)
+    of_the_day = identified_vessel(vessel, structured, date=now()[:10], session=True) if same_day else identified
+    return [*models, VesselSimulator(NAMES["structured"], of_the_day)]
 
 
 def _judge(

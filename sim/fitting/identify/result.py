@@ -140,6 +140,7 @@ def _fit_once(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, sa
 def _fit_horizon(
     runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, horizon_s: float, say: Say
 ) -> FitResult:
+    """The result of multi-step output error."""
     parameters = with_tag_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
     fit = HorizonFit(runs, vessel, parameters, horizon_s)
     point, iterations = solve_horizon(fit, settings.iterations, say)
@@ -201,6 +202,7 @@ def _spread_of(parameters: Parameters, w: np.ndarray, C_w: np.ndarray) -> tuple[
 
 
 def _estimates(parameters: Parameters, q: np.ndarray, C_q: np.ndarray, share: np.ndarray) -> tuple[Estimate, ...]:
+    """Estimates from q (P,), its covariance (P, P) and the shares of the prior (P,)."""
     positive = parameters.is_positive()
     estimates = []
     for i, name in enumerate(parameters.names):
@@ -248,6 +250,7 @@ def _directions(C_w: np.ndarray, spread: np.ndarray, names: tuple[str, ...]) -> 
 
 
 def _channels(fit: StructuredFit, point: FitPoint) -> tuple[ResidualChannel, ...]:
+    """Residual statistics of each channel of the fit of windows."""
     channels = []
     for i, name in enumerate(CHANNEL_NAMES):
         series = point.at.residuals[..., i].ravel()
@@ -260,6 +263,7 @@ def _channels(fit: StructuredFit, point: FitPoint) -> tuple[ResidualChannel, ...
 
 
 def _channel(name: str, series: np.ndarray, sigma: float) -> ResidualChannel:
+    """Statistics of one channel from its whitened residuals in order of time; NaN are left out."""
     series = series[np.isfinite(series)]
     square = float(series @ series)
     lag1 = float(series[1:] @ series[:-1]) / square

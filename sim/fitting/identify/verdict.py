@@ -127,6 +127,7 @@ def _percent(share: float) -> str:
 
 
 def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
+    """The sentence that names the model to believe."""
     others = ", ".join(f"{name} {_percent(e)}" for name, e in errors.items() if name != believe)
     if believe is None:
         return f"Believe none of the models: on held-out data none is nearer than a guess without a model ({others})."
@@ -141,6 +142,7 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
 
 
 def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]:
+    """Sentences on the position errors of all models after 10 and 30 s."""
     lines = []
     for h in (h for h in (10, 30) if h in validation.scores[0].horizons_s):
         at = {s.name: s.rms["position"][s.horizons_s.index(h)] for s in validation.scores}
@@ -155,6 +157,7 @@ def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]
 
 
 def _open(structured: FitResult) -> list[str]:
+    """Sentences on undetermined parameters, and on the common scale of forces and inertias."""
     boat = [p for p in structured.parameters if p.name not in WARP]
     left = [p.name for p in boat if not p.determined]
     line = f"The data determine {len(boat) - len(left)} of {len(boat)} parameters of boat and sensors"
@@ -171,6 +174,7 @@ def _open(structured: FitResult) -> list[str]:
 
 
 def _fit_doubts(structured: FitResult) -> list[str]:
+    """Doubts about the fit itself: convergence, whiteness, parameters that the controller needs."""
     doubts = []
     if not structured.converged:
         doubts.append(
@@ -191,6 +195,7 @@ def _fit_doubts(structured: FitResult) -> list[str]:
 
 
 def _model_doubts(errors: Mapping[str, float], validation: Validation) -> list[str]:
+    """Doubts from the held-out data: a better model, a better baseline, divergence."""
     name = NAMES["structured"]
     doubts, mine = [], errors[name]
     for other, error in errors.items():
@@ -209,6 +214,7 @@ def _model_doubts(errors: Mapping[str, float], validation: Validation) -> list[s
 
 
 def _log_doubts(problems: Mapping[str, Sequence[LogProblem]]) -> list[str]:
+    """Log problems that can bias a fit, one sentence for each log and kind."""
     doubts = []
     for log, ones in problems.items():
         for kind in DOUBTFUL:

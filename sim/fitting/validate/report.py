@@ -96,6 +96,7 @@ def typical_window(validation: Validation, model: int = 0) -> int:
 
 
 def _section(section: Section) -> str:
+    """HTML of one section."""
     parts = [f"<h2>{html.escape(section.title)}</h2>"]
     if section.sentences:
         items = "".join(f"<li>{html.escape(s)}</li>" for s in section.sentences)

@@ -77,6 +77,7 @@ def _taylor_ends(unseen: Run, windows: Windows, C: np.ndarray, vessel: VesselFil
 def _start(
     unseen: Run, vessel: VesselFile, t_s: np.ndarray, true: np.ndarray, start: Start, rng: np.random.Generator
 ) -> np.ndarray:
+    """Initial states (W, 6) at `t_s` by the kind of `start`, from the true ones; headings on the branch of the true."""
     if start == "exact":
         return true
     if start == "filter":

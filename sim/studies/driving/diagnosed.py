@@ -123,6 +123,7 @@ def trips(
 
 
 def _scored(run: SteppedRun, name: str, seed: int) -> Trip:
+    """The scores of one mission."""
     track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
     points = np.array(run.pilot.settings.mission.path.points)
     missed = int((away_m(track, points) > NEAR_M).sum())

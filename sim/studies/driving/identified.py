@@ -111,6 +111,7 @@ def driven_runs(
 
 
 def _scored(run: SteppedRun, name: str, seed: int) -> Driven:
+    """The scores of one mission."""
     track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
     points = np.array(run.pilot.settings.mission.path.points)
     along = tracking(track, points)

@@ -1,4 +1,4 @@
-"""Streams into one table: nothing moved, nothing lost in silence."""
+"""Streams joined into one table: no sample is moved, and every sample left out is noted."""
 
 import numpy as np
 import pytest

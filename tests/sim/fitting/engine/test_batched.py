@@ -1,4 +1,4 @@
-"""Functions on many instants at once, against CasADi one at a time; machine code and interpreter alike."""
+"""CasADi functions on many instants at once against single evaluations, by machine code and by interpreter."""
 
 import casadi as ca
 import numpy as np

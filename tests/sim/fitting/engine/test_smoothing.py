@@ -1,4 +1,4 @@
-"""Differences, the Lanczos filter and the smoother, each against what it must be."""
+"""7-point differences, the Lanczos filter and the smoother against their defining properties."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Information before and after a flight, what to do next, and plans. Nominal flights of the reference boat."""
+"""Fisher information before and after a flight, advice on the next manoeuvre, plans. Reference boat."""
 
 from functools import cache
 

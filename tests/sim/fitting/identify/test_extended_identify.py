@@ -1,4 +1,4 @@
-"""An extended vessel file is where identification starts from, and what it writes loads again. Seed 3."""
+"""Identification that starts from an extended vessel file; the file that it writes loads again. Seed 3."""
 
 import pytest
 from msgspec.structs import replace

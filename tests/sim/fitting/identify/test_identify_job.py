@@ -1,4 +1,4 @@
-"""Identification without files: the split, the verdict, what is told of logs that cannot be used."""
+"""Identification without files: the split, the verdict, errors for logs that cannot be used."""
 
 from itertools import count
 

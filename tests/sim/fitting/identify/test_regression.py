@@ -1,4 +1,4 @@
-"""The 23-term regression: data of the paper's own polynomial gives its numbers back; what is open is said to be."""
+"""The 23-term regression recovers the paper's own polynomial from its data, and marks undetermined terms."""
 
 import time
 

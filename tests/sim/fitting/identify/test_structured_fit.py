@@ -1,4 +1,4 @@
-"""The structured fit on simulated logs: what it finds, how sure it is, and the vessel file that comes out."""
+"""The structured fit on simulated logs: estimates, intervals, and the identified vessel file."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Ghosts: simulations that begin where the boat was, know what was commanded, and are put back in time."""
+"""Ghosts: simulations from the boat's states under its commands, reset after every piece."""
 
 import numpy as np
 import polars as pl

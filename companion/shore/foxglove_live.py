@@ -53,7 +53,7 @@ class FoxgloveServer:
         return self._server.port
 
     def see(self, boat: str, topic: str, data: bytes, unix_ns: int) -> None:
-        """One checked sample: JSON of a struct of `shore_messages`. `unix_ns`: now, by our own clock."""
+        """One checked sample: JSON of a `ShoreMessage`. `unix_ns`: now, by our own clock."""
         sample = shore.decode(topic, data)
         if isinstance(sample, shore.About):
             self._offsets_ns[boat] = sample.unix_minus_t_ns

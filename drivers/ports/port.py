@@ -39,7 +39,7 @@ class Port(Protocol):
 
     @property
     def name(self) -> str:
-        """For people, and accepted by `port_url`: `udpin:0.0.0.0:14550`, `serial:/dev/ttyACM0:115200`."""
+        """For people, and accepted by `url`: `udpin:0.0.0.0:14550`, `serial:/dev/ttyACM0:115200`."""
         ...
 
     @property

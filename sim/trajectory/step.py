@@ -4,7 +4,7 @@
     F     = force map(pwm, V)         with dead band, trim and gain, held over the sample
     dx/dt = state_rate(model, x, F, force_n)       `substeps` of Runge-Kutta; current and wind held over the sample
 
-Nothing of the model is written here: `companion.core.model.manoeuvring`, `dynamics` and `thrusters` have it.
+Nothing of the model is written here: `manoeuvring`, `integrate` and `thrusters` of `companion.core.model` have it.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ _FULL_BYTES = 65_536
 
 
 class MavlinkServer:
-    """Carries bytes between sockets and a Rover. `udp_address`, `tcp_address`: where it listens."""
+    """Carries bytes between sockets and a Rover. `open_udp`, `open_tcp` return where it listens."""
 
     def __init__(self, rover: Rover, clock: Callable[[], int]):
         self._rover, self._clock = rover, clock

@@ -4,7 +4,7 @@
     mavlink(data, peer)         bytes from a MAVLink peer; what is answered at once
     uwb(data)                   bytes from the companion to the tag; what is answered at once
 
-`Afloat` is the world without an autopilot, for a firmware that is not ours (`json_backend`).
+`Afloat` is the world without an autopilot, for a firmware that is not ours (`sim.world.sitl`).
 
 It has no clock: real time (`loopback`) and stepped tests call the same `step`. The same setup, seed and
 incoming bytes give the same outgoing bytes.

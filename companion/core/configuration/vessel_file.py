@@ -115,7 +115,7 @@ class Propulsion(SourcedTable, frozen=True, kw_only=True):
     """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force.
 
     `rate_limit_N_s`: what control asks for at most; `slew_N_s`: what the thrusters can do (None: the lag alone).
-    `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations in `inflow`.
+    `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations in `thrust_losses`.
     """
 
     dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
@@ -152,7 +152,7 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
 class Imu(SourcedTable, frozen=True, kw_only=True):
     """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`.
 
-    The keys with a default of 0 behind the noise are known errors; equations in `calibration`.
+    The keys with a default of 0 behind the noise are known errors; equations in `sensor_errors`.
     """
 
     x_m: float = 0.0
@@ -180,7 +180,7 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
 
 class Uwb(SourcedTable, frozen=True, kw_only=True):
     """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
-    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `calibration`.
+    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `sensor_errors`.
     """
 
     x_m: float = 0.0

@@ -209,7 +209,7 @@ def telemetry_key(boat: str, topic: str) -> str:
 
 
 def command_key(boat: str) -> str:
-    """Zenoh key under which the boat answers orders (`shore_orders`)."""
+    """Zenoh key under which the boat answers orders (`orders`)."""
     return f"{KEYSPACE}/{boat}/command"
 
 

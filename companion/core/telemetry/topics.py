@@ -1,4 +1,4 @@
-"""One struct a topic, from the messages that it speaks of; numbers as fine as a plot can use (`telemetry_figures`).
+"""One struct a topic, from the messages that it speaks of; numbers as fine as a plot can use (`rounding`).
 
 `run`: the name of this run, in every struct. When each is sent is decided in `view`.
 """

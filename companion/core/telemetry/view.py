@@ -1,6 +1,6 @@
 """From the stream of messages that a run's `watch` sees to what is published, and how often.
 
-    view.see(message)  ->  [structs of shore_messages that are due]
+    view.see(message)  ->  [structs of `structs` and `status` that are due]
 
 Topics with a rate are due at the end of a tick (its LoopTiming), alerts and changes of mode at once. A rate is kept on
 average: a topic that was due a little before the tick is not put off to the next but one. Pure: time is the messages'.

@@ -1,6 +1,6 @@
 """`aritra log export`: any log -> one aligned table (docs/run-format.md), and what is wrong with it; or one of our own
 
-logs -> a table a topic (`log_tables`), or its track on the earth (`log_geojson`).
+logs -> a table a topic (`tables`), or its track on the earth (`geojson`).
 
 polars is an optional dependency (extra `analysis`): modules that need it are imported at first use.
 """

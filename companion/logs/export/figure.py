@@ -1,6 +1,6 @@
 """A figure for print of one log: path, heading, speeds, yaw rate, cross-track error, thrusters; as wide as its column.
 
-The panels are those of `log_plot`, set for paper: 8 pt in Times-like letters (STIX, which come with matplotlib), thin
+The panels are those of `plot`, set for paper: 8 pt in Times-like letters (STIX, which come with matplotlib), thin
 lines, no titles (a caption says what it is), fonts embedded as TrueType. Two columns of panels from `WIDE_MM` on.
 """
 

@@ -1,4 +1,4 @@
-"""A log as telemetry for the page, and simulated ghosts: the data of the page (`log_web/log.js`).
+"""A log as telemetry for the page, and simulated ghosts: the data of the page (`web/log.js`).
 
 Samples are made by the code of the telemetry (`core.telemetry`), at a rate that keeps the page small.
 """

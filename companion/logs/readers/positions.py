@@ -3,7 +3,7 @@
     min over p of sum_i rho(z_i - |p - a_i|),   rho: Cauchy's loss, by iteratively re-weighted Gauss-Newton
 
 for all cycles at once, started at the mean of the anchors that answered. Where a range disagrees with the result, the
-cycle is solved from every pair of its anchors (`multilateration.locate`, 1.5 ms); it is left blank where fewer than
+cycle is solved from every pair of its anchors (`multilaterate`, 1.5 ms); it is left blank where fewer than
 three ranges agree with its best fix.
 """
 

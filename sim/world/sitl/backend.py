@@ -45,7 +45,7 @@ _S = 1_000_000_000
 
 
 class Moves(Protocol):
-    """What the backend asks of a world (`json_physics.Physics`)."""
+    """What the backend asks of a world (`SitlPhysics`)."""
 
     def advance(self, outputs_us: tuple[int, ...], frame_ns: int) -> tuple[PhysicsState, bytes]:
         """One frame on with these outputs: the state then, and the UWB tag's bytes."""

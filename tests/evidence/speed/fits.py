@@ -65,7 +65,7 @@ def _ratios(
         f"{end} after {plain.processor_s:.0f} s, {plain.residuals} residuals, {plain.cost - optimum:.2g} nats too high"
     )
     yield at_least("over scipy least_squares with CasADi Jacobians", plain.processor_s / ours_s, 20, "", note)
-    note = f"whitened, steps and ties by our own ideas: peer_fit.py; {peers[0].jacobians} Jacobians, {best:.1f} s"
+    note = f"whitened, steps and ties by our own ideas: casadi_fit.py; {peers[0].jacobians} Jacobians, {best:.1f} s"
     yield information(f"  over the same as well as we could help it, fastest of {len(peers)}", best / ours_s, "", note)
     note = f"{as_logged_s:.1f} s"
     yield information("  over that on every sample of the log", as_logged_s / ours_s, "", note)

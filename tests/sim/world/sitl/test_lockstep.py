@@ -96,7 +96,7 @@ def test_frames_that_were_missed_are_counted_and_told(line):
 
 
 def test_a_simulator_started_again_takes_any_frame_count_and_its_time_begins_anew(line):
-    """The firmware sees the timestamp go back and goes on: `test_ardupilot_json_process`."""
+    """The firmware sees the timestamp go back and goes on: `test_process`."""
     assert line.time_of(line.send(123_456)) == pytest.approx(0.005)
     assert line.backend.counters.missed == line.world.restarts == 0
 

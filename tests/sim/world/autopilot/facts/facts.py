@@ -1,7 +1,7 @@
 """The table of what the real ArduPilot Rover was seen to do: one row a fact, with a check on the simulated one.
 
 A row names the section of the notes on the real firmware and the fact in words; `check()` fails where the
-simulation does otherwise. FACTS is filled by the modules `facts_wiring`, `facts_rc` and `facts_protocol`.
+simulation does otherwise. FACTS is filled by the modules `wiring`, `rc` and `protocol`.
 """
 
 from __future__ import annotations

@@ -106,17 +106,12 @@ def test_a_rehearsal_changes_no_plan():
 
 
 def test_a_replay_gives_time_command_and_success_of_every_state():
-    class Half:
+    class Plans:
         name = "half"
 
         def begin(self, x0, p, q):
             self.n = 0
 
-        def solve(self, x0, p, q):
-            self.n += 1
-            return compare.Kept, self.n
-
-    class Plans(Half):
         def solve(self, x0, p, q):
             self.n += 1
             return type("P", (), {"c": np.full((2, 3), float(self.n)), "solved": self.n % 2 == 0})

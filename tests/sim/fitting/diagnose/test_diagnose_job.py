@@ -272,7 +272,7 @@ def test_what_is_known_to_be_there_is_fitted_and_nothing_else_is_looked_for(weak
 @pytest.mark.long
 def test_causes_that_do_harm_on_held_out_logs_are_taken_back_and_told(weak, monkeypatch):
     """As if the held-out readings had become worse: no name is left, and the files are those of the refitted base."""
-    monkeypatch.setattr(job, "held_out_objection", lambda _verdict, _score_active: HARMFUL)
+    monkeypatch.setattr(job, "held_out_objection", lambda _verdict, _score: HARMFUL)
     run = weak[2].split.used[0].log.run
     found = job.diagnose([run], VESSEL, identifiability=None)
     assert found.verdict == "unknown" and not found.causes and not found.selection.causes

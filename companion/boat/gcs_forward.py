@@ -1,7 +1,7 @@
 """A ground station beside the companion: it sees the autopilot's stream and ours, and may speak where allowed.
 
     autopilot -> every frame as it came -> station          our own frames, but TIMESYNC -> station
-    station -> StationGate -> autopilot                     only where the run file says `writable`
+    station -> GcsFirewall -> autopilot                     only where the run file says `writable`
 
 Nothing here makes the control loop wait: what the station's port does not take is dropped and counted, a station
 that is absent costs nothing, and a fault of its port is one alert and a new attempt.

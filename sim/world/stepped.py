@@ -61,7 +61,7 @@ class SteppedRun:
         self._tick_due_ns = world.t_ns + self._period_ns
         self._plans: list[PlanResult] = []
         self._deadline: PlanDeadline | None = None
-        world.rover.add_link(PEER)
+        world.add_peer(PEER)
         for data in self._tag.start_bytes():
             self._hear_tag(world.uwb(data))
         self.feed([OperatorCommand(t_ns=world.t_ns, command=begin)])

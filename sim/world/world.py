@@ -144,6 +144,10 @@ class World(Afloat):
         frame = self._sense(self.advance(self.rover.outputs_us))
         return Outgoing(self.rover.step(self.t_ns, frame), self.tag_bytes())
 
+    def add_peer(self, peer: Hashable) -> None:
+        """A MAVLink peer is there: what the autopilot streams goes to it from now on."""
+        self.rover.add_link(peer)
+
     def mavlink(self, data: bytes, peer: Hashable) -> bytes:
         """Bytes from a MAVLink peer now; the autopilot's answer."""
         return self.rover.receive(data, peer, self.t_ns)

@@ -35,7 +35,7 @@ class Weather:
 
 @dataclass(frozen=True)
 class Moment:
-    """The environment at one instant, as the plant's model takes it."""
+    """The environment at one instant, as the plant's model takes it; roll and pitch with two derivatives."""
 
     V_c_m_s: float
     beta_c_deg: float
@@ -44,6 +44,8 @@ class Moment:
     wave_n: np.ndarray
     phi_rad: float
     theta_rad: float
+    tilt_rate_rad_s: tuple[float, float] = (0.0, 0.0)
+    tilt_rate_rad_s2: tuple[float, float] = (0.0, 0.0)
 
 
 class Environment:
@@ -64,17 +66,25 @@ class Environment:
         if w.gustiness:
             decay = np.exp(-dt_s / GUST_TIME_S)
             self._gust = decay * self._gust + w.gustiness * np.sqrt(1 - decay**2) * self._rng.normal()
-        waves, tilt = np.zeros(3), np.zeros(2)
+        waves, tilt = np.zeros(3), np.zeros((3, 2))
         if w.H_s_m:
             elevation = (self._amplitude * np.sin(self._omega * t_s + self._phase)).sum(axis=1)
             waves = WAVE_FORCE_N_M * w.H_s_m * elevation[:3]
-            tilt = WAVE_TILT_RAD_M * w.H_s_m * elevation[3:]
+            tilt = WAVE_TILT_RAD_M * w.H_s_m * np.array([elevation[3:], *self._slopes(t_s)])
         return Moment(
             w.V_c_m_s,
             w.beta_c_deg + w.turn_deg_s * t_s,
             max(0.0, w.V_w_m_s * (1 + self._gust)),
             w.beta_w_deg,
             waves,
-            float(tilt[0]),
-            float(tilt[1]),
+            float(tilt[0, 0]),
+            float(tilt[0, 1]),
+            (float(tilt[1, 0]), float(tilt[1, 1])),
+            (float(tilt[2, 0]), float(tilt[2, 1])),
         )
+
+    def _slopes(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivative of the sinusoids of roll and pitch."""
+        angle = self._omega * t_s + self._phase[3:]
+        rate = (self._amplitude * self._omega * np.cos(angle)).sum(axis=1)
+        return rate, -(self._amplitude * self._omega**2 * np.sin(angle)).sum(axis=1)

@@ -10,6 +10,7 @@ Errors that the vessel file knows of (`companion.core.model.sensor_errors`) come
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,10 +52,24 @@ class ImuReading:
     psi_rad: float
 
 
+def body_rates(psi_dot_rad_s: float, moment: Moment) -> tuple[float, float, float]:
+    """p, q, r [rad/s] of a hull that yaws while waves roll and pitch it (Fossen 2021, eq. 2.39 inverted)."""
+    phi, theta = moment.phi_rad, moment.theta_rad
+    phi_dot, theta_dot = moment.tilt_rate_rad_s
+    across, down = psi_dot_rad_s * math.cos(theta) * math.sin(phi), psi_dot_rad_s * math.cos(theta) * math.cos(phi)
+    return (
+        phi_dot - psi_dot_rad_s * math.sin(theta),
+        theta_dot * math.cos(phi) + across,
+        down - theta_dot * math.sin(phi),
+    )
+
+
 def specific_force(imu: Imu, motion: Motion, moment: Moment) -> np.ndarray:
     """What a perfect accelerometer at the IMU's place measures [m/s^2], body axes, shape (3,)."""
     a_x, a_y = point_acceleration(motion.x[3:6], motion.nu_dot, (imu.x_m, imu.y_m))
     phi, theta = moment.phi_rad, moment.theta_rad
+    roll, pitch = moment.tilt_rate_rad_s2  # what roll and pitch do at the IMU's height above the waterline
+    a_x, a_y = a_x + pitch * imu.z_m, a_y - roll * imu.z_m
     down = -GRAVITY_M_S2 * np.cos(theta)
     return np.array([a_x + GRAVITY_M_S2 * np.sin(theta), a_y + down * np.sin(phi), down * np.cos(phi)])
 
@@ -69,18 +84,20 @@ class ImuSensor:
         self._gyro_bias = rng.normal(0, imu.gyro_bias_sigma_rad_s, 3)
         self._wander = rng.normal(0, imu.heading_wander_sigma_rad)
 
-    def measure(self, motion: Motion, moment: Moment) -> ImuReading:
-        """One sample."""
-        imu, rng, dt = self._imu, self._rng, self.period_ns * 1e-9
+    def measure(self, motion: Motion, moment: Moment, period_ns: int | None = None) -> ImuReading:
+        """One sample, `period_ns` after the last; noise has the density that the file's has at the file's rate."""
+        imu, rng, dt = self._imu, self._rng, (period_ns or self.period_ns) * 1e-9
+        white = math.sqrt(self.period_ns * 1e-9 / dt)
         self._accel_bias += rng.normal(0, imu.accel_bias_walk_m_s2_sqrt_s * np.sqrt(dt), 3)
         self._gyro_bias += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt), 3)
         decay = np.exp(-dt / imu.heading_wander_time_s)
         self._wander = decay * self._wander + imu.heading_wander_sigma_rad * np.sqrt(1 - decay**2) * rng.normal()
-        phi, theta, r = moment.phi_rad, moment.theta_rad, motion.x[5]
+        phi, theta = moment.phi_rad, moment.theta_rad
+        p, q, r = body_rates(float(motion.x[5]), moment)
         force = specific_force(imu, motion, moment)
         force[0], force[1], rate = apply_imu_errors(imu, force[0], force[1], r)
-        accel = force + self._accel_bias + rng.normal(0, imu.accel_sigma_m_s2, 3)
-        gyro = np.array([0.0, 0.0, rate]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s, 3)
+        accel = force + self._accel_bias + rng.normal(0, imu.accel_sigma_m_s2 * white, 3)
+        gyro = np.array([p, q, rate]) + self._gyro_bias + rng.normal(0, imu.gyro_sigma_rad_s * white, 3)
         tilt = rng.normal(0, TILT_SIGMA_RAD, 2)
         psi = apply_heading_errors(imu, motion.x[2]) + self._wander + rng.normal(0, imu.heading_sigma_rad)
         return ImuReading(

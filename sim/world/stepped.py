@@ -8,12 +8,13 @@ pilot sees has gone through the wire formats.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, Literal, Protocol
 
 from msgspec.structs import replace
 
 from companion.core.messages import (
+    GroundTruth,
     Message,
     OperatorCommand,
     OverrideLease,
@@ -27,11 +28,40 @@ from companion.core.pilot.pilot import Pilot
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
 from drivers.uwb import uwb_codec
-from sim.world.world import STEP_NS, World
+from sim.world.world import STEP_NS, Outgoing
 
 PEER = "companion"
 PLAN_NS = 10_000_000
 SESSION_STEPS = 10
+
+
+class SteppedWorld(Protocol):
+    """What a stepped run asks of a world: `World`, or a real firmware in it (`sim.world.sitl.firmware_world`)."""
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time [ns]."""
+        ...
+
+    def step(self) -> Outgoing:
+        """One step on; the bytes that are due."""
+        ...
+
+    def add_peer(self, peer: Hashable) -> None:
+        """A MAVLink peer is there."""
+        ...
+
+    def mavlink(self, data: bytes, peer: Hashable) -> bytes:
+        """Bytes to the autopilot; what it answers at once."""
+        ...
+
+    def uwb(self, data: bytes) -> bytes:
+        """Bytes to the UWB tag; its answer."""
+        ...
+
+    def truth(self) -> GroundTruth:
+        """What really is."""
+        ...
 
 
 class SteppedRun:
@@ -42,7 +72,7 @@ class SteppedRun:
 
     def __init__(
         self,
-        world: World,
+        world: SteppedWorld,
         pilot: Pilot,
         solve: Callable[[SolveRequest, Any], tuple[PlanResult, Any]],
         begin: Literal["start", "excite"] = "start",

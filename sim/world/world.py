@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import msgspec
 import numpy as np
 
 from companion.core.configuration.site_file import Site
@@ -23,6 +22,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import GroundTruth
 from companion.core.model.loads import values
+from sim.world.ahrs import Ahrs
 from sim.world.autopilot import SensorFrame
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
 from sim.world.autopilot.rover import Rover
@@ -136,8 +136,7 @@ class World(Afloat):
         self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
         self.receiver_us = setup.receiver_us
         self.imu = ImuSensor(self.vessel.sensors.imu, _draws(seed)["imu"])
-        self._frame: SensorFrame | None = None
-        self._imu_due_ns = setup.boot_ns
+        self._ahrs = Ahrs(STEP_NS * 1e-9)
 
     def step(self) -> Outgoing:
         """Advance the world by `STEP_NS`."""
@@ -153,22 +152,16 @@ class World(Afloat):
         return self.rover.receive(data, peer, self.t_ns)
 
     def _sense(self, moment: Moment) -> SensorFrame:
-        if self._frame is None or self.t_ns >= self._imu_due_ns:
-            self._imu_due_ns += self.imu.period_ns
-            reading = self.imu.measure(self.plant.motion, moment)
-            self._frame = SensorFrame(
-                accel_m_s2=reading.accel_m_s2,
-                gyro_rad_s=reading.gyro_rad_s,
-                phi_rad=reading.phi_rad,
-                theta_rad=reading.theta_rad,
-                psi_rad=reading.psi_rad,
-                p_rad_s=reading.gyro_rad_s[0],
-                q_rad_s=reading.gyro_rad_s[1],
-                r_rad_s=reading.gyro_rad_s[2],
-                voltage_v=self.plant.voltage_v,
-                current_a=self.plant.current_a,
-            )
-        return msgspec.structs.replace(self._frame, receiver_us=self.receiver_us)
+        """The sensors' next sample, as the autopilot holds it."""
+        reading = self.imu.measure(self.plant.motion, moment, STEP_NS)
+        p, q, r = reading.gyro_rad_s
+        raw = SensorFrame(
+            accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,
+            theta_rad=reading.theta_rad, psi_rad=reading.psi_rad, p_rad_s=p, q_rad_s=q, r_rad_s=r,
+            voltage_v=self.plant.voltage_v, current_a=self.plant.current_a, receiver_us=self.receiver_us,
+        )  # fmt: skip
+        parameters = self.rover.vehicle.parameters
+        return self._ahrs.advance(raw, parameters["INS_GYRO_FILTER"], parameters["INS_ACCEL_FILTER"])
 
 
 def _draws(seed: int) -> dict[str, np.random.Generator]:

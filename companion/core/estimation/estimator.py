@@ -209,7 +209,7 @@ class Estimator:
             case ImuSample():
                 return self._inertial.fuse_imu(belief, m)
             case Attitude():
-                return self._inertial.fuse_heading(belief, m)
+                return self._inertial.fuse_attitude(belief, m)
             case UwbRanges():
                 belief, innovations = self._uwb.fuse_ranges(belief, m)
             case UwbPosition():

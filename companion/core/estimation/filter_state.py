@@ -1,6 +1,6 @@
 """The filter at one instant, as a value: state, covariance, thruster forces, gates.
 
-x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | b_1 .. b_m]
+x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | b_1 .. b_m]
 """
 
 from __future__ import annotations
@@ -16,32 +16,33 @@ from companion.core.messages import Attitude, ImuSample, Innovation, UwbPosition
 
 ETA, NU, LATENT = slice(0, 3), slice(3, 6), slice(6, 9)
 DYNAMIC = slice(0, 9)
-B_ACCEL, B_GYRO, B_PSI, B_RANGE = slice(9, 11), 11, 12, 13
-IMU_BIAS = slice(9, 12)
+B_ACCEL, B_GYRO, B_PSI = slice(9, 11), 11, 12
+TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 17
+R = 5
 LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
 
 Fusible = ImuSample | Attitude | UwbRanges | UwbPosition
 
 
 class Tilt(NamedTuple):
-    """Roll and pitch [rad] from the autopilot."""
+    """Roll and pitch [rad]."""
 
     phi_rad: float = 0.0
     theta_rad: float = 0.0
 
 
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
-    """State x (13 + m,) with covariance P at t_ns; arrays are never changed in place.
+    """State x (17 + m,) with covariance P at t_ns; arrays are never changed in place.
 
-    `f_n`: thruster forces delivered now [N]. Times of the last sample of each kind serve the health. `doubt`: the
-    cumulative sum of `model_confidence`.
+    `f_n`: thruster forces delivered now [N]; `pq_rad_s`: roll and pitch rate that the autopilot told last. Times of the
+    last sample of each kind serve the health. `doubt`: the cumulative sum of `model_confidence`.
     """
 
     t_ns: int
     x: np.ndarray
     P: np.ndarray
     f_n: np.ndarray
-    tilt: Tilt
+    pq_rad_s: tuple[float, float]
     anchor_gates: tuple[Gate, ...]
     heading_gate: Gate
     position_gates: tuple[Gate, ...]
@@ -50,6 +51,11 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     uwb_ns: int
     ranges_ns: int | None
     doubt: float = 0.0
+
+    @property
+    def tilt(self) -> Tilt:
+        """Roll and pitch [rad]."""
+        return Tilt(float(self.x[TILT.start]), float(self.x[TILT.start + 1]))
 
 
 class BufferedMeasurement(NamedTuple):

@@ -1,7 +1,7 @@
 """The time update of the filter: vessel model, thruster lag, process noise.
 
 latent force, heading wander: first-order Gauss-Markov, d' = d exp(-dt / T), stationary sigma
-biases: random walk;  u v r: white acceleration on top of the latent force
+biases: random walk; roll and pitch: `tilt`;  u v r: white acceleration on top of the latent force
 """
 
 from __future__ import annotations
@@ -14,10 +14,22 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Imu
 from companion.core.estimation.command_history import TimedCommand, active_command
-from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, NU, FilterState
+from companion.core.estimation.filter_state import (
+    B_ACCEL,
+    B_GYRO,
+    B_PSI,
+    B_RANGE,
+    B_TILT,
+    DYNAMIC,
+    LATENT,
+    NU,
+    TILT,
+    FilterState,
+)
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
+from companion.core.estimation.tilt import advance_tilt
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.integrate import VesselModel
 from companion.core.model.thrust_lag import lagged
@@ -26,7 +38,7 @@ Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
 def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool = False) -> Noise:
-    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (13 + m,).
+    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (17 + m,).
 
     `wary`: with the latent force of `wary_latent_sigma`, once innovations contradict the file's `model_error`.
     """
@@ -37,7 +49,9 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool =
     stationary[LATENT] = tuning.wary_latent_sigma if wary else tuning.latent_sigma
     stationary[B_PSI] = imu.heading_wander_sigma_rad
     walk[NU] = [tuning.accel_walk_m_s2_sqrt_s] * 2 + [tuning.yaw_walk_rad_s2_sqrt_s]
-    walk[B_ACCEL], walk[B_GYRO] = imu.accel_bias_walk_m_s2_sqrt_s, imu.gyro_bias_walk_rad_s_sqrt_s
+    walk[B_ACCEL] = imu.accel_bias_walk_m_s2_sqrt_s
+    walk[B_GYRO] = walk[B_TILT] = math.hypot(imu.gyro_bias_walk_rad_s_sqrt_s, tuning.gyro_drift_rad_s_sqrt_s)
+    walk[TILT] = imu.gyro_sigma_rad_s / np.sqrt(imu.rate_Hz)
     walk[B_RANGE:] = tuning.range_bias_walk_m_sqrt_s
 
     def noise(dt_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -83,5 +97,6 @@ class Predictor:
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
         x[LATENT] *= decay[LATENT]
         F[LATENT, LATENT] *= decay[LATENT]
+        advance_tilt(x, F, belief.x, belief.pq_rad_s, dt_s)
         P = self._algebra.predict(belief.P, x, F, np.diag(q))
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n)

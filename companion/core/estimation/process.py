@@ -21,7 +21,7 @@ STATES = 9
 
 
 class Process:
-    """Compiled-once functions for one model: `step` for the prediction, `imu` for the measurement.
+    """Compiled-once functions for one model: `step` for the prediction, `acceleration` for the measurement.
 
     Both take `drive(f)`: what thruster forces f do, tau = B f, or f itself where that depends on the motion.
     """
@@ -29,7 +29,7 @@ class Process:
     def __init__(self, model: VesselModel, imu_arm_m: tuple[float, float]):
         self._B = model.B if model.is_linear_in_f else None
         self._step = BufferedStep(process_function(model))
-        self._imu = BufferedStep(imu_function(model, imu_arm_m))
+        self._acceleration = BufferedStep(acceleration_function(model, imu_arm_m))
 
     def drive(self, f_n: np.ndarray) -> np.ndarray:
         """What `step` and `imu` take for thruster forces f (n,) [N]."""
@@ -39,9 +39,9 @@ class Process:
         """State after dt_s, (9,), and its Jacobian, (9, 9)."""
         return _split(self._step(s, drive, dt_s), STATES)
 
-    def imu(self, s: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """[a_x a_y r] as an unbiased IMU would give them, shape (3,), and the Jacobian, shape (3, 9)."""
-        return _split(self._imu(s, drive), 3)
+    def acceleration(self, s: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """[a_x a_y] as an unbiased IMU in a level boat would give them, shape (2,), and the Jacobian, shape (2, 9)."""
+        return _split(self._acceleration(s, drive), 2)
 
 
 def _split(packed: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -76,10 +76,10 @@ def process_function(model: VesselModel) -> ca.Function:
     return ca.Function("process", [s, drive, dt], [_packed(s_next, s)])
 
 
-def imu_function(model: VesselModel, arm_m: tuple[float, float]) -> ca.Function:
-    """CasADi function (s, drive) -> vec[(a_x, a_y, r), Jacobian]."""
+def acceleration_function(model: VesselModel, arm_m: tuple[float, float]) -> ca.Function:
+    """CasADi function (s, drive) -> vec[(a_x, a_y), Jacobian]."""
     s = ca.SX.sym("s", STATES)
     drive, tau = _driven(model)
     eta, nu, d = s[:3], s[3:6], s[6:9]
     a_x, a_y = point_acceleration(nu, model.nu_dot(eta, nu, tau(eta, nu) + d), arm_m)
-    return ca.Function("imu", [s, drive], [_packed(ca.vertcat(a_x, a_y, nu[2]), s)])
+    return ca.Function("acceleration", [s, drive], [_packed(ca.vertcat(a_x, a_y), s)])

@@ -13,11 +13,22 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import Sensors
-from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, LATENT, FilterState, Fusible, Tilt
+from companion.core.estimation.filter_state import (
+    B_ACCEL,
+    B_GYRO,
+    B_PSI,
+    B_RANGE,
+    B_TILT,
+    LATENT,
+    TILT,
+    FilterState,
+    Fusible,
+    Tilt,
+)
 from companion.core.estimation.gates import Gate
-from companion.core.estimation.inertial import to_level_axes
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistory, recent_anchors
+from companion.core.estimation.tilt import to_level_axes
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position
 from companion.core.messages import Attitude, UwbPosition, UwbRanges
@@ -108,15 +119,16 @@ class Starter:
         imu, uwb, tuning = self._sensors.imu, self._sensors.uwb, self._tuning
         m = len(self._number)
         x, sigma = np.zeros(B_RANGE + m), np.zeros(B_RANGE + m)
-        x[:2], x[2], x[5] = origin_m, heading.psi_rad, heading.r_rad_s
+        x[:2], x[2], x[5], x[TILT] = origin_m, heading.psi_rad, heading.r_rad_s, tilt
         sigma[:2], sigma[2] = PLACE_SIGMA_M, np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
         sigma[3:5], sigma[5] = tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
         sigma[LATENT] = tuning.latent_sigma
         sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
+        sigma[TILT], sigma[B_TILT] = tuning.start_tilt_sigma_rad, imu.gyro_bias_sigma_rad_s
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)
         return FilterState(
-            t_ns=t_ns, x=x, P=P, f_n=f_n, tilt=tilt, anchor_gates=(Gate(),) * m, heading_gate=Gate(),
+            t_ns=t_ns, x=x, P=P, f_n=f_n, pq_rad_s=(0.0, 0.0), anchor_gates=(Gate(),) * m, heading_gate=Gate(),
             position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns, ranges_ns=None,
         )  # fmt: skip

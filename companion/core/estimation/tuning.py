@@ -34,8 +34,11 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """White acceleration that neither model nor latent force explain, surge and sway; tuned."""
     yaw_walk_rad_s2_sqrt_s: float = 0.002
     """The same in yaw; tuned."""
-    tilt_sigma_rad: float = 0.002
-    """White error of the autopilot's roll and pitch at the instant of an IMU sample; assumed."""
+    start_tilt_sigma_rad: float = 0.01
+    """Error of the autopilot's roll and pitch at the start: what was seen of a real one under way was 0.012 at most."""
+    gyro_drift_rad_s_sqrt_s: float = 5e-5
+    """Random walk of a gyro's bias on top of the file's: drift, and what the AHRS does about it; assumed. The rates
+    of a real autopilot in software were seen to move by 0.0002 rad/s in 10 s."""
     range_bias_walk_m_sqrt_s: float = 0.0005
     """Random walk of an anchor's bias; assumed."""
     imu_limit: float = 5.0

@@ -92,6 +92,8 @@ BOAT_PARAMETERS: dict[str, float] = {
     "FRAME_CLASS": 2.0,  # a boat: HEARTBEAT type 11
     "SYSID_MYGCS": 1.0,  # the companion 1/191 may override, a ground station 255 may not
     "SCHED_LOOP_RATE": 200.0,  # 50 Hz streams exact, 7 ms from override to output
+    "INS_GYRO_FILTER": 20.0,  # 11 ms late instead of 56: nothing on board steers by it
+    "INS_ACCEL_FILTER": 20.0,
     "ARMING_RUDDER": 0.0,  # a thruster command on channel 1 must not arm the boat
     "FS_GCS_ENABLE": 1.0,
     "RC_OVERRIDE_TIME": 0.5,  # s; with a receiver its channels are back this soon

@@ -71,7 +71,12 @@ class FirmwareWorld:
         self._udp, self._instance = _listen()
         self._out = (firmware.folder / "console.txt").open("wb")
         self._process = _start(firmware, setup, self._instance, self._out)
-        self._tcp = self._connect()
+        self._tcp = socket.socket()
+        try:
+            self._connect()
+        except FirmwareStopped:
+            self.close()
+            raise
 
     @property
     def t_ns(self) -> int:
@@ -143,32 +148,33 @@ class FirmwareWorld:
             except OSError:
                 more = b""
             if not more:  # it ends its serial port when it starts again
-                self._tcp.close()
-                self._tcp = self._connect()
+                self._connect()
                 return data
             data += more
 
-    def _connect(self) -> socket.socket:
-        """The firmware's first serial port, once it listens."""
+    def _connect(self) -> None:
+        """Open the firmware's first serial port, once it listens."""
         until_s = time.monotonic() + START_S
         while time.monotonic() < until_s and self._process.poll() is None:
-            tcp = socket.socket()
+            self._tcp.close()
+            self._tcp = socket.socket()
             try:
-                tcp.connect(("127.0.0.1", TCP_PORT + 10 * self._instance))
+                self._tcp.connect(("127.0.0.1", TCP_PORT + 10 * self._instance))
             except OSError:
-                tcp.close()
                 time.sleep(0.05)
                 continue
-            tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            tcp.setblocking(False)
-            return tcp
+            self._tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._tcp.setblocking(False)
+            return
         raise FirmwareStopped(self._words("does not listen"))
 
     def _words(self, what: str) -> str:
         self._out.flush()
-        last = Path(self._out.name).read_text(errors="replace").strip().splitlines()[-3:]
-        return f"the firmware {what}" + (f" (exit code {code})" if (code := self._process.poll()) else "") + (
-            f"; its last words: {' / '.join(last)}" if last else ""
+        last = Path(self._out.name).read_text(encoding="utf-8", errors="replace").strip().splitlines()[-3:]
+        return (
+            f"the firmware {what}"
+            + (f" (exit code {code})" if (code := self._process.poll()) else "")
+            + (f"; its last words: {' / '.join(last)}" if last else "")
         )
 
 
@@ -195,7 +201,9 @@ def _start(firmware: FirmwareSetup, setup: WorldSetup, instance: int, out: IO[by
     for script in firmware.scripts:
         shutil.copy(script, folder / "scripts")
     here = folder / "here.param"
-    here.write_text("".join(f"{name},{value:g}\n" for name, value in {**HERE, **firmware.parameters}.items()))
+    here.write_text(
+        "".join(f"{name},{value:g}\n" for name, value in {**HERE, **firmware.parameters}.items()), encoding="utf-8"
+    )
     files = ",".join(str(path) for path in [*firmware.parameter_files, here])
     home = f"{site.lat_deg},{site.lon_deg},0,0"
     words = [firmware.binary, "--model", "JSON:127.0.0.1", "--home", home, "--speedup", 1000, f"-I{instance}", "-w",

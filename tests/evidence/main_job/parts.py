@@ -31,7 +31,7 @@ from sim.studies.paper.closed_loop import evidence as paper_evidence
 from sim.studies.ranging.range_runs import range_filter_scores
 from sim.world.environment import Weather
 from sim.world.score import estimation, station, track_of, tracking
-from sim.world.stepped import SteppedRun
+from sim.world.stepped import SteppedRun, SteppedWorld
 from sim.world.world import World, WorldSetup
 from tests.evidence.line import Line, at_least, at_most, between, exactly
 
@@ -77,9 +77,13 @@ def world_of(seed: int, disturbed: bool) -> World:
 
 def drive(case: tuple[int, bool]) -> dict[str, float]:
     """One mission on the stepped clock; its figures."""
-    seed, disturbed = case
+    return drive_mission(world_of(*case))
+
+
+def drive_mission(world: SteppedWorld) -> dict[str, float]:
+    """The demo's mission in this world on the stepped clock; its figures."""
     setup, pilot, nmpc = reference_boat()
-    run = SteppedRun(world_of(seed, disturbed), pilot, nmpc.solve)
+    run = SteppedRun(world, pilot, nmpc.solve)
 
     def finished(run: SteppedRun) -> bool:
         settled = run.state.guidance.settled_ns

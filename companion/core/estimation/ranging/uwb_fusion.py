@@ -16,7 +16,6 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import Uwb
 from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, innovation_message
 from companion.core.estimation.gates import judge
-from companion.core.estimation.inertial import to_level_axes
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
@@ -30,6 +29,7 @@ from companion.core.estimation.ranging.ranges import (
     line_of_sight,
     nearest_fix,
 )
+from companion.core.estimation.tilt import to_level_axes
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate
 from companion.core.messages import UwbPosition, UwbRanges

@@ -1,29 +1,40 @@
-"""Sensors that say the same again and again: a device that is stuck, though its stamps may well go on.
+"""Sensors that say the same again and again though the boat moves: stuck, though their stamps may well go on.
 
-Inertial sensors are never without noise. Readings that are the same to the last bit for `STUCK_NS` are left out from
-then on, so that the filter misses them as it misses a sensor that has fallen silent.
+A boat at rest may read the same for minutes: the autopilot filters its sensors and sends whole milli-g and mrad/s.
+So a reading that repeats is stuck only where something else says that it should have changed: the rates of the other
+inertial sensor, or the pulses of the thrusters. It is left out from then on, so that the filter misses it as it
+misses a sensor that has fallen silent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from companion.core.messages import Alert, Attitude, ImuSample
-from companion.core.pilot.monitors.monitor import Monitor, MonitorReport
+from companion.core.messages import Alert, Attitude, ImuSample, OverrideLease
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
 
 STUCK_NS, LEAST = 1_000_000_000, 5
-"""So long, and so many readings; assumed: an autopilot on a table changes some digit in that time."""
+"""So long, and so many readings; assumed."""
+FELT_NS = 500_000_000
+"""So long after something moved every sensor must have felt it: dead time, lag and filters are 0.4 s; assumed."""
+MOVED_RAD_S, MOVED_US = 0.01, 60.0
+"""Ten units of the wire; about 3 N of a T200, or 0.04 m/s^2 of the reference boat, four units."""
 
 
 @dataclass(frozen=True)
 class Repeats:
-    """The last reading of one sensor, since when it has been said, and how often."""
+    """The last reading of one sensor, since when it has been said, and how often.
+
+    `witness`: what the others said first after that, by their type; `moved_ns`: since when one of them says otherwise.
+    """
 
     reading: tuple[float, ...] = ()
     since_ns: int = 0
     count: int = 0
     stuck: bool = False
+    witness: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    moved_ns: int | None = None
 
 
 NOTHING_READ = Repeats()
@@ -39,17 +50,24 @@ class SensorRepeats:
 class StuckSensorMonitor(Monitor[SensorRepeats]):
     """Withholds readings of a stuck sensor from the estimator; alerts as that begins and ends."""
 
-    hears = (ImuSample, Attitude)
+    hears = (ImuSample, Attitude, OverrideLease)
     screens = True
     initial = SensorRepeats()
 
     def on_message(
-        self, state: SensorRepeats, message: ImuSample | Attitude, t_ns: int
+        self, state: SensorRepeats, message: ImuSample | Attitude | OverrideLease, t_ns: int
     ) -> tuple[SensorRepeats, MonitorReport]:
-        """One more reading."""
+        """One more reading, or new pulses."""
         kind = type(message).__name__
+        if isinstance(message, OverrideLease):
+            says, limit = tuple(map(float, message.pwm_us)), MOVED_US
+        else:
+            says, limit = (message.p_rad_s, message.q_rad_s, message.r_rad_s), MOVED_RAD_S
+        others = {k: _testify(r, kind, says, limit, t_ns) for k, r in state.by_type.items() if k != kind}
+        if isinstance(message, OverrideLease):
+            return SensorRepeats(others), NOTHING
         now, alerts = next_reading(state.by_type.get(kind, NOTHING_READ), message, t_ns)
-        return SensorRepeats({**state.by_type, kind: now}), MonitorReport(alerts=alerts, withhold=now.stuck)
+        return SensorRepeats({**others, kind: now}), MonitorReport(alerts=alerts, withhold=now.stuck)
 
 
 def next_reading(before: Repeats, message: ImuSample | Attitude, t_ns: int) -> tuple[Repeats, tuple[Alert, ...]]:
@@ -58,12 +76,25 @@ def next_reading(before: Repeats, message: ImuSample | Attitude, t_ns: int) -> t
     if reading != before.reading:
         alert = Alert(t_ns=t_ns, level="info", text=f"{name}: readings change again")
         return Repeats(reading, t_ns, 1), (alert,) if before.stuck else ()
-    stuck = t_ns - before.since_ns >= STUCK_NS and before.count + 1 >= LEAST
-    now = Repeats(reading, before.since_ns, before.count + 1, stuck)
-    if not stuck or before.stuck:
+    long_enough = t_ns - before.since_ns >= STUCK_NS and before.count + 1 >= LEAST
+    moved = before.moved_ns is not None and t_ns - before.moved_ns >= FELT_NS
+    now = replace(before, count=before.count + 1, stuck=before.stuck or (long_enough and moved))
+    if not now.stuck or before.stuck:
         return now, ()
-    text = f"{name}: the same reading for {(t_ns - before.since_ns) * 1e-9:.1f} s: frozen, left out from now on"
+    same_s = (t_ns - before.since_ns) * 1e-9
+    text = f"{name}: the same reading for {same_s:.1f} s though the boat moves: frozen, left out from now on"
     return now, (Alert(t_ns=t_ns, level="error", text=text),)
+
+
+def _testify(repeats: Repeats, kind: str, says: Sequence[float], limit: float, t_ns: int) -> Repeats:
+    """What another sensor, or the pulses, say of a reading that repeats."""
+    if repeats.moved_ns is not None:
+        return repeats
+    first = repeats.witness.get(kind)
+    if first is None:
+        return replace(repeats, witness={**repeats.witness, kind: tuple(says)})
+    moved = any(abs(a - b) >= limit for a, b in zip(first, says, strict=False))
+    return replace(repeats, moved_ns=t_ns) if moved else repeats
 
 
 def _reading(message: ImuSample | Attitude) -> tuple[tuple[float, ...], str]:

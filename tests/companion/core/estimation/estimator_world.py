@@ -114,7 +114,7 @@ def simulate(
     for k in range(count):
         t_ns = k * round(H_S * 1e9)
         etas[k], nus[k] = x[:3], x[3:6]
-        tilt = 0.02 * np.sin(2.0 * k * H_S + phase)
+        tilt, tilt_rate = 0.02 * np.sin(2.0 * k * H_S + phase), 0.04 * np.cos(2.0 * k * H_S + phase)
         if k % 10 == 0:
             f = tuple(steer(path, k * H_S, x, B_pinv).tolist())
             delay.push(t_ns, f)
@@ -126,7 +126,7 @@ def simulate(
             wander = keep * wander + imu.heading_wander_sigma_rad * math.sqrt(1 - keep**2) * rng.normal()
             b_a = b_a + rng.normal(0, imu.accel_bias_walk_m_s2_sqrt_s * math.sqrt(0.02), 2)
             b_g += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * math.sqrt(0.02))
-            timed += _autopilot(rng, t_ns, level, r, x[2] + wander, tilt, b_a, b_g)
+            timed += _autopilot(rng, t_ns, level, r, x[2] + wander, (tilt, tilt_rate), b_a, b_g)
         if k % uwb_every == 0:
             c, sn = math.cos(x[2]), math.sin(x[2])
             tag = [x[0] + c * uwb.x_m - sn * uwb.y_m, x[1] + sn * uwb.x_m + c * uwb.y_m, uwb.z_m]
@@ -141,21 +141,22 @@ def simulate(
 def _autopilot(rng, t_ns, level, r, psi, tilt, b_a, b_g) -> list[tuple[int, Message]]:
     """IMU sample and attitude of one instant; the IMU feels gravity through roll and pitch."""
     imu = boat("aritra").sensors.imu
-    phi, theta = tilt
+    (phi, theta), (phi_dot, theta_dot) = tilt
     cp, sp, ct, st = math.cos(phi), math.sin(phi), math.cos(theta), math.sin(theta)
     up = np.array([[ct, sp * st, cp * st], [0, cp, -sp], [-st, sp * ct, cp * ct]])  # body -> level
     force = up.T @ np.array([level[0], level[1], -G])
     force[:2] += b_a
     force += rng.normal(0, imu.accel_sigma_m_s2, 3)
-    gyro = r + b_g + rng.normal(0, imu.gyro_sigma_rad_s)
+    gyro = r * ct * cp - theta_dot * sp + b_g + rng.normal(0, imu.gyro_sigma_rad_s)
+    p, q = np.array([phi_dot - r * st, theta_dot * cp + r * ct * sp]) + rng.normal(0, imu.gyro_sigma_rad_s, 2)
     heading = (psi + rng.normal(0, imu.heading_sigma_rad) + math.pi) % (2 * math.pi) - math.pi
-    roll, pitch = tilt + rng.normal(0, 0.002, 2)
+    roll, pitch = tilt[0] + rng.normal(0, 0.002, 2)
     rx = t_ns + 5_000_000
     return [
         (rx, ImuSample(t_ns=t_ns, t_rx_ns=rx, ax_m_s2=force[0], ay_m_s2=force[1], az_m_s2=force[2],
-                       p_rad_s=0.0, q_rad_s=0.0, r_rad_s=gyro, source="test")),
-        (rx, Attitude(t_ns=t_ns, t_rx_ns=rx, phi_rad=roll, theta_rad=pitch, psi_rad=heading, p_rad_s=0.0,
-                      q_rad_s=0.0, r_rad_s=gyro)),
+                       p_rad_s=p, q_rad_s=q, r_rad_s=gyro, source="test")),
+        (rx, Attitude(t_ns=t_ns, t_rx_ns=rx, phi_rad=roll, theta_rad=pitch, psi_rad=heading, p_rad_s=p,
+                      q_rad_s=q, r_rad_s=gyro)),
     ]  # fmt: skip
 
 
@@ -203,6 +204,18 @@ def estimate(run: Run, estimator: Estimator, settle_s: float = 20.0) -> Score:
         errors.append(error)
         nees.append(error @ np.linalg.solve(np.reshape(e.covariance, (6, 6)), error))
     return Score(np.array(t), np.array(errors), np.array(nees), state, estimates)
+
+
+def step_all(run: Run, estimator: Estimator, until_s: float, hear) -> EstimatorState:
+    """Messages and commands in order up to a time; `hear(state, message)` gives the state after it."""
+    state, commands = estimator.initial(), list(run.commands)
+    for m in run.messages:
+        if m.t_rx_ns > until_s * 1e9:
+            break
+        while commands and commands[0][0] <= m.t_rx_ns:
+            state = estimator.command(state, *commands.pop(0))
+        state = hear(state, m)
+    return state
 
 
 def without(run: Run, drop) -> Run:

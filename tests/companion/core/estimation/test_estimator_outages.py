@@ -14,7 +14,7 @@ from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
 from tests.companion.core.estimation.changed_runs import S, between, changed
-from tests.companion.core.estimation.estimator_world import basin, estimate, without
+from tests.companion.core.estimation.estimator_world import basin, estimate, step_all, without
 from tests.support.vessel_fixtures import boat
 
 
@@ -92,13 +92,15 @@ def test_positions_serve_where_no_ranges_exist(run, estimator) -> None:
 
 
 def test_positions_are_left_out_while_ranges_come(run, estimator) -> None:
-    state = estimator.initial()
-    for m in run.messages[:1500]:
+    def hear(state, m):
         state, _ = estimator.step(state, m)
         if isinstance(m, UwbRanges):
             wrong = UwbPosition(t_ns=m.t_ns, t_rx_ns=m.t_rx_ns, tag="t", x_m=0.0, y_m=0.0, z_m=0.0)
             state, innovations = estimator.step(state, wrong)
             assert innovations == ()
+        return state
+
+    state = step_all(run, estimator, 15.0, hear)
     assert estimator.estimate(state, state.history[-1].t_ns).health == "healthy"
 
 

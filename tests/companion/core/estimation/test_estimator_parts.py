@@ -46,11 +46,13 @@ def test_process_and_imu_jacobians_equal_finite_differences(process: Process) ->
     for _ in range(10):
         s, tau = random_state(rng), rng.normal(0, 10, 3)
         _, F = process.step(s, tau, 0.02)
-        _, H = process.imu(s, tau)
+        _, H = process.acceleration(s, tau)
         np.testing.assert_allclose(
             F, approx_fprime(s, lambda s, tau=tau: process.step(s, tau, 0.02)[0], 1e-7), atol=2e-6
         )
-        np.testing.assert_allclose(H, approx_fprime(s, lambda s, tau=tau: process.imu(s, tau)[0], 1e-7), atol=2e-5)
+        np.testing.assert_allclose(
+            H, approx_fprime(s, lambda s, tau=tau: process.acceleration(s, tau)[0], 1e-7), atol=2e-5
+        )
 
 
 def test_process_equals_scipys_integrator(process: Process) -> None:
@@ -81,7 +83,7 @@ def test_imu_equation_equals_the_second_derivative_of_the_imus_place(process: Pr
     accel = (place(h) - 2 * place(0.0) + place(-h)) / h**2
     c, sn = math.cos(s[2]), math.sin(s[2])
     body = np.array([c * accel[0] + sn * accel[1], -sn * accel[0] + c * accel[1]])
-    np.testing.assert_allclose(process.imu(s, tau)[0][:2], body, atol=1e-5)
+    np.testing.assert_allclose(process.acceleration(s, tau)[0], body, atol=1e-5)
 
 
 def test_levelled_removes_gravity_whatever_roll_and_pitch() -> None:

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import ModelError
 from companion.core.estimation.estimator import Estimator
-from companion.core.estimation.filter_state import LATENT, FilterState, Tilt
+from companion.core.estimation.filter_state import LATENT, FilterState
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.model_confidence import is_in_doubt, update_confidence
 from companion.core.estimation.prediction import noise_model
@@ -69,7 +69,7 @@ def innovation(d2: float) -> Innovation:
 def belief() -> FilterState:
     n = 17
     return FilterState(
-        t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), tilt=Tilt(), anchor_gates=(), heading_gate=Gate(),
+        t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), pq_rad_s=(0.0, 0.0), anchor_gates=(), heading_gate=Gate(),
         position_gates=(), latest=(), imu_ns=None, uwb_ns=0, ranges_ns=None,
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from companion.core.messages import Attitude, ImuSample, StateEstimate
+from companion.core.messages import Attitude, ImuSample, OverrideLease, StateEstimate
 from companion.core.pilot import annunciator
 from companion.core.pilot.monitors.stuck_sensor import LEAST, STUCK_NS, SensorRepeats, StuckSensorMonitor
 
@@ -18,13 +18,16 @@ IMU = ImuSample(
 ATTITUDE = Attitude(t_ns=0, t_rx_ns=0, phi_rad=0.0, theta_rad=0.0, psi_rad=1.0, p_rad_s=0.0, q_rad_s=0.0, r_rad_s=0.0)
 
 
-def said(messages):
-    """(withheld, each; levels of the alerts)."""
+def said(messages, moves=True):
+    """(withheld, each; levels of the alerts). `moves`: between two readings the other sensor tells of a turn."""
     state, stuck, levels = SensorRepeats(), [], []
-    for message in messages:
+    for k, message in enumerate(messages):
         state, report = StuckSensorMonitor().on_message(state, message, message.t_ns)
         stuck.append(report.withhold)
         levels += [a.level for a in report.alerts]
+        other = ATTITUDE if isinstance(message, ImuSample) else IMU
+        other = replace(other, t_ns=message.t_ns, r_rad_s=0.1 * (k % 2) * moves)
+        state, _ = StuckSensorMonitor().on_message(state, other, other.t_ns)
     return stuck, levels
 
 
@@ -50,6 +53,37 @@ def test_a_second_and_five_readings_are_needed_and_no_more(period_ms, stuck_from
     """Counted from 0: the fifth reading has number 4."""
     stuck, _ = said([replace(ATTITUDE, t_ns=k * period_ms * MS) for k in range(60)])
     assert stuck.index(True) == stuck_from
+
+
+@pytest.mark.parametrize("message", [IMU, ATTITUDE])
+def test_a_boat_at_rest_may_say_the_same_for_an_hour(message):
+    assert said([replace(message, t_ns=k * 20 * MS) for k in range(180_000)], moves=False) == ([False] * 180_000, [])
+
+
+def lease(t_ns, pwm_us):
+    channels = (9, 10, 11, 12)
+    return OverrideLease(
+        t_ns=t_ns,
+        index=0,
+        channels=channels,
+        pwm_us=(pwm_us,) * 4,
+        valid_for_s=0.3,
+        source="plan",
+        reason="",
+        f_command_n=(0.0,) * 4,
+    )
+
+
+@pytest.mark.parametrize(("pwm_us", "stuck"), [(1500, False), (1550, False), (1700, True)])
+def test_thrust_that_changes_and_is_not_felt_is_proof_though_both_sensors_say_the_same(pwm_us, stuck):
+    """From the first new pulse half a second is allowed for it to be felt."""
+    monitor, state, withheld = StuckSensorMonitor(), SensorRepeats(), []
+    for k in range(200):
+        t_ns = k * 20 * MS
+        state, report = monitor.on_message(state, replace(IMU, t_ns=t_ns), t_ns)
+        withheld.append(report.withhold)
+        state, _ = monitor.on_message(state, lease(t_ns, pwm_us if k >= 100 else 1500), t_ns)
+    assert not any(withheld[:125]) and all(held is stuck for held in withheld[126:])
 
 
 def test_two_readings_far_apart_are_no_proof():

@@ -1,0 +1,42 @@
+"""The real firmware that ARDUROVER names, on our boat in lockstep: ARDUROVER=path[:path], desktop builds of Rover.
+
+Everything is in simulated time: a busy machine makes it slow and nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareWorld
+from sim.world.world import WorldSetup
+
+ARDUPILOT = Path(__file__).resolve().parents[2] / "deploy" / "ardupilot"
+BASIN = {"GPS1_TYPE": 0.0, "COMPASS_DEC": -0.0213}
+"""No GPS, as under a roof; the declination at the origin of deploy/sites/basin.toml [rad], which nobody else tells then
+(pymavlink.mavextra.expected_earth_field_lat_lon)."""
+
+
+def binaries() -> list[Path]:
+    """The firmwares that are named; raises ValueError for one that is not there."""
+    paths = [Path(name) for name in os.environ.get("ARDUROVER", "").split(os.pathsep) if name]
+    for path in paths:
+        if not os.access(path, os.X_OK):
+            raise ValueError(f"ARDUROVER names {path}, which is no program")
+    return paths
+
+
+def firmware_world(
+    binary: Path,
+    folder: Path,
+    setup: WorldSetup,
+    seed: int,
+    *,
+    gps: bool,
+    parameters: Mapping[str, float] | None = None,
+) -> FirmwareWorld:
+    """The boat with this firmware, wiring `gate`, in an empty folder."""
+    more = {**({} if gps else BASIN), **(parameters or {})}
+    files, scripts = [ARDUPILOT / "gate.param"], [ARDUPILOT / "gate.lua"]
+    return FirmwareWorld(setup, seed, FirmwareSetup(binary, folder, files, more, scripts))

@@ -134,7 +134,7 @@ def test_a_wiring_is_shown_asked_for_written_and_restarted(capsys, monkeypatch):
         assert {name: stored[name] for name in wanted} == wanted
         assert rover.files.stored == {f"{SCRIPTS}/gate.lua": SCRIPT.read_bytes()}
         code, told = provision(url, capsys, "--wiring", "gate", "--yes", "--reboot")
-        assert code == 0 and "all 36 parameters are as gate.param has them" in told and "restarts" in told
+        assert code == 0 and "all 38 parameters are as gate.param has them" in told and "restarts" in told
         assert rover.outputs_us == (0,) * 16
 
 

@@ -6,6 +6,9 @@
 Never raises on any bytes. Only the target (system, component) is listened to; the first autopilot heartbeat
 chooses it where none is given. `t_ns` of a message is the autopilot's own stamp converted by the clock
 offset, or the time of arrival where there is no stamp or no offset yet; `t_rx_ns` is the arrival.
+
+Rates of an Attitude are those of the gyros: the AHRS's own correction (AHRS.omegaI) is taken out. Without a position it
+follows the boat's acceleration.
 """
 
 from __future__ import annotations
@@ -16,8 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from companion.core.messages import ImuSample, Message, ServoOutput, StatusText, TimeSync
-from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
+from msgspec.structs import replace
+
+from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, StatusText, TimeSync
+from drivers.mavlink.decode import DECODERS, STAMPS, gyro_drift, is_autopilot, pulses
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
@@ -84,6 +89,7 @@ class MavlinkCodec:
         self._texts = ChunkJoiner()
         self._servo_ports: dict[int, tuple[int, ...]] = {}
         self._stamps: dict[str, int] = {}
+        self._gyro_drift_rad_s = 0.0, 0.0, 0.0
 
     def feed(self, data: bytes, t_ns: int) -> list[Message]:
         """Messages that `data`, arrived at `t_ns` [ns], completes. b"" only lets waiting texts expire."""
@@ -139,12 +145,27 @@ class MavlinkCodec:
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)
         if name == "SERVO_OUTPUT_RAW":
             return self._servo_output(m, t_ns)
+        if name == "AHRS":
+            self._take_gyro_drift(m)
         if name not in DECODERS:
             return []
         message = DECODERS[name](m, t_ns, t_rx_ns)
         if message is None or not self._wanted(name, message, t_rx_ns):
             return []
-        return [message]
+        return [self._gyro_rates(message) if isinstance(message, Attitude) else message]
+
+    def _take_gyro_drift(self, m: Any) -> None:
+        drift_rad_s = gyro_drift(m)
+        if all(map(math.isfinite, drift_rad_s)):
+            self._gyro_drift_rad_s = drift_rad_s
+        else:
+            self.counters.invalid[m.get_type()] += 1
+
+    def _gyro_rates(self, attitude: Attitude) -> Attitude:
+        p, q, r = self._gyro_drift_rad_s
+        return replace(
+            attitude, p_rad_s=attitude.p_rad_s - p, q_rad_s=attitude.q_rad_s - q, r_rad_s=attitude.r_rad_s - r
+        )
 
     def _wanted(self, name: str, message: Message, t_rx_ns: int) -> bool:
         """Not another IMU's than the chosen one, and not the answer to somebody else's TIMESYNC."""

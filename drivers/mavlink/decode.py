@@ -90,6 +90,11 @@ def _heartbeat(m: Any, t_ns: int, _: int) -> Heartbeat | None:
     )
 
 
+def gyro_drift(m: Any) -> tuple[float, float, float]:
+    """What the AHRS adds to its gyros [rad/s]: AHRS.omegaI, contained in the rates of ATTITUDE (ArduPilot)."""
+    return m.omegaIx, m.omegaIy, m.omegaIz
+
+
 def _attitude(m: Any, t_ns: int, t_rx_ns: int) -> Attitude:
     return Attitude(
         t_ns=t_ns,
@@ -196,4 +201,4 @@ DECODERS: dict[str, Decoder] = {
     "TIMESYNC": _timesync,
     "AUTOPILOT_VERSION": _autopilot_version,
 }
-"""Message type -> decoder. SERVO_OUTPUT_RAW and STATUSTEXT need memory and live in the codec."""
+"""Message type -> decoder. AHRS, SERVO_OUTPUT_RAW and STATUSTEXT need memory and live in the codec."""

@@ -15,6 +15,7 @@ from typing import NamedTuple
 WANTED_HZ: dict[str, float] = {
     "ATTITUDE": 50.0,
     "RAW_IMU": 50.0,
+    "AHRS": 10.0,
     "SERVO_OUTPUT_RAW": 10.0,
     "RC_CHANNELS": 6.5,  # no divisor of the control period: a second sender between two of our overrides shows
     "SYS_STATUS": 2.0,

@@ -67,7 +67,7 @@ class SteppedWorld(Protocol):
 class SteppedRun:
     """One boat under way. `messages`: everything in, out and true, in order. `solve(request, warm)`: the NMPC.
 
-    `begin`: what the operator asks for at the start, mission or excitation.
+    `begin`: what the operator asks for at the start, mission or excitation; None: nothing yet.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SteppedRun:
         world: SteppedWorld,
         pilot: Pilot,
         solve: Callable[[SolveRequest, Any], tuple[PlanResult, Any]],
-        begin: Literal["start", "excite"] = "start",
+        begin: Literal["start", "excite"] | None = "start",
     ):
         sensors = pilot.settings.vessel.sensors
         self.world, self.pilot = world, pilot
@@ -94,7 +94,8 @@ class SteppedRun:
         world.add_peer(PEER)
         for data in self._tag.start_bytes():
             self._hear_tag(world.uwb(data))
-        self.feed([OperatorCommand(t_ns=world.t_ns, command=begin)])
+        if begin:
+            self.feed([OperatorCommand(t_ns=world.t_ns, command=begin)])
 
     def run(self, until: Callable[[SteppedRun], bool], limit_s: float) -> bool:
         """Step until `until(self)` or `limit_s` of simulated time; whether the former."""
@@ -120,6 +121,18 @@ class SteppedRun:
         if t_ns >= self._tick_due_ns:
             self._begin_tick(t_ns)
         self._end_tick(t_ns)
+
+    def stall(self, seconds: float) -> None:
+        """The companion stands still for so long; then all that has queued up meanwhile arrives at once."""
+        end_ns = self.world.t_ns + round(seconds * 1e9)
+        mavlink, uwb = b"", b""
+        while self.world.t_ns < end_ns:
+            outgoing = self.world.step()
+            mavlink += b"".join(data for peer, data in outgoing.mavlink if peer == PEER)
+            uwb += outgoing.uwb
+        self._hear_autopilot(mavlink)
+        self._hear_tag(uwb)
+        self._tick_due_ns = self.world.t_ns
 
     def feed(self, inputs: Sequence[Message]) -> None:
         """One call of the pilot, and what follows from it."""

@@ -69,8 +69,10 @@ def test_a_tag_that_misses_and_lies_still_leads_past_all_waypoints():
 
 
 @pytest.mark.long
-def test_eight_seconds_without_the_tag_do_not_lead_astray():
-    run = voyage(3)
+@pytest.mark.parametrize("seed", [3, 5])
+def test_eight_seconds_without_the_tag_do_not_lead_astray(seed):
+    """The estimate drifts by a metre and knows it; the boat is on its path again afterwards."""
+    run = voyage(seed)
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 3.0, 40.0)
     silent_ns = run.world.t_ns
     run.world.silent_uwb = True
@@ -80,7 +82,10 @@ def test_eight_seconds_without_the_tag_do_not_lead_astray():
     told = {e.health for e in run.of(StateEstimate) if e.t_ns > silent_ns}
     assert "degraded" in told and "lost" not in told
     driven = track(run)
-    assert np.linalg.norm((driven.estimate - driven.truth)[:, :2], axis=1).max() < 1.0
+    blind = (driven.t_s > silent_ns * 1e-9 + 1.0) & (driven.t_s <= silent_ns * 1e-9 + 8.0)
+    error = np.linalg.norm((driven.estimate - driven.truth)[blind, :2], axis=1)
+    sigma = np.sqrt(np.linalg.eigvalsh(driven.P[blind, :2, :2])[:, 1])
+    assert (error < 3.0 * sigma).all() and error.max() < 1.5
     assert figures(run)["cross_track_rms_m"] < 0.5
 
 

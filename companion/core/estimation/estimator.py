@@ -198,7 +198,9 @@ class Estimator:
         """Entries for messages in order of time, and the innovations of the first."""
         entries, first = [], None
         for t_ns, m in messages:
-            belief, innovations = self._fuse(self._predictor.to(belief, t_ns, state.commands), m)
+            gap = t_ns - belief.t_ns > self.tuning.imu_timeout_s * 1e9
+            belief = self._predictor.to(belief, t_ns, state.commands)
+            belief, innovations = self._fuse(replace(belief, since_ns=t_ns, fixes=0) if gap else belief, m)
             entries.append(BufferedMeasurement(t_ns, m, belief))
             first = innovations if first is None else first
         return tuple(entries), first or ()
@@ -214,7 +216,8 @@ class Estimator:
                 belief, innovations = self._uwb.fuse_ranges(belief, m)
             case UwbPosition():
                 belief, innovations = self._uwb.fuse_position(belief, m)
-        return update_confidence(belief, innovations, self.tuning), innovations
+        belief = update_confidence(belief, innovations, self.tuning)
+        return replace(belief, fixes=belief.fixes + (belief.uwb_ns == belief.t_ns)), innovations
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""

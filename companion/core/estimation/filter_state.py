@@ -34,8 +34,9 @@ class Tilt(NamedTuple):
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     """State x (17 + m,) with covariance P at t_ns; arrays are never changed in place.
 
-    `f_n`: thruster forces delivered now [N]; `pq_rad_s`: roll and pitch rate that the autopilot told last. Times of the
-    last sample of each kind serve the health. `doubt`: the cumulative sum of `model_confidence`.
+    `f_n`: thruster forces delivered now [N]; `pq_rad_s`, `pq_ns`: roll and pitch rate of the last attitude, and when.
+    `imu_ns`, `uwb_ns`, `ranges_ns`: the last sample of each kind; `since_ns`: the start, or the end of the last gap in
+    all sensors; `fixes`: UWB messages accepted since then. `doubt`: the cumulative sum of `model_confidence`.
     """
 
     t_ns: int
@@ -43,6 +44,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     P: np.ndarray
     f_n: np.ndarray
     pq_rad_s: tuple[float, float]
+    pq_ns: int
     anchor_gates: tuple[Gate, ...]
     heading_gate: Gate
     position_gates: tuple[Gate, ...]
@@ -50,6 +52,8 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     imu_ns: int | None
     uwb_ns: int
     ranges_ns: int | None
+    since_ns: int
+    fixes: int = 0
     doubt: float = 0.0
 
     @property

@@ -1,7 +1,8 @@
 """Health of the estimate, with the reason as text for the operator.
 
 lost       position sigma above the limit along its worst axis
-degraded   no UWB, IMU or heading for too long (the filter dead-reckons), or position sigma raised
+degraded   no UWB, IMU or heading for too long (the filter dead-reckons), position sigma raised,
+           or a start or a gap too short a time ago
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Hea
     imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
     heading_s = belief.heading_gate.starved_s(t_ns)
     sigma_m = position_sigma_m(belief.P)
-    reasons = []
+    settles = t_ns - belief.since_ns < tuning.settle_s * 1e9 or belief.fixes < tuning.settle_fixes
+    reasons = ["it settles: speed is not known well yet"] if settles else []
     if uwb_s > tuning.uwb_timeout_s:
         reasons.append(f"no UWB accepted for {uwb_s:.1f} s, dead reckoning")
     if imu_s > tuning.imu_timeout_s:

@@ -61,7 +61,7 @@ class Inertial:
 
     def fuse_attitude(self, belief: FilterState, m: Attitude) -> Result:
         """One update by heading and yaw rate. Of roll and pitch only the rates count."""
-        belief = replace(belief, pq_rad_s=(m.p_rad_s, m.q_rad_s))
+        belief = replace(belief, pq_rad_s=(m.p_rad_s, m.q_rad_s), pq_ns=belief.t_ns)
         rate = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s)
         x = belief.x
         nu = np.array([ssa(m.psi_rad - x[2] - x[B_PSI]), rate - x[R] - x[B_GYRO]])

@@ -97,6 +97,9 @@ class Predictor:
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
         x[LATENT] *= decay[LATENT]
         F[LATENT, LATENT] *= decay[LATENT]
-        advance_tilt(x, F, belief.x, belief.pq_rad_s, dt_s)
+        seen = belief.t_ns - belief.pq_ns <= self._tuning.rates_hold_s * 1e9
+        advance_tilt(x, F, belief.x, belief.pq_rad_s if seen else (0.0, 0.0), dt_s)
+        if not seen:
+            q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
         P = self._algebra.predict(belief.P, x, F, np.diag(q))
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n)

@@ -36,9 +36,13 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """The same in yaw; tuned."""
     start_tilt_sigma_rad: float = 0.01
     """Error of the autopilot's roll and pitch at the start: what was seen of a real one under way was 0.012 at most."""
-    gyro_drift_rad_s_sqrt_s: float = 5e-5
-    """Random walk of a gyro's bias on top of the file's: drift, and what the AHRS does about it; assumed. The rates
-    of a real autopilot in software were seen to move by 0.0002 rad/s in 10 s."""
+    gyro_drift_rad_s_sqrt_s: float = 2e-4
+    """Random walk of a gyro's bias on top of the file's. A board that warms up drifts steadily: ArduPilot's simulated
+    one by 0.05 deg/s a minute (SIM_DRIFT_SPEED), which a walk of 5e-5 follows too late (cross-track error 0.09 m)."""
+    rates_hold_s: float = 0.2
+    """Roll and pitch rate are held so long after the last attitude; assumed: a tenth of a wave's period."""
+    unseen_tilt_rad_sqrt_s: float = 0.05
+    """Random walk of roll and pitch without rates; assumed: a wave of 4 degrees in half its period."""
     range_bias_walk_m_sqrt_s: float = 0.0005
     """Random walk of an anchor's bias; assumed."""
     imu_limit: float = 5.0
@@ -71,6 +75,10 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """No UWB accepted for so long: degraded. Three cycles at 1 Hz."""
     imu_timeout_s: float = 0.5
     """No IMU or no heading for so long: degraded; assumed."""
+    settle_s: float = 3.0
+    """After a start, or a gap in all sensors of more than `imu_timeout_s`, the estimate is degraded for so long, and
+    until `settle_fixes` UWB messages have been accepted: what speed needs to be known to 0.2 m/s. Assumed."""
+    settle_fixes: int = 4
     degraded_position_sigma_m: float = 0.5
     """Position sigma along its worst axis above which the estimate is degraded; assumed."""
     lost_position_sigma_m: float = 3.0

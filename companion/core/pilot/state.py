@@ -57,6 +57,8 @@ class PilotState:
     monitors: Mapping[type, Any]
     """State of each monitor, by its type: see `monitor` and `with_monitors`."""
     f_command_n: tuple[float, ...]
+    lease_end_ns: int | None = None
+    """Until when `f_command_n` was leased; None: there was no lease."""
     helm: ModeState = modes.AT_REST
     guidance: GuidanceState = guidance.IDLE
     flight: FlightState = BEGINNING

@@ -190,8 +190,17 @@ class ThrustCommander:
             reason=reason,
             f_command_n=f,
         )
-        estimator = self._estimator.command(state.estimator, t_ns + self._latency_ns, f)
-        state = replace(state, estimator=estimator, f_command_n=f, open_tick=None)
+        estimator, over_ns = state.estimator, state.lease_end_ns
+        if over_ns is not None and over_ns < t_ns:  # nobody kept the thrusters turning since
+            estimator = self._estimator.command(estimator, over_ns + self._latency_ns, (0.0,) * self._n)
+        estimator = self._estimator.command(estimator, t_ns + self._latency_ns, f)
+        state = replace(
+            state,
+            estimator=estimator,
+            f_command_n=f,
+            open_tick=None,
+            lease_end_ns=t_ns + round(lease.valid_for_s * 1e9),
+        )
         state, alerts = self._monitors.hear(state, lease, t_ns)
         return state, [lease, *alerts]
 

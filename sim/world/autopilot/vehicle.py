@@ -24,8 +24,8 @@ class SensorFrame(msgspec.Struct, frozen=True, kw_only=True):
     """What the autopilot's own sensors and estimator say now, noise and bias included.
 
     `accel_m_s2`: specific force, body FRD (at rest z = -9.81); `gyro_rad_s`: body rates as the gyro gives
-    them; phi, theta, psi: the attitude it reports, p, q, r: the rates it reports with it; `receiver_us`:
-    pulse widths of an RC receiver, empty without one.
+    them; phi, theta, psi: the attitude it reports, p, q, r: the rates it reports with it; `gyro_drift_rad_s`: its own
+    correction that they contain; `receiver_us`: pulse widths of an RC receiver, empty without one.
     """
 
     accel_m_s2: Vec3
@@ -38,6 +38,7 @@ class SensorFrame(msgspec.Struct, frozen=True, kw_only=True):
     r_rad_s: float
     voltage_v: float
     current_a: float
+    gyro_drift_rad_s: Vec3 = (0.0, 0.0, 0.0)
     receiver_us: tuple[int, ...] = ()
 
 

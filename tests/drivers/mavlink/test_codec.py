@@ -48,6 +48,17 @@ def test_attitude():
     )
 
 
+def test_rates_are_those_of_the_gyros_whatever_the_ahrs_adds():
+    """A correction that is no number changes nothing."""
+    codec = MavlinkCodec(target_system=1)
+    for drift, told in (((0.01, -0.02, 0.03), (0.1, 0.2, 0.3)), ((NAN, 0.0, 0.0), (0.1, 0.2, 0.3))):
+        assert codec.feed(Sender().ahrs(*drift, 0, 0, 0, 0), T) == []
+        (m,) = codec.feed(Sender().attitude(1000, 0, 0, 0, 0.11, 0.18, 0.33), T)
+        assert (m.p_rad_s, m.q_rad_s, m.r_rad_s) == pytest.approx(told, abs=1e-6)
+        codec.feed(Sender().attitude(2000, 0, 0, 0, 0, 0, 0), T)
+    assert codec.counters.invalid == {"AHRS": 1}
+
+
 def struct_float(value: float) -> float:
     """`value` as a 32-bit float holds it."""
     return struct.unpack("<f", struct.pack("<f", value))[0]

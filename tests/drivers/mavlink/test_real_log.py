@@ -61,11 +61,14 @@ def test_values_are_si_and_equal_the_fields(frames: Frames, stream: bytes):
     _, messages = replay(frames)
     oracle = dialect.MAVLink(None)
     oracle.robust_parsing = True
-    fields = [m for m in oracle.parse_buffer(stream) or [] if m.get_type() == "ATTITUDE"]
+    fields, drift = [], 0.0
+    for m in oracle.parse_buffer(stream) or []:
+        if m.get_type() == "ATTITUDE":
+            fields.append((m.roll, m.pitch, m.yaw, m.yawspeed - drift))
+        elif m.get_type() == "AHRS":
+            drift = m.omegaIz
     attitudes = [m for m in messages if isinstance(m, Attitude)]
-    assert [(a.phi_rad, a.theta_rad, a.psi_rad, a.r_rad_s) for a in attitudes] == [
-        (f.roll, f.pitch, f.yaw, f.yawspeed) for f in fields
-    ]
+    assert [(a.phi_rad, a.theta_rad, a.psi_rad, a.r_rad_s) for a in attitudes] == fields and drift != 0.0
     assert all(-pi <= a.psi_rad <= pi for a in attitudes)
     samples = [m for m in messages if isinstance(m, ImuSample)]
     assert {s.source for s in samples} == {"RAW_IMU"}

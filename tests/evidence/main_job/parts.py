@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.cli.simulator.demo import free_port
 from companion.core.control.nmpc import Actuation, Nmpc
-from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
+from companion.core.messages import GroundTruth, GuidanceReference, OperatorCommand, OverrideLease, StateEstimate, Tick
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.pilot import Pilot
@@ -80,10 +80,12 @@ def drive(case: tuple[int, bool]) -> dict[str, float]:
     return drive_mission(world_of(*case))
 
 
-def drive_mission(world: SteppedWorld) -> dict[str, float]:
-    """The demo's mission in this world on the stepped clock; its figures."""
+def drive_mission(world: SteppedWorld, wait_s: float = 0.0) -> dict[str, float]:
+    """The demo's mission in this world on the stepped clock, begun after `wait_s` in neutral; its figures."""
     setup, pilot, nmpc = reference_boat()
-    run = SteppedRun(world, pilot, nmpc.solve)
+    run = SteppedRun(world, pilot, nmpc.solve, begin=None)
+    run.run(lambda run: False, wait_s)
+    run.feed([OperatorCommand(t_ns=world.t_ns, command="start")])
 
     def finished(run: SteppedRun) -> bool:
         settled = run.state.guidance.settled_ns

@@ -5,7 +5,7 @@ unfit, degraded                 `annunciator.Annunciator`            fence_breac
 battery_low, battery_critical   `battery`                            solver_failing  `plan_gap`
 override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
 sticks                          `manual_control.StickMonitor`
-sensors that repeat themselves are left out by `stuck_sensor`, which says no condition
+readings that repeat themselves are left out by `stuck_sensor`, those that had queued up by `stall`: no conditions
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from companion.core.pilot.monitors.loop_lag import LoopLagMonitor
 from companion.core.pilot.monitors.monitor import Monitor, TickView
 from companion.core.pilot.monitors.override_monitor import OverrideMonitor
 from companion.core.pilot.monitors.plan_gap import PlanGapMonitor
+from companion.core.pilot.monitors.stall import StallMonitor
 from companion.core.pilot.monitors.stuck_sensor import StuckSensorMonitor
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 
@@ -39,6 +40,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
     vessel, control = settings.vessel, settings.control
     return MonitorTable(
         (
+            StallMonitor(),
             StuckSensorMonitor(),
             AutopilotMonitor(),
             Annunciator(anchors, control.blind_s),

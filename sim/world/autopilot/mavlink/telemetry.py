@@ -80,6 +80,11 @@ def attitude(v: SimulatedVehicle) -> wire.MAVLink_message:
     return wire.MAVLink_attitude_message(v.clock_ms, s.phi_rad, s.theta_rad, yaw, s.p_rad_s, s.q_rad_s, s.r_rad_s)
 
 
+def ahrs(v: SimulatedVehicle) -> wire.MAVLink_message:
+    """The correction of the gyros that the rates of ATTITUDE contain [rad/s]; its errors are not computed."""
+    return wire.MAVLink_ahrs_message(*v.sensors.gyro_drift_rad_s, 0.0, 0.0, 0.0, 0.0)
+
+
 def servo_output_raw(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Pulses leaving now; the time is the lower 32 bits of the clock [us]."""
     return wire.MAVLink_servo_output_raw_message(v.clock_us & 0xFFFFFFFF, 0, *v.outputs.pulses_us)
@@ -177,10 +182,11 @@ STREAMED: dict[int, Streamed] = {
     116: Streamed(scaled_imu2, "RAW_SENS"),
     147: Streamed(battery_status, "EXTRA3"),
     148: Streamed(autopilot_version, ""),
+    163: Streamed(ahrs, "EXTRA3"),
 }
 ALWAYS_NS: dict[int, int] = {HEARTBEAT_ID: 1_000_000_000, TIMESYNC_ID: 10_000_000_000}
 """What every link gets whatever it asks for, and how often."""
-ACCEPTED_NEVER_SENT = frozenset({29, 31, 32, 33, 49, 62, 87, 125, 129, 152, 163, 178, 182, 193, 241, 242, 245})
+ACCEPTED_NEVER_SENT = frozenset({29, 31, 32, 33, 49, 62, 87, 125, 129, 152, 178, 182, 193, 241, 242, 245})
 """Messages that the real firmware has and this one cannot fill: requests are accepted, nothing comes."""
 GROUP_OF_STREAM: dict[int, tuple[str, ...]] = {
     0: ("RAW_SENS", "EXT_STAT", "RC_CHAN", "EXTRA1", "EXTRA2", "EXTRA3"),

@@ -29,9 +29,13 @@ def away(a: StateEstimate, b: StateEstimate) -> float:
 
 
 def test_it_starts_by_itself_and_is_healthy_and_near_the_truth(run: Run, plain: Score) -> None:
+    """It has a position after two fixes, and is healthy once speed has had time to settle."""
     health = [e.health for e in plain.estimates]
-    assert health[0] == "initialising"
-    assert health[20:] == ["healthy"] * len(health[20:])
+    first = health.index("degraded")
+    assert set(health[:first]) == {"initialising"} and first < 20
+    healthy = health.index("healthy")
+    assert set(health[first:healthy]) == {"degraded"} and 30 <= healthy - first <= 45
+    assert set(health[healthy:]) == {"healthy"}
     rms = plain.rms()
     assert rms["position_m"] < 0.15
     assert max(rms["u_m_s"], rms["v_m_s"]) < 0.05

@@ -29,19 +29,20 @@ EXTENDED = replace(
 
 
 def pushed(score):
-    """RMS of the latent surge force [N] after 20 s; there is none."""
-    return float(np.sqrt(np.mean([e.disturbance_n[0] ** 2 for e in score.estimates[200:]])))
+    """RMS of the latent surge force [N] in the second half of a run; there is none."""
+    late = score.estimates[len(score.estimates) // 2 :]
+    return float(np.sqrt(np.mean([e.disturbance_n[0] ** 2 for e in late])))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nees_is_that_of_the_plain_boat(seed):
     """Without the effects in its file the filter takes them for a force on the body."""
-    plain = estimate(simulate(seed, disturbed=False, seconds=40.0), Estimator(BASE, basin()))
-    run = simulate(seed, disturbed=False, seconds=40.0, vessel=EXTENDED)
+    plain = estimate(simulate(seed, disturbed=False, seconds=80.0), Estimator(BASE, basin()))
+    run = simulate(seed, disturbed=False, seconds=80.0, vessel=EXTENDED)
     known, unknown = (estimate(run, Estimator(v, basin())) for v in (EXTENDED, BASE))
     assert known.nees.mean() < 1.3 * plain.nees.mean() < 13.0
-    assert pushed(known) < 0.5 * pushed(unknown)
+    assert pushed(known) < 0.25 * pushed(unknown)
 
 
 def test_slew_limited_lag_is_exact_and_its_mean_is_the_mean():

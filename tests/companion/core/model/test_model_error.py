@@ -42,12 +42,15 @@ def test_it_survives_being_written_and_must_be_positive():
 
 @pytest.mark.long
 def test_an_exact_model_that_is_trusted_estimates_better_and_is_consistent():
-    run = simulate(13, disturbed=False, seconds=60.0)
-    plain, sure = (estimate(run, Estimator(v, basin())) for v in (BASE, SURE))
-    rms = [np.sqrt((s.error**2).mean(axis=0)) for s in (plain, sure)]
-    assert (rms[1][3:5] < [0.8 * rms[0][3], 0.5 * rms[0][4]]).all()  # observed: 0.65 to 0.75 and 0.25 to 0.29
-    assert 3.0 < sure.nees.mean() < 7.5
-    assert sure.state.history[-1].belief.doubt < 10.0
+    """Seeds 13 and 14; the filter's noise is tuned for models that are off, so that NEES is below 6."""
+    nees = []
+    for run in (simulate(seed, disturbed=False, seconds=60.0) for seed in (13, 14)):
+        plain, sure = (estimate(run, Estimator(v, basin())) for v in (BASE, SURE))
+        rms = [np.sqrt((s.error**2).mean(axis=0)) for s in (plain, sure)]
+        assert (rms[1][3:5] < [0.6 * rms[0][3], 0.35 * rms[0][4]]).all()  # observed: 0.38 to 0.47 and 0.16 to 0.24
+        assert sure.state.history[-1].belief.doubt < 10.0
+        nees.append(sure.nees.mean())
+    assert 3.0 < np.mean(nees) < 7.5
 
 
 @pytest.mark.long
@@ -69,8 +72,8 @@ def innovation(d2: float) -> Innovation:
 def belief() -> FilterState:
     n = 17
     return FilterState(
-        t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), pq_rad_s=(0.0, 0.0), anchor_gates=(), heading_gate=Gate(),
-        position_gates=(), latest=(), imu_ns=None, uwb_ns=0, ranges_ns=None,
+        t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), pq_rad_s=(0.0, 0.0), pq_ns=0, anchor_gates=(),
+        heading_gate=Gate(), position_gates=(), latest=(), imu_ns=None, uwb_ns=0, ranges_ns=None, since_ns=0,
     )  # fmt: skip
 
 

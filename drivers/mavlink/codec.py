@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from companion.core.messages import ImuSample, Message, ServoOutput, StatusText, TimeSync
-from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
+from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, motor_outputs, pulses
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
@@ -142,9 +142,10 @@ class MavlinkCodec:
         if name not in DECODERS:
             return []
         message = DECODERS[name](m, t_ns, t_rx_ns)
-        if message is None or not self._wanted(name, message, t_rx_ns):
-            return []
-        return [message]
+        messages = [] if message is None or not self._wanted(name, message, t_rx_ns) else [message]
+        if name == "SYS_STATUS" and (outputs := motor_outputs(m, t_ns)):
+            messages.append(outputs)
+        return messages
 
     def _wanted(self, name: str, message: Message, t_rx_ns: int) -> bool:
         """Not another IMU's than the chosen one, and not the answer to somebody else's TIMESYNC."""

@@ -98,6 +98,13 @@ def _safety_switch(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]
     return ACCEPTED, ()
 
 
+def _scripting(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
+    if p[0] not in (wire.SCRIPTING_CMD_STOP, wire.SCRIPTING_CMD_STOP_AND_RESTART):
+        return UNSUPPORTED, ()  # the terminal is not simulated
+    vehicle.script.stop(vehicle.t_ns, restart=p[0] == wire.SCRIPTING_CMD_STOP_AND_RESTART)
+    return ACCEPTED, ()
+
+
 def _reboot(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     if p[0] != 1:
         return UNSUPPORTED, ()  # shutting down and the boot loader are not simulated
@@ -118,5 +125,6 @@ HANDLERS: dict[int, Handler] = {
     wire.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_capabilities,
     wire.MAV_CMD_DO_SET_SAFETY_SWITCH_STATE: _safety_switch,
     wire.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
+    wire.MAV_CMD_SCRIPTING: _scripting,
 }
 """Handlers by MAV_CMD number."""

@@ -146,7 +146,7 @@ Act = Callable[[Trial], None]
 class Stop(NamedTuple):
     """`take` stops the boat; then `TAKEN_S` pass; `give` gives back what was taken. `alive`: the companion runs on.
 
-    `mode`: the boat's mode at the end; `neutral_s`: goal.
+    `mode`: the boat's mode at the end; `neutral_s`: goal; `before_s`: the boat drives on so long before.
     """
 
     name: str
@@ -155,6 +155,7 @@ class Stop(NamedTuple):
     alive: bool = True
     mode: str = "safe"
     neutral_s: float = NEUTRAL_S
+    before_s: float = 0.0
 
 
 class Stopped(NamedTuple):
@@ -170,6 +171,7 @@ class Stopped(NamedTuple):
 def try_stop(trial: Trial, stop: Stop, after_s: float = AFTER_S) -> Stopped:
     """Bring the stop about, give back, and wait."""
     watched = trial.watched
+    trial.go(stop.before_s)
     if watched.turned_ns < watched.t_ns - 1_000_000_000:
         raise AssertionError(f"no thruster has turned for a second: {trial.run.state.helm}")
     taken_ns = watched.t_ns

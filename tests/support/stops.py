@@ -89,10 +89,10 @@ GATE = (
     Stop("script stopped and started in one go", _ordered(*SCRIPTS_RESTART)),
 )
 POSITIONED = (
-    Stop("GUIDED, then MANUAL by a ground station", _mode(GUIDED), _mode(MANUAL)),
-    Stop("ACRO, then MANUAL by a ground station", _mode(ACRO), _mode(MANUAL)),
+    Stop("GUIDED, then MANUAL by a ground station", _mode(GUIDED), _mode(MANUAL), before_s=20.0),
+    Stop("ACRO, then MANUAL by a ground station", _mode(ACRO), _mode(MANUAL), before_s=20.0),
 )
-"""Modes that an autopilot enters armed only with a position."""
+"""Modes that an autopilot enters armed only with a position, which it has from 18 s after arming on (observed)."""
 
 
 def _battery(trial: Trial) -> None:

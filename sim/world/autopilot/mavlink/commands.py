@@ -17,6 +17,8 @@ from sim.world.autopilot.vehicle import SimulatedVehicle
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 FORCE = frozenset({2989.0, 21196.0})
+FORCED_REBOOT = 20190226.0
+"""Parameter 6 with which an armed autopilot starts again, too (source: GCS_Common.cpp)."""
 _CUSTOM_MODE = 1
 _INFO = 6
 
@@ -108,7 +110,7 @@ def _scripting(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) ->
 def _reboot(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     if p[0] != 1:
         return UNSUPPORTED, ()  # shutting down and the boot loader are not simulated
-    if vehicle.modes.armed:
+    if vehicle.modes.armed and p[5] != FORCED_REBOOT:
         return FAILED, ()
     vehicle.reboot_asked = True
     return ACCEPTED, ()

@@ -22,7 +22,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, StatusText, TimeSync
-from drivers.mavlink.decode import DECODERS, STAMPS, gyro_drift, is_autopilot, pulses
+from drivers.mavlink.decode import DECODERS, STAMPS, gyro_drift, is_autopilot, motor_outputs, pulses
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
@@ -150,9 +150,12 @@ class MavlinkCodec:
         if name not in DECODERS:
             return []
         message = DECODERS[name](m, t_ns, t_rx_ns)
-        if message is None or not self._wanted(name, message, t_rx_ns):
-            return []
-        return [self._gyro_rates(message) if isinstance(message, Attitude) else message]
+        if isinstance(message, Attitude):
+            message = self._gyro_rates(message)
+        messages = [] if message is None or not self._wanted(name, message, t_rx_ns) else [message]
+        if name == "SYS_STATUS" and (outputs := motor_outputs(m, t_ns)):
+            messages.append(outputs)
+        return messages
 
     def _take_gyro_drift(self, m: Any) -> None:
         drift_rad_s = gyro_drift(m)

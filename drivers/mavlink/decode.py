@@ -24,6 +24,7 @@ from companion.core.messages import (
     Heartbeat,
     ImuSample,
     Message,
+    MotorOutputs,
     ParamValue,
     RcChannels,
     TimeSync,
@@ -141,6 +142,14 @@ def _sys_status(m: Any, t_ns: int, _: int) -> Battery | None:
     return _battery(t_ns, m.voltage_battery, m.current_battery, m.battery_remaining)
 
 
+def motor_outputs(m: Any, t_ns: int) -> MotorOutputs | None:
+    """What a SYS_STATUS says of the safety switch; None: this autopilot does not tell."""
+    bit = dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    if not m.onboard_control_sensors_present & bit:
+        return None
+    return MotorOutputs(t_ns=t_ns, enabled=bool(m.onboard_control_sensors_enabled & bit))
+
+
 def _battery_status(m: Any, t_ns: int, _: int) -> Battery | None:
     """Only the first battery, which SYS_STATUS speaks of too: its cells add up to the voltage."""
     cells = [v for v in m.voltages if v != UINT16_MAX]
@@ -201,4 +210,5 @@ DECODERS: dict[str, Decoder] = {
     "TIMESYNC": _timesync,
     "AUTOPILOT_VERSION": _autopilot_version,
 }
-"""Message type -> decoder. AHRS, SERVO_OUTPUT_RAW and STATUSTEXT need memory and live in the codec."""
+"""Message type -> decoder. AHRS, SERVO_OUTPUT_RAW and STATUSTEXT need memory and live in the codec; SYS_STATUS
+also becomes `motor_outputs`."""

@@ -69,7 +69,7 @@ def test_overrides_that_are_refused_under_way_stop_the_boat():
     run.world.rover.vehicle.parameters.set("RC_OVERRIDE_TIME", 0.0)
     refused_ns = run.world.t_ns
     assert run.run(lambda r: r.state.helm.mode == "safe", 6.0)
-    assert 1.5 < (run.world.t_ns - refused_ns) * 1e-9 < 3.5
+    assert (run.world.t_ns - refused_ns) * 1e-9 < 1.5, "what leaves the autopilot shows it before RC_CHANNELS counts"
     assert "RC_OVERRIDE_TIME" in run.state.helm.why and at_rest(run)
 
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from companion.core.messages import ModeStatus, OverrideLease
 from companion.core.pilot import annunciator, autopilot_state, manual_control
-from companion.core.pilot.monitors import battery, override_monitor
+from companion.core.pilot.monitors import battery, output_monitor, override_monitor
 from companion.core.pilot.pilot import Pilot
 from drivers.mavlink.encode import MavlinkEncoder
 from tests.support.fault_fixture import FaultBench
@@ -59,7 +59,10 @@ def no_patience_limit(patch):
 
 
 def no_ears_for_disarming(patch):
+    """Neither in heartbeats nor in texts nor at the outputs."""
     patch.setattr(autopilot_state, "changes", lambda *_: {})
+    patch.setattr(autopilot_state, "DISARMED_TEXT", "nobody says this")
+    patch.setattr(output_monitor, "STILL_ECHOES", 10**6)
 
 
 def no_eyes_for_hands(patch):

@@ -34,9 +34,10 @@ def firmware_world(
     seed: int,
     *,
     gps: bool,
+    wiring: str = "gate",
     parameters: Mapping[str, float] | None = None,
 ) -> FirmwareWorld:
-    """The boat with this firmware, wiring `gate`, in an empty folder."""
+    """The boat with this firmware and wiring in an empty folder."""
     more = {**({} if gps else BASIN), **(parameters or {})}
-    files, scripts = [ARDUPILOT / "gate.param"], [ARDUPILOT / "gate.lua"]
+    files, scripts = [ARDUPILOT / f"{wiring}.param"], [ARDUPILOT / "gate.lua"] if wiring == "gate" else []
     return FirmwareWorld(setup, seed, FirmwareSetup(binary, folder, files, more, scripts))

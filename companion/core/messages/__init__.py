@@ -48,6 +48,7 @@ from companion.core.messages.sensors import (
     LinkStatus,
     Measured,
     Message,
+    MotorOutputs,
     ParamValue,
     RcChannels,
     ServoOutput,
@@ -62,14 +63,14 @@ __all__ = [
     "INPUTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo", "Battery", "CommandAck",
     "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
     "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint", "Mode",
-    "ModeStatus", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue", "PlanDeadline", "PlanResult",
-    "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate", "StatusText", "StepMark",
-    "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
+    "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue", "PlanDeadline",
+    "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate", "StatusText",
+    "StepMark", "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
 ]  # fmt: skip
 
 INPUTS: tuple[type[Message], ...] = (
-    ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, RcChannels, CommandAck,
-    ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
+    ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, MotorOutputs, RcChannels,
+    CommandAck, ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
     ManualInput, NewMission, PlanResult,
 )  # fmt: skip
 OUTPUTS: tuple[type[Message], ...] = (

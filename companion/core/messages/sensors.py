@@ -103,6 +103,12 @@ class ServoOutput(Message, frozen=True, kw_only=True):
     pwm_us: tuple[int, ...]
 
 
+class MotorOutputs(Message, frozen=True, kw_only=True):
+    """SYS_STATUS: whether pulses may leave the autopilot, which its safety switch decides (bit MOTOR_OUTPUTS)."""
+
+    enabled: bool
+
+
 class RcChannels(Message, frozen=True, kw_only=True):
     """RC_CHANNELS: pulse widths [us] that the autopilot believes to receive, channel 1 first."""
 

@@ -1,15 +1,17 @@
 """The autopilot as its heartbeats show it: whether it is alive, armed and in MANUAL, and the requests for that.
 
 Overrides flow from the first tick; then MANUAL is requested, then arming, each again every second. Somebody
-else's disarm or mode change is an event of the mode table (`modes`): what was MANUAL or armed no longer is.
+else's disarm or mode change is an event of the mode table (`modes`): what was MANUAL or armed no longer is, or the
+autopilot says so.
 Without a receiver the autopilot boots into HOLD and stays there until overrides flow.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
-from companion.core.messages import Heartbeat, VehicleRequest
+from companion.core.messages import Heartbeat, StatusText, VehicleRequest
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 
@@ -17,6 +19,8 @@ MANUAL = 0
 """ArduPilot Rover's custom mode in which RC overrides reach the thrusters."""
 RETRY_NS = 1_000_000_000
 """Between repeated requests; assumed: an answer shows in the next heartbeat, 1 s later."""
+DISARMED_TEXT = "Throttle disarmed"
+"""What Rover says at once when it is disarmed (source: Rover/AP_Arming.cpp); two heartbeats may miss it."""
 HEARTBEAT_LOST_NS = 3_000_000_000
 """Heartbeats come at 1 Hz; three missing are a lost autopilot (assumed)."""
 
@@ -40,11 +44,14 @@ UNKNOWN = AutopilotState()
 class AutopilotMonitor(Monitor[AutopilotState]):
     """Events `disarmed` and `mode_changed`, condition `link_lost`."""
 
-    hears = (Heartbeat,)
+    hears = (Heartbeat, StatusText)
     initial = UNKNOWN
 
-    def on_message(self, state: AutopilotState, message: Heartbeat, t_ns: int) -> tuple[AutopilotState, MonitorReport]:
-        """A heartbeat, compared with the one before."""
+    def on_message(self, state: AutopilotState, message: Any, t_ns: int) -> tuple[AutopilotState, MonitorReport]:
+        """A heartbeat, compared with the one before, or a text."""
+        if isinstance(message, StatusText):
+            disarmed = message.text.startswith(DISARMED_TEXT)
+            return state, MonitorReport({"disarmed": "the autopilot was disarmed"}) if disarmed else NOTHING
         return replace(state, heartbeat=message), MonitorReport(changes(state.heartbeat, message))
 
     def on_tick(self, state: AutopilotState, view: TickView) -> tuple[AutopilotState, MonitorReport]:

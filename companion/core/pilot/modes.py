@@ -27,10 +27,10 @@ Wanted = Literal["auto", "hold", "excitation"]
 Thrusters = Literal["neutral", "controller", "excitation", "sticks"]
 Event = Literal[
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "solver_failing", "loop_lag", "link_late",
-    "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "solver_back", "loop_ok",
-    "link_prompt",
-    "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
+    "outputs_cut", "solver_failing", "loop_lag", "link_late",
+    "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "outputs_back", "solver_back",
+    "loop_ok", "link_prompt",
+    "rc_takeover", "disarmed", "mode_changed", "outputs_still", "sticks_lost",
     "ready", "finished", "stop", "start", "hold", "excite", "manual",
 ]  # fmt: skip
 
@@ -53,6 +53,7 @@ fence_breached   .        safe     safe     safe     safe       safe       .    
 battery_low      .        .        .        .        .          .          .        .        .
 battery_critical .        safe     safe     safe     safe       safe       .        .        .
 override_ignored .        .        safe     safe     safe       safe       .        safe     .
+outputs_cut      .        safe     safe     safe     safe       safe       safe     safe     .
 solver_failing   .        .        hold     .        .          .          .        .        .
 loop_lag         .        .        safe     safe     safe       safe       .        safe     .
 link_late        .        .        safe     safe     safe       safe       .        safe     .
@@ -63,6 +64,7 @@ healthy          .        .        .        .        .          excitation .    
 fence_clear      .        .        .        .        .          .          .        .        .
 battery_ok       .        .        .        .        .          .          .        .        .
 override_obeyed  .        .        .        .        .          .          .        .        .
+outputs_back     .        .        .        .        .          .          .        .        .
 solver_back      .        .        .        .        .          .          .        .        .
 loop_ok          .        .        .        .        .          .          .        .        .
 link_prompt      .        .        .        .        .          .          .        .        .
@@ -70,6 +72,7 @@ link_prompt      .        .        .        .        .          .          .    
 rc_takeover      .        safe     safe     safe     safe       safe       safe     safe     .
 disarmed         .        safe     safe     safe     safe       safe       safe     safe     .
 mode_changed     .        .        safe     safe     safe       safe       safe     safe     .
+outputs_still    .        safe     safe     safe     safe       safe       safe     safe     .
 sticks_lost      .        .        .        .        .          .          .        locked   .
 
 ready            .        wanted   .        .        .          .          manual   .        .
@@ -88,6 +91,7 @@ OVER: dict[Event, Event] = {
     "fence_breached": "fence_clear",
     "battery_low": "battery_ok",
     "override_ignored": "override_obeyed",
+    "outputs_cut": "outputs_back",
     "solver_failing": "solver_back",
     "loop_lag": "loop_ok",
     "link_late": "link_prompt",
@@ -99,7 +103,7 @@ def _events(*events: Event) -> frozenset[Event]:
     return frozenset(events)
 
 
-_ALL = _events("link_lost", "override_ignored", "loop_lag", "link_late")
+_ALL = _events("link_lost", "override_ignored", "outputs_cut", "loop_lag", "link_late")
 _KNOWING = _ALL | _events("unfit", "fence_breached", "battery_critical")
 _NEEDS: dict[Mode, frozenset[Event]] = {
     "locked": _ALL,
@@ -117,8 +121,9 @@ WANTED: dict[Event, Wanted] = {"start": "auto", "hold": "hold", "excite": "excit
 _OPERATOR = _events("stop", "start", "hold", "excite", "manual")
 _CALM = _OPERATOR | _events("ready", "finished", *OVER.values())
 _ALERTED_AT_REST = _events(
-    "fence_breached", "battery_low", "battery_critical", "override_ignored", "fence_clear", "battery_ok"
-)
+    "fence_breached", "battery_low", "battery_critical", "override_ignored", "outputs_cut", "fence_clear", "battery_ok",
+    "outputs_back",
+)  # fmt: skip
 """Alerts of these are raised in neutral, too."""
 _ALERTED_ELSEWHERE = _events("link_lost", "unfit", "degraded")
 """Links and estimate have alerts of their own, which suffice where the mode stays."""

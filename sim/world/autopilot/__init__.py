@@ -6,6 +6,7 @@
     rc.py             RC channels: overrides, receiver   stick.py      RCn_MIN/TRIM/MAX/DZ, SERVOn_*
     outputs.py        SERVOn_FUNCTION wirings, latency   mixer.py      Omni-X
     pilot_inputs.py   rudder arming, mode channel        firmware.py   what differs between 4.6 and 4.7
+    script.py        the Lua machine: stopped, started again
     parameters.py     PARAM_* semantics                  parameter_table.py   names, types, defaults
     mavlink/          its side of MAVLink: `received` (what each message does), `commands` (MAV_CMD table), `telemetry`
                       (one builder per streamed message), `link` (rates), `signing`, `ftp`, `files`, `logs`

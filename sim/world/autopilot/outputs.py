@@ -3,7 +3,8 @@
     33-36    motors 1-4 of the Omni-X mixer (`mixer`), where FRAME_TYPE is 2.
     51-66    plain RCINn: the channel's last value, whatever the mode, arming or age. It stays for ever.
     94-97    Script1-4, written by a Lua gate where SCR_ENABLE was set at boot: the gate's channel only while
-             armed, RC input valid and mode MANUAL, clamped to 1100-1900 us; else 1500 us.
+             armed, RC input valid and mode MANUAL, clamped to 1100-1900 us; else 1500 us. SERVOn_TRIM once the
+             script has been stopped (`script`), no pulse where there is none.
     140-155  RCINnScaled: through RCn_MIN/TRIM/MAX/DZ to SERVOn_MIN/TRIM/MAX; SERVOn_TRIM in a radio
              fail-safe where SERVO_RC_FS_MSK names the channel, the last value where it does not.
     other    no pulses (0).
@@ -26,6 +27,7 @@ from sim.world.autopilot.modes import Mode, ModeControl
 from sim.world.autopilot.parameter_table import CHANNELS
 from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
+from sim.world.autopilot.script import GateScript
 from sim.world.autopilot.stick import pulse_us, share
 
 GATE_MIN_US, GATE_MAX_US = 1100, 1900
@@ -51,9 +53,11 @@ class Outputs:
         modes: ModeControl,
         failsafe: Failsafe,
         gate_channels: tuple[int, ...],
+        script: GateScript,
     ):
         self._parameters, self._rc, self._modes, self._failsafe = parameters, rc, modes, failsafe
-        self._gate_channels = gate_channels if parameters["SCR_ENABLE"] else ()
+        self._gate_channels, self._script = gate_channels if script.exists else (), script
+        self._t_ns = 0
         self._mixer = OmniMixer(parameters, rc, modes, failsafe)
         self._latency_ns = latency_ns(parameters["SCHED_LOOP_RATE"])
         self._wired: list[tuple[int, Wiring, int]] = []
@@ -68,6 +72,8 @@ class Outputs:
         if self._version != self._parameters.version:
             self._version = self._parameters.version
             self._wired = [(i, *self._wiring(i)) for i in range(CHANNELS)]
+        self._t_ns = t_ns
+        self._script.advance(t_ns)
         self._mixer.advance(t_ns)
         changed = False
         for i, wiring, delay_ns in self._wired:
@@ -89,7 +95,8 @@ class Outputs:
         if 51 <= function <= 66:
             return partial(self._plain, function - 51), self._latency_ns
         if 94 <= function < 94 + len(self._gate_channels):
-            return partial(self._gated, self._gate_channels[function - 94] - 1), self._latency_ns + _GATE_EXTRA_NS
+            gate = partial(self._gated, output + 1, self._gate_channels[function - 94] - 1)
+            return gate, self._latency_ns + _GATE_EXTRA_NS
         if 140 <= function <= 155:
             return partial(self._scaled, output + 1, function - 140), self._latency_ns
         return self._unused, self._latency_ns
@@ -100,7 +107,9 @@ class Outputs:
     def _plain(self, channel: int, last_us: int) -> int:
         return self._rc.radio_in_us[channel]
 
-    def _gated(self, channel: int, last_us: int) -> int:
+    def _gated(self, output: int, channel: int, last_us: int) -> int:
+        if self._script.ended:
+            return last_us if self._script.writes(self._t_ns) else int(self._parameters[f"SERVO{output}_TRIM"])
         value = self._rc.radio_in_us[channel]
         passes = self._modes.armed and self._failsafe.rc_valid and self._modes.mode is Mode.MANUAL
         if not passes or value == 0:

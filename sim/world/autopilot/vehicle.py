@@ -14,6 +14,7 @@ from sim.world.autopilot.outputs import Outputs
 from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.pilot_inputs import PilotInputs
 from sim.world.autopilot.rc import RcInput
+from sim.world.autopilot.script import GateScript
 
 Vec3 = tuple[float, float, float]
 _INITIALISING_NS = 1_000_000_000  # assumed: a second of start-up before the first real mode
@@ -83,7 +84,8 @@ class SimulatedVehicle:
         self.modes = ModeControl(self.parameters, self.say)
         self.failsafe = Failsafe(self.parameters, self.rc, self.modes, self.say)
         self.pilot_inputs = PilotInputs(self.parameters, self.rc, self.modes)
-        self.outputs = Outputs(self.parameters, self.rc, self.modes, self.failsafe, gate_channels)
+        self.script = GateScript(bool(gate_channels) and bool(self.parameters["SCR_ENABLE"]), self.say)
+        self.outputs = Outputs(self.parameters, self.rc, self.modes, self.failsafe, gate_channels, self.script)
         self._boot_ns = boot_ns
         self._rate = 1.0 + drift_ppm * 1e-6
 

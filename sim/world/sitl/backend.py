@@ -154,7 +154,7 @@ class JsonBackend:
             self.counters.missed += count - last - 1
             self._news.append(f"frames missed: {count - last - 1} (now {count}), {self.counters.missed} in all")
         step_ns = frame_ns(packet.frame_rate_hz)
-        state, uwb = self._physics.advance(packet.pulses_us, step_ns)
+        state, uwb = self._physics.advance(packet.outputs_us, step_ns)
         self._world_ns += step_ns
         self._count, self._answer, self._answered_ns = count, encode(state), now_ns
         self.counters.steps += 1

@@ -2,6 +2,7 @@
 
     step() -> Outgoing          10 ms on: in frames of 2.5 ms, a servo packet and a state each
     mavlink(data, peer)         bytes to the firmware's first serial port; what it says comes out of `step`
+    receiver_us                 pulse widths of an RC receiver, where the setup has one
 
 Simulated time alone counts: the firmware waits for each state, so that a busy machine makes it slow and nothing else.
 Bytes that the firmware has sent before a servo packet are read before that packet is answered.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import shutil
 import socket
+import struct
 import subprocess
 import time
 from collections.abc import Hashable, Mapping, Sequence
@@ -25,9 +27,10 @@ from sim.world.sitl.protocol import PORT, NotServos, decode
 from sim.world.world import STEP_NS, Outgoing, WorldSetup
 
 FRAME_HZ = 400
-TCP_PORT = 5760
-START_S, ANSWER_S = 20.0, 20.0
-"""How long [s, this machine's clock] a firmware may take to listen, and to answer a state; assumed."""
+TCP_PORT, RC_PORT = 5760, 5501
+START_S, ANSWER_S, LOOK_S = 20.0, 20.0, 0.2
+"""How long [s, this machine's clock] a firmware may take to listen, and to answer a state; after how long a silence its
+serial port is looked at, where one that has started again waits until somebody connects. Assumed."""
 INSTANCES = range(20, 400)
 """ArduPilot's -I, tried in order until its ports are free; each moves them by 10."""
 HERE = {
@@ -66,6 +69,7 @@ class FirmwareWorld:
     def __init__(self, setup: WorldSetup, seed: int, firmware: FirmwareSetup):
         self.physics = SitlPhysics(setup, seed)
         self.pulses: list[tuple[int, tuple[int, ...]]] = []
+        self.receiver_us = setup.receiver_us
         self._peers: list[Hashable] = []
         self._backend = JsonBackend(self.physics)
         self._udp, self._instance = _listen()
@@ -86,10 +90,13 @@ class FirmwareWorld:
     def step(self) -> Outgoing:
         """Advance the world by `STEP_NS`, or by what a frame is longer."""
         until_ns = (self.t_ns // STEP_NS + 1) * STEP_NS
+        if self.receiver_us:
+            frame = struct.pack(f"<{len(self.receiver_us)}H", *self.receiver_us)
+            self._udp.sendto(frame, ("127.0.0.1", RC_PORT + 10 * self._instance))
         mavlink, uwb = b"", b""
         while self.t_ns < until_ns:
-            packet, sender = self._packet()
-            mavlink += self._read()
+            packet, sender, heard = self._packet()
+            mavlink += heard + self._read()
             answer = self._backend.receive(packet, sender, time.monotonic_ns())
             if answer is not None:
                 uwb += answer.uwb
@@ -123,19 +130,24 @@ class FirmwareWorld:
         for each in (self._tcp, self._udp, self._out):
             each.close()
 
-    def _packet(self) -> tuple[bytes, tuple[str, int]]:
-        """The firmware's next servo packet, and where it came from."""
+    def _packet(self) -> tuple[bytes, tuple[str, int], bytes]:
+        """The firmware's next servo packet, where it came from, and what was said on its serial port meanwhile."""
+        heard, end_s = b"", time.monotonic() + ANSWER_S
+        while True:
+            try:
+                data, sender = self._udp.recvfrom(4096)
+                break
+            except TimeoutError:
+                heard += self._read()
+                if time.monotonic() > end_s:
+                    raise FirmwareStopped(self._words(f"sent no servo packet for {ANSWER_S:.0f} s")) from None
         try:
-            data, sender = self._udp.recvfrom(4096)
-        except TimeoutError:
-            raise FirmwareStopped(self._words(f"sent no servo packet for {ANSWER_S:.0f} s")) from None
-        try:
-            pulses = decode(data).pulses_us
+            pulses = decode(data).outputs_us
         except NotServos:
-            return data, sender
+            return data, sender, heard
         if not self.pulses or self.pulses[-1][1] != pulses:
             self.pulses.append((self.t_ns, pulses))
-        return data, sender
+        return data, sender, heard
 
     def _read(self) -> bytes:
         """What the firmware has sent on its serial port."""
@@ -189,7 +201,7 @@ def _listen() -> tuple[socket.socket, int]:
         except OSError:
             udp.close()
             continue
-        udp.settimeout(ANSWER_S)
+        udp.settimeout(LOOK_S)
         return udp, instance
     raise FirmwareStopped("no free ports for a firmware")
 
@@ -201,9 +213,9 @@ def _start(firmware: FirmwareSetup, setup: WorldSetup, instance: int, out: IO[by
     for script in firmware.scripts:
         shutil.copy(script, folder / "scripts")
     here = folder / "here.param"
-    here.write_text(
-        "".join(f"{name},{value:g}\n" for name, value in {**HERE, **firmware.parameters}.items()), encoding="utf-8"
-    )
+    receiver = {"SIM_RC_FAIL": 0} if setup.receiver_us else {}
+    values = {**HERE, **receiver, **firmware.parameters}
+    here.write_text("".join(f"{name},{value:g}\n" for name, value in values.items()), encoding="utf-8")
     files = ",".join(str(path) for path in [*firmware.parameter_files, here])
     home = f"{site.lat_deg},{site.lon_deg},0,0"
     words = [firmware.binary, "--model", "JSON:127.0.0.1", "--home", home, "--speedup", 1000, f"-I{instance}", "-w",

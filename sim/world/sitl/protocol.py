@@ -7,7 +7,12 @@ The firmware does not parse the state, it searches the text: for a section, from
 number that begins two characters after the key's name. So nothing may stand between `":` and a value, and no key may
 occur inside an earlier one. It takes the text between the last two line feeds that it has received.
 
-Sources: ArduPilot, libraries/SITL/examples/JSON/readme.md and SIM_JSON.cpp; Rover 4.6 and 4.7 observed.
+An output that nobody writes (safety switch on, no script) is 0 inside the firmware. But Rover in SITL limits outputs 1
+and 3 (4.7: output 1) to 1000..2000 us before it sends them, for its own model of a car: 1000/0/1000/0 are four outputs
+without a pulse (`ServoPacket.outputs_us`).
+
+Sources: ArduPilot, libraries/SITL/examples/JSON/readme.md, SIM_JSON.cpp and AP_HAL_SITL/SITL_State.cpp
+(`_simulator_servos`); Rover 4.6 and 4.7 observed.
 """
 
 from __future__ import annotations
@@ -23,6 +28,10 @@ PORT = 9002
 _HEAD = struct.Struct("<HHI")
 _PULSES = {18458: 16, 29569: 32}
 """Outputs by magic number; 32 with SERVO_32_ENABLE."""
+_LIMITED, _FREE = (0, 2), (1, 3)
+"""Places of the outputs that SITL limits, and of those beside them that it does not."""
+_LOWEST_US = 1000
+"""What a limited output shows instead of no pulse. Our wirings command 1100 to 1900 us."""
 
 
 class NotServos(ValueError):
@@ -31,7 +40,7 @@ class NotServos(ValueError):
 
 @dataclass(frozen=True)
 class ServoPacket:
-    """What the firmware puts out: pulse widths [us] of outputs 1 to 16 or 32, 0: no pulse.
+    """What the firmware sends: pulse widths [us] of outputs 1 to 16 or 32, 0: no pulse.
 
     `frame_count`: from 0 at its start, one more for each state that it has taken; `frame_rate_hz`: 1 / the step that
     it asks for.
@@ -40,6 +49,17 @@ class ServoPacket:
     frame_rate_hz: int
     frame_count: int
     pulses_us: tuple[int, ...]
+
+    @property
+    def outputs_us(self) -> tuple[int, ...]:
+        """Pulse widths before SITL's limits [us]: a limited output at its lowest beside free ones at 0 has no pulse.
+
+        While a free one has a pulse, 1000 us is what was commanded: full astern is never hidden.
+        """
+        if any(self.pulses_us[place] for place in _FREE):
+            return self.pulses_us
+        silent = [place for place in _LIMITED if self.pulses_us[place] == _LOWEST_US]
+        return tuple(0 if place in silent else pulse for place, pulse in enumerate(self.pulses_us))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from msgspec.structs import replace
 from companion.boat.start_interlock import StartInterlock, companion_of
 from companion.cli.simulator.autopilot_options import wirings
 from companion.core.messages import OperatorCommand
-from companion.core.pilot.monitors.override_monitor import OverrideState, outputs_of
+from companion.core.pilot.monitors.override_monitor import OverrideState
+from companion.core.pilot.monitors.sent_pulses import outputs_of
 from companion.core.preflight.parameter_file import parse_parameters
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
 from tests.companion.boat.app_fixture import Bench

@@ -14,6 +14,7 @@ from companion.core.messages import (
     CommandAck,
     Heartbeat,
     ImuSample,
+    MotorOutputs,
     ParamValue,
     RcChannels,
     ServoOutput,
@@ -100,6 +101,14 @@ def test_battery():
     )
     assert one(sys_status(16000, -1, -1)) == Battery(t_ns=T, voltage_v=16.0)
     assert MavlinkCodec(target_system=1).feed(sys_status(65535, 42, 80), T) == []
+
+
+@pytest.mark.parametrize(("present", "enabled", "told"), [(1, 1, [True]), (1, 0, [False]), (0, 1, []), (0, 0, [])])
+def test_the_safety_switch_is_a_bit_of_sys_status(present, enabled, told):
+    bit = 0x8000  # MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    others = 0xFFFFFFFF ^ bit
+    data = Sender().sys_status(others | present * bit, others | enabled * bit, 0, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0)
+    assert MavlinkCodec(target_system=1).feed(data, T) == [MotorOutputs(t_ns=T, enabled=e) for e in told]
 
 
 def battery_status(ident: int, cells: list[int], ext=(0, 0, 0, 0)) -> bytes:

@@ -1,4 +1,4 @@
-"""Evidence for the real autopilot: the demo mission on the firmware that ARDUROVER names, and on the simulated one.
+"""Evidence for the real autopilot: missions and stops on the firmware that ARDUROVER names, and on the simulated one.
 
 ARDUROVER=path[:path] scripts/evidence firmware: desktop builds of ArduPilot Rover. Without one the same lines are of
 the simulated autopilot alone, and it says so.
@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from sim.world.environment import Weather
 from sim.world.world import World, WorldSetup
+from tests.evidence.firmware.stops import stops
 from tests.evidence.line import Line, at_most, between, exactly
 from tests.evidence.main_job.parts import drive_mission, reference_boat
 from tests.support.firmware_rig import binaries, firmware_world
@@ -102,4 +103,4 @@ def _missions(rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterato
                 yield between(f"{name}: simulated / real, {key}", ratio, 0.9, 1.1, note="means of 5")
 
 
-PARTS = (missions, waves)
+PARTS = (missions, waves, stops)

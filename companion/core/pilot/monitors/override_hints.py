@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from companion.core.constants import NEUTRAL_US
-
 
 def rc_hint(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int) -> str:
     """Text for RC channels that show other pulses than ours. `wrong`: their numbers; `ours`: how many are ours."""
@@ -30,17 +28,26 @@ def servo_hint(wrong: list[int], pulses: Mapping[int, int], at_rest: bool) -> tu
             f"{positions} though neutral is sent: the thruster may turn. Look at its SERVOn_FUNCTION, SERVOn_TRIM and "
             "SERVO_RC_FS_MSK, and at who else drives it (docs/autopilot.md)"
         )
-    if all(pulse == 0 for pulse in pulses.values()):
-        return "no pulse", (
-            f"{positions}, so no pulse leaves the autopilot: look at the safety switch (BRD_SAFETY_DEFLT) "
-            "and SERVOn_FUNCTION"
-        )
-    if all(pulse == NEUTRAL_US for pulse in pulses.values()):
-        return "shut", (
-            f"{positions} though the thrusters are to turn: the gate is shut. Look at SCR_ENABLE and gate.lua, at the "
-            "autopilot's radio failsafe (FS_THR_ENABLE, channel 3), and at arming and mode"
-        )
     return "other", (
         f"{positions}, which was not sent: look at SERVOn_FUNCTION (94 to 97 with our gate), RCn_MIN, RCn_MAX, RCn_DZ, "
         "SERVOn_MIN, SERVOn_MAX and SERVOn_REVERSED; the mixers 33 to 36 cannot be driven"
+    )
+
+
+def dead_hint(pulses: Mapping[int, int]) -> str:
+    """Text for outputs without a pulse. `pulses` [us]: of all thrusters' outputs."""
+    numbers = ", ".join(map(str, pulses))
+    return (
+        f"no pulse leaves the autopilot (output {numbers}): look at its safety switch (BRD_SAFETY_DEFLT), at "
+        "SERVOn_FUNCTION, and with our gate at SCR_ENABLE and gate.lua"
+    )
+
+
+def still_hint(pulses: Mapping[int, int]) -> str:
+    """Text for outputs that stay at rest though the thrusters are to turn. `pulses` [us]: of all thrusters' outputs."""
+    positions = ", ".join(f"output {n} at {pulse} us" for n, pulse in pulses.items())
+    return (
+        f"{positions} though the thrusters are to turn: the gate is shut, its script has stopped, or our overrides are "
+        "not taken. Look at SCR_ENABLE and gate.lua, at the autopilot's radio failsafe (FS_THR_ENABLE, channel 3), at "
+        "arming, mode and RC_OVERRIDE_TIME; the mixers 33 to 36 cannot be driven"
     )

@@ -1,19 +1,17 @@
 """Whether the autopilot obeys: RC_CHANNELS and SERVO_OUTPUT_RAW against the leases of the recent past.
 
 RC_CHANNELS shows which pulses the autopilot believes to receive: ours, or overrides are not taken. SERVO_OUTPUT_RAW
-shows what leaves it: each thruster's pulse on the output that carries it by SERVOn_FUNCTION, and until that parameter
-has been read, on outputs 1 to n in the vessel file's order, as our parameter files wire them. An echo, either of the
-two, agrees if it is what was sent at any instant of the half second before it (neutral where a lease had run out). A
-disagreement counts after `PERSISTS_NS`; its alert names the parameters to look at. Overrides that are not taken are a
-condition of the mode table, channels that only the pilot's transmitter moves are an event of it.
+shows what leaves it, on the outputs that `sent_pulses` names. An echo, either of the two, agrees if it is what was sent
+at any instant of the half second before it (neutral where a lease had run out). A disagreement counts after
+`PERSISTS_NS`; its alert names the parameters to look at. Overrides that are not taken are a condition of the mode
+table, channels that only the pilot's transmitter moves are an event of it. Outputs that are dead, or still though the
+thrusters are to turn, are `output_monitor`'s.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from companion.core.constants import NEUTRAL_US
@@ -21,12 +19,15 @@ from companion.core.messages import Alert, OverrideLease, ParamValue, RcChannels
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.monitors.override_hints import rc_hint, servo_hint
-from companion.core.preflight.wiring import output
+from companion.core.pilot.monitors.sent_pulses import (
+    SentPulses,
+    at_lease,
+    at_parameter,
+    expected_pulses,
+    nothing_turns,
+    outputs_of,
+)
 
-WINDOW_NS = 500_000_000
-"""How far back a lease may explain an echo: 0.1 s a tick, 64 ms of the gate at 50 Hz (observed), stamps; assumed."""
-SLACK_NS = 50_000_000
-"""An echo's stamp may run ahead of the lease it shows, by the error of the clock offset; assumed."""
 TOLERANCE_US = 1
 """Rounding of RCnScaled, 1:1 as in our parameter file."""
 PERSISTS_NS = 1_500_000_000
@@ -40,21 +41,16 @@ SILENT_NS = 5_000_000_000
 MOVED_US = 200
 """A channel that is not ours and moved so far was moved by a hand; assumed: half of a stick's half travel."""
 _PULSE = range(800, 2201)
-_FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION\Z")
-_REMEMBERED = 50
-"""Leases: at 50 Hz, the quickest period, the window and half a second of delay on the way."""
 
 
 @dataclass(frozen=True)
-class OverrideState:
-    """`sent`: (from, until [ns], pulses [us]) of the latest leases; `base_us`: channels as the transmitter had them.
+class OverrideState(SentPulses):
+    """`base_us`: channels as the transmitter had them.
 
     `rc_ns`, `servo_ns`: latest echoes; `rc_bad_ns`, `servo_bad_ns`: since when they disagree; `episodes`: begins of
-    recent disagreements of RC_CHANNELS; `rc_why`, `servo_fault`, `silent`: what the latest alerts are about;
-    `carries`: output (from 1) -> thruster (from 0), by SERVOn_FUNCTION.
+    recent disagreements of RC_CHANNELS; `rc_why`, `servo_fault`, `silent`: what the latest alerts are about.
     """
 
-    sent: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
     base_us: tuple[int, ...] = ()
     rc_ns: int | None = None
     servo_ns: int | None = None
@@ -65,7 +61,6 @@ class OverrideState:
     servo_bad_ns: int | None = None
     servo_fault: str = ""
     silent: frozenset[str] = frozenset()
-    carries: Mapping[int, int] = field(default_factory=dict)
 
 
 NOTHING_SENT = OverrideState()
@@ -106,26 +101,6 @@ class OverrideMonitor(Monitor[OverrideState]):
         return state, MonitorReport(conditions, alerts)
 
 
-def at_lease(state: OverrideState, lease: OverrideLease) -> OverrideState:
-    """Remember what was sent."""
-    until_ns = lease.t_ns + round(lease.valid_for_s * 1e9)
-    return replace(state, sent=(*state.sent, (lease.t_ns, until_ns, lease.pwm_us))[-_REMEMBERED:])
-
-
-def expected_pulses(state: OverrideState, t_ns: int) -> list[tuple[int, ...]]:
-    """Pulses that an echo of `t_ns` may show, in the order of the lease's channels; none: nothing was sent by then."""
-    expected: list[tuple[int, ...]] = []
-    for k, (begin_ns, end_ns, pwm_us) in enumerate(state.sent):
-        if begin_ns > t_ns + SLACK_NS:
-            break
-        after_ns = min(t_ns + SLACK_NS, state.sent[k + 1][0] if k + 1 < len(state.sent) else t_ns + SLACK_NS)
-        if min(end_ns, after_ns) >= t_ns - WINDOW_NS:
-            expected.append(pwm_us)
-        if end_ns < after_ns and after_ns >= t_ns - WINDOW_NS:
-            expected.append((NEUTRAL_US,) * len(pwm_us))
-    return expected
-
-
 def at_rc(
     state: OverrideState, message: RcChannels, channels: Sequence[int], system_id: int
 ) -> tuple[OverrideState, dict[Event, str]]:
@@ -147,22 +122,6 @@ def at_rc(
     return replace(state, rc_bad_ns=since_ns, rc_ignored=ignored, rc_why=why), events
 
 
-def at_parameter(state: OverrideState, message: ParamValue, channels: Sequence[int]) -> OverrideState:
-    """SERVOn_FUNCTION says which thruster output n carries. `channels`: the thrusters'."""
-    if not (name := _FUNCTION.match(message.name)) or not math.isfinite(message.value):
-        return state
-    number = int(name[1])
-    carries = {n: thruster for n, thruster in state.carries.items() if n != number}
-    thruster = output(number, round(message.value), channels).thruster
-    return replace(state, carries=carries if thruster is None else {**carries, number: thruster})
-
-
-def outputs_of(state: OverrideState, thrusters: int) -> list[int]:
-    """The output (from 1) of each thruster: the lowest that carries it; its own number where none is known to."""
-    carried = {thruster: number for number, thruster in sorted(state.carries.items(), reverse=True)}
-    return [carried.get(thruster, thruster + 1) for thruster in range(thrusters)]
-
-
 def at_servo(state: OverrideState, message: ServoOutput, thrusters: int) -> tuple[OverrideState, list[Alert]]:
     """What a SERVO_OUTPUT_RAW says of the `thrusters`' outputs."""
     t_ns = message.t_ns
@@ -173,6 +132,9 @@ def at_servo(state: OverrideState, message: ServoOutput, thrusters: int) -> tupl
         shown = [*shown, (0,) * thrusters]  # no pulse is neutral, too
     numbers = outputs_of(state, thrusters)
     wrong = _wrong(message.pwm_us, [n - 1 for n in numbers], shown) if shown else []
+    pulses = {n: message.pwm_us[n - 1] if n <= len(message.pwm_us) else 0 for n in numbers}
+    if wrong and not at_rest and nothing_turns(pulses.values()):
+        return replace(state, servo_bad_ns=None), []
     if not wrong:
         text = "the autopilot's outputs follow again" if state.servo_fault else ""
         alerts = [Alert(t_ns=t_ns, level="info", text=text)] if text else []
@@ -181,7 +143,6 @@ def at_servo(state: OverrideState, message: ServoOutput, thrusters: int) -> tupl
     state = replace(state, servo_bad_ns=since_ns)
     if t_ns - since_ns < PERSISTS_NS or state.rc_bad_ns is not None:  # overrides that are not taken: reported already
         return state, []
-    pulses = {n: message.pwm_us[n - 1] if n <= len(message.pwm_us) else 0 for n in numbers}
     kind, why = servo_hint([numbers[k] for k in wrong], pulses, at_rest)
     if kind == state.servo_fault:
         return state, []

@@ -4,6 +4,7 @@ link_lost                       `autopilot_state.AutopilotMonitor`   link_late  
 unfit, degraded                 `annunciator.Annunciator`            fence_breached  `fence_distance`
 battery_low, battery_critical   `battery`                            solver_failing  `plan_gap`
 override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
+outputs_cut, outputs_still      `output_monitor`
 sticks                          `manual_control.StickMonitor`
 readings that repeat themselves are left out by `stuck_sensor`, those that had queued up by `stall`: no conditions
 """
@@ -25,6 +26,7 @@ from companion.core.pilot.monitors.fence_distance import FenceMonitor
 from companion.core.pilot.monitors.link_latency import LinkLatencyMonitor
 from companion.core.pilot.monitors.loop_lag import LoopLagMonitor
 from companion.core.pilot.monitors.monitor import Monitor, TickView
+from companion.core.pilot.monitors.output_monitor import OutputMonitor
 from companion.core.pilot.monitors.override_monitor import OverrideMonitor
 from companion.core.pilot.monitors.plan_gap import PlanGapMonitor
 from companion.core.pilot.monitors.stall import StallMonitor
@@ -49,6 +51,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             PlanGapMonitor(),
             LoopLagMonitor(control.period_s),
             OverrideMonitor(channels, len(vessel.thrusters), settings.system_id),
+            OutputMonitor(channels[: len(vessel.thrusters)]),
             LinkLatencyMonitor(),
             StickMonitor(control.manual_timeout_s),
         )

@@ -17,6 +17,8 @@ from sim.world.autopilot.vehicle import SimulatedVehicle
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 FORCE = frozenset({2989.0, 21196.0})
+FORCED_REBOOT = 20190226.0
+"""Parameter 6 with which an armed autopilot starts again, too (source: GCS_Common.cpp)."""
 _CUSTOM_MODE = 1
 _INFO = 6
 
@@ -98,10 +100,17 @@ def _safety_switch(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]
     return ACCEPTED, ()
 
 
+def _scripting(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
+    if p[0] not in (wire.SCRIPTING_CMD_STOP, wire.SCRIPTING_CMD_STOP_AND_RESTART):
+        return UNSUPPORTED, ()  # the terminal is not simulated
+    vehicle.script.stop(vehicle.t_ns, restart=p[0] == wire.SCRIPTING_CMD_STOP_AND_RESTART)
+    return ACCEPTED, ()
+
+
 def _reboot(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     if p[0] != 1:
         return UNSUPPORTED, ()  # shutting down and the boot loader are not simulated
-    if vehicle.modes.armed:
+    if vehicle.modes.armed and p[5] != FORCED_REBOOT:
         return FAILED, ()
     vehicle.reboot_asked = True
     return ACCEPTED, ()
@@ -118,5 +127,6 @@ HANDLERS: dict[int, Handler] = {
     wire.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_capabilities,
     wire.MAV_CMD_DO_SET_SAFETY_SWITCH_STATE: _safety_switch,
     wire.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
+    wire.MAV_CMD_SCRIPTING: _scripting,
 }
 """Handlers by MAV_CMD number."""

@@ -46,7 +46,8 @@ def _override(rover: Rover, link: PeerLink, message: Any) -> None:
 
 def _command(rover: Rover, link: PeerLink, message: Any) -> None:
     params = [message.param1, message.param2, message.param3, message.param4]
-    result, after = commands.run(message.command, rover.vehicle, link, [*params, 0.0, 0.0, 0.0])
+    params += [0.0, getattr(message, "param6", 0.0), 0.0]  # of a COMMAND_INT these are a place
+    result, after = commands.run(message.command, rover.vehicle, link, params)
     _acknowledge(link, message, message.command, result)
     for reply in after:
         link.send(reply)

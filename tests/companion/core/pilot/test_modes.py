@@ -29,13 +29,14 @@ DRIVING = {"auto", "hold", "excitation", "manual"}
 OPERATOR = {"stop", "start", "hold", "excite", "manual"}
 TROUBLE = (
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "solver_failing", "loop_lag", "link_late", "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
+    "outputs_cut", "outputs_still", "solver_failing", "loop_lag", "link_late", "rc_takeover", "disarmed",
+    "mode_changed", "sticks_lost",
 )  # fmt: skip
-SOMEBODY = ("rc_takeover", "disarmed", "mode_changed")
+SOMEBODY = ("rc_takeover", "disarmed", "mode_changed", "outputs_cut", "outputs_still")
 
 
 def test_every_pair_has_an_outcome():
-    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 30
+    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 33
     assert {mode for mode in MODES if THRUSTERS[mode] != "neutral"} == DRIVING
 
 

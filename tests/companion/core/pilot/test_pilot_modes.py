@@ -111,7 +111,7 @@ def sensors(boat, ms):
     boat.t_ns += ms * MS
 
 
-def cause(boat, event):  # noqa: PLR0912
+def cause(boat, event):  # noqa: PLR0912, PLR0915
     """Bring the event about, by messages where there are any, else by what the next tick looks at."""
     t_ns, state = boat.t_ns, boat.state
     match event:
@@ -144,6 +144,10 @@ def cause(boat, event):  # noqa: PLR0912
             monitors(boat, BatteryState(13.0, critical=True, critical_ns=0))
         case "override_ignored":
             monitors(boat, replace(state.monitor(OverrideState), rc_ignored=True, rc_why="not taken"))
+        case "outputs_cut":
+            boat.feed(m.MotorOutputs(t_ns=t_ns, enabled=False))
+        case "outputs_still":
+            boat.feed(m.StatusText(t_ns=t_ns, severity=2, text="Scripting: stopped"))
         case "solver_failing":
             monitors(boat, ControllerTime(since_ns=t_ns - 10 * S))
             change(boat, plan_ns=0)
@@ -192,7 +196,7 @@ def test_every_pair_through_the_pilot(mode, event):
     after = boat.mode
     if mode == "paused" and event not in ("healthy", "degraded") and expected == "paused":
         expected = "excitation"  # the boat of this test is healthy: the tick says so itself
-    if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover"):
+    if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover", "outputs_still"):
         assert at_once == (TABLE[mode, event].next if mode != "paused" else at_once)
     if expected == "starting" and at_once in ("starting", mode):
         waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "mode_changed")

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot.outputs import latency_ns
-from tests.sim.world.autopilot.autopilot_fixture import MS, Bench, S, command, override
+from tests.sim.world.autopilot.autopilot_fixture import MS, Bench, S, command, override, texts
 
 PLAIN = {f"SERVO{n}_FUNCTION": 58 + n for n in range(1, 5)}  # RCIN9-12
 SCALED = {f"SERVO{n}_FUNCTION": 147 + n for n in range(1, 5)}  # RCIN9-12 scaled
@@ -28,6 +28,26 @@ def test_the_gate_passes_only_while_armed_in_manual_with_rc_input():
     assert bench.ack(command(400, 1)) == 0
     assert settle(bench) == HIGH
     assert set(bench.rover.outputs_us[4:]) == {0}
+
+
+def test_a_script_that_is_stopped_leaves_its_pulses_for_a_fifth_of_a_second_and_then_the_trim():
+    bench = Bench({"SERVO2_TRIM": 1480}, dt_s=0.001).ready()
+    assert settle(bench) == HIGH
+    assert (2, "Scripting: stopped") in texts(bench.send(command(42701, wire.SCRIPTING_CMD_STOP)))
+    bench.run(0.19, every=override(high=[1700] * 4))
+    assert list(bench.rover.outputs_us[:4]) == HIGH, "nobody writes what is commanded now"
+    assert settle(bench) == [1500, 1480, 1500, 1500]
+    assert bench.ack(command(42701, wire.SCRIPTING_CMD_STOP_AND_RESTART)) == 0
+    got = bench.run(1.1, every=override(high=HIGH))
+    assert list(bench.rover.outputs_us[:4]) == HIGH and (2, "Scripting: restarted") in texts(got)
+
+
+def test_without_scripts_stopping_them_says_and_does_nothing():
+    bench = Bench({"SCR_ENABLE": 0}).ready()
+    assert settle(bench) == [0] * 4
+    assert bench.ack(command(42701, wire.SCRIPTING_CMD_STOP_AND_RESTART)) == 0
+    assert bench.ack(command(42701, wire.SCRIPTING_CMD_REPL_START)) == 3
+    assert settle(bench) == [0] * 4 and not [t for _, t in texts(bench.run(2.0)) if "Scripting" in t]
 
 
 def test_the_gate_clamps_and_treats_a_channel_never_given_as_neutral():

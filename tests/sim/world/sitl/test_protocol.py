@@ -42,6 +42,24 @@ def test_little_endian_magic_18458_has_16_pulses_and_29569_has_32(outputs, rate,
     assert (told.frame_rate_hz, told.frame_count, told.pulses_us) == (rate, count, tuple(pulses))
 
 
+@pytest.mark.parametrize(
+    ("sent", "outputs"),
+    [
+        ((1000, 0, 1000, 0), (0, 0, 0, 0)),
+        ((1000, 0, 0, 0), (0, 0, 0, 0)),
+        ((0, 0, 0, 0), (0, 0, 0, 0)),
+        ((1000, 1100, 1000, 1100), (1000, 1100, 1000, 1100)),
+        ((1000, 0, 1000, 1500), (1000, 0, 1000, 1500)),
+        ((1100, 0, 1001, 0), (1100, 0, 1001, 0)),
+        ((1500, 1500, 1000, 1500), (1500, 1500, 1000, 1500)),
+    ],
+    ids=str,
+)
+def test_outputs_that_nobody_writes_have_no_pulse_and_a_commanded_one_keeps_its_own(sent, outputs):
+    assert decode(packet(pulses=sent)).outputs_us[:4] == outputs
+    assert decode(packet(pulses=sent, outputs=32)).outputs_us[:4] == outputs
+
+
 @given(st.binary(max_size=100))
 def test_anything_else_is_refused(data):
     magics = (struct.pack("<H", 18458), struct.pack("<H", 29569))

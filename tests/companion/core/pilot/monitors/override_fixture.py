@@ -4,9 +4,9 @@ from companion.core.messages import OverrideLease, RcChannels, ServoOutput
 from companion.core.pilot.monitors.override_monitor import (
     NOTHING_SENT,
     OverrideMonitor,
-    at_lease,
     at_rc,
 )
+from companion.core.pilot.monitors.sent_pulses import at_lease
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 
 MS = 1_000_000

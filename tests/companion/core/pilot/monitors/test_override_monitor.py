@@ -9,11 +9,9 @@ from companion.core.pilot.monitors.override_monitor import (
     MOVED_US,
     NOTHING_SENT,
     PERSISTS_NS,
-    SLACK_NS,
-    WINDOW_NS,
     at_rc,
-    expected_pulses,
 )
+from companion.core.pilot.monitors.sent_pulses import SLACK_NS, WINDOW_NS, expected_pulses
 from tests.companion.core.pilot.monitors.override_fixture import (
     CHANNELS,
     MS,

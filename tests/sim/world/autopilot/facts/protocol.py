@@ -150,6 +150,14 @@ def _():
     assert (vehicle.parameters["FS_TIMEOUT"], vehicle.parameters["STAT_BOOTCNT"]) == (1.75, 2.0)
 
 
+@fact(ARMING, "reboot: accepted armed with 20190226 as parameter 6")
+def _():
+    bench = Bench().ready()
+    assert bench.ack(command(246, 1, 0, 0, 0, 0, 20190225)) == FAILED
+    assert bench.ack(command(246, 1, 0, 0, 0, 0, 20190226)) == ACCEPTED
+    assert bench.rover.outputs_us == (0,) * 16
+
+
 @fact(PARAMETERS, "PARAM_SET echoes with index 65535; wrong type accepted, int8 300 clamps to 127")
 def _():
     echo = put(Bench(), "FS_ACTION", 300.0)[0]

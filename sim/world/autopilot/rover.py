@@ -18,7 +18,7 @@ from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.link import PeerLink
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.mavlink.missions import MissionStore
-from sim.world.autopilot.mavlink.parameter_file import PATH, packed_parameters
+from sim.world.autopilot.mavlink.parameter_file import parameter_file
 from sim.world.autopilot.mavlink.received import HANDLERS, is_for
 from sim.world.autopilot.mavlink.signing import FirmwareSigningKey
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS, CHANNELS
@@ -122,7 +122,7 @@ class Rover:
 
     def _virtual_file(self, path: str) -> bytes | None:
         """Files that the firmware makes when they are opened."""
-        return packed_parameters(self.vehicle.parameters) if path == PATH else None
+        return parameter_file(self.vehicle.parameters, path)
 
     def _say(self, severity: int, text: str) -> None:
         self.vehicle.say(severity, text)

@@ -90,7 +90,7 @@ def arming(d: Dialogue) -> Answers:
         yield f"arming with {name} away from neutral", attempt()
     d.override = NEUTRAL
     yield "safety switch on", d.command(5300, 0)
-    d.wait(1.0)
+    d.wait(6.0)  # it says so by itself within that time
     yield "arming with the safety switch on", attempt()
     yield "pre-arm checks with the safety switch on", d.command(401, seconds=0.6)
     d.command(5300, 1)

@@ -67,7 +67,7 @@ def differences(ours: dict[str, str], theirs: dict[str, str]) -> dict[str, tuple
 
 def documented() -> list[str]:
     """Patterns of questions whose difference docs/sitl.md explains."""
-    section = SITL.read_text(encoding="utf-8").split(HEADING)[1].split("\n## ")[0]
+    section = SITL.read_text(encoding="utf-8").split(HEADING)[1].split("\nNo question shows")[0]
     cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("|")]
     return [pattern for cell in cells for pattern in re.findall(r"`([^`]+)`", cell)]
 

@@ -8,6 +8,7 @@ with the answer of Rover 4.6 and 4.7 (scripts/evidence firmware asks them).
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
@@ -85,9 +86,14 @@ def _set_home(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> 
     lat_deg, lon_deg = p[4], p[5]
     if p[0] or not (lat_deg or lon_deg) or abs(lat_deg) > 90 or abs(lon_deg) > 180:
         return FAILED, ()
-    vehicle.home = round(lat_deg * 1e7), round(lon_deg * 1e7)
+    vehicle.home = _e7(lat_deg), _e7(lon_deg)
     vehicle.say(_INFO, f"Set HOME to {lat_deg:.5f} {lon_deg:.5f} at {p[6]:.2f}m")
     return ACCEPTED, _known(home_position(vehicle))
+
+
+def _e7(angle_deg: float) -> int:
+    """1e-7 deg, as a product of 32-bit floats: a step of some 0.7 m in home's longitude."""
+    return int(struct.unpack("<f", struct.pack("<f", angle_deg * 1e7))[0])
 
 
 def _set_servo(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:

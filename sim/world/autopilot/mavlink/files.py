@@ -86,6 +86,7 @@ class FtpFiles:
             if t_ns - self._used_ns < _IDLE_NS:
                 raise _RefusedError(_SESSION)
             self._close()
+            is_open = False
         if opcode in (NONE, TERMINATE, RESET):
             if opcode != NONE:
                 self._close()

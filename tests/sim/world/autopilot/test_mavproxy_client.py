@@ -77,8 +77,8 @@ def test_mavproxy_reads_parameters_arms_changes_mode_and_disarms(binary, tmp_pat
         (tmp_path / "firmware").mkdir()
         async with autopilot(binary, tmp_path / "firmware") as (host, port):
             process = await asyncio.create_subprocess_exec(
-                sys.executable, str(MAVPROXY), f"--master=tcp:{host}:{port}", "--no-state", f"--default-modules={MODULES}",
-                stdin=PIPE, stdout=PIPE, stderr=STDOUT,
+                sys.executable, str(MAVPROXY), f"--master=tcp:{host}:{port}", "--no-state",
+                f"--default-modules={MODULES}", stdin=PIPE, stdout=PIPE, stderr=STDOUT,
                 cwd=home, env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"},
             )  # fmt: skip
             try:

@@ -58,7 +58,7 @@ class Rover:
         self.links: dict[Hashable, PeerLink] = {}
         self.files = FtpFiles(counts_nul=FIRMWARE[firmware].counts_nul, virtual=self._virtual_file)
         self.logs = Logs()
-        self.missions = MissionStore(self._say, self._count_mission)
+        self.missions = MissionStore(self._say, self._count_mission, names_the_fault=FIRMWARE[firmware].minor >= 7)
 
     @property
     def outputs_us(self) -> tuple[int, ...]:

@@ -83,7 +83,8 @@ def messages(d: Dialogue) -> Answers:
         yield f"message {number} {name}: 5 Hz", f"{said}; {then}; {off}"
     for interval_us in (1, 500, 5_999, 6_250, 10_000, 33_333, 1e6, 7e7, 0, -1, -2):
         said = d.command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, 30, interval_us, seconds=0.05)
-        yield f"ATTITUDE every {interval_us:g} us", f"{said}; {d.command(wire.MAV_CMD_GET_MESSAGE_INTERVAL, 30)}"
+        said = f"{said}; {d.command(wire.MAV_CMD_GET_MESSAGE_INTERVAL, 30)}"
+        yield f"ATTITUDE every {interval_us:g} us", said.replace("ATTITUDE; ", "")
 
 
 def _name(number: int) -> str:
@@ -169,7 +170,7 @@ FOLDER, SCRIPT = b"/asked", b"/asked/asked.lua"
 FILES: tuple[tuple[str, int, bytes, int], ...] = (
     ("nothing", 0, b"", 0), ("terminate", 1, b"", 0), ("reset", 2, b"", 0), ("list /", 3, b"/", 0),
     ("make a folder", 9, FOLDER, 0), ("make it again", 9, FOLDER, 0), ("list nowhere", 3, b"/nowhere", 0),
-    ("list without a name", 3, b"", 0), ("list with its NUL", 3, FOLDER + b"\0", 0), ("list beyond", 3, FOLDER, 99),
+    ("list without a name", 3, b"", 0), ("list with its NUL", 3, b"/\0", 0), ("list beyond", 3, FOLDER, 99),
     ("list @SYS", 3, b"@SYS", 0), ("read unopened", 5, b"", 0), ("write unopened", 7, b"abc", 0),
     ("burst unopened", 15, b"", 0), ("open nowhere", 4, b"/nowhere.txt", 0), ("open a folder", 4, FOLDER, 0),
     ("reset the folder", 2, b"", 0), ("open @SYS/uarts.txt", 4, b"@SYS/uarts.txt", 0), ("read it", 5, b"", 0),

@@ -145,6 +145,8 @@ def _says_something(message: wire.MAVLink_message) -> bool:
     kind = message.get_type()
     if kind == "PARAM_VALUE":
         return message.param_id not in _COUNTERS or message.param_index != 65535
+    if kind.startswith("UNKNOWN_"):  # newer than the dialect at hand
+        return False
     return kind not in ("HEARTBEAT", "BAD_DATA") and (kind != "TIMESYNC" or message.tc1 != 0)
 
 

@@ -34,6 +34,8 @@ Handler = Callable[[SimulatedVehicle, PeerLink, Sequence[float]], Reply]
 
 def run(command: int, vehicle: SimulatedVehicle, link: PeerLink, params: Sequence[float]) -> Reply:
     """Carry out one command."""
+    if vehicle.parameters.firmware.minor >= 7 and command in OTHERWISE_IN_4_7:
+        return OTHERWISE_IN_4_7[command], ()
     handler = HANDLERS.get(command)
     if handler is None:
         return WITHOUT_EFFECT.get(command, UNSUPPORTED), ()
@@ -118,7 +120,10 @@ def _get_interval(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float])
 def _set_interval(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float]) -> Reply:
     message_id = int(p[0])
     if streamed(vehicle, message_id) is not None:
-        return (ACCEPTED if link.set_interval_us(message_id, p[1]) else DENIED), ()
+        if link.set_interval_us(message_id, p[1]):
+            return ACCEPTED, ()
+        vehicle.say(_INFO, f"Requested rate for message ID {message_id} too fast. Increase SCHED_LOOP_RATE")
+        return DENIED, ()
     vehicle.say(_INFO, f"No ap_message for mavlink id ({message_id & 0xFFFFFFFF})")
     return DENIED, ()
 
@@ -209,3 +214,5 @@ WITHOUT_EFFECT: dict[int, int] = {
     **dict.fromkeys((178, 181, 182, 205, 211, 500, 601, 1000, 2000, 2500, 42429), FAILED),  # speed, relays, ...
 }
 """Results by MAV_CMD number."""
+OTHERWISE_IN_4_7 = {213: UNSUPPORTED, 224: FAILED, 500: ACCEPTED}
+"""What 4.7 answers to set yaw and speed, an item of a mission that is not there, pairing of a receiver."""

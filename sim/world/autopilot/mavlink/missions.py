@@ -34,12 +34,16 @@ class _Upload:
 
 
 class MissionStore:
-    """`items`: by mission type. `say(severity, text)`, `on_total(n)`: a mission of another size is stored."""
+    """`items`: by mission type. `say(severity, text)`, `on_total(n)`: a mission of another size is stored.
 
-    def __init__(self, say: Callable[[int, str], None], on_total: Callable[[int], None]):
+    `names_the_fault`: an item that is not there is an invalid sequence (4.7), not an error (4.6).
+    """
+
+    def __init__(self, say: Callable[[int, str], None], on_total: Callable[[int], None], names_the_fault: bool):
         self.items: dict[int, list[Any]] = {kind: [] for kind in _TYPES}
         self.current = 0
         self._say, self._on_total = say, on_total
+        self._missing = _INVALID_SEQUENCE if names_the_fault else _ERROR
         self._upload: _Upload | None = None
         self._warned = False
 
@@ -112,7 +116,7 @@ class MissionStore:
         if message.seq >= len(self.items[kind]):
             if kind == 0:  # so that the peer learns how many there are
                 link.send(wire.MAVLink_mission_count_message(*to, len(self.items[kind]), kind))
-            _acknowledge(link, message, _ERROR, kind)
+            _acknowledge(link, message, self._missing, kind)
             return
         item = self.items[kind][message.seq]
         head = (

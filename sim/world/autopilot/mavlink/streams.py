@@ -30,7 +30,7 @@ def _never(v: SimulatedVehicle) -> None:
 
 HEARTBEAT_ID, PARAM_VALUE_ID, TIMESYNC_ID = 0, 22, 111
 _NEVER = (
-    32, 35, 49, 62, 83, 85, 87, 124, 127, 128, 132, 133, 143, 158, 162, 168, 173, 180, 181, 191, 192, 194, 226,
+    32, 35, 49, 62, 83, 85, 87, 124, 127, 128, 132, 136, 133, 143, 158, 162, 168, 173, 180, 181, 191, 192, 194, 226,
     235, 246, 259, 260, 262, 271, 280, 281, 284, 285, 286, 301, 11030, 11038,
 )  # fmt: skip
 STREAMED: dict[int, Streamed] = {
@@ -70,8 +70,8 @@ STREAMED: dict[int, Streamed] = {
     245: Streamed(board.extended_sys_state),
     376: Streamed(board.relay_status),
 }
-NEW_IN_4_7 = frozenset({105})
-"""Messages that 4.6 has no rate for."""
+NEW_IN_4_7, GONE_IN_4_7 = frozenset({105, 136}), frozenset({181})
+"""Messages that one of the versions has no rate for."""
 ALWAYS_NS: dict[int, int] = {HEARTBEAT_ID: 1_000_000_000, PARAM_VALUE_ID: 100_000_000, TIMESYNC_ID: 10_000_000_000}
 """What every link gets whatever it asks for, and how often."""
 GROUP_OF_STREAM: dict[int, tuple[str, ...]] = {
@@ -90,6 +90,7 @@ GROUP_OF_STREAM: dict[int, tuple[str, ...]] = {
 
 def streamed(v: SimulatedVehicle, message_id: int) -> Streamed | None:
     """The row of a message that may be asked for; None where this version has no rate for it."""
-    if message_id == TIMESYNC_ID or (message_id in NEW_IN_4_7 and v.parameters.firmware.minor < 7):
+    absent = GONE_IN_4_7 if v.parameters.firmware.minor >= 7 else NEW_IN_4_7
+    if message_id == TIMESYNC_ID or message_id in absent:
         return None
     return STREAMED.get(message_id)

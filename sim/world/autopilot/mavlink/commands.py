@@ -122,7 +122,8 @@ def _set_interval(vehicle: SimulatedVehicle, link: PeerLink, p: Sequence[float])
     if streamed(vehicle, message_id) is not None:
         if link.set_interval_us(message_id, p[1]):
             return ACCEPTED, ()
-        vehicle.say(_INFO, f"Requested rate for message ID {message_id} too fast. Increase SCHED_LOOP_RATE")
+        if p[1] > 0:
+            vehicle.say(_INFO, f"Requested rate for message ID {message_id} too fast. Increase SCHED_LOOP_RATE")
         return DENIED, ()
     vehicle.say(_INFO, f"No ap_message for mavlink id ({message_id & 0xFFFFFFFF})")
     return DENIED, ()

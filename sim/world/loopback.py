@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 from companion.core.messages import GroundTruth
 from drivers.ports.pseudo_terminal import PtyPort
-from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.mavlink_server import Address, MavlinkServer
 from sim.world.world import STEP_NS, World, WorldSetup
 
@@ -41,7 +40,6 @@ async def serve(
 ) -> None:
     """Run until cancelled. `ready` is told once where the devices are. Raises OSError for a taken port."""
     world = World(replace(setup, boot_ns=time.monotonic_ns()), seed)
-    world.rover.files = FtpFiles()
     server = MavlinkServer(world.rover, lambda: world.t_ns)
     pty = PtyPort(wires.uwb_path)
     try:

@@ -8,7 +8,7 @@ from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
 from tests.support.drive_fixture import driving, voyage
 
 STICKS = (1500,) * 16
-SCALED = {f"SERVO{n}_FUNCTION": 147.0 + n for n in range(1, 5)} | {"SERVO8_FUNCTION": 109.0}
+SCALED = {f"SERVO{n}_FUNCTION": 147.0 + n for n in range(1, 5)} | {"SERVO8_FUNCTION": 94.0}
 """RCIN9Scaled to RCIN12Scaled, and an output that arming accepts, as in deploy/ardupilot/scaled.param."""
 
 
@@ -38,7 +38,7 @@ def at_rest(run):
         {},
         {"receiver_us": STICKS},
         with_(**SCALED, **{f"RC{n}_DZ": 0.0 for n in range(9, 13)}),
-        with_(**{f"SERVO{n}_FUNCTION": 58.0 + n for n in range(1, 5)}, SERVO8_FUNCTION=109.0),
+        with_(**{f"SERVO{n}_FUNCTION": 58.0 + n for n in range(1, 5)}, SERVO8_FUNCTION=94.0),
         with_(SCHED_LOOP_RATE=50.0),
     ],
     ids=["gate", "gate with a receiver", "scaled", "plain", "slow loop"],

@@ -1,11 +1,8 @@
 """The parameter store: typed values, clamped as ArduPilot clamps them.
 
-    set(name, value)   rounds half away from zero and clamps to the type; False for a name that does not
-                       exist and for a value that is not finite (the firmware stays silent on both)
-    find(wire_name)    the index of a name as this firmware version spells it; None for an unknown one
-
-READ_ONLY ones keep their value; the firmware echoes it with the text "Param write denied (NAME)" (from its
-source, `GCS_MAVLINK::handle_param_set`).
+set(name, value)   adds 0.01 away from zero, cuts and clamps to the type; False for a name that does not
+                   exist and for a value that is not finite (the firmware stays silent on both)
+find(wire_name)    the index of a name as this firmware version spells it; None for an unknown one
 """
 
 from __future__ import annotations
@@ -18,8 +15,6 @@ from sim.world.autopilot.firmware import FIRMWARE, Firmware, old_name
 from sim.world.autopilot.parameter_table import TABLE, WireType
 
 _BITS = {WireType.INT8: 8, WireType.INT16: 16, WireType.INT32: 32}
-READ_ONLY = frozenset({"STAT_BOOTCNT"})
-"""Parameters for the firmware's own use."""
 
 
 def stored(kind: WireType, value: float) -> float:
@@ -28,8 +23,8 @@ def stored(kind: WireType, value: float) -> float:
         largest = 3.4028234663852886e38
         return struct.unpack("<f", struct.pack("<f", max(-largest, min(largest, value))))[0]
     top = 2 ** (_BITS[kind] - 1)
-    rounded = math.copysign(math.floor(abs(value) + 0.5), value)
-    return max(-top, min(top - 1, rounded)) + 0.0
+    whole = math.trunc(value + math.copysign(0.01, value))  # source: `AP_Param::set_float`
+    return float(max(-top, min(top - 1, whole)))
 
 
 class ParameterStore:
@@ -59,8 +54,8 @@ class ParameterStore:
         return True
 
     def find(self, wire_name: str) -> int | None:
-        """Index of a parameter by its name on the wire."""
-        name = self.firmware.known_name(wire_name)
+        """Index of a parameter by its name on the wire, in capitals or not."""
+        name = self.firmware.known_name(wire_name.upper())
         return INDEX.get(name) if name else None
 
     def wire_name(self, index: int) -> str:

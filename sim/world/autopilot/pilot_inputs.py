@@ -11,7 +11,7 @@ says nothing (source, `RC_Channels::read_mode_switch`). It is looked at whenever
 
 from __future__ import annotations
 
-from sim.world.autopilot.modes import NEEDS_POSITION, Mode, ModeControl
+from sim.world.autopilot.modes import DRIVES_ITSELF, ModeControl
 from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.rc import RcInput
 from sim.world.autopilot.stick import in_trim, share
@@ -35,7 +35,7 @@ class PilotInputs:
 
     def advance(self, t_ns: int) -> None:
         """At t: act upon channels that said something since the last call."""
-        if self._rc.last_input_ns == self._read_ns or self._modes.mode is Mode.INITIALISING:
+        if self._rc.last_input_ns == self._read_ns or not self._modes.started:
             return
         self._read_ns = self._rc.last_input_ns
         self._rudder(t_ns)
@@ -45,7 +45,7 @@ class PilotInputs:
         p, modes = self._parameters, self._modes
         throttle, steering = int(p["RCMAP_THROTTLE"]), int(p["RCMAP_ROLL"])
         allowed = p["ARMING_RUDDER"] == _DISARM_TOO if modes.armed else p["ARMING_RUDDER"] > 0
-        quiet = in_trim(p, throttle, self._rc.radio_in_us[throttle - 1]) and modes.mode not in NEEDS_POSITION
+        quiet = in_trim(p, throttle, self._rc.radio_in_us[throttle - 1]) and modes.mode not in DRIVES_ITSELF
         stick = share(p, steering, self._rc.radio_in_us[steering - 1])
         if not (allowed and quiet and (-stick if modes.armed else stick) > _NEAR_FULL):
             self._rudder_ns = None
@@ -56,7 +56,7 @@ class PilotInputs:
             if modes.armed:
                 modes.disarm()
             else:
-                modes.arm(force=False)
+                modes.arm(force=False, by_stick=True)
 
     def _mode_switch(self, t_ns: int) -> None:
         channel = int(self._parameters["MODE_CH"])

@@ -17,9 +17,12 @@ from sim.world.autopilot.firmware import FIRMWARE
 from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.link import PeerLink
 from sim.world.autopilot.mavlink.logs import Logs
+from sim.world.autopilot.mavlink.missions import MissionStore
+from sim.world.autopilot.mavlink.parameter_file import parameter_file
 from sim.world.autopilot.mavlink.received import HANDLERS, is_for
 from sim.world.autopilot.mavlink.signing import FirmwareSigningKey
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS, CHANNELS
+from sim.world.autopilot.parameters import INDEX
 from sim.world.autopilot.vehicle import SensorFrame, SimulatedVehicle
 
 GATE_CHANNELS = (9, 10, 11, 12)
@@ -33,7 +36,7 @@ class Rover:
 
     `boot_ns`: when it was switched on; `drift_ppm`: how much faster than the simulation its clock runs;
     `firmware`: "4.6" or "4.7"; `serial_of(peer)`: the port a peer is on (0: USB, which signing trusts).
-    Set afterwards: `files` of the SD card (None: file transfer is refused), `logs`.
+    Set afterwards: `files` of the SD card, `logs`.
     """
 
     def __init__(
@@ -53,8 +56,9 @@ class Rover:
         self.key = FirmwareSigningKey()
         self.vehicle = SimulatedVehicle(boot_ns, parameters, *self._made_of)
         self.links: dict[Hashable, PeerLink] = {}
-        self.files: FtpFiles | None = None
+        self.files = FtpFiles(counts_nul=FIRMWARE[firmware].counts_nul, virtual=self._virtual_file)
         self.logs = Logs()
+        self.missions = MissionStore(self._say, self._count_mission, names_the_fault=FIRMWARE[firmware].minor >= 7)
 
     @property
     def outputs_us(self) -> tuple[int, ...]:
@@ -82,7 +86,7 @@ class Rover:
             handler = HANDLERS.get(message.get_type())
             if message.get_type() == "BAD_DATA":
                 link.bad_data += 1
-            elif handler is not None and is_for(self.vehicle, message):
+            elif handler is not None and is_for(self, link, message):
                 handler(self, link, message)
         self.vehicle.advance(t_ns)
         self._send_texts()
@@ -111,9 +115,24 @@ class Rover:
         saved = self.vehicle.parameters.saved()
         saved["STAT_BOOTCNT"] += 1
         self.vehicle = SimulatedVehicle(self._up_ns, saved, *self._made_of)
+        self.vehicle.modes.mission_items = len(self.missions.items[0])
         self.links = {peer: PeerLink(self.vehicle, self.key, link.serial) for peer, link in self.links.items()}
         self._up_ns = None
         return True
+
+    def _virtual_file(self, path: str) -> bytes | None:
+        """Files that the firmware makes when they are opened."""
+        return parameter_file(self.vehicle.parameters, path)
+
+    def _say(self, severity: int, text: str) -> None:
+        self.vehicle.say(severity, text)
+
+    def _count_mission(self, items: int) -> None:
+        """A mission of another size: MIS_TOTAL says so on every link."""
+        self.vehicle.modes.mission_items = items
+        self.vehicle.parameters.set("MIS_TOTAL", float(items))
+        for link in self.links.values():
+            link.send_parameter(INDEX["MIS_TOTAL"], by_index=False)
 
     def _send_texts(self) -> None:
         for severity, text in self.vehicle.texts:

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import msgspec
 
 from companion.core.constants import GRAVITY_M_S2
+from sim.world.autopilot.arming import PreArmReport, in_full, pre_arm_faults, stick_faults
 from sim.world.autopilot.failsafe import Failsafe
 from sim.world.autopilot.firmware import Firmware
-from sim.world.autopilot.modes import Mode, ModeControl
+from sim.world.autopilot.modes import ModeControl
 from sim.world.autopilot.outputs import Outputs
 from sim.world.autopilot.parameters import ParameterStore
 from sim.world.autopilot.pilot_inputs import PilotInputs
@@ -18,6 +19,7 @@ from sim.world.autopilot.script import GateScript
 
 Vec3 = tuple[float, float, float]
 _INITIALISING_NS = 1_000_000_000  # assumed: a second of start-up before the first real mode
+_CRITICAL = 2
 _NS_PER_HOUR = 3_600_000_000_000
 
 
@@ -61,7 +63,8 @@ AT_REST = SensorFrame(
 class SimulatedVehicle:
     """State at `t_ns` (simulation time). `drift_ppm`: how fast the autopilot's own clock runs ahead.
 
-    `reboot_asked`: a command has asked for it; whoever holds the vehicle makes a new one.
+    `home`: latitude and longitude [1e-7 deg] once a command has set it. `reboot_asked`: a command has asked for it;
+    whoever holds the vehicle makes a new one.
     """
 
     def __init__(
@@ -79,14 +82,16 @@ class SimulatedVehicle:
         self.sensors = AT_REST
         self.t_ns = boot_ns
         self.consumed_mah = 0.0
+        self.home: tuple[int, int] | None = None
         self.texts: list[tuple[int, str]] = []
         self.rc = RcInput(self.parameters)
-        self.modes = ModeControl(self.parameters, self.say)
+        self.modes = ModeControl(self.parameters, self.say, self._arming_faults)
         self.failsafe = Failsafe(self.parameters, self.rc, self.modes, self.say)
         self.pilot_inputs = PilotInputs(self.parameters, self.rc, self.modes)
         self.script = GateScript(bool(gate_channels) and bool(self.parameters["SCR_ENABLE"]), self.say)
         self.outputs = Outputs(self.parameters, self.rc, self.modes, self.failsafe, gate_channels, self.script)
         self._boot_ns = boot_ns
+        self._report = PreArmReport(boot_ns)
         self._rate = 1.0 + drift_ppm * 1e-6
 
     @property
@@ -103,6 +108,14 @@ class SimulatedVehicle:
         """Queue a STATUSTEXT for every link (severity 0 emergency to 7 debug)."""
         self.texts.append((severity, text))
 
+    def pre_arm_faults(self) -> list[str]:
+        """What the checks before arming find now."""
+        return pre_arm_faults(self.parameters, self.modes, self.failsafe)
+
+    def _arming_faults(self, by_stick: bool) -> list[str]:
+        faults = self.pre_arm_faults() or stick_faults(self.parameters, self.rc, self.failsafe, by_stick)
+        return [in_full(fault, asked=True) for fault in faults]
+
     def sense(self, sensors: SensorFrame, t_ns: int) -> None:
         """New sensor values at t; then everything that depends on time."""
         elapsed_ns = max(0, t_ns - self.t_ns)
@@ -114,8 +127,11 @@ class SimulatedVehicle:
     def advance(self, t_ns: int) -> None:
         """Bring modes, fail-safes and outputs to t (an earlier t counts as now)."""
         self.t_ns = max(t_ns, self.t_ns)
-        if self.modes.mode is Mode.INITIALISING and self.t_ns - self._boot_ns >= _INITIALISING_NS:
+        if not self.modes.started and self.t_ns - self._boot_ns >= _INITIALISING_NS:
             self.modes.initialised()
         self.failsafe.advance(self.t_ns)
         self.pilot_inputs.advance(self.t_ns)
+        if not self.modes.armed:
+            for fault in self._report.due(self.pre_arm_faults, self.t_ns):
+                self.say(_CRITICAL, in_full(fault, asked=False))
         self.outputs.advance(self.t_ns)

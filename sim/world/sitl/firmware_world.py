@@ -87,6 +87,11 @@ class FirmwareWorld:
         """Simulated time [ns]."""
         return self.physics.world.t_ns
 
+    @property
+    def second_port(self) -> tuple[str, int]:
+        """Where the firmware's second MAVLink port (SERIAL1) listens, for a client of its own."""
+        return "127.0.0.1", TCP_PORT + 10 * self._instance + 2
+
     def step(self) -> Outgoing:
         """Advance the world by `STEP_NS`, or by what a frame is longer."""
         until_ns = (self.t_ns // STEP_NS + 1) * STEP_NS

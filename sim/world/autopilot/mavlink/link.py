@@ -10,7 +10,7 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from sim.world.autopilot.mavlink.signing import FirmwareSigningKey
-from sim.world.autopilot.mavlink.telemetry import ALWAYS_NS, STREAMED
+from sim.world.autopilot.mavlink.streams import ALWAYS_NS, STREAMED
 from sim.world.autopilot.parameter_table import TABLE
 from sim.world.autopilot.vehicle import SimulatedVehicle
 
@@ -23,12 +23,15 @@ NO_INDEX = 65535
 
 
 class PeerLink:
-    """`bad_data`: pieces of bytes that were no message; `serial`: the number of the port it comes in on."""
+    """`bad_data`: pieces of bytes that were no message; `serial`: the number of the port it comes in on; `heard`:
+    systems and components that have spoken on it.
+    """
 
     def __init__(self, vehicle: SimulatedVehicle, key: FirmwareSigningKey, serial: int):
         self.mav = wire.MAVLink(None, srcSystem=vehicle.system_id, srcComponent=1)
         self.mav.robust_parsing = True
         self.bad_data = 0
+        self.heard: set[tuple[int, int]] = set()
         self.serial = serial
         self._key = key
         self.install_key()
@@ -36,6 +39,7 @@ class PeerLink:
         self._outbox = bytearray()
         self._intervals_ns: dict[int, int] = {}
         self._due_ns: dict[int, int] = {}
+        self._group_hz: dict[str, int] = {}
         self._next_ns = 0
         self._text_id = 0
         self._download = len(TABLE)
@@ -88,14 +92,14 @@ class PeerLink:
         return interval_ns // 1000 if interval_ns else -1
 
     def set_interval_us(self, message_id: int, interval_us: float) -> bool:
-        """SET_MESSAGE_INTERVAL of a message in STREAMED: 0 default rate, negative off; whether it is granted."""
+        """SET_MESSAGE_INTERVAL of a message in STREAMED: 0 default rate, -1 off; whether it is granted."""
         denies = self._vehicle.parameters.firmware.denies_fast_streams
-        if denies and 0 < interval_us * 1000 < self._shortest_ns:
+        if denies and interval_us not in (0, -1) and interval_us * 1000 < self._shortest_ns:
             return False
         if interval_us == 0:
             always_ns = ALWAYS_NS.get(message_id)
             self._schedule(message_id, always_ns or self._default_ns(STREAMED[message_id].group))
-        elif interval_us < 0:
+        elif interval_us == -1:
             self._schedule(message_id, 0)
         else:
             self._schedule(message_id, max(1, int(min(interval_us, 60e6)) // 1000) * _MS)
@@ -103,17 +107,20 @@ class PeerLink:
 
     def set_group_rate(self, groups: tuple[str, ...], rate_hz: int) -> None:
         """REQUEST_DATA_STREAM: every message of these groups at one rate, 0 off."""
+        self._group_hz.update(dict.fromkeys(groups, rate_hz))
         for message_id, streamed in STREAMED.items():
             if streamed.group in groups:
                 self._schedule(message_id, 1000 // min(rate_hz, 1000) * _MS if rate_hz > 0 else 0)
 
     def _default_ns(self, group: str) -> int:
-        rate_hz = self._vehicle.parameters[f"SR0_{group}"] if group else 0.0
+        if not group:
+            return 0
+        rate_hz = self._group_hz.get(group, self._vehicle.parameters[f"SR0_{group}"])
         return int(1000 / rate_hz) * _MS if rate_hz > 0 else 0
 
     @property
     def _shortest_ns(self) -> int:
-        return round(1.25e9 / self._vehicle.loop_rate_hz)
+        return int(1250 / self._vehicle.loop_rate_hz) * _MS
 
     def _schedule(self, message_id: int, interval_ns: int) -> None:
         if interval_ns <= 0:
@@ -139,7 +146,9 @@ class PeerLink:
         downloading = self._advance_download(t_ns)
         for message_id, due_ns in self._due_ns.items():
             if due_ns <= t_ns:
-                self.send(STREAMED[message_id].build(self._vehicle))
+                message = STREAMED[message_id].build(self._vehicle)
+                if message is not None:
+                    self.send(message)
                 interval_ns = self._intervals_ns[message_id]
                 if downloading:
                     interval_ns = interval_ns * _SLOWED_NUM // _SLOWED_DEN

@@ -7,24 +7,32 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.autopilot.mavlink import commands, ftp
+from sim.world.autopilot.mavlink import commands
+from sim.world.autopilot.mavlink.files import OPCODE_AT, is_known
 from sim.world.autopilot.mavlink.link import PeerLink
-from sim.world.autopilot.mavlink.telemetry import GROUP_OF_STREAM
+from sim.world.autopilot.mavlink.streams import GROUP_OF_STREAM
 from sim.world.autopilot.parameter_table import TABLE
-from sim.world.autopilot.parameters import READ_ONLY
-from sim.world.autopilot.vehicle import SimulatedVehicle
 
 if TYPE_CHECKING:
     from sim.world.autopilot.rover import Rover
 
-_ERROR, _WARNING = 3, 4
+_ERROR, _DEBUG = 3, 7
 
 
-def is_for(vehicle: SimulatedVehicle, message: wire.MAVLink_message) -> bool:
-    """Whether a message is addressed to this autopilot or to everyone."""
-    system = getattr(message, "target_system", 0)
-    component = getattr(message, "target_component", 0)
-    return system in (0, vehicle.system_id) and component in (0, 1)
+def is_for(rover: Rover, link: PeerLink, message: wire.MAVLink_message) -> bool:
+    """Whether this autopilot acts upon a message (source: `MAVLink_routing::check_and_forward`).
+
+    Beside what is addressed to it or to everyone: what is for a component of its system that no other link has heard.
+    """
+    own = rover.vehicle.system_id
+    link.heard.add((message.get_srcSystem(), message.get_srcComponent()))
+    if (message.get_srcSystem(), message.get_srcComponent()) == (own, 1):
+        return False
+    system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+    if system not in (0, own):
+        return False
+    others = (each.heard for each in rover.links.values() if each is not link)
+    return system == 0 or component in (0, 1) or not any((own, component) in heard for heard in others)
 
 
 def _from_my_gcs(rover: Rover, message: wire.MAVLink_message) -> bool:
@@ -46,7 +54,10 @@ def _override(rover: Rover, link: PeerLink, message: Any) -> None:
 
 def _command(rover: Rover, link: PeerLink, message: Any) -> None:
     params = [message.param1, message.param2, message.param3, message.param4]
-    params += [0.0, getattr(message, "param6", 0.0), 0.0]  # of a COMMAND_INT these are a place
+    if message.get_type() == "COMMAND_INT":
+        params += [message.x * 1e-7, message.y * 1e-7, message.z]
+    else:
+        params += [message.param5, message.param6, message.param7]
     result, after = commands.run(message.command, rover.vehicle, link, params)
     _acknowledge(link, message, message.command, result)
     for reply in after:
@@ -54,8 +65,7 @@ def _command(rover: Rover, link: PeerLink, message: Any) -> None:
 
 
 def _set_mode(rover: Rover, link: PeerLink, message: Any) -> None:
-    result = commands.set_mode(rover.vehicle, message.base_mode, message.custom_mode)
-    _acknowledge(link, message, message.get_msgId(), result)  # 11: improper, but what it does
+    commands.set_mode(rover.vehicle, message.base_mode, message.custom_mode)  # without an answer
 
 
 def _acknowledge(link: PeerLink, message: Any, command: int, result: int) -> None:
@@ -84,11 +94,7 @@ def _param_set(rover: Rover, link: PeerLink, message: Any) -> None:
     index = rover.vehicle.parameters.find(message.param_id)
     if index is None:
         return
-    name = TABLE[index].name
-    if name in READ_ONLY:
-        rover.vehicle.say(_WARNING, f"Param write denied ({name})")
-        link.send_parameter(index, by_index=False)
-    elif rover.vehicle.parameters.set(name, message.param_value):
+    if rover.vehicle.parameters.set(TABLE[index].name, message.param_value):
         for each in rover.links.values():
             each.send_parameter(index, by_index=False)
 
@@ -108,10 +114,20 @@ def _data_stream(rover: Rover, link: PeerLink, message: Any) -> None:
 
 
 def _file_transfer(rover: Rover, link: PeerLink, message: Any) -> None:
-    answer = ftp.answer if rover.files is None else rover.files.answer
-    payload = answer(message.payload)
     sender = message.get_srcSystem(), message.get_srcComponent()
-    link.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, payload))
+    opcode = message.payload[OPCODE_AT]
+    if not is_known(opcode):
+        rover.vehicle.say(_DEBUG, f"Unsupported FTP: {opcode}")
+    for payload in rover.files.answers(message.payload, rover.vehicle.t_ns):
+        link.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, payload))
+
+
+def _mission(rover: Rover, link: PeerLink, message: Any) -> None:
+    rover.missions.receive(link, message, rover.vehicle.t_ns)
+
+
+def _mission_set_current(rover: Rover, link: PeerLink, message: Any) -> None:
+    rover.missions.set_current(link, message.seq)
 
 
 def _log_list(rover: Rover, link: PeerLink, message: Any) -> None:
@@ -139,6 +155,13 @@ HANDLERS: dict[str, Callable[[Rover, PeerLink, Any], None]] = {
     "SETUP_SIGNING": _setup_signing,
     "REQUEST_DATA_STREAM": _data_stream,
     "FILE_TRANSFER_PROTOCOL": _file_transfer,
+    "MISSION_COUNT": _mission,
+    "MISSION_ITEM_INT": _mission,
+    "MISSION_REQUEST_LIST": _mission,
+    "MISSION_REQUEST_INT": _mission,
+    "MISSION_REQUEST": _mission,
+    "MISSION_CLEAR_ALL": _mission,
+    "MISSION_SET_CURRENT": _mission_set_current,
     "LOG_REQUEST_LIST": _log_list,
     "LOG_REQUEST_DATA": _log_data,
     "LOG_REQUEST_END": _log_end,

@@ -1,14 +1,13 @@
 """One builder per message that the autopilot streams: vehicle state -> MAVLink message, in wire units.
 
-Accelerations are in milli-g and rates in mrad/s, cut towards zero to whole numbers, as the firmware does.
-Messages that need a position, or sensors the simulation lacks, are accepted when asked for and never sent.
+Accelerations are in milli-g and rates in mrad/s, cut towards zero to whole numbers, as the firmware does. What is
+sent when is in `streams`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
@@ -40,7 +39,7 @@ def sys_status(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Health bits (PREARM_CHECK: it would arm; no fence to breach), battery mV and cA."""
     present = _GYRO | _ACCEL | _MOTORS | _RC | _AHRS | _BATTERY | _PREARM
     enabled = present & ~(_MOTORS if v.modes.safety_on else 0)
-    ready = v.modes.armed or not v.modes.arming_faults()
+    ready = v.modes.armed or not v.pre_arm_faults()
     health = (present | _FENCE) & ~(0 if v.failsafe.rc_valid else _RC) & ~(0 if ready else _PREARM)
     voltage_mv, current_ca = _power(v)
     return wire.MAVLink_sys_status_message(
@@ -73,16 +72,22 @@ def scaled_imu2(v: SimulatedVehicle) -> wire.MAVLink_message:
     return wire.MAVLink_scaled_imu2_message(v.clock_ms, *_imu(v), 0, 0, 0)
 
 
+def scaled_imu3(v: SimulatedVehicle) -> wire.MAVLink_message:
+    """Third IMU: the same sample once more."""
+    return wire.MAVLink_scaled_imu3_message(v.clock_ms, *_imu(v), 0, 0, 0)
+
+
+def highres_imu(v: SimulatedVehicle) -> wire.MAVLink_message:
+    """First IMU in SI units, with the accelerometers and gyros alone (fields_updated)."""
+    s = v.sensors
+    return wire.MAVLink_highres_imu_message(v.clock_us, *s.accel_m_s2, *s.gyro_rad_s, 0, 0, 0, 0, 0, 0, 0, 0x3F)
+
+
 def attitude(v: SimulatedVehicle) -> wire.MAVLink_message:
     """Angles in rad, yaw within -pi to pi; rates in rad/s."""
     s = v.sensors
     yaw = math.remainder(s.psi_rad, math.tau)
     return wire.MAVLink_attitude_message(v.clock_ms, s.phi_rad, s.theta_rad, yaw, s.p_rad_s, s.q_rad_s, s.r_rad_s)
-
-
-def ahrs(v: SimulatedVehicle) -> wire.MAVLink_message:
-    """The correction of the gyros that the rates of ATTITUDE contain [rad/s]; its errors are not computed."""
-    return wire.MAVLink_ahrs_message(*v.sensors.gyro_drift_rad_s, 0.0, 0.0, 0.0, 0.0)
 
 
 def servo_output_raw(v: SimulatedVehicle) -> wire.MAVLink_message:
@@ -98,8 +103,20 @@ def rc_channels(v: SimulatedVehicle) -> wire.MAVLink_message:
 
 
 def mission_current(v: SimulatedVehicle) -> wire.MAVLink_message:
-    """No mission."""
+    """Nothing flies a mission."""
     return wire.MAVLink_mission_current_message(0)
+
+
+def mission_item_reached(v: SimulatedVehicle) -> wire.MAVLink_message:
+    """None was."""
+    return wire.MAVLink_mission_item_reached_message(0)
+
+
+def home_position(v: SimulatedVehicle) -> wire.MAVLink_message | None:
+    """Home, once it was set; None before."""
+    if v.home is None:
+        return None
+    return wire.MAVLink_home_position_message(*v.home, 0, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
 
 
 def vfr_hud(v: SimulatedVehicle) -> wire.MAVLink_message:
@@ -121,15 +138,27 @@ def timesync(v: SimulatedVehicle) -> wire.MAVLink_message:
     return wire.MAVLink_timesync_message(0, v.clock_us * 1000)
 
 
+_CAPABILITIES = (
+    wire.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+    | wire.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | wire.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | wire.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | wire.MAV_PROTOCOL_CAPABILITY_FTP
+    | wire.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | wire.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | wire.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | wire.MAV_PROTOCOL_CAPABILITY_COMPASS_CALIBRATION
+    | wire.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | wire.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | wire.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+)
+"""What Rover says that it can do, 61935; targets and the compass' calibration have no effect here."""
+
+
 def autopilot_version(v: SimulatedVehicle) -> wire.MAVLink_message:
-    """Development build of the firmware on a Cube Orange (board 140); no file transfer."""
-    capabilities = (
-        wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
-        | wire.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-        | wire.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    )
+    """Development build of the firmware on a Cube Orange (board 140)."""
     return wire.MAVLink_autopilot_version_message(
-        capabilities,
+        _CAPABILITIES,
         v.parameters.firmware.flight_sw_version,
         0,
         0,
@@ -156,45 +185,3 @@ def _power(v: SimulatedVehicle) -> tuple[int, int]:
 def _remaining(v: SimulatedVehicle) -> int:
     capacity = v.parameters["BATT_CAPACITY"]
     return int(max(0.0, 100.0 * (1.0 - v.consumed_mah / capacity))) if capacity > 0 else -1
-
-
-class Streamed(NamedTuple):
-    """A message: how it is built, and the SR0_ parameter with its rate unasked ("": only on request)."""
-
-    build: Callable[[SimulatedVehicle], wire.MAVLink_message]
-    group: str
-
-
-HEARTBEAT_ID, TIMESYNC_ID = 0, 111
-STREAMED: dict[int, Streamed] = {
-    HEARTBEAT_ID: Streamed(heartbeat, ""),
-    1: Streamed(sys_status, "EXT_STAT"),
-    2: Streamed(system_time, "EXTRA3"),
-    24: Streamed(gps_raw_int, "EXT_STAT"),
-    26: Streamed(scaled_imu, ""),
-    27: Streamed(raw_imu, "RAW_SENS"),
-    30: Streamed(attitude, "EXTRA1"),
-    36: Streamed(servo_output_raw, "RC_CHAN"),
-    42: Streamed(mission_current, "EXT_STAT"),
-    65: Streamed(rc_channels, "RC_CHAN"),
-    74: Streamed(vfr_hud, "EXTRA2"),
-    TIMESYNC_ID: Streamed(timesync, ""),
-    116: Streamed(scaled_imu2, "RAW_SENS"),
-    147: Streamed(battery_status, "EXTRA3"),
-    148: Streamed(autopilot_version, ""),
-    163: Streamed(ahrs, "EXTRA3"),
-}
-ALWAYS_NS: dict[int, int] = {HEARTBEAT_ID: 1_000_000_000, TIMESYNC_ID: 10_000_000_000}
-"""What every link gets whatever it asks for, and how often."""
-ACCEPTED_NEVER_SENT = frozenset({29, 31, 32, 33, 49, 62, 87, 125, 129, 152, 178, 182, 193, 241, 242, 245})
-"""Messages that the real firmware has and this one cannot fill: requests are accepted, nothing comes."""
-GROUP_OF_STREAM: dict[int, tuple[str, ...]] = {
-    0: ("RAW_SENS", "EXT_STAT", "RC_CHAN", "EXTRA1", "EXTRA2", "EXTRA3"),
-    1: ("RAW_SENS",),
-    2: ("EXT_STAT",),
-    3: ("RC_CHAN",),
-    10: ("EXTRA1",),
-    11: ("EXTRA2",),
-    12: ("EXTRA3",),
-}
-"""MAV_DATA_STREAM of REQUEST_DATA_STREAM -> groups."""

@@ -1,4 +1,5 @@
-"""MAVSDK's own client against the simulated autopilot: an implementation of MAVLink that is not ours."""
+"""MAVSDK's own client, an implementation of MAVLink that is not ours: one session with the simulated autopilot and with
+a real firmware, the same answers from both."""
 
 import asyncio
 import json
@@ -15,8 +16,31 @@ from mavsdk.asyncio.plugins.telemetry import FlightMode, TelemetryAsync
 from sim.world.autopilot.modes import Mode
 from sim.world.autopilot.parameter_table import TABLE, WireType
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served, until
+from tests.support.client_autopilots import autopilot
+from tests.support.firmware_rig import binaries
 
 pytestmark = pytest.mark.alone
+
+FIRMWARES = [
+    pytest.param(path, id=path.parent.name, marks=[pytest.mark.firmware, pytest.mark.long]) for path in binaries()
+]
+ANSWERS = {
+    "autopilot": Autopilot.ARDUPILOT,
+    "parameter set and read": 3840,
+    "MANUAL": 0,
+    "MANUAL told": FlightMode.MANUAL,
+    "armed told": True,
+    "HOLD told": FlightMode.HOLD,
+    "GUIDED while armed": 4,
+    "mode 99": 4,
+    "RTL while armed": 4,
+    "disarmed told": False,
+    "GUIDED": 0,
+    "arming in GUIDED": "refused",
+    "HOLD": 0,
+    "arming again": "done",
+    "version": 4,
+}
 
 
 def free_udp_port():
@@ -42,49 +66,64 @@ async def do_set_mode(direct, custom_mode):
     return json.loads((await direct.send_command(message)).fields_json)["result"]
 
 
-async def session(mavsdk, rover):
-    """Everything a ground station does first; both sides are asked what happened."""
-    system = await mavsdk.first_autopilot(8.0)
-    assert system is not None
-    assert await system.autopilot_type() == Autopilot.ARDUPILOT
-    vehicle, modes = rover.vehicle, rover.vehicle.modes
+async def arm(action):
+    try:
+        await action.arm()
+    except ActionError:
+        return "refused"
+    return "done"
+
+
+async def session(system):
+    """Everything a ground station does first: question -> answer."""
     param, action, telemetry = ParamAsync(system), ActionAsync(system), TelemetryAsync(system)
     direct = MavlinkDirectAsync(system)
-
-    everything = await param.get_all_params()
-    got = {p.name: p.value for p in [*everything.int_params, *everything.float_params]}
-    assert got == pytest.approx({row.name: vehicle.parameters[row.name] for row in TABLE})
-    assert len(everything.float_params) == sum(row.kind is WireType.REAL32 for row in TABLE)
+    got = {"autopilot": await system.autopilot_type()}
     await param.set_param_int("SERVO_RC_FS_MSK", 3840)
-    assert vehicle.parameters["SERVO_RC_FS_MSK"] == 3840
-    assert await param.get_param_int("SERVO_RC_FS_MSK") == 3840
-
-    assert modes.mode is Mode.HOLD  # no RC input: it booted into HOLD
-    assert await do_set_mode(direct, Mode.MANUAL) == 0
-    assert modes.mode is Mode.MANUAL
-    assert await told(telemetry.flight_mode, FlightMode.MANUAL) == FlightMode.MANUAL
+    got["parameter set and read"] = await param.get_param_int("SERVO_RC_FS_MSK")
+    got["MANUAL"] = await do_set_mode(direct, Mode.MANUAL)
+    got["MANUAL told"] = await told(telemetry.flight_mode, FlightMode.MANUAL)
     await action.arm()
-    assert modes.armed
-    assert await told(telemetry.armed, True)
+    got["armed told"] = await told(telemetry.armed, True)
     await action.hold()
-    assert modes.mode is Mode.HOLD
-    assert await told(telemetry.flight_mode, FlightMode.HOLD) == FlightMode.HOLD
-    assert await do_set_mode(direct, Mode.GUIDED) == 4  # refused: armed and no position
-    assert await do_set_mode(direct, 99) == 4
+    got["HOLD told"] = await told(telemetry.flight_mode, FlightMode.HOLD)
+    got["GUIDED while armed"] = await do_set_mode(direct, Mode.GUIDED)
+    got["mode 99"] = await do_set_mode(direct, 99)
+    got["RTL while armed"] = await do_set_mode(direct, Mode.RTL)
     await action.disarm()
-    assert not modes.armed
-    assert not await told(telemetry.armed, False)
+    got["disarmed told"] = await told(telemetry.armed, False)
+    got["GUIDED"] = await do_set_mode(direct, Mode.GUIDED)
+    got["arming in GUIDED"] = await arm(action)
+    got["HOLD"] = await do_set_mode(direct, Mode.HOLD)
+    got["arming again"] = await arm(action)
+    await action.disarm()
+    got["version"] = (await InfoAsync(system).get_version()).flight_sw_major
+    return got
 
-    assert await do_set_mode(direct, Mode.GUIDED) == 0
-    with pytest.raises(ActionError):
-        await action.arm()
-    assert not modes.armed
-    version = await InfoAsync(system).get_version()
-    assert (version.flight_sw_major, version.flight_sw_minor) == (4, 6)
+
+async def parameters(system):
+    """All parameters by name, and how many are real numbers."""
+    everything = await ParamAsync(system).get_all_params()
+    return {p.name: p.value for p in [*everything.int_params, *everything.float_params]}, len(everything.float_params)
+
+
+@pytest.mark.parametrize("binary", [pytest.param(None, id="simulated"), *FIRMWARES])
+def test_mavsdk_arms_changes_mode_and_disarms(binary, tmp_path):
+    async def scene():
+        async with (
+            autopilot(binary, tmp_path) as (host, port),
+            Mavsdk(Configuration.create_manual(255, 190, True)) as mavsdk,
+        ):
+            await mavsdk.add_any_connection(f"tcpout://{host}:{port}")
+            system = await mavsdk.first_autopilot(20.0)
+            assert system is not None
+            assert await session(system) == ANSWERS
+
+    asyncio.run(asyncio.wait_for(scene(), 200.0))
 
 
 @pytest.mark.parametrize("transport", ["tcp", pytest.param("udp", marks=pytest.mark.long)])
-def test_mavsdk_connects_reads_parameters_arms_changes_mode_and_disarms(transport):
+def test_mavsdk_reads_all_parameters_of_the_simulated_autopilot(transport):
     port = free_udp_port()
 
     async def scene():
@@ -96,7 +135,10 @@ def test_mavsdk_connects_reads_parameters_arms_changes_mode_and_disarms(transpor
         ):
             where = f"udpin://127.0.0.1:{port}" if transport == "udp" else f"tcpout://127.0.0.1:{tcp[1]}"
             await mavsdk.add_any_connection(where)
-            await session(mavsdk, rover)
+            system = await mavsdk.first_autopilot(8.0)
+            got, floats = await parameters(system)
+            assert got == pytest.approx({row.name: rover.vehicle.parameters[row.name] for row in TABLE})
+            assert floats == sum(row.kind is WireType.REAL32 for row in TABLE)
             assert all(link.bad_data == 0 for link in rover.links.values())
         assert await until(lambda: transport == "udp" or not rover.links)
 

@@ -76,11 +76,6 @@ def test_the_script_arrives_whole(before):
     assert rover.files.stored == {f"{SCRIPTS}/gate.lua": SCRIPT.read_bytes()}
 
 
-def test_a_firmware_without_file_transfer_is_told_as_such():
-    with pytest.raises(ProvisioningError, match=r"/APM/scripts/gate.lua: unsupported"):
-        scene(booted_rover(), lambda autopilot: autopilot.upload(SCRIPT, SCRIPTS))
-
-
 def test_logs_come_whole_with_progress(tmp_path):
     dice = random.Random(11)
     contents = [dice.randbytes(n) for n in (90 * 30, 40_001, 1)]

@@ -102,13 +102,15 @@ def _():
     assert {m.time_unix_usec for m in of_type(bench.run(2.0), "SYSTEM_TIME")} == {0}
 
 
-@fact(ARMING, "a refusal is ACK FAILED, then texts of severity 2 that begin with Arm:, longer than 50 in chunks")
+@fact(
+    ARMING, "a refusal is ACK FAILED, then texts of severity 2; those on outputs begin with PreArm:; over 50 in chunks"
+)
 def _():
     bench = Bench({f"SERVO{n}_FUNCTION": 0 for n in range(1, 5)})
     bench.run(1.2, every=override())
     answers = bench.send(command(400, 1))
     assert (answers[0].get_type(), answers[0].result) == ("COMMAND_ACK", FAILED)
-    assert texts(answers) == [(2, "Arm: no motor, sail or scripting outputs defined")]
+    assert texts(answers) == [(2, "PreArm: no motor, sail or scripting outputs defined")]
     chunks = of_type(bench.send(command(401)), "STATUSTEXT")
     assert [m.chunk_seq for m in chunks] == [0, 1]
     assert texts(chunks) == [(2, "PreArm: no motor, sail or scripting outputs defined")]
@@ -123,13 +125,45 @@ def _():
     assert bench.ack(command(31000, 1)) == UNSUPPORTED
 
 
-@fact(ARMING, "MANUAL and HOLD arm without a position, GUIDED and LOITER do not")
+@fact(ARMING, "without GPS MANUAL and HOLD arm, ACRO, STEERING and GUIDED do not, LOITER is not entered")
 def _():
-    for mode, result in [(0, ACCEPTED), (4, ACCEPTED), (5, FAILED), (15, FAILED)]:
+    for mode, entered, armed in [(0, ACCEPTED, ACCEPTED), (4, ACCEPTED, ACCEPTED), (1, ACCEPTED, FAILED),
+                                 (3, ACCEPTED, FAILED), (15, ACCEPTED, FAILED), (5, FAILED, ACCEPTED)]:  # fmt: skip
         bench = Bench()
         bench.run(1.2, every=override())
-        assert bench.ack(command(176, 1, mode)) == ACCEPTED
-        assert bench.ack(command(400, 1)) == result
+        assert bench.ack(command(176, 1, mode)) == entered
+        assert bench.ack(command(400, 1)) == armed
+
+
+@fact(ARMING, "a refused mode says so, an unknown one too; SET_MODE is obeyed without an answer")
+def _():
+    for mode, said in [(11, "Flight mode change failed"), (2, "No such mode 2")]:
+        bench = Bench()
+        bench.run(1.2, every=override())
+        assert bench.ack(command(176, 1, mode)) == FAILED
+        assert texts(bench.got["boat"])[-1] == (4, said)
+        assert bench.send(wire.MAVLink_set_mode_message(1, 1, 4)) == [] and bench.rover.vehicle.modes.mode == 4
+
+
+@fact(ARMING, "without receiver and overrides: Radio failsafe on, asked for and unasked")
+def _():
+    bench = Bench()
+    bench.run(3.0)
+    assert bench.ack(command(400, 1)) == FAILED
+    assert texts(bench.got["boat"])[-1] == (2, "Arm: Radio failsafe on")
+    assert (2, "PreArm: Radio failsafe on") in texts(bench.run(30.0))
+    assert bench.ack(command(400, 1, 2989)) == ACCEPTED
+
+
+@fact(ARMING, "sticks away from neutral keep it from arming, but for pitch")
+def _():
+    for channel, name in [(1, "Roll (RC1)"), (2, None), (3, "Throttle (RC3)"), (4, "Yaw (RC4)")]:
+        bench = Bench()
+        values = [1500] * 4 + [65535] * 4 + [0] * 10
+        values[channel - 1] = 1700
+        bench.run(1.2, every=wire.MAVLink_rc_channels_override_message(0, 0, *values))
+        assert bench.ack(command(400, 1)) == (FAILED if name else ACCEPTED)
+        assert not name or texts(bench.got["boat"])[-1] == (2, f"Arm: {name} is not neutral")
 
 
 @fact(ARMING, "reboot: accepted only disarmed; silence, no pulses, then a new clock, disarmed, streams forgotten")
@@ -173,11 +207,11 @@ def _():
         assert not of_type(bench.got["boat"], "PARAM_VALUE")
 
 
-@fact(PARAMETERS, "a read-only parameter keeps its value, is echoed, and a text says so (source)")
+@fact(PARAMETERS, "an integer is cut towards zero after adding 0.01; STAT_BOOTCNT may be written; names in any case")
 def _():
-    bench = Bench()
-    assert [m.param_value for m in put(bench, "STAT_BOOTCNT", 99.0)] == [1.0]
-    assert (4, "Param write denied (STAT_BOOTCNT)") in texts(bench.got["boat"])
+    for name, value, kept in [("FS_ACTION", 2.7, 2.0), ("FS_ACTION", -2.7, -2.0), ("FS_ACTION", 2.995, 3.0),
+                              ("STAT_BOOTCNT", 7.0, 7.0), ("fs_action", 1.0, 1.0)]:  # fmt: skip
+        assert [m.param_value for m in put(Bench(), name, value)] == [kept]
 
 
 @fact(PARAMETERS, "4.7 calls SYSID_MYGCS MAV_GCS_SYSID and SYSID_THISMAV MAV_SYSID, and knows no old name")

@@ -60,7 +60,7 @@ def _():
 
 @fact(DRIVING, "disarm and HOLD do not cut scaled RCIN; with FS_ACTION = 5 the loss disarms")
 def _():
-    bench = Bench({**SCALED, "SERVO_RC_FS_MSK": 0xF00, "FS_ACTION": 5, "SERVO8_FUNCTION": 109}).ready()
+    bench = Bench({**SCALED, "SERVO_RC_FS_MSK": 0xF00, "FS_ACTION": 5, "SERVO8_FUNCTION": 94}).ready()
     bench.send(command(176, 1, 4))
     assert settle(bench) == HIGH
     bench.send(command(176, 1, 0))
@@ -117,6 +117,7 @@ def _():
         bench.send(cut)
         bench.run(0.2, every=drive)
         assert bench.rover.outputs_us[:4] == (1500,) * 4
+        bench.run(0.1, every=override())
         assert bench.ack(restore) == ACCEPTED
     bench.run(0.2, every=drive)
     assert 0.5 <= trim_time_s(bench, 1, 1500) <= 0.54
@@ -148,4 +149,18 @@ def _():
         bench = Bench(functions)
         bench.run(1.2, every=override())
         assert bench.ack(command(400, 1)) == FAILED
-        assert texts(bench.got["boat"])[-1] == (2, "Arm: no motor, sail or scripting outputs defined")
+        assert texts(bench.got["boat"])[-1] == (2, "PreArm: no motor, sail or scripting outputs defined")
+
+
+@fact(DRIVING, "of the scripting outputs only Script1 lets it arm; other outputs must come in pairs")
+def _():
+    none, skid, split = "no motor, sail or scripting outputs defined", "check skid steering config", (
+        "check steering and throttle config")  # fmt: skip
+    rows = [((94, 0), None), ((95, 0), none), ((109, 0), none), ((33, 0), none), ((26, 0), split), ((70, 0), split),
+            ((26, 70), None), ((73, 0), skid), ((73, 74), None), ((89, 26), None)]  # fmt: skip
+    for functions, fault in rows:
+        outputs = {f"SERVO{n}_FUNCTION": functions[n - 1] if n < 3 else 0 for n in range(1, 5)}
+        bench = Bench(outputs)
+        bench.run(1.2, every=override())
+        assert bench.ack(command(400, 1)) == (FAILED if fault else ACCEPTED), functions
+        assert fault is None or texts(bench.got["boat"])[-1] == (2, f"PreArm: {fault}")

@@ -5,6 +5,7 @@ unfit, degraded                 `annunciator.Annunciator`            fence_breac
 battery_low, battery_critical   `battery`                            solver_failing  `plan_gap`
 override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
 sticks                          `manual_control.StickMonitor`
+what the autopilot has against arming is kept by `arming_refusals`, which says no condition
 sensors that repeat themselves are left out by `stuck_sensor`, which says no condition
 """
 
@@ -20,6 +21,7 @@ from companion.core.pilot.annunciator import Annunciator
 from companion.core.pilot.autopilot_state import AutopilotMonitor
 from companion.core.pilot.manual_control import StickMonitor
 from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.arming_refusals import ArmingMonitor
 from companion.core.pilot.monitors.battery import BatteryMonitor
 from companion.core.pilot.monitors.fence_distance import FenceMonitor
 from companion.core.pilot.monitors.link_latency import LinkLatencyMonitor
@@ -41,6 +43,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
         (
             StuckSensorMonitor(),
             AutopilotMonitor(),
+            ArmingMonitor(),
             Annunciator(anchors, control.blind_s),
             FenceMonitor(settings.fence),
             BatteryMonitor(vessel.propulsion.nominal_voltage_V, settings.battery),

@@ -60,7 +60,7 @@ def _():
 
 @fact(DRIVING, "disarm and HOLD do not cut scaled RCIN; with FS_ACTION = 5 the loss disarms")
 def _():
-    bench = Bench({**SCALED, "SERVO_RC_FS_MSK": 0xF00, "FS_ACTION": 5, "SERVO8_FUNCTION": 109}).ready()
+    bench = Bench({**SCALED, "SERVO_RC_FS_MSK": 0xF00, "FS_ACTION": 5, "SERVO8_FUNCTION": 94}).ready()
     bench.send(command(176, 1, 4))
     assert settle(bench) == HIGH
     bench.send(command(176, 1, 0))

@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from sim.world.environment import Weather
 from sim.world.world import World, WorldSetup
+from tests.evidence.firmware.provisioning import provisioning
 from tests.evidence.line import Line, at_most, between, exactly
 from tests.evidence.main_job.parts import drive_mission, reference_boat
 from tests.support.firmware_rig import binaries, firmware_world
@@ -100,4 +101,4 @@ def _missions(rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterato
                 yield between(f"{name}: simulated / real, {key}", ratio, 0.9, 1.1, note="means of 5")
 
 
-PARTS = (missions, waves)
+PARTS = (missions, waves, provisioning)

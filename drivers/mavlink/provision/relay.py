@@ -22,6 +22,8 @@ from drivers.mavlink.signing import Signing, is_signed
 from drivers.ports.port import Port
 
 HOST = "127.0.0.1"
+REOPEN_S = 0.5
+"""Between attempts to open a port again that ended; assumed."""
 
 
 class Relay(asyncio.DatagramProtocol):
@@ -55,13 +57,21 @@ class Relay(asyncio.DatagramProtocol):
                 self._port.send(self._frame(message))
 
     async def pump(self) -> None:
-        """What the autopilot says, until its port ends."""
-        with contextlib.suppress(OSError):
-            while data := await self._port.receive():
-                for message in self._from_autopilot.feed(data, time.monotonic_ns()):
-                    self.signed = self.signed or is_signed(message)
-                    if self._peer and (self._signing is None or self._signing.accepts(message)):
-                        self._transport.sendto(bytes(message.get_msgbuf()), self._peer)
+        """What the autopilot says, until cancelled; a port that ends is opened again."""
+        while True:
+            with contextlib.suppress(OSError):
+                while data := await self._port.receive():
+                    self._pass_on(data)
+            await self._port.close()
+            await asyncio.sleep(REOPEN_S)
+            with contextlib.suppress(OSError):
+                await self._port.open()
+
+    def _pass_on(self, data: bytes) -> None:
+        for message in self._from_autopilot.feed(data, time.monotonic_ns()):
+            self.signed = self.signed or is_signed(message)
+            if self._peer and (self._signing is None or self._signing.accepts(message)):
+                self._transport.sendto(bytes(message.get_msgbuf()), self._peer)
 
     def _frame(self, message: Any) -> bytes:
         """The same frame in its sender's name, with a signature if there is a key."""
@@ -75,7 +85,7 @@ class Relay(asyncio.DatagramProtocol):
 
 @contextlib.asynccontextmanager
 async def open_relay(port: Port, signing: Signing | None) -> AsyncIterator[Relay]:
-    """A relay to `port`; silent once that ends. Raises OSError where it cannot be opened."""
+    """A relay to `port`. Raises OSError where that cannot be opened at first."""
     await port.open()
     transport = None
     try:

@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -95,7 +96,7 @@ def test_as_printed_the_boat_drives(binary, home, tmp_path):
     with terminal(sim, outs["sim"], home):
         wait_for(lambda: "waiting for ArduPilot" in outs["sim"].read_text(), PATIENT_S, outs["sim"].read_text)
         with terminal(firmware, outs["firmware"], home):
-            said = outs["firmware"].read_text
+            said = partial(outs["firmware"].read_text, errors="replace")
             wait_for(lambda: "SERIAL0 on TCP port 5760" in said(), PATIENT_S, said)
             with terminal(drive, outs["drive"], home) as shell:
                 said = outs["drive"].read_text

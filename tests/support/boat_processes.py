@@ -16,6 +16,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from companion.core.messages import GroundTruth
@@ -50,7 +51,8 @@ class BoatProcesses:
     def command(self, name: str, *options: str) -> subprocess.CompletedProcess[str]:
         """Run `aritra NAME` to its end."""
         return subprocess.run(
-            self.words(name, *options), env=ENV, cwd=self.folder, capture_output=True, text=True, timeout=PATIENCE_S,
+            self.words(name, *options), env=ENV, cwd=self.folder, capture_output=True, text=True, errors="replace",
+            timeout=PATIENCE_S,
             check=False, stdin=subprocess.DEVNULL,
         )  # fmt: skip
 
@@ -97,7 +99,8 @@ def boat_processes(folder: Path, binary: Path | None, defaults: Path | None) -> 
                 files,
             ]
             console = stack.enter_context(child([*map(str, fw)], room / "console.txt", cwd=room))
-            wait_for(lambda: "SERIAL0 on TCP port" in console.read_text(), PATIENCE_S, console.read_text)
+            words = partial(console.read_text, encoding="utf-8", errors="replace")
+            wait_for(lambda: "SERIAL0 on TCP port" in words(), PATIENCE_S, words)
         yield boat
 
 

@@ -115,19 +115,21 @@ def _agreed(console: Console, differences: list[Change], script: bool) -> bool:
 
 async def _write(autopilot: Provisioner, differences: list[Change], console: Console) -> list[str]:
     """Write and read back; names of those that do not read back as wanted."""
-    failed = []
+    failed, written = [], 0
     for c in differences:
         try:
             now = await autopilot.write(c.name, c.wanted)
         except ProvisioningError as error:
             console.print(Text(f"{error}", style="red"))
             failed.append(c.name)
-            continue
+            break  # it has fallen silent
         if not same(now, c.wanted):
             console.print(Text(f"{c.name}: is {number(now)} after writing {number(c.wanted)}", style="red"))
             failed.append(c.name)
+            continue
+        written += 1
     if differences:
-        console.print(f"wrote and read back {len(differences) - len(failed)} of {len(differences)} parameters")
+        console.print(f"wrote and read back {written} of {len(differences)} parameters")
     return failed
 
 

@@ -40,15 +40,17 @@ from drivers.mavlink.signing import GREETING_NS, NO_KEY, Signing
 from drivers.ports.port import Port
 
 SYSTEM, COMPONENT = 255, 190
-HEARD_S, HEARTBEAT_S = 10.0, 4.0
+HEARD_S, HEARTBEAT_S = 10.0, 8.0
 """How long to wait for an autopilot, and for the next of its heartbeats; assumed."""
 TIMEOUT_S = 60.0
 """For all parameters, or the list of logs; 1272 parameters were seen to take 1.3 to 3.3 s on USB."""
 FTP_WAIT_S, FTP_TRIES = 1.0, 6
 """For one answer, and how often a request is sent: an idle file transfer of somebody else ends after 3 s (source)."""
-ANSWER_S, ANSWER_TRIES = 1.0, 3
+ANSWER_S, ANSWER_TRIES, WRITE_TRIES = 1.0, 3, 5
 """An answer takes some 10 ms; assumed."""
 AUTOPILOT_COMPONENT = 1
+INT32, REAL32 = 6, 9
+"""MAV_PARAM_TYPE."""
 ARMED = 128
 """base_mode: MAV_MODE_FLAG_SAFETY_ARMED."""
 
@@ -116,15 +118,24 @@ class Provisioner:
         return values
 
     async def write(self, name: str, value: float) -> float:
-        """Set a parameter that `parameters` told of; the value that it then has."""
-        try:
-            if name in self._whole:
-                await self._param.set_param_int(name, round(value))
-                return float(await self._param.get_param_int(name))
-            await self._param.set_param_float(name, value)
-            return float(await self._param.get_param_float(name))
-        except MavsdkError as error:
-            raise ProvisioningError(f"{name}: {_reason(error)}") from None
+        """Set a parameter, and read it back; the value that it then has. Raises ProvisioningError."""
+        kind = REAL32 if name not in self._whole else INT32  # ArduPilot goes by its own type (source)
+        async with self._heard("PARAM_VALUE") as heard:
+            await self._told(heard, name, "PARAM_SET", {"param_value": value, "param_type": kind})
+            return await self._told(heard, name, "PARAM_REQUEST_READ", {"param_index": -1})
+
+    async def _told(self, heard: Heard, name: str, message: str, fields: dict[str, Any]) -> float:
+        """Value of a parameter as the autopilot answers one message. MAVSDK's own writing waits for ever where the
+        wire is dead.
+        """
+        for _ in range(WRITE_TRIES):
+            await self._send(message, {"param_id": name, **fields})
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(ANSWER_S):
+                    while (answer := await heard.get())["param_id"] != name:
+                        pass
+                    return float(answer["param_value"])
+        raise ProvisioningError(f"{name}: no answer for {WRITE_TRIES * ANSWER_S:g} s")
 
     async def reboot(self) -> None:
         """Restart the autopilot; it refuses while armed."""

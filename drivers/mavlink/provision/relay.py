@@ -22,6 +22,8 @@ from drivers.mavlink.signing import Signing, is_signed
 from drivers.ports.port import Port
 
 HOST = "127.0.0.1"
+UNREADABLE = frozenset({"STATUSTEXT"})
+"""MAVSDK writes a text that is not UTF-8 into the terminal; the chip's number is one in Rover 4.6 (observed)."""
 REOPEN_S = 0.5
 """Between attempts to open a port again that ended; assumed."""
 
@@ -70,6 +72,8 @@ class Relay(asyncio.DatagramProtocol):
     def _pass_on(self, data: bytes) -> None:
         for message in self._from_autopilot.feed(data, time.monotonic_ns()):
             self.signed = self.signed or is_signed(message)
+            if message.get_type() in UNREADABLE:
+                continue
             if self._peer and (self._signing is None or self._signing.accepts(message)):
                 self._transport.sendto(bytes(message.get_msgbuf()), self._peer)
 

@@ -1,8 +1,8 @@
 """Evidence: `provision`, `check` and `run` say and do the same of every wiring, on every autopilot that is at hand.
 
 Real processes in real time. A boat with the factory's parameters is given a wiring, checked, and asked to drive without
-the interlock (`run --start --unchecked`), so that `check` is judged by what the boat then does: whether it has left its
-start by a metre, by the simulator's truth.
+the interlock (`run --start --unchecked`), so that `check` is judged by what the boat then does: whether it has passed a
+waypoint, and left its start by a metre by the simulator's truth.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tests.support.firmware_rig import ARDUPILOT, binaries
 
 WIRINGS = {"gate": True, "scaled": True, "omni": False, "unsafe_plain": False}
 """Wiring -> whether Aritra drives it."""
-DRIVEN_M = 1.0
+DRIVEN_M, PASSED = 1.0, "waypoint 1/"
 DRIVE_S = 60.0
 """Time for a metre: the mission's first leg takes 3 s in quiet, arming up to 20 s after the firmware's start."""
 RESTART_S = 8.0
@@ -28,12 +28,20 @@ RESTART_S = 8.0
 
 
 class WiringRun(NamedTuple):
-    """Exit codes of `provision` and `check` (0: ready), distance [m], and what was said of failures and refusals."""
+    """Exit codes of `provision` and `check` (0: ready), whether a waypoint was passed, distance [m], and what was said
+    of failures and refusals.
+    """
 
     provisioned: int
     checked: int
+    passed: bool
     driven_m: float
     said: str
+
+    @property
+    def drives(self) -> bool:
+        """It has passed a waypoint, and has really moved."""
+        return self.passed and self.driven_m > DRIVEN_M
 
 
 def run_wiring(binary: Path | None, wiring: str) -> WiringRun:
@@ -55,13 +63,13 @@ def run_wiring(binary: Path | None, wiring: str) -> WiringRun:
         words += [line for line in text.splitlines() if "refuses to arm" in line][-1:]
         if done.returncode == 1:
             words += (done.stdout + done.stderr).splitlines()[-1:]
-        return WiringRun(done.returncode, checked.returncode, boat.driven_m(), "; ".join(words))
+        return WiringRun(done.returncode, checked.returncode, PASSED in text, boat.driven_m(), "; ".join(words))
 
 
 def _wait_for_way(said: Path, seconds: float) -> None:
     """Until a waypoint has been passed, which a boat at rest never does, or no longer than that."""
     end = time.monotonic() + seconds
-    while "waypoint 1/" not in said.read_text(encoding="utf-8") and time.monotonic() < end:
+    while PASSED not in said.read_text(encoding="utf-8") and time.monotonic() < end:
         time.sleep(0.5)
 
 
@@ -76,7 +84,7 @@ def provisioning(full: bool) -> Iterator[Line]:
                 f"; {r.said}" if r.said else ""
             )
             yield exactly(f"{kind}, {wiring}: check is ready", r.checked == 0, drives, note=note)
-            yield exactly(f"{kind}, {wiring}: the boat drives", r.driven_m > DRIVEN_M, drives)
+            yield exactly(f"{kind}, {wiring}: the boat drives", r.drives, drives)
             yield exactly(
                 f"{kind}, {wiring}: provision's exit code", r.provisioned, 2 if wiring == "unsafe_plain" else 0
             )

@@ -1,8 +1,8 @@
 """Evidence: `provision`, `check` and `run` say and do the same of every wiring, on every autopilot that is at hand.
 
 Real processes in real time. A boat with the factory's parameters is given a wiring, checked, and asked to drive without
-the interlock (`run --start --unchecked`), so that `check` is judged by what the boat then does: whether it has passed a
-waypoint, and left its start by a metre by the simulator's truth.
+the interlock (`run --start --unchecked`), so that `check` is judged by what the boat then does: whether it has passed two
+waypoints, and left its start by a metre by the simulator's truth.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from tests.support.firmware_rig import ARDUPILOT, binaries
 
 WIRINGS = {"gate": True, "scaled": True, "omni": False, "unsafe_plain": False}
 """Wiring -> whether Aritra drives it."""
-DRIVEN_M, PASSED = 1.0, "waypoint 1/"
-DRIVE_S = 60.0
-"""Time for a metre: the mission's first leg takes 3 s in quiet, arming up to 20 s after the firmware's start."""
+DRIVEN_M, PASSED = 1.0, "waypoint 2/"
+DRIVE_S = 120.0
+"""Time for two waypoints: 35 s in quiet; arming may take 20 s after the start of the firmware."""
 RESTART_S = 8.0
 """An autopilot that was told to restart is away for so long, at most; then `check` waits for it."""
 
@@ -40,7 +40,7 @@ class WiringRun(NamedTuple):
 
     @property
     def drives(self) -> bool:
-        """It has passed a waypoint, and has really moved."""
+        """It has passed two waypoints, and has really moved."""
         return self.passed and self.driven_m > DRIVEN_M
 
 
@@ -67,7 +67,7 @@ def run_wiring(binary: Path | None, wiring: str) -> WiringRun:
 
 
 def _wait_for_way(said: Path, seconds: float) -> None:
-    """Until a waypoint has been passed, which a boat at rest never does, or no longer than that."""
+    """Until two waypoints have been passed, which a boat at rest never does, or no longer than that."""
     end = time.monotonic() + seconds
     while PASSED not in said.read_text(encoding="utf-8") and time.monotonic() < end:
         time.sleep(0.5)

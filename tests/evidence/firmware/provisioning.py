@@ -1,8 +1,8 @@
 """Evidence: `provision`, `check` and `run` say and do the same of every wiring, on every autopilot that is at hand.
 
 Real processes in real time. A boat with the factory's parameters is given a wiring, checked, and asked to drive without
-the interlock (`run --start --unchecked`), so that `check` is judged by what the boat then does: whether it has passed two
-waypoints, and left its start by a metre by the simulator's truth.
+the interlock (`run --start --unchecked`), so that `check` is judged by what the boat then does: whether it has passed
+two waypoints, and left its start by a metre by the simulator's truth.
 """
 
 from __future__ import annotations

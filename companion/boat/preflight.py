@@ -42,7 +42,7 @@ from companion.core.messages import (
 )
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
-from companion.core.preflight.link import link_rows, rest_rows
+from companion.core.preflight.link import PRE_ARM, arming_complaints, link_rows, rest_rows
 from companion.core.preflight.observations import Disk, Observations, RoundTrip
 from companion.core.preflight.rows import ParameterSet, Row
 from drivers.link import DeviceLink, LinkTiming
@@ -62,6 +62,8 @@ TAG_S = 20.0
 """A DWM1001 takes 5 to 20 s from opening its port to its first range."""
 PARAMETERS_S = 15.0
 """Longest wait for parameters: some 150 questions at 12 at a time; assumed."""
+ARMING_S, ASK_AGAIN_S = 20.0, 3.0
+"""How long complaints are waited out, and until the checks are asked for again: sensors take 12 to 18 s (observed)."""
 RUN_PREARM_CHECKS = 401
 """MAV_CMD: the autopilot says in STATUSTEXTs why it would refuse to arm."""
 
@@ -121,10 +123,11 @@ class Listener:
             await self._until(lambda: bool(self._cycles()) or not self._uwb.is_open, TAG_S)
             await self._wait(SETTLE_S)
             if Heartbeat in self._latest:
-                self._mavlink.send(self._codec.encoder.command_long(RUN_PREARM_CHECKS))
+                self._ask_arming_checks()
             self._say(f"listening for {listen_s:g} s")
             before, start_ns = (self._counts(), self._cycles()), self._clock.now_ns()
             await self._wait(listen_s)
+            await self._until_it_would_arm()
             observed = self._observations((self._clock.now_ns() - start_ns) * 1e-9, before, disk)
             if observed.heartbeat:
                 self._say("reading the autopilot's parameters")
@@ -137,6 +140,19 @@ class Listener:
             for result in ended:
                 if isinstance(result, Exception):  # a link or its codec must not raise: that is a bug
                     raise result
+
+    def _ask_arming_checks(self) -> None:
+        """Have the autopilot say once more what stands against arming; what it said before is forgotten."""
+        self._kept[StatusText] = [text for text in self._kept[StatusText] if not text.text.startswith(PRE_ARM)]
+        self._mavlink.send(self._codec.encoder.command_long(RUN_PREARM_CHECKS))
+
+    async def _until_it_would_arm(self) -> None:
+        """Ask again while it complains, as a firmware does of its sensors in its first 20 s."""
+        end_ns = self._clock.now_ns() + round(ARMING_S * 1e9)
+        while arming_complaints(self._kept[StatusText]) and self._clock.now_ns() < end_ns:
+            self._say(f"waiting for the autopilot's arming checks: {arming_complaints(self._kept[StatusText])[0]}")
+            self._ask_arming_checks()
+            await self._wait(ASK_AGAIN_S)
 
     async def _read_parameters(self) -> None:
         self._reader.ask(parameter_names(companion_of(self._setup)))
@@ -220,6 +236,7 @@ class Listener:
             listened_s=listened_s, disk=disk, wall_s=time.time(), mavlink=self._links.get("mavlink"),
             uwb=self._links.get("uwb"), heartbeat=latest(Heartbeat), info=latest(AutopilotInfo),
             rates_hz={name: (after[name] - before[name]) / listened_s for name in WANTED_HZ}, wanted_hz=WANTED_HZ,
+            deaf=self._session.is_deaf,
             received=counters.received.total(), lost=counters.lost.total(), round_trips=tuple(self._round_trips),
             battery=latest(Battery), servo=latest(ServoOutput), rc=latest(RcChannels),
             texts=tuple(self._kept[StatusText]),

@@ -26,7 +26,7 @@ from drivers.mavlink.decode import DECODERS, STAMPS, gyro_drift, is_autopilot, m
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
-from drivers.mavlink.signing import Signing
+from drivers.mavlink.signing import Signing, is_signed
 from drivers.mavlink.statustext import ChunkJoiner, Text
 from drivers.mavlink.timesync import ClockOffset
 
@@ -65,6 +65,7 @@ class MavlinkCodec:
     `target_system`: None takes the first autopilot heard. `imu_preference`: see `ImuSelector`.
     `signing`: signs what the encoder makes, and what it does not accept is as if it had never come.
     Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`, `signing`.
+    `signed`: the target signs what it says.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class MavlinkCodec:
         self.clock = clock or ClockOffset()
         self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component, signing)
         self.signing = signing
+        self.signed = False
         self.imu = ImuSelector(imu_preference)
         self.target = None if target_system is None else (target_system, target_component)
         self._own = (system, component)
@@ -101,6 +103,7 @@ class MavlinkCodec:
             if not self._from_target(m):
                 self.counters.ignored[m.get_type()] += 1
                 continue
+            self.signed = self.signed or is_signed(m)
             for message in self._decode(m, t_ns):
                 if _finite(message):
                     out.append(message)

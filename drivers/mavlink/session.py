@@ -1,6 +1,7 @@
 """The companion's side of the MAVLink conversation, as a pure state machine: messages in, bytes to send out.
 
 always            companion HEARTBEAT at 1 Hz; TIMESYNC questions are answered
+signed, no key    said, unless the autopilot answers us all the same, as on USB
 autopilot heard   TIMESYNC questions at 4 Hz; AUTOPILOT_VERSION asked for until it comes;
                   wanted message intervals requested and kept (see `streams`)
 rebooted (its clock went back) or back after silence: everything is asked for again
@@ -12,6 +13,7 @@ from collections.abc import Iterable, Mapping
 
 from companion.core.messages import Alert, AutopilotInfo, Heartbeat, Message, TimeSync
 from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.signing import NO_KEY
 from drivers.mavlink.streams import WANTED_HZ, Streams
 
 HEARTBEAT_NS = 1_000_000_000
@@ -19,6 +21,8 @@ TIMESYNC_NS = 250_000_000
 """How soon a link that is late is seen to be (`companion.core.pilot.monitors.link_latency`); 28 bytes each way."""
 SILENCE_NS = 5_000_000_000
 """Heartbeats come at 1 Hz; after this long without one the autopilot may have been another (assumed)."""
+DEAF_NS, DEAF_AGAIN_NS = 2_000_000_000, 30_000_000_000
+"""How long eight TIMESYNC questions may stay without an answer, and until it is said again; assumed."""
 VERSION_RETRY_NS = 2_000_000_000
 VERSION_RETRY_MAX_NS = 32_000_000_000
 
@@ -37,6 +41,7 @@ class MavlinkSession:
         self._alerts: list[Alert] = []
         self._heard_ns: int | None = None
         self._reboots = codec.clock.reboots
+        self._answered, self._asked_ns = False, 0
         self._heartbeat_due_ns: int | None = None
         self._timesync_due_ns = 0
         self._version_due_ns = 0
@@ -52,18 +57,27 @@ class MavlinkSession:
                 self._hear(t_ns)
             elif isinstance(message, AutopilotInfo):
                 self.autopilot = message
-            elif isinstance(message, TimeSync) and message.tc1_ns == 0:
-                out.append(self._codec.timesync_answer(message, t_ns))
+            elif isinstance(message, TimeSync):
+                self._answered = self._answered or message.tc1_ns != 0
+                out += [] if message.tc1_ns else [self._codec.timesync_answer(message, t_ns)]
         if self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots
             self._alert(t_ns, "the autopilot has rebooted: its settings for this link are asked for again")
             self._begin(t_ns)
+        if self.is_deaf and t_ns - self._asked_ns > DEAF_NS:
+            self._asked_ns = t_ns + DEAF_AGAIN_NS
+            self._alerts.append(Alert(t_ns=t_ns, level="error", text=NO_KEY))
         if self._heartbeat_due_ns is None or t_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = t_ns + HEARTBEAT_NS
             out.append(self._codec.encoder.heartbeat())
         if self._heard_ns is not None and t_ns - self._heard_ns <= SILENCE_NS:
             out += self._converse(t_ns)
         return out
+
+    @property
+    def is_deaf(self) -> bool:
+        """Whether the autopilot signs what it says, we have no key, and it has answered none of our TIMESYNC."""
+        return self._codec.signed and self._codec.signing is None and not self._answered and self.begins > 0
 
     def take_alerts(self) -> list[Alert]:
         """Alerts since the last call."""
@@ -79,7 +93,8 @@ class MavlinkSession:
         self.autopilot = None
         self.begins += 1
         self._streams.restart()
-        self._timesync_due_ns = self._version_due_ns = t_ns
+        self._timesync_due_ns = self._version_due_ns = self._asked_ns = t_ns
+        self._answered = False
         self._version_retry_ns = VERSION_RETRY_NS
 
     def _converse(self, t_ns: int) -> list[bytes]:

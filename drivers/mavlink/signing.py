@@ -37,9 +37,20 @@ TELL_AGAIN_NS = 30_000_000_000
 GREETING_NS = 5_000_000_000
 """An autopilot without a clock goes on from the time stamp that it stored, and is behind us until it has heard us:
 what is old is not told before (assumed; it takes one heartbeat of ours, sent at 1 Hz)."""
+NO_KEY = (
+    "the autopilot signs what it sends and takes nothing unsigned on this port, and we have no key: name it in the run "
+    "file (mavlink.signing_key), or use the autopilot's USB port"
+)
+"""What a person is told where the autopilot signs, does not answer, and there is no `Signing`."""
 _SIGNATURE_LEN = 6
 
 Verdict = Literal["believed", "welcome", "unsigned", "wrong", "old"]
+
+
+def is_signed(message: Any) -> bool:
+    """Whether a decoded pymavlink message carries a signature, of whatever key."""
+    frame = message.get_msgbuf()
+    return frame[0] == dialect.PROTOCOL_MARKER_V2 and bool(frame[2] & dialect.MAVLINK_IFLAG_SIGNED)
 
 
 class SigningKey:
@@ -127,7 +138,7 @@ class Signing:
 
     def _judge(self, message: Any) -> Verdict:
         frame = message.get_msgbuf()
-        if frame[0] != dialect.PROTOCOL_MARKER_V2 or not frame[2] & dialect.MAVLINK_IFLAG_SIGNED:
+        if not is_signed(message):
             return "welcome" if message.get_msgId() in UNSIGNED_WELCOME else "unsigned"
         if not self._key.fits(frame):
             return "wrong"

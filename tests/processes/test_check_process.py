@@ -9,7 +9,11 @@ import time
 
 import pytest
 
+from companion.core.preflight.parameter_diff import changes
 from companion.python_child import aritra
+from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
+from sim.world.autopilot.parameters import ParameterStore
+from tests.sim.world.wirings.wiring_fixture import load
 
 pytestmark = pytest.mark.alone
 
@@ -88,7 +92,10 @@ def test_plain_pass_through_is_refused_provisioned_and_then_accepted(tmp_path):
 
         done = boat.provision("--wiring", "gate", "--yes", "--reboot")
         assert done.returncode == 0, done.stdout + done.stderr
-        assert "wrote and read back 12 of 12 parameters" in done.stdout and "gate.lua is in /APM/scripts" in done.stdout
+        before = ParameterStore({**BOARD_PARAMETERS, **load("unsafe_plain")}).saved()
+        n = len(changes(before, load("gate")))
+        assert n > 10 and f"wrote and read back {n} of {n} parameters" in done.stdout
+        assert "gate.lua is in /APM/scripts" in done.stdout
         time.sleep(4.5)  # it restarts
 
         accepted = boat.check("--json")

@@ -16,7 +16,7 @@ def add_parser(commands) -> None:
         "provision",
         help="set up the autopilot for a wiring, or download its logs",
         description="Shows what would change, asks, writes, reads back. Refuses while armed. "
-        "Exit code 0: done, or nothing to do; 1: not done, or only in part; 2: bad input.",
+        "Exit code 0: done, or nothing to do; 1: not done, or only in part, and then not restarted; 2: bad input.",
     )
     what = p.add_mutually_exclusive_group(required=True)
     what.add_argument("--wiring", choices=WIRINGS, help="parameter file of deploy/ardupilot (recommended: gate)")
@@ -26,7 +26,11 @@ def add_parser(commands) -> None:
     p.add_argument("--unsigned", action="store_true", help="do not sign, though the run file names a key (USB port)")
     p.add_argument("--dry-run", action="store_true", help="show the difference, change nothing")
     p.add_argument("--yes", action="store_true", help="do not ask")
-    p.add_argument("--reboot", action="store_true", help="restart the autopilot afterwards, which the gate needs")
+    p.add_argument(
+        "--reboot",
+        action="store_true",
+        help="restart the autopilot afterwards, which the gate needs; not after a step that failed",
+    )
     p.set_defaults(function=provision)
 
 

@@ -14,13 +14,13 @@ from rich.text import Text
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.boat.signing_key import STAMP_FILE
 from companion.cli.analysis import progress_of
-from companion.cli.boat.wires import signing_of
-from companion.core.configuration.tables import ConfigError
+from companion.cli.boat.wires import port_of, signing_of
 from companion.core.preflight.parameter_diff import Change, changes, same, unknown
 from companion.core.preflight.parameter_file import parse_parameters
 from companion.core.preflight.rows import number
-from drivers.mavlink.provisioning import Provisioner, ProvisioningError, StoredLog, mavsdk_url
+from drivers.mavlink.provision.provisioner import Provisioner, ProvisioningError, StoredLog
 from drivers.mavlink.signing import Signing
+from drivers.ports.port import Port
 
 DONE, FAILED = 0, 1
 FOLDER = EXAMPLES / "ardupilot"
@@ -32,16 +32,12 @@ SCRIPTS = "/APM/scripts"
 def provision(args: argparse.Namespace, console: Console | None = None) -> int:
     """Connect and do it; the exit code."""
     setup = load_setup(args.config)
-    url = args.mavlink or setup.run.mavlink.url
+    port = port_of(args, "mavlink", setup.run.mavlink.url)
     logs = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
     signing = None if args.unsigned else signing_of(args, setup, logs / STAMP_FILE)
     console = console or Console()
     try:
-        mavsdk_url(url)
-    except ProvisioningError as error:
-        raise ConfigError(f"{'--mavlink' if args.mavlink else f'{args.config}: mavlink.url'}: {error}") from None
-    try:
-        return asyncio.run(_work(args, url, signing, console))
+        return asyncio.run(_work(args, port, signing, console))
     except ProvisioningError as error:
         print(f"aritra provision: {error}", file=sys.stderr)
         return FAILED
@@ -50,9 +46,9 @@ def provision(args: argparse.Namespace, console: Console | None = None) -> int:
         return FAILED
 
 
-async def _work(args: argparse.Namespace, url: str, signing: Signing | None, console: Console) -> int:
-    console.print(f"waiting for the autopilot on {url}{', signed' if signing else ''}", highlight=False)
-    async with Provisioner.connect(url, signing=signing) as autopilot:
+async def _work(args: argparse.Namespace, port: Port, signing: Signing | None, console: Console) -> int:
+    console.print(f"waiting for the autopilot on {port.name}{', signed' if signing else ''}", highlight=False)
+    async with Provisioner.connect(port, signing=signing) as autopilot:
         if args.logs:
             return await _fetch_logs(args, autopilot, console)
         return await _wire(args, autopilot, console)
@@ -82,9 +78,10 @@ async def _wire(args: argparse.Namespace, autopilot: Provisioner, console: Conso
     if failed := await _write(autopilot, differences, console):
         console.print(Text(f"NOT DONE: {', '.join(failed)}; run it again", style="bold red"))
         return FAILED
-    sent = await _upload(autopilot, console) if script else True
+    if script and not await _upload(autopilot, console):
+        return FAILED
     await _end(autopilot, differences, script, args.reboot, console)
-    return DONE if sent else FAILED
+    return DONE
 
 
 async def _refuse_armed(autopilot: Provisioner) -> None:
@@ -118,19 +115,21 @@ def _agreed(console: Console, differences: list[Change], script: bool) -> bool:
 
 async def _write(autopilot: Provisioner, differences: list[Change], console: Console) -> list[str]:
     """Write and read back; names of those that do not read back as wanted."""
-    failed = []
+    failed, written = [], 0
     for c in differences:
         try:
             now = await autopilot.write(c.name, c.wanted)
         except ProvisioningError as error:
             console.print(Text(f"{error}", style="red"))
             failed.append(c.name)
-            continue
+            break  # it has fallen silent
         if not same(now, c.wanted):
             console.print(Text(f"{c.name}: is {number(now)} after writing {number(c.wanted)}", style="red"))
             failed.append(c.name)
+            continue
+        written += 1
     if differences:
-        console.print(f"wrote and read back {len(differences) - len(failed)} of {len(differences)} parameters")
+        console.print(f"wrote and read back {written} of {len(differences)} parameters")
     return failed
 
 
@@ -142,6 +141,9 @@ async def _upload(autopilot: Provisioner, console: Console) -> bool:
         console.print(
             Text(f"by hand: copy {SCRIPT} to {SCRIPTS[1:]}/ on the autopilot's SD card. Without it nothing moves."),
             soft_wrap=True,
+        )
+        console.print(
+            Text("NOT DONE, and not restarted: REBOOT the autopilot once the script is there", style="bold red")
         )
         return False
     console.print(f"gate.lua is in {SCRIPTS} and reads back the same")

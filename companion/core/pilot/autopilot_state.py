@@ -79,6 +79,12 @@ def is_alive(heartbeat_ns: int | None, t_ns: int) -> bool:
     return heartbeat_ns is not None and t_ns - heartbeat_ns <= HEARTBEAT_LOST_NS
 
 
+def is_asked_to_arm(state: AutopilotState) -> bool:
+    """Whether arming is what `prepare` asks for: in MANUAL it is, and not armed."""
+    heartbeat = state.heartbeat
+    return heartbeat is not None and heartbeat.custom_mode == MANUAL and not heartbeat.armed
+
+
 def prepare(state: AutopilotState, t_ns: int) -> tuple[AutopilotState, list[VehicleRequest], str]:
     """One tick before driving: requests to send now, and what is waited for (empty: ready)."""
     heartbeat = state.heartbeat

@@ -19,6 +19,7 @@ from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.inputs import Handler, InputHandler
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.arming_refusals import ArmingRefusals, explain
 from companion.core.pilot.monitors.monitor import TickView
 from companion.core.pilot.monitors.table import monitors_of
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
@@ -107,6 +108,10 @@ class Pilot:
         state = state.with_monitors(autopilot)
         if not missing and state.helm.mode == "locked":
             missing = self._stick_rejection(state, t_ns) or ""
+        if missing and autopilot_state.is_asked_to_arm(autopilot):
+            refusals, reason, alerts = explain(state.monitor(ArmingRefusals), t_ns)
+            missing += f", which it refuses: {reason}" if reason else ""
+            return transitions.waiting(state.with_monitors(refusals), missing), [*requests, *alerts]
         if missing:
             return transitions.waiting(state, missing), list(requests)
         state, more = transitions.event(state, "ready", "all is ready", t_ns)

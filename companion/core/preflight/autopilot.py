@@ -11,7 +11,7 @@ reference says "(reference)".
 from __future__ import annotations
 
 from companion.core.preflight.rows import RENAMED, ParameterSet, Row
-from companion.core.preflight.rules import channels, failsafes, outputs, readiness
+from companion.core.preflight.rules import arming, channels, failsafes, outputs, readiness
 from companion.core.preflight.rules.making import Rule, row
 from companion.core.preflight.rules.readiness import VISION
 from companion.core.preflight.wiring import MORE_OUTPUTS, OUTPUTS, Companion, wiring
@@ -22,6 +22,7 @@ RULES: tuple[Rule, ...] = (
     outputs.scaled_outputs,
     outputs.script_outputs,
     outputs.omni_mixer,
+    arming.arming_outputs,
     failsafes.failsafes,
     failsafes.overrides,
     channels.channels,
@@ -33,7 +34,9 @@ RULES: tuple[Rule, ...] = (
 _SINGLE = (
     "SYSID_MYGCS", "RC_OVERRIDE_TIME", "RC_OPTIONS", "FS_THR_ENABLE", "FS_THR_VALUE", "FS_ACTION", "FS_TIMEOUT",
     "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "SERVO_RC_FS_MSK", "SCR_ENABLE", "ARMING_RUDDER", "ARMING_REQUIRE",
-    "ARMING_CHECK", "BRD_SAFETY_DEFLT", "MODE_CH", "RCMAP_ROLL", "RCMAP_PITCH", "RCMAP_THROTTLE", "RCMAP_YAW",
+    "ARMING_CHECK", "ARMING_SKIPCHK",
+    "BRD_SAFETY_DEFLT", "MODE_CH", "RCMAP_ROLL", "RCMAP_PITCH", "RCMAP_THROTTLE",
+    "RCMAP_YAW",
     "FRAME_CLASS", "FRAME_TYPE", "MOT_SLEWRATE", "SCHED_LOOP_RATE", "SERVO_32_ENABLE", "SERVO_AUTO_TRIM",
     "MAV_OPTIONS", "SYSID_ENFORCE",
 )  # fmt: skip

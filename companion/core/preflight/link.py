@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import re
 import statistics
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from companion.core.constants import NEUTRAL_US
+from companion.core.messages import StatusText
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, ParameterSet, Row, numbers
 from companion.core.preflight.wiring import BAND_US, Companion, Output, wiring
@@ -26,6 +27,9 @@ JITTER_S, ROUND_TRIP_S = 0.005, 0.05
 LATE_NS = 500_000_000
 """A median round trip above is late: the override monitor looks back half a second, and cannot tell later pulses
 from older ones. Assumed."""
+PRE_ARM = "PreArm: "
+WITHOUT_OVERRIDES = frozenset({"PreArm: Radio failsafe on"})
+"""Complaints that end with the first override of a run (observed, without a receiver)."""
 OLD_WALL_S = 1_735_689_600.0
 """2025-01-01: a date before it is a clock that was never set."""
 _GATE = re.compile(r"gate: thrusters on channels ([\d ]+)")
@@ -49,6 +53,12 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
         needed="a boat (type 11)", why="the autopilot's own idea of what it steers",
         fix="" if boat else "set FRAME_CLASS to 2",
     )  # fmt: skip
+    if observed.deaf:
+        yield Row(
+            area="link", name="signing", level="refuse", found="the autopilot signs, and we have no key",
+            needed="its key", why="it takes nothing unsigned on this port: no command, no override, no question",
+            fix="name the key in the run file (mavlink.signing_key), or use the autopilot's USB port",
+        )  # fmt: skip
     yield _firmware(observed)
     share = observed.lost / max(1, observed.received + observed.lost)
     level: Level = "ok" if share <= LOST_SHARE else "warning"
@@ -119,6 +129,12 @@ def _clocks(observed: Observations) -> Iterator[Row]:
     )  # fmt: skip
 
 
+def arming_complaints(texts: Iterable[StatusText]) -> list[str]:
+    """What the autopilot says against arming, each once, but for what ends with a run's first override."""
+    told = dict.fromkeys(text.text for text in texts if text.text.startswith(PRE_ARM))
+    return [text for text in told if text not in WITHOUT_OVERRIDES]
+
+
 # --- at rest ---------------------------------------------------------------------------------------
 
 
@@ -137,11 +153,13 @@ def rest_rows(observed: Observations, p: ParameterSet, companion: Companion) -> 
         area="state", name="mode", level="ok" if calm else "warning", found=mode, needed="MANUAL or HOLD",
         why="`aritra run` asks for MANUAL when it starts", fix="" if calm else "wait, or set HOLD",
     )  # fmt: skip
-    complaints = [text.text for text in observed.texts if text.text.startswith("PreArm: ")]
+    complaints = arming_complaints(observed.texts)
     yield Row(
-        area="state", name="arming checks", level="warning" if complaints else "ok",
-        found="; ".join(dict.fromkeys(complaints)) or "no complaint", needed="no complaint",
-        why="the autopilot refuses to arm while it complains", fix="mend what it says" if complaints else "",
+        area="state", name="arming checks", level="refuse" if complaints else "ok",
+        found="; ".join(complaints) or "no complaint", needed="no complaint",
+        why="the autopilot refuses to arm while it complains",
+        fix="mend what it says; sensors may need a minute after it was switched on: check again"
+        if complaints else "",
     )  # fmt: skip
     yield from _gate_texts(observed, companion)
     if observed.servo and not beat.armed:

@@ -47,7 +47,8 @@ class Observations:
     """Everything. `rates_hz`, `wanted_hz`: by MAVLink message type; `lost`: frames missing of `received`.
 
     `estimate`, `innovations`: what the boat's own filter made of it; `notes`: warnings of the configuration;
-    `uwb_hz`: cycles of the tag; `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link.
+    `deaf`: the autopilot signs what it says and answers nothing of ours, who have no key; `uwb_hz`: cycles of the tag;
+    `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link.
     """
 
     listened_s: float
@@ -59,6 +60,7 @@ class Observations:
     info: AutopilotInfo | None = None
     rates_hz: Mapping[str, float] = field(default_factory=dict)
     wanted_hz: Mapping[str, float] = field(default_factory=dict)
+    deaf: bool = False
     received: int = 0
     lost: int = 0
     round_trips: tuple[RoundTrip, ...] = ()

@@ -19,6 +19,7 @@ Level = Literal["ok", "warning", "refuse"]
 
 RENAMED: Mapping[str, str] = {"SYSID_MYGCS": "MAV_GCS_SYSID", "SYSID_THISMAV": "MAV_SYSID"}
 """Parameters of ArduPilot 4.6 that have another name from 4.7 (observed)."""
+OLD_NAME: Mapping[str, str] = {new: old for old, new in RENAMED.items()}
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):

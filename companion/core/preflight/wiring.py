@@ -2,7 +2,8 @@
 
     plain    1, 51 to 66    the channel's last pulse, for ever
     scaled   140 to 155     through RCn_* and SERVOn_*; SERVOn_TRIM in a radio fail-safe where SERVO_RC_FS_MSK says so
-    script   94 to 109      Script1-16: the Lua gate, one output a thruster in the vessel file's order
+    script   94 to 109      Script1-16: the Lua gate, one output a thruster in the vessel file's order; nothing without
+                            SCR_ENABLE where another output passes that thruster's channel
     motor    33 to 36       the Omni-X mixer
 
 Behaviour: observed on ArduPilot Rover 4.6 and 4.7 (docs/autopilot.md), but function 1 (RCPassThru): read in its
@@ -12,7 +13,7 @@ parameter reference.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from companion.core.preflight.rows import ParameterSet
@@ -23,8 +24,6 @@ OUTPUTS, MORE_OUTPUTS = 16, 32
 BAND_US = 25
 """A speed controller stands still within 1475 to 1525 us (Blue Robotics Basic ESC)."""
 MOTORS = range(33, 37)
-DRIVING = frozenset({70, 73, 74, *range(33, 41), *range(94, 110)})
-"""SERVOn_FUNCTION that count as a motor or scripting output when arming; pass-through does not (observed)."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +83,11 @@ class Wiring:
 def wiring(p: ParameterSet, companion: Companion) -> Wiring:
     """Read the outputs of a set of parameters."""
     outputs = tuple(_outputs(p, companion))
+    if not p.whole("SCR_ENABLE"):
+        passed = {o.thruster for o in outputs if o.kind in ("plain", "scaled")}
+        outputs = tuple(
+            replace(o, thruster=None) if o.kind == "script" and o.thruster in passed else o for o in outputs
+        )
     carried = {o.thruster for o in outputs}
     missing = tuple(t for i, t in enumerate(companion.thrusters) if i not in carried)
     return Wiring(outputs, missing)

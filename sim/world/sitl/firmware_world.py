@@ -31,7 +31,7 @@ TCP_PORT, RC_PORT = 5760, 5501
 START_S, ANSWER_S, LOOK_S = 20.0, 20.0, 0.2
 """How long [s, this machine's clock] a firmware may take to listen, and to answer a state; after how long a silence its
 serial port is looked at, where one that has started again waits until somebody connects. Assumed."""
-INSTANCES = range(20, 400)
+INSTANCES = range(20, 256)
 """ArduPilot's -I, tried in order until its ports are free; each moves them by 10."""
 HERE = {
     "SIM_RC_FAIL": 1,

@@ -202,6 +202,39 @@ def test_silence_stops_the_questions_and_its_end_begins_again():
     assert talk.codec.counters.received["ATTITUDE"] > 10 * 50 + 3 * 50
 
 
+def signed_heartbeat(t_ns):
+    mav = dialect.MAVLink(None, 1, 1)
+    mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = bytes(range(32)), True, t_ns // 10_000
+    return bytes(mav.heartbeat_encode(11, 3, 81, 0, 3).pack(mav))
+
+
+def deaf_alerts(frames, *, answers):
+    """What is said in 12 s of heartbeats; the questions' answers come unsigned, as all of a USB port's may."""
+    codec, said = MavlinkCodec(), []
+    session, sender = MavlinkSession(codec, {}), Sender()
+    for k in range(120):
+        t_ns, data = k * 100 * MS, b""
+        if k % 10 == 0:
+            data = frames(t_ns)
+        out = session.step(codec.feed(data, t_ns), t_ns)
+        for question in (read_one(frame) for frame in out if answers):
+            if question.get_type() == "TIMESYNC":
+                session.step(codec.feed(sender.timesync(t_ns + 1, question.ts1), t_ns), t_ns)
+        said += [(t_ns / S, a.level, a.text) for a in session.take_alerts()]
+    return said
+
+
+def test_an_autopilot_that_signs_and_does_not_answer_is_named_within_seconds():
+    said = deaf_alerts(signed_heartbeat, answers=False)
+    assert [level for _, level, _ in said] == ["error"], "once in these seconds"
+    assert said[0][0] < 3.0 and "signs" in said[0][2] and "mavlink.signing_key" in said[0][2]
+
+
+def test_one_that_signs_and_answers_as_on_usb_is_no_trouble_and_neither_is_one_that_does_not_sign():
+    assert deaf_alerts(signed_heartbeat, answers=True) == []
+    assert deaf_alerts(lambda t_ns: Sender().heartbeat(11, 3, 81, 0, 3), answers=False) == []
+
+
 def test_timesync_questions_are_answered():
     talk = Talk(Autopilot(), start_ns=100 * S).run(2)
     incoming = talk.codec.feed(talk.autopilot.sender.timesync(0, 4242), talk.t_ns)

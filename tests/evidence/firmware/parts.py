@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from sim.world.environment import Weather
 from sim.world.world import World, WorldSetup
+from tests.evidence.firmware.provisioning import provisioning
 from tests.evidence.firmware.questions import questions
 from tests.evidence.firmware.stops import stops
 from tests.evidence.line import Line, at_most, between, exactly
@@ -104,4 +105,4 @@ def _missions(rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterato
                 yield between(f"{name}: simulated / real, {key}", ratio, 0.9, 1.1, note="means of 5")
 
 
-PARTS = (missions, waves, stops, questions)
+PARTS = (missions, waves, stops, provisioning, questions)

@@ -5,9 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 
-def rc_hint(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int) -> str:
-    """Text for RC channels that show other pulses than ours. `wrong`: their numbers; `ours`: how many are ours."""
+def rc_hint(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int, *, earlier: bool) -> str:
+    """Text for RC channels that show other pulses than ours. `wrong`: their numbers; `ours`: how many are ours;
+    `earlier`: the pulses of all of ours are those of a lease further back.
+    """
     shows = ", ".join(f"{c} shows {pulses[c - 1]} us" for c in wrong[:4] if c <= len(pulses))
+    if earlier:
+        return (
+            f"RC channel {shows}, as was sent earlier: what we send to the autopilot comes late or not at all. Look at "
+            "the wire from us to it (TX, baud rate, radio), and whether the autopilot, or its simulation, is too slow"
+        )
     if len(wrong) < ours:
         return (
             f"RC channel {shows}, which was not sent: somebody else overrides it too, or the receiver has it back; "
@@ -16,7 +23,7 @@ def rc_hint(wrong: list[int], ours: int, pulses: Sequence[int], system_id: int) 
     return (
         f"the autopilot does not take our overrides (RC channel {shows}): look at SYSID_MYGCS (4.7: MAV_GCS_SYSID), "
         f"which must be {system_id}, RC_OVERRIDE_TIME, which must not be 0, RC_OPTIONS, which must not have bit 1 "
-        "(ignore overrides), and at a switch with RCn_OPTION 46"
+        "(ignore overrides), at a switch with RCn_OPTION 46, and at MAVLink signing: without its key nothing is taken"
     )
 
 

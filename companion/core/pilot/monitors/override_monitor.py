@@ -48,13 +48,15 @@ class OverrideState(SentPulses):
     """`base_us`: channels as the transmitter had them.
 
     `rc_ns`, `servo_ns`: latest echoes; `rc_bad_ns`, `servo_bad_ns`: since when they disagree; `episodes`: begins of
-    recent disagreements of RC_CHANNELS; `rc_why`, `servo_fault`, `silent`: what the latest alerts are about.
+    recent disagreements of RC_CHANNELS; `agreed_us`: our channels when they last agreed; `rc_why`, `servo_fault`,
+    `silent`: what the latest alerts are about.
     """
 
     base_us: tuple[int, ...] = ()
     rc_ns: int | None = None
     servo_ns: int | None = None
     rc_bad_ns: int | None = None
+    agreed_us: tuple[int, ...] = ()
     rc_why: str = ""
     episodes: tuple[int, ...] = ()
     rc_ignored: bool = False
@@ -109,16 +111,18 @@ def at_rc(
     state, events = _hands(replace(state, rc_ns=t_ns), message, channels)
     shown = expected_pulses(state, t_ns)
     wrong = _wrong(message.pwm_us, [c - 1 for c in channels], shown)
+    ours = tuple(message.pwm_us[c - 1] for c in channels if c <= len(message.pwm_us))
     if not shown:
         return state, events
     begun = () if not wrong or state.rc_bad_ns is not None else (t_ns,)
     state = replace(state, episodes=(*(e for e in state.episodes if t_ns - e < EPISODES_NS), *begun))
     in_turns = len(state.episodes) >= EPISODES
     if not wrong:
-        return replace(state, rc_bad_ns=None, rc_ignored=in_turns), events
+        return replace(state, rc_bad_ns=None, rc_ignored=in_turns, agreed_us=ours), events
+    earlier = ours == state.agreed_us or any(ours == pwm_us for _, _, pwm_us in state.sent)
     since_ns = t_ns if state.rc_bad_ns is None else state.rc_bad_ns
     ignored = in_turns or t_ns - since_ns >= PERSISTS_NS
-    why = rc_hint([channels[i] for i in wrong], len(channels), message.pwm_us, system_id)
+    why = rc_hint([channels[i] for i in wrong], len(channels), message.pwm_us, system_id, earlier=earlier)
     return replace(state, rc_bad_ns=since_ns, rc_ignored=ignored, rc_why=why), events
 
 
@@ -160,7 +164,7 @@ def _silent_echoes(state: OverrideState, t_ns: int) -> tuple[OverrideState, tupl
             t_ns=t_ns,
             level="warning",
             text=f"no {name} for {SILENT_NS * 1e-9:g} s: whether the autopilot does what it is told cannot be seen; "
-            "look at SRn_RC_CHAN and SCHED_LOOP_RATE, and at the rate of the link",
+            "look at SRn_RC_CHAN (4.7: MAVn_RC_CHAN) and SCHED_LOOP_RATE, and at the rate of the link",
         )
         for name in sorted(silent - state.silent)
     )

@@ -6,7 +6,8 @@ battery_low, battery_critical   `battery`                            solver_fail
 override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
 outputs_cut, outputs_still      `output_monitor`
 sticks                          `manual_control.StickMonitor`
-readings that repeat themselves are left out by `stuck_sensor`, those that had queued up by `stall`: no conditions
+what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
+`stuck_sensor`, those that had queued up by `stall`: no conditions
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from companion.core.pilot.annunciator import Annunciator
 from companion.core.pilot.autopilot_state import AutopilotMonitor
 from companion.core.pilot.manual_control import StickMonitor
 from companion.core.pilot.modes import Event
+from companion.core.pilot.monitors.arming_refusals import ArmingMonitor
 from companion.core.pilot.monitors.battery import BatteryMonitor
 from companion.core.pilot.monitors.fence_distance import FenceMonitor
 from companion.core.pilot.monitors.link_latency import LinkLatencyMonitor
@@ -45,6 +47,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             StallMonitor(),
             StuckSensorMonitor(),
             AutopilotMonitor(),
+            ArmingMonitor(),
             Annunciator(anchors, control.blind_s),
             FenceMonitor(settings.fence),
             BatteryMonitor(vessel.propulsion.nominal_voltage_V, settings.battery),

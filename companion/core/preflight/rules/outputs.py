@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.rows import Level, ParameterSet, Row, number, numbers
 from companion.core.preflight.rules.making import PROVISION, expected, function_row, row, row_of_several
-from companion.core.preflight.wiring import BAND_US, DRIVING, Companion, Wiring, output_names, scaled_us
+from companion.core.preflight.wiring import BAND_US, Companion, Wiring, scaled_us
 
 
 def thruster_outputs(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
@@ -30,16 +30,11 @@ def thruster_outputs(p: ParameterSet, w: Wiring, companion: Companion) -> Iterat
     if w.omni:
         why = "the autopilot's own mixer: everything cuts it, but Aritra commands thrusters one by one and DOES NOT "
         why += "DRIVE THIS WIRING; it is for driving by hand"
-        yield row("SERVOn_FUNCTION", "warning", "33 to 36 (Omni-X mixer)", "94 to 97 (script)", why, PROVISION)
+        yield row("SERVOn_FUNCTION", "refuse", "33 to 36 (Omni-X mixer)", "94 to 97 (script)", why, PROVISION)
     elif w.missing:
         names = ", ".join(f"{name} (channel {channel})" for name, channel in w.missing)
         why = "no output of the autopilot carries it: the thruster would not follow its commands"
         yield row("SERVOn_FUNCTION", "refuse", f"nothing for {names}", "an output for each thruster", why, PROVISION)
-    functions = {p.whole(f"SERVO{n}_FUNCTION") for n in output_names(p)}
-    if not functions & DRIVING and p.get("ARMING_CHECK") != 0:
-        why = "the autopilot refuses to arm while no output has a motor's or script's function"
-        yield row("SERVOn_FUNCTION", "refuse", "only pass-through", "94 to 109 on some output", why,
-                   "set SERVO8_FUNCTION to 109 (an unused pin as Script16)")  # fmt: skip
 
 
 def trims(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:

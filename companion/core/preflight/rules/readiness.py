@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from companion.core.preflight.rows import ParameterSet, Row, number
+from companion.core.preflight.rules.arming import arming_is_checked
 from companion.core.preflight.rules.making import expected, row
 from companion.core.preflight.wiring import Companion, Wiring
 
@@ -12,8 +13,9 @@ SCRIPT_S, LATENCY_SLACK_S = 0.022, 0.015
 """What a script adds to the latency (measured at 50 Hz), and how far off the run file's latency may be (assumed)."""
 GOOD_LOOP_HZ = 63
 """80 % of it is 50 Hz, the rate of the streams."""
-VISION = {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 0, "GPS1_TYPE": 0}
-"""With these the autopilot follows VISION_POSITION_ESTIMATE (observed)."""
+VISION = {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 0, "EK3_SRC1_VELZ": 0, "GPS1_TYPE": 0}
+"""With these the autopilot follows VISION_POSITION_ESTIMATE; without the 0 of VELZ it refuses to arm in modes that need
+a position, "EK3 sources require GPS" (observed)."""
 
 
 def arming_and_rates(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
@@ -25,9 +27,10 @@ def arming_and_rates(p: ParameterSet, w: Wiring, companion: Companion) -> Iterat
     if p.get("ARMING_REQUIRE") == 0:
         why = "always armed: disarming cannot stop the boat (reference)"
         yield row("ARMING_REQUIRE", "warning", "0", "1", why, "set it to 1")
-    if p.get("ARMING_CHECK") == 0:
+    if not arming_is_checked(p):
+        name, needed = ("ARMING_CHECK", "1") if p.get("ARMING_CHECK") == 0 else ("ARMING_SKIPCHK", "0")
         why = "the autopilot arms without checking anything"
-        yield row("ARMING_CHECK", "warning", "0", "1", why, "set it to 1")
+        yield row(name, "warning", number(p.get(name)), needed, why, f"set it to {needed}")
     if p.whole("SERVO_AUTO_TRIM"):
         why = "the autopilot moves SERVOn_TRIM, the pulse that the thrusters fall to (reference)"
         yield row("SERVO_AUTO_TRIM", "warning", number(p.get("SERVO_AUTO_TRIM")), "0", why, "set it to 0")

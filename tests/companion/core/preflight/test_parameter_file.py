@@ -25,6 +25,11 @@ def test_what_is_written_is_read(values, between):
         ("A,nan", "f: line 1: A: 'nan' is not a finite number"),
         ("A,inf", "f: line 1: A: 'inf' is not a finite number"),
         ("A,1\n\nA,1", "f: line 3: A is there twice"),
+        (
+            "SYSID_MYGCS,1\nMAV_GCS_SYSID,2",
+            "f: line 2: MAV_GCS_SYSID is another name of SYSID_MYGCS, which has another",
+        ),
+        ("MAV_GCS_SYSID,1\nMAV_GCS_SYSID,1", "f: line 2: MAV_GCS_SYSID is there twice"),
         ("# nothing\n", "f: no parameters in it"),
     ],
 )
@@ -40,3 +45,7 @@ def test_any_text_is_read_or_refused(text):
         parse_parameters(text, name="f")
     except ConfigError as error:
         assert str(error).startswith("f: ")
+
+
+def test_both_names_of_one_parameter_are_one():
+    assert parse_parameters("MAV_GCS_SYSID,1\nA,2\nSYSID_MYGCS,1", name="f") == {"SYSID_MYGCS": 1.0, "A": 2.0}

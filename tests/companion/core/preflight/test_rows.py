@@ -80,7 +80,11 @@ def test_the_recommended_wiring_is_all_in_order():
         ("ARMING_REQUIRE", 0.0, "ARMING_REQUIRE", "warning"),
         ("ARMING_CHECK", 0.0, "ARMING_CHECK", "warning"),
         ("SERVO_AUTO_TRIM", 1.0, "SERVO_AUTO_TRIM", "warning"),
+        ("ARMING_SKIPCHK", -1.0, "ARMING_SKIPCHK", "warning"),
         ("FRAME_CLASS", 1.0, "FRAME_CLASS", "warning"),
+        ("FRAME_TYPE", 2.0, "FRAME_TYPE", "refuse"),
+        ("SERVO9_FUNCTION", 26.0, "SERVOn_FUNCTION", "refuse"),
+        ("SERVO9_FUNCTION", 73.0, "SERVOn_FUNCTION", "refuse"),
     ],
 )
 def test_one_wrong_parameter_is_the_row_that_says_so(name, value, row, level):
@@ -101,6 +105,8 @@ def test_a_rudder_on_a_thruster_s_channel_is_refused():
         ({"RC9_DZ": 20.0}, "RC9_*, SERVO1_*", "warning"),
         ({"SERVO1_REVERSED": 1.0}, "RC9_*, SERVO1_*", "warning"),
         ({"SERVO8_FUNCTION": 0.0}, "SERVOn_FUNCTION", "refuse"),
+        ({"SERVO8_FUNCTION": 109.0}, "SERVOn_FUNCTION", "refuse"),
+        ({"SERVO8_FUNCTION": 33.0}, "SERVOn_FUNCTION", "refuse"),
         ({"FS_ACTION": 2.0}, "FS_ACTION", "warning"),
     ],
 )
@@ -108,6 +114,25 @@ def test_scaled_needs_more_and_warns_that_disarming_does_not_stop_it(changed, ro
     always = {"SERVO1-4_FUNCTION": "warning", "control.latency_s": "warning"}
     assert levels(told("scaled")) == always
     assert levels(told("scaled", **changed)) == {**always, row: level}
+
+
+def test_the_hint_for_arming_is_one_that_makes_it_arm():
+    p = told("scaled", SERVO8_FUNCTION=109.0)
+    row = next(r for r in parameter_rows(p, COMPANION) if r.name == "SERVOn_FUNCTION")
+    assert row.fix.startswith("set SERVO8_FUNCTION to 94")
+    assert "SERVOn_FUNCTION" not in levels(told("scaled", SERVO8_FUNCTION=94.0))
+
+
+def test_a_script_s_output_beside_scaled_ones_counts_once_scripts_may_run():
+    """It may carry the thruster then, and is asked for all that the gate needs."""
+    seen = heard(servo=ServoOutput(t_ns=0, pwm_us=REST_US), rc=RcChannels(t_ns=0, pwm_us=(0,) * 18))
+    for enabled, level in ((0.0, None), (1.0, "refuse")):
+        rows = by_name(rest_rows(seen, told("scaled", SCR_ENABLE=enabled), COMPANION))
+        assert (rows["output 8"].level if "output 8" in rows else None) == level
+
+
+def test_aritra_does_not_drive_the_mixer_and_the_check_says_so():
+    assert levels(told("omni"))["SERVOn_FUNCTION"] == "refuse"
 
 
 def test_the_mask_that_is_needed_is_told():
@@ -180,6 +205,7 @@ def test_a_good_link_is_in_order():
         ({"info": None}, "firmware", "warning", "not told"),
         ({"info": AutopilotInfo(t_ns=0, flight_sw_version=4 << 24 | 5 << 16, board_version=0, capabilities=0)},
          "firmware", "warning", "4.5.0"),
+        ({"deaf": True}, "signing", "refuse", "we have no key"),
         ({"lost": 30}, "lost frames", "warning", "30 of 1030"),
         ({"rates_hz": {**WANTED, "RAW_IMU": 0.0}}, "RAW_IMU", "refuse", "0.0 Hz"),
         ({"rates_hz": {**WANTED, "ATTITUDE": 30.0}}, "ATTITUDE", "warning", "30.0 Hz"),
@@ -216,7 +242,8 @@ REST_US = (1500,) * 4 + (0,) * 12
         ("gate", {"heartbeat": Heartbeat(**{**{f: getattr(BEAT, f) for f in BEAT.__struct_fields__}, "armed": True})},
          "armed", "refuse"),
         ("gate", {"texts": (StatusText(t_ns=0, severity=2, text="PreArm: Compass not calibrated"),)},
-         "arming checks", "warning"),
+         "arming checks", "refuse"),
+        ("gate", {"texts": (StatusText(t_ns=0, severity=2, text="PreArm: Radio failsafe on"),)}, None, None),
         ("gate", {"texts": (StatusText(t_ns=0, severity=3, text="gate: no output has SERVOn_FUNCTION 94"),)},
          "gate.lua", "refuse"),
         ("gate", {"texts": (StatusText(t_ns=0, severity=6, text="gate: thrusters on channels 9 10 11 13"),)},

@@ -9,10 +9,11 @@ from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from companion.cli.boat.provisioning import SCRIPT, SCRIPTS
 from companion.core.preflight.parameter_diff import changes
-from drivers.mavlink.provisioning import Provisioner, ProvisioningError
+from drivers.mavlink.provision.provisioner import Provisioner, ProvisioningError
+from drivers.mavlink.provision.relay import HOST, open_relay
 from drivers.mavlink.signing import Signing, SigningKey
-from drivers.mavlink.signing_relay import HOST, signing_relay
 from drivers.ports.tcp import TcpClientPort
+from drivers.ports.udp import UdpServerPort
 from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, TABLE
@@ -24,7 +25,7 @@ def scene(rover, work, seconds=40.0):
     """Run `work(autopilot)` against the served rover; what it returns."""
 
     async def play():
-        async with served(rover) as (_, tcp), Provisioner.connect(f"tcp:127.0.0.1:{tcp[1]}") as autopilot:
+        async with served(rover) as (_, tcp), Provisioner.connect(TcpClientPort(*tcp)) as autopilot:
             return await work(autopilot)
 
     return asyncio.run(asyncio.wait_for(play(), seconds))
@@ -115,7 +116,7 @@ def signed_scene(rover, work, signing):
         rover.key.set(KEY, 1)
         async with (
             served(rover) as (_, tcp),
-            Provisioner.connect(f"tcp:127.0.0.1:{tcp[1]}", heard_s=3.0, signing=signing) as autopilot,
+            Provisioner.connect(TcpClientPort(*tcp), heard_s=3.0, signing=signing) as autopilot,
         ):
             return await work(autopilot)
 
@@ -147,11 +148,19 @@ def test_with_another_key_nothing_is_done_there():
     assert {name: rover.vehicle.parameters[name] for name in before} == before
 
 
-@pytest.mark.long
-def test_without_signatures_nothing_is_done_there():
+def test_without_signatures_nothing_is_done_there_and_it_says_so_at_once():
     rover = booted_rover(serial_of=lambda peer: 1)
-    with pytest.raises(ProvisioningError, match="is MAVLink signing set up"):
+    begin_s = time.monotonic()
+    with pytest.raises(ProvisioningError, match=r"signs what it sends .* we have no key.*mavlink\.signing_key.*USB"):
         signed_scene(rover, lambda autopilot: autopilot.parameters(), None)
+    assert time.monotonic() - begin_s < 15.0, "at once: not after the minute that all parameters may take"
+
+
+def test_on_usb_an_autopilot_that_signs_takes_what_is_not_signed():
+    rover = booted_rover(serial_of=lambda peer: 0)
+    rover.files = FtpFiles({})
+    told, now, armed = signed_scene(rover, written_and_sent, None)
+    assert len(told) == len(TABLE) and now == 5.0 and not armed
 
 
 def test_an_autopilot_without_a_key_is_not_believed_where_we_have_one():
@@ -159,7 +168,7 @@ def test_an_autopilot_without_a_key_is_not_believed_where_we_have_one():
 
     async def play():
         async with served(rover) as (_, tcp):
-            await Provisioner.connect(f"tcp:127.0.0.1:{tcp[1]}", 2.0, keyed(KEY)).__aenter__()
+            await Provisioner.connect(TcpClientPort(*tcp), 2.0, keyed(KEY)).__aenter__()
 
     with pytest.raises(ProvisioningError, match=r"not signed, and mavlink\.signing_key asks for it"):
         asyncio.run(play())
@@ -180,8 +189,8 @@ def test_a_relay_answers_the_program_that_spoke_first_and_no_other():
 
     async def play():
         rover.key.set(KEY, 1)
-        async with served(rover) as (_, tcp), signing_relay(TcpClientPort(*tcp), keyed(KEY)) as local:
-            return await work(local)
+        async with served(rover) as (_, tcp), open_relay(TcpClientPort(*tcp), keyed(KEY)) as relay:
+            return await work(relay.number)
 
     got = asyncio.run(play())
     answers = [m for m in wire.MAVLink(None).parse_buffer(got["first"]) if m.get_type() == "PARAM_VALUE"]
@@ -198,7 +207,7 @@ class Ear(asyncio.DatagramProtocol):
 
 def test_nobody_there_is_told():
     async def play():
-        async with Provisioner.connect("udpin:127.0.0.1:0", heard_s=0.3):
+        async with Provisioner.connect(UdpServerPort("127.0.0.1", 0), heard_s=0.3):
             pass
 
     with pytest.raises(ProvisioningError, match=r"udpin:127.0.0.1:0: (no autopilot heard|cannot be opened)"):

@@ -7,9 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.sim.world.autopilot.autopilot_fixture import Bench, command, override
-
-pytest.importorskip("lupa.lua53", reason="needs lupa (Lua in Python): the gate script cannot be run without it")
-
 from tests.sim.world.wirings.gate_harness import Gate
 
 PULSES = {9: 1600, 10: 1400, 11: 1900, 12: 1100}

@@ -83,17 +83,36 @@ def test_another_pulse_is_ignored_overrides_after_a_second_and_a_half_and_no_mor
     assert found == [False, False, False], "counted anew"
 
 
-@pytest.mark.parametrize("shown", [(1645, 1380, 1500), (0, 0, 0)])
+@pytest.mark.parametrize("shown", [(1745, 1380, 1500), (0, 0, 0)])
 def test_one_channel_or_all_of_them_are_told_apart(shown):
     echo = driving(5400)
     echo, _ = heard(echo, [rc(t, shown) for t in range(3000, 5001, 200)])
     _, found, _ = at_tick(echo, 5000 * MS, heard=True)
     why = found["override_ignored"]
     if shown[1]:
-        assert "RC channel 9 shows 1645 us" in why and "somebody else" in why and "SYSID" not in why
+        assert "RC channel 9 shows 1745 us" in why and "somebody else" in why and "SYSID" not in why
     else:
         assert "SYSID_MYGCS (4.7: MAV_GCS_SYSID), which must be 1" in why
         assert "RC_OVERRIDE_TIME" in why and "RC_OPTIONS" in why
+
+
+@pytest.mark.parametrize("delay_ms", [900, 2500])
+def test_what_was_sent_earlier_is_late_and_nobody_else_s(delay_ms):
+    """A slow autopilot shows each of our leases, long after it was sent."""
+    echo = driving(5400)
+    echo, found = heard(echo, [rc(t, (1620 + (t - delay_ms) // 100, 1380, 1500)) for t in range(3000, 5001, 200)])
+    assert found[-1]
+    why = at_tick(echo, 5000 * MS, heard=True)[1]["override_ignored"]
+    assert "as was sent earlier" in why and "late or not at all" in why and "somebody else" not in why
+
+
+def test_an_uplink_that_was_cut_leaves_our_last_pulses_and_nobody_else_is_named():
+    """Without a receiver the autopilot goes on to show what it heard last, however long ago."""
+    echo, _ = heard(driving(1000), [rc(t, (1620 + t // 100, 1380, 1500)) for t in range(500, 1001, 100)])
+    echo = sent(*((t, (1500 + t // 100, 1400, 1500)) for t in range(1100, 9001, 100)), start=echo)
+    echo, found = heard(echo, [rc(t, (1630, 1380, 1500)) for t in range(2000, 9001, 200)])
+    why = at_tick(echo, 9000 * MS, heard=True)[1]["override_ignored"]
+    assert found[-1] and "RC channel 9 shows 1630 us" in why and "as was sent earlier" in why
 
 
 @pytest.mark.parametrize("period_ms", [154, 200])

@@ -13,6 +13,8 @@ from companion.core.estimation.filter_state import LAYOUT, FilterState
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Health
 
+SETTLES = "it settles: speed is not known well yet"
+
 
 def position_sigma_m(P: np.ndarray) -> float:
     """Largest semi-axis of the position's one-sigma ellipse [m]."""
@@ -30,7 +32,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Hea
     heading_s = belief.heading_gate.starved_s(t_ns)
     sigma_m = position_sigma_m(belief.P)
     settles = t_ns - belief.since_ns < tuning.settle_s * 1e9 or belief.fixes < tuning.settle_fixes
-    reasons = ["it settles: speed is not known well yet"] if settles else []
+    reasons = [SETTLES] if settles else []
     if uwb_s > tuning.uwb_timeout_s:
         reasons.append(f"no UWB accepted for {uwb_s:.1f} s, dead reckoning")
     if imu_s > tuning.imu_timeout_s:

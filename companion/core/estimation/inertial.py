@@ -3,6 +3,8 @@
 IMU       [a_x a_y] at the lever arm, in level axes by the filter's own roll and pitch, plus biases
 attitude  psi + b_psi, where b_psi is the slow wander of the autopilot's own estimate, and psi_dot by its rates
 
+Specific force and yaw rate have no gate: R of a number whose innovation exceeds the limit grows with its square.
+
 The rates are those of ATTITUDE: the ones of RAW_IMU are cut to whole mrad/s.
 """
 
@@ -44,7 +46,7 @@ class Inertial:
         self._attitude_R = np.square([imu.heading_sigma_rad, imu.gyro_sigma_rad_s])
 
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
-        """One update by a_x, a_y. R of an axis whose innovation exceeds the limit grows with nu^2."""
+        """One update by a_x, a_y."""
         expected, J = self._process.acceleration(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         nu = np.array(to_level_axes(tilt, *force)[:2]) - expected - belief.x[B_ACCEL]
@@ -53,8 +55,8 @@ class Inertial:
         H[:, B_ACCEL] = np.eye(2)
         H[:, TILT] = -level_jacobian(tilt, *force)
         HPH = H @ belief.P @ H.T
-        surprise = nu**2 / (np.diag(HPH) + self._accel_R) / self._tuning.imu_limit**2
         S = HPH + np.diag(self._accel_R)
+        surprise = nu**2 / np.diag(S) / self._tuning.imu_limit**2
         x, P = self._algebra.update(belief.x, belief.P, nu, H, np.diag(self._accel_R * np.maximum(surprise, 1.0)))
         innovation = innovation_message(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns), (innovation,)
@@ -73,11 +75,13 @@ class Inertial:
         )
         belief = replace(belief, heading_gate=gate)
         good = verdict != "rejected"
+        surprise = nu[1] ** 2 / S[1, 1] / self._tuning.imu_limit**2
+        variance = self._attitude_R * (1.0, max(surprise, 1.0))
         innovations = (
             innovation_message(belief.t_ns, "heading", nu[:1], S[:1, :1], good),
-            innovation_message(belief.t_ns, "yaw rate", nu[1:], S[1:, 1:], True),
+            innovation_message(belief.t_ns, "yaw rate", nu[1:], S[1:, 1:], bool(surprise <= 1.0)),
         )
         P = inflate(belief.P, (2,), abs(float(nu[0]))) if verdict == "reopened" else belief.P
         use = slice(0, 2) if good else slice(1, 2)
-        x, P = self._algebra.update(x, P, nu[use], H[use], np.diag(self._attitude_R[use]))
+        x, P = self._algebra.update(x, P, nu[use], H[use], np.diag(variance[use]))
         return replace(belief, x=x, P=P), innovations

@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from companion.core.estimation.health import SETTLES
 from companion.core.messages import Alert, Health, OverrideLease, StateEstimate, UwbRanges
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.monitor import Monitor, MonitorReport, TickView
 
 RECOVERED_NS = 2_000_000_000
-"""A filter that starts again calls itself healthy at once: it is no longer degraded after so long; assumed."""
+"""An estimate that has been healthy for less still counts as degraded; assumed."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,9 @@ class Annunciator(Monitor[AnnunciatorState]):
 
 
 def at_estimate(state: AnnunciatorState, estimate: StateEstimate) -> tuple[AnnunciatorState, list[Alert]]:
-    """Alert of a change of health, with its reason."""
+    """Alert of a change of health, with its reason. The seconds after a start are still part of it."""
+    if state.health == "initialising" and estimate.reason == SETTLES:
+        return state, []
     t_ns, changed = estimate.t_ns, estimate.health != state.health
     healthy_ns = (state.healthy_ns or t_ns) if estimate.health == "healthy" else None
     since = (state.degraded_ns or t_ns) if estimate.health == "degraded" else state.degraded_ns

@@ -138,9 +138,16 @@ def test_a_wiring_is_shown_asked_for_written_and_restarted(capsys, monkeypatch):
         assert rover.outputs_us == (0,) * 16
 
 
+class Mute(FtpFiles):
+    """An autopilot that does not do file transfer."""
+
+    def answers(self, payload, t_ns):
+        return []
+
+
 def test_without_file_transfer_nothing_restarts_and_the_hand_is_told_what_to_do(capsys):
     rover = boat("scaled")
-    vehicle = rover.vehicle
+    vehicle, rover.files = rover.vehicle, Mute()
     with sailing(rover) as url:
         code, told = provision(url, capsys, "--wiring", "gate", "--yes", "--reboot")
     assert code == 1 and rover.vehicle is vehicle, "after a failed step there is no reboot"

@@ -19,7 +19,6 @@ from companion.core.messages import (
     RcChannels,
     ServoOutput,
     StatusText,
-    TimeSync,
 )
 from drivers.mavlink.codec import MavlinkCodec
 from tests.drivers.mavlink.mavlink_autopilot import Sender, frame, read_one
@@ -237,42 +236,6 @@ def test_one_imu_stream_by_preference_with_fallback():
     silent = [*both, *[(t, "scaled_imu2") for t in range(500, 1600, 250)], (1700, "raw_imu")]
     expected = ["RAW_IMU"] * 5 + ["SCALED_IMU2"] * 2 + ["RAW_IMU"]  # silence from 80 ms to beyond 1080 ms
     assert imu_stream(["RAW_IMU", "SCALED_IMU2"], silent) == expected
-
-
-def test_stamps_become_companion_time_once_synchronised():
-    codec, sender = MavlinkCodec(target_system=1), Sender()
-    offset = 3_000_000_000  # the autopilot booted 3 s after the companion's clock began
-    m = read_one(codec.timesync_question(T))
-    assert (m.tc1, m.ts1) == (0, T)
-    (answer,) = codec.feed(sender.timesync(T + 1_000_000 - offset, m.ts1), T + 2_000_000)
-    assert answer == TimeSync(t_ns=T + 2_000_000, tc1_ns=T + 1_000_000 - offset, ts1_ns=T)
-    now = T + 100_000_000
-    device_ms = (now - 7_000_000 - offset) // 1_000_000
-    frames = (
-        sender.att(device_ms) + sender.imu(device_ms * 1000) + sender.servo_output_raw(device_ms * 1000, 0, *[1500] * 8)
-    )
-    assert [m.t_ns for m in codec.feed(frames, now)] == [now - 7_000_000] * 3
-    (unsynced,) = MavlinkCodec(target_system=1).feed(sender.att(device_ms), now)
-    assert (unsynced.t_ns, unsynced.t_rx_ns) == (now, now)
-
-
-def test_answers_to_others_and_second_answers_are_as_if_they_had_never_come():
-    codec, sender = MavlinkCodec(target_system=1), Sender()
-    question = read_one(codec.timesync_question(T))
-    for asked_ns in (T - 5, T + 5, 1_760_000_000 * 10**9):  # another companion's; one that asks with Unix time
-        assert codec.feed(sender.timesync(77, asked_ns), T + 9) == []
-    assert len(codec.feed(sender.timesync(77, question.ts1), T + 9)) == 1
-    assert codec.feed(sender.timesync(77, question.ts1), T + 9) == [], "the same once more"
-    assert codec.counters.ignored["TIMESYNC"] == 4 and codec.counters.received["TIMESYNC"] == 5
-    assert [m.tc1_ns for m in codec.feed(sender.timesync(0, 5), T)] == [0], "a question is for whoever can answer"
-
-
-def test_timesync_answer_is_never_a_question():
-    codec = MavlinkCodec(target_system=1)
-    question = TimeSync(t_ns=0, tc1_ns=0, ts1_ns=77)
-    assert read_one(codec.timesync_answer(question, 0)).tc1 == 1
-    m = read_one(codec.timesync_answer(question, T))
-    assert (m.tc1, m.ts1) == (T, 77)
 
 
 def test_lost_sequence_numbers_per_sender():

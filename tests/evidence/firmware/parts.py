@@ -25,7 +25,7 @@ from tests.evidence.firmware.questions import questions
 from tests.evidence.firmware.stops import stops
 from tests.evidence.line import Line, at_most, between, exactly
 from tests.evidence.main_job.parts import drive_mission, reference_boat
-from tests.support.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.firmware_rig import binaries, firmware_world
 
 SEEDS = range(1, 6)
 START = 8.0, 8.0, math.radians(20)

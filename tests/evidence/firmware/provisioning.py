@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from tests.evidence.line import Line, exactly
 from tests.support.boat_processes import boat_processes, child
-from tests.support.firmware_rig import ARDUPILOT, binaries
+from tests.support.autopilots.firmware_rig import ARDUPILOT, binaries
 
 WIRINGS = {"gate": True, "scaled": True, "omni": False, "unsafe_plain": False}
 """Wiring -> whether Aritra drives it."""

@@ -21,7 +21,7 @@ from tests.evidence.firmware import asked_commands, asked_protocol
 from tests.evidence.firmware.dialogue import Dialogue
 from tests.evidence.line import Line, at_least, exactly, information
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.firmware_rig import binaries, firmware_world
 
 FAMILIES = {
     family.__name__: family

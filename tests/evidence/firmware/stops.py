@@ -15,9 +15,9 @@ from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
 from sim.world.world import World, WorldSetup
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.firmware_rig import ARDUPILOT, binaries, firmware_world
-from tests.support.stop_trial import Stopped, Trial, try_stop
-from tests.support.stops import ALL, StopSet
+from tests.support.autopilots.firmware_rig import ARDUPILOT, binaries, firmware_world
+from tests.support.autopilots.stop_trial import Stopped, Trial, try_stop
+from tests.support.autopilots.stops import ALL, StopSet
 
 START = 8.0, 8.0, 0.35
 SEED = 1

@@ -24,6 +24,8 @@ from tests.support.vessel_fixtures import boat
 
 H_S = 0.01
 G = 9.80665
+GYRO_DRIFT_RAD_S2 = math.radians(0.05) / 60
+"""As fast as the gyros of a board that warms up, at most: SIM_DRIFT_SPEED of ArduPilot's simulator, 0.05 deg/s/min."""
 SITE = Path(__file__).resolve().parents[4] / "deploy" / "sites" / "basin.toml"
 PATHS = ("square", "eight", "circle")
 
@@ -100,7 +102,8 @@ def simulate(
     x = np.zeros(6 + n)
     x[:3] = *reference(path, 0.0), rng.uniform(-math.pi, math.pi)
     delay = DelayLine(round(vessel.propulsion.dead_time_s * 1e9), (0.0,) * n)
-    b_a, b_g = rng.normal(0, imu.accel_bias_sigma_m_s2, 2), rng.normal(0, imu.gyro_bias_sigma_rad_s)
+    b_a, b_g = rng.normal(0, imu.accel_bias_sigma_m_s2, 2), np.array([0, 0, rng.normal(0, imu.gyro_bias_sigma_rad_s)])
+    drift = GYRO_DRIFT_RAD_S2 * np.random.default_rng(seed).uniform(-1, 1, 3)
     wander = rng.normal(0, imu.heading_wander_sigma_rad)
     keep = math.exp(-H_S * 2 / imu.heading_wander_time_s)
     b_r = rng.normal(0, uwb.range_bias_sigma_m, len(basin().anchors))
@@ -125,7 +128,8 @@ def simulate(
             level = np.array([a[0] - v * r - imu.x_m * r**2, a[1] + u * r + imu.x_m * a[2]])
             wander = keep * wander + imu.heading_wander_sigma_rad * math.sqrt(1 - keep**2) * rng.normal()
             b_a = b_a + rng.normal(0, imu.accel_bias_walk_m_s2_sqrt_s * math.sqrt(0.02), 2)
-            b_g += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * math.sqrt(0.02))
+            b_g[2] += rng.normal(0, imu.gyro_bias_walk_rad_s_sqrt_s * math.sqrt(0.02))
+            b_g += drift * 0.02
             timed += _autopilot(rng, t_ns, level, r, x[2] + wander, (tilt, tilt_rate), b_a, b_g)
         if k % uwb_every == 0:
             c, sn = math.cos(x[2]), math.sin(x[2])
@@ -147,8 +151,8 @@ def _autopilot(rng, t_ns, level, r, psi, tilt, b_a, b_g) -> list[tuple[int, Mess
     force = up.T @ np.array([level[0], level[1], -G])
     force[:2] += b_a
     force += rng.normal(0, imu.accel_sigma_m_s2, 3)
-    gyro = r * ct * cp - theta_dot * sp + b_g + rng.normal(0, imu.gyro_sigma_rad_s)
-    p, q = np.array([phi_dot - r * st, theta_dot * cp + r * ct * sp]) + rng.normal(0, imu.gyro_sigma_rad_s, 2)
+    gyro = r * ct * cp - theta_dot * sp + b_g[2] + rng.normal(0, imu.gyro_sigma_rad_s)
+    p, q = np.array([phi_dot - r * st, theta_dot * cp + r * ct * sp]) + b_g[:2] + rng.normal(0, imu.gyro_sigma_rad_s, 2)
     heading = (psi + rng.normal(0, imu.heading_sigma_rad) + math.pi) % (2 * math.pi) - math.pi
     roll, pitch = tilt[0] + rng.normal(0, 0.002, 2)
     rx = t_ns + 5_000_000

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from msgspec.structs import replace as with_
 
@@ -237,16 +238,13 @@ def test_by_hand_from_idle_to_motion_and_back():
     boat.tick()
     assert boat.mode == "manual" and not boat.moves, "at rest it is free, and at rest it stays"
     boat.sticks = 0.5
-    forces = []
     for _ in range(8):
         boat.tick()
-        forces.append(boat.leases[-1].f_command_n)
+    forces = [lease.f_command_n for lease in boat.leases[-8:]]
     assert boat.leases[-1].source == "manual" and boat.leases[-1].reason == "pad"
     assert forces[-1] == pytest.approx((0.5 * 38,) * 4, abs=0.1)
-    steps = [
-        max(abs(b - a) for a, b in zip(x, y, strict=True)) for x, y in zip([(0.0,) * 4, *forces], forces, strict=False)
-    ]
-    assert max(steps) <= 12.0 + 1e-9, "120 N/s, a tenth of a second"
+    steps = np.diff([(0.0,) * 4, *forces], axis=0)
+    assert abs(steps).max() <= 12.0 + 1e-9, "120 N/s, a tenth of a second"
     boat.sticks = None
     for _ in range(5):
         boat.tick()
@@ -257,10 +255,8 @@ def test_by_hand_from_idle_to_motion_and_back():
     for _ in range(5):
         boat.tick()
         assert boat.mode == "locked" and not boat.moves
-    boat.sticks = 0.0
-    boat.tick()
-    boat.sticks = 0.5
-    boat.tick()
+    for boat.sticks in (0.0, 0.5):
+        boat.tick()
     assert boat.mode == "manual" and boat.moves
 
 

@@ -13,10 +13,10 @@ CREATE, WRITE, MAKE_FOLDER, CHECKSUM = 6, 7, 9, 14
 
 
 class Card:
-    """Answers payloads, and keeps the requests. `strict`: refuses a path whose NUL is counted, as ArduPilot 4.6."""
+    """Answers payloads as ArduPilot 4.6, which refuses a path whose NUL is counted, and keeps the requests."""
 
     def __init__(self, stored=None, lost=(), refuses=None):
-        self.files, self.requests, self.lost, self.refuses = FtpFiles(stored), [], set(lost), refuses or {}
+        self.files, self.requests, self.lost, self.refuses = FtpFiles(stored, counts_nul=False), [], set(lost), refuses or {}
 
     def answer(self, payload):
         number, _, opcode, size = struct.unpack_from("<HBBB", payload)
@@ -24,9 +24,9 @@ class Card:
         self.requests.append((opcode, data))
         if len(self.requests) in self.lost:
             return None
-        if code := self.refuses.get(opcode) or (3 if opcode in (CREATE, CHECKSUM) and b"\0" in data else 0):
+        if code := self.refuses.get(opcode):
             return struct.pack("<HBBBBBBIB", (number + 1) % 65536, 0, 129, 1, opcode, 0, 0, 0, code).ljust(251, b"\0")
-        return self.files.answer(payload)
+        return self.files.answers(payload, 0)[0]
 
 
 def upload(card, content, path=PATH):
@@ -75,17 +75,18 @@ def test_a_refusal_says_what_could_not_be_done_and_why(refuses, words):
 
 def test_a_file_that_arrives_altered_is_noticed():
     card = Card()
-    steps = upload_steps(PATH, b"what was sent")
+    steps, number = upload_steps(PATH, b"what was sent"), 0
     request = next(steps)
     with pytest.raises(FtpRefusedError, match="is not what was sent"):
         while True:
+            number += 1
             altered = request._replace(data=b"what arrived ") if request.opcode == WRITE else request
-            request = steps.send(parse_reply(card.answer(altered.payload(1)), request, 1))
+            request = steps.send(parse_reply(card.answer(altered.payload(number)), request, number))
 
 
 def test_answers_to_other_requests_are_no_answers():
     request = FtpRequest(CREATE, 0, PATH.encode())
-    answer = FtpFiles().answer(request.payload(7))
+    (answer,) = FtpFiles().answers(request.payload(7), 0)
     assert parse_reply(answer, request, 7) == FtpReply()
     assert parse_reply(answer, request, 8) is None
     assert parse_reply(answer, FtpRequest(WRITE), 7) is None

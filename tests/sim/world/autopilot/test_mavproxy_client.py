@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.client_autopilots import autopilot
-from tests.support.firmware_rig import binaries
+from tests.support.autopilots.client_autopilots import autopilot
+from tests.support.autopilots.firmware_rig import binaries
 
 pytestmark = [pytest.mark.alone, pytest.mark.long]
 

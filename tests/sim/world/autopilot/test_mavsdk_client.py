@@ -16,8 +16,8 @@ from mavsdk.asyncio.plugins.telemetry import FlightMode, TelemetryAsync
 from sim.world.autopilot.modes import Mode
 from sim.world.autopilot.parameter_table import TABLE, WireType
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served, until
-from tests.support.client_autopilots import autopilot
-from tests.support.firmware_rig import binaries
+from tests.support.autopilots.client_autopilots import autopilot
+from tests.support.autopilots.firmware_rig import binaries
 
 pytestmark = pytest.mark.alone
 

@@ -6,9 +6,9 @@ import pytest
 
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.firmware_rig import binaries, firmware_world
-from tests.support.stop_trial import Trial, try_stop
-from tests.support.stops import CUT, KILLED, REBOOT, SAFETY, SCRIPT
+from tests.support.autopilots.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.stop_trial import Trial, try_stop
+from tests.support.autopilots.stops import CUT, KILLED, REBOOT, SAFETY, SCRIPT
 
 AFTER_S = 10.0
 

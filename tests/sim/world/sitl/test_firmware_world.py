@@ -9,7 +9,7 @@ import pytest
 from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareStopped, FirmwareWorld
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import drive_mission, reference_boat
-from tests.support.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.firmware_rig import binaries, firmware_world
 
 
 def basin():

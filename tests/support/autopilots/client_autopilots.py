@@ -18,7 +18,7 @@ from sim.world.sitl.firmware_world import FirmwareWorld
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import reference_boat
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
-from tests.support.firmware_rig import firmware_world
+from tests.support.autopilots.firmware_rig import firmware_world
 
 SETTLE_S = 30.0
 """Simulated; as in tests/evidence/firmware/dialogue.py."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareWorld
 from sim.world.world import WorldSetup
 
-ARDUPILOT = Path(__file__).resolve().parents[2] / "deploy" / "ardupilot"
+ARDUPILOT = Path(__file__).resolve().parents[3] / "deploy" / "ardupilot"
 BASIN = {"GPS1_TYPE": 0.0, "COMPASS_DEC": -0.0213}
 """No GPS, as under a roof; the declination at the origin of deploy/sites/basin.toml [rad], which nobody else tells then
 (pymavlink.mavextra.expected_earth_field_lat_lon)."""

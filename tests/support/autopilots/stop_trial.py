@@ -16,7 +16,7 @@ from sim.world.sitl.firmware_world import FirmwareWorld
 from sim.world.stepped import PEER, SteppedRun
 from sim.world.world import STEP_NS, Outgoing, World
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.ground_station import GroundStation
+from tests.support.autopilots.ground_station import GroundStation
 
 THRUSTERS = 4
 REST_US = 25

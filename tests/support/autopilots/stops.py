@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from tests.support.ground_station import (
+from tests.support.autopilots.ground_station import (
     FORCED_REBOOT,
     SAFETY_OFF,
     SAFETY_ON,
     SCRIPTS_RESTART,
     SCRIPTS_STOP,
 )
-from tests.support.stop_trial import NEUTRAL_S, Act, Stop, Trial
+from tests.support.autopilots.stop_trial import NEUTRAL_S, Act, Stop, Trial
 
 MANUAL, ACRO, HOLD, GUIDED = 0, 1, 4, 15
 ARM, DISARM = (400, 1), (400, 0)

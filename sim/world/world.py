@@ -76,6 +76,7 @@ class Afloat:
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
         self._environment = Environment(_weather(setup), draws["weather"])
+        self.imu = ImuSensor(vessel.sensors.imu, draws["imu"])
         self.uwb_sensor = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws["uwb"])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
         self.tag = tag or UwbTag(vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz)
@@ -135,7 +136,6 @@ class World(Afloat):
         channels, serial = _channels(self.vessel), setup.serial
         self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
         self.receiver_us = setup.receiver_us
-        self.imu = ImuSensor(self.vessel.sensors.imu, _draws(seed)["imu"])
         self._ahrs = Ahrs(STEP_NS * 1e-9)
 
     def step(self) -> Outgoing:

@@ -7,8 +7,8 @@ import pytest
 
 from companion.core.messages import Alert, ManualInput, OperatorCommand, OverrideLease
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
-from tests.support.drive_fixture import driving, voyage
 from tests.support.autopilots.ground_station import SAFETY_OFF, SAFETY_ON, SCRIPTS_RESTART, SCRIPTS_STOP, GroundStation
+from tests.support.drive_fixture import driving, voyage
 
 SEED = 7
 LOST_S = 0.7

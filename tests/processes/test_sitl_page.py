@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.boat_processes import wait_for
 from tests.support.autopilots.firmware_rig import binaries
+from tests.support.boat_processes import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "sitl.md"

@@ -1,6 +1,6 @@
 """The boat's extended Kalman filter: sensor messages in, StateEstimate out; pure in its state.
 
-    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | b_1 .. b_m]
+    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | b_1 .. b_m]
 
 The vessel model, driven by the thruster forces that the commands produce, predicts; what it leaves out (wind,
 current, wrong coefficients) is the latent body force d. Every measurement is fused at its own stamp: one that
@@ -30,18 +30,21 @@ from companion.core.estimation.filter_state import (
     B_GYRO,
     B_RANGE,
     LATENT,
+    NU,
     BufferedMeasurement,
     FilterState,
     Fusible,
+    R,
     Result,
 )
-from companion.core.estimation.health import assess
+from companion.core.estimation.health import assess, is_settled
 from companion.core.estimation.inertial import Inertial
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.model_confidence import update_confidence
 from companion.core.estimation.plausibility import screen
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
+from companion.core.estimation.ranging.ranges import decorrelate, inflate
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.start import FilterStart, Starter
 from companion.core.estimation.tuning import EstimatorTuning
@@ -200,7 +203,7 @@ class Estimator:
         for t_ns, m in messages:
             gap = t_ns - belief.t_ns > self.tuning.imu_timeout_s * 1e9
             belief = self._predictor.to(belief, t_ns, state.commands)
-            belief, innovations = self._fuse(replace(belief, since_ns=t_ns, fixes=0) if gap else belief, m)
+            belief, innovations = self._fuse(self._after_gap(belief) if gap else belief, m)
             entries.append(BufferedMeasurement(t_ns, m, belief))
             first = innovations if first is None else first
         return tuple(entries), first or ()
@@ -217,7 +220,15 @@ class Estimator:
             case UwbPosition():
                 belief, innovations = self._uwb.fuse_position(belief, m)
         belief = update_confidence(belief, innovations, self.tuning)
-        return replace(belief, fixes=belief.fixes + (belief.uwb_ns == belief.t_ns)), innovations
+        belief = replace(belief, fixes=belief.fixes + (belief.uwb_ns == belief.t_ns))
+        return replace(belief, settled=is_settled(belief, self.tuning)), innovations
+
+    def _after_gap(self, belief: FilterState) -> FilterState:
+        """The filter state after a gap in all sensors: whatever drove or pushed the boat, velocity is unknown."""
+        P = decorrelate(belief.P, range(NU.start, LATENT.stop))
+        P = inflate(P, range(NU.start, NU.stop - 1), self.tuning.start_velocity_sigma_m_s)
+        P = inflate(P, (R,), self.tuning.start_rate_sigma_rad_s)
+        return replace(belief, P=P, since_ns=belief.t_ns, fixes=0, settled=False)
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from companion.core.estimation.gates import Gate
+from companion.core.estimation.latent_activity import CALM, Activity
 from companion.core.estimation.ranging.ranges import AnchorHistory, RangeLayout
 from companion.core.messages import Attitude, ImuSample, Innovation, UwbPosition, UwbRanges
 
@@ -21,6 +22,8 @@ TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 17
 R = 5
 LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
 
+Rates = tuple[float, float, float]
+"""p, q, r."""
 Fusible = ImuSample | Attitude | UwbRanges | UwbPosition
 
 
@@ -34,17 +37,20 @@ class Tilt(NamedTuple):
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     """State x (17 + m,) with covariance P at t_ns; arrays are never changed in place.
 
-    `f_n`: thruster forces delivered now [N]; `pq_rad_s`, `pq_ns`: roll and pitch rate of the last attitude, and when.
-    `imu_ns`, `uwb_ns`, `ranges_ns`: the last sample of each kind; `since_ns`: the start, or the end of the last gap in
-    all sensors; `fixes`: UWB messages accepted since then. `doubt`: the cumulative sum of `model_confidence`.
+    `f_n`: thruster forces delivered now [N]. `rates_rad_s`, `rates_ns`: p, q, r of the last attitude, and when;
+    `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `imu_ns`, `uwb_ns`, `ranges_ns`: the last
+    sample of each kind. `since_ns`: the start, or the end of the last gap in all sensors; `fixes`: UWB messages
+    accepted since then; `settled`: speed is known since then. `doubt`: the cumulative sum of `model_confidence`;
+    `activity`: of the latent force, see `latent_activity`.
     """
 
     t_ns: int
     x: np.ndarray
     P: np.ndarray
     f_n: np.ndarray
-    pq_rad_s: tuple[float, float]
-    pq_ns: int
+    rates_rad_s: Rates
+    rates_ns: int
+    slopes_rad_s2: Rates = (0.0, 0.0, 0.0)
     anchor_gates: tuple[Gate, ...]
     heading_gate: Gate
     position_gates: tuple[Gate, ...]
@@ -54,7 +60,9 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     ranges_ns: int | None
     since_ns: int
     fixes: int = 0
+    settled: bool = False
     doubt: float = 0.0
+    activity: Activity = CALM
 
     @property
     def tilt(self) -> Tilt:

@@ -23,6 +23,14 @@ def position_sigma_m(P: np.ndarray) -> float:
     return float(np.sqrt(half_sum + np.hypot(half_difference, P[i, j])))
 
 
+def is_settled(belief: FilterState, tuning: EstimatorTuning) -> bool:
+    """Whether speed is known well enough after a start or a gap; once true it stays so until the next gap."""
+    since_s = (belief.t_ns - belief.since_ns) * 1e-9
+    if belief.settled or since_s < tuning.settle_s or belief.fixes < tuning.settle_fixes:
+        return belief.settled
+    return bool(np.diag(belief.P)[3:5].max() <= tuning.settled_velocity_sigma_m_s**2)
+
+
 def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:
     """Health and reason of a filter state at t_ns; one that could not be predicted so far is lost."""
     if t_ns > belief.t_ns:
@@ -31,8 +39,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Hea
     imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
     heading_s = belief.heading_gate.starved_s(t_ns)
     sigma_m = position_sigma_m(belief.P)
-    settles = t_ns - belief.since_ns < tuning.settle_s * 1e9 or belief.fixes < tuning.settle_fixes
-    reasons = [SETTLES] if settles else []
+    reasons = [] if belief.settled or t_ns - belief.since_ns > tuning.settle_most_s * 1e9 else [SETTLES]
     if uwb_s > tuning.uwb_timeout_s:
         reasons.append(f"no UWB accepted for {uwb_s:.1f} s, dead reckoning")
     if imu_s > tuning.imu_timeout_s:

@@ -1,6 +1,7 @@
 """Measurement updates by the autopilot's sensors: accelerometer, gyro and heading.
 
-IMU       [a_x a_y] at the lever arm, in level axes by the filter's own roll and pitch, plus biases
+IMU       [a_x a_y] at the lever arm, in level axes by the filter's own roll and pitch, plus biases; what roll and pitch
+          do at its height is + q_dot z, - p_dot z, by the slopes of the rates
 attitude  psi + b_psi, where b_psi is the slow wander of the autopilot's own estimate, and psi_dot by its rates
 
 Specific force and yaw rate have no gate: R of a number whose innovation exceeds the limit grows with its square.
@@ -21,6 +22,7 @@ from companion.core.estimation.filter_state import (
     B_GYRO,
     B_PSI,
     DYNAMIC,
+    LATENT,
     TILT,
     FilterState,
     R,
@@ -29,6 +31,7 @@ from companion.core.estimation.filter_state import (
 )
 from companion.core.estimation.gates import judge
 from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.latent_activity import UNKNOWN, update_activity
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tilt import level_jacobian, to_level_axes, yaw_rate
@@ -37,18 +40,28 @@ from companion.core.geometry.frames import ssa
 from companion.core.messages import Attitude, ImuSample
 
 
+def _since_s(before_ns: int | None, t_ns: int, never: float = 0.0) -> float:
+    """Time since the sample before [s]; `never`: before the first."""
+    return never if before_ns is None else max(0.0, (t_ns - before_ns) * 1e-9)
+
+
 class Inertial:
     """Constant parts of the IMU and attitude equations; the methods are pure."""
 
     def __init__(self, process: Process, imu: Imu, tuning: EstimatorTuning, algebra: KalmanEquations):
         self._process, self._algebra, self._tuning = process, algebra, tuning
+        self._z_m = imu.z_m
         self._accel_R = np.square([imu.accel_sigma_m_s2, imu.accel_sigma_m_s2])
         self._attitude_R = np.square([imu.heading_sigma_rad, imu.gyro_sigma_rad_s])
 
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
-        """One update by a_x, a_y."""
+        """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's."""
+        if _since_s(belief.imu_ns, belief.t_ns, math.inf) > self._tuning.imu_timeout_s:
+            belief = replace(belief, P=self._unknown_force(belief.P), activity=UNKNOWN)
         expected, J = self._process.acceleration(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
+        p_dot, q_dot, _ = belief.slopes_rad_s2
+        expected = expected + np.array([q_dot, -p_dot]) * self._z_m
         nu = np.array(to_level_axes(tilt, *force)[:2]) - expected - belief.x[B_ACCEL]
         H = np.zeros((2, len(belief.x)))
         H[:, DYNAMIC] = J
@@ -56,15 +69,39 @@ class Inertial:
         H[:, TILT] = -level_jacobian(tilt, *force)
         HPH = H @ belief.P @ H.T
         S = HPH + np.diag(self._accel_R)
-        surprise = nu**2 / np.diag(S) / self._tuning.imu_limit**2
+        d2 = nu**2 / np.diag(S)
+        surprise = np.sqrt(d2) / self._tuning.imu_limit
         x, P = self._algebra.update(belief.x, belief.P, nu, H, np.diag(self._accel_R * np.maximum(surprise, 1.0)))
         innovation = innovation_message(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
-        return replace(belief, x=x, P=P, imu_ns=belief.t_ns), (innovation,)
+        activity = update_activity(
+            belief.activity, (0, 1), (nu / np.sqrt(np.diag(S))).tolist(), _since_s(belief.imu_ns, belief.t_ns)
+        )
+        return replace(belief, x=x, P=P, imu_ns=belief.t_ns, activity=activity), (innovation,)
+
+    def _level(self, belief: FilterState, m: Attitude) -> FilterState:
+        """One update by the autopilot's roll and pitch."""
+        H = np.zeros((2, len(belief.x)))
+        H[:, TILT] = np.eye(2)
+        R = np.diag([self._tuning.ahrs_tilt_sigma_rad**2] * 2)
+        nu = np.array([m.phi_rad, m.theta_rad]) - belief.x[TILT]
+        x, P = self._algebra.update(belief.x, belief.P, nu, H, R)
+        return replace(belief, x=x, P=P)
+
+    def _unknown_force(self, P: np.ndarray) -> np.ndarray:
+        """P with the latent force as uncertain as the activity `UNKNOWN` makes it."""
+        for k, (sigma, axis) in enumerate(zip(self._tuning.latent_sigma, UNKNOWN, strict=True)):
+            P = inflate(P, (LATENT.start + k,), sigma * math.exp(axis.log_variance / 2))
+        return P
 
     def fuse_attitude(self, belief: FilterState, m: Attitude) -> Result:
-        """One update by heading and yaw rate. Of roll and pitch only the rates count."""
-        belief = replace(belief, pq_rad_s=(m.p_rad_s, m.q_rad_s), pq_ns=belief.t_ns)
-        rate = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s)
+        """One update by heading and yaw rate. Of roll and pitch only the rates count, but for the first after a gap."""
+        dt_s, hold_s = _since_s(belief.rates_ns, belief.t_ns), self._tuning.rates_hold_s
+        if dt_s > hold_s:
+            belief = self._level(belief, m)
+        rates = (m.p_rad_s, m.q_rad_s, m.r_rad_s)
+        slopes = (np.subtract(rates, belief.rates_rad_s) / dt_s).tolist() if 0.0 < dt_s <= hold_s else (0.0, 0.0, 0.0)
+        belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=tuple(slopes))
+        rate = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s + self._tuning.gyro_delay_s * slopes[2])
         x = belief.x
         nu = np.array([ssa(m.psi_rad - x[2] - x[B_PSI]), rate - x[R] - x[B_GYRO]])
         H = np.zeros((2, len(x)))
@@ -73,9 +110,10 @@ class Inertial:
         verdict, gate = judge(
             belief.heading_gate, self._tuning.heading_gate, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0])
         )
-        belief = replace(belief, heading_gate=gate)
-        good = verdict != "rejected"
-        surprise = nu[1] ** 2 / S[1, 1] / self._tuning.imu_limit**2
+        good, d2 = verdict != "rejected", float(nu[1] ** 2 / S[1, 1])
+        activity = update_activity(belief.activity, (2,), (float(nu[1]) / math.sqrt(S[1, 1]),), dt_s)
+        belief = replace(belief, heading_gate=gate, activity=activity)
+        surprise = np.sqrt(d2) / self._tuning.imu_limit
         variance = self._attitude_R * (1.0, max(surprise, 1.0))
         innovations = (
             innovation_message(belief.t_ns, "heading", nu[:1], S[:1, :1], good),

@@ -91,15 +91,23 @@ class Predictor:
         dt_s = (t_ns - belief.t_ns) * 1e-9
         f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)
         decay, q = (self._wary if is_in_doubt(belief, self._tuning) else self._noise)(dt_s)
+        q[LATENT] *= np.exp([axis.log_variance for axis in belief.activity])
         drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
         x[LATENT] *= decay[LATENT]
         F[LATENT, LATENT] *= decay[LATENT]
-        seen = belief.t_ns - belief.pq_ns <= self._tuning.rates_hold_s * 1e9
-        advance_tilt(x, F, belief.x, belief.pq_rad_s if seen else (0.0, 0.0), dt_s)
+        seen = belief.t_ns - belief.rates_ns <= self._tuning.rates_hold_s * 1e9
+        advance_tilt(x, F, belief.x, _rates(belief, t_ns) if seen else (0.0, 0.0), dt_s)
         if not seen:
             q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
         P = self._algebra.predict(belief.P, x, F, np.diag(q))
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n)
+
+
+def _rates(belief: FilterState, t_ns: int) -> tuple[float, float]:
+    """Roll and pitch rate in the middle of a step that ends at t [rad/s], by the last ones and their slopes."""
+    ahead_s = ((belief.t_ns + t_ns) / 2 - belief.rates_ns) * 1e-9
+    (p, q, _), (p_dot, q_dot, _) = belief.rates_rad_s, belief.slopes_rad_s2
+    return p + ahead_s * p_dot, q + ahead_s * q_dot

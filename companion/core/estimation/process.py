@@ -3,8 +3,8 @@
     s = [x y psi | u v r | X_d Y_d N_d]        latent body force d [N, N, N m]: what the model leaves out
     eta_dot = R(psi) nu,   nu_dot = model(eta, nu, tau + d),   d constant over a step
 
-Specific force at the IMU's place in level axes: `frames.point_acceleration`. The height of the IMU matters
-only through roll and pitch acceleration and is left out.
+Specific force at the IMU's place in level axes: `frames.point_acceleration`; what roll and pitch do at its height is
+added by `inertial`.
 """
 
 from __future__ import annotations

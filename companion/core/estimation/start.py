@@ -129,7 +129,7 @@ class Starter:
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)
         return FilterState(
-            t_ns=t_ns, x=x, P=P, f_n=f_n, pq_rad_s=(0.0, 0.0), pq_ns=t_ns, anchor_gates=(Gate(),) * m,
+            t_ns=t_ns, x=x, P=P, f_n=f_n, rates_rad_s=(0.0, 0.0, 0.0), rates_ns=t_ns, anchor_gates=(Gate(),) * m,
             heading_gate=Gate(), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns,
             ranges_ns=None, since_ns=t_ns,
         )  # fmt: skip

@@ -36,9 +36,14 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """The same in yaw; tuned."""
     start_tilt_sigma_rad: float = 0.01
     """Error of the autopilot's roll and pitch at the start: what was seen of a real one under way was 0.012 at most."""
-    gyro_drift_rad_s_sqrt_s: float = 2e-4
+    ahrs_tilt_sigma_rad: float = 0.02
+    """The same after a gap, in waves: assumed; with 0.35 m of waves a DCM without GPS errs by 0.015."""
+    gyro_drift_rad_s_sqrt_s: float = 1e-4
     """Random walk of a gyro's bias on top of the file's. A board that warms up drifts steadily: ArduPilot's simulated
     one by 0.05 deg/s a minute (SIM_DRIFT_SPEED), which a walk of 5e-5 follows too late (cross-track error 0.09 m)."""
+    gyro_delay_s: float = 0.011
+    """The yaw rate is so late: sqrt(2) / (2 pi f), the delay of a second-order low-pass at INS_GYRO_FILTER = 20 Hz,
+    which `aritra provision` sets. Roll and pitch need no correction: specific force is as late as their rates."""
     rates_hold_s: float = 0.2
     """Roll and pitch rate are held so long after the last attitude; assumed: a tenth of a wave's period."""
     unseen_tilt_rad_sqrt_s: float = 0.05
@@ -76,9 +81,12 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     imu_timeout_s: float = 0.5
     """No IMU or no heading for so long: degraded; assumed."""
     settle_s: float = 3.0
-    """After a start, or a gap in all sensors of more than `imu_timeout_s`, the estimate is degraded for so long, and
-    until `settle_fixes` UWB messages have been accepted: what speed needs to be known to 0.2 m/s. Assumed."""
+    """After a start, or a gap in all sensors of more than `imu_timeout_s`, the estimate is degraded for so long, until
+    `settle_fixes` UWB messages have been accepted, and until the sigma of u and v is below `settled_velocity_sigma_m_s`
+    at one of them: speed is known to 0.2 m/s then. `settle_most_s` ends it in any case. Assumed."""
     settle_fixes: int = 4
+    settled_velocity_sigma_m_s: float = 0.05
+    settle_most_s: float = 12.0
     degraded_position_sigma_m: float = 0.5
     """Position sigma along its worst axis above which the estimate is degraded; assumed."""
     lost_position_sigma_m: float = 3.0

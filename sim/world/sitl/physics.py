@@ -1,12 +1,11 @@
-"""The boat afloat as a firmware's sensors would find it: clean values, for the firmware adds its own noise.
+"""The boat afloat as a firmware's sensors find it.
 
     position    R(rotation) [x y]             NED about the site's origin, which is the firmware's home
     velocity    R(rotation + psi) [u v]
-    accel       specific force at the IMU's place: `sensors.specific_force`
-    gyro        `sensors.body_rates`
+    accel, gyro `sensors.ImuSensor`: with the noise, the biases and the errors of the vessel file, as in the loopback
 
-Roll and pitch are those of the waves. Errors of the sensors that the vessel
-file knows of are in them, as in the loopback: the companion takes them out.
+Roll and pitch are those of the waves. Of the heading's errors the scale and the like are the vessel file's; its noise
+and wander are the firmware's own.
 """
 
 from __future__ import annotations
@@ -16,9 +15,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.core.geometry.frames import rotate, ssa
-from companion.core.model.sensor_errors import apply_heading_errors, apply_imu_errors
+from companion.core.model.sensor_errors import apply_heading_errors
 from sim.world.environment import Moment
-from sim.world.sensors import body_rates, specific_force
 from sim.world.sitl.protocol import PhysicsState
 from sim.world.world import STEP_NS, Afloat, WorldSetup
 
@@ -44,21 +42,19 @@ class SitlPhysics:
         for k in range(1, steps + 1):
             moment = self.world.advance(outputs_us, begin_ns + frame_ns * k // steps - self.world.t_ns)
             uwb += self.world.tag_bytes()
-        return self._state(moment), uwb
+        return self._state(moment, frame_ns), uwb
 
-    def _state(self, moment: Moment) -> PhysicsState:
+    def _state(self, moment: Moment, frame_ns: int) -> PhysicsState:
         world, motion = self.world, self.world.plant.motion
-        x, y, psi, u, v, r = (float(value) for value in motion.x[:6])
+        x, y, psi, u, v, _ = (float(value) for value in motion.x[:6])
         imu, yaw = world.vessel.sensors.imu, psi + self._rotation_rad
         north, east = rotate(self._rotation_rad, x, y)
         north_speed, east_speed = rotate(yaw, u, v)
-        p, q, r = body_rates(r, moment)
-        force = specific_force(imu, motion, moment)
-        a_x, a_y, r = apply_imu_errors(imu, force[0], force[1], r)
+        reading = world.imu.measure(motion, moment, frame_ns)
         return PhysicsState(
             timestamp_s=(world.t_ns - self._start_ns) * 1e-9,
-            gyro_rad_s=(p, q, float(r)),
-            accel_m_s2=(float(a_x), float(a_y), float(force[2])),
+            gyro_rad_s=reading.gyro_rad_s,
+            accel_m_s2=reading.accel_m_s2,
             position_m=(north, east, 0.0),
             velocity_m_s=(north_speed, east_speed, 0.0),
             attitude_rad=(moment.phi_rad, moment.theta_rad, ssa(apply_heading_errors(imu, psi) + self._rotation_rad)),

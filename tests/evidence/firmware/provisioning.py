@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tests.evidence.line import Line, exactly
-from tests.support.boat_processes import boat_processes, child
 from tests.support.autopilots.firmware_rig import ARDUPILOT, binaries
+from tests.support.boat_processes import boat_processes, child
 
 WIRINGS = {"gate": True, "scaled": True, "omni": False, "unsafe_plain": False}
 """Wiring -> whether Aritra drives it."""

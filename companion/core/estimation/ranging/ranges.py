@@ -8,7 +8,7 @@ A `RangeLayout` says where the filter's state keeps position, velocity and the a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -160,7 +160,7 @@ def relocate(
     return x, inflate(P, layout.velocity, VELOCITY_SIGMA_M_S)
 
 
-def inflate(P: np.ndarray, indices: tuple[int, ...], sigma: float) -> np.ndarray:
+def inflate(P: np.ndarray, indices: Iterable[int], sigma: float) -> np.ndarray:
     """P with `sigma` squared added to the variances at `indices`."""
     P = P.copy()
     for i in indices:
@@ -168,11 +168,11 @@ def inflate(P: np.ndarray, indices: tuple[int, ...], sigma: float) -> np.ndarray
     return P
 
 
-def decorrelate(P: np.ndarray, indices: tuple[int, ...]) -> np.ndarray:
+def decorrelate(P: np.ndarray, indices: Iterable[int]) -> np.ndarray:
     """P with the given states' correlations removed, their variances kept."""
     P = P.copy()
-    variances = [P[i, i] for i in indices]
-    for i, variance in zip(indices, variances, strict=True):
+    for i in indices:
+        variance = P[i, i]
         P[i, :] = 0.0
         P[:, i] = 0.0
         P[i, i] = variance

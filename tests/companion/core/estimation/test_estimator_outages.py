@@ -21,13 +21,13 @@ from tests.support.vessel_fixtures import boat
 def test_outage_degrades_then_is_lost_then_recovers(run, estimator) -> None:
     tuning = msgspec.structs.replace(estimator.tuning, lost_position_sigma_m=0.5)
     strict = Estimator(boat("aritra"), basin(), tuning)
-    gap = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 12, 32))
+    gap = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 16, 34))
     score = estimate(gap, strict, settle_s=38.0)
     health = {round(e.t_ns / S, 1): e for e in score.estimates}
-    assert health[11.0].health == "healthy"
-    assert health[15.5].health == "degraded"
-    assert "no UWB accepted" in health[15.5].reason
-    assert health[32.0].health == "lost"
+    assert health[15.5].health == "healthy"
+    assert health[19.0].health == "degraded"
+    assert "no UWB accepted" in health[19.0].reason
+    assert health[34.0].health == "lost"
     assert score.estimates[-1].health == "healthy"
     assert score.rms()["position_m"] < 0.3
 
@@ -87,7 +87,7 @@ def test_positions_serve_where_no_ranges_exist(run, estimator) -> None:
         return UwbPosition(t_ns=m.t_ns, t_rx_ns=m.t_rx_ns, tag="t", x_m=east, y_m=north, z_m=0.4)
 
     score = estimate(changed(run, as_position), estimator)
-    assert score.rms()["position_m"] < 0.15
+    assert score.rms()["position_m"] < 0.18
     assert score.estimates[-1].health == "healthy"
 
 
@@ -100,7 +100,7 @@ def test_positions_are_left_out_while_ranges_come(run, estimator) -> None:
             assert innovations == ()
         return state
 
-    state = step_all(run, estimator, 15.0, hear)
+    state = step_all(run, estimator, 20.0, hear)
     assert estimator.estimate(state, state.history[-1].t_ns).health == "healthy"
 
 
@@ -135,7 +135,7 @@ def test_silence_of_everything_is_lost_and_then_a_fresh_start(run, estimator) ->
     shift = [
         msgspec.structs.replace(m, t_ns=m.t_ns + 60 * S, t_rx_ns=m.t_rx_ns + 60 * S)
         for m in run.messages
-        if between(m, 10, 20)
+        if between(m, 10, 30)
     ]
     state, _ = estimator.step(state, shift[0])
     again = estimator.estimate(state, shift[0].t_ns)
@@ -144,4 +144,4 @@ def test_silence_of_everything_is_lost_and_then_a_fresh_start(run, estimator) ->
     for m in shift:
         state, _ = estimator.step(state, m)
     assert state.restarts == 1
-    assert estimator.estimate(state, 80 * S).health == "healthy"
+    assert estimator.estimate(state, 90 * S).health == "healthy"

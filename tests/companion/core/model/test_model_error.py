@@ -72,7 +72,7 @@ def innovation(d2: float) -> Innovation:
 def belief() -> FilterState:
     n = 17
     return FilterState(
-        t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), pq_rad_s=(0.0, 0.0), pq_ns=0, anchor_gates=(),
+        t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), rates_rad_s=(0.0, 0.0, 0.0), rates_ns=0, anchor_gates=(),
         heading_gate=Gate(), position_gates=(), latest=(), imu_ns=None, uwb_ns=0, ranges_ns=None, since_ns=0,
     )  # fmt: skip
 

@@ -16,7 +16,12 @@ class Card:
     """Answers payloads as ArduPilot 4.6, which refuses a path whose NUL is counted, and keeps the requests."""
 
     def __init__(self, stored=None, lost=(), refuses=None):
-        self.files, self.requests, self.lost, self.refuses = FtpFiles(stored, counts_nul=False), [], set(lost), refuses or {}
+        self.files, self.requests, self.lost, self.refuses = (
+            FtpFiles(stored, counts_nul=False),
+            [],
+            set(lost),
+            refuses or {},
+        )
 
     def answer(self, payload):
         number, _, opcode, size = struct.unpack_from("<HBBB", payload)

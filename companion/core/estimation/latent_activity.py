@@ -1,0 +1,57 @@
+"""How lively the latent force is now: waves are many times what a model leaves out, and as regular as no noise is.
+
+    z = nu / sqrt(S)                          innovation of an axis, white and of variance 1 where the filter is right
+    m' = (z - m) / tau                        its mean over a fraction of a wave's period, of variance dt / (2 tau)
+    a' = (min(m^2 2 tau / dt, 25) - 1.5) / T   0 <= a <= most
+    latent sigma = e^(a/2) sigma_0
+
+One number each for surge, sway and yaw. Without it the filter takes a wave's acceleration for a tilt. Covariance
+matching and whiteness of innovations: R. K. Mehra, On the identification of variances and adaptive Kalman filtering,
+1970.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+LARGEST = 25.0
+"""Five sigma: a single outlier is no wave; assumed."""
+SLACK = 1.5
+"""A mean square 1.5 times that of white noise is tolerated; assumed."""
+MEAN_S = 0.2
+"""tau; assumed: a tenth of a wave's period."""
+RISE_S, FALL_S = 0.3, 3.0
+"""T while a rises, and while it falls; assumed: twelvefold within a step that nothing explains, kept over two waves."""
+MOST = math.log(1000.0)
+"""The latent sigma grows thirtyfold at most: from the 4 N of a good model to waves of 100 N; assumed."""
+
+
+class AxisActivity(NamedTuple):
+    """`mean`: m; `log_variance`: a."""
+
+    mean: float = 0.0
+    log_variance: float = 0.0
+
+
+Activity = tuple[AxisActivity, AxisActivity, AxisActivity]
+CALM: Activity = (AxisActivity(), AxisActivity(), AxisActivity())
+_LIVELY = AxisActivity(log_variance=math.log(300.0))
+UNKNOWN: Activity = (_LIVELY, _LIVELY, _LIVELY)
+"""At the first acceleration, and at that after a gap: it is a wave's until it proves to be none, and no tilt."""
+
+
+def update_activity(activity: Activity, axes: Sequence[int], z: Sequence[float], dt_s: float) -> Activity:
+    """The activity after innovations z of `axes` (0 surge, 1 sway, 2 yaw), `dt_s` after the ones before."""
+    if dt_s <= 0.0:
+        return activity
+    after, gain = list(activity), -math.expm1(-dt_s / MEAN_S)
+    for axis, value in zip(axes, z, strict=True):
+        mean, log_variance = activity[axis]
+        mean += gain * (value - mean)
+        d2 = mean**2 * (2 - gain) / gain
+        excess = min(d2, LARGEST) - SLACK
+        log_variance += excess / (RISE_S if excess > 0 else FALL_S) * min(dt_s, MEAN_S)
+        after[axis] = AxisActivity(mean, min(max(log_variance, 0.0), MOST))
+    return after[0], after[1], after[2]

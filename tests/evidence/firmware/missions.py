@@ -1,0 +1,65 @@
+"""The demo's mission on the firmware that ARDUROVER names and on the simulated autopilot, calm and in waves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+from scipy.stats import chi2
+
+from sim.world.environment import Weather
+from tests.evidence.firmware.worlds import READY_S, Autopilot, autopilots, world_of
+from tests.evidence.line import Line, at_most, between, exactly
+from tests.evidence.main_job.parts import drive_mission
+
+SEEDS = range(1, 6)
+WAVES = Weather(H_s_m=0.35, T_p_s=2.5)
+"""Roll of 5 degrees and pitch of 3 (amplitude) in the simulator's figures for this size of hull."""
+GOALS = (
+    ("cross_track_rms_m", 0.11, "m"),
+    ("overshoot_m", 0.30, "m"),
+    ("u_rmse_m_s", 0.05, "m/s"),
+    ("v_rmse_m_s", 0.05, "m/s"),
+    ("position_rmse_m", 0.12, "m"),
+    ("station_error_m", 0.3, "m"),
+    ("station_error_deg", 5.0, "deg"),
+)
+
+
+def drive(case: tuple[Autopilot, int, bool]) -> dict[str, float]:
+    """One mission: autopilot, seed, waves."""
+    autopilot, seed, rough = case
+    with world_of(autopilot, seed, WAVES if rough else None) as world:
+        return drive_mission(world, READY_S)
+
+
+def missions(full: bool) -> Iterator[Line]:
+    """Missions: seeds 1-5 on every autopilot at hand, GPS off and on"""
+    yield from _missions(False, GOALS)
+
+
+def waves(full: bool) -> Iterator[Line]:
+    """Waves: the same while waves roll and pitch the hull"""
+    yield from _missions(True, (("cross_track_rms_m", 0.2, "m"),))
+
+
+def _missions(rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterator[Line]:
+    kinds = autopilots()
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        runs = list(pool.map(drive, [(kind, seed, rough) for kind in kinds for seed in SEEDS]))
+    ours = runs[: len(SEEDS)]
+    for k, (name, binary, _) in enumerate(kinds):
+        mine = runs[k * len(SEEDS) : (k + 1) * len(SEEDS)]
+        yield exactly(f"{name}: waypoints missed", sum(r["missed"] for r in mine), 0)
+        for key, goal, unit in goals:
+            values = [r[key] for r in mine]
+            yield at_most(f"{name}: {key}", max(values), goal, unit, f"worst of 5; median {np.median(values):.3f}")
+        nees = float(np.mean([r["nees"] for r in mine]))
+        band = chi2.ppf([0.025, 0.975], 6 * len(mine)) / len(mine)
+        yield between(f"{name}: NEES of pose and velocity", nees, *band, note="95 % band of chi2(30)/5")
+        if binary and not rough:
+            for key, _, _ in goals:
+                ratio = float(np.mean([r[key] for r in ours]) / np.mean([r[key] for r in mine]))
+                yield between(f"{name}: simulated / real, {key}", ratio, 0.9, 1.1, note="means of 5")

@@ -2,7 +2,7 @@
 
     z = nu / sqrt(S)                          innovation of an axis, white and of variance 1 where the filter is right
     m' = (z - m) / tau                        its mean over a fraction of a wave's period, of variance dt / (2 tau)
-    a' = (min(m^2 2 tau / dt, 25) - 1.5) / T   0 <= a <= most
+    a' = (min(m^2 2 tau / dt, 25) - 3) / T   0 <= a <= most
     latent sigma = e^(a/2) sigma_0
 
 One number each for surge, sway and yaw. Without it the filter takes a wave's acceleration for a tilt. Covariance
@@ -18,14 +18,14 @@ from typing import NamedTuple
 
 LARGEST = 25.0
 """Five sigma: a single outlier is no wave; assumed."""
-SLACK = 1.5
-"""A mean square 1.5 times that of white noise is tolerated; assumed."""
+SLACK = 3.0
+"""A mean square three times that of white noise is tolerated, so that white noise raises nothing; assumed."""
 MEAN_S = 0.2
 """tau; assumed: a tenth of a wave's period."""
-RISE_S, FALL_S = 0.3, 3.0
-"""T while a rises, and while it falls; assumed: twelvefold within a step that nothing explains, kept over two waves."""
+RISE_S, FALL_S = 0.5, 4.0
+"""T while a rises, and while it falls; assumed: large within a quarter of a wave's period, and kept over two."""
 MOST = math.log(1000.0)
-"""The latent sigma grows thirtyfold at most: from the 4 N of a good model to waves of 100 N; assumed."""
+"""The latent sigma grows thirtyfold at most: from the 3 N of a good model to waves of 100 N; assumed."""
 
 
 class AxisActivity(NamedTuple):

@@ -128,8 +128,9 @@ class Starter:
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)
+        rates = (heading.p_rad_s, heading.q_rad_s, heading.r_rad_s)
         return FilterState(
-            t_ns=t_ns, x=x, P=P, f_n=f_n, rates_rad_s=(0.0, 0.0, 0.0), rates_ns=t_ns, anchor_gates=(Gate(),) * m,
+            t_ns=t_ns, x=x, P=P, f_n=f_n, rates_rad_s=rates, rates_ns=t_ns, anchor_gates=(Gate(),) * m,
             heading_gate=Gate(), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns,
             ranges_ns=None, since_ns=t_ns,
         )  # fmt: skip

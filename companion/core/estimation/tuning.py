@@ -24,7 +24,7 @@ POSITION_GATE = GateRule(limit=3.72, floor=0.15, ceiling=0.70, reopen_count=3, r
 class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Process noise, trust and health limits of the extended Kalman filter."""
 
-    latent_force_sigma_n: float = 4.0
+    latent_force_sigma_n: float = 3.0
     """Stationary sigma of the latent surge and sway force [N]; tuned."""
     latent_moment_sigma_nm: float = 1.5
     """Stationary sigma of the latent yaw moment [N m]; tuned."""
@@ -85,7 +85,7 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     `settle_fixes` UWB messages have been accepted, and until the sigma of u and v is below `settled_velocity_sigma_m_s`
     at one of them: speed is known to 0.2 m/s then. `settle_most_s` ends it in any case. Assumed."""
     settle_fixes: int = 4
-    settled_velocity_sigma_m_s: float = 0.05
+    settled_velocity_sigma_m_s: float = 0.045
     settle_most_s: float = 12.0
     degraded_position_sigma_m: float = 0.5
     """Position sigma along its worst axis above which the estimate is degraded; assumed."""

@@ -21,13 +21,13 @@ from tests.support.vessel_fixtures import boat
 def test_outage_degrades_then_is_lost_then_recovers(run, estimator) -> None:
     tuning = msgspec.structs.replace(estimator.tuning, lost_position_sigma_m=0.5)
     strict = Estimator(boat("aritra"), basin(), tuning)
-    gap = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 16, 34))
+    gap = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 12, 32))
     score = estimate(gap, strict, settle_s=38.0)
     health = {round(e.t_ns / S, 1): e for e in score.estimates}
-    assert health[15.5].health == "healthy"
-    assert health[19.0].health == "degraded"
-    assert "no UWB accepted" in health[19.0].reason
-    assert health[34.0].health == "lost"
+    assert health[11.0].health == "healthy"
+    assert health[15.1].health == "degraded"
+    assert "no UWB accepted" in health[15.1].reason
+    assert health[32.0].health == "lost"
     assert score.estimates[-1].health == "healthy"
     assert score.rms()["position_m"] < 0.3
 

@@ -23,7 +23,7 @@ SURE = replace(BASE, model_error=ModelError(X_sigma_N=0.8, Y_sigma_N=0.6, N_sigm
 
 
 def test_without_it_the_filter_goes_by_its_own_tuning():
-    assert Estimator(BASE, basin()).tuning.latent_sigma == (4.0, 4.0, 1.5)
+    assert Estimator(BASE, basin()).tuning.latent_sigma == (3.0, 3.0, 1.5)
     assert Estimator(SURE, basin()).tuning.latent_sigma == (0.8, 0.6, 0.3)
 
 
@@ -85,7 +85,7 @@ def test_doubt_does_not_come_by_chance_and_comes_of_errors_half_as_large_again(s
     assert not is_in_doubt(calm, tuning) and np.array_equal(calm.P, np.eye(17))
     off = update_confidence(calm, map(innovation, 2.25 * rng.normal(size=400) ** 2), tuning)
     assert is_in_doubt(off, tuning)
-    assert np.diag(off.P)[LATENT] == pytest.approx(1 + np.square([4.0, 4.0, 1.5]))
+    assert np.diag(off.P)[LATENT] == pytest.approx(1 + np.square([3.0, 3.0, 1.5]))
 
 
 def test_wild_ranges_count_no_more_than_three_sigma_and_plain_files_are_never_in_doubt():
@@ -96,4 +96,4 @@ def test_wild_ranges_count_no_more_than_three_sigma_and_plain_files_are_never_in
 
 def test_where_the_file_says_more_than_the_tuning_doubt_changes_nothing():
     much = ModelError(X_sigma_N=9.0, Y_sigma_N=1.0, N_sigma_N_m=0.3, source="test")
-    assert EstimatorTuning(model_error=much).wary_latent_sigma == (9.0, 4.0, 1.5)
+    assert EstimatorTuning(model_error=much).wary_latent_sigma == (9.0, 3.0, 1.5)

@@ -1,0 +1,21 @@
+"""A mission in waves that roll the hull by 5 degrees and push it with 20 to 30 N, on the worst AHRS. Seeds 1 to 3."""
+
+import pytest
+
+from sim.world.environment import Weather
+from tests.support.drive_fixture import CORNER, figures, settled, voyage
+
+WAVES = Weather(H_s_m=0.35, T_p_s=2.5)
+SMALL = Weather(H_s_m=0.1, T_p_s=1.8)
+
+
+@pytest.mark.parametrize(
+    ("weather", "seed"), [(WAVES, 2), *(pytest.param(w, s, marks=pytest.mark.long) for w in (WAVES, SMALL) for s in (1, 3))]
+)  # fmt: skip
+def test_the_estimate_is_right_in_waves_and_the_boat_stays_on_its_track(weather, seed):
+    run = voyage(seed, weather=weather)
+    assert run.run(settled(10.0), 120.0), run.state.helm
+    told = figures(run, CORNER)
+    assert told["position_rmse_m"] < 0.2 and told["velocity_rmse_m_s"] < 0.1
+    assert told["nees"] < 14.0
+    assert told["cross_track_rms_m"] < 0.3

@@ -9,9 +9,10 @@ WAVES = Weather(H_s_m=0.35, T_p_s=2.5)
 SMALL = Weather(H_s_m=0.1, T_p_s=1.8)
 
 
-@pytest.mark.parametrize(
-    ("weather", "seed"), [(WAVES, 2), *(pytest.param(w, s, marks=pytest.mark.long) for w in (WAVES, SMALL) for s in (1, 3))]
-)  # fmt: skip
+MORE = [pytest.param(w, seed, marks=pytest.mark.long) for w in (WAVES, SMALL) for seed in (1, 3)]
+
+
+@pytest.mark.parametrize(("weather", "seed"), [(WAVES, 2), *MORE])
 def test_the_estimate_is_right_in_waves_and_the_boat_stays_on_its_track(weather, seed):
     run = voyage(seed, weather=weather)
     assert run.run(settled(10.0), 120.0), run.state.helm

@@ -156,7 +156,7 @@ class Estimator:
             covariance=tuple(belief.P[:6, :6].ravel().tolist()), accel_bias_m_s2=tuple(x[B_ACCEL].tolist()),
             gyro_bias_rad_s=float(x[B_GYRO]),
             anchor_bias_m=dict(zip(self.anchors, x[B_RANGE:].tolist(), strict=True)),
-            disturbance_n=tuple(x[LATENT].tolist()), health=health, reason=reason,
+            disturbance_n=belief.lasting, health=health, reason=reason,
         )  # fmt: skip
 
     def belief(self, state: EstimatorState, t_ns: int) -> FilterState | None:

@@ -41,7 +41,8 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `imu_ns`, `uwb_ns`, `ranges_ns`: the last
     sample of each kind. `since_ns`: the start, or the end of the last gap in all sensors; `fixes`: UWB messages
     accepted since then; `settled`: speed is known since then. `doubt`: the cumulative sum of `model_confidence`;
-    `activity`: of the latent force, see `latent_activity`.
+    `activity`: of the latent force, see `latent_activity`;
+    `lasting`: its mean over a time that grows with it, what a controller can plan against [N, N, N m].
     """
 
     t_ns: int
@@ -63,6 +64,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     settled: bool = False
     doubt: float = 0.0
     activity: Activity = CALM
+    lasting: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def tilt(self) -> Tilt:

@@ -4,7 +4,8 @@ IMU       [a_x a_y] at the lever arm, in level axes by the filter's own roll and
           do at its height is + q_dot z, - p_dot z, by the slopes of the rates
 attitude  psi + b_psi, where b_psi is the slow wander of the autopilot's own estimate, and psi_dot by its rates
 
-Specific force and yaw rate have no gate: R of a number whose innovation exceeds the limit grows with its square.
+Specific force and yaw rate have no gate: R of a number whose innovation exceeds the limit grows in proportion to it
+(Huber 1964).
 
 The rates are those of ATTITUDE: the ones of RAW_IMU are cut to whole mrad/s.
 """
@@ -38,6 +39,9 @@ from companion.core.estimation.tilt import level_jacobian, to_level_axes, yaw_ra
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Attitude, ImuSample
+
+SHORTEST_S = 0.005
+"""Two attitudes closer than that give no slope of the rates; assumed: a quarter of the period at 50 Hz."""
 
 
 def _since_s(before_ns: int | None, t_ns: int, never: float = 0.0) -> float:
@@ -99,7 +103,9 @@ class Inertial:
         if dt_s > hold_s:
             belief = self._level(belief, m)
         rates = (m.p_rad_s, m.q_rad_s, m.r_rad_s)
-        slopes = (np.subtract(rates, belief.rates_rad_s) / dt_s).tolist() if 0.0 < dt_s <= hold_s else (0.0, 0.0, 0.0)
+        slopes = (0.0, 0.0, 0.0)
+        if SHORTEST_S <= dt_s <= hold_s:
+            slopes = (np.subtract(rates, belief.rates_rad_s) / dt_s).tolist()
         belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=tuple(slopes))
         rate = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s + self._tuning.gyro_delay_s * slopes[2])
         x = belief.x

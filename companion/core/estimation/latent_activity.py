@@ -28,6 +28,11 @@ MOST = math.log(1000.0)
 """The latent sigma grows thirtyfold at most: from the 3 N of a good model to waves of 100 N; assumed."""
 
 
+MEMORY_S = 1.0
+"""The mean of the latent force that a controller plans against is over a times so long: over a wave or more where waves
+are, and over nothing where the force is only what the model leaves out. Assumed."""
+
+
 class AxisActivity(NamedTuple):
     """`mean`: m; `log_variance`: a."""
 
@@ -55,3 +60,14 @@ def update_activity(activity: Activity, axes: Sequence[int], z: Sequence[float],
         log_variance += excess / (RISE_S if excess > 0 else FALL_S) * min(dt_s, MEAN_S)
         after[axis] = AxisActivity(mean, min(max(log_variance, 0.0), MOST))
     return after[0], after[1], after[2]
+
+
+def update_lasting(
+    lasting: tuple[float, float, float], latent: Sequence[float], activity: Activity, dt_s: float
+) -> tuple[float, float, float]:
+    """The mean of the latent force after `dt_s`."""
+    X, Y, N = (
+        mean + (d - mean) * (-math.expm1(-dt_s / (MEMORY_S * axis.log_variance)) if axis.log_variance else 1.0)
+        for mean, d, axis in zip(lasting, latent, activity, strict=True)
+    )
+    return X, Y, N

@@ -27,6 +27,7 @@ from companion.core.estimation.filter_state import (
     FilterState,
 )
 from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.latent_activity import update_lasting
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
 from companion.core.estimation.tilt import advance_tilt
@@ -103,7 +104,8 @@ class Predictor:
         if not seen:
             q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
         P = self._algebra.predict(belief.P, x, F, np.diag(q))
-        return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n)
+        lasting = update_lasting(belief.lasting, x[LATENT].tolist(), belief.activity, dt_s)
+        return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, lasting=lasting)
 
 
 def _rates(belief: FilterState, t_ns: int) -> tuple[float, float]:

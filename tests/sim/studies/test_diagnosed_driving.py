@@ -110,7 +110,7 @@ def test_what_the_fit_leaves_over_is_a_force_and_never_nothing():
     assert error is not None
     M = np.diag(mass_matrix(BASE))
     assert (error.X_sigma_N, error.N_sigma_N_m) == pytest.approx((2 * 0.05 * M[0], 2 * 0.2 * M[2]), abs=1e-3)
-    assert error.Y_sigma_N == pytest.approx(0.8)  # a fifth of the filter's 4 N
+    assert error.Y_sigma_N == pytest.approx(0.6)  # a fifth of the filter's 3 N
     assert load_vessel(vessel_toml(with_model_error(BASE, noise, "test")), name="x").model_error == error
 
 

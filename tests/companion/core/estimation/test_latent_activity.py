@@ -22,13 +22,14 @@ def test_white_innovations_of_the_predicted_size_leave_the_model_s_own_error(see
     for value in np.random.default_rng(seed).normal(size=3000):
         activity = update_activity(activity, (1,), (value,), DT_S)
         levels.append(activity[1].log_variance)
-    assert np.median(levels) < 0.5 and np.quantile(levels, 0.95) < MOST / 2
+    assert np.median(levels) < 0.5 and np.mean(levels) < 1.0
 
 
 def test_a_wave_that_is_smaller_than_the_noise_raises_it_within_a_second():
     noise = np.random.default_rng(1).normal(size=50)
     wave = 0.9 * np.sin(2.5 * DT_S * np.arange(50) + 0.8)
-    assert after(noise + wave)[1].log_variance > 3.0 > 1.0 > after(noise)[1].log_variance
+    assert after(noise + wave)[1].log_variance > 3.0
+    assert after(noise)[1].log_variance < 1.0
 
 
 def test_it_comes_back_within_half_a_minute_and_other_axes_stay():

@@ -22,11 +22,16 @@ SITE = setup().pilot.site
 START = (8.0, 9.0, 0.4)
 
 
-def physics(seed=1, name="aritra", site=SITE, imu=None, **changes):
+CLEAN = dict.fromkeys(("accel_sigma_m_s2", "gyro_sigma_rad_s"), 1e-15) | dict.fromkeys(
+    ("accel_bias_sigma_m_s2", "accel_bias_walk_m_s2_sqrt_s", "gyro_bias_sigma_rad_s", "gyro_bias_walk_rad_s_sqrt_s"),
+    0.0,
+)
+
+
+def physics(seed=1, name="aritra", site=SITE, imu=CLEAN, **changes):
     vessel = boat(name)
-    if imu:
-        sensors = msgspec.structs.replace(vessel.sensors, imu=msgspec.structs.replace(vessel.sensors.imu, **imu))
-        vessel = msgspec.structs.replace(vessel, sensors=sensors)
+    sensors = msgspec.structs.replace(vessel.sensors, imu=msgspec.structs.replace(vessel.sensors.imu, **imu))
+    vessel = msgspec.structs.replace(vessel, sensors=sensors)
     return SitlPhysics(WorldSetup(vessel, site, **{"start": START, **changes}), seed)
 
 
@@ -39,7 +44,8 @@ TURN = (1650, 1500, 1600, 1500)
 
 def test_at_rest_the_accelerometer_says_minus_9_80665_down_and_nothing_else():
     state = drive(physics(), 1.0)[-1]
-    assert state.accel_m_s2 == pytest.approx((0, 0, -9.80665), abs=1e-9) and state.gyro_rad_s == (0, 0, 0)
+    assert state.accel_m_s2 == pytest.approx((0, 0, -9.80665), abs=1e-9)
+    assert state.gyro_rad_s == pytest.approx((0, 0, 0), abs=1e-9)
     assert state.position_m == pytest.approx((START[0], START[1], 0)) and state.velocity_m_s == (0, 0, 0)
     assert state.attitude_rad == pytest.approx((0, 0, START[2]))
 
@@ -58,7 +64,7 @@ def test_it_is_the_plant_of_the_loopback_and_no_other():
 
 def test_states_hold_together_as_a_strapdown_computer_would_put_them():
     """Specific force, turned to NED, gravity added, integrated: velocity; that integrated: position; gyro: yaw."""
-    told = drive(physics(imu={"x_m": 0.0, "y_m": 0.0}), 8.0, TURN)
+    told = drive(physics(imu={**CLEAN, "x_m": 0.0, "y_m": 0.0}), 8.0, TURN)
     velocity, position, yaw = np.zeros(2), np.array(START[:2]), START[2]
     for a, b in pairwise(told):
         dt = b.timestamp_s - a.timestamp_s
@@ -120,14 +126,15 @@ def test_in_a_basin_that_is_turned_the_firmware_is_told_true_north():
     assert told.accel_m_s2 == pytest.approx(straight.accel_m_s2)
 
 
-def test_errors_that_the_vessel_file_knows_of_are_in_and_noise_is_not():
-    """The companion takes the former out; the firmware adds the latter."""
+def test_errors_and_noise_that_the_vessel_file_knows_of_are_in():
     wrong = {"heading_offset_rad": 0.1, "accel_bias_x_m_s2": 0.2, "gyro_bias_rad_s": 0.03}
-    clean, told = drive(physics(), 0.1)[-1], drive(physics(imu=wrong), 0.1)[-1]
+    clean, told = drive(physics(), 0.1)[-1], drive(physics(imu=CLEAN | wrong), 0.1)[-1]
     assert told.attitude_rad[2] - clean.attitude_rad[2] == pytest.approx(0.1)
     assert told.accel_m_s2[0] - clean.accel_m_s2[0] == pytest.approx(0.2)
     assert told.gyro_rad_s[2] == pytest.approx(0.03)
-    assert drive(physics(seed=1), 0.1) == drive(physics(seed=2), 0.1)
+    noisy = np.array([s.gyro_rad_s for s in drive(physics(imu={}), 5.0)])
+    density = boat("aritra").sensors.imu.gyro_sigma_rad_s * math.sqrt(200 / boat("aritra").sensors.imu.rate_Hz)
+    assert noisy.std(axis=0) == pytest.approx(density, rel=0.15)
 
 
 def test_the_battery_sags_under_load():

@@ -13,6 +13,7 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.health import SETTLES
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.messages import Innovation
 from companion.core.preflight.observations import Observations
@@ -39,11 +40,13 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
     health = e.health if e else "initialising"
     levels: dict[str, Level] = {"healthy": "ok", "degraded": "warning"}
     found = "nothing to estimate from"
+    settles = e is not None and e.reason == SETTLES  # as after every start: it takes longer than this look
     if e and health in ("healthy", "degraded"):
-        found = f"{health}: north {e.north_m:.2f} m, east {e.east_m:.2f} m, heading {math.degrees(e.psi_rad):.0f} deg"
+        word = "it has started, speed settles" if settles else health
+        found = f"{word}: north {e.north_m:.2f} m, east {e.east_m:.2f} m, heading {math.degrees(e.psi_rad):.0f} deg"
     elif e:
         found = f"{health}: {e.reason}"
-    level = levels.get(health, "refuse")
+    level = "ok" if settles else levels.get(health, "refuse")
     yield Row(
         area="estimator", name="state", level=level, found=found, needed=f"healthy after {observed.listened_s:.0f} s",
         why="without it the boat does not know where it is",

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.core.estimation.health import SETTLES
 from companion.core.messages import (
     AnchorRange,
     Battery,
@@ -38,6 +39,11 @@ def test_the_estimate_s_health_decides(health, level):
     rows = by_name(estimator_rows(heard(estimate=estimate(health, "one anchor in range"))))
     assert rows["state"].level == level
     assert health in rows["state"].found
+
+
+def test_an_estimate_whose_speed_settles_as_after_every_start_is_in_order():
+    rows = by_name(estimator_rows(heard(estimate=estimate("degraded", SETTLES))))
+    assert rows["state"].level == "ok" and "settles" in rows["state"].found
 
 
 def test_innovations_that_do_not_fit_are_told_by_sensor():

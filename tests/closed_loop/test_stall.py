@@ -6,13 +6,12 @@ All that the devices have sent meanwhile arrives at once, as after SIGSTOP and S
 import pytest
 
 from companion.core.messages import StateEstimate
-from sim.world.environment import Weather
+from tests.evidence.firmware.missions import WAVES
 from tests.evidence.firmware.stall import stand_still
 from tests.support.drive_fixture import driving, voyage
 
-WAVES = {"weather": Weather(H_s_m=0.35, T_p_s=2.5)}
 CASES = [(6.0, 1, {})]
-MORE = [(stall_s, seed, world) for stall_s in (2.0, 6.0, 20.0) for seed in (2, 3) for world in ({}, WAVES)]
+MORE = [(stall_s, seed, world) for stall_s in (2.0, 6.0, 20.0) for seed in (2, 3) for world in ({}, {"weather": WAVES})]
 
 
 @pytest.mark.parametrize(

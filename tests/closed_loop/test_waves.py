@@ -3,9 +3,9 @@
 import pytest
 
 from sim.world.environment import Weather
+from tests.evidence.firmware.missions import WAVES
 from tests.support.drive_fixture import CORNER, figures, settled, voyage
 
-WAVES = Weather(H_s_m=0.35, T_p_s=2.5)
 SMALL = Weather(H_s_m=0.1, T_p_s=1.8)
 
 

@@ -82,11 +82,14 @@ def driving(run: SteppedRun) -> bool:
     return run.state.helm.mode == "auto" and run.state.guidance.phase == "leg"
 
 
+def healthy(run: SteppedRun) -> bool:
+    return run.of(StateEstimate)[-1].health == "healthy"
+
+
 @cache
 def under_way() -> tuple[PilotState, int]:
     """A pilot's state in the middle of its first leg with a healthy estimate, and its time [ns]. Seed 11."""
     run = voyage(11)
-    healthy = lambda r: r.of(StateEstimate)[-1].health == "healthy"  # noqa: E731
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 1.5 and healthy(r), 30.0)
     run.run(lambda r: r.state.open_tick is None, 1.0)
     return run.state, run.world.t_ns

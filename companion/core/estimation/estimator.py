@@ -29,12 +29,11 @@ from companion.core.estimation.filter_state import (
     B_ACCEL,
     B_GYRO,
     B_RANGE,
-    LATENT,
-    NU,
+    LATENT_INDICES,
+    NU_INDICES,
     BufferedMeasurement,
     FilterState,
     Fusible,
-    R,
     Result,
 )
 from companion.core.estimation.health import assess, is_settled
@@ -225,9 +224,9 @@ class Estimator:
 
     def _after_gap(self, belief: FilterState) -> FilterState:
         """The filter state after a gap in all sensors: whatever drove or pushed the boat, velocity is unknown."""
-        P = decorrelate(belief.P, range(NU.start, LATENT.stop))
-        P = inflate(P, range(NU.start, NU.stop - 1), self.tuning.start_velocity_sigma_m_s)
-        P = inflate(P, (R,), self.tuning.start_rate_sigma_rad_s)
+        tuning = self.tuning
+        sigma = tuning.start_velocity_sigma_m_s, tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
+        P = inflate(decorrelate(belief.P, (*NU_INDICES, *LATENT_INDICES)), NU_INDICES, sigma)
         return replace(belief, P=P, since_ns=belief.t_ns, fixes=0, settled=False)
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:

@@ -28,7 +28,7 @@ def is_settled(belief: FilterState, tuning: EstimatorTuning) -> bool:
     since_s = (belief.t_ns - belief.since_ns) * 1e-9
     if belief.settled or since_s < tuning.settle_s or belief.fixes < tuning.settle_fixes:
         return belief.settled
-    return bool(np.diag(belief.P)[3:5].max() <= tuning.settled_velocity_sigma_m_s**2)
+    return max(belief.P[i, i] for i in LAYOUT.velocity) <= tuning.settled_velocity_sigma_m_s**2
 
 
 def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:

@@ -23,7 +23,7 @@ from companion.core.estimation.filter_state import (
     B_GYRO,
     B_PSI,
     DYNAMIC,
-    LATENT,
+    LATENT_INDICES,
     TILT,
     FilterState,
     R,
@@ -61,7 +61,8 @@ class Inertial:
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
         """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's."""
         if _since_s(belief.imu_ns, belief.t_ns, math.inf) > self._tuning.imu_timeout_s:
-            belief = replace(belief, P=self._unknown_force(belief.P), activity=UNKNOWN)
+            sigma = self._tuning.latent_sigma * np.exp([axis.log_variance / 2 for axis in UNKNOWN])
+            belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=UNKNOWN)
         expected, J = self._process.acceleration(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         p_dot, q_dot, _ = belief.slopes_rad_s2
@@ -73,13 +74,11 @@ class Inertial:
         H[:, TILT] = -level_jacobian(tilt, *force)
         HPH = H @ belief.P @ H.T
         S = HPH + np.diag(self._accel_R)
-        d2 = nu**2 / np.diag(S)
-        surprise = np.sqrt(d2) / self._tuning.imu_limit
+        z = nu / np.sqrt(np.diag(S))
+        surprise = np.abs(z) / self._tuning.imu_limit
         x, P = self._algebra.update(belief.x, belief.P, nu, H, np.diag(self._accel_R * np.maximum(surprise, 1.0)))
         innovation = innovation_message(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
-        activity = update_activity(
-            belief.activity, (0, 1), (nu / np.sqrt(np.diag(S))).tolist(), _since_s(belief.imu_ns, belief.t_ns)
-        )
+        activity = update_activity(belief.activity, (0, 1), z.tolist(), _since_s(belief.imu_ns, belief.t_ns))
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns, activity=activity), (innovation,)
 
     def _level(self, belief: FilterState, m: Attitude) -> FilterState:
@@ -90,12 +89,6 @@ class Inertial:
         nu = np.array([m.phi_rad, m.theta_rad]) - belief.x[TILT]
         x, P = self._algebra.update(belief.x, belief.P, nu, H, R)
         return replace(belief, x=x, P=P)
-
-    def _unknown_force(self, P: np.ndarray) -> np.ndarray:
-        """P with the latent force as uncertain as the activity `UNKNOWN` makes it."""
-        for k, (sigma, axis) in enumerate(zip(self._tuning.latent_sigma, UNKNOWN, strict=True)):
-            P = inflate(P, (LATENT.start + k,), sigma * math.exp(axis.log_variance / 2))
-        return P
 
     def fuse_attitude(self, belief: FilterState, m: Attitude) -> Result:
         """One update by heading and yaw rate. Of roll and pitch only the rates count, but for the first after a gap."""
@@ -116,14 +109,13 @@ class Inertial:
         verdict, gate = judge(
             belief.heading_gate, self._tuning.heading_gate, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0])
         )
-        good, d2 = verdict != "rejected", float(nu[1] ** 2 / S[1, 1])
-        activity = update_activity(belief.activity, (2,), (float(nu[1]) / math.sqrt(S[1, 1]),), dt_s)
-        belief = replace(belief, heading_gate=gate, activity=activity)
-        surprise = np.sqrt(d2) / self._tuning.imu_limit
+        good, z = verdict != "rejected", float(nu[1]) / math.sqrt(S[1, 1])
+        belief = replace(belief, heading_gate=gate, activity=update_activity(belief.activity, (2,), (z,), dt_s))
+        surprise = abs(z) / self._tuning.imu_limit
         variance = self._attitude_R * (1.0, max(surprise, 1.0))
         innovations = (
             innovation_message(belief.t_ns, "heading", nu[:1], S[:1, :1], good),
-            innovation_message(belief.t_ns, "yaw rate", nu[1:], S[1:, 1:], bool(surprise <= 1.0)),
+            innovation_message(belief.t_ns, "yaw rate", nu[1:], S[1:, 1:], surprise <= 1.0),
         )
         P = inflate(belief.P, (2,), abs(float(nu[0]))) if verdict == "reopened" else belief.P
         use = slice(0, 2) if good else slice(1, 2)

@@ -27,7 +27,6 @@ RISE_S, FALL_S = 0.5, 4.0
 MOST = math.log(1000.0)
 """The latent sigma grows thirtyfold at most: from the 3 N of a good model to waves of 100 N; assumed."""
 
-
 MEMORY_S = 1.0
 """The mean of the latent force that a controller plans against is over a times so long: over a wave or more where waves
 are, and over nothing where the force is only what the model leaves out. Assumed."""

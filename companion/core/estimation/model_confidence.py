@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 from msgspec.structs import replace
 
-from companion.core.estimation.filter_state import LATENT, FilterState
+from companion.core.estimation.filter_state import LATENT_INDICES, FilterState
 from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Innovation
@@ -33,9 +33,7 @@ def update_confidence(belief: FilterState, innovations: Iterable[Innovation], tu
         g = max(0.0, g + min(innovation.d2, MOST) - SLACK)
     if g < tuning.doubt_limit:
         return replace(belief, doubt=g)
-    P = belief.P
-    for i, sigma in zip(range(LATENT.start, LATENT.stop), tuning.wary_latent_sigma, strict=True):
-        P = inflate(P, (i,), sigma)
+    P = inflate(belief.P, LATENT_INDICES, tuning.wary_latent_sigma)
     return replace(belief, doubt=tuning.doubt_limit, P=P)
 
 

@@ -86,7 +86,8 @@ Health = Literal["initialising", "healthy", "degraded", "lost"]
 class StateEstimate(Message, frozen=True, kw_only=True):
     """Pose of the body origin in NED, body velocities over ground, biases and disturbance.
 
-    `covariance`: row-major 6 x 6 of [x y psi u v r]. `disturbance_n`: [X N, Y N, N N m] in body axes.
+    `covariance`: row-major 6 x 6 of [x y psi u v r]. `disturbance_n`: [X N, Y N, N N m] in body axes,
+    in waves their mean over some seconds.
     """
 
     north_m: float

@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
-from sim.world.world import World, WorldSetup
+from sim.world.world import WorldSetup
 from tests.evidence.firmware import asked_commands, asked_protocol
 from tests.evidence.firmware.dialogue import Dialogue
 from tests.evidence.line import Line, at_least, exactly, information
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.autopilots.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.firmware_rig import binaries, world_with
 
 FAMILIES = {
     family.__name__: family
@@ -41,13 +39,7 @@ def answers(case: tuple[str, str, str]) -> dict[str, str]:
     family, binary, version = case
     setup, _, _ = reference_boat()
     boat = WorldSetup(setup.vessel, setup.site, firmware=version)
-    if not binary:
-        world = World(boat, 1)
-        return dict(FAMILIES[family](Dialogue(world)))
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        closing(firmware_world(Path(binary), Path(folder), boat, 1, gps=False, parameters=BOARD_PARAMETERS)) as world,
-    ):
+    with world_with(binary, boat, 1, gps=False, parameters=BOARD_PARAMETERS) as world:
         return dict(FAMILIES[family](Dialogue(world)))
 
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
-from pathlib import Path
 from typing import NamedTuple
 
 from companion.core.preflight.parameter_file import parse_parameters
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
-from sim.world.world import World, WorldSetup
+from sim.world.world import WorldSetup
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.autopilots.firmware_rig import ARDUPILOT, binaries, firmware_world
+from tests.support.autopilots.firmware_rig import ARDUPILOT, binaries, world_with
 from tests.support.autopilots.stop_trial import Stopped, Trial, try_stop
 from tests.support.autopilots.stops import ALL, StopSet
 
@@ -38,12 +35,9 @@ def run(case: StopCase) -> Stopped:
     setup = WorldSetup(
         boat.vessel, boat.site, start=START, receiver_us=chosen.receiver_us, parameters=_simulated(chosen)
     )
-    if not case.binary:
-        return try_stop(Trial(World(setup, SEED)), stop)
-    with tempfile.TemporaryDirectory() as folder, closing(
-        firmware_world(Path(case.binary), Path(folder), setup, SEED, gps=chosen.gps, wiring=chosen.wiring,
-                       parameters=chosen.parameters)
-    ) as world:  # fmt: skip
+    with world_with(
+        case.binary, setup, SEED, gps=chosen.gps, wiring=chosen.wiring, parameters=chosen.parameters
+    ) as world:
         return try_stop(Trial(world), stop)
 
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
-import tempfile
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from pathlib import Path
+from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 from sim.world.environment import Weather
-from sim.world.stepped import SteppedWorld
+from sim.world.sitl.firmware_world import FirmwareWorld
 from sim.world.world import World, WorldSetup
 from tests.evidence.main_job.parts import reference_boat
-from tests.support.autopilots.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.firmware_rig import binaries, world_with
+from tests.support.drive_fixture import START
 
-START = 8.0, 8.0, math.radians(20)
 READY_S = 30.0
 """The mission begins so long after the autopilot's: a real one arms after 22 s. On both, so that ranges err alike."""
 
@@ -40,16 +36,10 @@ def autopilots() -> list[Autopilot]:
     return [Autopilot("simulated", "", False), *real]
 
 
-@contextmanager
-def world_of(autopilot: Autopilot, seed: int, weather: Weather | None = None) -> Iterator[SteppedWorld]:
+def world_of(
+    autopilot: Autopilot, seed: int, weather: Weather | None = None
+) -> AbstractContextManager[World | FirmwareWorld]:
     """The reference boat with this autopilot."""
     boat = reference_boat()[0]
     setup = WorldSetup(boat.vessel, boat.site, start=START, weather=weather or Weather())
-    if not autopilot.binary:
-        yield World(setup, seed)
-        return
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        closing(firmware_world(Path(autopilot.binary), Path(folder), setup, seed, gps=autopilot.gps)) as world,
-    ):
-        yield world
+    return world_with(autopilot.binary, setup, seed, gps=autopilot.gps)

@@ -6,11 +6,13 @@ Everything is in simulated time: a busy machine makes it slow and nothing else.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareWorld
-from sim.world.world import WorldSetup
+from sim.world.world import World, WorldSetup
 
 ARDUPILOT = Path(__file__).resolve().parents[3] / "deploy" / "ardupilot"
 BASIN = {"GPS1_TYPE": 0.0, "COMPASS_DEC": -0.0213}
@@ -41,3 +43,26 @@ def firmware_world(
     more = {**({} if gps else BASIN), **(parameters or {})}
     files, scripts = [ARDUPILOT / f"{wiring}.param"], [ARDUPILOT / "gate.lua"] if wiring == "gate" else []
     return FirmwareWorld(setup, seed, FirmwareSetup(binary, folder, files, more, scripts))
+
+
+@contextmanager
+def world_with(
+    binary: str,
+    setup: WorldSetup,
+    seed: int,
+    *,
+    gps: bool,
+    wiring: str = "gate",
+    parameters: Mapping[str, float] | None = None,
+) -> Iterator[World | FirmwareWorld]:
+    """The boat with this firmware in a folder of its own; binary "": with the simulated autopilot, as `setup` says."""
+    if not binary:
+        yield World(setup, seed)
+        return
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(
+            firmware_world(Path(binary), Path(folder), setup, seed, gps=gps, wiring=wiring, parameters=parameters)
+        ) as world,
+    ):
+        yield world

@@ -8,7 +8,7 @@ A `RangeLayout` says where the filter's state keeps position, velocity and the a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -160,15 +160,14 @@ def relocate(
     return x, inflate(P, layout.velocity, VELOCITY_SIGMA_M_S)
 
 
-def inflate(P: np.ndarray, indices: Iterable[int], sigma: float) -> np.ndarray:
-    """P with `sigma` squared added to the variances at `indices`."""
+def inflate(P: np.ndarray, indices: Sequence[int], sigma: float | Sequence[float]) -> np.ndarray:
+    """P with `sigma` squared added to the variances at `indices`; one sigma for all, or one for each."""
     P = P.copy()
-    for i in indices:
-        P[i, i] += sigma**2
+    P[indices, indices] += np.square(sigma)
     return P
 
 
-def decorrelate(P: np.ndarray, indices: Iterable[int]) -> np.ndarray:
+def decorrelate(P: np.ndarray, indices: Sequence[int]) -> np.ndarray:
     """P with the given states' correlations removed, their variances kept."""
     P = P.copy()
     for i in indices:

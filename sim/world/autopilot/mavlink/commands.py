@@ -36,8 +36,11 @@ Handler = Callable[[SimulatedVehicle, PeerLink, Sequence[float]], Reply]
 
 def run(command: int, vehicle: SimulatedVehicle, link: PeerLink, params: Sequence[float]) -> Reply:
     """Carry out one command."""
-    if vehicle.parameters.firmware.minor >= 7 and command in OTHERWISE_IN_4_7:
-        return OTHERWISE_IN_4_7[command], ()
+    if vehicle.parameters.firmware.minor >= 7:
+        if command == wire.MAV_CMD_DO_SET_MISSION_CURRENT and params[0] < 1:
+            return FAILED, ()  # home, which is always there, but no item to fly to
+        if command in OTHERWISE_IN_4_7:
+            return OTHERWISE_IN_4_7[command], ()
     handler = HANDLERS.get(command)
     if handler is None:
         return WITHOUT_EFFECT.get(command, UNSUPPORTED), ()
@@ -225,5 +228,5 @@ WITHOUT_EFFECT: dict[int, int] = {
     **dict.fromkeys((178, 181, 182, 205, 211, 500, 601, 1000, 2000, 2500, 42429), FAILED),  # speed, relays, ...
 }
 """Results by MAV_CMD number."""
-OTHERWISE_IN_4_7 = {213: UNSUPPORTED, 224: FAILED, 500: ACCEPTED}
-"""What 4.7 answers to set yaw and speed, an item of a mission that is not there, pairing of a receiver."""
+OTHERWISE_IN_4_7 = {213: UNSUPPORTED, 500: ACCEPTED}
+"""What 4.7 answers to set yaw and speed, pairing of a receiver."""

@@ -143,9 +143,9 @@ class Estimator:
             return t_ns
         return measurement_time_ns(self.vessel.sensors.uwb, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
 
-    def estimate(self, state: EstimatorState, t_ns: int) -> StateEstimate:
-        """Pose of the body origin, velocities, biases, disturbance and health at t_ns."""
-        belief = self.belief(state, t_ns)
+    def estimate(self, state: EstimatorState, t_ns: int, belief: FilterState | None = None) -> StateEstimate:
+        """Pose of the body origin, velocities, biases, disturbance and health at t_ns; `belief`: then, if at hand."""
+        belief = belief or self.belief(state, t_ns)
         if belief is None:
             return self._nothing(state, t_ns)
         x, (health, reason) = belief.x, assess(belief, t_ns, self.tuning)

@@ -101,14 +101,14 @@ class Inertial:
             slopes = (np.subtract(rates, belief.rates_rad_s) / dt_s).tolist()
         belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=tuple(slopes))
         rate = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s + self._tuning.gyro_delay_s * slopes[2])
-        x = belief.x
-        nu = np.array([ssa(m.psi_rad - x[2] - x[B_PSI]), rate - x[R] - x[B_GYRO]])
+        x, has_heading = belief.x, not math.isnan(m.psi_rad)  # a heading that was left out is none
+        nu = np.array([ssa(m.psi_rad - x[2] - x[B_PSI]) if has_heading else 0.0, rate - x[R] - x[B_GYRO]])
         H = np.zeros((2, len(x)))
         H[0, 2] = H[0, B_PSI] = H[1, R] = H[1, B_GYRO] = 1.0
         S = H @ belief.P @ H.T + np.diag(self._attitude_R)
-        verdict, gate = judge(
-            belief.heading_gate, self._tuning.heading_gate, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0])
-        )
+        verdict, gate = "rejected", belief.heading_gate
+        if has_heading:
+            verdict, gate = judge(gate, self._tuning.heading_gate, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0]))
         good, z = verdict != "rejected", float(nu[1]) / math.sqrt(S[1, 1])
         belief = replace(belief, heading_gate=gate, activity=update_activity(belief.activity, (2,), (z,), dt_s))
         surprise = abs(z) / self._tuning.imu_limit

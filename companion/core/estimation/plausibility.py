@@ -24,7 +24,7 @@ def screen(m: Fusible) -> tuple[Fusible | None, str]:
             rates = _within(MAX_RATE_RAD_S, m.p_rad_s, m.q_rad_s, m.r_rad_s)
             return _verdict(m, rates and _within(MAX_ACCEL_M_S2, m.ax_m_s2, m.ay_m_s2, m.az_m_s2), "imu")
         case Attitude():
-            angles = _within(MAX_ANGLE_RAD, m.phi_rad, m.theta_rad, m.psi_rad)
+            angles = _within(MAX_ANGLE_RAD, m.phi_rad, m.theta_rad, 0.0 if math.isnan(m.psi_rad) else m.psi_rad)
             return _verdict(m, angles and _within(MAX_RATE_RAD_S, m.r_rad_s), "heading")
         case UwbPosition():
             return _verdict(m, _within(MAX_DISTANCE_M, m.x_m, m.y_m, m.z_m), "position")

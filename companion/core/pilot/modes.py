@@ -27,9 +27,9 @@ Wanted = Literal["auto", "hold", "excitation"]
 Thrusters = Literal["neutral", "controller", "excitation", "sticks"]
 Event = Literal[
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "outputs_cut", "solver_failing", "loop_lag", "link_late",
+    "outputs_cut", "solver_failing", "loop_lag", "link_late", "untrusted", "crippled",
     "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "outputs_back", "solver_back",
-    "loop_ok", "link_prompt",
+    "loop_ok", "link_prompt", "trusted", "thrusters_fit",
     "rc_takeover", "disarmed", "mode_changed", "outputs_still", "sticks_lost",
     "ready", "finished", "stop", "start", "hold", "excite", "manual",
 ]  # fmt: skip
@@ -57,6 +57,8 @@ outputs_cut      .        safe     safe     safe     safe       safe       safe 
 solver_failing   .        .        hold     .        .          .          .        .        .
 loop_lag         .        .        safe     safe     safe       safe       .        safe     .
 link_late        .        .        safe     safe     safe       safe       .        safe     .
+untrusted        .        .        safe     safe     safe       safe       .        .        .
+crippled         .        .        safe     safe     safe       safe       .        .        .
 
 link_back        .        .        .        .        .          .          .        .        .
 fit              .        .        .        .        .          .          .        .        .
@@ -68,6 +70,8 @@ outputs_back     .        .        .        .        .          .          .    
 solver_back      .        .        .        .        .          .          .        .        .
 loop_ok          .        .        .        .        .          .          .        .        .
 link_prompt      .        .        .        .        .          .          .        .        .
+trusted          .        .        .        .        .          .          .        .        .
+thrusters_fit    .        .        .        .        .          .          .        .        .
 
 rc_takeover      .        safe     safe     safe     safe       safe       safe     safe     .
 disarmed         .        safe     safe     safe     safe       safe       safe     safe     .
@@ -95,6 +99,8 @@ OVER: dict[Event, Event] = {
     "solver_failing": "solver_back",
     "loop_lag": "loop_ok",
     "link_late": "link_prompt",
+    "untrusted": "trusted",
+    "crippled": "thrusters_fit",
 }
 """Condition -> the event of its end. battery_critical has none: battery_low goes on."""
 
@@ -104,7 +110,7 @@ def _events(*events: Event) -> frozenset[Event]:
 
 
 _ALL = _events("link_lost", "override_ignored", "outputs_cut", "loop_lag", "link_late")
-_KNOWING = _ALL | _events("unfit", "fence_breached", "battery_critical")
+_KNOWING = _ALL | _events("unfit", "fence_breached", "battery_critical", "untrusted", "crippled")
 _NEEDS: dict[Mode, frozenset[Event]] = {
     "locked": _ALL,
     "manual": _ALL,

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from companion.core.estimation.estimator import Estimator
-from companion.core.messages import Message, PlanDeadline, PlanResult, StateEstimate, Tick
+from companion.core.estimation.filter_state import FilterState
+from companion.core.messages import Innovation, Message, PlanDeadline, PlanResult, StateEstimate, Tick
 from companion.core.pilot import autopilot_state, manual_control, modes, transitions
 from companion.core.pilot.autopilot_state import AutopilotState
 from companion.core.pilot.inputs import Handler, InputHandler
@@ -24,6 +25,10 @@ from companion.core.pilot.monitors.monitor import TickView
 from companion.core.pilot.monitors.table import monitors_of
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
+from companion.core.pilot.trust.heading_check import HeadingState
+from companion.core.pilot.trust.model_motion import ModelMotion
+from companion.core.pilot.trust.motion_check import MotionState
+from companion.core.pilot.trust.verdict import Finding, vet
 
 __all__ = ["Pilot", "PilotSettings", "PilotState"]
 
@@ -37,6 +42,7 @@ class Pilot:
         self.channels = (*(t.channel for t in vessel.thrusters), *settings.control.neutral_channels)
         self._estimator = Estimator(vessel, settings.site)
         self._monitors = monitors_of(settings, self.channels, self._estimator.anchors)
+        self._motion = ModelMotion(vessel, settings.control.period_s)
         self._hearing = InputHandler(settings, self._estimator)
         self._driving = ThrustCommander(settings, self._estimator, self.channels, self._monitors)
         self._handlers: Mapping[type[Message], Handler] = {
@@ -65,29 +71,40 @@ class Pilot:
 
     def _take(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs]:
         """One message: monitors that may withhold it, its handler, all other monitors."""
-        state, outputs, withheld = self._monitors.screen(state, message, t_ns)
-        if withheld:
+        state, outputs, let_through = self._monitors.screen(state, message, t_ns)
+        if let_through is None:
             return state, outputs
         if handle := self._handlers.get(type(message)):
-            state, more = handle(state, message, t_ns)
+            state, more = handle(state, let_through, t_ns)
             outputs += more
-        state, more = self._monitors.hear(state, message, t_ns)
+            for innovation in more:
+                if isinstance(innovation, Innovation):
+                    state, alerts = self._monitors.hear(state, innovation, t_ns)
+                    outputs += alerts
+        state, more = self._monitors.hear(state, let_through, t_ns)
         return state, [*outputs, *more]
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
-        estimate = self._estimator.estimate(state.estimator, t_ns)
-        state, outputs = self._judge(replace(state, estimate=estimate), tick, estimate, t_ns)
+        belief = self._estimator.belief(state.estimator, t_ns)
+        estimate = vet(self._estimator.estimate(state.estimator, t_ns, belief), _findings(state))
+        state = replace(state, estimate=estimate, model_nu=self._motion.step(state.model_nu, belief))
+        state, outputs = self._judge(state, tick, estimate, belief, t_ns)
         if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
             state, left = self._driving.choose(state, t_ns, "no plan before the next tick")
             outputs += left
         state, more = self._driving.drive(replace(state, open_tick=tick.index), estimate, t_ns)
         return state, [estimate, *outputs, *more]
 
-    def _judge(self, state: PilotState, tick: Tick, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
+    def _judge(
+        self, state: PilotState, tick: Tick, estimate: StateEstimate, belief: FilterState | None, t_ns: int
+    ) -> tuple[PilotState, Outputs]:
         """Conditions through the mode table, and what is still wanted of autopilot and sticks."""
         state, outputs = self._monitors.hear(state, estimate, t_ns)
         alive = autopilot_state.is_alive(state.monitor(AutopilotState).heartbeat_ns, t_ns)
-        view = TickView(t_ns, tick.lateness_ns, estimate, state.plan_ns, alive)
+        view = TickView(
+            t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
+            self.settings.control.period_s, state.helm.driving, state.monitor(MotionState).is_suspect,
+        )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)
         state = transitions.apply_mode_state(state, helm, t_ns)
@@ -119,3 +136,8 @@ class Pilot:
 
     def _stick_rejection(self, state: PilotState, t_ns: int) -> str | None:
         return manual_control.rejection(state.monitor(Sticks), t_ns, self.settings.control.manual_timeout_s)
+
+
+def _findings(state: PilotState) -> tuple[Finding, ...]:
+    """What speaks against the estimate."""
+    return (*state.monitor(HeadingState).findings, *state.monitor(MotionState).findings)

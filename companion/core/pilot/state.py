@@ -72,6 +72,8 @@ class PilotState:
     row: tuple[float, ...] | None = None
     plan: PlanResult | None = None
     plan_ns: int = 0
+    model_nu: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """u, v, r that the commanded thrust makes of the model alone."""
     last_status: tuple[Mode, int | None] = ("idle", None)
     """Mode and instant [ns] of the latest ModeStatus."""
 

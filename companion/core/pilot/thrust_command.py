@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.core.constants import NEUTRAL_US
-from companion.core.control.allocation import allocate, force_limits, pulse_widths
+from companion.core.control.allocation import allocate, force_limits
 from companion.core.control.fallback import FallbackSettings, command
 from companion.core.estimation.estimator import Estimator
 from companion.core.excitation.flight import BEGINNING, Flight
@@ -37,6 +37,8 @@ from companion.core.pilot.modes import THRUSTERS
 from companion.core.pilot.monitors.battery import BatteryState
 from companion.core.pilot.monitors.table import MonitorTable
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+from companion.core.pilot.trust.remaining_thrust import RemainingThrust
+from companion.core.pilot.trust.thruster_monitor import ThrusterState
 
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""
@@ -60,6 +62,7 @@ class ThrustCommander:
         self._sticks, self._limits = manual_control.StickForce(vessel), force_limits(vessel)
         self._latency_ns = round(settings.control.latency_s * 1e9)
         self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
+        self._remaining = RemainingThrust(vessel)
         self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
         self._times_s = [k * settings.nmpc.step_s for k in range(settings.nmpc.stages + 1)]
 
@@ -177,14 +180,24 @@ class ThrustCommander:
         )
         return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
 
+    def _with_what_is_left(self, state: PilotState, f_n: np.ndarray, t_ns: int) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Forces that come for those of the plan, and their pulse widths; neutral stays neutral."""
+        thrusters, voltage_v = state.monitor(ThrusterState), state.monitor(BatteryState).voltage_v
+        if THRUSTERS[state.helm.mode] != "neutral":
+            if thrusters.probing:
+                f_n = np.clip(f_n + self._remaining.probe(t_ns), *self._limits)
+            f_n = self._remaining.redistribute(f_n, thrusters.health)
+        return f_n, self._remaining.pulses(f_n, thrusters.health, voltage_v)
+
     def _lease(self, state: PilotState, f_n, source, reason: str, t_ns: int) -> tuple[PilotState, Outputs]:
         assert state.open_tick is not None
+        f_n, widths = self._with_what_is_left(state, np.asarray(f_n, dtype=float), t_ns)
         f = tuple(map(float, f_n))
         lease = OverrideLease(
             t_ns=t_ns,
             index=state.open_tick,
             channels=self._channels,
-            pwm_us=pulse_widths(np.array(f), self.settings.vessel, state.monitor(BatteryState).voltage_v) + self._still,
+            pwm_us=widths + self._still,
             valid_for_s=self.settings.control.lease_s,
             source=source,
             reason=reason,

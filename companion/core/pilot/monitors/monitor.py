@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar
 
+from companion.core.estimation.filter_state import FilterState
 from companion.core.messages import Alert, Message, StateEstimate
 from companion.core.pilot.modes import Event
 
@@ -21,7 +22,9 @@ class TickView:
     """What monitors may look at in a control tick at `t_ns` [ns].
 
     `lateness_ns`: of the tick; `plan_ns`: instant of the request that the latest usable plan answers;
-    `autopilot_alive`: whether heartbeats come.
+    `autopilot_alive`: whether heartbeats come; `belief`: the filter at `t_ns`, None before it runs; `model_nu`: u, v,
+    r of the model alone (`pilot.trust.model_motion`); `period_s`: of the ticks; `driving`: whether the thrusters may
+    turn; `suspect`: sensors contradict each other, perhaps.
     """
 
     t_ns: int
@@ -29,18 +32,25 @@ class TickView:
     estimate: StateEstimate
     plan_ns: int
     autopilot_alive: bool
+    belief: FilterState | None = None
+    model_nu: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    period_s: float = 0.1
+    driving: bool = False
+    suspect: bool = False
 
 
 @dataclass(frozen=True)
 class MonitorReport:
     """Events of the mode table, each with its reason, and alerts. At a tick the events are the conditions that hold.
 
-    `withhold`: the message must not reach the estimator; only of a monitor that `screens`.
+    Only of a monitor that `screens`: `withhold`, the message must not reach the estimator; `instead`, what reaches it
+    in its place.
     """
 
     events: Mapping[Event, str] = field(default_factory=dict)
     alerts: tuple[Alert, ...] = ()
     withhold: bool = False
+    instead: Message | None = None
 
 
 NOTHING = MonitorReport()

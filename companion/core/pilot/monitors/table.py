@@ -6,8 +6,9 @@ battery_low, battery_critical   `battery`                            solver_fail
 override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
 outputs_cut, outputs_still      `output_monitor`
 sticks                          `manual_control.StickMonitor`
+untrusted                       `trust.heading_check`, `trust.motion_check`   crippled   `trust.thruster_monitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
-`stuck_sensor`, those that had queued up by `stall`: no conditions
+`stuck_sensor` and `trust.repeated_ranges`, those that had queued up by `stall`: no conditions
 """
 
 from __future__ import annotations
@@ -34,6 +35,10 @@ from companion.core.pilot.monitors.plan_gap import PlanGapMonitor
 from companion.core.pilot.monitors.stall import StallMonitor
 from companion.core.pilot.monitors.stuck_sensor import StuckSensorMonitor
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+from companion.core.pilot.trust.heading_check import HeadingMonitor
+from companion.core.pilot.trust.motion_check import MotionMonitor
+from companion.core.pilot.trust.repeated_ranges import RepeatedRangesMonitor
+from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
 
 
 def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tuple[str, ...]) -> MonitorTable:
@@ -46,6 +51,8 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
         (
             StallMonitor(),
             StuckSensorMonitor(),
+            RepeatedRangesMonitor(),
+            HeadingMonitor(),
             AutopilotMonitor(),
             ArmingMonitor(),
             Annunciator(anchors, control.blind_s),
@@ -57,6 +64,8 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             OutputMonitor(channels[: len(vessel.thrusters)]),
             LinkLatencyMonitor(),
             StickMonitor(control.manual_timeout_s),
+            MotionMonitor(vessel),
+            ThrusterMonitor(vessel),
         )
     )
 
@@ -76,8 +85,8 @@ class MonitorTable:
         """All states at switch-on."""
         return {type(monitor.initial): monitor.initial for monitor in self.monitors}
 
-    def screen(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs, bool]:
-        """Monitors that come before the estimator; the last value: a monitor withholds the message."""
+    def screen(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs, Message | None]:
+        """Monitors that come before the estimator; the last value: what they let through, None: one withholds it."""
         return _hear(self._screens.get(type(message), []), state, message, t_ns)
 
     def hear(self, state: PilotState, message: Message, t_ns: int) -> tuple[PilotState, Outputs]:
@@ -97,7 +106,7 @@ class MonitorTable:
 
 def _hear(
     monitors: Iterable[Monitor[Any]], state: PilotState, message: Message, t_ns: int
-) -> tuple[PilotState, Outputs, bool]:
+) -> tuple[PilotState, Outputs, Message | None]:
     outputs: Outputs = []
     withhold = False
     for monitor in monitors:
@@ -105,4 +114,5 @@ def _hear(
         state, changes = transitions.events(state.with_monitors(own), report.events, t_ns)
         outputs += [*report.alerts, *changes]
         withhold = withhold or report.withhold
-    return state, outputs, withhold
+        message = report.instead or message
+    return state, outputs, None if withhold else message

@@ -29,14 +29,14 @@ DRIVING = {"auto", "hold", "excitation", "manual"}
 OPERATOR = {"stop", "start", "hold", "excite", "manual"}
 TROUBLE = (
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "outputs_cut", "outputs_still", "solver_failing", "loop_lag", "link_late", "rc_takeover", "disarmed",
-    "mode_changed", "sticks_lost",
+    "outputs_cut", "outputs_still", "solver_failing", "loop_lag", "link_late", "untrusted",
+    "crippled", "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
 )  # fmt: skip
 SOMEBODY = ("rc_takeover", "disarmed", "mode_changed", "outputs_cut", "outputs_still")
 
 
 def test_every_pair_has_an_outcome():
-    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 33
+    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 37
     assert {mode for mode in MODES if THRUSTERS[mode] != "neutral"} == DRIVING
 
 
@@ -211,7 +211,7 @@ def test_in_any_history_no_mode_drives_against_its_needs_and_only_operators_end_
 
 def test_starting_waits_for_what_may_pass_and_gives_up_where_it_may_not():
     waiting = ModeState("starting", "auto")
-    for condition in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late"):
+    for condition in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "untrusted", "crippled"):
         helm, _ = apply_conditions(waiting, {condition: "why"}, 0)
         assert helm.mode == "starting" and waits_for(helm, {condition: "why"}) == "why"
     for condition in ("fence_breached", "battery_critical"):

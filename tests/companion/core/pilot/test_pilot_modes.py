@@ -23,6 +23,7 @@ from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
 from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan
+from tests.companion.core.pilot.trust_fixture import in_trouble
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of
 
@@ -158,6 +159,8 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
             monitors(boat, NO_ANSWER)
             heard = [t_ns - k * 250 * MS for k in (4, 3, 2, 1, 0)]
             boat.feed(*(m.TimeSync(t_ns=rx_ns, tc1_ns=1, ts1_ns=rx_ns - S) for rx_ns in heard))
+        case "untrusted" | "crippled":
+            monitors(boat, in_trouble(state, event, t_ns))
         case "sticks_lost":
             boat.sticks = None
             monitors(boat, replace(state.monitor(Sticks), last=stick(t_ns - S, 0.5)))
@@ -200,7 +203,8 @@ def test_every_pair_through_the_pilot(mode, event):
     if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover", "outputs_still"):
         assert at_once == (TABLE[mode, event].next if mode != "paused" else at_once)
     if expected == "starting" and at_once in ("starting", mode):
-        waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "mode_changed")
+        waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "untrusted", "crippled",
+                          "mode_changed")  # fmt: skip
         assert after == ("starting" if waits else boat.state.helm.wanted), "all else is ready in this test"
         if event in WANTED:
             assert after == WANTED[event]

@@ -71,9 +71,9 @@ def test_conditions_of_a_tick_are_those_that_hold_now():
 
 def test_a_screen_is_heard_first_and_may_withhold():
     table = MonitorTable([Counter(), Door()])
-    state, outputs, withheld = table.screen(state_of(table), heartbeat(7), 7)
-    assert withheld and outputs == [] and state.monitor(Count) == Count(), "the others hear it later"
-    assert table.screen(state, imu(), 7)[2] is False
+    state, outputs, let_through = table.screen(state_of(table), heartbeat(7), 7)
+    assert let_through is None and outputs == [] and state.monitor(Count) == Count(), "the others hear it later"
+    assert table.screen(state, imu(), 7)[2] == imu()
 
 
 def imu():

@@ -1,0 +1,46 @@
+"""The wrench that the model does not explain, from specific force, yaw rate and the commanded thrust over one tick.
+
+    w = M (nu_dot_measured - nu_dot_model(eta, nu, B f))                          [N, N, N m]
+
+u_dot, v_dot: mean specific force in level axes less its bias, moved from the IMU's place to the origin;
+r_dot: difference of the yaw rate over the tick. f: forces that the commands give, with dead time and lag.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.filter_state import B_ACCEL, ETA, NU, FilterState
+from companion.core.estimation.tilt import to_level_axes
+from companion.core.geometry.frames import point_acceleration
+from companion.core.model.integrate import BufferedStep
+from companion.core.model.manoeuvring import StructuredModel, mass_matrix
+
+
+class ForceBalance:
+    """Constant parts for one vessel."""
+
+    def __init__(self, vessel: VesselFile):
+        model, imu = StructuredModel.of(vessel), vessel.sensors.imu
+        eta, nu, f = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("f", len(vessel.thrusters))
+        rate = model.nu_dot(eta, nu, model.thrust(eta, nu, f))
+        self._rate = BufferedStep(ca.Function("nu_dot", [eta, nu, f], [ca.densify(rate)]))
+        self._arm_m, self._M = (imu.x_m, imu.y_m), mass_matrix(vessel)
+
+    def acceleration(self, eta: np.ndarray, nu: np.ndarray, f_n: np.ndarray) -> np.ndarray:
+        """nu_dot (3,) of the model at a pose, a velocity and thruster forces (n,) [N]."""
+        return self._rate(eta, nu, f_n)
+
+    def residual(
+        self, before: FilterState, now: FilterState, force_m_s2: np.ndarray, r_dot_rad_s2: float
+    ) -> np.ndarray:
+        """W (3,) of the tick between two filter states; `force_m_s2`: mean specific force in body axes."""
+        nu = (before.x[NU] + now.x[NU]) / 2
+        modelled = self._rate(now.x[ETA], nu, (before.f_n + now.f_n) / 2)
+        level = np.array(to_level_axes(now.tilt, *map(float, force_m_s2))[:2]) - now.x[B_ACCEL]
+        da = level - np.array(point_acceleration(nu, modelled, self._arm_m))
+        dr = r_dot_rad_s2 - modelled[2]
+        x, y = self._arm_m
+        return self._M @ np.array([da[0] + y * dr, da[1] - x * dr, dr])

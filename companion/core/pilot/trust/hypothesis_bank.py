@@ -1,0 +1,172 @@
+"""Which thruster does not do what it is told: a bank of Kalman filters on the wrench that the model does not explain.
+
+    w_k = d + sum_i a_i f_i b_i + offset_h + noise         b_i: column i of B, f_i: commanded force [N]
+
+    sound        a_i small (thrusters off by some per cent), d small and slow
+    gain i       a_i free: the gain is 1 + a_i             offset 0
+    stuck i      c b_i in place of f_i b_i, c free         offset -f_i b_i
+    swap i j     offset (f_j - f_i) (b_i - b_j)
+    reversed     all of them: offset -2 B f
+    pushed       d large: something pushes harder than water and wind usually do
+    accel        M [b_x b_y 0], b free: the accelerometer is wrong
+
+Each against `sound` by a cumulative sum of log-likelihood ratios (Page 1954; Willsky and Jones 1976, generalised
+likelihood ratio): where the sum falls to 0 the hypothesis begins afresh from `sound`, so it need not know when a fault
+began. All filters are one batch of arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+D_SIGMA = {"pushed": (30.0, 30.0, 5.0), "accel": (0.6, 0.6, 1.2)}
+SOUND_D = (3.0, 3.0, 1.2)
+"""Stationary sigma of d [N, N, N m] where a hypothesis has one of its own, and else: the filter's latent force, what a
+gale or a tow may do, what an accelerometer may be off by [m/s^2]. Assumed."""
+D_TIME_S = 8.0
+GAIN_SIGMA = 0.15
+"""Thrusters that are sound are off by so much; assumed."""
+FAULT_GAIN, FAULT_GAIN_SIGMA = -1.0, 0.8
+STUCK_SIGMA_N = 20.0
+NOISE = (2.5, 3.5, 0.8)
+"""Of a residual over one tick [N, N, N m]: accelerometer 0.05 m/s^2 at 50 Hz, gyro 0.002 rad/s, and the model's own
+quick errors; assumed."""
+TEMPER = 0.4
+"""Share of a log-likelihood ratio that counts: residuals of neighbouring ticks err together. Assumed."""
+MOST = 3.0
+"""Nats that one tick may tell; assumed: no single reading decides."""
+CEILING = 60.0
+"""Nats at which the largest sum stops growing, so that it can fall again; the others keep their distance."""
+
+
+class ThrustHypothesis(NamedTuple):
+    """`kind`: sound, gain, stuck, swap, reversed, pushed or accel; `i`, `j`: of the thrusters."""
+
+    kind: str
+    i: int = -1
+    j: int = -1
+
+    @property
+    def is_thruster(self) -> bool:
+        """Whether it blames one thruster or two."""
+        return self.kind in ("gain", "stuck", "swap")
+
+
+def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
+    """All for n thrusters; the first is `sound`."""
+    return (
+        ThrustHypothesis("sound"),
+        *(ThrustHypothesis("gain", i) for i in range(n)),
+        *(ThrustHypothesis("stuck", i) for i in range(n)),
+        *(ThrustHypothesis("swap", i, j) for i, j in combinations(range(n), 2)),
+        *((ThrustHypothesis("reversed"),) if n > 1 else ()),
+        ThrustHypothesis("pushed"),
+        ThrustHypothesis("accel"),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BankState:
+    """Batch of K filters: mean (K, 4 + n) of [d a c], covariance, sum of log-likelihood ratios (K,) [nats].
+
+    `noise`: mean square of w over half a second's difference (3,); `past`: the last residuals; `count`: of all.
+    """
+
+    mean: np.ndarray
+    P: np.ndarray
+    nats: np.ndarray
+    noise: np.ndarray
+    past: tuple[np.ndarray, ...] = ()
+    count: int = 0
+
+
+class ThrusterBank:
+    """Constant parts for a configuration matrix B (3, n) and a mass matrix M (3, 3)."""
+
+    def __init__(self, B: np.ndarray, M: np.ndarray):
+        self.B, self._M, n = B, M, B.shape[1]
+        self.hypotheses = hypotheses(n)
+        K, self._n = len(self.hypotheses), n
+        self._mean0, self._P0 = np.zeros((K, n + 4)), np.zeros((K, n + 4, n + 4))
+        self._d_sigma = np.array([D_SIGMA.get(h.kind, SOUND_D) for h in self.hypotheses])
+        for k, h in enumerate(self.hypotheses):
+            variance = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), 0.0]
+            if h.kind == "gain":
+                self._mean0[k, 3 + h.i], variance[3 + h.i] = FAULT_GAIN, FAULT_GAIN_SIGMA**2
+            elif h.kind == "stuck":
+                variance[-1], variance[3 + h.i] = STUCK_SIGMA_N**2, 0.0
+            self._P0[k] = np.diag(variance)
+
+    def initial(self) -> BankState:
+        """Nothing seen."""
+        K = len(self.hypotheses)
+        return BankState(self._mean0.copy(), self._P0.copy(), np.zeros(K), np.zeros(3))
+
+    def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, dt_s: float) -> BankState:
+        """After one residual w (3,) under forces f (n,) [N]."""
+        n, noise = self._n, state.noise
+        # 1. noise: what changes within half a second and is neither sensor noise nor explained by a slow cause
+        past = (*state.past, w)[-6:]
+        if len(past) == 6:
+            noise = noise + min(1.0, dt_s / 3.0) * ((past[-1] - past[0]) ** 2 / 2 - noise)
+        R = np.square(NOISE) + 4.0 * np.maximum(noise - np.square(NOISE), 0.0)
+        # 2. predict: d forgets itself in D_TIME_S
+        decay = np.exp(-dt_s / D_TIME_S)
+        mean, P = state.mean.copy(), state.P.copy()
+        mean[:, :3] *= decay
+        P[:, :3, :] *= decay
+        P[:, :, :3] *= decay
+        axes = np.arange(3)
+        P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
+        # 3. innovations of all hypotheses, and their likelihoods
+        H, offset = self._measurement(f_n)
+        nu = w - offset - np.einsum("kij,kj->ki", H, mean)
+        HP = H @ P
+        S = HP @ H.transpose(0, 2, 1) + np.diag(R)
+        inverse = np.linalg.inv(S)
+        log_likelihood = -0.5 * (np.einsum("ki,kij,kj->k", nu, inverse, nu) + np.linalg.slogdet(S)[1])
+        # 4. update
+        K = HP.transpose(0, 2, 1) @ inverse
+        mean += np.einsum("kij,kj->ki", K, nu)
+        P -= K @ HP
+        # 5. cumulative sums; a hypothesis that is no better than `sound` begins afresh from it
+        gained = np.clip(TEMPER * (log_likelihood - log_likelihood[0]), -MOST, MOST)
+        nats = state.nats + gained
+        nats -= max(0.0, nats.max() - CEILING)
+        for k in map(int, np.flatnonzero(nats <= 0.0)):
+            nats[k] = 0.0
+            if k:
+                mean[k], P[k] = self._afresh(k, mean[0], P[0], n)
+        return replace(state, mean=mean, P=P, nats=nats, noise=noise, past=past, count=state.count + 1)
+
+    def _afresh(self, k: int, mean: np.ndarray, P: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """What `sound` knows, but for what hypothesis k is free in."""
+        mean, P, h = mean.copy(), P.copy(), self.hypotheses[k]
+        free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 3]}.get(h.kind, [0, 1, 2] if h.kind in D_SIGMA else [])
+        P[free, :] = P[:, free] = 0.0
+        P[free, free] = np.diagonal(self._P0[k])[free]
+        mean[free] = self._mean0[k][free]
+        return mean, P
+
+    def _measurement(self, f_n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """H (K, 3, 4 + n) and offset (K, 3)."""
+        n, K = self._n, len(self.hypotheses)
+        H, offset = np.zeros((K, 3, n + 4)), np.zeros((K, 3))
+        H[:, :, :3] = np.eye(3)
+        H[:, :, 3 : 3 + n] = self.B * f_n
+        for k, h in enumerate(self.hypotheses):
+            b_i = self.B[:, h.i]
+            if h.kind == "stuck":
+                H[k, :, -1], offset[k] = b_i, -f_n[h.i] * b_i
+                H[k, :, 3 + h.i] = 0.0
+            elif h.kind == "swap":
+                offset[k] = (f_n[h.j] - f_n[h.i]) * (b_i - self.B[:, h.j])
+            elif h.kind == "reversed":
+                offset[k] = -2.0 * self.B @ f_n
+            elif h.kind == "accel":
+                H[k, :, :2] = self._M[:, :2]
+        return H, offset

@@ -1,0 +1,131 @@
+"""Position against motion: three tests of what the filter is told against how the boat is driven.
+
+    slip      mean over 2 s of R(psi) (nu_filter - nu_model): what moves the boat besides its thrusters. A current of
+              0.15 m/s, wind, and a model that is off by a fifth make 0.4 m/s; anchors that stand elsewhere than in the
+              file, or a compass that is off by 60 degrees, more.
+    force     the lasting latent force beyond what water, wind and thrusters that are off can do
+    ranges    cumulative sum of the median d^2 of each cycle (d^2 = nu^2 / S), robust against single bad anchors
+
+Each ends in `untrusted`: position and motion contradict each other, and nobody can tell which of them is right.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from statistics import median
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import rotate
+from companion.core.messages import Alert, Innovation, OperatorCommand
+from companion.core.model.thrusters import configuration_matrix, force_limits
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
+from companion.core.pilot.trust.verdict import Finding
+
+BEGINS_NS = 3_000_000_000
+"""After a start, or a gap in all sensors, the filter finds its speed; assumed."""
+MEAN_S, SLIP_TICKS = 2.0, 5
+SLIP_SIGMA_M_S, SPEED_SHARE, SIGMAS = 0.18, 0.25, 2.8
+"""Sigma of what water and wind do to a boat of this size, and of the model's speed; assumed."""
+FLOW_M_S, TURN_RAD_S, THRUST_SHARE = 0.5, 0.5, 0.1
+"""The latent force may be the drag of so much flow and turn, and so much of full thrust; assumed."""
+FORCE_TICKS = 15
+CAP, SLACK, LIMIT = 12.0, 2.5, 24.0
+"""Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed."""
+SUSPECT = 8.0
+"""Sum from which ranges and filter disagree too much to blame a thruster."""
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """`slip_m_s`: mean, north and east; `beyond`, `forced`: ticks in a row with too much slip, too much force; `sum`:
+    of the ranges' surprise; `cycle`: d^2 of the cycle at hand and its instant.
+    """
+
+    slip_m_s: tuple[float, float] = (0.0, 0.0)
+    beyond: int = 0
+    forced: int = 0
+    sum: float = 0.0
+    cycle: tuple[int, tuple[float, ...]] = (0, ())
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def is_suspect(self) -> bool:
+        """Whether ranges disagree with the filter, perhaps not enough to say so."""
+        return self.sum >= SUSPECT or bool(self.findings)
+
+
+class MotionMonitor(Monitor[MotionState]):
+    """Condition `untrusted` while position and motion contradict each other; latched until the next start."""
+
+    hears = (Innovation, OperatorCommand)
+    initial = MotionState()
+
+    def __init__(self, vessel: VesselFile):
+        d = vessel.damping
+        flow = [
+            -(d.X_u_N_s_m + d.X_uu_N_s2_m2 * FLOW_M_S) * FLOW_M_S,
+            -(d.Y_v_N_s_m + d.Y_vv_N_s2_m2 * FLOW_M_S) * FLOW_M_S,
+            -(d.N_r_N_m_s + d.N_rr_N_m_s2 * TURN_RAD_S) * TURN_RAD_S,
+        ]
+        most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))
+        self._force_n = np.array(flow) + THRUST_SHARE * most
+
+    def on_message(
+        self, state: MotionState, message: Innovation | OperatorCommand, t_ns: int
+    ) -> tuple[MotionState, MonitorReport]:
+        """One innovation of a range or coordinate; a new start forgets what was found."""
+        if isinstance(message, OperatorCommand):
+            return (MotionState() if state.findings and message.command != "stop" else state), NOTHING
+        if not message.sensor.startswith(("range", "position")):
+            return state, NOTHING
+        at_ns, cycle = state.cycle
+        if message.t_ns == at_ns:
+            return replace(state, cycle=(at_ns, (*cycle, min(message.d2, CAP)))), NOTHING
+        total = max(0.0, state.sum + median(cycle) - SLACK) if cycle else state.sum
+        return replace(state, sum=min(total, 2 * LIMIT), cycle=(message.t_ns, (min(message.d2, CAP),))), NOTHING
+
+    def on_tick(self, state: MotionState, view: TickView) -> tuple[MotionState, MonitorReport]:
+        """Judge slip, force and ranges."""
+        belief = view.belief
+        if belief is None or view.t_ns - belief.since_ns < BEGINS_NS:
+            return replace(state, slip_m_s=(0.0, 0.0), beyond=0, forced=0, sum=0.0), _report(state)
+        nu, modelled = belief.x[3:5], view.model_nu
+        slip = rotate(float(belief.x[2]), float(nu[0]) - modelled[0], float(nu[1]) - modelled[1])
+        gain = min(1.0, view.period_s / MEAN_S)
+        north, east = (mean + gain * (now - mean) for mean, now in zip(state.slip_m_s, slip, strict=True))
+        sigma = math.hypot(SLIP_SIGMA_M_S, SPEED_SHARE * math.hypot(modelled[0], modelled[1]))
+        beyond = state.beyond + 1 if math.hypot(north, east) > SIGMAS * sigma else 0
+        forced = state.forced + 1 if (np.abs(belief.lasting) > self._force_n).any() else 0
+        state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
+        if state.findings:
+            return state, _report(state)
+        if not (text := _sentence(state, belief.lasting)):
+            return state, NOTHING
+        state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns, state.sum / 2),))
+        return state, MonitorReport(_report(state).events, (Alert(t_ns=view.t_ns, level="error", text=text),))
+
+
+def _sentence(state: MotionState, lasting: tuple[float, float, float]) -> str:
+    """What is wrong; empty: nothing."""
+    if state.beyond >= SLIP_TICKS:
+        speed = math.hypot(*state.slip_m_s)
+        return (
+            f"the boat moves by {speed:.1f} m/s otherwise than it is driven: anchors elsewhere than in the site file, a"
+            " compass that is off, thrusters that do not obey, or a current"
+        )
+    if state.forced >= FORCE_TICKS:
+        X, Y, N = lasting
+        return (
+            f"a force that nothing explains ({X:.0f} N ahead, {Y:.0f} N to starboard, {N:.0f} N m): compass,"
+            " accelerometer or anchors are wrong, thrusters do not obey, or the boat is held"
+        )
+    if state.sum >= LIMIT:
+        return "UWB ranges contradict the motion of the boat: ranges, heading or accelerometer are wrong"
+    return ""
+
+
+def _report(state: MotionState) -> MonitorReport:
+    return MonitorReport({"untrusted": state.findings[0].text}) if state.findings else NOTHING

@@ -1,0 +1,92 @@
+"""A tag that repeats its last ranges: its stream goes on while its anchors are silent, or the tag has hung.
+
+A range carries noise of some centimetres in units of a millimetre or a centimetre, so that two readings in a row are
+seldom equal (3 % at 1 cm and 0.1 m), and those of all anchors never. What repeats is not fused: a message whose ranges
+all repeat, and an anchor that has repeated itself three times in a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from companion.core.messages import Alert, UwbPosition, UwbRanges
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
+
+ALERT_NS = 1_500_000_000
+"""A repeat that lasts so long is told; assumed."""
+ANCHOR_REPEATS = 3
+"""Of one anchor alone; by chance once in 10 hours at 1 Hz and 1 cm, and then one range is missed."""
+
+
+@dataclass(frozen=True)
+class RangeRepeats:
+    """`last`: the latest reading of each anchor [m] and how often it has been repeated; `since_ns`: when a whole
+    message was repeated first, None: it was not; `told`: what the latest alert named, as text.
+    """
+
+    last: Mapping[str, tuple[float, int]] = field(default_factory=dict)
+    since_ns: int | None = None
+    told: str = ""
+    position: tuple[float, float] | None = None
+
+
+class RepeatedRangesMonitor(Monitor[RangeRepeats]):
+    """Withholds repeated messages, and takes out ranges of anchors that repeat themselves."""
+
+    hears = (UwbRanges, UwbPosition)
+    screens = True
+    initial = RangeRepeats()
+
+    def on_message(
+        self, state: RangeRepeats, message: UwbRanges | UwbPosition, t_ns: int
+    ) -> tuple[RangeRepeats, MonitorReport]:
+        """One cycle of the tag."""
+        if isinstance(message, UwbPosition):
+            return self._position(state, message, t_ns)
+        last = dict(state.last)
+        for r in message.ranges:
+            before, count = last.get(r.anchor, (None, 0))
+            last[r.anchor] = (r.range_m, count + 1 if before == r.range_m else 0)
+        counts = [last[r.anchor][1] for r in message.ranges]
+        if len(counts) > 1 and min(counts) >= 1:
+            return self._repeated(RangeRepeats(last, state.since_ns, state.told, state.position), t_ns)
+        stuck = [r.anchor for r in message.ranges if last[r.anchor][1] >= ANCHOR_REPEATS]
+        told = ", ".join(stuck)
+        now = RangeRepeats(last, None, told, state.position)
+        alerts = _changed(state, now, t_ns)
+        if not stuck:
+            return now, MonitorReport(alerts=alerts)
+        good = tuple(r for r in message.ranges if r.anchor not in stuck)
+        return now, MonitorReport(alerts=alerts, withhold=not good, instead=_with(message, good) if good else None)
+
+    def _repeated(self, state: RangeRepeats, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
+        """A message that says nothing new."""
+        since_ns = t_ns if state.since_ns is None else state.since_ns
+        told = "all" if t_ns - since_ns >= ALERT_NS else state.told
+        now = RangeRepeats(state.last, since_ns, told, state.position)
+        return now, MonitorReport(alerts=_changed(state, now, t_ns), withhold=True)
+
+    def _position(self, state: RangeRepeats, message: UwbPosition, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
+        """The tag's own position."""
+        if (place := (message.x_m, message.y_m)) == state.position:
+            return self._repeated(state, t_ns)
+        if state.last:  # ranges come too, and judge
+            return RangeRepeats(state.last, state.since_ns, state.told, place), NOTHING
+        now = RangeRepeats(state.last, None, "", place)
+        return now, MonitorReport(alerts=_changed(state, now, t_ns))
+
+
+def _with(message: UwbRanges, ranges: tuple) -> UwbRanges:
+    return UwbRanges(t_ns=message.t_ns, t_rx_ns=message.t_rx_ns, tag=message.tag, ranges=ranges)
+
+
+def _changed(before: RangeRepeats, now: RangeRepeats, t_ns: int) -> tuple[Alert, ...]:
+    """Alert where what repeats is another than before."""
+    if now.told == before.told:
+        return ()
+    if not now.told:
+        return (Alert(t_ns=t_ns, level="info", text="UWB: readings change again"),)
+    who = "the tag repeats its last ranges" if now.told == "all" else f"anchor {now.told} repeats its last range"
+    text = f"UWB: {who}: frozen, left out (are the anchors powered, has the tag hung?)"
+    return (Alert(t_ns=t_ns, level="error", text=text),)

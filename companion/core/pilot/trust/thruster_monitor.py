@@ -1,0 +1,205 @@
+"""The thruster bank at work: what it has found out, what follows for allocation, and the sentence for the operator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.filter_state import FilterState
+from companion.core.messages import Alert, Attitude, ImuSample, OperatorCommand
+from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.thrusters import configuration_matrix
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
+from companion.core.pilot.trust.force_balance import ForceBalance
+from companion.core.pilot.trust.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
+from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.verdict import Finding
+
+SURE_NATS, AHEAD_NATS = 15.0, 5.0
+"""So much for a hypothesis against `sound`, and against the next one; assumed: beyond 1 in a million by chance."""
+ASK_NATS = 5.0
+"""From so much on forces that cancel each other are commanded, which tell one thruster from the others; assumed."""
+FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.2, -0.25
+"""A gain above the first is fine, below the second dead, below the third reversed."""
+SETTLES_NS = 2_000_000_000
+"""After a start or a gap the filter's tilt settles; assumed."""
+WAVE_TICKS = 30
+"""So many residuals tell waves from a push; assumed: a wave's period and a half."""
+QUIET_NS = 1_000_000_000
+"""Dead time, lag and filters together; assumed."""
+BEARABLE_SHARE = 0.3
+"""A thruster that is stuck at more than this share of its limit cannot be held against without great effort."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThrusterState:
+    """`bank`; what has come since the last tick: `force`, `count` of samples, `rates` (instant, r) of the attitudes;
+    `before`: the filter at the last tick, and its yaw rate; `health`: what is known; `probing`: forces that cancel
+    each other are commanded, to tell one thruster from another; `quiet_until_ns`: commands of before the latest
+    change are still under way; `accel_off`: the accelerometer is left out until the next start.
+    """
+
+    bank: BankState
+    health: ThrusterHealth
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    count: int = 0
+    rate: tuple[int, float] | None = None
+    rate_before: tuple[int, float] | None = None
+    before: FilterState | None = None
+    findings: tuple[Finding, ...] = ()
+    hopeless: str = ""
+    probing: bool = False
+    quiet_until_ns: int = 0
+    doubted: bool = False
+    accel_off: bool = False
+
+
+class ThrusterMonitor(Monitor[ThrusterState]):
+    """Condition `crippled` where thrusters can no longer drive the boat; alerts of what was found."""
+
+    hears = (ImuSample, Attitude, OperatorCommand)
+    screens = True
+
+    def __init__(self, vessel: VesselFile):
+        self._vessel, n = vessel, len(vessel.thrusters)
+        self._names = [t.name for t in vessel.thrusters]
+        self._bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
+        self._balance = ForceBalance(vessel)
+        self.initial = ThrusterState(self._bank.initial(), ThrusterHealth.sound(n))
+
+    def on_message(
+        self, state: ThrusterState, message: ImuSample | Attitude | OperatorCommand, t_ns: int
+    ) -> tuple[ThrusterState, MonitorReport]:
+        """Collect what the tick will need; a new start forgets that nothing can be done, not what was found."""
+        if isinstance(message, OperatorCommand):
+            if message.command == "stop" or not (state.hopeless or state.accel_off or state.doubted):
+                return state, NOTHING
+            return replace(state, hopeless="", accel_off=False, doubted=False, bank=self._bank.initial()), NOTHING
+        if isinstance(message, Attitude):
+            return replace(state, rate=(message.t_ns, message.r_rad_s)), NOTHING
+        x, y, z = state.force
+        force = (x + message.ax_m_s2, y + message.ay_m_s2, z + message.az_m_s2)
+        return replace(state, force=force, count=state.count + 1), MonitorReport(withhold=state.accel_off)
+
+    def on_tick(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """One residual through the bank, and the verdict."""
+        before, now = state.before, view.belief
+        after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now)
+        report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
+        if not view.driving or view.t_ns < state.quiet_until_ns:
+            return replace(after, bank=self._bank.initial()), report
+        if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
+            return after, report
+        if state.rate is None or state.rate_before is None or state.rate[0] <= state.rate_before[0]:
+            return after, report
+        dt_s = (now.t_ns - before.t_ns) * 1e-9
+        r_dot = (state.rate[1] - state.rate_before[1]) / ((state.rate[0] - state.rate_before[0]) * 1e-9)
+        w = self._balance.residual(before, now, np.array(state.force) / state.count, r_dot)
+        if not np.isfinite(w).all():
+            return after, report
+        bank = self._bank.step(state.bank, w, (before.f_n + now.f_n) / 2, dt_s)
+        return self._judge(replace(after, bank=bank), view)
+
+    def _judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        nats, kinds = state.bank.nats, self._bank.hypotheses
+        order = np.argsort(nats)[::-1]
+        best = order[0]
+        report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
+        asks = nats[best] >= ASK_NATS and kinds[best].is_thruster and not view.suspect
+        state = replace(state, probing=asks)
+        if nats[best] < SURE_NATS or view.suspect:
+            return state, report
+        rivals = [kinds[k] for k in order[1:] if nats[k] > nats[best] - AHEAD_NATS]
+        if kinds[best].kind != "pushed":  # that would have to push just as a thruster or a bad accelerometer does
+            rivals = [h for h in rivals if h.kind != "pushed"]
+        if kinds[best].kind == "pushed" and [h.kind for h in rivals] == ["accel"]:
+            best, rivals = kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
+        if rivals:
+            return self._undecided(state, [kinds[best], *rivals], view)
+        if kinds[best].kind in ("pushed", "accel") and state.bank.count < WAVE_TICKS:
+            return state, report
+        return self._found(state, int(best), view)
+
+    def _undecided(
+        self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView
+    ) -> tuple[ThrusterState, MonitorReport]:
+        """Several explain it alike."""
+        report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
+        if state.doubted:
+            return state, report
+        text = "the boat does not do what it is told: " + " or ".join(_words(h, self._names) for h in rivals[:3])
+        alert = Alert(t_ns=view.t_ns, level="warning", text=text)
+        return replace(state, doubted=True), MonitorReport(report.events, (alert,))
+
+    def _found(self, state: ThrusterState, k: int, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """One explains it."""
+        h, mean, health = self._bank.hypotheses[k], state.bank.mean[k], state.health
+        nats = float(state.bank.nats[k])
+        gains, stuck, order = list(health.gains), list(health.stuck_n), list(health.order)
+        hopeless, cause, text = "", "thruster", _words(h, self._names)
+        if h.kind == "gain":
+            gain = 1.0 + float(mean[3 + h.i])
+            if gain > FINE_GAIN:
+                return state, NOTHING
+            gain = 0.0 if REVERSED_GAIN < gain < DEAD_GAIN else max(-1.0, gain)
+            gains[h.i] *= -1.0 if gain < 0 else gain
+            text = f"thruster {self._names[h.i]} {_gain_words(gain)}; the others take over"
+        elif h.kind == "stuck":
+            stuck[h.i] = force = float(mean[-1])
+            t = self._vessel.thrusters[h.i]
+            share = abs(force) / max(t.force_max_N, -t.force_min_N)
+            text = f"thruster {self._names[h.i]} is stuck at {force:.0f} N whatever it is told"
+            hopeless = f"{text}; cut its power" if share > BEARABLE_SHARE else ""
+        elif h.kind == "swap":
+            order[h.i], order[h.j] = order[h.j], order[h.i]
+            text = f"{text}: each gets the other's pulse"
+        elif h.kind == "reversed":
+            gains = [-g for g in gains]
+            text = "all thrusters push the wrong way; their pulses are turned round"
+        elif h.kind == "accel":
+            cause, text = "sensor", "the accelerometer is wrong: left out until the next start"
+        else:
+            cause, text = "surroundings", "something pushes the boat harder than water and wind usually do"
+        what = {"gain": self._names[h.i], "stuck": self._names[h.i]}.get(h.kind, h.kind)
+        if cause != "thruster":
+            return self._elsewhere(state, Finding(cause, what, text, view.t_ns, nats), view)
+        finding = Finding("thruster", what, text, view.t_ns, nats)
+        alert = Alert(t_ns=view.t_ns, level="error", text=f"{text} ({nats:.0f} nats)")
+        state = replace(
+            state, bank=self._bank.initial(), health=ThrusterHealth(tuple(gains), tuple(stuck), tuple(order)),
+            findings=(*state.findings, finding), hopeless=hopeless, probing=False, doubted=False,
+            quiet_until_ns=view.t_ns + QUIET_NS,
+        )  # fmt: skip
+        return state, MonitorReport({"crippled": hopeless} if hopeless else {}, (alert,))
+
+    def _elsewhere(self, state: ThrusterState, finding: Finding, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """Not a thruster: told once."""
+        if any(f.what == finding.what for f in state.findings):
+            return state, NOTHING
+        alert = Alert(t_ns=view.t_ns, level="warning", text=f"{finding.text} ({finding.nats:.0f} nats)")
+        state = replace(state, accel_off=state.accel_off or finding.cause == "sensor")
+        return replace(state, findings=(*state.findings, finding)), MonitorReport(alerts=(alert,))
+
+
+def _gain_words(gain: float) -> str:
+    if gain < 0:
+        return "pushes the wrong way: its pulses are turned round"
+    return "does not push" if gain == 0 else f"gives {100 * gain:.0f} % of its force"
+
+
+def _words(h: ThrustHypothesis, names: list[str]) -> str:
+    """A hypothesis in words."""
+    match h.kind:
+        case "gain":
+            return f"thruster {names[h.i]} gives another force"
+        case "stuck":
+            return f"thruster {names[h.i]} is stuck"
+        case "swap":
+            return f"thrusters {names[h.i]} and {names[h.j]} have changed places"
+        case "reversed":
+            return "all thrusters are reversed"
+        case "pushed":
+            return "something pushes it"
+    return "the accelerometer is wrong"

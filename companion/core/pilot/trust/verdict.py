@@ -1,0 +1,35 @@
+"""What the tests of this room say, and what becomes of the estimate for it.
+
+A verdict names the kind of what is wrong, how much speaks for it [nats], and the sentence for the operator. Verdicts
+on sensors are latched until the operator starts anew: an estimate that was contradicted does not call itself healthy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from msgspec.structs import replace
+
+from companion.core.messages import StateEstimate
+
+Cause = Literal["sensor", "thruster", "surroundings", "unknown"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """`cause`; `what`: which sensor, thruster or force, in words; `text`: for the operator; `t_ns`: since when."""
+
+    cause: Cause
+    what: str
+    text: str
+    t_ns: int
+    nats: float = 0.0
+
+
+def vet(estimate: StateEstimate, findings: tuple[Finding, ...]) -> StateEstimate:
+    """The estimate with the health that findings on sensors leave it."""
+    if not findings or estimate.health in ("initialising", "lost"):
+        return estimate
+    reasons = [f.text for f in findings] + ([estimate.reason] if estimate.reason else [])
+    return replace(estimate, health="degraded", reason="; ".join(reasons))

@@ -7,7 +7,8 @@ override_ignored, rc_takeover   `override_monitor`                   loop_lag   
 outputs_cut, outputs_still      `output_monitor`
 sticks                          `manual_control.StickMonitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
-`stuck_sensor`, those that had queued up by `stall`: no conditions
+`stuck_sensor`, those that had queued up by `stall`, a battery that is not told is said by `battery.BatteryWatch`: no
+conditions
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from companion.core.pilot.autopilot_state import AutopilotMonitor
 from companion.core.pilot.manual_control import StickMonitor
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.arming_refusals import ArmingMonitor
-from companion.core.pilot.monitors.battery import BatteryMonitor
+from companion.core.pilot.monitors.battery import BatteryMonitor, BatteryWatch
 from companion.core.pilot.monitors.fence_distance import FenceMonitor
 from companion.core.pilot.monitors.link_latency import LinkLatencyMonitor
 from companion.core.pilot.monitors.loop_lag import LoopLagMonitor
@@ -51,6 +52,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             Annunciator(anchors, control.blind_s),
             FenceMonitor(settings.fence),
             BatteryMonitor(vessel.propulsion.nominal_voltage_V, settings.battery),
+            BatteryWatch(vessel.propulsion.nominal_voltage_V, settings.battery),
             PlanGapMonitor(),
             LoopLagMonitor(control.period_s),
             OverrideMonitor(channels, len(vessel.thrusters), settings.system_id),

@@ -248,8 +248,8 @@ class App:
                 self._autopilot.send(frame)
             for alert in partner.take_alerts():
                 self._note(alert)
-        if self._guard and (command := self._guard.take_command()):
-            self._step([replace(command, t_ns=t_ns)], t_ns)
+        for message in self._guard.take_inputs(t_ns) if self._guard else ():
+            self._step([message], t_ns)
 
     async def _housekeeping(self) -> None:
         """What goes on in silence: neutral after a lease, the session, the tag's shell, figures, the log."""

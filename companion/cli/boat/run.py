@@ -183,7 +183,7 @@ async def _drive(
         progress.see(message)
         service.see(message)
         shore.see(message)
-        if finish.see(message) or (args.start and guard and guard.refused):
+        if finish.see(message) or (args.start and guard and guard.turns_away):
             end()
 
     def end() -> None:
@@ -197,7 +197,8 @@ async def _drive(
         shore.see(alert)
 
     forward, system = setup.run.forward, setup.run.mavlink.system_id
-    codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
+    link = setup.run.mavlink
+    codec = MavlinkCodec(system, link.component_id, target_system=link.autopilot_system_id, signing=signing)
     guard = None if args.unchecked else StartInterlock(codec, companion_of(setup))
     if not guard:
         tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
@@ -245,7 +246,7 @@ async def _drive(
     for error in ended:
         if isinstance(error, Exception):
             raise error
-    return REFUSED if args.start and guard and guard.refused else 0
+    return REFUSED if args.start and guard and guard.turns_away else 0
 
 
 def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:

@@ -30,13 +30,13 @@ OPERATOR = {"stop", "start", "hold", "excite", "manual"}
 TROUBLE = (
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
     "outputs_cut", "outputs_still", "solver_failing", "loop_lag", "link_late", "rc_takeover", "disarmed",
-    "mode_changed", "sticks_lost",
+    "mode_changed", "interlock_trip", "sticks_lost",
 )  # fmt: skip
-SOMEBODY = ("rc_takeover", "disarmed", "mode_changed", "outputs_cut", "outputs_still")
+SOMEBODY = ("rc_takeover", "disarmed", "mode_changed", "outputs_cut", "outputs_still", "interlock_trip")
 
 
 def test_every_pair_has_an_outcome():
-    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 33
+    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 34
     assert {mode for mode in MODES if THRUSTERS[mode] != "neutral"} == DRIVING
 
 

@@ -149,6 +149,8 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
             boat.feed(m.MotorOutputs(t_ns=t_ns, enabled=False))
         case "outputs_still":
             boat.feed(m.StatusText(t_ns=t_ns, severity=2, text="Scripting: stopped"))
+        case "interlock_trip":
+            boat.feed(m.InterlockTrip(t_ns=t_ns, why="the autopilot's parameter SERVO1_FUNCTION is 59 now"))
         case "solver_failing":
             monitors(boat, ControllerTime(since_ns=t_ns - 10 * S))
             change(boat, plan_ns=0)
@@ -197,7 +199,7 @@ def test_every_pair_through_the_pilot(mode, event):
     after = boat.mode
     if mode == "paused" and event not in ("healthy", "degraded") and expected == "paused":
         expected = "excitation"  # the boat of this test is healthy: the tick says so itself
-    if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover", "outputs_still"):
+    if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover", "outputs_still", "interlock_trip"):
         assert at_once == (TABLE[mode, event].next if mode != "paused" else at_once)
     if expected == "starting" and at_once in ("starting", mode):
         waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "mode_changed")

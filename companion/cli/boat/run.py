@@ -187,9 +187,9 @@ async def _drive(
             end()
 
     def end() -> None:
+        app.stop()  # before what may fail
         service.stopping()
         shore.end()
-        app.stop()
 
     def tell(alert: Alert) -> None:
         recorder.record(alert)

@@ -233,7 +233,7 @@ def disk_rows(observed: Observations) -> Iterator[Row]:
     yield Row(
         area="disk", name="log folder", level="warning" if short and level == "ok" else level, found=found,
         needed="1 GB free" + (", and room for log.quota_MB" if d.quota_bytes is not None else ""),
-        why="a log takes some 0.26 GB an hour; a full disk ends it",
+        why="a log takes some 0.26 GB an hour; on a full disk nothing is recorded, though the boat drives",
         fix="" if level == "ok" and not short else "delete or move old logs; a smaller log.quota_MB",
     )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """A fault of one task or callback ends the run, but not before the others have had time to send neutral.
 
-A fault is whatever is raised: also what is no Exception (SystemExit, KeyboardInterrupt), and a CancelledError that nobody
-asked for. Only a task that is told to end may end.
+A fault is whatever is raised: also what is no Exception (SystemExit, KeyboardInterrupt), and a CancelledError that
+nobody asked for. Only a task that is told to end may end.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class FaultBarrier:
             self._fail(error)
 
     async def keep(self, make: Callable[[], Coroutine[Any, Any, None]], pause: Callable[[], Coroutine]) -> None:
-        """Await a task until it is cancelled after all is `over`: anew after a fault and a pause, or a cancellation that
-        comes before (a loop that breaks cancels all its tasks), for neutral goes out by it.
+        """Await a task until it is cancelled after all is `over`: anew after a fault and a pause, or a cancellation
+        that comes before (a loop that breaks cancels all its tasks), for neutral goes out by it.
         """
         while True:
             try:

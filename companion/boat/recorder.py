@@ -2,8 +2,8 @@
 
 `record` encodes the message and queues it (no lock, no I/O, microseconds). A background thread empties the
 queue every `PERIOD_S`, ends the chunk and calls fsync, so SIGKILL loses at most one period, and a power cut
-one period plus one fsync. A disk error never reaches the caller, not even at the start: messages wait in the queue while
-a new part of the log is tried every `RETRY_S`, what is lost is counted, and `problem` says so.
+one period plus one fsync. A disk error never reaches the caller, not even at the start: messages wait in the queue
+while a new part of the log is tried every `RETRY_S`, what is lost is counted, and `problem` says so.
 
 Times in the log: log_time is when the message was recorded, as wall clock (monotonic + `wall_offset_ns`,
 fixed at the start and kept in the metadata); publish_time is the message's own `t_ns` (monotonic). Gaps in a

@@ -4,8 +4,8 @@ The folder is `$ARITRA_CACHE`, else systemd's `$CACHE_DIRECTORY`, else `$XDG_CAC
 the home of `$HOME` or, without it, of the user database: never a folder that all share. It and its files must be this
 user's alone (`private_folder`): where they are not, nothing of them is run, and it is said. Where the folder cannot be
 written nothing is kept, and the code is compiled at each start (a second or two). A file holds the SHA-256 of the code
-and the code: a truncated or changed file is not run but replaced. New code is compiled in a child process (`worker`), as
-the compiler would otherwise occupy 30 MB of the companion for as long as it runs.
+and the code: a truncated or changed file is not run but replaced. New code is compiled in a child process (`worker`),
+as the compiler would otherwise occupy 30 MB of the companion for as long as it runs.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@
     messages -> MavlinkEncoder -> bytes
 
 Never raises on any bytes. Only the target (system, component) is listened to; the first autopilot heartbeat
-chooses it where none is given, for good: other autopilots are `strangers`. `t_ns` of a message is the autopilot's own stamp converted by the clock
-offset, or the time of arrival where there is no stamp or no offset yet; `t_rx_ns` is the arrival.
+chooses it where none is given, for good: other autopilots are `strangers`. `t_ns` of a message is the autopilot's own
+stamp converted by the clock offset, or the time of arrival where there is no stamp or no offset yet; `t_rx_ns` is the
+arrival.
 
 Rates of an Attitude are those of the gyros: the AHRS's own correction (AHRS.omegaI) is taken out. Without a position it
 follows the boat's acceleration.

@@ -1,8 +1,8 @@
 """Parameters that were read and are watched from then on, as a pure state machine: messages in, bytes to send out.
 
-An autopilot broadcasts what somebody sets. A broadcast may be lost, and a script that sets a parameter without saving it
-makes none: so all that are known are asked for again, one at a time, in turn. Of two questions one is of a
-SERVOn_FUNCTION, which alone decides what drives a thruster.
+An autopilot broadcasts what somebody sets. A broadcast may be lost, and a script that sets a parameter without saving
+it makes none: so all that are known are asked for again, one at a time, in turn. Of two questions one is of a
+SERVOn_FUNCTION, which decides what drives a thruster.
 """
 
 from __future__ import annotations

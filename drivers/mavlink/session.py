@@ -94,10 +94,10 @@ class MavlinkSession:
             if self._codec.named:
                 found = f"an autopilot of system {system} is heard, which is not ours (mavlink.autopilot_system_id"
                 self._alert(t_ns, f"{found} = {ours}): nothing of it is taken, and nothing is sent to it")
-            else:
-                found = f"autopilots of systems {ours} and {system} are heard: this run keeps to {ours}, which spoke first"
-                text = f"{found}; if that is not yours, stop, and name yours in the run file: mavlink.autopilot_system_id"
-                self._alerts.append(Alert(t_ns=t_ns, level="error", text=text))
+                continue
+            found = f"autopilots of systems {ours} and {system} are heard: this run keeps to {ours}, which spoke first"
+            todo = "if that is not yours, stop, and name yours in the run file: mavlink.autopilot_system_id"
+            self._alerts.append(Alert(t_ns=t_ns, level="error", text=f"{found}; {todo}"))
 
     def _hear(self, t_ns: int) -> None:
         if self._heard_ns is None or t_ns - self._heard_ns > SILENCE_NS:

@@ -11,7 +11,6 @@ from companion.core.messages import OverrideLease, StateEstimate, VehicleRequest
 from drivers.link import DeviceLink
 from drivers.mavlink.codec import MavlinkCodec
 
-
 NEUTRAL_REPEATS = 10
 NEUTRAL_PERIOD_S = 0.1
 """Neutral is sent ten times in a second before a release: without a receiver a release changes nothing."""
@@ -64,7 +63,7 @@ class AutopilotCommands:
             await pause()
 
     def leave(self, attempt: Attempt) -> None:
-        """Neutral once more, disarm, and only then give the channels back; each of them whatever became of the others."""
+        """Neutral once more, disarm, and then give the channels back; each of them whatever became of the others."""
         attempt(self.neutral)
         attempt(lambda: self.send(self._encoder.disarm()))
         attempt(lambda: self.send(self._encoder.release(self._channels)))

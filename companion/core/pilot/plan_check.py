@@ -5,8 +5,8 @@
     steep        |c_k+1 - c_k| <= 2 R max(T_lag, step)     the problem's |c_k - f_k| <= R T_lag, with f_k+1 between both
     alternating  the first row does not turn about by more than R T / 2 in `MOST_TURNS` ticks in a row
 
-R: rate limit, T: control period. What passes is sent within the rate limit, see `within_rate`. A controller that keeps to
-its own problem never meets any of these: in calm, rough and high seas none of its first rows turned about twice in a
+R: rate limit, T: control period. What passes is sent within the rate limit, see `within_rate`. A controller that keeps
+to its own problem never meets any of these: in calm, rough and high seas none of its first rows turned about twice in a
 row by 3 N, and none of its rows was half as steep (stepped runs, aritra.toml).
 """
 

@@ -2,7 +2,7 @@
 
     controller                    guidance and a SolveRequest; the lease follows
     sticks, excitation, neutral   the lease at once
-    PlanResult                    lease from the plan, if its tick is still open and the plan can be meant (`plan_check`)
+    PlanResult                    lease from the plan, if its tick is still open and it can be meant (`plan_check`)
     PlanDeadline                  lease from the fallback ladder, if its tick is still open
 
 The state predicted to when a command acts (dead time ahead, under the commands already sent) is what the NMPC plans

@@ -55,7 +55,7 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
             found=f"systems {beat.system}, {numbers(observed.strangers)}", needed="one, or ours named",
             why=f"{beat.system} is ours by the run file; nothing is taken from the others" if named
             else f"a run keeps to the one that speaks first, now {beat.system}, and would arm it",
-            fix="" if named else "mavlink.autopilot_system_id of the run file = our autopilot's SYSID_THISMAV (4.7: MAV_SYSID)",
+            fix="" if named else "mavlink.autopilot_system_id of the run file = our SYSID_THISMAV (4.7: MAV_SYSID)",
         )  # fmt: skip
     if observed.deaf:
         yield Row(

@@ -3,39 +3,15 @@
 import pytest
 from msgspec.structs import replace
 
-from companion.boat.start_interlock import StartInterlock, companion_of
-from companion.cli.simulator.autopilot_options import wirings
-from companion.core.messages import Alert, OperatorCommand
+from companion.boat.start_interlock import companion_of
+from companion.core.messages import Alert
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.sent_pulses import outputs_of
-from companion.core.preflight.parameter_file import parse_parameters
 from drivers.mavlink.codec import MavlinkCodec
-from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
-from tests.companion.boat.app_fixture import Bench
-from tests.drivers.mavlink.mavlink_autopilot import Sender
+from tests.companion.boat.guarded_fixture import PLAIN, Guarded, silently_written, strange, told, written
 from tests.support.drive_fixture import setup
 
 REFUSED = "refused: the boat might not stop"
-
-
-class Guarded(Bench):
-    """The App's bench with a guard, on a wiring's parameters."""
-
-    def __init__(self, path, wiring="gate", changes=None, **world):
-        files = parse_parameters(wirings()[wiring], name=wiring)
-        parameters = {**BOARD_PARAMETERS, **files, **(changes or {})}
-        super().__init__(path, parameters=parameters, guard=self._guarding, **world)
-
-    def _guarding(self, codec):
-        self.guard = StartInterlock(codec, companion_of(setup()))
-        return self.guard
-
-    def order(self, command):
-        self.app.command(OperatorCommand(t_ns=self.clock.now_ns(), command=command))
-
-
-def told(bench, words):
-    return sum(words in text for text in bench.alerts())
 
 
 @pytest.fixture
@@ -126,24 +102,6 @@ def test_parameters_are_read_anew_after_a_reboot(path):
     assert told(bench, f"start {REFUSED}") == 1
 
 
-PLAIN = {f"SERVO{n}_FUNCTION": 58.0 + n for n in range(1, 5)}
-"""Plain pass-through of the thrusters' channels: the last pulse stays for ever."""
-
-
-def written(bench, values):
-    """A ground station sets parameters; the autopilot broadcasts them."""
-    station = Sender(255, 190)
-    for name, value in values.items():
-        frame = station.param_set(1, 1, name.encode(), value, 9)
-        bench.far.send(bench.world.mavlink(frame, "boat"))
-
-
-def silently_written(bench, values):
-    """As a script does, or with the broadcast lost."""
-    for name, value in values.items():
-        bench.world.rover.vehicle.parameters.set(name, value)
-
-
 @pytest.mark.parametrize(("write", "within_s"), [(written, 0.5), (silently_written, 9.0)])
 def test_a_wiring_that_is_changed_under_way_ends_in_safe(write, within_s, path):
     bench = Guarded(path)
@@ -213,10 +171,6 @@ def test_a_change_that_refuses_nothing_does_not_stop_the_boat(path):
 
 
 # --- several autopilots ------------------------------------------------------------------------------
-
-
-def strange(bench, system=7):
-    bench.far.send(Sender(system, 1).beat())
 
 
 def test_with_a_second_autopilot_nothing_begins_until_ours_is_named(path):

@@ -94,7 +94,9 @@ def test_an_autopilot_that_is_not_ours_is_refused_by_its_system(capsys, tmp_path
     config.write_text(text.replace("[mavlink]", "[mavlink]\nautopilot_system_id = 9"), encoding="utf-8")
     with sailing(boat("gate")) as url:
         code, rows = check(url, capsys, tmp_path, "--config", str(config))
-    assert code == 1 and rows["heartbeat"]["found"] == "only of systems 1" and "of system 9" in rows["heartbeat"]["needed"]
+    assert (
+        code == 1 and rows["heartbeat"]["found"] == "only of systems 1" and "of system 9" in rows["heartbeat"]["needed"]
+    )
     assert not [row for row in rows.values() if row["area"] == "autopilot"], "it is asked for nothing"
 
 

@@ -143,7 +143,9 @@ def _told(before: Reading, sound: bool, seen: str, t_ns: int) -> tuple[Reading, 
     return Reading(t_ns), (back,) if before.blind else ()
 
 
-def _missed(before: Reading, view: TickView, why: str, level: Literal["warning", "error"]) -> tuple[Reading, tuple[Alert, ...]]:
+def _missed(
+    before: Reading, view: TickView, why: str, level: Literal["warning", "error"]
+) -> tuple[Reading, tuple[Alert, ...]]:
     """One more tick; the alert once it has been too many without a reading."""
     if before.since_ns is None or not view.autopilot_alive:
         return replace(before, since_ns=view.t_ns), ()

@@ -64,8 +64,8 @@ __all__ = [
     "INPUTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo", "Battery", "CommandAck",
     "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
     "InterlockTrip", "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint",
-    "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue", "PlanDeadline",
-    "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate", "StatusText",
+    "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue",
+    "PlanDeadline", "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate", "StatusText",
     "StepMark", "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
 ]  # fmt: skip
 

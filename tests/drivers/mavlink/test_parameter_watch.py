@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise
 
 from companion.core.messages import ParamValue
 from drivers.mavlink.encode import MavlinkEncoder
@@ -37,7 +38,7 @@ def test_everything_is_asked_for_in_turn_and_the_functions_most_often():
     for name in VALUES:
         when = [0.0, *(t_s for t_s, asked_for in found if asked_for == name)]
         limit_s = 8.5 if name.endswith("_FUNCTION") else 70.0
-        assert max(b - a for a, b in zip(when, when[1:], strict=False)) <= limit_s
+        assert max(b - a for a, b in pairwise(when)) <= limit_s
 
 
 def test_a_change_is_told_once_and_the_same_value_is_none():

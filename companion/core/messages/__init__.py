@@ -65,8 +65,8 @@ __all__ = [
     "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
     "InterlockTrip", "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint",
     "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue",
-    "PlanDeadline", "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate", "StatusText",
-    "StepMark", "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
+    "PlanDeadline", "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate",
+    "StatusText", "StepMark", "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
 ]  # fmt: skip
 
 INPUTS: tuple[type[Message], ...] = (

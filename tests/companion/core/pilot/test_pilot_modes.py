@@ -22,7 +22,7 @@ from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
-from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan
+from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan, stick
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of
 
@@ -85,10 +85,6 @@ class Boat(Shell):
     @property
     def moves(self):
         return self.leases[-1].pwm_us != (1500,) * 8
-
-
-def stick(t_ns, surge, source="pad"):
-    return m.ManualInput(t_ns=t_ns, surge=surge, sway=0.0, yaw=0.0, source=source)
 
 
 def change(boat, **fields):

@@ -55,7 +55,7 @@ class PlanCheck:
     def __init__(self, vessel: VesselFile, *, step_s: float, period_s: float):
         p = vessel.propulsion
         self._n, (self._least, self._most) = len(vessel.thrusters), force_limits(vessel)
-        self._room = SLACK * (self._most - self._least)
+        self._room = SLACK * float((self._most - self._least).max())  # one for all: a dead thruster has no range
         self._steep_n = (1 + SLACK) * 2 * p.rate_limit_N_s * max(p.lag_s, step_s)
         self._tick_n = p.rate_limit_N_s * period_s
 

@@ -6,12 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core import messages as m
 from companion.core.pilot.monitors.battery import BatteryState
+from companion.core.pilot.plan_check import NO_PROPOSALS, PlanCheck
 from tests.companion.core.pilot.pilot_shell import (
     INF,
     NAN,
+    VESSEL,
     N,
     at_the_start,
     heartbeat,
@@ -168,6 +171,13 @@ def test_a_plan_that_misses_a_limit_by_a_rounding_is_sent_within_it():
     for _ in range(6):
         lease = proposed(shell, ((MOST_N + 0.1, 0.0, 0.0, LEAST_N - 0.1),) * 20)
     assert lease.source == "plan" and lease.f_command_n == (MOST_N, 0.0, 0.0, LEAST_N)
+
+
+def test_a_rounding_on_a_dead_thruster_is_no_reason_to_refuse_a_plan():
+    first, *others = VESSEL.thrusters
+    vessel = replace(VESSEL, thrusters=(replace(first, gain=0.0), *others))
+    check = PlanCheck(vessel, step_s=0.2, period_s=0.1)
+    assert check.judge(NO_PROPOSALS, plan(1, f_n=((1e-6, 5.0, 5.0, 5.0),) * 20)).problem is None
 
 
 def test_a_plan_is_sent_within_the_rate_limit():

@@ -3,8 +3,8 @@
     bytes -> Link -> messages -> pilot.step -> outputs -> bytes
 
 Every call of `pilot.step` is logged with its inputs and outputs, so that `aritra replay` can repeat it. Every
-tick ends in one lease; should anything in here raise, neutral is sent for a second, the channels are released,
-and the process ends non-zero for systemd to start it again.
+tick ends in one lease; should anything in here raise, whatever it is, neutral is sent for a second, the autopilot is
+disarmed, the channels are released, and the process ends non-zero for systemd to start it again.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.boat.clock import Clock
-from companion.boat.devices.autopilot_commands import AutopilotCommands
+from companion.boat.devices.autopilot_commands import NEUTRAL_PERIOD_S, AutopilotCommands
 from companion.boat.devices.uwb_tag import UwbTagLink, uwb_timing
-from companion.boat.fault_barrier import FaultBarrier
+from companion.boat.fault_barrier import FaultBarrier, GuardedCodec
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
 from companion.boat.process_stats import ProcessMeter
@@ -49,9 +49,6 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.ports.port import Port
 from drivers.uwb import UwbCodec
 
-NEUTRAL_REPEATS = 10
-NEUTRAL_PERIOD_S = 0.1
-"""Neutral is sent ten times in a second before a release: without a receiver a release changes nothing."""
 HOUSEKEEPING_NS = 100_000_000
 
 
@@ -76,6 +73,7 @@ class App:
         self.state: PilotState = pilot.initial(clock.now_ns())
         self._pilot, self._clock, self._recorder, self._watch = pilot, clock, recorder, watch
         self._control = pilot.settings.control
+        self._stop, self._faults = asyncio.Event(), FaultBarrier(self._fail)
         settings, codec = pilot.settings, mavlink[1]
         self._session = MavlinkSession(codec)
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
@@ -91,28 +89,28 @@ class App:
         self._solver = SolverThread(solver, self._planned)
         self._period_ns = round(self._control.period_s * 1e9)
         self._timing = TickTiming(self._period_ns)
-        self._stop = asyncio.Event()
         self._solver_stuck = False
-        self._faults = FaultBarrier(self._fail)
         self._lease_end_ns = clock.now_ns()
 
     async def run(self) -> None:
         """Until `stop`; ends with neutral, disarm and a release. Raises what was raised inside, after neutral."""
         try:
             async with asyncio.TaskGroup() as group:
-                links = [group.create_task(self._faults.task(link.run())) for link in (self._mavlink, self._uwb)]
+                keep = self._faults.keep
+                links = [group.create_task(keep(link.run, self._pause)) for link in (self._mavlink, self._uwb)]
                 if self._forward:
                     station = self._forward.run(self._autopilot.pass_on, self._note, self._is_disarmed)
                     links.append(group.create_task(self._faults.task(station)))
                 loops = [group.create_task(self._faults.task(loop)) for loop in (self._ticks(), self._housekeeping())]
-                await self._stop.wait()
-                await self._let_go(loops)
+                try:
+                    await self._stop.wait()
+                finally:  # also where this very task is cancelled
+                    await self._let_go(loops)
                 for task in links:
                     task.cancel()
         finally:
             self._solver.close()
-        if self._faults.failure:
-            raise self._faults.failure
+        self._faults.end()
 
     def stop(self) -> None:
         """End the run from a signal handler or a task."""
@@ -149,8 +147,8 @@ class App:
         self._step([sticks], self._clock.now_ns())
 
     def _fail(self) -> None:
-        self._autopilot.neutral()
         self._stop.set()
+        self._faults.attempt(self._autopilot.neutral)
 
     # --- the loop ----------------------------------------------------------------------------------
 
@@ -227,12 +225,12 @@ class App:
         return DeviceLink(
             name,
             port,
-            codec,
+            GuardedCodec(codec, self._faults),
             now_ns=self._clock.now_ns,
             sleep_until=self._clock.sleep_until,
             rng=rng,
             on_messages=lambda messages, t_ns: self._faults.call(take, messages, t_ns),
-            on_bytes=lambda data, t_ns: self._recorder.record_raw(name, "rx", data),
+            on_bytes=lambda data, t_ns: self._faults.call(self._recorder.record_raw, name, "rx", data),
             timing=timing,
         )
 
@@ -248,8 +246,8 @@ class App:
                 self._autopilot.send(frame)
             for alert in partner.take_alerts():
                 self._note(alert)
-        if self._guard and (command := self._guard.take_command()):
-            self._step([replace(command, t_ns=t_ns)], t_ns)
+        for message in self._guard.take_inputs(t_ns) if self._guard else ():
+            self._step([message], t_ns)
 
     async def _housekeeping(self) -> None:
         """What goes on in silence: neutral after a lease, the session, the tag's shell, figures, the log."""
@@ -269,15 +267,22 @@ class App:
             await self._clock.sleep_until(now + HOUSEKEEPING_NS)
 
     async def _let_go(self, loops: Sequence[asyncio.Task[None]]) -> None:
-        """Neutral for a second, disarm, and only then hand the channels back; nothing takes them again."""
-        self.command(OperatorCommand(t_ns=self._clock.now_ns(), command="stop"))
-        for _ in range(NEUTRAL_REPEATS):
-            self._autopilot.neutral()
-            await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))
-        for task in loops:
-            task.cancel()
-        self._autopilot.release()
-        await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))  # let them leave
+        """Neutral for a second, disarm, and only then hand the channels back; nothing takes them again.
+
+        Whatever fails here, and where this is cancelled too, the rest is sent.
+        """
+        self._faults.attempt(self.command, OperatorCommand(t_ns=self._clock.now_ns(), command="stop"))
+        try:
+            await self._autopilot.rest(self._faults.attempt, self._pause)
+        finally:
+            for task in loops:
+                task.cancel()
+            self._autopilot.leave(self._faults.attempt)
+            self._faults.over = True
+        await self._pause()  # let them leave
+
+    async def _pause(self) -> None:
+        await self._clock.sleep_until(self._clock.now_ns() + round(NEUTRAL_PERIOD_S * 1e9))
 
 
 _DISPATCH: dict[type[Message], Callable[[App, Any], None]] = {

@@ -70,7 +70,7 @@ RUN_PREARM_CHECKS = 401
 
 def all_rows(setup: RunSetup, observed: Observations, parameters: ParameterSet) -> list[Row]:
     """The whole table."""
-    companion, vessel, battery = companion_of(setup), setup.pilot.vessel, setup.run.battery
+    companion, vessel = companion_of(setup), setup.pilot.vessel
     asked = parameter_rows(parameters, companion) if observed.heartbeat else []
     what = f"{setup.digest}: vessel {vessel.name}, site {setup.pilot.site.name}, mission {setup.pilot.mission.name}"
     return [
@@ -80,7 +80,7 @@ def all_rows(setup: RunSetup, observed: Observations, parameters: ParameterSet) 
         *rest_rows(observed, parameters, companion),
         *estimator_rows(observed),
         *uwb_rows(observed, setup.pilot.site, vessel),
-        *battery_rows(observed, vessel.propulsion.nominal_voltage_V, battery.low_V, battery.critical_V),
+        *battery_rows(observed, vessel.propulsion.nominal_voltage_V, setup.run.battery),
         *disk_rows(observed),
     ]
 
@@ -236,7 +236,8 @@ class Listener:
             listened_s=listened_s, disk=disk, wall_s=time.time(), mavlink=self._links.get("mavlink"),
             uwb=self._links.get("uwb"), heartbeat=latest(Heartbeat), info=latest(AutopilotInfo),
             rates_hz={name: (after[name] - before[name]) / listened_s for name in WANTED_HZ}, wanted_hz=WANTED_HZ,
-            deaf=self._session.is_deaf,
+            deaf=self._session.is_deaf, autopilot=self._setup.run.mavlink.autopilot_system_id,
+            strangers=tuple(sorted(self._codec.strangers)),
             received=counters.received.total(), lost=counters.lost.total(), round_trips=tuple(self._round_trips),
             battery=latest(Battery), servo=latest(ServoOutput), rc=latest(RcChannels),
             texts=tuple(self._kept[StatusText]),

@@ -2,8 +2,8 @@
 
 `record` encodes the message and queues it (no lock, no I/O, microseconds). A background thread empties the
 queue every `PERIOD_S`, ends the chunk and calls fsync, so SIGKILL loses at most one period, and a power cut
-one period plus one fsync. A disk error never reaches the caller: messages wait in the queue while a new part
-of the log is tried every `RETRY_S`, what is lost is counted, and `problem` says so.
+one period plus one fsync. A disk error never reaches the caller, not even at the start: messages wait in the queue
+while a new part of the log is tried every `RETRY_S`, what is lost is counted, and `problem` says so.
 
 Times in the log: log_time is when the message was recorded, as wall clock (monotonic + `wall_offset_ns`,
 fixed at the start and kept in the metadata); publish_time is the message's own `t_ns` (monotonic). Gaps in a
@@ -12,6 +12,7 @@ channel's sequence numbers are messages that were lost.
 
 from __future__ import annotations
 
+import errno
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -32,6 +33,8 @@ CLOSE_S = 5.0  # how long the end of a run waits for a disk that hangs; assumed:
 SLOW_S = 0.75  # a flush that takes longer than this breaks the promise of 1 s: said in `problem`
 ROTATE_BYTES = 64 * 1024 * 1024  # some 20 minutes: a file's index waits in memory, 2.5 kB for each quarter of a second
 MAX_QUEUED = 50_000  # messages; about 100 s of a disk that hangs, some 25 MB
+DISK_TROUBLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS})
+"""What a disk says that is full or breaks: no boat stays ashore for it. All else at the start is a path to correct."""
 INLINE_BATCH = 1_000  # messages between writes where there is no background thread
 
 
@@ -50,7 +53,8 @@ class Recorder:
 
     `metadata`: see `log_metadata`. `attachments`: file name -> content. `background=False` writes in the
     caller's thread and waits for the disk: for stepped clocks that outrun any disk.
-    Raises OSError where the first file cannot be created (FileExistsError: a log is never overwritten).
+    Raises OSError where the first file cannot be created for another reason than `DISK_TROUBLE` (FileExistsError: a log
+    is never overwritten).
     """
 
     def __init__(
@@ -81,7 +85,8 @@ class Recorder:
         self._writing_ns: int | None = None  # since when the disk's side has been at it; read by the caller's thread
         self._retry_ns = 0
         self._number = 0
-        self._part: LogPart | None = self._open()
+        self._part: LogPart | None = None
+        self._begin()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True) if background else None
         if self._thread:
@@ -173,6 +178,14 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _begin(self) -> None:
+        try:
+            self._part = self._open()
+        except OSError as error:
+            if error.errno not in DISK_TROUBLE:
+                raise
+            self._fail(error, 0)
 
     def _run(self) -> None:
         while not self._stop.wait(PERIOD_S):

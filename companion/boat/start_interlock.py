@@ -1,22 +1,28 @@
-"""The start interlock: the autopilot's parameters that decide whether the boat stops, read while it is in neutral.
+"""The interlock: the autopilot's parameters that decide whether the boat stops, for as long as the run lasts.
 
 A `start`, `hold`, `excite` or `manual` waits until they have been read, and is dropped where one of them refuses;
-`stop` never waits. They are read anew after the autopilot's reboot and after its silence. The rows are those of
-`aritra check`.
+`stop` never waits. They are read anew after the autopilot's reboot and after its silence, and watched from then on
+(`drivers.mavlink.parameter_watch`): one that changes to what refuses takes the driving away (`InterlockTrip`). The rows
+are those of `aritra check`. While several autopilots are heard and the run file does not name ours, nothing begins.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+from msgspec.structs import replace
 
 from companion.boat.load_run import RunSetup
-from companion.core.messages import Alert, Heartbeat, Message, OperatorCommand
+from companion.core.messages import Alert, Heartbeat, InterlockTrip, Message, OperatorCommand
 from companion.core.pilot.autopilot_state import is_alive
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.preflight.wiring import Companion
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
+from drivers.mavlink.parameter_watch import ParameterChange, ParameterWatch
+
+AMBIGUOUS = "several autopilots are heard, and nobody has said which is ours (mavlink.autopilot_system_id)"
 
 
 class StartInterlock:
@@ -31,61 +37,79 @@ class StartInterlock:
         self.rows: list[Row] = []
         self._codec, self._companion = codec, companion
         self._reader: ParameterReader | None = None
+        self._watch: ParameterWatch | None = None
         self._more = False
         self._reboots = codec.clock.reboots
         self._heard_ns: int | None = None
         self._held: OperatorCommand | None = None
+        self._begun = False
+        self._trips: list[InterlockTrip] = []
         self._alerts: list[Alert] = []
 
     def passes(self, command: OperatorCommand) -> bool:
-        """Whether a command may go to the pilot now. One that may not yet is kept: see `take_command`."""
-        if command.command == "stop" or self.clear:
+        """Whether a command may go to the pilot now. One that may not yet is kept: see `take_inputs`."""
+        if command.command == "stop":
             self._held = None
             return True
-        if self.refused:
-            self._say(command.t_ns, "error", f"{command.command} refused: {self._why()}")
-        else:
-            self._held = command
-            self._say(command.t_ns, "info", f"{command.command} waits for the check of the autopilot's parameters")
+        if why := self.refusal:
+            self._held = None
+            self._say(command.t_ns, "error", f"{command.command} refused: {why}")
+            return False
+        if self.clear:
+            self._held, self._begun = None, True
+            return True
+        self._held = command
+        self._say(command.t_ns, "info", f"{command.command} waits for the check of the autopilot's parameters")
         return False
 
-    def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
+    def step(self, messages: Sequence[Message], t_ns: int) -> list[bytes]:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
         heartbeat = any(isinstance(message, Heartbeat) for message in messages)
         silent = heartbeat and self._heard_ns is not None and not is_alive(self._heard_ns, t_ns)
         self._heard_ns = t_ns if heartbeat else self._heard_ns
         if silent or self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots
-            self._reader, self.refused, self.rows, self.clear = None, [], [], False
+            self._reader, self._watch, self.refused, self.rows, self.clear = None, None, [], [], False
+        if self._watch is not None:
+            return self._keep_watch(self._watch, messages, t_ns)
         if self._reader is None:
             if not heartbeat:
                 return []
             self._reader, self._more = ParameterReader(self._codec.encoder, parameter_names(self._companion)), False
-        if self.clear or self.refused:
-            return []
         frames = self._reader.step(messages, t_ns)
         if self._reader.done:
-            frames += self._judge(self._reader, t_ns)
+            frames += self._read(self._reader, t_ns)
         return frames
 
     @property
     def refusal(self) -> str | None:
         """Why nothing may start; None: no reason so far."""
-        return self._why() if self.refused else None
+        if self.refused:
+            names = ", ".join(row.name for row in self.refused)
+            return f"the boat might not stop, or not follow ({names}); `aritra check` says what to do"
+        return AMBIGUOUS if self._codec.ambiguous and not self._begun else None
 
-    def take_command(self) -> OperatorCommand | None:
-        """The command that waited, once it may go."""
-        if not self.clear:
-            return None
-        command, self._held = self._held, None
-        return command
+    @property
+    def turns_away(self) -> bool:
+        """Whether nothing may start, and nothing has been started in this run."""
+        return self.refusal is not None and not self._begun
+
+    def take_inputs(self, t_ns: int) -> list[Message]:
+        """What the pilot has to hear at `t_ns` [ns]: trips, and the command that waited, once it may go."""
+        inputs: list[Message] = [*self._trips]
+        self._trips = []
+        if self._held and self.clear:
+            held = replace(self._held, t_ns=t_ns)
+            inputs += [held] if self.passes(held) else []
+        return inputs
 
     def take_alerts(self) -> list[Alert]:
         """Alerts since the last call."""
         alerts, self._alerts = self._alerts, []
         return alerts
 
-    def _judge(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
+    def _read(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
+        """All that was asked for has been told, or will not be."""
         parameters = ParameterSet(reader.values)
         if not self._more:
             self._more = True
@@ -97,24 +121,50 @@ class StartInterlock:
             if self._held:
                 self._say(t_ns, "warning", "the autopilot does not tell its parameters: still waiting, not starting")
             return []
-        self.rows = rows = list(parameter_rows(parameters, self._companion))
-        self.refused = [row for row in rows if row.level == "refuse"]
-        self.clear = not self.refused
-        for row in rows:
-            if row.level != "ok":
-                level = "error" if row.level == "refuse" else "warning"
-                self._say(t_ns, level, f"{row.name} = {row.found}: {row.why} -> {row.fix}")
+        names = (*parameter_names(self._companion), *further_parameter_names(parameters))
+        self._watch = ParameterWatch(self._codec.encoder, reader.values, names)
+        self._judge(reader.values, t_ns)
         if self.refused and self._held:
-            self._say(t_ns, "error", f"{self._held.command} refused: {self._why()}")
-            self._held = None
+            self.passes(replace(self._held, t_ns=t_ns))
+        if self.refused and self._begun:
+            self._trips.append(InterlockTrip(t_ns=t_ns, why="; ".join(map(_told, self.refused))))
         return []
 
-    def _why(self) -> str:
-        names = ", ".join(row.name for row in self.refused)
-        return f"the boat might not stop, or not follow ({names}); `aritra check` says what to do"
+    def _judge(self, values: dict[str, float], t_ns: int) -> None:
+        """Rows anew; what is not in order is said, unless it was said before."""
+        before, self.rows = self.rows, list(parameter_rows(ParameterSet(values), self._companion))
+        self.refused = [row for row in self.rows if row.level == "refuse"]
+        self.clear = not self.refused
+        for row in self.rows:
+            if row.level != "ok" and row not in before:
+                self._say(t_ns, "error" if row.level == "refuse" else "warning", _told(row))
+
+    def _keep_watch(self, watch: ParameterWatch, messages: Iterable[Message], t_ns: int) -> list[bytes]:
+        frames = watch.step(messages, t_ns)
+        if changes := watch.take_changes():
+            was_clear, before = self.clear, self.refused
+            self._judge(watch.values, t_ns)
+            new = [row for row in self.refused if row not in before]
+            if new:
+                self._trips.append(InterlockTrip(t_ns=t_ns, why=_trip(changes, new)))
+            elif self.clear and not was_clear:
+                self._say(t_ns, "info", f"{_list(changes)}: no parameter refuses a start any more")
+        return frames
 
     def _say(self, t_ns: int, level, text: str) -> None:
         self._alerts.append(Alert(t_ns=t_ns, level=level, text=text))
+
+
+def _told(row: Row) -> str:
+    return f"{row.name} = {row.found}: {row.why} -> {row.fix}"
+
+
+def _list(changes: Iterable[ParameterChange]) -> str:
+    return ", ".join(map(str, changes))
+
+
+def _trip(changes: Iterable[ParameterChange], rows: Iterable[Row]) -> str:
+    return f"the autopilot's parameter {_list(changes)}: {'; '.join(map(_told, rows))}"
 
 
 def companion_of(setup: RunSetup) -> Companion:

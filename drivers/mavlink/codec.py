@@ -4,8 +4,9 @@
     messages -> MavlinkEncoder -> bytes
 
 Never raises on any bytes. Only the target (system, component) is listened to; the first autopilot heartbeat
-chooses it where none is given. `t_ns` of a message is the autopilot's own stamp converted by the clock
-offset, or the time of arrival where there is no stamp or no offset yet; `t_rx_ns` is the arrival.
+chooses it where none is given, for good: other autopilots are `strangers`. `t_ns` of a message is the autopilot's own
+stamp converted by the clock offset, or the time of arrival where there is no stamp or no offset yet; `t_rx_ns` is the
+arrival.
 
 Rates of an Attitude are those of the gyros: the AHRS's own correction (AHRS.omegaI) is taken out. Without a position it
 follows the boat's acceleration.
@@ -65,7 +66,7 @@ class MavlinkCodec:
     `target_system`: None takes the first autopilot heard. `imu_preference`: see `ImuSelector`.
     `signing`: signs what the encoder makes, and what it does not accept is as if it had never come.
     Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`, `signing`.
-    `signed`: the target signs what it says.
+    `signed`: the target signs what it says; `named`: the target was given; `strangers`: systems of other autopilots.
     """
 
     def __init__(
@@ -86,6 +87,8 @@ class MavlinkCodec:
         self.signed = False
         self.imu = ImuSelector(imu_preference)
         self.target = None if target_system is None else (target_system, target_component)
+        self.named = target_system is not None
+        self.strangers: set[int] = set()
         self._own = (system, component)
         self._seq: dict[tuple[int, int], int] = {}
         self._texts = ChunkJoiner()
@@ -111,6 +114,11 @@ class MavlinkCodec:
                     self.counters.invalid[m.get_type()] += 1
         return out
 
+    @property
+    def ambiguous(self) -> bool:
+        """Whether several autopilots are heard, and nobody has said which is ours."""
+        return bool(self.strangers) and not self.named
+
     def timesync_question(self, t_ns: int) -> bytes:
         """TIMESYNC question sent at `t_ns`, remembered so that its answer is known."""
         return self.encoder.timesync(0, self.clock.question(t_ns))
@@ -129,9 +137,12 @@ class MavlinkCodec:
 
     def _from_target(self, m: Any) -> bool:
         sender = (m.get_srcSystem(), m.get_srcComponent())
-        if self.target is None and m.get_type() == "HEARTBEAT" and is_autopilot(m):
-            self.target = sender
-            self.encoder.target_system, self.encoder.target_component = sender
+        if m.get_type() == "HEARTBEAT" and is_autopilot(m):
+            if self.target is None:
+                self.target = sender
+                self.encoder.target_system, self.encoder.target_component = sender
+            elif sender[0] != self.target[0]:
+                self.strangers.add(sender[0])
         if sender != self.target:
             return False
         addressee = (getattr(m, "target_system", 0), getattr(m, "target_component", 0))

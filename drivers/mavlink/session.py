@@ -2,6 +2,7 @@
 
 always            companion HEARTBEAT at 1 Hz; TIMESYNC questions are answered
 signed, no key    said, unless the autopilot answers us all the same, as on USB
+another autopilot said, once each: nothing is taken from it
 autopilot heard   TIMESYNC questions at 4 Hz; AUTOPILOT_VERSION asked for until it comes;
                   wanted message intervals requested and kept (see `streams`)
 rebooted (its clock went back) or back after silence: everything is asked for again
@@ -42,6 +43,7 @@ class MavlinkSession:
         self._heard_ns: int | None = None
         self._reboots = codec.clock.reboots
         self._answered, self._asked_ns = False, 0
+        self._told_of: set[int] = set()
         self._heartbeat_due_ns: int | None = None
         self._timesync_due_ns = 0
         self._version_due_ns = 0
@@ -60,6 +62,7 @@ class MavlinkSession:
             elif isinstance(message, TimeSync):
                 self._answered = self._answered or message.tc1_ns != 0
                 out += [] if message.tc1_ns else [self._codec.timesync_answer(message, t_ns)]
+        self._tell_strangers(t_ns)
         if self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots
             self._alert(t_ns, "the autopilot has rebooted: its settings for this link are asked for again")
@@ -83,6 +86,18 @@ class MavlinkSession:
         """Alerts since the last call."""
         alerts, self._alerts = self._alerts, []
         return alerts
+
+    def _tell_strangers(self, t_ns: int) -> None:
+        ours = self._codec.target[0] if self._codec.target else 0
+        for system in sorted(self._codec.strangers - self._told_of):
+            self._told_of.add(system)
+            if self._codec.named:
+                found = f"an autopilot of system {system} is heard, which is not ours (mavlink.autopilot_system_id"
+                self._alert(t_ns, f"{found} = {ours}): nothing of it is taken, and nothing is sent to it")
+                continue
+            found = f"autopilots of systems {ours} and {system} are heard: this run keeps to {ours}, which spoke first"
+            todo = "if that is not yours, stop, and name yours in the run file: mavlink.autopilot_system_id"
+            self._alerts.append(Alert(t_ns=t_ns, level="error", text=f"{found}; {todo}"))
 
     def _hear(self, t_ns: int) -> None:
         if self._heard_ns is None or t_ns - self._heard_ns > SILENCE_NS:

@@ -17,7 +17,7 @@ import pytest
 from companion.boat.load_run import EXAMPLES
 from companion.core.messages import LoopTiming, OverrideLease, VehicleRequest
 from companion.logs.log_file import LogFile
-from companion.python_child import aritra
+from companion.python_child import aritra, python
 
 pytestmark = pytest.mark.alone
 
@@ -108,8 +108,8 @@ class Bench:
         self.log, self.out = folder / "run.mcap", folder / "out.txt"
 
     @contextlib.contextmanager
-    def companion(self, *words):
-        command = [*ARITRA, "run", "--mavlink", f"tcp:127.0.0.1:{self.wire.port}", "--log", str(self.log)]
+    def companion(self, *words, command=ARITRA):
+        command = [*command, "run", "--mavlink", f"tcp:127.0.0.1:{self.wire.port}", "--log", str(self.log)]
         command += ["--uwb", f"serial:{self.folder}/no-tag:115200", *words]
         env = {**os.environ, **self.manager.environ}
         with self.out.open("w") as out:
@@ -207,3 +207,37 @@ def test_it_keeps_its_folder_within_the_quota_from_the_start(bench):
     names = sorted(path.name for path in logs.iterdir())
     assert names == [f"aritra-2026010{n}-120000.mcap" for n in (2, 3, 4)] + ["keep-me.mcap"]
     assert "old logs deleted for log.quota_MB: aritra-20260101-120000.mcap" in bench.out.read_text()
+
+
+FULL = """
+import errno, os, sys
+from pathlib import Path
+from companion.__main__ import main
+
+real, full = os.fsync, Path(sys.argv.pop(1))
+
+def fsync(descriptor):
+    if full.exists():
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    real(descriptor)
+
+os.fsync = fsync
+sys.exit(main())
+"""
+"""`aritra` on a disk that is full for as long as a file is there."""
+
+
+def test_on_a_disk_that_is_full_it_starts_and_records_once_there_is_room(bench):
+    full = bench.folder / "full"
+    full.touch()
+    with bench.wire.open(), bench.companion(command=python("-c", FULL, str(full))) as child:
+        bench.wait(lambda: bench.manager.of("READY=1"), STARTED_S)
+        assert not bench.log.exists()
+        assert "No space left on device" in bench.out.read_text()
+        assert "runs without a recording" in bench.out.read_text()
+        full.unlink()
+        bench.wait(bench.log.exists, 10.0)
+        time.sleep(0.5)
+        child.send_signal(signal.SIGTERM)
+        assert child.wait(10) == 0
+    assert any(isinstance(m, OverrideLease) for m in LogFile(bench.log).messages())

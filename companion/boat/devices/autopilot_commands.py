@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
+
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
 from companion.boat.recorder import Recorder
 from companion.core.messages import OverrideLease, StateEstimate, VehicleRequest
 from drivers.link import DeviceLink
 from drivers.mavlink.codec import MavlinkCodec
+
+NEUTRAL_REPEATS = 10
+NEUTRAL_PERIOD_S = 0.1
+"""Neutral is sent ten times in a second before a release: without a receiver a release changes nothing."""
+
+Attempt = Callable[[Callable[[], object]], None]
+"""Calls what may fail, and does not fail itself."""
 
 
 class AutopilotCommands:
@@ -47,10 +56,17 @@ class AutopilotCommands:
         """Override all channels of the boat with neutral."""
         self.send(self._encoder.neutral(self._channels))
 
-    def release(self) -> None:
-        """Disarm, and give the channels back."""
-        self.send(self._encoder.disarm())
-        self.send(self._encoder.release(self._channels))
+    async def rest(self, attempt: Attempt, pause: Callable[[], Awaitable[None]]) -> None:
+        """Neutral, again and again for a second."""
+        for _ in range(NEUTRAL_REPEATS):
+            attempt(self.neutral)
+            await pause()
+
+    def leave(self, attempt: Attempt) -> None:
+        """Neutral once more, disarm, and then give the channels back; each of them whatever became of the others."""
+        attempt(self.neutral)
+        attempt(lambda: self.send(self._encoder.disarm()))
+        attempt(lambda: self.send(self._encoder.release(self._channels)))
 
     def request(self, request: VehicleRequest) -> None:
         """Request a mode, arming or disarming."""

@@ -65,10 +65,12 @@ async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: P
     folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
     sensor, link = setup.pilot.vessel.sensors.uwb, setup.run.mavlink
     signing = signing_of(args, setup, folder / STAMP_FILE)
+    ours = link.autopilot_system_id
+    codec = MavlinkCodec(link.system_id, link.component_id, target_system=ours, signing=signing)
     with errors.status("opening the wires") as status:
         listener = Listener(
             setup,
-            mavlink=(mavlink, MavlinkCodec(link.system_id, link.component_id, signing=signing)),
+            mavlink=(mavlink, codec),
             uwb=(uwb, uwb_codec(sensor.wire_format, setup.run.uwb.tag, sensor.rate_Hz)),
             clock=BoatClock(),
             say=status.update,

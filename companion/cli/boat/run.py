@@ -21,7 +21,7 @@ from companion.boat.clock import BoatClock, Clock
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.load_run import RunSetup, load_setup, warnings
 from companion.boat.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
-from companion.boat.recorder import Recorder
+from companion.boat.recorder import DISK_TROUBLE, Recorder
 from companion.boat.signing_key import STAMP_FILE, keep_timestamp
 from companion.boat.start_interlock import StartInterlock, companion_of
 from companion.boat.systemd.notify import SdNotify
@@ -108,7 +108,11 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
     uwb = port_of(args, "uwb", setup.run.uwb.url)
     station = _station(args, setup)
     shore = shore_of(setup, args.config)
-    log, look = _log(args, setup)
+    try:
+        log, look = _log(args, setup)
+    except OSError as error:
+        print(f"aritra run: {args.config}: log.folder: {error}", file=sys.stderr)
+        return 1 if error.errno in DISK_TROUBLE else 2
     signing = signing_of(args, setup, log.parent / STAMP_FILE)
     vessel = setup.pilot.vessel.name
     print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
@@ -125,19 +129,21 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
     except OSError as error:
         print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
         return 2
+    if recorder.problem:
+        print(f"error: {recorder.problem}; it runs without a recording until then", flush=True)
     with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
         service.starting(f"building the controller of {vessel}")
         return asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
 
 
 def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
-    """Path of the log, its folder made and within its quota; and the function that checks the quota again."""
+    """Path of the log, its folder made and within its quota; and the function that checks the quota again.
+
+    Raises OSError where the folder cannot be made.
+    """
     settings = setup.run.log
     folder = args.config.parent / settings.folder if settings.folder else Path()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{args.config}: log.folder: {folder}: {error.strerror}") from None
+    folder.mkdir(parents=True, exist_ok=True)
     log = args.log or new_log(folder, time.localtime())
     if settings.quota_MB is None:
         return log, None
@@ -183,13 +189,13 @@ async def _drive(
         progress.see(message)
         service.see(message)
         shore.see(message)
-        if finish.see(message) or (args.start and guard and guard.refused):
+        if finish.see(message) or (args.start and guard and guard.turns_away):
             end()
 
     def end() -> None:
+        app.stop()  # before what may fail
         service.stopping()
         shore.end()
-        app.stop()
 
     def tell(alert: Alert) -> None:
         recorder.record(alert)
@@ -197,7 +203,8 @@ async def _drive(
         shore.see(alert)
 
     forward, system = setup.run.forward, setup.run.mavlink.system_id
-    codec = MavlinkCodec(system, setup.run.mavlink.component_id, signing=signing)
+    link = setup.run.mavlink
+    codec = MavlinkCodec(system, link.component_id, target_system=link.autopilot_system_id, signing=signing)
     guard = None if args.unchecked else StartInterlock(codec, companion_of(setup))
     if not guard:
         tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
@@ -245,7 +252,7 @@ async def _drive(
     for error in ended:
         if isinstance(error, Exception):
             raise error
-    return REFUSED if args.start and guard and guard.refused else 0
+    return REFUSED if args.start and guard and guard.turns_away else 0
 
 
 def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:

@@ -18,12 +18,14 @@ Percent = Annotated[float, msgspec.Meta(gt=0, lt=100)]
 class MavlinkLink(Table, frozen=True, kw_only=True):
     """Wire to the autopilot. Our system id must equal the autopilot's SYSID_MYGCS (4.7: MAV_GCS_SYSID).
 
+    `autopilot_system_id`: the autopilot's, its SYSID_THISMAV (4.7: MAV_SYSID); None: the first that is heard is ours.
     `signing_key`: file of the MAVLink 2 signing key; None: nothing is signed or checked.
     """
 
     url: str
     system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
     component_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
+    autopilot_system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
     signing_key: str | None = None
 
 

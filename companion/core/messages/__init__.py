@@ -19,6 +19,7 @@ from companion.core.messages.control import (
     GuidanceReference,
     Health,
     Innovation,
+    InterlockTrip,
     LoopTiming,
     ManualInput,
     MissionPoint,
@@ -62,16 +63,16 @@ from companion.core.messages.sensors import (
 __all__ = [
     "INPUTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo", "Battery", "CommandAck",
     "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
-    "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint", "Mode",
-    "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue", "PlanDeadline",
-    "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate", "StatusText",
-    "StepMark", "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
+    "InterlockTrip", "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint",
+    "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue",
+    "PlanDeadline", "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate",
+    "StatusText", "StepMark", "Tick", "TimeSync", "UwbPosition", "UwbRanges", "Vec", "VehicleRequest", "topic",
 ]  # fmt: skip
 
 INPUTS: tuple[type[Message], ...] = (
     ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, MotorOutputs, RcChannels,
     CommandAck, ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
-    ManualInput, NewMission, PlanResult,
+    InterlockTrip, ManualInput, NewMission, PlanResult,
 )  # fmt: skip
 OUTPUTS: tuple[type[Message], ...] = (
     StateEstimate, Innovation, GuidanceReference, ExcitationStatus, SolveRequest, OverrideLease, VehicleRequest,

@@ -188,6 +188,12 @@ class ModeStatus(Message, frozen=True, kw_only=True):
     driving: bool
 
 
+class InterlockTrip(Message, frozen=True, kw_only=True):
+    """The autopilot's parameters are such that nothing may start, and were not before; see `start_interlock`."""
+
+    why: str
+
+
 class Alert(Message, frozen=True, kw_only=True):
     """Something a person should know, and what to do next."""
 

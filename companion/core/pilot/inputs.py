@@ -2,6 +2,7 @@
 
     sensors       -> estimator
     the operator  -> events of the mode table, a mission
+    the interlock -> an event of the mode table
     links         -> alerts
 
 One handler a message, (state, message, t) -> (state, outputs). Messages of the autopilot and of the sticks are heard
@@ -25,6 +26,7 @@ from companion.core.messages import (
     Alert,
     Attitude,
     ImuSample,
+    InterlockTrip,
     LinkStatus,
     Message,
     NewMission,
@@ -53,6 +55,7 @@ class InputHandler:
             UwbPosition: self._sense,
             LinkStatus: self._link,
             OperatorCommand: self._operator,
+            InterlockTrip: self._trip,
             NewMission: self._new_mission,
         }
 
@@ -73,6 +76,9 @@ class InputHandler:
             return state, [Alert(t_ns=t_ns, level="warning", text="no excitation to fly: name one in the run file")]
         why = f"{'stopped' if message.command == 'stop' else message.command} by the operator"
         return transitions.event(state, message.command, why, t_ns)
+
+    def _trip(self, state: PilotState, message: InterlockTrip, t_ns: int) -> tuple[PilotState, Outputs]:
+        return transitions.event(state, "interlock_trip", message.why, t_ns)
 
     def _new_mission(self, state: PilotState, message: NewMission, t_ns: int) -> tuple[PilotState, Outputs]:
         """A mission, to be driven from its first waypoint; not loaded while another is driven."""

@@ -30,7 +30,7 @@ Event = Literal[
     "outputs_cut", "solver_failing", "loop_lag", "link_late", "untrusted", "crippled",
     "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "outputs_back", "solver_back",
     "loop_ok", "link_prompt", "trusted", "thrusters_fit",
-    "rc_takeover", "disarmed", "mode_changed", "outputs_still", "sticks_lost",
+    "rc_takeover", "disarmed", "mode_changed", "outputs_still", "interlock_trip", "sticks_lost",
     "ready", "finished", "stop", "start", "hold", "excite", "manual",
 ]  # fmt: skip
 
@@ -77,6 +77,7 @@ rc_takeover      .        safe     safe     safe     safe       safe       safe 
 disarmed         .        safe     safe     safe     safe       safe       safe     safe     .
 mode_changed     .        .        safe     safe     safe       safe       safe     safe     .
 outputs_still    .        safe     safe     safe     safe       safe       safe     safe     .
+interlock_trip   .        safe     safe     safe     safe       safe       safe     safe     .
 sticks_lost      .        .        .        .        .          .          .        locked   .
 
 ready            .        wanted   .        .        .          .          manual   .        .

@@ -20,6 +20,7 @@ from companion.core.guidance.missions.mission import Mission
 from companion.core.messages import Message, Mode, PlanResult, StateEstimate
 from companion.core.pilot import modes
 from companion.core.pilot.modes import ModeState
+from companion.core.pilot.plan_check import NO_PROPOSALS, Proposals
 
 Outputs = list[Message]
 """Messages to be sent, shown or logged, in this order."""
@@ -72,6 +73,7 @@ class PilotState:
     row: tuple[float, ...] | None = None
     plan: PlanResult | None = None
     plan_ns: int = 0
+    proposals: Proposals = NO_PROPOSALS
     model_nu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """u, v, r that the commanded thrust makes of the model alone."""
     last_status: tuple[Mode, int | None] = ("idle", None)

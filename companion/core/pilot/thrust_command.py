@@ -2,7 +2,7 @@
 
     controller                    guidance and a SolveRequest; the lease follows
     sticks, excitation, neutral   the lease at once
-    PlanResult                    lease from the plan, if its tick is still open and the plan is sound
+    PlanResult                    lease from the plan, if its tick is still open and it can be meant (`plan_check`)
     PlanDeadline                  lease from the fallback ladder, if its tick is still open
 
 The state predicted to when a command acts (dead time ahead, under the commands already sent) is what the NMPC plans
@@ -36,6 +36,7 @@ from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import THRUSTERS
 from companion.core.pilot.monitors.battery import BatteryState
 from companion.core.pilot.monitors.table import MonitorTable
+from companion.core.pilot.plan_check import PlanCheck
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.trust.remaining_thrust import RemainingThrust
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
@@ -64,6 +65,7 @@ class ThrustCommander:
         self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
         self._remaining = RemainingThrust(vessel)
         self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
+        self._check = PlanCheck(vessel, step_s=settings.nmpc.step_s, period_s=settings.control.period_s)
         self._times_s = [k * settings.nmpc.step_s for k in range(settings.nmpc.stages + 1)]
 
     def drive(self, state: PilotState, estimate: StateEstimate, t_ns: int) -> tuple[PilotState, Outputs]:
@@ -85,11 +87,9 @@ class ThrustCommander:
 
     def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
         """Forces of the sticks, with the thrusters' rate limit."""
-        last, propulsion = np.array(state.f_command_n), self.settings.vessel.propulsion
-        most = propulsion.rate_limit_N_s * self.settings.control.period_s
         sticks = state.monitor(Sticks)
         wanted = allocate(self._sticks.tau(sticks), self.settings.vessel)
-        f = np.clip(np.clip(wanted, last - most, last + most), *self._limits)
+        f = np.clip(self._check.within_rate(np.array(state.f_command_n), wanted), *self._limits)
         source = sticks.last.source if sticks.last else ""
         return self._lease(state, f, "manual", source, t_ns)
 
@@ -150,8 +150,10 @@ class ThrustCommander:
         return np.concatenate([belief.x[:6], belief.f_n])
 
     def planned(self, state: PilotState, plan: PlanResult, t_ns: int) -> tuple[PilotState, Outputs]:
-        """A plan arrives: kept if it is sound, and the open tick's lease if it answers that tick."""
-        problem, asked_ns = _unsound(plan, self._n), dict(state.asked).get(plan.index)
+        """A plan arrives: kept if it can be meant, and the open tick's lease if it answers that tick."""
+        proposals, problem, trusted = self._check.judge(state.proposals, plan)
+        state, asked_ns = replace(state, proposals=proposals), dict(state.asked).get(plan.index)
+        state = state if trusted else replace(state, plan=None)
         if problem is None and asked_ns is not None and (state.plan is None or asked_ns >= state.plan_ns):
             state = replace(state, plan=plan, plan_ns=asked_ns)
         if plan.index != state.open_tick:
@@ -165,7 +167,9 @@ class ThrustCommander:
         return self.choose(state, t_ns, "no plan in time")
 
     def choose(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
-        """The lease of the open tick: the highest rung that holds; neutral where the boat may not drive."""
+        """The lease of the open tick: the highest rung that holds, within the thrusters' rate limit; neutral where the
+        boat may not drive.
+        """
         if THRUSTERS[state.helm.mode] != "controller":
             return self._lease(state, np.zeros(self._n), "neutral", state.helm.why, t_ns)
         age_s = (t_ns - state.plan_ns) * 1e-9
@@ -187,7 +191,14 @@ class ThrustCommander:
             if thrusters.probing:
                 f_n = np.clip(f_n + self._remaining.probe(t_ns), *self._limits)
             f_n = self._remaining.redistribute(f_n, thrusters.health)
+        if THRUSTERS[state.helm.mode] == "controller":
+            f_n = self._check.within_rate(self._acting(state, t_ns), f_n)
         return f_n, self._remaining.pulses(f_n, thrusters.health, voltage_v)
+
+    def _acting(self, state: PilotState, t_ns: int) -> np.ndarray:
+        """Forces commanded until now [N]; none where the last lease is over, for then neutral was sent."""
+        over = state.lease_end_ns is not None and state.lease_end_ns < t_ns
+        return np.zeros(self._n) if over else np.array(state.f_command_n)
 
     def _lease(self, state: PilotState, f_n, source, reason: str, t_ns: int) -> tuple[PilotState, Outputs]:
         assert state.open_tick is not None
@@ -216,16 +227,6 @@ class ThrustCommander:
         )
         state, alerts = self._monitors.hear(state, lease, t_ns)
         return state, [lease, *alerts]
-
-
-def _unsound(plan: PlanResult, n: int) -> str | None:
-    """Why a plan cannot be used at all."""
-    if plan.status != "ok":
-        return f"plan {plan.status}: {plan.reason}"
-    f = [value for row in plan.f_n for value in row]
-    if not plan.f_n or any(len(row) != n for row in plan.f_n) or not np.isfinite(f).all():
-        return f"plan {plan.index} is not sound: expected rows of {n} finite forces"
-    return None
 
 
 def _pose(estimate: StateEstimate) -> tuple[float, float, float]:

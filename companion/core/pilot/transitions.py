@@ -11,6 +11,7 @@ from companion.core.pilot import manual_control, modes
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import THRUSTERS, Event, ModeState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
+from companion.core.pilot.plan_check import NO_PROPOSALS
 from companion.core.pilot.state import Outputs, PilotState
 
 STATUS_PERIOD_NS = 1_000_000_000
@@ -45,7 +46,7 @@ def apply_mode_state(state: PilotState, helm: ModeState, t_ns: int) -> PilotStat
     if controlled and THRUSTERS[before] == "controller":
         return state
     state = state.with_monitors(ControllerTime(since_ns=t_ns if controlled else None))
-    return replace(state, plan=None, asked=())
+    return replace(state, plan=None, asked=(), proposals=NO_PROPOSALS)
 
 
 def waiting(state: PilotState, why: str) -> PilotState:

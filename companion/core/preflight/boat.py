@@ -11,8 +11,10 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
+from companion.core.configuration.run_file import BatteryLimits
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import PACK_SHARES
 from companion.core.estimation.health import SETTLES
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.messages import Innovation
@@ -28,7 +30,7 @@ SPREAD_M = 0.6
 """A range's residual beyond which it plays no part in a fix (as in the filter's tuning)."""
 ACCEPTED, SURPRISE = 0.9, 4.0
 """Share of measurements that a filter in order accepts, and their mean squared Mahalanobis distance a dimension."""
-LOW_SHARE, EMPTY_SHARE, NO_PACK_SHARE = 0.93, 0.85, 0.5
+LOW_SHARE, EMPTY_SHARE = 0.93, 0.85
 """Shares of the nominal voltage. 4S lithium polymer, 14.8 V nominal: about 3.45 and 3.15 V a cell."""
 NO_ROOM_BYTES, LITTLE_ROOM_BYTES = 50e6, 1e9
 """A log takes some 0.26 GB an hour (measured, docs/logs.md)."""
@@ -182,18 +184,21 @@ def _positions(observed: Observations, site: Site) -> Row:
 # --- battery, disk, configuration ------------------------------------------------------------------
 
 
-def battery_rows(
-    observed: Observations, nominal_v: float, low_v: float | None, critical_v: float | None
-) -> Iterator[Row]:
-    """Voltage at rest. `low_v`, `critical_v`: the run file's limits where it has some."""
+def battery_rows(observed: Observations, nominal_v: float, limits: BatteryLimits) -> Iterator[Row]:
+    """Voltage at rest, and whether what the run file's limits are held against is told at all."""
     b = observed.battery
-    empty_v, low_v = critical_v or EMPTY_SHARE * nominal_v, low_v or LOW_SHARE * nominal_v
+    empty_v, low_v = limits.critical_V or EMPTY_SHARE * nominal_v, limits.low_V or LOW_SHARE * nominal_v
     needed = f"{low_v:.1f} V or more"
-    if b is None or b.voltage_v < NO_PACK_SHARE * nominal_v:
+    least_v, most_v = (share * nominal_v for share in PACK_SHARES)
+    if b is None or not least_v <= b.voltage_v <= most_v:
+        counts = limits.low_V is not None or limits.critical_V is not None
+        why = "low_V and critical_V of the run file count for nothing" if counts else "thrust depends on it"
         yield Row(
-            area="battery", name="voltage", level="warning", found=f"{b.voltage_v:.1f} V" if b else "not told",
-            needed=needed, why="thrust depends on it, and nobody would see the pack run empty",
-            fix="set BATT_MONITOR and its pins; until then measure by hand",
+            area="battery", name="voltage", level="refuse" if counts else "warning",
+            found=f"{b.voltage_v:.1f} V" if b else "not told", needed=f"{needed}, at most {most_v:.1f} V",
+            why=f"{why}, and nobody would see the pack run empty",
+            fix="set BATT_MONITOR and its pins; until then " + ("take them out, and " if counts else "")
+            + "measure by hand",
         )  # fmt: skip
         return
     level: Level = "refuse" if b.voltage_v < empty_v else "warning" if b.voltage_v < low_v else "ok"
@@ -202,6 +207,12 @@ def battery_rows(
         area="battery", name="voltage", level=level, found=f"{b.voltage_v:.2f} V{left}", needed=needed,
         why=f"at rest; below {empty_v:.1f} V it counts as empty", fix="" if level == "ok" else "charge it",
     )  # fmt: skip
+    if b.remaining_percent is None and (limits.low_percent is not None or limits.critical_percent is not None):
+        yield Row(
+            area="battery", name="charge", level="refuse", found="not told", needed="per cent that remain",
+            why="low_percent and critical_percent of the run file count for nothing",
+            fix="a current sensor, BATT_CAPACITY; or take these limits out",
+        )  # fmt: skip
 
 
 def disk_rows(observed: Observations) -> Iterator[Row]:
@@ -222,7 +233,7 @@ def disk_rows(observed: Observations) -> Iterator[Row]:
     yield Row(
         area="disk", name="log folder", level="warning" if short and level == "ok" else level, found=found,
         needed="1 GB free" + (", and room for log.quota_MB" if d.quota_bytes is not None else ""),
-        why="a log takes some 0.26 GB an hour; a full disk ends it",
+        why="a log takes some 0.26 GB an hour; on a full disk nothing is recorded, though the boat drives",
         fix="" if level == "ok" and not short else "delete or move old logs; a smaller log.quota_MB",
     )  # fmt: skip
 

@@ -39,12 +39,7 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
     """The autopilot's heartbeat and firmware, lost frames, rates of its streams, clocks."""
     beat = observed.heartbeat
     if beat is None:
-        reason = observed.mavlink.reason if observed.mavlink else "nothing was opened"
-        yield Row(
-            area="link", name="heartbeat", level="refuse", found=reason, needed="an autopilot's heartbeat at 1 Hz",
-            why="nothing can be said about a boat that does not answer",
-            fix="cable, baud rate, SERIALn_PROTOCOL 2; mavlink.url of the run file, or --mavlink",
-        )  # fmt: skip
+        yield _no_heartbeat(observed)
         return
     boat = beat.vehicle_type == BOAT
     yield Row(
@@ -53,6 +48,15 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
         needed="a boat (type 11)", why="the autopilot's own idea of what it steers",
         fix="" if boat else "set FRAME_CLASS to 2",
     )  # fmt: skip
+    if observed.strangers:
+        named = observed.autopilot is not None
+        yield Row(
+            area="link", name="autopilots", level="ok" if named else "refuse",
+            found=f"systems {beat.system}, {numbers(observed.strangers)}", needed="one, or ours named",
+            why=f"{beat.system} is ours by the run file; nothing is taken from the others" if named
+            else f"a run keeps to the one that speaks first, now {beat.system}, and would arm it",
+            fix="" if named else "mavlink.autopilot_system_id of the run file = our SYSID_THISMAV (4.7: MAV_SYSID)",
+        )  # fmt: skip
     if observed.deaf:
         yield Row(
             area="link", name="signing", level="refuse", found="the autopilot signs, and we have no key",
@@ -69,6 +73,21 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
     )  # fmt: skip
     yield from _streams(observed)
     yield from _clocks(observed)
+
+
+def _no_heartbeat(observed: Observations) -> Row:
+    if observed.strangers:
+        return Row(
+            area="link", name="heartbeat", level="refuse", found=f"only of systems {numbers(observed.strangers)}",
+            needed=f"of system {observed.autopilot}", why="another vehicle's autopilot is none of ours",
+            fix="our autopilot's power and cable; mavlink.autopilot_system_id of the run file",
+        )  # fmt: skip
+    return Row(
+        area="link", name="heartbeat", level="refuse",
+        found=observed.mavlink.reason if observed.mavlink else "nothing was opened",
+        needed="an autopilot's heartbeat at 1 Hz", why="nothing can be said about a boat that does not answer",
+        fix="cable, baud rate, SERIALn_PROTOCOL 2; mavlink.url of the run file, or --mavlink",
+    )  # fmt: skip
 
 
 def _firmware(observed: Observations) -> Row:

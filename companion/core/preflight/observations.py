@@ -48,6 +48,7 @@ class Observations:
 
     `estimate`, `innovations`: what the boat's own filter made of it; `notes`: warnings of the configuration;
     `deaf`: the autopilot signs what it says and answers nothing of ours, who have no key; `uwb_hz`: cycles of the tag;
+    `autopilot`: system of the autopilot that the run file names, `strangers`: those of other autopilots;
     `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link.
     """
 
@@ -61,6 +62,8 @@ class Observations:
     rates_hz: Mapping[str, float] = field(default_factory=dict)
     wanted_hz: Mapping[str, float] = field(default_factory=dict)
     deaf: bool = False
+    autopilot: int | None = None
+    strangers: tuple[int, ...] = ()
     received: int = 0
     lost: int = 0
     round_trips: tuple[RoundTrip, ...] = ()

@@ -11,13 +11,17 @@ from pathlib import Path
 from types import ModuleType
 
 from companion.jit.cache import cache_folder
+from companion.jit.private_folder import PrivateFolder
 
 GCC = ("gcc", "-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 
 
 def _kept(text: str, suffix: str) -> Path:
-    folder = cache_folder(os.environ) / "study"
-    folder.mkdir(parents=True, exist_ok=True)
+    caches = cache_folder(os.environ)
+    assert caches is not None, "this user has no home: name a folder in ARITRA_CACHE"
+    folder = caches / "study"
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    PrivateFolder(folder).demand_private()
     return folder / f"code_{hashlib.sha256(text.encode()).hexdigest()[:16]}{suffix}"
 
 

@@ -59,15 +59,17 @@ class Bench:
 
         async def play():
             running = asyncio.create_task(self.app.run())
-            ends = [asyncio.create_task(self._autopilot()), asyncio.create_task(self._tag())]
+            self.ends = ends = [asyncio.create_task(self._autopilot()), asyncio.create_task(self._tag())]
             self.running = running
             try:
                 await story(self)
                 self.app.stop()
                 await self.run(3.0, until=running.done)
                 assert running.done(), "the app did not end"
-                return running.exception()
+                return asyncio.CancelledError() if running.cancelled() else running.exception()
             finally:
+                running.cancel()
+                await asyncio.sleep(0)  # it lets go of the boat, for which this clock must not be waited for
                 for task in (running, *ends):
                     task.cancel()
                 await asyncio.gather(running, *ends, return_exceptions=True)

@@ -47,6 +47,7 @@ def test_the_digest_names_every_file(folder, name):
         (RUN, r"period_s = 0.1", 'period_s = "fast"', "control.period_s"),
         (RUN, r'url = "udpin[^"]*"', "", "mavlink.url: missing key"),
         (RUN, r"system_id = 1", "system_id = 256", "mavlink.system_id"),
+        (RUN, r"system_id = 1", "system_id = 1\nautopilot_system_id = 0", "mavlink.autopilot_system_id"),
         (RUN, r"\[control\]", "[control]\nneutral_channels = [1, 9]", "control.neutral_channels: channel 9 drives"),
         (RUN, r"\[control\]", "[control]\nneutral_channels = [1, 1]", "control.neutral_channels: a channel is there"),
         (RUN, r"plan_deadline_s = 0.05", "plan_deadline_s = 0.1", "control.plan_deadline_s: expected less"),

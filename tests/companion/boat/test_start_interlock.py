@@ -3,37 +3,15 @@
 import pytest
 from msgspec.structs import replace
 
-from companion.boat.start_interlock import StartInterlock, companion_of
-from companion.cli.simulator.autopilot_options import wirings
-from companion.core.messages import OperatorCommand
+from companion.boat.start_interlock import companion_of
+from companion.core.messages import Alert
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.sent_pulses import outputs_of
-from companion.core.preflight.parameter_file import parse_parameters
-from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
-from tests.companion.boat.app_fixture import Bench
+from drivers.mavlink.codec import MavlinkCodec
+from tests.companion.boat.guarded_fixture import PLAIN, Guarded, silently_written, strange, told, written
 from tests.support.drive_fixture import setup
 
 REFUSED = "refused: the boat might not stop"
-
-
-class Guarded(Bench):
-    """The App's bench with a guard, on a wiring's parameters."""
-
-    def __init__(self, path, wiring="gate", changes=None, **world):
-        files = parse_parameters(wirings()[wiring], name=wiring)
-        parameters = {**BOARD_PARAMETERS, **files, **(changes or {})}
-        super().__init__(path, parameters=parameters, guard=self._guarding, **world)
-
-    def _guarding(self, codec):
-        self.guard = StartInterlock(codec, companion_of(setup()))
-        return self.guard
-
-    def order(self, command):
-        self.app.command(OperatorCommand(t_ns=self.clock.now_ns(), command=command))
-
-
-def told(bench, words):
-    return sum(words in text for text in bench.alerts())
 
 
 @pytest.fixture
@@ -122,6 +100,131 @@ def test_parameters_are_read_anew_after_a_reboot(path):
 
     assert bench.scene(story) is None
     assert told(bench, f"start {REFUSED}") == 1
+
+
+@pytest.mark.parametrize(("write", "within_s"), [(written, 0.5), (silently_written, 9.0)])
+def test_a_wiring_that_is_changed_under_way_ends_in_safe(write, within_s, path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.run(1.0)
+        write(bench, PLAIN)
+        assert await bench.run(within_s, until=lambda: bench.mode == "safe"), bench.alerts()
+        await bench.run(2.0)
+        assert bench.overrides[-1][1][8:12] == (1500,) * 4
+        bench.order("start")
+        await bench.run(1.0)
+        assert bench.mode == "safe" and bench.app.refusal
+
+    assert bench.scene(story) is None
+    (stop,) = (m for m in bench.of(Alert) if m.text.startswith("stopped: "))
+    assert stop.level == "error" and "SERVO" in stop.text and "_FUNCTION is " in stop.text and "(it was 9" in stop.text
+    assert "FOR EVER" in stop.text and "aritra provision" in stop.text, "what it is, and what to do"
+    assert told(bench, f"start {REFUSED}") == 1
+
+
+def test_a_parameter_other_than_the_outputs_is_found_without_a_broadcast_too(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        silently_written(bench, {"SERVO3_TRIM": 1700.0})
+        assert await bench.run(72.0, until=lambda: bench.mode == "safe"), bench.alerts()
+
+    assert bench.scene(story) is None
+    assert told(bench, "SERVO3_TRIM is 1700 now (it was 1500)")
+
+
+def test_what_is_set_right_again_may_start_again_and_never_by_itself(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        written(bench, {"SERVO1_FUNCTION": 59.0})
+        assert await bench.run(0.5, until=lambda: bench.mode == "safe")
+        written(bench, {"SERVO1_FUNCTION": 94.0})
+        await bench.run(3.0)
+        assert bench.mode == "safe" and bench.guard.clear
+        bench.order("start")
+        assert await bench.run(5.0, until=lambda: bench.mode == "auto"), bench.alerts()
+
+    assert bench.scene(story) is None
+    assert told(bench, "SERVO1_FUNCTION is 94 now (it was 59): no parameter refuses a start any more") == 1
+
+
+def test_a_change_that_refuses_nothing_does_not_stop_the_boat(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        written(bench, {"SERVO9_TRIM": 1400.0, "CRUISE_SPEED": 3.0, "SCHED_LOOP_RATE": 50.0})
+        await bench.run(12.0)
+        assert bench.mode == "auto"
+
+    assert bench.scene(story) is None
+    assert told(bench, "SCHED_LOOP_RATE = 50") == 1, "a warning is said"
+
+
+# --- several autopilots ------------------------------------------------------------------------------
+
+
+def test_with_a_second_autopilot_nothing_begins_until_ours_is_named(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        assert await bench.run(6.0, until=lambda: bench.guard.clear)
+        strange(bench)
+        await bench.run(0.5)
+        bench.order("start")
+        await bench.run(3.0)
+        assert bench.mode == "idle" and bench.guard.turns_away
+
+    assert bench.scene(story) is None
+    assert told(bench, "autopilots of systems 1 and 7 are heard: this run keeps to 1, which spoke first") == 1
+    assert told(bench, "start refused: several autopilots are heard") == 1
+
+
+def test_one_that_passes_by_under_way_is_told_and_stops_nothing(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.order("start")
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        strange(bench)
+        await bench.run(2.0)
+        assert bench.mode == "auto"
+        bench.order("stop")
+        bench.order("start")
+        assert await bench.run(5.0, until=lambda: bench.mode == "auto"), "it is known by now which is ours"
+
+    assert bench.scene(story) is None
+    assert told(bench, "autopilots of systems 1 and 7 are heard") == 1
+
+
+def test_a_stranger_that_speaks_first_is_not_spoken_to_where_ours_is_named(path):
+    bench = Guarded(path, codec=MavlinkCodec(target_system=1))
+    bench.answering = bench.deaf = True
+
+    async def story(bench):
+        bench.answering = False
+        await bench.run(0.1)
+        for _ in range(5):
+            strange(bench)
+            await bench.run(1.0)
+        assert {m.target_system for _, m in bench.sent if hasattr(m, "target_system")} == {1}
+        bench.answering, bench.deaf = True, False
+        bench.order("start")
+        assert await bench.run(25.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        strange(bench)
+        await bench.run(1.0)
+
+    assert bench.scene(story) is None
+    assert told(bench, "an autopilot of system 7 is heard, which is not ours (mavlink.autopilot_system_id = 1)") == 1
 
 
 def test_an_autopilot_that_tells_nothing_is_never_started(path):

@@ -3,11 +3,13 @@
 import asyncio
 import contextlib
 import json
+import re
 import threading
 
 import pytest
 
 from companion.__main__ import main
+from companion.boat.load_run import EXAMPLES
 from companion.cli.boat.provisioning import SCRIPT, SCRIPTS, file_name
 from drivers.mavlink.provision.provisioner import StoredLog
 from sim.world.autopilot.mavlink.files import FtpFiles
@@ -83,6 +85,19 @@ def test_nobody_there_is_a_refusal_with_what_to_do(capsys, tmp_path):
     code, rows = check("udpout:127.0.0.1:9", capsys, tmp_path)
     assert code == 1 and rows["heartbeat"]["level"] == "refuse" and "mavlink.url" in rows["heartbeat"]["fix"]
     assert not [row for row in rows.values() if row["area"] == "autopilot"], "nothing is said of what was not read"
+
+
+def test_an_autopilot_that_is_not_ours_is_refused_by_its_system(capsys, tmp_path):
+    text = (EXAMPLES / "aritra.toml").read_text(encoding="utf-8")
+    text = re.sub(r'"(boats|sites|missions)/', rf'"{EXAMPLES}/\1/', text)
+    config = tmp_path / "run.toml"
+    config.write_text(text.replace("[mavlink]", "[mavlink]\nautopilot_system_id = 9"), encoding="utf-8")
+    with sailing(boat("gate")) as url:
+        code, rows = check(url, capsys, tmp_path, "--config", str(config))
+    assert (
+        code == 1 and rows["heartbeat"]["found"] == "only of systems 1" and "of system 9" in rows["heartbeat"]["needed"]
+    )
+    assert not [row for row in rows.values() if row["area"] == "autopilot"], "it is asked for nothing"
 
 
 @pytest.mark.parametrize("command", [["check"], ["provision", "--wiring", "gate"], ["provision", "--logs", "x"]])

@@ -206,6 +206,25 @@ def test_only_the_autopilot_has_a_heartbeat_and_the_first_one_is_the_target():
     assert codec.counters.from_target("ATTITUDE") == 1
 
 
+def test_other_autopilots_are_strangers_and_never_taken_for_ours():
+    codec, boat, other, camera = MavlinkCodec(), Sender(3, 1), Sender(4, 1), Sender(5, 100)
+    codec.feed(boat.beat(), T)
+    assert not codec.ambiguous
+    codec.feed(camera.beat(kind=30, autopilot=8) + Sender(3, 2).beat() + other.att(), T)
+    assert codec.strangers == set(), "a camera, a second component of ours, no heartbeat yet"
+    for k in range(600):
+        assert codec.feed(other.beat(), T + k * 1_000_000_000) == []
+    assert codec.strangers == {4} and codec.ambiguous and codec.target == (3, 1), "however long ours is silent"
+
+
+def test_where_ours_is_named_the_first_that_is_heard_is_not_taken_for_it():
+    codec, boat, other = MavlinkCodec(target_system=3), Sender(3, 1), Sender(4, 1)
+    assert codec.feed(other.beat() + other.att(), T) == []
+    assert (codec.strangers, codec.ambiguous, codec.target) == ({4}, False, (3, 1))
+    assert read_one(codec.encoder.arm()).target_system == 3
+    assert [type(m) for m in codec.feed(boat.beat(), T)] == [Heartbeat]
+
+
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
 @pytest.mark.parametrize("field", range(6))
 def test_attitude_that_is_no_number_is_dropped_and_counted(field: int, bad: float):

@@ -247,3 +247,25 @@ def test_a_pause_of_the_caller_makes_no_burst():
     sent = talk.session.step([], talk.t_ns + 4 * S)
     assert [read_one(data).get_type() for data in sent].count("HEARTBEAT") == 1
     assert [read_one(data).get_type() for data in sent].count("TIMESYNC") == 1
+
+
+def strangers_alerts(codec):
+    """What is said while three autopilots are heard for a while."""
+    session, said = MavlinkSession(codec, {}), []
+    for k in range(5):
+        for system in (3, 4, 5):
+            session.step(codec.feed(Sender(system, 1).beat(), k * S), k * S)
+            said += session.take_alerts()
+    return said
+
+
+def test_other_autopilots_are_told_once_each():
+    said = strangers_alerts(MavlinkCodec())
+    assert [a.level for a in said] == ["error", "error"]
+    for alert, system in zip(said, (4, 5), strict=True):
+        assert f"systems 3 and {system} are heard: this run keeps to 3" in alert.text
+        assert "mavlink.autopilot_system_id" in alert.text
+    said = strangers_alerts(MavlinkCodec(target_system=4))
+    assert [a.level for a in said] == ["warning", "warning"]
+    for alert, system in zip(said, (3, 5), strict=True):
+        assert f"system {system} is heard, which is not ours (mavlink.autopilot_system_id = 4)" in alert.text

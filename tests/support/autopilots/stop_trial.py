@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import NamedTuple
 
-from companion.boat.app import NEUTRAL_PERIOD_S, NEUTRAL_REPEATS
+from companion.boat.devices.autopilot_commands import NEUTRAL_PERIOD_S, NEUTRAL_REPEATS
 from companion.core.messages import GroundTruth, Heartbeat, OperatorCommand, ServoOutput
 from drivers.mavlink.encode import MavlinkEncoder
 from sim.world.sitl.firmware_world import FirmwareWorld

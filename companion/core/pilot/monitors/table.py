@@ -8,7 +8,8 @@ outputs_cut, outputs_still      `output_monitor`
 sticks                          `manual_control.StickMonitor`
 untrusted                       `trust.heading_check`, `trust.motion_check`   crippled   `trust.thruster_monitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
-`stuck_sensor` and `trust.repeated_ranges`, those that had queued up by `stall`: no conditions
+`stuck_sensor` and `trust.repeated_ranges`, those that had queued up by `stall`, a battery that is not told is said by
+`battery.BatteryWatch`: no conditions
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from companion.core.pilot.autopilot_state import AutopilotMonitor
 from companion.core.pilot.manual_control import StickMonitor
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.arming_refusals import ArmingMonitor
-from companion.core.pilot.monitors.battery import BatteryMonitor
+from companion.core.pilot.monitors.battery import BatteryMonitor, BatteryWatch
 from companion.core.pilot.monitors.fence_distance import FenceMonitor
 from companion.core.pilot.monitors.link_latency import LinkLatencyMonitor
 from companion.core.pilot.monitors.loop_lag import LoopLagMonitor
@@ -58,6 +59,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             Annunciator(anchors, control.blind_s),
             FenceMonitor(settings.fence),
             BatteryMonitor(vessel.propulsion.nominal_voltage_V, settings.battery),
+            BatteryWatch(vessel.propulsion.nominal_voltage_V, settings.battery),
             PlanGapMonitor(),
             LoopLagMonitor(control.period_s),
             OverrideMonitor(channels, len(vessel.thrusters), settings.system_id),

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 
 import pytest
 
+from companion.boat.gcs_forward import GcsForward
 from companion.core.messages import (
+    OperatorCommand,
     OverrideLease,
     PlanResult,
     Tick,
 )
 from companion.core.pilot.pilot import Pilot
-from drivers.mavlink.session import MavlinkSession
+from drivers.ports.memory import memory_pair
 from tests.companion.boat.app.ending import ends_in_order
-from tests.companion.boat.app_fixture import Bench, S, neutral
+from tests.companion.boat.app.shell_faults import IN_THE_SHELL
+from tests.companion.boat.app_fixture import Bench, S, neutral, released
 
 
 class Mind(Pilot):
@@ -54,39 +58,7 @@ def test_an_exception_in_the_core_ends_in_neutral_and_is_raised(path):
     after_failure(bench, bench.scene(story), ZeroDivisionError)
 
 
-def fail_in_watch(bench, patch):
-    def watch(message):
-        if isinstance(message, Tick):
-            raise ValueError("a bug in what watches")
-
-    bench.on_watch = watch
-
-
-def fail_in_encoder(bench, patch):
-    def override(lease):
-        raise ValueError("a bug in a driver")
-
-    bench.codec.encoder.override = override
-
-
-def fail_in_session(bench, patch):
-    def step(session, messages, t_ns):
-        raise ValueError("a bug in the session")
-
-    patch.setattr(MavlinkSession, "step", step)
-
-
-def fail_in_tag(bench, patch):
-    def feed(data, t_ns):
-        raise ValueError("a bug in a codec")
-
-    bench.tag_codec.feed = feed
-
-
-@pytest.mark.parametrize(
-    ("fault", "driving"),
-    [(fail_in_watch, False), (fail_in_encoder, True), (fail_in_session, False), (fail_in_tag, False)],
-)
+@pytest.mark.parametrize(("fault", "driving"), IN_THE_SHELL)
 def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving, monkeypatch):
     bench = Bench(path)
 
@@ -96,6 +68,74 @@ def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving, m
         assert await bench.run(4.0, until=bench.running.done)
 
     after_failure(bench, bench.scene(story), ValueError)
+
+
+@pytest.mark.parametrize("raised", [SystemExit(0), KeyboardInterrupt(), asyncio.CancelledError(), GeneratorExit()])
+def test_what_is_no_exception_ends_in_neutral_and_in_an_error(path, raised):
+    """Exit code 0 would tell the service manager that all is well."""
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+
+        def watch(message):
+            if isinstance(message, Tick):
+                bench.on_watch = None
+                raise raised
+
+        bench.on_watch = watch
+        assert await bench.run(4.0, until=bench.running.done)
+
+    error = bench.scene(story)
+    assert isinstance(error, RuntimeError) and error.__cause__ is raised
+    ends_in_order(bench)
+
+
+def test_a_bug_in_what_shows_the_station_ends_in_neutral_too(path):
+    class Station(GcsForward):
+        def show_own(self, frame):
+            if bench.of(Tick) and bench.mode == "auto":
+                raise ValueError("a bug in the forward")
+
+    bench = Bench(path, station=lambda clock: Station(memory_pair("station")[0], None, clock))
+
+    async def story(bench):
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="start"))
+        assert await bench.run(25.0, until=bench.running.done)
+
+    after_failure(bench, bench.scene(story), ValueError)
+
+
+@pytest.mark.parametrize("whole_loop", [False, True])
+def test_a_run_that_is_cancelled_ends_in_neutral_too(path, whole_loop):
+    """As an event loop does with all its tasks when something breaks it."""
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        others = {asyncio.current_task(), *bench.ends}
+        for task in asyncio.all_tasks() - others if whole_loop else (bench.running,):
+            task.cancel()
+        assert await bench.run(4.0, until=bench.running.done)
+
+    assert isinstance(bench.scene(story), asyncio.CancelledError)
+    ends_in_order(bench)
+
+
+def test_one_that_is_cancelled_again_has_no_time_left_and_still_disarms(path):
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        bench.running.cancel()
+        await bench.run(0.1)
+        bench.running.cancel()
+        assert await bench.run(1.0, until=bench.running.done)
+
+    assert isinstance(bench.scene(story), asyncio.CancelledError)
+    *_, before, last = (pwm for _, pwm in bench.overrides)
+    assert neutral(before) and released(last)
+    assert not bench.world.rover.vehicle.modes.armed
 
 
 class Stuck:

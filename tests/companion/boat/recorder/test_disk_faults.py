@@ -66,6 +66,38 @@ def test_a_disk_that_never_comes_back_costs_no_memory_and_leaves_no_stubs(tmp_pa
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS])
+def test_a_disk_that_is_full_at_the_start_is_tried_again(tmp_path, step_clock, monkeypatch, code):
+    path = tmp_path / "late.mcap"
+
+    def fsync(_: int) -> None:
+        raise OSError(code, os.strerror(code))
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fsync)
+        recorder = make(path, step_clock, background=False)
+        assert recorder.problem is not None
+        assert str(path) in recorder.problem and os.strerror(code) in recorder.problem
+        assert list(tmp_path.iterdir()) == [], "no stub is left that would be in the way later"
+        recorder.record(Tick(t_ns=1, index=0))
+        step_clock.t_ns += int(recorder_module.RETRY_S * 1e9)
+        recorder.sync()
+        assert recorder.problem is not None
+    step_clock.t_ns += int(recorder_module.RETRY_S * 1e9)
+    recorder.sync()
+    assert recorder.problem is None
+    recorder.close()
+    assert recorder.lost == 0 and ticks(LogFile(path)) == [0], "what happened meanwhile is in it"
+
+
+def test_a_path_that_is_wrong_is_said_at_the_start(tmp_path, step_clock):
+    (tmp_path / "there.mcap").write_bytes(b"")
+    with pytest.raises(FileExistsError):
+        make(tmp_path / "there.mcap", step_clock, background=False)
+    with pytest.raises(FileNotFoundError):
+        make(tmp_path / "no" / "folder.mcap", step_clock, background=False)
+
+
 def _no_space(_: int) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

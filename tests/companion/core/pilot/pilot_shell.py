@@ -32,6 +32,10 @@ def operator(command, t_ns=0):
     return m.OperatorCommand(t_ns=t_ns, command=command)
 
 
+def stick(t_ns, surge, source="pad"):
+    return m.ManualInput(t_ns=t_ns, surge=surge, sway=0.0, yaw=0.0, source=source)
+
+
 class Shell:
     """Feeds a pilot as a shell would, and holds every history to the rules."""
 

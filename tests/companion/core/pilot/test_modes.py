@@ -29,14 +29,14 @@ DRIVING = {"auto", "hold", "excitation", "manual"}
 OPERATOR = {"stop", "start", "hold", "excite", "manual"}
 TROUBLE = (
     "link_lost", "unfit", "degraded", "fence_breached", "battery_low", "battery_critical", "override_ignored",
-    "outputs_cut", "outputs_still", "solver_failing", "loop_lag", "link_late", "untrusted",
-    "crippled", "rc_takeover", "disarmed", "mode_changed", "sticks_lost",
+    "outputs_cut", "outputs_still", "solver_failing", "loop_lag", "link_late", "untrusted", "crippled", "rc_takeover",
+    "disarmed", "mode_changed", "interlock_trip", "sticks_lost",
 )  # fmt: skip
-SOMEBODY = ("rc_takeover", "disarmed", "mode_changed", "outputs_cut", "outputs_still")
+SOMEBODY = ("rc_takeover", "disarmed", "mode_changed", "outputs_cut", "outputs_still", "interlock_trip")
 
 
 def test_every_pair_has_an_outcome():
-    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 37
+    assert set(TABLE) == set(PAIRS) and len(PAIRS) == 9 * 38
     assert {mode for mode in MODES if THRUSTERS[mode] != "neutral"} == DRIVING
 
 

@@ -22,7 +22,7 @@ from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
-from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan
+from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan, stick
 from tests.companion.core.pilot.trust_fixture import in_trouble
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of
@@ -88,10 +88,6 @@ class Boat(Shell):
         return self.leases[-1].pwm_us != (1500,) * 8
 
 
-def stick(t_ns, surge, source="pad"):
-    return m.ManualInput(t_ns=t_ns, surge=surge, sway=0.0, yaw=0.0, source=source)
-
-
 def change(boat, **fields):
     boat.state = replace(boat.state, **fields)
 
@@ -150,6 +146,8 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
             boat.feed(m.MotorOutputs(t_ns=t_ns, enabled=False))
         case "outputs_still":
             boat.feed(m.StatusText(t_ns=t_ns, severity=2, text="Scripting: stopped"))
+        case "interlock_trip":
+            boat.feed(m.InterlockTrip(t_ns=t_ns, why="the autopilot's parameter SERVO1_FUNCTION is 59 now"))
         case "solver_failing":
             monitors(boat, ControllerTime(since_ns=t_ns - 10 * S))
             change(boat, plan_ns=0)
@@ -200,7 +198,7 @@ def test_every_pair_through_the_pilot(mode, event):
     after = boat.mode
     if mode == "paused" and event not in ("healthy", "degraded") and expected == "paused":
         expected = "excitation"  # the boat of this test is healthy: the tick says so itself
-    if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover", "outputs_still"):
+    if event in (*OPERATOR, "disarmed", "mode_changed", "rc_takeover", "outputs_still", "interlock_trip"):
         assert at_once == (TABLE[mode, event].next if mode != "paused" else at_once)
     if expected == "starting" and at_once in ("starting", mode):
         waits = event in ("link_lost", "unfit", "override_ignored", "loop_lag", "link_late", "untrusted", "crippled",

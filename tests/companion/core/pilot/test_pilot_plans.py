@@ -128,14 +128,6 @@ def test_a_failed_plan_leaves_the_lease_to_the_one_before():
     assert shell.lease.source == "shifted_plan" and "because" in shell.lease.reason
 
 
-def test_a_plan_beyond_the_limits_is_clipped():
-    shell = on_the_leg()
-    shell.feed(heartbeat(shell.t_ns))
-    shell.tick()
-    shell.feed(plan(shell.index, f_n=((1e6, -1e6, 0.0, 0.0),) * 20))
-    assert shell.lease.f_command_n == (38.0, -30.0, 0.0, 0.0)
-
-
 # --- when not to drive -----------------------------------------------------------------------------
 
 

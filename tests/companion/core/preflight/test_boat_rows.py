@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.core.configuration.run_file import BatteryLimits
 from companion.core.estimation.health import SETTLES
 from companion.core.messages import (
     AnchorRange,
@@ -134,17 +135,36 @@ def test_positions_of_a_tag_are_looked_for_inside_the_fence(north, level):
     assert rows["positions"].level == level
 
 
+NO_LIMITS, LIMITS = BatteryLimits(), BatteryLimits(low_V=14.6, critical_V=14.0)
+
+
 @pytest.mark.parametrize(
     ("voltage_v", "limits", "level"),
     [
-        (16.0, (None, None), "ok"), (13.5, (None, None), "warning"), (12.0, (None, None), "refuse"),
-        (0.0, (None, None), "warning"), (14.5, (14.6, 14.0), "warning"), (13.9, (14.6, 14.0), "refuse"),
+        (16.0, NO_LIMITS, "ok"), (13.5, NO_LIMITS, "warning"), (12.0, NO_LIMITS, "refuse"),
+        (14.5, LIMITS, "warning"), (13.9, LIMITS, "refuse"),
     ],
 )  # fmt: skip
 def test_battery(voltage_v, limits, level):
-    rows = by_name(battery_rows(heard(battery=Battery(t_ns=0, voltage_v=voltage_v)), 15.0, *limits))
+    rows = by_name(battery_rows(heard(battery=Battery(t_ns=0, voltage_v=voltage_v)), 15.0, limits))
     assert rows["voltage"].level == level
-    assert by_name(battery_rows(heard(), 15.0, *limits))["voltage"].level == "warning"
+
+
+@pytest.mark.parametrize("voltage_v", [None, 0.0, 7.4, 22.6, 65.5])
+@pytest.mark.parametrize(("limits", "level"), [(NO_LIMITS, "warning"), (LIMITS, "refuse")])
+def test_a_voltage_that_no_pack_has_leaves_the_limits_without_use(voltage_v, limits, level):
+    told = None if voltage_v is None else Battery(t_ns=0, voltage_v=voltage_v)
+    row = by_name(battery_rows(heard(battery=told), 15.0, limits))["voltage"]
+    assert row.level == level and "BATT_MONITOR" in row.fix
+    assert ("critical_V of the run file count for nothing" in row.why) is (limits == LIMITS)
+
+
+def test_limits_in_per_cent_need_somebody_who_counts():
+    limits, full = BatteryLimits(critical_percent=20), Battery(t_ns=0, voltage_v=16.0)
+    row = by_name(battery_rows(heard(battery=full), 15.0, limits))["charge"]
+    assert row.level == "refuse" and "BATT_CAPACITY" in row.fix
+    counted = Battery(t_ns=0, voltage_v=16.0, remaining_percent=80)
+    assert worst(battery_rows(heard(battery=counted), 15.0, limits)) == "ok"
 
 
 @pytest.mark.parametrize(

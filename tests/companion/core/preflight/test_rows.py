@@ -205,6 +205,8 @@ def test_a_good_link_is_in_order():
         ({"info": None}, "firmware", "warning", "not told"),
         ({"info": AutopilotInfo(t_ns=0, flight_sw_version=4 << 24 | 5 << 16, board_version=0, capabilities=0)},
          "firmware", "warning", "4.5.0"),
+        ({"strangers": (7, 8)}, "autopilots", "refuse", "systems 1, 7 8"),
+        ({"heartbeat": None, "strangers": (7,), "autopilot": 1}, "heartbeat", "refuse", "only of systems 7"),
         ({"deaf": True}, "signing", "refuse", "we have no key"),
         ({"lost": 30}, "lost frames", "warning", "30 of 1030"),
         ({"rates_hz": {**WANTED, "RAW_IMU": 0.0}}, "RAW_IMU", "refuse", "0.0 Hz"),
@@ -223,6 +225,11 @@ def test_one_fault_of_the_link_is_the_row_that_says_so(changed, name, level, wor
     rows = by_name(link_rows(heard(**changed), COMPANION))
     assert rows[name].level == level and word in rows[name].found
     assert [n for n, row in rows.items() if row.level != "ok"] == [name]
+
+
+def test_another_autopilot_is_in_order_where_ours_is_named():
+    rows = by_name(link_rows(heard(strangers=(7,), autopilot=1), COMPANION))
+    assert rows["autopilots"].level == "ok" and "nothing is taken from the others" in rows["autopilots"].why
 
 
 @pytest.mark.parametrize(("minor", "word"), [(6, "silently caps"), (7, "denies")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 
@@ -60,6 +61,13 @@ def damaged(data: bytes, kind: str, dice: Random, records: list[int]) -> bytes:
 
 def _put(data: bytes, at: int, new: bytes) -> bytes:
     return data[:at] + new + data[at + len(new) :]
+
+
+def chunk_of(path: Path) -> bytes:
+    """The first chunk of a log."""
+    data = path.read_bytes()
+    at, after = next((at, after) for at, after in pairwise(headers(data)) if data[at] == Opcode.CHUNK)
+    return data[at:after]
 
 
 def bomb(path: Path, unpacked: int, says: int | None = None, chunks: int = 1) -> Path:

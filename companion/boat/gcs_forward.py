@@ -10,32 +10,39 @@ that is absent costs nothing, and a fault of its port is one alert and a new att
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.boat.clock import Clock
 from companion.core.messages import Alert
-from drivers.mavlink.gcs_firewall import RATE_BYTES_S, GcsFirewall
+from drivers.mavlink.gcs_firewall import RATE_BYTES_S, UNTOLD, GcsFirewall
 from drivers.ports.port import Port
 
 RETRY_NS = 2_000_000_000
 """Between attempts to open a port (assumed)."""
+TELL_AGAIN_NS = 60_000_000_000
+"""The station is told of the same refusal at most so often (assumed: its program may repeat itself)."""
 
 
 class GcsForward:
     """The station's side of one run. `gate`: judges what it sends; None: nothing of it passes (read-only).
 
+    `words`: frames of a text for the station, by which it hears of each refusal; the alert about it comes once.
     `shown`: frames given to the port; `read_only_bytes`: bytes of the station that were dropped unread.
     """
 
-    def __init__(self, port: Port, gate: GcsFirewall | None, clock: Clock) -> None:
+    def __init__(
+        self, port: Port, gate: GcsFirewall | None, clock: Clock, words: Callable[[str], Sequence[bytes]]
+    ) -> None:
         self.shown = 0
         self.read_only_bytes = 0
-        self._port, self._gate, self._clock = port, gate, clock
+        self._port, self._gate, self._clock, self._words = port, gate, clock, words
         self._open = False
         self._told: set[str] = set()
+        self._counted: dict[tuple[str, str], int] = {}
+        self._told_ns: dict[str, int] = {}
 
     def show(self, frame: bytes) -> None:
         """Show the station a frame of the autopilot; dropped where its port is not open."""
@@ -84,11 +91,22 @@ class GcsForward:
             return
         for frame in self._gate.feed(data, self._clock.now_ns(), disarmed=disarmed):
             to_autopilot(frame)
-        for name, reason in self._gate.refused:
-            self._tell_once(tell, f"ground station's {name} not passed on: {reason}", "warning")
+        for refusal, count in self._gate.refused.items():
+            if count > self._counted.get(refusal, 0) and refusal[0] not in UNTOLD:
+                self._counted[refusal] = count
+                self._refuse(*refusal, tell)
         if self._gate.flood_bytes:
             text = f"ground station sends more than {RATE_BYTES_S} bytes a second: dropped, not to delay our commands"
             self._tell_once(tell, text, "warning")
+
+    def _refuse(self, name: str, reason: str, tell: Callable[[Alert], None]) -> None:
+        """One alert for the boat's people, and a word to the station, again where it tries later."""
+        self._tell_once(tell, f"ground station's {name} not passed on: {reason}", "warning")
+        text, now = f"Aritra: {name} refused: {reason}", self._clock.now_ns()
+        if now - self._told_ns.get(text, -TELL_AGAIN_NS) >= TELL_AGAIN_NS:
+            self._told_ns[text] = now
+            for frame in self._words(text):
+                self.show(frame)
 
     def _tell_once(self, tell: Callable[[Alert], None], text: str, level: Literal["info", "warning"]) -> None:
         if text not in self._told:

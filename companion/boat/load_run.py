@@ -15,10 +15,13 @@ from companion.core.configuration.tables import ConfigError, digest
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import load_excitation
 from companion.core.excitation.flight import Flight
+from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.model.load_vessel import load_vessel
+from companion.core.pilot.monitors.battery import VOLTAGE_RANGE
 from companion.core.pilot.pilot import PilotSettings
+from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
 from drivers.uwb import uwb_codec
 
 EXAMPLES = Path(deploy.__file__).parent
@@ -56,7 +59,10 @@ def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | No
     if excitation or run.excitation:
         paths["excitation.toml"] = excitation or path.parent / (run.excitation or "")
     texts = {"run.toml": _read(path), **{role: _read(p) for role, p in paths.items()}}
-    return setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
+    setup = setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
+    for problem in _beyond(setup.pilot):
+        raise ConfigError(f"{plan}: {problem}")
+    return setup
 
 
 def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
@@ -97,6 +103,13 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
             yield f"{of_run}: control.neutral_channels: {both}"
     if run.log.quota_MB and run.log.folder is None:
         yield f"{of_run}: log.quota_MB: needs log.folder: nothing is deleted from the current folder"
+    nominal_V = vessel.propulsion.nominal_voltage_V
+    for key in ("low_V", "critical_V"):
+        limit_V = getattr(run.battery, key)
+        least_V, most_V = (share * nominal_V for share in VOLTAGE_RANGE)
+        if limit_V is not None and not least_V <= limit_V <= most_V:
+            why = f"readings beyond that are ignored with propulsion.nominal_voltage_V = {nominal_V:g} in {of_vessel}"
+            yield f"{of_run}: battery.{key}: expected {least_V:g} to {most_V:g}, found {limit_V:g}: {why}"
     if len(set(still)) < len(still):
         yield f"{of_run}: control.neutral_channels: a channel is there twice"
     if control.plan_deadline_s >= control.period_s:
@@ -116,21 +129,40 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
 
 def warnings(setup: RunSetup) -> list[str]:
     """What is allowed, but a person should know before the boat moves."""
-    fence, margin_m, texts = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m, list[str]()
+    fence, margin_m = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m
+    texts = list(_geometry(setup.pilot.site))
     for i, w in enumerate(setup.pilot.mission.path.waypoints):
         room_m = fence.clearance(w.north_m, w.east_m)
-        where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
-        if room_m < 0:
-            texts.append(
-                f"{where} lies beyond the fence: the boat will keep off it, or stop in neutral once it is across"
-            )
-        elif room_m < margin_m:
+        if room_m < margin_m:
+            where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
     if setup.run.battery == BatteryLimits():
         texts.append("no [battery] limits in the run file: an empty battery will not stop the boat")
     return texts
+
+
+def _beyond(pilot: PilotSettings) -> Iterator[str]:
+    """Waypoints beyond the fence of site and mission. A log may hold such: they were only warned of once."""
+    for i, w in enumerate(pilot.mission.path.waypoints):
+        if (room_m := pilot.fence.clearance(w.north_m, w.east_m)) < 0:
+            where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
+            yield f"{where} lies {-room_m:.1f} m beyond the fence: move it, or the fence of the site or the mission"
+
+
+def _geometry(site: Site) -> Iterator[str]:
+    """What the anchors' places are not good for, by the limits of `aritra check`, in the middle of the fence."""
+    places_m = site.anchors_m
+    if 0 < len(places_m) < START_ANCHORS:
+        yield f"{len(places_m)} anchors in the site file: a start from ranges needs {START_ANCHORS}"
+    elif len(places_m) and in_a_line(places_m):
+        yield "the anchors stand in a line: two places, mirror images, explain all ranges; set one of them apart"
+    elif len(places_m):
+        north_m, east_m = np.mean(site.fence, axis=0)
+        if (dop := hdop(places_m, north_m, east_m, 0.0)) > GOOD_HDOP:
+            by = f"a range's error grows {dop:.1f} times in the position (HDOP; at most {GOOD_HDOP:g} is good)"
+            yield f"in the middle of the fence {by}: spread the anchors around the water"
 
 
 def _mission(text: str, name: str, site: Site) -> Mission:

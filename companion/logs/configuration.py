@@ -29,4 +29,5 @@ def site_in(log: LogFile) -> Site | None:
 
 def zero_ns_of(log: LogFile) -> int:
     """`t_ns` of the first message: t_s = 0 in everything that is made of the log; 0 where it has none."""
-    return next((message.t_ns for message in log.messages()), 0)
+    again = LogFile(log.path)  # so that what `log` has told of damage stays
+    return next((message.t_ns for message in again.messages()), 0)

@@ -13,21 +13,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import MCAP0_MAGIC
 
 from companion.core.messages import Message
 from companion.logs.part import log_parts
+from companion.logs.part_reader import LogError, Part
 from companion.logs.schema import KINDS, METADATA_NAME, RAW_PREFIX, VIEWER_PREFIX, RawBytes
 
 _DECODERS = {kind: msgspec.json.Decoder(kind) for kind in (*KINDS.values(), RawBytes)}
-
-
-class LogError(Exception):
-    """The file cannot be read as a log: path and reason."""
 
 
 class LogEntry(NamedTuple):
@@ -38,69 +32,6 @@ class LogEntry(NamedTuple):
     publish_time_ns: int
     sequence: int
     data: bytes
-
-
-class Part:
-    """Records of one file. After `records` is exhausted: `damage` (None: sound) and bytes kept and lost."""
-
-    def __init__(self, path: Path):
-        self.path = path
-        self.damage: str | None = None
-        self.kept_bytes = 0
-        self.lost_bytes = 0
-        try:
-            self.size = path.stat().st_size
-            with path.open("rb") as file:
-                magic = file.read(len(MCAP0_MAGIC))
-        except OSError as error:
-            raise LogError(f"{path}: {error.strerror}") from None
-        if not magic:
-            raise LogError(f"{path}: the file is empty")
-        if magic != MCAP0_MAGIC:
-            raise LogError(f"{path}: not an MCAP log (its first bytes are {magic.hex(' ')})")
-
-    def declared(self) -> list[Schema | Channel]:
-        """Schemas and channels from the index at the end, if it exists: needed where their chunk is damaged."""
-        try:
-            with self.path.open("rb") as file:
-                summary = SeekingReader(file, record_size_limit=self.size).get_summary()
-        except Exception:  # no footer, or garbage: then the chunks alone must do
-            return []
-        return [*summary.schemas.values(), *summary.channels.values()] if summary else []
-
-    def records(self) -> Iterator[McapRecord]:
-        """All readable records, those inside chunks included, in file order."""
-        bad_chunks: list[str] = []
-        skipped = 0
-        self.kept_bytes = len(MCAP0_MAGIC)
-        with self.path.open("rb") as file:
-            # A length beyond the file's own is damage; without the limit mcap would allocate it.
-            records = StreamReader(file, emit_chunks=True, record_size_limit=self.size).records
-            while True:
-                try:
-                    record = next(records)
-                except StopIteration:
-                    end, self.kept_bytes = None, file.tell()
-                    break
-                except Exception as error:  # mcap and struct raise a dozen kinds on garbage; all mean the same
-                    end = f"ends without footer after byte {self.kept_bytes} ({_reason(error)})"
-                    break
-                self.kept_bytes = file.tell()
-                if not isinstance(record, Chunk):
-                    yield record
-                    continue
-                try:
-                    inside = breakup_chunk(record, validate_crc=True)
-                except Exception as error:  # as above, and zstd's own
-                    bad_chunks.append(_reason(error))
-                    skipped += len(record.data)
-                    continue
-                yield from inside
-        self.kept_bytes -= skipped
-        self.lost_bytes = self.size - self.kept_bytes
-        problems = [f"{len(bad_chunks)} damaged chunk(s) left out ({bad_chunks[0]})"] if bad_chunks else []
-        problems += [end] if end else []
-        self.damage = f"{self.path}: {'; '.join(problems)}" if problems else None
 
 
 class LogFile:
@@ -188,7 +119,3 @@ class LogFile:
                 self.attachments[record.name] = record.data
             elif isinstance(record, MessageRecord | Channel | Schema):
                 return
-
-
-def _reason(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -9,8 +9,8 @@ import msgspec
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
 
-from companion.logs.log_file import LogError, Part
 from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts
+from companion.logs.part_reader import LogError, Part
 
 
 class RecoverReport(msgspec.Struct, kw_only=True):

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import OverrideLease
 from drivers.mavlink.signing import Signing
+from drivers.mavlink.statustext import chunks
 from drivers.mavlink.vision import VisionPose
 
 PWM_MIN_US, PWM_MAX_US = 1100, 1900
@@ -48,6 +49,7 @@ class MavlinkEncoder:
         self.target_component = target_component
         self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
         self._signing = signing
+        self._text_id = 0
         if signing:
             signing.equip(self._mav)
 
@@ -126,6 +128,14 @@ class MavlinkEncoder:
         """SET_GPS_GLOBAL_ORIGIN at sea level (the boat's height is not known), for the target's system."""
         lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
         return self._pack(self._mav.set_gps_global_origin_encode(self.target_system, lat, lon, 0))
+
+    def statustext(self, text: str) -> list[bytes]:
+        """STATUSTEXT of severity warning: as many frames as `text` needs."""
+        self._text_id = self._text_id % 65535 + 1
+        return [
+            self._pack(self._mav.statustext_encode(dialect.MAV_SEVERITY_WARNING, chunk, self._text_id, number))
+            for number, chunk in enumerate(chunks(text))
+        ]
 
     def _override(self, pwm_us: Mapping[int, int]) -> bytes:
         ignore = [_LOW_IGNORE] * _LOW_CHANNELS + [_HIGH_IGNORE] * (18 - _LOW_CHANNELS)

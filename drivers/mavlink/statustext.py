@@ -1,4 +1,4 @@
-"""STATUSTEXT: join the chunks of texts longer than 50 characters.
+"""STATUSTEXT: texts longer than 50 characters go in chunks; cut them, and join them again.
 
 A text of id 0 is complete in itself. Otherwise chunks of one id carry chunk_seq 0, 1, 2, ... and the last
 one is shorter than 50 bytes (it holds the terminating zero). Chunks that never come are shown as "[...]"
@@ -28,6 +28,12 @@ class _Pending(NamedTuple):
     since_ns: int
     severity: int
     chunks: dict[int, bytes]
+
+
+def chunks(text: str) -> list[bytes]:
+    """The fields of one text: all full but the last, which is shorter and so ends it."""
+    raw = text.encode("ascii", errors="replace")
+    return [raw[at : at + CHUNK_LEN] for at in range(0, len(raw) + 1, CHUNK_LEN)]
 
 
 class ChunkJoiner:

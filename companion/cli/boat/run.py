@@ -221,7 +221,7 @@ async def _drive(
         recorder=recorder,
         rng=random.Random(),
         watch=watch,
-        forward=GcsForward(station, gate, clock) if station else None,
+        forward=GcsForward(station, gate, clock, codec.encoder.statustext) if station else None,
         vision_hz=setup.run.vision.rate_Hz if setup.run.vision else None,
         guard=guard,
     )

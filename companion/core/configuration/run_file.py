@@ -11,7 +11,7 @@ import msgspec
 
 from companion.core.configuration.tables import Table, parse_toml
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
+Voltage = Annotated[float, msgspec.Meta(ge=1, le=1000)]
 Percent = Annotated[float, msgspec.Meta(gt=0, lt=100)]
 
 
@@ -88,7 +88,7 @@ class Control(Table, frozen=True, kw_only=True):
     """
 
     period_s: Annotated[float, msgspec.Meta(ge=0.02, le=1.0)] = 0.1
-    plan_deadline_s: Positive = 0.05
+    plan_deadline_s: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.05
     lease_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)] = 0.3
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.03
     blind_s: Annotated[float, msgspec.Meta(gt=0, le=600.0)] = 15.0
@@ -99,8 +99,8 @@ class Control(Table, frozen=True, kw_only=True):
 class BatteryLimits(Table, frozen=True, kw_only=True):
     """Below which voltage [V] or charge [%] the battery is low (a warning) and critical (neutral); None: never."""
 
-    low_V: Positive | None = None
-    critical_V: Positive | None = None
+    low_V: Voltage | None = None
+    critical_V: Voltage | None = None
     low_percent: Percent | None = None
     critical_percent: Percent | None = None
 
@@ -115,7 +115,7 @@ class LogFolder(Table, frozen=True, kw_only=True):
     """Where logs go, and how many megabytes (1e6 bytes) of them are kept; None: the current folder, all of them."""
 
     folder: str | None = None
-    quota_MB: Positive | None = None
+    quota_MB: Annotated[float, msgspec.Meta(ge=0.001, le=1e9)] | None = None
 
 
 class RunFile(Table, frozen=True, kw_only=True):

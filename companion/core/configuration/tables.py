@@ -10,11 +10,15 @@ import hashlib
 import math
 import tomllib
 from collections.abc import Iterator
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
 
-T = TypeVar("T")
+from companion.core.configuration.ranges import out_of_range
+
+T = TypeVar("T", bound=msgspec.Struct)
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 
 class ConfigError(ValueError):
@@ -46,6 +50,8 @@ def parse_toml(text: str, kind: type[T], *, name: str) -> T:
         raise ConfigError(f"{name}: not valid TOML: {error}") from None
     for path in _not_finite(data, ""):
         raise ConfigError(f"{name}: {path}: expected a finite number")
+    for problem in out_of_range(data, kind):
+        raise ConfigError(f"{name}: {problem}")
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
@@ -67,8 +73,8 @@ def _not_finite(node: object, path: str) -> Iterator[str]:
 def _readable(message: str) -> str:
     """msgspec's message with the path in front and in TOML's words.
 
-    >>> _readable("Expected `float` > 0.0 - at `$.hull.mass_kg`")
-    'hull.mass_kg: expected `float` > 0.0'
+    >>> _readable("Expected `float`, got `str` - at `$.hull.mass_kg`")
+    'hull.mass_kg: expected `float`, got `str`'
     >>> _readable("Object contains unknown field `x` - at `$.hull`")
     'hull.x: unknown key'
     """

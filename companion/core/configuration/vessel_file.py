@@ -1,7 +1,7 @@
 """The vessel file: what one boat is made of. Reference: docs/vessel-file.md.
 
 Body axes: x forward, y starboard, z down; origin where `hull` says. Hydrodynamic derivatives carry SNAME
-signs, so added mass and damping coefficients of a stable hull are negative (X_udot < 0, X_u < 0).
+signs, so added mass and damping coefficients of a stable hull are negative (X_udot < 0, X_u < 0). Bounds: `ranges`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,18 @@ import numpy as np
 
 from companion.core.configuration.tables import SourcedTable, Table
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0)]
-NonPositive = Annotated[float, msgspec.Meta(le=0)]
+Arm = Annotated[float, msgspec.Meta(ge=-30, le=30)]
+"""A place in the hull [m], from its origin."""
+Area = Annotated[float, msgspec.Meta(ge=0, le=500)]
+AddedMass = Annotated[float, msgspec.Meta(ge=-1e6, le=0)]
+LinearDamping = Annotated[float, msgspec.Meta(ge=-1e6, le=0)]
+QuadraticDamping = Annotated[float, msgspec.Meta(ge=-1e6, le=0)]
+Coupling = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+"""Terms between sway and yaw, of added mass [kg m] or damping [N s]."""
+Force = Annotated[float, msgspec.Meta(ge=0.001, le=50_000)]
+"""What one thruster can give [N]."""
+ForceRate = Annotated[float, msgspec.Meta(ge=0.001, le=1e6)]
+Voltage = Annotated[float, msgspec.Meta(ge=1, le=1000)]
 Pulse = Annotated[int, msgspec.Meta(ge=1100, le=1900)]
 
 
@@ -24,47 +33,47 @@ class Hull(SourcedTable, frozen=True, kw_only=True):
     does nothing. `origin` says where the axes sit.
     """
 
-    length_m: Positive
-    beam_m: Positive
-    draft_m: Positive
+    length_m: Annotated[float, msgspec.Meta(ge=0.1, le=30)]
+    beam_m: Annotated[float, msgspec.Meta(ge=0.02, le=20)]
+    draft_m: Annotated[float, msgspec.Meta(ge=0.005, le=5)]
     origin: str
-    frontal_area_m2: NonNegative = 0.0
-    lateral_area_m2: NonNegative = 0.0
+    frontal_area_m2: Area = 0.0
+    lateral_area_m2: Area = 0.0
 
 
 class Inertia(SourcedTable, frozen=True, kw_only=True):
     """Rigid body and added mass. I_z about the body origin's CG; x_g, y_g: CG from the origin [m]."""
 
-    mass_kg: Positive
-    I_z_kg_m2: Positive
-    x_g_m: float = 0.0
-    y_g_m: float = 0.0
-    X_udot_kg: NonPositive
-    Y_vdot_kg: NonPositive
-    Y_rdot_kg_m: float = 0.0
-    N_rdot_kg_m2: NonPositive
+    mass_kg: Annotated[float, msgspec.Meta(ge=0.1, le=1e5)]
+    I_z_kg_m2: Annotated[float, msgspec.Meta(ge=1e-4, le=1e7)]
+    x_g_m: Arm = 0.0
+    y_g_m: Arm = 0.0
+    X_udot_kg: AddedMass
+    Y_vdot_kg: AddedMass
+    Y_rdot_kg_m: Coupling = 0.0
+    N_rdot_kg_m2: Annotated[float, msgspec.Meta(ge=-1e7, le=0)]
 
 
 class Damping(SourcedTable, frozen=True, kw_only=True):
     """D(nu) = -[X_u + X_uu |u|, ...]: linear with yaw-sway coupling, quadratic on the diagonal."""
 
-    X_u_N_s_m: NonPositive
-    Y_v_N_s_m: NonPositive
-    Y_r_N_s: float = 0.0
-    N_v_N_s: float = 0.0
-    N_r_N_m_s: NonPositive
-    X_uu_N_s2_m2: NonPositive
-    Y_vv_N_s2_m2: NonPositive
-    N_rr_N_m_s2: NonPositive
+    X_u_N_s_m: LinearDamping
+    Y_v_N_s_m: LinearDamping
+    Y_r_N_s: Coupling = 0.0
+    N_v_N_s: Coupling = 0.0
+    N_r_N_m_s: Annotated[float, msgspec.Meta(ge=-1e7, le=0)]
+    X_uu_N_s2_m2: QuadraticDamping
+    Y_vv_N_s2_m2: QuadraticDamping
+    N_rr_N_m_s2: Annotated[float, msgspec.Meta(ge=-1e8, le=0)]
 
 
 class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="kind"):
     """Propeller behind an ESC: n(pwm, V) [rev/s], then F = k n |n| [N]. Equations in `thrusters`."""
 
     dead_band_us: Annotated[float, msgspec.Meta(ge=0, le=100)]
-    V_ref_V: Positive
-    k_ahead_N_s2: Positive
-    k_astern_N_s2: Positive
+    V_ref_V: Voltage
+    k_ahead_N_s2: Annotated[float, msgspec.Meta(ge=1e-8, le=1000)]
+    k_astern_N_s2: Annotated[float, msgspec.Meta(ge=1e-8, le=1000)]
     ahead: RotorCurve
     astern: RotorCurve
 
@@ -72,18 +81,18 @@ class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="
 class RotorCurve(Table, frozen=True, kw_only=True):
     """n = (V / V_ref)^(a0 + a1 e) (c1 e^q + c2 e^2) [rev/s] over the command e beyond the dead band."""
 
-    a0: float
-    a1: float
-    q: Positive
-    c1_rps: Positive
-    c2_rps: NonNegative
+    a0: Annotated[float, msgspec.Meta(ge=-5, le=5)]
+    a1: Annotated[float, msgspec.Meta(ge=-5, le=5)]
+    q: Annotated[float, msgspec.Meta(ge=0.05, le=10)]
+    c1_rps: Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
+    c2_rps: Annotated[float, msgspec.Meta(ge=0, le=1000)]
 
 
 class LinearMap(SourcedTable, frozen=True, kw_only=True, tag="linear", tag_field="kind"):
     """Force proportional to the command in -1..1 (1500 us is 0, 1900 us is 1); voltage plays no part."""
 
-    ahead_N: Positive
-    astern_N: Positive
+    ahead_N: Force
+    astern_N: Force
 
 
 class PitchMap(SourcedTable, frozen=True, kw_only=True, tag="pitch", tag_field="kind"):
@@ -93,11 +102,11 @@ class PitchMap(SourcedTable, frozen=True, kw_only=True, tag="pitch", tag_field="
     """
 
     setting: str
-    nominal_setting: Positive
+    nominal_setting: Annotated[float, msgspec.Meta(ge=1e-6, le=1e6)]
     exponent: Annotated[float, msgspec.Meta(ge=0, le=4)] = 2.0
     curve: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
-    ahead_N: Positive
-    astern_N: Positive
+    ahead_N: Force
+    astern_N: Force
 
 
 ForceMap = RotorMap | LinearMap | PitchMap
@@ -119,10 +128,10 @@ class Propulsion(SourcedTable, frozen=True, kw_only=True):
     """
 
     dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
-    lag_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)]
-    nominal_voltage_V: Positive
-    rate_limit_N_s: Positive
-    slew_N_s: Positive | None = None
+    lag_s: Annotated[float, msgspec.Meta(ge=0.001, le=5.0)]
+    nominal_voltage_V: Voltage
+    rate_limit_N_s: ForceRate
+    slew_N_s: ForceRate | None = None
     advance_loss_sqrt_N_s_m: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
     wash: tuple[Wash, ...] = ()
 
@@ -135,8 +144,8 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     """
 
     name: str
-    x_m: float
-    y_m: float
+    x_m: Arm
+    y_m: Arm
     azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)]
     channel: Annotated[int, msgspec.Meta(ge=1, le=16)]
     force_map: str
@@ -145,8 +154,8 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     trim_us: Annotated[int, msgspec.Meta(ge=-200, le=200)] = 0
     pwm_min_us: Pulse = 1100
     pwm_max_us: Pulse = 1900
-    force_min_N: NonPositive
-    force_max_N: NonNegative
+    force_min_N: Annotated[float, msgspec.Meta(ge=-50_000, le=0)]
+    force_max_N: Force
 
 
 class Imu(SourcedTable, frozen=True, kw_only=True):
@@ -155,19 +164,19 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
     The keys with a default of 0 behind the noise are known errors; equations in `sensor_errors`.
     """
 
-    x_m: float = 0.0
-    y_m: float = 0.0
-    z_m: float = 0.0
-    rate_Hz: Annotated[float, msgspec.Meta(gt=0, le=1000)]
-    accel_sigma_m_s2: Positive
-    accel_bias_sigma_m_s2: NonNegative
-    accel_bias_walk_m_s2_sqrt_s: NonNegative
-    gyro_sigma_rad_s: Positive
-    gyro_bias_sigma_rad_s: NonNegative
-    gyro_bias_walk_rad_s_sqrt_s: NonNegative
-    heading_sigma_rad: Positive
-    heading_wander_sigma_rad: NonNegative
-    heading_wander_time_s: Positive
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.1, le=1000)]
+    accel_sigma_m_s2: Annotated[float, msgspec.Meta(ge=1e-6, le=20)]
+    accel_bias_sigma_m_s2: Annotated[float, msgspec.Meta(ge=0, le=20)]
+    accel_bias_walk_m_s2_sqrt_s: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    gyro_sigma_rad_s: Annotated[float, msgspec.Meta(ge=1e-7, le=5)]
+    gyro_bias_sigma_rad_s: Annotated[float, msgspec.Meta(ge=0, le=5)]
+    gyro_bias_walk_rad_s_sqrt_s: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    heading_sigma_rad: Annotated[float, msgspec.Meta(ge=1e-6, le=3.15)]
+    heading_wander_sigma_rad: Annotated[float, msgspec.Meta(ge=0, le=3.15)]
+    heading_wander_time_s: Annotated[float, msgspec.Meta(ge=0.01, le=1e6)]
     accel_bias_x_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
     accel_bias_y_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
     gyro_bias_rad_s: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
@@ -183,12 +192,12 @@ class Uwb(SourcedTable, frozen=True, kw_only=True):
     since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `sensor_errors`.
     """
 
-    x_m: float = 0.0
-    y_m: float = 0.0
-    z_m: float = 0.0
-    rate_Hz: Annotated[float, msgspec.Meta(gt=0, le=1000)]
-    range_sigma_m: Positive
-    range_bias_sigma_m: NonNegative
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
+    range_sigma_m: Annotated[float, msgspec.Meta(ge=1e-5, le=20)]
+    range_bias_sigma_m: Annotated[float, msgspec.Meta(ge=0, le=20)]
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
     clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
     scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0

@@ -20,8 +20,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from companion.core.configuration.tables import Table
-from companion.core.configuration.vessel_file import Positive, VesselFile
+from companion.core.configuration.tables import Positive, Table
+from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.allocation import allocate, force_limits
 from companion.core.geometry.frames import ssa, unrotate
 from companion.core.guidance.reference_row import Column

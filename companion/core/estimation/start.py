@@ -54,7 +54,7 @@ class Starter:
     def __init__(self, site: Site, sensors: Sensors, tuning: EstimatorTuning):
         self._site, self._sensors, self._tuning = site, sensors, tuning
         self._number = {a.id: i for i, a in enumerate(site.anchors)}
-        self._anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
+        self._anchors_m = site.anchors_m
 
     def initial(self) -> FilterStart:
         """Nothing known."""

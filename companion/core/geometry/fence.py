@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,9 @@ Corners = tuple[tuple[float, float], ...]
 Level = Callable[[Any, Any], Any]
 """(north, east) -> metres inside, for numbers and CasADi expressions alike."""
 Minimum = Callable[[Any, Any], Any]
+MOST_CORNERS = 300
+"""Of a site's fence, and of all fences of a mission. With 500 in all the controller is built in 7 s and a plan takes
+0.3 ms, with four in 4 s and 0.2 ms; with 1000 in 47 s (measured on 2 cores)."""
 
 
 @dataclass(frozen=True)
@@ -69,32 +71,41 @@ def clearance(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
 def crossing(corners: Corners) -> tuple[int, int] | None:
     """Two edges (numbers of their first corners) of a polygon that touch without being neighbours, or None.
 
-    An edge without length counts as touching its neighbour.
+    An edge without length counts as touching its neighbour. Every edge is compared with all after it at once.
     """
-    points, k = [np.array(c, dtype=float) for c in corners], len(corners)
+    start = np.array(corners, dtype=float)
+    end = np.roll(start, -1, axis=0)
+    k = len(start)
     for i in range(k):
-        if np.array_equal(points[i], points[(i + 1) % k]):
+        if np.array_equal(start[i], end[i]):
             return i, (i + 1) % k
-        for j in range(i + 2, k - (i == 0)):
-            if _touch(points[i], points[(i + 1) % k], points[j], points[(j + 1) % k]):
-                return i, j
+        others = slice(i + 2, k - (i == 0))
+        touching = np.flatnonzero(_touch(start[i], end[i], start[others], end[others]))
+        if len(touching):
+            return i, i + 2 + int(touching[0])
     return None
 
 
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Twice the area of a triangle, positive where a, b, c turn from north to east (clockwise on a map)."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+def enclosed_m2(corners: Corners) -> float:
+    """Area of a polygon that does not cross itself [m^2]."""
+    return abs(_area(np.array(corners, dtype=float))) / 2
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Any:
+    """Twice the area of triangles of points (..., 2), positive where a, b, c turn from north to east."""
+    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
 
 
 def _area(corners: np.ndarray) -> float:
     """Twice the area of a polygon, positive where it turns from north to east."""
-    return sum(_turn(corners[0], b, c) for b, c in pairwise(corners[1:]))
+    return float(_turn(corners[0], corners[1:-1], corners[2:]).sum())
 
 
-def _touch(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> bool:
-    """Whether the segments ab and cd have a point in common."""
-    boxes = np.all(np.maximum(np.minimum(a, b), np.minimum(c, d)) <= np.minimum(np.maximum(a, b), np.maximum(c, d)))
-    return bool(boxes and _turn(a, b, c) * _turn(a, b, d) <= 0 and _turn(c, d, a) * _turn(c, d, b) <= 0)
+def _touch(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Whether the segment ab and the segments cd (m, 2) have a point in common, shape (m,)."""
+    low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
+    boxes = np.all(low <= high, axis=-1)
+    return boxes & (_turn(a, b, c) * _turn(a, b, d) <= 0) & (_turn(c, d, a) * _turn(c, d, b) <= 0)
 
 
 def _levels(corners: np.ndarray, minimum: Minimum) -> list[Level]:

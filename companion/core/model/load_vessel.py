@@ -23,6 +23,23 @@ def load_vessel(text: str, *, name: str) -> VesselFile:
 
 def _problems(vessel: VesselFile) -> Iterator[str]:
     """Yield what no single table can know to be wrong."""
+    yield from _thruster_problems(vessel)
+    yield from _mass_problems(vessel)
+    if np.linalg.eigvalsh(model.mass_matrix(vessel)).min() <= 0:
+        yield "inertia: M_RB + M_A is not positive definite; look at Y_rdot_kg_m, x_g_m and y_g_m"
+    D = model.linear_damping(vessel)
+    if np.linalg.eigvalsh(D + D.T).min() < 0:
+        yield "damping: the linear part feeds energy into the hull; |Y_r_N_s + N_v_N_s| is too large"
+    if "wind" in vessel.terms:
+        for key in ("frontal_area_m2", "lateral_area_m2"):
+            if not getattr(vessel.hull, key):
+                yield f"hull.{key}: missing key: terms.wind needs it"
+    yield from loads.problems(vessel.terms)
+    yield from _wash_problems(vessel)
+    yield from _munk_problems(vessel)
+
+
+def _thruster_problems(vessel: VesselFile) -> Iterator[str]:
     for i, t in enumerate(vessel.thrusters):
         at = f"thrusters[{i}]"
         if t.force_map not in vessel.force_maps:
@@ -38,18 +55,6 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
             yield f"{at}.name: {t.name!r} is there twice"
         if t.channel in [other.channel for other in vessel.thrusters[:i]]:
             yield f"{at}.channel: channel {t.channel} is there twice"
-    if np.linalg.eigvalsh(model.mass_matrix(vessel)).min() <= 0:
-        yield "inertia: M_RB + M_A is not positive definite; look at Y_rdot_kg_m, x_g_m and y_g_m"
-    D = model.linear_damping(vessel)
-    if np.linalg.eigvalsh(D + D.T).min() < 0:
-        yield "damping: the linear part feeds energy into the hull; |Y_r_N_s + N_v_N_s| is too large"
-    if "wind" in vessel.terms:
-        for key in ("frontal_area_m2", "lateral_area_m2"):
-            if not getattr(vessel.hull, key):
-                yield f"hull.{key}: missing key: terms.wind needs it"
-    yield from loads.problems(vessel.terms)
-    yield from _wash_problems(vessel)
-    yield from _munk_problems(vessel)
 
 
 def _wash_problems(vessel: VesselFile) -> Iterator[str]:
@@ -60,6 +65,23 @@ def _wash_problems(vessel: VesselFile) -> Iterator[str]:
                 yield f"propulsion.wash[{i}].{key}: no thruster {getattr(wash, key)!r}; there are {', '.join(names)}"
         if wash.behind == wash.ahead:
             yield f"propulsion.wash[{i}].ahead: a thruster does not lie in its own jet"
+
+
+WATER_KG_M3 = 1025.0
+"""Sea water (Fossen 2021)."""
+MASS_SHARES = (0.01, 3.0)
+"""Of what the box around the hull displaces: one that floats has less than 1 (example boats 0.4 to 0.5), but beam and
+draft are often guessed; assumed."""
+
+
+def _mass_problems(vessel: VesselFile) -> Iterator[str]:
+    hull = vessel.hull
+    box_kg = WATER_KG_M3 * hull.length_m * hull.beam_m * hull.draft_m
+    least_kg, most_kg = (share * box_kg for share in MASS_SHARES)
+    if not least_kg <= vessel.inertia.mass_kg <= most_kg:
+        size = f"{hull.length_m:g} x {hull.beam_m:g} x {hull.draft_m:g} m (length, beam, draft)"
+        expected = f"expected {least_kg:.3g} to {most_kg:.3g}, found {vessel.inertia.mass_kg:g}"
+        yield f"inertia.mass_kg: {expected}: a hull of {size} displaces at most {box_kg:.3g} kg"
 
 
 MUNK_SPEED_M_S = 3.0

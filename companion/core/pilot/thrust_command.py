@@ -184,14 +184,16 @@ class ThrustCommander:
         )
         return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
 
-    def _with_what_is_left(self, state: PilotState, f_n: np.ndarray, t_ns: int) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Forces that come for those of the plan, and their pulse widths; neutral stays neutral."""
+    def _with_what_is_left(
+        self, state: PilotState, f_n: np.ndarray, source: str, t_ns: int
+    ) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Forces that come for those wanted, and their pulse widths; neutral stays neutral."""
         thrusters, voltage_v = state.monitor(ThrusterState), state.monitor(BatteryState).voltage_v
-        if THRUSTERS[state.helm.mode] != "neutral":
+        if source != "neutral":
             if thrusters.probing:
                 f_n = np.clip(f_n + self._remaining.probe(t_ns), *self._limits)
             f_n = self._remaining.redistribute(f_n, thrusters.health)
-        if THRUSTERS[state.helm.mode] == "controller":
+        if source in ("plan", "shifted_plan", "pd"):
             f_n = self._check.within_rate(self._acting(state, t_ns), f_n)
         return f_n, self._remaining.pulses(f_n, thrusters.health, voltage_v)
 
@@ -202,7 +204,7 @@ class ThrustCommander:
 
     def _lease(self, state: PilotState, f_n, source, reason: str, t_ns: int) -> tuple[PilotState, Outputs]:
         assert state.open_tick is not None
-        f_n, widths = self._with_what_is_left(state, np.asarray(f_n, dtype=float), t_ns)
+        f_n, widths = self._with_what_is_left(state, np.asarray(f_n, dtype=float), source, t_ns)
         f = tuple(map(float, f_n))
         lease = OverrideLease(
             t_ns=t_ns,

@@ -17,6 +17,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import PACK_SHARES
 from companion.core.estimation.health import SETTLES
 from companion.core.estimation.ranging.multilateration import multilaterate
+from companion.core.geometry.anchors import hdop
 from companion.core.messages import Innovation
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, Row
@@ -121,18 +122,6 @@ def _anchors(observed: Observations, site: Site, medians: Mapping[str, float], r
         needed=f"{rate_hz:g} Hz", why="how often the position is renewed",
         fix="" if level == "ok" else "the tag's own settings; sensors.uwb.rate_Hz of the vessel file; range and sight",
     )  # fmt: skip
-
-
-def hdop(anchors_m: np.ndarray, north_m: float, east_m: float, down_m: float) -> float:
-    """sqrt(trace((H^T H)^-1)), H: rows of unit vectors from anchors (m, 3) to the tag, north and east only. It is the
-    position's sigma over a range's; infinite where the anchors leave a direction open.
-    """
-    away = np.array([north_m, east_m, down_m]) - anchors_m
-    H = (away / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, None])[:, :2]
-    A = H.T @ H
-    if np.linalg.matrix_rank(A, tol=1e-6) < 2:
-        return math.inf
-    return float(np.sqrt(np.trace(np.linalg.inv(A))))
 
 
 def _geometry(anchors_m: np.ndarray, ranges_m: np.ndarray, ids: list[str], vessel: VesselFile) -> Iterator[Row]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,11 @@ import polars as pl
 
 from companion.logs.runs.columns import column_error
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta, check
+from companion.logs.unpack import most_bytes
 
 FORMAT = 1
+MOST_CELLS = 250_000_000
+"""Numbers in a Parquet file, which may take no room there: 2 GB in memory, a day at 50 Hz; assumed."""
 _PARQUET_KEY = "aritra_run"
 
 
@@ -40,6 +44,9 @@ def write_run(run: Run, path: Path) -> None:
 def read_parquet(path: Path) -> Run:
     """Run of a Parquet file. Raises RunError naming file, row and column, OSError."""
     try:
+        cells = int(pl.scan_parquet(path).select(pl.len()).collect().item()) * len(pl.read_parquet_schema(path))
+        if cells > MOST_CELLS:
+            raise RunError(f"{path}: {cells} numbers; expected at most {MOST_CELLS}: divide the log")
         table = pl.read_parquet(path)
         head = pl.read_parquet_metadata(path).get(_PARQUET_KEY, "{}")
     except pl.exceptions.PolarsError as error:
@@ -75,12 +82,17 @@ def read_csv(path: Path) -> Run:
 
 def csv_lines(path: Path) -> list[bytes]:
     """Lines of a text file, unpacked where its name ends in .gz, without line ends and blank lines at the end."""
-    data = path.read_bytes()
     if path.suffix == ".gz":
+        most = most_bytes(path.stat().st_size)
         try:
-            data = gzip.decompress(data)
-        except (OSError, EOFError) as error:
+            with gzip.open(path) as file:
+                data = file.read(most + 1)
+        except (OSError, EOFError, zlib.error) as error:
             raise RunError(f"{path}: cannot be unpacked: {error}") from None
+        if len(data) > most:
+            raise RunError(f"{path}: unpacks to more than {most / 1e6:.4g} MB, 100 times its size: unpack it yourself")
+    else:
+        data = path.read_bytes()
     lines = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").rstrip(b"\n").split(b"\n")
     return lines
 

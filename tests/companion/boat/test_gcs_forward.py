@@ -13,11 +13,13 @@ from companion.core.messages import Alert, OverrideLease
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.gcs_firewall import GcsFirewall
+from drivers.mavlink.statustext import ChunkJoiner
 from drivers.ports.memory import memory_pair
 from drivers.ports.udp import UdpClientPort
 from tests.companion.boat.app_fixture import Bench, neutral
 
 S = 1_000_000_000
+ENCODER = MavlinkCodec(1, 191, 1).encoder
 
 
 class Station:
@@ -30,7 +32,7 @@ class Station:
         self.forward = None
 
     def __call__(self, clock):
-        self.forward = GcsForward(self.near, self.gate, clock)
+        self.forward = GcsForward(self.near, self.gate, clock, ENCODER.statustext)
         return self.forward
 
     async def listen(self):
@@ -45,6 +47,14 @@ class Station:
 
     def command(self, number, *params):
         self.say(wire.MAVLink_command_long_message, 1, 1, number, 0, *params, *[0.0] * (7 - len(params)))
+
+    def texts(self):
+        """Texts of the companion that the station shows, joined."""
+        joiner, found = ChunkJoiner(), []
+        for m in self.got:
+            if m.get_type() == "STATUSTEXT" and m.get_srcComponent() == 191:
+                found += joiner.add(m.severity, m.text.encode(), m.id, m.chunk_seq, 0)
+        return [text.text for text in found]
 
     def types(self, system=None, component=None):
         return {
@@ -114,8 +124,27 @@ def test_a_writable_station_can_take_the_boat_away_but_not_drive_it(tmp_path):
     assert passed == ["COMMAND_LONG", "PARAM_REQUEST_READ"]
     assert "PARAM_VALUE" in station.types(1, 1), "and its answer comes back"
     texts = [a.text for a in bench.of(Alert) if "ground station" in a.text]
-    for what in ("RC_CHANNELS_OVERRIDE", "COMMAND_LONG", "PARAM_SET"):
+    words = station.texts()
+    for what in ("RC_CHANNELS_OVERRIDE", "DO_SET_SERVO", "PARAM_SET"):
         assert len([t for t in texts if f"ground station's {what} not passed on" in t]) == 1
+        assert len([t for t in words if t.startswith(f"Aritra: {what} refused: ")]) == 1
+
+
+def test_the_station_hears_of_a_refusal_again_when_it_tries_a_minute_later(tmp_path):
+    async def tale(bench, station):
+        for _ in range(2):
+            for _ in range(20):
+                override(station, 1900)
+                await bench.run(0.1)
+            station.say(wire.MAVLink_radio_status_message, 200, 200, 100, 0, 0, 0, 0)
+            await bench.run(60.0)
+
+    bench, station = play(tmp_path, True, tale)
+    text = "Aritra: RC_CHANNELS_OVERRIDE refused: takes the thrusters' channels from us"
+    assert [t for t in station.texts() if t.startswith("Aritra")] == [text, text], (
+        "and not of what a radio says by itself"
+    )
+    assert len([a for a in bench.of(Alert) if "ground station" in a.text]) == 1
 
 
 def test_settings_pass_once_disarmed(tmp_path):
@@ -148,7 +177,7 @@ def test_a_station_that_goes_and_comes_back_changes_nothing_for_the_boat(tmp_pat
 def test_what_a_full_port_does_not_take_is_dropped_and_counted():
     """Nobody reads at the far end: memory stays bounded, `show` returns at once, the count says what was lost."""
     near, far = memory_pair("slow", limit_bytes=2000)
-    forward = GcsForward(near, None, SimClock())
+    forward = GcsForward(near, None, SimClock(), ENCODER.statustext)
     frame = MavlinkCodec(1, 191, 1).encoder.heartbeat()
 
     async def story():
@@ -168,7 +197,7 @@ def test_what_a_full_port_does_not_take_is_dropped_and_counted():
 
 def test_before_its_port_is_open_frames_are_dropped():
     near, far = memory_pair("shut")
-    forward = GcsForward(near, None, SimClock())
+    forward = GcsForward(near, None, SimClock(), ENCODER.statustext)
     forward.show(b"\xfd" * 20)
     assert forward.shown == 0 and not far.waiting_bytes
 
@@ -197,7 +226,7 @@ def test_over_udp_to_a_station_that_comes_late():
 
         async def story():
             client = UdpClientPort("127.0.0.1", port)
-            forward, told = GcsForward(client, GcsFirewall(1), BoatClock()), []
+            forward, told = GcsForward(client, GcsFirewall(1), BoatClock(), ENCODER.statustext), []
             passed = []
             task = asyncio.create_task(forward.run(passed.append, told.append, lambda: True))
             await asyncio.sleep(0.05)

@@ -110,18 +110,35 @@ def test_the_texts_alone_make_the_same_setup(folder):
 
 def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(folder):
     assert warnings(load_setup(folder / RUN)) == []
-    (folder / MISSION).write_text(mission_text(((15.0, 15.0), (29.2, 15.0), (31.0, 15.0))))
+    (folder / MISSION).write_text(mission_text(((15.0, 15.0), (29.2, 15.0))))
     change(folder, RUN, r"\[battery\]\nlow_V = 14.0\ncritical_V = 13.2\n", "")
-    beyond, near, battery = sorted(warnings(load_setup(folder / RUN)), key=lambda text: "lies beyond" not in text)
-    assert "waypoint 2 at north 31, east 15 m lies beyond the fence" in beyond
+    near, battery = warnings(load_setup(folder / RUN))
     assert "waypoint 1 at north 29.2, east 15 m lies 0.3 m from the fence" in near
     assert "no [battery] limits" in battery
+
+
+def test_waypoints_beyond_the_fence_are_refused_by_file_and_number_whatever_their_format(folder):
+    (folder / MISSION).write_text(mission_text(((15.0, 15.0), (31.0, 15.0))))
+    where = rf"{re.escape(str(folder / MISSION))}: waypoint 1 at north 31, east 15 m lies 1\.5 m beyond the fence"
+    with pytest.raises(ConfigError, match=where):
+        load_setup(folder / RUN)
+    change(folder, SITE, r"fence = .*", "fence = [[0.5, 0.5], [9.5, 0.5], [9.5, 9.5], [0.5, 9.5]]")
+    square = EXAMPLES / "missions" / "square.plan"
+    with pytest.raises(ConfigError, match=r"square\.plan: waypoint \d at .* beyond the fence"):
+        load_setup(folder / RUN, mission=square)
+
+
+def test_a_log_of_a_mission_beyond_the_fence_can_still_be_read(folder):
+    setup = load_setup(folder / RUN)
+    texts = {**setup.files, "mission.toml": mission_text(((15.0, 15.0), (31.0, 15.0)))}
+    assert setup_of(texts, {name: name for name in texts}).pilot.fence.clearance(31.0, 15.0) == -1.5
 
 
 def test_a_fence_of_the_mission_counts_like_the_sites_own(folder):
     keep_out = "[[fences]]\ninclusion = false\npolygon = [[14.0, 14.0], [16.0, 14.0], [16.0, 16.0], [14.0, 16.0]]\n"
     (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 15.0))) + keep_out)
+    with pytest.raises(ConfigError, match=r"waypoint 1 .* 1\.0 m beyond the fence"):
+        load_setup(folder / RUN)
+    (folder / MISSION).write_text(mission_text(((9.0, 9.0), (12.0, 15.0))) + keep_out)
     setup = load_setup(folder / RUN)
     assert setup.pilot.fence.clearance(15.0, 15.0) == -1.0 and setup.pilot.fence.clearance(12.0, 15.0) == 2.0
-    (text,) = warnings(setup)
-    assert "waypoint 1" in text and "beyond the fence" in text

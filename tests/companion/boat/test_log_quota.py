@@ -159,5 +159,5 @@ def test_a_quota_without_a_folder_is_refused():
     texts["run.toml"] += "\n[log]\nquota_MB = 100\n"
     with pytest.raises(ConfigError, match=r"my\.toml: log\.quota_MB: needs log\.folder"):
         setup_of(texts, {**{name: name for name in texts}, "run.toml": "my.toml"})
-    with pytest.raises(ConfigError, match=r"my\.toml: log\.quota_MB: .*> 0"):
+    with pytest.raises(ConfigError, match=r"my\.toml: log\.quota_MB: expected 0\.001 to 1e\+09, found 0"):
         load_run(setup().files["run.toml"] + "\n[log]\nfolder = 'x'\nquota_MB = 0\n", name="my.toml")

@@ -18,8 +18,8 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from companion.core.configuration.tables import Table
-from companion.core.configuration.vessel_file import NonNegative, Positive, VesselFile
+from companion.core.configuration.tables import NonNegative, Positive, Table
+from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.thrusters import force_limits
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=200)]

@@ -15,10 +15,10 @@ from itertools import combinations
 
 import numpy as np
 
+from companion.core.geometry.anchors import SAME_PLACE_M
+
 MAX_ITERATIONS = 60
 CONVERGED_M = 1e-3
-SAME_PLACE_M = 0.5
-"""Fixes closer than this are one; assumed."""
 
 
 @dataclass(frozen=True, slots=True)

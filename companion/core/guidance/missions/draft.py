@@ -9,7 +9,7 @@ from typing import TypeGuard
 
 import msgspec
 
-from companion.core.geometry.fence import crossing
+from companion.core.geometry.fence import MOST_CORNERS, crossing
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.guidance.path import Path, Waypoint, path_problems
 
@@ -118,6 +118,8 @@ class Draft:
         polygon = tuple(c for c in corners if c is not None)
         if not all(math.isfinite(x) for corner in polygon for x in corner):
             self.error(place, "has a corner that is not finite")
+        elif len(polygon) + sum(len(fence.polygon) for fence in self.fences) > MOST_CORNERS:
+            self.error(place, f"{len(polygon)} corners; the fences of a mission may have {MOST_CORNERS} together")
         elif len(polygon) > 2 and (edges := crossing(polygon)):
             self.error(place, f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch")
         self.fences.append(MissionFence(inclusion, polygon))

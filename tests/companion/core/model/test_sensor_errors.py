@@ -166,11 +166,11 @@ def test_positions_from_the_tag_and_attitudes_are_corrected_too():
 @pytest.mark.parametrize(
     ("after", "line", "says"),
     [
-        ("rate_Hz = 50.0", "gyro_scale = -0.6", "sensors.imu.gyro_scale: expected `float` >= -0.5"),
-        ("rate_Hz = 50.0", "hard_iron_cos_rad = 0.6", "sensors.imu.hard_iron_cos_rad: expected `float` <= 0.5"),
+        ("rate_Hz = 50.0", "gyro_scale = -0.6", "sensors.imu.gyro_scale: expected -0.5 to 0.5, found -0.6"),
+        ("rate_Hz = 50.0", "hard_iron_cos_rad = 0.6", "sensors.imu.hard_iron_cos_rad: expected -0.5 to 0.5, found 0.6"),
         ("rate_Hz = 50.0", "accel_bias_z_m_s2 = 0.1", "sensors.imu.accel_bias_z_m_s2: unknown key"),
-        ("rate_Hz = 1.0", "clock_drift_s_s = 0.1", "sensors.uwb.clock_drift_s_s: expected `float` <= 0.05"),
-        ("rate_Hz = 1.0", "scale = -1.0", "sensors.uwb.scale: expected `float` >= -0.5"),
+        ("rate_Hz = 1.0", "clock_drift_s_s = 0.1", "sensors.uwb.clock_drift_s_s: expected -0.05 to 0.05, found 0.1"),
+        ("rate_Hz = 1.0", "scale = -1.0", "sensors.uwb.scale: expected -0.5 to 0.5, found -1"),
     ],
 )
 def test_what_cannot_be_is_refused_by_its_key(after, line, says):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from companion.core.configuration.run_file import BatteryLimits
 from companion.core.estimation.health import SETTLES
+from companion.core.geometry.anchors import hdop
 from companion.core.messages import (
     AnchorRange,
     Battery,
@@ -19,7 +20,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, hdop, uwb_rows
+from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
 from companion.core.preflight.observations import Disk
 from companion.core.preflight.rows import Row, worst
 from tests.companion.core.preflight.observations_fixture import SITE, VESSEL, by_name, heard

@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 
 pytest.importorskip("uplot", reason="the extra `shore` is not installed")
 
@@ -21,6 +22,7 @@ from companion.logs.log_file import LogError, LogFile
 from companion.logs.page import html, view
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
+from tests.support.broken_logs import headers
 
 NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 
@@ -143,3 +145,12 @@ def test_a_thinned_page_has_the_whole_log(logs):
 def test_a_log_without_configuration_is_refused_by_name(tmp_path):
     with pytest.raises(LogError, match="bare"):
         view.samples(LogFile(record(tmp_path / "bare.mcap", simulated()[:50], files=False)), 10.0)
+
+
+def test_of_a_damaged_log_the_page_shows_the_rest_and_the_command_says_so(tmp_path, capsys):
+    path = page_log(tmp_path)
+    data = path.read_bytes()
+    chunk = [at for at in headers(data) if data[at] == Opcode.CHUNK][-1]
+    path.write_bytes(data[: chunk + 60] + b"\0\0\0\0" + data[chunk + 64 :])
+    assert run(path, "--no-ghosts", "-o", tmp_path / "x.html") == 1
+    assert f"1 damaged chunk(s) left out (the first at byte {chunk}" in capsys.readouterr().out

@@ -1,0 +1,86 @@
+"""Numbers of a file beyond the range of their key: told with the whole path, the range and what was found.
+
+The range of a key stands where the key does, in its struct; this module walks over what was read beside those structs.
+Bounds keep out what no small vessel (to 25 m and 100 t) and no basin can have, a slip of the decimal point most of all:
+assumed, and generous.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import msgspec
+from msgspec import inspect
+
+LARGEST = 1e300
+"""TOML's whole numbers go on for ever; floats do not."""
+
+
+def out_of_range(data: object, kind: type[msgspec.Struct]) -> Iterator[str]:
+    """What is wrong with the numbers in `data`, read for `kind`: `hull.draft_m: expected 0.005 to 5, found 9`."""
+    yield from _walk(data, _described(kind), "")
+
+
+@cache
+def _described(kind: type[msgspec.Struct]) -> inspect.Type:
+    return inspect.type_info(kind)
+
+
+def _walk(node: Any, kind: inspect.Type, path: str) -> Iterator[str]:
+    match kind:
+        case inspect.StructType() if isinstance(node, dict):
+            for field in kind.fields:
+                if field.encode_name in node:
+                    yield from _walk(node[field.encode_name], field.type, _join(path, field.encode_name))
+        case inspect.DictType() if isinstance(node, dict):
+            for key, value in node.items():
+                yield from _walk(value, kind.value_type, _join(path, key))
+        case inspect.VarTupleType() | inspect.ListType() if isinstance(node, list):
+            for i, value in enumerate(node):
+                yield from _walk(value, kind.item_type, f"{path}[{i}]")
+        case inspect.TupleType() if isinstance(node, list):
+            for i, (value, of) in enumerate(zip(node, kind.item_types, strict=False)):
+                yield from _walk(value, of, f"{path}[{i}]")
+        case inspect.UnionType():
+            yield from _walk_one_of(node, kind, path)
+        case inspect.FloatType() | inspect.IntType() if isinstance(node, int | float) and not isinstance(node, bool):
+            if not _within(node, kind):
+                yield f"{path}: expected {_range(kind)}, found {_shown(node)}"
+
+
+def _walk_one_of(node: Any, kind: inspect.UnionType, path: str) -> Iterator[str]:
+    """A union of tables goes by their tag; one of a number and nothing, or of number and text, by what fits."""
+    for option in kind.types:
+        if isinstance(option, inspect.StructType):
+            tagged = isinstance(node, dict) and option.tag_field and node.get(option.tag_field) != option.tag
+            if not tagged:
+                yield from _walk(node, option, path)
+        else:
+            yield from _walk(node, option, path)
+
+
+def _within(value: float, kind: inspect.FloatType | inspect.IntType) -> bool:
+    return (
+        (kind.ge is None or value >= kind.ge)
+        and (kind.le is None or value <= kind.le)
+        and (kind.gt is None or value > kind.gt)
+        and (kind.lt is None or value < kind.lt)
+    )
+
+
+def _range(kind: inspect.FloatType | inspect.IntType) -> str:
+    """`0.1 to 30`, `more than 0 and at most 5`, `at least 0`."""
+    if kind.ge is not None and kind.le is not None:
+        return f"{kind.ge:g} to {kind.le:g}"
+    names = (("at least", kind.ge), ("more than", kind.gt), ("at most", kind.le), ("less than", kind.lt))
+    return " and ".join(f"{name} {bound:g}" for name, bound in names if bound is not None)
+
+
+def _shown(value: float) -> str:
+    return f"{value:g}" if abs(value) < LARGEST else "a number beyond all bounds"
+
+
+def _join(path: str, key: object) -> str:
+    return f"{path}.{key}" if path else str(key)

@@ -1,0 +1,90 @@
+"""One file of a log, read whatever became of it: the records that are whole, and what was met on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.records import Channel, McapRecord, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from companion.logs.records import Found, Records
+
+
+class LogError(Exception):
+    """The file cannot be read as a log: path and reason."""
+
+
+class Part:
+    """Records of one file. After `records` is exhausted: `damage` (None: sound) and bytes kept and lost.
+
+    Raises LogError (with the path) for a file in which no record stands.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.damage: str | None = None
+        self.kept_bytes = 0
+        self.lost_bytes = 0
+        try:
+            self.size = path.stat().st_size
+            with path.open("rb") as file:
+                magic = file.read(len(MCAP0_MAGIC))
+        except OSError as error:
+            raise LogError(f"{path}: {error.strerror}") from None
+        if not magic:
+            raise LogError(f"{path}: the file is empty")
+        if magic != MCAP0_MAGIC and not self._holds_records():
+            raise LogError(f"{path}: not an MCAP log (its first bytes are {magic.hex(' ')})")
+
+    def declared(self) -> list[Schema | Channel]:
+        """Schemas and channels outside of chunks, in the index at the end: needed where their chunk is damaged."""
+        with self._open() as records:
+            return list(records.summary())
+
+    def records(self) -> Iterator[McapRecord]:
+        """All readable records, those inside chunks included, in file order."""
+        self.kept_bytes = min(len(MCAP0_MAGIC), self.size)
+        lost: list[Found] = []
+        closed = False
+        with self._open() as records:
+            for found in records:
+                if found.trouble:
+                    lost.append(found)
+                    continue
+                self.kept_bytes += found.end - found.start
+                closed = closed or found.closes
+                yield from found.records
+        if lost and lost[0].start == 0:
+            self.kept_bytes -= len(MCAP0_MAGIC)
+        self.lost_bytes = self.size - self.kept_bytes
+        self.damage = _damage(self.path, self.size, lost, closed=closed)
+
+    def _holds_records(self) -> bool:
+        with self._open() as records:
+            return next(iter(records)).end < self.size
+
+    @contextlib.contextmanager
+    def _open(self) -> Iterator[Records]:
+        with self.path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield Records(data)
+
+
+def _damage(path: Path, size: int, lost: list[Found], *, closed: bool) -> str | None:
+    """What of a part was lost, in one line; None: nothing."""
+    problems = []
+    chunks = [found for found in lost if found.chunk]
+    places = [found for found in lost if not found.chunk]
+    if chunks:
+        first = f"the first at byte {chunks[0].start}: {chunks[0].trouble}"
+        problems.append(f"{len(chunks)} damaged chunk(s) left out ({first})")
+    end = places.pop() if places and places[-1].end == size and not closed else None
+    if places:
+        first = f"the first from byte {places[0].start} to {places[0].end}: {places[0].trouble}"
+        problems.append(f"{len(places)} damaged place(s) skipped ({first})")
+    if not closed:
+        after = f"after byte {end.start} ({end.trouble})" if end else f"after byte {size}"
+        problems.append(f"ends without footer {after}")
+    return f"{path}: {'; '.join(problems)}" if problems else None

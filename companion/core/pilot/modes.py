@@ -31,7 +31,7 @@ Event = Literal[
     "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "outputs_back", "solver_back",
     "loop_ok", "link_prompt",
     "rc_takeover", "disarmed", "mode_changed", "outputs_still", "sticks_lost",
-    "ready", "finished", "stop", "start", "hold", "excite", "manual",
+    "ready", "expired", "finished", "stop", "start", "hold", "excite", "manual",
 ]  # fmt: skip
 
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -76,6 +76,7 @@ outputs_still    .        safe     safe     safe     safe       safe       safe 
 sticks_lost      .        .        .        .        .          .          .        locked   .
 
 ready            .        wanted   .        .        .          .          manual   .        .
+expired          .        idle     .        .        .          .          .        .        .
 finished         .        .        .        .        idle       .          .        .        .
 stop             .        idle     idle     idle     idle       idle       idle     idle     idle
 start            starting starting .        auto     auto       starting   starting starting starting

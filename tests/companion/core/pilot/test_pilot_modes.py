@@ -163,6 +163,10 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
             monitors(boat, replace(state.monitor(Sticks), last=stick(t_ns - S, 0.5)))
         case "ready":
             boat.sticks = 0.0
+        case "expired":
+            boat.heartbeats = False
+            change(boat, ordered_ns=t_ns - 11 * S)
+            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - 11 * S)))
         case "finished":
             change(boat, flight=FlightState(phase="done", t_ns=t_ns))
         case _:
@@ -173,6 +177,7 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
 POSSIBLE = {
     "solver_failing": ["auto", "hold"],
     "ready": ["starting", "locked"],
+    "expired": ["starting"],
     "finished": ["excitation"],
     "sticks_lost": ["manual"],
 }

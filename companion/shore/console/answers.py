@@ -12,7 +12,7 @@ Believe = Callable[[bytes, bytes, bytes | None], OrderOutcome | None]
 """believe(order, reply, attachment): the boat's answer, or None: not signed by it. Called on any thread."""
 
 
-class Answer(NamedTuple):
+class OrderAnswer(NamedTuple):
     """One answer. `proven`: by the boat's key, where it has one; others are anybody's."""
 
     outcome: OrderOutcome
@@ -22,7 +22,7 @@ class Answer(NamedTuple):
 class Ask(Protocol):
     """Puts an order to all programs that answer under a boat's name."""
 
-    def __call__(self, boat: str, order: SealedOrder, timeout_s: float, believe: Believe) -> AsyncIterator[Answer]:
+    def __call__(self, boat: str, order: SealedOrder, timeout_s: float, believe: Believe) -> AsyncIterator[OrderAnswer]:
         """Their answers as they come, until all have answered or time is up."""
         ...
 

@@ -17,7 +17,7 @@ import msgspec
 
 from companion.core.telemetry.order_gate import Command, MissionFile, OrderOutcome, Word
 from companion.core.telemetry.order_sender import NOWHERE, Place, SealedOrder, Sender
-from companion.shore.console.answers import Answer, Ask, Boats
+from companion.shore.console.answers import Ask, Boats, OrderAnswer
 from companion.shore.console.stop_chase import StopChase
 
 ANSWER_S = 1.0
@@ -143,7 +143,7 @@ class Orders:
 
     async def _until_all(
         self, boat: str, hello: SealedOrder, timeout_s: float, sender: Sender
-    ) -> AsyncIterator[Answer]:
+    ) -> AsyncIterator[OrderAnswer]:
         """Answers to one hello: all there are, but none later than `ALSO_S` after the first that is proven."""
         asking = self._ask(boat, hello, timeout_s, sender.believe)
         end_s = None

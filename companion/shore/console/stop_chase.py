@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 from companion.core.telemetry.order_gate import OrderOutcome
 from companion.core.telemetry.order_sender import NOWHERE, Place, SealedOrder, Sender
-from companion.shore.console.answers import Answer, Ask
+from companion.shore.console.answers import Ask, OrderAnswer
 
 AGAIN_S = 0.25
 """Between tries: the boat obeys once, so that more of them cost nothing but a few hundred bytes (assumed)."""
@@ -84,7 +84,7 @@ class StopChase:
         self._over = True
         self._news.set()
 
-    def _take(self, answer: Answer) -> None:
+    def _take(self, answer: OrderAnswer) -> None:
         outcome = answer.outcome
         if not answer.proven:
             self.strange = outcome

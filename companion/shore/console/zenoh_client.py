@@ -23,7 +23,7 @@ from companion.core.telemetry import structs as shore
 from companion.core.telemetry.order_gate import read_outcome
 from companion.core.telemetry.order_sender import SealedOrder
 from companion.shore import subscriber
-from companion.shore.console.answers import Answer, Believe
+from companion.shore.console.answers import Believe, OrderAnswer
 
 QUEUE = 50_000
 """Samples that wait for the loop: half a minute of 50 boats (assumed)."""
@@ -97,7 +97,9 @@ class ZenohClient:
                 await asyncio.shield(asyncio.to_thread(session.close))
                 join_callbacks(before)
 
-    async def ask(self, boat: str, order: SealedOrder, timeout_s: float, believe: Believe) -> AsyncIterator[Answer]:
+    async def ask(
+        self, boat: str, order: SealedOrder, timeout_s: float, believe: Believe
+    ) -> AsyncIterator[OrderAnswer]:
         """One query on a boat's command key, to all who answer there: each answer as it comes, until there are no more.
 
         Those that are not the boat's cannot crowd it out: `STRANGERS` of them are given, to tell a person of.
@@ -105,10 +107,10 @@ class ZenohClient:
         session, loop = self._session, asyncio.get_running_loop()
         if session is None:
             return
-        answers: asyncio.Queue[Answer | None] = asyncio.Queue()
+        answers: asyncio.Queue[OrderAnswer | None] = asyncio.Queue()
         strangers = 0
 
-        def on_loop(answer: Answer | None) -> None:
+        def on_loop(answer: OrderAnswer | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(answers.put_nowait, answer)
 
@@ -119,11 +121,11 @@ class ZenohClient:
             data, seal = bytes(answer.ok.payload), answer.ok.attachment
             outcome = believe(order.payload, data, None if seal is None else bytes(seal))
             if outcome is not None:
-                on_loop(Answer(outcome, proven=True))
+                on_loop(OrderAnswer(outcome, proven=True))
             elif strangers < STRANGERS:
                 strangers += 1
                 with contextlib.suppress(ValueError):
-                    on_loop(Answer(read_outcome(data), proven=False))
+                    on_loop(OrderAnswer(read_outcome(data), proven=False))
 
         try:
             session.get(

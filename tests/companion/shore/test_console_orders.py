@@ -17,7 +17,7 @@ from companion.core.telemetry.order_gate import (
 )
 from companion.core.telemetry.order_sender import Place, Sender
 from companion.shore.console import orders as module
-from companion.shore.console.answers import Answer
+from companion.shore.console.answers import OrderAnswer
 from companion.shore.console.orders import Orders, SentOrder
 
 S = 1_000_000_000
@@ -114,7 +114,7 @@ class Water:
                 continue
             reply, sealed = answered
             believed = believe(order.payload, reply, sealed)
-            yield Answer(believed or read_outcome(reply), proven=believed is not None)
+            yield OrderAnswer(believed or read_outcome(reply), proven=believed is not None)
 
     def give(self, command="stop", mission=None):
         return asyncio.run(self.orders.give("b", command, mission))

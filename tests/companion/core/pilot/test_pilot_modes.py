@@ -125,9 +125,9 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
         case "rc_takeover":
             for pwm in (1500, 1800):
                 boat.feed(m.RcChannels(t_ns=t_ns, pwm_us=tuple({**SENT, 6: pwm}.values())))
-        case "link_lost":
-            boat.heartbeats = False
-            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - 4 * S)))
+        case "link_lost" | "expired":
+            boat.heartbeats, silent_s = False, 4 if event == "link_lost" else 11
+            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - silent_s * S)))
         case "unfit":
             change(boat, estimator=boat.mind.initial(0).estimator)
         case "degraded":
@@ -163,10 +163,6 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
             monitors(boat, replace(state.monitor(Sticks), last=stick(t_ns - S, 0.5)))
         case "ready":
             boat.sticks = 0.0
-        case "expired":
-            boat.heartbeats = False
-            change(boat, ordered_ns=t_ns - 11 * S)
-            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - 11 * S)))
         case "finished":
             change(boat, flight=FlightState(phase="done", t_ns=t_ns))
         case _:

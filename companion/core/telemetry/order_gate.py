@@ -62,7 +62,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     `start`: drive the mission, or go on with it where it was left (arms); `hold`: keep station (arms); `stop`: neutral;
     `load_mission`: `mission` from now on; `hello`: asks who is there, and does nothing. `sender`: a person or program,
     in words, for the log. `t_ns`: the boat's clock as the sender believes it to be. `session`: random, one a sender's
-    program run; `counter` goes up. `heard`: further runs that the sender heard under the boat's name.
+    program run; `counter` goes up. `heard`: runs that the sender heard under the boat's name; counts where it is fresh.
     """
 
     v: int = VERSION
@@ -166,7 +166,8 @@ class OrderGate:
         """The order in `payload`, believed. Raises OrderRefused or Repeated."""
         order = self._read(payload, attachment)
         if order.command == "hello":
-            return order
+            fresh = order.run == self.run and -AHEAD_S <= (now_ns - order.t_ns) * 1e-9 <= WINDOW_S
+            return order if fresh else msgspec.structs.replace(order, heard=())
         if order.run != self.run:
             raise OrderRefused("wrong_run", "meant for another run of the boat's program: it was started anew since")
         digest = hashlib.sha256(payload).digest()

@@ -29,6 +29,8 @@ PAUSE_S = 0.2
 PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "load_mission": 5.0}
 """How long an order is repeated. Others than a stop are not believed when older than 5 s, and should not be."""
 MAX_TOLD = 50
+TOLD = 8
+"""Runs of a shared name that its programs are told of: as many as an order may carry."""
 
 
 class SentOrder(msgspec.Struct, kw_only=True):
@@ -58,7 +60,7 @@ class Orders:
         self._number = 0
 
     def begin(self, boat: str, command: Command) -> SentOrder:
-        """A new order, told as being sent; or as not sent, where there is no key."""
+        """A new order, told as being sent: `send` it."""
         self._number += 1
         now_ms = time.monotonic() * 1e3
         order = SentOrder(number=self._number, boat=boat, command=command, state="sending", asked_ms=now_ms)
@@ -88,9 +90,12 @@ class Orders:
     async def warn(self, boat: str) -> None:
         """Tell the programs of a shared name of each other."""
         if not isinstance(sender := self._boats.sender(boat), str):
-            hello = sender.order("hello", at=NOWHERE, heard=self._boats.runs(boat))
-            async for _ in self._ask(boat, hello, ANSWER_S, sender.believe):
-                pass
+            async for answer in self._ask(boat, sender.order("hello", at=NOWHERE), ANSWER_S, sender.believe):
+                if answer.proven:
+                    at = Place(answer.outcome.run, answer.outcome.t_ns)
+                    told = sender.order("hello", at=at, heard=self._boats.runs(boat)[:TOLD])
+                    async for _ in self._ask(boat, told, ANSWER_S, sender.believe):
+                        pass
 
     # --- a stop ------------------------------------------------------------------------------------
 
@@ -121,7 +126,7 @@ class Orders:
         strange: OrderOutcome | None = None
         while not found and (left_s := end_s - time.monotonic()) > 0:
             order.tries += 1
-            hello = sender.order("hello", at=NOWHERE, heard=self._boats.runs(order.boat))
+            hello = sender.order("hello", at=NOWHERE)
             async for answer in self._until_all(order.boat, hello, min(ANSWER_S, left_s), sender):
                 if answer.proven:
                     found[answer.outcome.run] = answer.outcome

@@ -46,7 +46,7 @@ class StopChase:
     async def run(self, place: Place | None, runs: Callable[[], tuple[str, ...]], patience_s: float) -> None:
         """Until every run of `runs()` and every one that answered has it, or `patience_s` is over."""
         end_s, first = time.monotonic() + patience_s, place or NOWHERE
-        self._made[first.run] = self._sender.order("stop", at=first, heard=runs())
+        self._made[first.run] = self._sender.order("stop", at=first)
         try:
             while time.monotonic() < end_s:
                 self.tries += 1

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -21,6 +22,7 @@ from aiohttp import web
 from companion.boat.uplink.name_collision import NameCollisions
 from companion.boat.uplink.order_receiver import ShoreCommands
 from companion.boat.uplink.telemetry import Telemetry, config_of
+from companion.cli.boat.run import GIL_S
 from companion.core.configuration.run_file import TelemetryLink
 from companion.core.messages import Alert, NewMission, OperatorCommand
 from companion.core.telemetry.order_gate import OrderGate
@@ -143,7 +145,10 @@ def at_sea(story: Callable[[Water], Awaitable[None]]) -> None:
                 telemetry.close()
                 ear.close()
 
-    with tempfile.TemporaryDirectory() as folder, router(port):
+    before_s = sys.getswitchinterval()
+    with tempfile.TemporaryDirectory() as folder, router(port), contextlib.ExitStack() as held:
+        sys.setswitchinterval(GIL_S)  # as a run has it
+        held.callback(sys.setswitchinterval, before_s)
         ended = Bench(Path(folder) / "run.mcap", begin_ns=time.monotonic_ns()).scene(play)
     assert ended is None, ended
 

@@ -20,7 +20,7 @@ from companion.core.telemetry.order_gate import (
     read_outcome,
     seal,
 )
-from companion.core.telemetry.order_sender import NOWHERE, Sender
+from companion.core.telemetry.order_sender import NOWHERE, Place, Sender
 
 S = 1_000_000_000
 KEY = bytes(range(32))
@@ -95,9 +95,12 @@ def test_a_stop_that_was_overtaken_by_another_order_still_stops_and_only_once():
 
 def test_a_hello_asks_for_the_key_and_for_nothing_else():
     gate, (anna, _) = OrderGate("b", "run", KEY), sender(run="another")
-    hello = anna.order("hello", at=NOWHERE, heard=("run", "another"))
+    hello = anna.order("hello", at=NOWHERE)
     for _ in range(3):
-        assert gate.judge(*hello, BOAT_NS).heard == ("run", "another"), "it does nothing, so it may come again"
+        assert gate.judge(*hello, BOAT_NS).command == "hello", "it does nothing, so it may come again"
+    for place, heard in ((Place("run", BOAT_NS), ("x",)), (NOWHERE, ()), (Place("run", BOAT_NS - 6 * S), ())):
+        told = gate.judge(*anna.order("hello", at=place, heard=("x",)), BOAT_NS).heard
+        assert told == heard, "who repeats an old one raises no alarm"
     assert code(gate, (hello.payload, bytes(32))) == "unsigned"
 
 

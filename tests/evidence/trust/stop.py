@@ -20,7 +20,7 @@ from companion.core.messages import Alert, OperatorCommand, VehicleRequest
 from tests.companion.boat.app_fixture import Bench
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.evidence.trust.stop_attacks import ATTACKS, BOAT
-from tests.evidence.trust.stop_bench import Attackers, Water, at_sea, until
+from tests.evidence.trust.stop_bench import Water, at_sea, counts, until
 from tests.evidence.trust.stop_processes import stop_with_real_processes
 from tests.support.drive_fixture import setup
 
@@ -39,22 +39,19 @@ def stop_500_times(full: bool) -> Iterator[Line]:
     twins: Counter[str] = Counter()
 
     async def story(water: Water) -> None:
-        rng, attackers = random.Random(SEED), Attackers(water.port, water.web_port)
-        try:
-            for k in range(STOPS):
-                names = {ATTACKS[k % len(ATTACKS)], *rng.sample(ATTACKS, rng.choice((0, 0, 1, 2)))}
-                await water.drive()
-                await attackers.begin(*sorted(names))
-                await asyncio.sleep(rng.uniform(0.0, 0.1))  # anywhere between two ticks
-                took.append(1e3 * await water.stop_s([*(DEAD if rng.random() < 0.3 else ()), BOAT]))
-                stops, others, there = await attackers.end()
-                twins.update(stops=min(stops, there), others=others, there=there)
-                for name in names:
-                    by_attack[name].append(took[-1])
-        finally:
-            attackers.close()
-            twins["strangers"] = water.ear.refused["unsigned"]
-            twins["samples"] = sum(water.console.store.refused.values())
+        rng = random.Random(SEED)
+        for k in range(STOPS):
+            names = {ATTACKS[k % len(ATTACKS)], *rng.sample(ATTACKS, rng.choice((0, 0, 1, 2)))}
+            await water.drive()
+            await water.attackers.begin(*sorted(names))
+            await asyncio.sleep(rng.uniform(0.0, 0.1))  # anywhere between two ticks
+            took.append(1e3 * await water.stop_s([*(DEAD if rng.random() < 0.3 else ()), BOAT]))
+            stops, others, there = await water.attackers.end()
+            twins.update(stops=min(stops, there), others=others, there=there)
+            for name in names:
+                by_attack[name].append(took[-1])
+        twins["strangers"] = (await counts(water))[0]
+        twins["samples"] = sum(water.console.store.refused.values())
 
     at_sea(story)
     for name, each in by_attack.items():
@@ -80,30 +77,26 @@ def name_taken_twice(full: bool) -> Iterator[Line]:
             given = await water.post("/order", {"boat": BOAT, "command": "stop"})
             outcome = given["outcome"] or {}
             seen[f"{what}: refused"] += outcome.get("code") in refused or outcome.get("status") != "done"
-            await until(lambda: water.still, 5.0)
+            await until(lambda: water.boat.still, 5.0)
 
     async def story(water: Water) -> None:
-        attackers = Attackers(water.port, water.web_port)
-        try:
-            await attackers.begin("twin an hour ahead")
-            begun_s = time.monotonic()
-            await until(lambda: len(water.console.runs(BOAT)) == 2, 10.0)
-            for command in ("start", "hold"):
-                given = await water.post("/order", {"boat": BOAT, "command": command})
-                seen["told"] += given["state"] == "not_sent" and "several programs call themselves" in given["why"]
-            await asyncio.sleep(GUEST_S - (time.monotonic() - begun_s))
-            seen["others"] = (await attackers.end())[1]
-            seen["boat"] = sum("calls itself" in a.text and a.level == "error" for a in water.alerts)
-            await stops(water, "guest", TRIES)
-            await until(lambda: len(water.console.runs(BOAT)) == 1, 10.0)
-            given = await water.post("/order", {"boat": BOAT, "command": "start"})
-            seen["ours"] = (given["outcome"] or {}).get("status") == "done"
-            for what in ("one sample of another run", "one sample an hour ahead"):
-                await attackers.begin(what)
-                await attackers.end()
-                await stops(water, what, 5)
-        finally:
-            attackers.close()
+        await water.attackers.begin("twin an hour ahead")
+        begun_s = time.monotonic()
+        await until(lambda: len(water.console.runs(BOAT)) == 2, 10.0)
+        for command in ("start", "hold"):
+            given = await water.post("/order", {"boat": BOAT, "command": command})
+            seen["told"] += given["state"] == "not_sent" and "several programs call themselves" in given["why"]
+        await asyncio.sleep(GUEST_S - (time.monotonic() - begun_s))
+        seen["others"] = (await water.attackers.end())[1]
+        seen["boat"] = (await counts(water))[1]
+        await stops(water, "guest", TRIES)
+        await until(lambda: len(water.console.runs(BOAT)) == 1, 10.0)
+        given = await water.post("/order", {"boat": BOAT, "command": "start"})
+        seen["ours"] = (given["outcome"] or {}).get("status") == "done"
+        for what in ("one sample of another run", "one sample an hour ahead"):
+            await water.attackers.begin(what)
+            await water.attackers.end()
+            await stops(water, what, 5)
 
     at_sea(story)
     yield exactly("STOP refused, of 44 after it had gone", seen["guest: refused"], 0, "", "was 44")

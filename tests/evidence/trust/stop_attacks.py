@@ -1,4 +1,4 @@
-"""Who and what may stand between STOP and the boat: a program of its own, `python -m ... ZENOH_PORT WEB_PORT KEY RUN`.
+"""Who and what may stand between STOP and the boat: a program of its own, `python -m ... ZENOH_PORT WEB_PORT RUN`.
 
 It reads names of attacks from its input, answers `ready` once they go on, ends them at `end`, and answers how many
 stops and other orders the twins (honest programs of the same name and key) have obeyed, and how many there were.
@@ -22,8 +22,11 @@ from companion.core.telemetry.order_gate import OrderGate, OrderOutcome
 from tests.support.console_fixture import S, answered, mode, state
 from tests.support.zenoh_fixture import config
 
-BOAT = "aritra"
+BOAT, RUN = "aritra", "0123456789ab"
+KEY = bytes(range(7, 39))
 HOUR_NS = 3600 * S
+FLOOD_S, ORDERS, SAMPLES = 0.01, 10, 50
+"""A flood: so many unsigned orders to the boat, or samples of a thousand names, so often: 1,000 and 5,000 a second."""
 SLOW = 400
 """Half-sent requests; the console's limits are 32 and 128."""
 
@@ -153,19 +156,19 @@ class Attacker:
         key = shore.command_key(BOAT)
 
         def act() -> None:
-            for _ in range(20):
+            for _ in range(ORDERS):
                 self.session.get(key, lambda reply: None, payload=b"x" * 300, attachment=bytes(32), timeout=1.0)
 
-        self._again(act, 0.001)
+        self._again(act, FLOOD_S)
 
     def flood_of_samples(self) -> None:
         data = shore.encode(state(1, run="flood"))
 
         def act() -> None:
-            for _ in range(50):
+            for _ in range(SAMPLES):
                 self.session.put(shore.telemetry_key(f"spoof-{secrets.randbelow(1000)}", "state"), data)
 
-        self._again(act, 0.002)
+        self._again(act, FLOOD_S)
 
     def requests_half_sent(self) -> None:
         for _ in range(SLOW):
@@ -181,9 +184,9 @@ ATTACKS = (
 )  # fmt: skip
 
 
-def main(port: str, web: str, key: str, run: str) -> None:
+def main(port: str, web: str, run: str) -> None:
     """Attacks by name, until the input ends."""
-    attacker = Attacker(int(port), int(web), bytes.fromhex(key), run)
+    attacker = Attacker(int(port), int(web), KEY, run)
     print("ready", flush=True)
     for line in sys.stdin:
         if line.strip() == "end":

@@ -20,8 +20,8 @@ import zenoh
 from companion.boat.load_run import EXAMPLES
 from companion.core.telemetry import structs as shore
 from tests.evidence.line import Line, at_least, at_most, exactly
-from tests.evidence.trust.stop_attacks import ATTACKS, BOAT
-from tests.evidence.trust.stop_bench import KEY, Attackers
+from tests.evidence.trust.stop_attacks import ATTACKS, BOAT, KEY
+from tests.evidence.trust.stop_bench import Attackers
 from tests.processes.test_loopback import GroundStation, free_port, process, wait_for
 from tests.processes.test_telemetry_process import router, run_file
 from tests.support.console_fixture import served, state

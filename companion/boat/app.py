@@ -25,7 +25,7 @@ from companion.boat.position_feed import PositionFeed
 from companion.boat.process_stats import ProcessMeter
 from companion.boat.recorder import Recorder
 from companion.boat.solver_thread import REHEARSAL_S, Solver, SolverThread
-from companion.boat.start_interlock import StartInterlock
+from companion.boat.start_interlock import WAITS_S, StartInterlock
 from companion.boat.tick_timing import TickTiming
 from companion.core.messages import (
     Alert,
@@ -116,9 +116,11 @@ class App:
         """End the run from a signal handler or a task."""
         self._stop.set()
 
-    def command(self, command: OperatorCommand) -> bool:
-        """Hand an operator's command to the pilot, once the guard lets it pass; whether the pilot has it now."""
-        if self._faults.failure or not (self._guard is None or self._guard.passes(command)):
+    def command(self, command: OperatorCommand, waits_s: float = WAITS_S) -> bool:
+        """Hand an operator's command to the pilot, once the guard lets it pass, which may take `waits_s` and no longer;
+        whether the pilot has it now.
+        """
+        if self._faults.failure or not (self._guard is None or self._guard.passes(command, waits_s)):
             return False
         self._step([command], self._clock.now_ns())
         return True

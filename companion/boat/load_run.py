@@ -13,13 +13,13 @@ from companion.core.configuration.run_file import BatteryLimits, RunFile, load_r
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError, digest
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import PACK_SHARES
 from companion.core.excitation.file import load_excitation
 from companion.core.excitation.flight import Flight
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.model.load_vessel import load_vessel
-from companion.core.pilot.monitors.battery import VOLTAGE_RANGE
 from companion.core.pilot.pilot import PilotSettings
 from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
 from drivers.uwb import uwb_codec
@@ -106,7 +106,7 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     nominal_V = vessel.propulsion.nominal_voltage_V
     for key in ("low_V", "critical_V"):
         limit_V = getattr(run.battery, key)
-        least_V, most_V = (share * nominal_V for share in VOLTAGE_RANGE)
+        least_V, most_V = (share * nominal_V for share in PACK_SHARES)
         if limit_V is not None and not least_V <= limit_V <= most_V:
             why = f"readings beyond that are ignored with propulsion.nominal_voltage_V = {nominal_V:g} in {of_vessel}"
             yield f"{of_run}: battery.{key}: expected {least_V:g} to {most_V:g}, found {limit_V:g}: {why}"

@@ -1,9 +1,10 @@
 """The interlock: the autopilot's parameters that decide whether the boat stops, for as long as the run lasts.
 
-A `start`, `hold`, `excite` or `manual` waits until they have been read, and is dropped where one of them refuses;
-`stop` never waits. They are read anew after the autopilot's reboot and after its silence, and watched from then on
-(`drivers.mavlink.parameter_watch`): one that changes to what refuses takes the driving away (`InterlockTrip`). The rows
-are those of `aritra check`. While several autopilots are heard and the run file does not name ours, nothing begins.
+A `start`, `hold`, `excite` or `manual` waits until they have been read, but only some seconds, and is dropped where one
+of them refuses; `stop` never waits. They are read anew after the autopilot's reboot and after its silence, and watched
+from then on (`drivers.mavlink.parameter_watch`): one that changes to what refuses takes the driving away
+(`InterlockTrip`). The rows are those of `aritra check`. While several autopilots are heard and the run file does not name
+ours, nothing begins.
 """
 
 from __future__ import annotations
@@ -24,6 +25,12 @@ from drivers.mavlink.parameter_watch import ParameterChange, ParameterWatch
 
 AMBIGUOUS = "several autopilots are heard, and nobody has said which is ours (mavlink.autopilot_system_id)"
 
+WAITS_S = 10.0
+"""How long a command waits (assumed): reading takes 6 s with the simulated autopilot, and what was wanted long before
+need not be wanted in the moment in which one is plugged in."""
+SWITCH_ON_S = 60.0
+"""That of a run which begins by itself (`--start`): the autopilot may have been switched on with it (assumed)."""
+
 
 class StartInterlock:
     """The interlock of one run. `refused`: rows for which nothing may start; `clear`: all was read, nothing refuses.
@@ -42,12 +49,15 @@ class StartInterlock:
         self._reboots = codec.clock.reboots
         self._heard_ns: int | None = None
         self._held: OperatorCommand | None = None
+        self._held_until_ns = 0
         self._begun = False
         self._trips: list[InterlockTrip] = []
         self._alerts: list[Alert] = []
 
-    def passes(self, command: OperatorCommand) -> bool:
-        """Whether a command may go to the pilot now. One that may not yet is kept: see `take_inputs`."""
+    def passes(self, command: OperatorCommand, waits_s: float = WAITS_S) -> bool:
+        """Whether a command may go to the pilot now. One that may not yet is kept for `waits_s`: see `take_inputs`."""
+        if self.clear and not is_alive(self._heard_ns, command.t_ns):
+            self._forget()  # whatever is plugged in next is another autopilot
         if command.command == "stop":
             self._held = None
             return True
@@ -58,18 +68,22 @@ class StartInterlock:
         if self.clear:
             self._held, self._begun = None, True
             return True
-        self._held = command
+        self._held, self._held_until_ns = command, command.t_ns + round(waits_s * 1e9)
         self._say(command.t_ns, "info", f"{command.command} waits for the check of the autopilot's parameters")
         return False
 
     def step(self, messages: Sequence[Message], t_ns: int) -> list[bytes]:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
+        if self._held and t_ns > self._held_until_ns:
+            what = "the autopilot's parameters" if self._reader else "an autopilot"
+            self._say(t_ns, "warning", f"{self._held.command} expired: it waited for {what}; give it again")
+            self._held = None
         heartbeat = any(isinstance(message, Heartbeat) for message in messages)
         silent = heartbeat and self._heard_ns is not None and not is_alive(self._heard_ns, t_ns)
         self._heard_ns = t_ns if heartbeat else self._heard_ns
         if silent or self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots
-            self._reader, self._watch, self.refused, self.rows, self.clear = None, None, [], [], False
+            self._forget()
         if self._watch is not None:
             return self._keep_watch(self._watch, messages, t_ns)
         if self._reader is None:
@@ -107,6 +121,10 @@ class StartInterlock:
         """Alerts since the last call."""
         alerts, self._alerts = self._alerts, []
         return alerts
+
+    def _forget(self) -> None:
+        """Read everything anew."""
+        self._reader, self._watch, self.refused, self.rows, self.clear = None, None, [], [], False
 
     def _read(self, reader: ParameterReader, t_ns: int) -> list[bytes]:
         """All that was asked for has been told, or will not be."""

@@ -78,13 +78,15 @@ def shore(args: argparse.Namespace) -> int:
 async def _serve(args: argparse.Namespace) -> int:
     from aiohttp import web
 
-    from companion.shore.console.live import Console, Keys
+    from companion.shore.console.keys import Keys
+    from companion.shore.console.live import Console
     from companion.shore.console.request_auth import RequestAuth, is_loopback
     from companion.shore.console.zenoh_client import ZenohClient, config_of
 
     local = is_loopback(args.host)
     token = _token(args.token, local)
-    keys = Keys(KeyFiles(args.command_key).find if args.command_key else None, args.name)
+    files = KeyFiles(args.command_key)
+    keys = Keys(files.find if args.command_key else None, args.name)
     if not re.fullmatch(r"[A-Za-z0-9_.@ -]{1,40}", args.name):
         raise ConfigError(f"--name: {args.name!r}: expected 1 to 40 letters, digits and _ . @ - or spaces")
     listen = args.listen or ([] if args.connect or args.config else [LISTEN])
@@ -95,16 +97,18 @@ async def _serve(args: argparse.Namespace) -> int:
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     try:
-        await web.TCPSite(runner, args.host, args.port).start()
+        server = await console.serve(runner, args.host, args.port)
     except (OSError, OverflowError) as error:
         await runner.cleanup()
         print(f"aritra shore: {args.host}:{args.port}: {error}; another --port?", file=sys.stderr)
         return 2
-    port = runner.addresses[0][1]
+    port = server.sockets[0].getsockname()[1]
     for line in _addresses(args.host, port, token):
         print(line, flush=True)
     print(f"zenoh: {', '.join([*args.connect, *(f'listening on {x}' for x in listen)]) or args.config}", flush=True)
     print("orders: signed with the command key" if keys else "no command key: this console only looks", flush=True)
+    for problem in filter(None, map(keys.problem, files.boats)):
+        print(problem, flush=True)
     if args.open:
         await asyncio.to_thread(webbrowser.open, _address("127.0.0.1", port, token))
     if foxglove:
@@ -112,6 +116,7 @@ async def _serve(args: argparse.Namespace) -> int:
     try:
         await _until_signal(console.run())
     finally:
+        server.close()
         await runner.cleanup()
         if foxglove:
             foxglove.close()
@@ -151,26 +156,37 @@ def _token(token: str | None, local: bool) -> str | None:
 
 class KeyFiles:
     """Command keys: `FILE` for all boats, `BOAT=FILE` for one, or a folder as `aritra demo --shore` makes it, whose
-    `command.key` or `BOAT/command.key` may be created later. Raises ConfigError for a file that cannot be used.
+    `command.key` or `BOAT/command.key` may be created later. Raises ConfigError for an option that cannot be meant, a
+    `FILE` for all boats that cannot be used among them; that of one boat is read when it is needed.
     """
 
     def __init__(self, options: list[str]) -> None:
-        self._keys: dict[str, bytes] = {}
+        self._files: dict[str, Path] = {}
         self._folders: list[Path] = []
+        self._key: bytes | None = None
         for each in options:
             boat, _, file = each.rpartition("=")
-            if boat in self._keys:
+            if boat in self._files:
                 raise ConfigError(f"--command-key: given twice for {boat or 'all boats'}")
             if not boat and (Path(file).is_dir() or file.endswith("/")):
                 self._folders.append(Path(file))
             else:
-                self._keys[boat] = load_secret(Path(file), where="--command-key")
+                self._files[boat] = Path(file)
+                if not boat:
+                    self._key = load_secret(Path(file), where="--command-key")
+
+    @property
+    def boats(self) -> list[str]:
+        """Boats with a file of their own."""
+        return [boat for boat in self._files if boat]
 
     def find(self, boat: str) -> bytes | None:
-        """The key of a boat."""
-        if (key := self._keys.get(boat, self._keys.get(""))) is not None:
-            return key
-        for folder in self._folders:
+        """The key of a boat. Raises ConfigError for a file that cannot be used."""
+        if boat in self._files:
+            return load_secret(self._files[boat], where=f"--command-key {boat}=")
+        if self._key is not None:
+            return self._key
+        for folder in self._folders if boat.strip(".") else ():
             for file in (folder / boat / KEY_FILE, folder / KEY_FILE):
                 if file.exists():
                     return load_secret(file, where="--command-key")

@@ -12,7 +12,8 @@ import pytest
 from companion.boat.load_run import EXAMPLES
 from companion.boat.signing_key import load_secret
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.order_gate import Sender, read_outcome
+from companion.core.telemetry.order_gate import read_outcome
+from companion.core.telemetry.order_sender import Sender
 from companion.python_child import aritra
 from tests.processes.test_telemetry_process import router
 from tests.support.zenoh_fixture import console, free_port, wait_for

@@ -16,7 +16,8 @@ from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES
 from companion.core.messages import LoopTiming, OperatorCommand
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.order_gate import MissionFile, Sender, read_outcome
+from companion.core.telemetry.order_gate import MissionFile, read_outcome
+from companion.core.telemetry.order_sender import Sender
 from companion.logs.log_file import LogFile
 from tests.processes.test_loopback import DRIVING_S, GroundStation, free_port, process, wait_for
 from tests.support.zenoh_fixture import console

@@ -64,6 +64,25 @@ def ticks_of_a_voyage():
     return by_tick(run.messages[begun:])
 
 
+def answered(query, gate, now_ns):
+    """Answer a query as a boat does that obeys every order; the command that was obeyed, or None."""
+    obeyed, payload, attachment = None, bytes(query.payload), bytes(query.attachment or b"")
+    with query:
+        try:
+            order = gate.judge(payload, attachment, now_ns)
+            told = {"status": "done", "code": "ok", "text": f"{order.command}: heard"}
+            told |= {"mode": "idle", "why": "told so"}
+            obeyed = order.command if order.command != "hello" else None
+        except OrderRefused as no:
+            told = {"status": "refused", "code": no.code, "text": str(no)}
+        except Repeated:
+            told = {"status": "done", "code": "ok", "text": "heard before", "repeated": True}
+        data = msgspec.json.encode(OrderOutcome(run=gate.run, t_ns=now_ns, **told))
+        sealed = gate.answer_seal(payload, data) if gate.proves(payload, attachment) else None
+        query.reply(shore.command_key(gate.boat), data, attachment=sealed)
+    return obeyed
+
+
 class TapedBoat:
     """A boat whose telemetry plays a voyage again and again, ten ticks a second, and that obeys signed orders in words.
 
@@ -97,18 +116,8 @@ class TapedBoat:
         return time.monotonic_ns() + 12_345 * S
 
     def answer(self, query):
-        with query:
-            try:
-                order = self.gate.judge(bytes(query.payload), bytes(query.attachment), self.now_ns())
-                told = {"status": "done", "code": "ok", "text": f"{order.command}: heard"}
-                told |= {"mode": "idle", "why": "told so"}
-                self.obeyed.append(order.command)
-            except OrderRefused as no:
-                told = {"status": "refused", "code": no.code, "text": str(no)}
-            except Repeated:
-                told = {"status": "done", "code": "ok", "text": "heard before", "repeated": True}
-            outcome = OrderOutcome(run="run", t_ns=self.now_ns(), **told)
-            query.reply(shore.command_key(self.name), msgspec.json.encode(outcome))
+        if command := answered(query, self.gate, self.now_ns()):
+            self.obeyed.append(command)
 
     def close(self):
         self.ended = True

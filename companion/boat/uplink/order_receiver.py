@@ -6,6 +6,7 @@
 
 So a stop reaches the pilot as soon as the loop is free, nothing that the shore sends costs the loop time before it is
 accepted, and no reply can delay the next order. Refusals are counted; the 1st, 2nd, 4th, 8th of them is an alert.
+Answers to who has the key are signed, and have room that strangers cannot take.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import queue
 import threading
 from collections import Counter
 from collections.abc import Callable
+from typing import NamedTuple
 
 import msgspec
 import zenoh
@@ -41,12 +43,23 @@ from companion.core.telemetry.topics import points_of
 
 PENDING = 8
 """Orders on their way to the loop; more are refused as busy, but for a stop."""
-ANSWERS = 64
-"""Answers on their way back; more are not given."""
+ANSWERS, TO_STRANGERS = 64, 16
+"""Answers on their way back, all in all, and when a stranger is still given one; more are not given."""
+
+
+class Asked(NamedTuple):
+    """A query, its payload, and whether that is signed as it must be."""
+
+    query: zenoh.Query
+    order: bytes
+    proven: bool
 
 
 class ShoreCommands:
-    """Takes orders from shore. `refused`: number of orders, by code; `obeyed`: those handed to the pilot."""
+    """Takes orders from shore. `refused`: number of orders, by code; `obeyed`: those handed to the pilot.
+
+    `meet(run, where)` is told, on a thread of zenoh's, of other runs that a sender heard under this boat's name.
+    """
 
     def __init__(
         self,
@@ -55,16 +68,17 @@ class ShoreCommands:
         gate: OrderGate,
         clock: Clock,
         tell: Callable[[Alert], None],
+        meet: Callable[[str, str], None] = lambda run, where: None,
     ) -> None:
         self.refused: Counter[str] = Counter()
         self.obeyed = 0
         self._app, self._settings, self._gate = app, settings, gate
-        self._key, self._clock, self._tell = shore.command_key(gate.boat), clock, tell
+        self._key, self._clock, self._tell, self._meet = shore.command_key(gate.boat), clock, tell, meet
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._pending = 0
         self._ended = False
-        self._answers: queue.Queue[tuple[zenoh.Query, OrderOutcome] | None] = queue.Queue(ANSWERS)
+        self._answers: queue.Queue[tuple[Asked, OrderOutcome] | None] = queue.Queue(ANSWERS)
         self._thread = threading.Thread(target=self._reply, name="shore-answers", daemon=True)
         self._thread.start()
 
@@ -83,37 +97,46 @@ class ShoreCommands:
 
     def __call__(self, query: zenoh.Query) -> None:
         """One query on the command key."""
+        asked = Asked(query, b"", proven=False)
         try:
-            self._judge(query)
+            asked, attachment = self._open(query)
+            self._judge(asked, attachment)
         except OrderRefused as no:
-            self._refuse(query, no.code, no.text)
+            self._refuse(asked, no.code, no.text)
         except Repeated as again:
-            self._again(query, again.outcome)
+            self._again(asked, again.outcome)
         except Exception as error:  # bytes of anybody must not end the listening
-            self._refuse(query, "malformed", f"not an order: {type(error).__name__}")
+            self._refuse(asked, "malformed", f"not an order: {type(error).__name__}")
 
-    def _judge(self, query: zenoh.Query) -> None:
+    def _open(self, query: zenoh.Query) -> tuple[Asked, bytes | None]:
         payload, attachment = query.payload, query.attachment
         if payload is None:
             raise OrderRefused("malformed", "not an order: no payload")
         if len(payload) > MAX_BYTES or (attachment is not None and len(attachment) > MAX_BYTES):
             raise OrderRefused("too_long", f"longer than {MAX_BYTES} bytes")
+        data, signed = bytes(payload), None if attachment is None else bytes(attachment)
+        return Asked(query, data, self._gate.proves(data, signed)), signed
+
+    def _judge(self, asked: Asked, attachment: bytes | None) -> None:
         with self._lock:
-            signed = None if attachment is None else bytes(attachment)
-            order = self._gate.judge(bytes(payload), signed, self._clock.now_ns())
-            if self._pending >= PENDING and order.command != "stop":
+            order = self._gate.judge(asked.order, attachment, self._clock.now_ns())
+            if self._pending >= PENDING and order.command not in ("stop", "hello"):
                 raise OrderRefused("busy", f"{PENDING} orders wait already")
-            self._pending += 1
+            self._pending += order.command != "hello"
+        for run in order.heard:
+            self._meet(run, f"by {order.sender}, on shore")
+        if order.command == "hello":
+            return self._send(asked, self._outcome("done", "ok", "here"))
         try:
             mission = self._mission(order.mission) if order.mission else None
-            self._loop.call_soon_threadsafe(self._obey, query, order, mission)
+            self._loop.call_soon_threadsafe(self._obey, asked, order, mission)
         except (OrderRefused, RuntimeError) as error:
             with self._lock:
                 self._pending -= 1
             if isinstance(error, OrderRefused):
                 self._finish(order, self._outcome("refused", error.code, error.text))
                 raise
-            query.drop()  # the loop is gone, and the run with it
+            asked.query.drop()  # the loop is gone, and the run with it
 
     def _mission(self, file: MissionFile) -> Mission:
         """The mission in a file. Raises OrderRefused with everything that is wrong with it."""
@@ -131,7 +154,7 @@ class ShoreCommands:
                 raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} lies {-room_m:.1f} m beyond the fence")
         return mission
 
-    def _refuse(self, query: zenoh.Query, code, text: str) -> None:
+    def _refuse(self, asked: Asked, code, text: str) -> None:
         with self._lock:
             self.refused[code] += 1
             times = self.refused[code]
@@ -140,16 +163,16 @@ class ShoreCommands:
             alert = Alert(t_ns=self._clock.now_ns(), level="warning", text=f"order from shore refused: {text}{so_far}")
             with contextlib.suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(self._tell, alert)
-        self._send(query, self._outcome("refused", code, text))
+        self._send(asked, self._outcome("refused", code, text))
 
-    def _again(self, query: zenoh.Query, outcome: OrderOutcome | None) -> None:
+    def _again(self, asked: Asked, outcome: OrderOutcome | None) -> None:
         if outcome is None:
             outcome = self._outcome("waiting", "busy", "the same order is on its way to the pilot")
-        self._send(query, msgspec.structs.replace(outcome, repeated=True))
+        self._send(asked, msgspec.structs.replace(outcome, repeated=True))
 
     # --- the loop's thread -------------------------------------------------------------------------
 
-    def _obey(self, query: zenoh.Query, order: Order, mission: Mission | None) -> None:
+    def _obey(self, asked: Asked, order: Order, mission: Mission | None) -> None:
         """Give an accepted order to the App, and answer with its outcome."""
         with self._lock:
             self._pending -= 1
@@ -160,13 +183,13 @@ class ShoreCommands:
         self._finish(order, outcome)
         text = f"shore ({order.sender}): {order.command}: {outcome.status}: {outcome.text}"
         self._tell(Alert(t_ns=self._clock.now_ns(), level="info", text=text))
-        self._send(query, outcome)
+        self._send(asked, outcome)
 
     def _given(self, order: Order, mission: Mission | None) -> OrderOutcome:
         if self._ended:
             return self._outcome("refused", "not_now", "the run ends: thrusters are neutral")
         now = self._clock.now_ns()
-        if order.command != "load_mission":
+        if order.command in ("start", "hold", "stop"):
             self.obeyed += 1
             if self._app.command(OperatorCommand(t_ns=now, command=order.command)):
                 return self._with_mode("done", "ok", f"{order.command}: the pilot has it")
@@ -196,14 +219,26 @@ class ShoreCommands:
 
     # --- the answer thread -------------------------------------------------------------------------
 
-    def _send(self, query: zenoh.Query, outcome: OrderOutcome) -> None:
+    def _send(self, asked: Asked, outcome: OrderOutcome) -> None:
         try:
-            self._answers.put_nowait((query, outcome))
+            if not asked.proven and self._answers.qsize() >= TO_STRANGERS:
+                raise queue.Full
+            self._answers.put_nowait((asked, outcome))
         except queue.Full:
-            query.drop()
+            asked.query.drop()
 
     def _reply(self) -> None:
         while (answer := self._answers.get()) is not None:
-            query, outcome = answer
-            with contextlib.suppress(zenoh.ZError), query:
-                query.reply(self._key, msgspec.json.encode(outcome), encoding=zenoh.Encoding.APPLICATION_JSON)
+            asked, outcome = answer
+            data = msgspec.json.encode(outcome)
+            signed = self._gate.answer_seal(asked.order, data) if asked.proven else None
+            with contextlib.suppress(zenoh.ZError), asked.query as query:
+                query.reply(
+                    self._key,
+                    data,
+                    encoding=zenoh.Encoding.APPLICATION_JSON,
+                    attachment=signed,
+                    congestion_control=zenoh.CongestionControl.DROP,  # who asks again gets it again
+                    priority=zenoh.Priority.REAL_TIME if asked.proven else zenoh.Priority.DATA_LOW,
+                    express=asked.proven,
+                )

@@ -21,6 +21,7 @@ from typing import Protocol
 
 import zenoh
 from zenoh import ext
+from zenoh.handlers import Callback
 
 from companion.boat.uplink.zenoh_session import Setting, configured, join_callbacks
 from companion.core.configuration.run_file import TelemetryLink
@@ -93,13 +94,20 @@ class Telemetry:
         self._tell: Callable[[Alert], None] = lambda alert: None
         self._rows: Callable[[], Sequence[Row]] = tuple
         self._answer: Answerer | None = None
+        self._hear: Callable[[bytes], None] = lambda data: None
         self._thread = threading.Thread(target=self._work, name="telemetry", daemon=True)
 
     def start(
-        self, tell: Callable[[Alert], None], rows: Callable[[], Sequence[Row]], answer: Answerer | None = None
+        self,
+        tell: Callable[[Alert], None],
+        rows: Callable[[], Sequence[Row]],
+        answer: Answerer | None = None,
+        hear: Callable[[bytes], None] = lambda data: None,
     ) -> None:
-        """Begin. `tell`: takes an alert, on our thread; `rows`: the pre-flight rows known; `answer`: of orders."""
-        self._tell, self._rows, self._answer = tell, rows, answer
+        """Begin. `tell`: takes an alert, on our thread; `rows`: the pre-flight rows known; `answer`: of orders;
+        `hear`: takes modes that somebody else publishes under our name, on a thread of zenoh's.
+        """
+        self._tell, self._rows, self._answer, self._hear = tell, rows, answer, hear
         self._thread.start()
 
     def see(self, message: Message) -> None:
@@ -139,6 +147,11 @@ class Telemetry:
         held = [
             session.liveliness().declare_token(shore.alive_key(self._boat)),
             session.declare_queryable(everything, self._tell_last, complete=True),
+            session.declare_subscriber(
+                shore.telemetry_key(self._boat, "mode"),
+                Callback(self._heard),
+                allowed_origin=zenoh.Locality.REMOTE,
+            ),
         ]
         if self._answer:
             held.append(session.declare_queryable(shore.command_key(self._boat), self._answer, complete=True))
@@ -222,6 +235,10 @@ class Telemetry:
             self._queue.clear()
 
     # --- zenoh's threads ---------------------------------------------------------------------------
+
+    def _heard(self, sample: zenoh.Sample) -> None:
+        """A mode under our name, from somebody else."""
+        self._hear(bytes(sample.payload))
 
     def _tell_last(self, query: zenoh.Query) -> None:
         """The last value of each topic that is asked for."""

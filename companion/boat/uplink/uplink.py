@@ -15,6 +15,7 @@ from companion.boat.clock import Clock
 from companion.boat.load_run import RunSetup
 from companion.boat.signing_key import load_secret
 from companion.boat.start_interlock import StartInterlock
+from companion.boat.uplink.name_collision import NameCollisions
 from companion.boat.uplink.order_receiver import ShoreCommands
 from companion.boat.uplink.telemetry import Telemetry, boat_name, config_of
 from companion.core.messages import Alert, Message
@@ -39,15 +40,24 @@ def shore_of(setup: RunSetup, path: Path) -> Shore:
     who = Who(run, setup.digest, f"aritra {version('aritra')}", offset_ns, link.commands)
     config = config_of(link, path.parent, where=str(path))
     telemetry = Telemetry(boat, link, config, TelemetryView(setup.pilot, who, link.rate_Hz))
-    return Shore(setup.pilot, telemetry, OrderGate(boat, run, key) if link.commands else None)
+    return Shore(setup.pilot, telemetry, OrderGate(boat, run, key) if link.commands else None, name=(boat, run))
 
 
 class Shore:
-    """Feed it every message. Orders are obeyed between `open` and `end`. Without telemetry nothing happens."""
+    """Feed it every message. Orders are obeyed between `open` and `end`. Without telemetry nothing happens.
 
-    def __init__(self, settings: PilotSettings, telemetry: Telemetry | None, gate: OrderGate | None = None) -> None:
+    `name`: the boat's, and its run's.
+    """
+
+    def __init__(
+        self,
+        settings: PilotSettings,
+        telemetry: Telemetry | None,
+        gate: OrderGate | None = None,
+        name: tuple[str, str] = ("", ""),
+    ) -> None:
         self.telemetry, self.commands = telemetry, None
-        self._settings, self._gate = settings, gate
+        self._settings, self._gate, self._name = settings, gate, name
 
     def open(self, app: App, guard: StartInterlock | None, clock: Clock, tell: Callable[[Alert], None]) -> None:
         """Begin, on the loop's thread; `tell` is called on it."""
@@ -59,12 +69,13 @@ class Shore:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the run is over
                 loop.call_soon_threadsafe(tell, alert)
 
+        namesakes = NameCollisions(*self._name, clock.now_ns, tell_loop)
         if self._gate:
-            self.commands = ShoreCommands(app, self._settings, self._gate, clock, tell)
+            self.commands = ShoreCommands(app, self._settings, self._gate, clock, tell, namesakes.meet)
             self.telemetry.refused = self.commands.refused.total
             if not self._gate.signed:
                 tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNSIGNED))
-        self.telemetry.start(tell_loop, lambda: guard.rows if guard else (), self.commands)
+        self.telemetry.start(tell_loop, lambda: guard.rows if guard else (), self.commands, namesakes.hear)
 
     def see(self, message: Message) -> None:
         """Note one message; never waits."""

@@ -23,7 +23,7 @@ from companion.boat.load_run import RunSetup, load_setup, warnings
 from companion.boat.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
 from companion.boat.recorder import DISK_TROUBLE, Recorder
 from companion.boat.signing_key import STAMP_FILE, keep_timestamp
-from companion.boat.start_interlock import StartInterlock, companion_of
+from companion.boat.start_interlock import SWITCH_ON_S, StartInterlock, companion_of
 from companion.boat.systemd.notify import SdNotify
 from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
@@ -230,7 +230,7 @@ async def _drive(
         with contextlib.suppress(NotImplementedError):
             loop.add_signal_handler(number, end)
     if args.start:
-        app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"))
+        app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"), SWITCH_ON_S)
     _hurry()
     gc.collect()
     gc.freeze()  # what has been built so far stays: later collections need not look at it

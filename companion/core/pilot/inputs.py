@@ -35,6 +35,7 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.pilot import transitions
+from companion.core.pilot.modes import WANTED
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 
 Handler = Callable[[PilotState, Any, int], tuple[PilotState, Outputs]]
@@ -75,6 +76,8 @@ class InputHandler:
         if message.command == "excite" and self.settings.excitation is None:
             return state, [Alert(t_ns=t_ns, level="warning", text="no excitation to fly: name one in the run file")]
         why = f"{'stopped' if message.command == 'stop' else message.command} by the operator"
+        if message.command in WANTED:
+            state = replace(state, ordered_ns=t_ns)
         return transitions.event(state, message.command, why, t_ns)
 
     def _trip(self, state: PilotState, message: InterlockTrip, t_ns: int) -> tuple[PilotState, Outputs]:

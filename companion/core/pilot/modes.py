@@ -31,7 +31,7 @@ Event = Literal[
     "link_back", "fit", "healthy", "fence_clear", "battery_ok", "override_obeyed", "outputs_back", "solver_back",
     "loop_ok", "link_prompt", "trusted", "thrusters_fit",
     "rc_takeover", "disarmed", "mode_changed", "outputs_still", "interlock_trip", "sticks_lost",
-    "ready", "finished", "stop", "start", "hold", "excite", "manual",
+    "ready", "expired", "finished", "stop", "start", "hold", "excite", "manual",
 ]  # fmt: skip
 
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -81,6 +81,7 @@ interlock_trip   .        safe     safe     safe     safe       safe       safe 
 sticks_lost      .        .        .        .        .          .          .        locked   .
 
 ready            .        wanted   .        .        .          .          manual   .        .
+expired          .        idle     .        .        .          .          .        .        .
 finished         .        .        .        .        idle       .          .        .        .
 stop             .        idle     idle     idle     idle       idle       idle     idle     idle
 start            starting starting .        auto     auto       starting   starting starting starting

@@ -23,6 +23,7 @@ from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.arming_refusals import ArmingRefusals, explain
 from companion.core.pilot.monitors.monitor import TickView
 from companion.core.pilot.monitors.table import monitors_of
+from companion.core.pilot.order_expiry import expiry
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
 from companion.core.pilot.trust.heading_check import HeadingState
@@ -113,6 +114,9 @@ class Pilot:
             state, more = transitions.event(state, "sticks_lost", why, t_ns)
         elif state.helm.mode in ("starting", "locked"):
             state, more = self._make_ready(state, conditions, t_ns)
+            if why := expiry(state, state.monitor(AutopilotState).heartbeat_ns, t_ns):
+                state, over = transitions.event(state, "expired", why, t_ns)
+                more = [*more, *over]
         else:
             more = []
         return state, [*outputs, *more]

@@ -61,6 +61,8 @@ class PilotState:
     lease_end_ns: int | None = None
     """Until when `f_command_n` was leased; None: there was no lease."""
     helm: ModeState = modes.AT_REST
+    ordered_ns: int | None = None
+    """Instant [ns] of the operator's latest order to drive; None: there was none."""
     guidance: GuidanceState = guidance.IDLE
     flight: FlightState = BEGINNING
     passed: tuple[guidance.Passage, ...] = ()

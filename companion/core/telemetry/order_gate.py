@@ -1,21 +1,26 @@
 """Orders from shore: what they look like, how they are signed, and which of them the boat believes.
 
-An order is a zenoh query on `aritra/<boat>/command`: its payload an `Order` as JSON, its attachment
+An order is a zenoh query on `aritra/<boat>/command`: its payload an `Order` as JSON; the reply is an `OrderOutcome`.
+Where the boat has a key, the attachment of the one and of the other is
 
-    HMAC-SHA256(key, "aritra-order-1" 0 boat 0 payload)
+    HMAC-SHA256(key, "aritra-order-1"  0 boat 0 order)
+    HMAC-SHA256(key, "aritra-answer-1" 0 boat 0 SHA-256(order) reply)
 
-where the boat has a key; the reply is an `OrderOutcome`. Against replays an order names the run of the boat's program,
-an instant on **the boat's own clock** (from telemetry; nobody's wall clock has to be right), its sender's session
-and a counter that only goes up. Believed is what is signed, of this run, newer than the session's last, and at most
-5 s old; a stop at most a minute: late by a bad radio it is still right to stop. Who repeats an order word for word,
-because no answer came, gets the same answer again, and nothing is done twice.
+Against replays an order names the run of the boat's program, an instant on **the boat's own clock** (nobody's wall
+clock has to be right), its sender's session and a counter that only goes up. Believed is what is signed, of this run,
+newer than the session's last, and at most 5 s old. A stop may be a minute old, for late by a bad radio it is still
+right to stop, and older than another order of its session. Who repeats an order word for word, because no answer
+came, gets the same answer again, and nothing is done twice.
+
+Every answer tells run and clock, to `hello` and to what is refused as well. Signed, and to this very order, it cannot
+be made up or kept from before: so a sender whose idea of run or clock is wrong, by a lost radio or by a stranger's
+telemetry, learns both from the refusal and makes its stop out anew (`order_sender`). Nothing else is asked of a stop.
 """
 
 from __future__ import annotations
 
 import hashlib
 import hmac
-from collections.abc import Callable
 from typing import Annotated, Literal
 
 import msgspec
@@ -28,12 +33,13 @@ WINDOW_S, STOP_WINDOW_S = 5.0, 60.0
 """How old an order may be; assumed: one that was held up for longer was meant for another situation."""
 AHEAD_S = 1.0
 """How far a sender's idea of the boat's clock may be ahead of it (assumed)."""
-DRIFT = 1e-3
-"""More than two clocks run apart; so what was once believed of the boat's is doubted in time (assumed)."""
 SESSIONS = 32
 """Senders remembered at a time."""
+STOPS = 256
+"""Stops remembered at a time, so that none is obeyed twice; beyond that they are (assumed)."""
 
 Command = Literal["start", "hold", "stop", "load_mission"]
+Word = Literal["start", "hold", "stop", "load_mission", "hello"]
 Status = Literal["done", "waiting", "refused"]
 Code = Literal[
     "ok", "waiting", "malformed", "too_long", "version", "unsigned", "wrong_run", "replayed", "late", "crowded",
@@ -54,8 +60,9 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     """What the shore wants.
 
     `start`: drive the mission, or go on with it where it was left (arms); `hold`: keep station (arms); `stop`: neutral;
-    `load_mission`: `mission` from now on. `sender`: a person or program, in words, for the log. `t_ns`: the boat's
-    clock as the sender believes it to be. `session`: random, one a sender's program run; `counter` goes up.
+    `load_mission`: `mission` from now on; `hello`: asks who is there, and does nothing. `sender`: a person or program,
+    in words, for the log. `t_ns`: the boat's clock as the sender believes it to be. `session`: random, one a sender's
+    program run; `counter` goes up. `heard`: runs that the sender heard under the boat's name; counts where it is fresh.
     """
 
     v: int = VERSION
@@ -64,8 +71,9 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     session: Annotated[str, msgspec.Meta(min_length=8, max_length=64)]
     counter: Instant
     sender: Name
-    command: Command
+    command: Word
     mission: MissionFile | None = None
+    heard: Annotated[tuple[Annotated[str, msgspec.Meta(max_length=64)], ...], msgspec.Meta(max_length=8)] = ()
 
 
 class OrderOutcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -108,46 +116,18 @@ def seal(key: bytes, boat: str, payload: bytes) -> bytes:
     return hmac.digest(key, b"\0".join((b"aritra-order-1", boat.encode(), payload)), "sha256")
 
 
+def seal_answer(key: bytes, boat: str, order: bytes, reply: bytes) -> bytes:
+    """Signature of the reply to an order (its payload), 32 bytes."""
+    asked = hashlib.sha256(order).digest()
+    return hmac.digest(key, b"\0".join((b"aritra-answer-1", boat.encode(), asked + reply)), "sha256")
+
+
 def read_outcome(data: bytes) -> OrderOutcome:
     """JSON -> OrderOutcome. Raises ValueError."""
     try:
         return msgspec.json.decode(data, type=OrderOutcome)
     except msgspec.MsgspecError as error:
         raise ValueError(f"not an outcome: {error}") from None
-
-
-class Sender:
-    """The shore's side: makes orders. `key`: None where the boat has none; `local_ns`: a monotonic clock."""
-
-    def __init__(self, boat: str, session: str, sender: str, key: bytes | None, local_ns: Callable[[], int]) -> None:
-        self._boat, self._session, self._sender, self._key, self._local_ns = boat, session, sender, key, local_ns
-        self._counter = 0
-        self._run: str | None = None
-        self._ahead_ns = self._heard_ns = 0
-
-    def hear(self, run: str, t_ns: int) -> None:
-        """Note `run` and `t_ns` of telemetry: what came quickest says what time the boat has."""
-        now = self._local_ns()
-        kept_ns = self._ahead_ns - round(DRIFT * (now - self._heard_ns))
-        self._ahead_ns = t_ns - now if run != self._run else max(t_ns - now, kept_ns)
-        self._run, self._heard_ns = run, now
-
-    def order(self, command: Command, mission: MissionFile | None = None) -> tuple[bytes, bytes | None]:
-        """Payload and attachment of a new order. Raises ValueError before any telemetry was heard."""
-        if self._run is None:
-            raise ValueError("no telemetry heard yet: which run of the boat, and what time it has, is not known")
-        self._counter += 1
-        order = Order(
-            run=self._run,
-            t_ns=max(self._local_ns() + self._ahead_ns, 0),
-            session=self._session,
-            counter=self._counter,
-            sender=self._sender,
-            command=command,
-            mission=mission,
-        )
-        payload = msgspec.json.encode(order)
-        return payload, None if self._key is None else seal(self._key, self._boat, payload)
 
 
 class _Session:
@@ -164,6 +144,7 @@ class OrderGate:
     def __init__(self, boat: str, run: str, key: bytes | None) -> None:
         self.boat, self.run, self._key = boat, run, key
         self._sessions: dict[str, _Session] = {}
+        self._stops: dict[bytes, int] = {}
         self._decoder = msgspec.json.Decoder(Order)
 
     @property
@@ -171,16 +152,29 @@ class OrderGate:
         """Whether orders need a signature."""
         return self._key is not None
 
+    def proves(self, payload: bytes, attachment: bytes | None) -> bool:
+        """Whether an order is signed as it must be here."""
+        if self._key is None:
+            return True
+        return hmac.compare_digest(attachment or b"", seal(self._key, self.boat, payload))
+
+    def answer_seal(self, order: bytes, reply: bytes) -> bytes | None:
+        """Attachment of the reply to an order that `proves`: a stranger must not get one for an order of another's."""
+        return None if self._key is None else seal_answer(self._key, self.boat, order, reply)
+
     def judge(self, payload: bytes, attachment: bytes | None, now_ns: int) -> Order:
         """The order in `payload`, believed. Raises OrderRefused or Repeated."""
         order = self._read(payload, attachment)
+        if order.command == "hello":
+            fresh = order.run == self.run and -AHEAD_S <= (now_ns - order.t_ns) * 1e-9 <= WINDOW_S
+            return order if fresh else msgspec.structs.replace(order, heard=())
         if order.run != self.run:
             raise OrderRefused("wrong_run", "meant for another run of the boat's program: it was started anew since")
         digest = hashlib.sha256(payload).digest()
         known = self._sessions.get(order.session)
         if known and known.counter == order.counter and known.digest == digest:
             raise Repeated(known.outcome)
-        if known and order.counter <= known.counter:
+        if known and order.counter <= known.counter and (order.command != "stop" or digest in self._stops):
             raise OrderRefused(
                 "replayed", f"counter {order.counter}, and {known.counter} of this session was heard already"
             )
@@ -199,7 +193,7 @@ class OrderGate:
     def _read(self, payload: bytes, attachment: bytes | None) -> Order:
         if len(payload) > MAX_BYTES:
             raise OrderRefused("too_long", f"longer than {MAX_BYTES} bytes")
-        if self._key is not None and not hmac.compare_digest(attachment or b"", seal(self._key, self.boat, payload)):
+        if not self.proves(payload, attachment):
             raise OrderRefused("unsigned", "not signed with this boat's command key")
         try:
             order = self._decoder.decode(payload)
@@ -215,6 +209,12 @@ class OrderGate:
         """Senders are forgotten once nothing that they sent could be believed again."""
         keep_ns = round((STOP_WINDOW_S + AHEAD_S) * 1e9)
         self._sessions = {name: s for name, s in self._sessions.items() if now_ns - s.seen_ns <= keep_ns}
+        if order.command == "stop":
+            self._stops = {d: t_ns for d, t_ns in self._stops.items() if now_ns - t_ns <= keep_ns}
+            if len(self._stops) < STOPS:
+                self._stops[digest] = now_ns
+            if (known := self._sessions.get(order.session)) and known.counter > order.counter:
+                return  # what that session said later has been heard already, and stays heard
         if order.session not in self._sessions and len(self._sessions) >= SESSIONS:
             if order.command == "stop":
                 return  # to stop twice does no harm

@@ -3,11 +3,11 @@
 A frame is one text message, every 0.1 s at most:
 
     {"type": "samples", "now_ms": t, "missed": n,
-     "clocks": {boat: [ahead_ms, alive, twin]}, "samples": [{boat, topic, sample}]}
+     "clocks": {boat: [ahead_ms, alive, runs, problem]}, "samples": [{boat, topic, sample}]}
 
 `now_ms` is the console's monotonic clock, `ahead_ms` a boat's minus it: so the page knows how old a sample is, and
-goes on counting when no frame comes; `twin`: two programs call themselves by that name. `missed`: samples that a slow
-browser was spared since the last frame.
+goes on counting when no frame comes; `runs`: programs that call themselves by that name at present; `problem`: why this
+console can give it no orders. `missed`: samples that a slow browser was spared since the last frame.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ QUIET_MS = 1000.0
 _ENCODER = msgspec.json.Encoder()
 
 
-Clock = tuple[float, bool, bool]
+Clock = tuple[float, bool, int, str]
 
 
 def clocks(boats: Mapping[str, BoatRecord], now_ms: float) -> dict[str, Clock]:
-    """Boat -> (its clock minus ours [ms], whether its token is there, whether another program has its name)."""
+    """Boat -> (its clock minus ours [ms], whether its token is there, programs of that name, why it gets no orders)."""
     now_ns = round(now_ms * 1e6)
-    return {name: (round(b.ahead_ns * 1e-6, 1), b.alive, b.twin(now_ns)) for name, b in boats.items()}
+    return {name: (round(b.ahead_ns * 1e-6, 1), b.alive, len(b.runs(now_ns)), b.problem) for name, b in boats.items()}
 
 
 def entry(sample: Sample) -> dict[str, object]:
@@ -70,6 +70,15 @@ class Watcher:
         if known := boats.get(boat):
             for sample in known.samples():
                 self.note(sample)
+
+    def turn(self, boat: BoatRecord) -> None:
+        """Another run of a boat is shown from now on."""
+        self._all = deque((s for s in self._all if s.boat != boat.name), maxlen=QUEUE)
+        self._newest = {key: s for key, s in self._newest.items() if s.boat != boat.name}
+        if boat.name == self.chosen:
+            self.choose({boat.name: boat}, boat.name)
+        else:
+            self.begin([boat])
 
     def begin(self, boats: Iterable[BoatRecord]) -> None:
         """A new browser: of each boat what the list needs, and its alerts."""

@@ -12,20 +12,28 @@ from typing import Annotated
 import msgspec
 from aiohttp import WSMsgType, web
 
-from companion.core.telemetry.order_gate import MAX_BYTES, Command, MissionFile, Sender
+from companion.core.telemetry.order_gate import MAX_BYTES, Command, MissionFile
+from companion.core.telemetry.order_sender import Place, Sender
+from companion.shore.console.connection_limits import ConnectionLimits
 from companion.shore.console.fan_out import Watcher
-from companion.shore.console.orders import Orders, SentOrder
+from companion.shore.console.keys import Keys
+from companion.shore.console.orders import Orders, SentOrder, shared
 from companion.shore.console.request_auth import RequestAuth
-from companion.shore.console.store import NAME, BoatStore, Sample
-from companion.shore.console.web_server import base_app
-from companion.shore.console.zenoh_client import ZenohClient
+from companion.shore.console.store import BOATS, NAME, BoatRecord, BoatStore, Sample
+from companion.shore.console.web_server import base_app, read_body
+from companion.shore.console.zenoh_client import ZenohClient, ZenohSample
 
 FRAME_S = 0.1
 BROWSERS = 32
 """Open pages at a time (assumed)."""
 EVENTS = 200
-LOOK_S = 2.0
-"""Period of looking for a boat's missing key [s]; assumed."""
+WORK_S = 0.03
+"""Samples are taken for so long at a time: a flood of them must not keep an order waiting (assumed)."""
+WARN_S = 10.0
+"""Between words to the programs of a shared name (assumed)."""
+QUICK_S = 1.0
+"""How long the answer to a request waits for the boat's; the rest comes by WebSocket, for a browser has six connections
+to us, and a boat that is dead must not keep the order to another (assumed)."""
 HOME = "/web/console.html"
 _ENCODER = msgspec.json.Encoder()
 
@@ -36,6 +44,12 @@ class BrowserRequest(msgspec.Struct, forbid_unknown_fields=True):
     boat: Annotated[str, msgspec.Meta(pattern=NAME)]
     command: Command
     mission: MissionFile | None = None
+
+
+class StopRequest(msgspec.Struct, forbid_unknown_fields=True):
+    """Body of POST /stop: to all of these at once."""
+
+    boats: Annotated[list[Annotated[str, msgspec.Meta(pattern=NAME)]], msgspec.Meta(min_length=1, max_length=BOATS)]
 
 
 class BrowserSelection(msgspec.Struct):
@@ -59,30 +73,6 @@ class Browser:
         self.bell.set()
 
 
-class Keys:
-    """Makers of signed orders, by boat. `find`: the boat's key or None, asked again now and then; `sender`: the name
-    under which orders are given.
-    """
-
-    def __init__(self, find: Callable[[str], bytes | None] | None, sender: str) -> None:
-        self._find, self._sender = find, sender
-        self._senders: dict[str, Sender] = {}
-        self._looked_s: dict[str, float] = {}
-
-    def __bool__(self) -> bool:
-        return self._find is not None
-
-    def of(self, boat: str) -> Sender | None:
-        """The maker of a boat's orders; None: no key."""
-        now_s = time.monotonic()
-        if boat in self._senders or self._find is None or now_s - self._looked_s.get(boat, -LOOK_S) < LOOK_S:
-            return self._senders.get(boat)
-        self._looked_s[boat] = now_s
-        if (key := self._find(boat)) is not None:
-            self._senders[boat] = Sender(boat, secrets.token_hex(8), self._sender, key, time.monotonic_ns)
-        return self._senders.get(boat)
-
-
 class Console:
     """Connects zenoh client, store, browsers and orders. `run` works until cancelled; `app` is the web server's."""
 
@@ -97,15 +87,25 @@ class Console:
     ) -> None:
         self.store, self.browsers = BoatStore(), set[Browser]()
         self._hearing, self._keys, self._compress = hearing, keys, compress
-        self._orders = Orders(keys.of, hearing.ask, self._on_order)
+        self._orders = Orders(self, hearing.ask, self._on_order)
         self.also: list[Callable[[Sample], None]] = []
         """Further consumers of every accepted sample; must not block."""
         self._waiting: set[asyncio.Task] = set()
+        self.limits: ConnectionLimits | None = None
         self._started, self._say, self._network = secrets.token_hex(4), say, hearing.problem
         self._said: dict[str, int] = {}
-        self.app = base_app(guard, HOME)
+        self._settled: dict[int, asyncio.Event] = {}
+        self._warned_s: dict[str, float] = {}
+        self.app = base_app(guard, HOME, lambda transport: self.limits and self.limits.prove(transport))
         self.app.router.add_get("/ws", self._watch)
         self.app.router.add_post("/order", self._order)
+        self.app.router.add_post("/stop", self._stop)
+
+    async def serve(self, runner: web.AppRunner, host: str, port: int) -> asyncio.Server:
+        """The web server of `app`, set up in `runner`, listening. Raises OSError, OverflowError."""
+        assert runner.server is not None, "set up"
+        self.limits = ConnectionLimits(runner.server)
+        return await asyncio.get_running_loop().create_server(self.limits, host, port, backlog=1024)
 
     async def run(self) -> None:
         """Receive and distribute samples until cancelled."""
@@ -113,23 +113,37 @@ class Console:
             group.create_task(self._hearing.run())
             while True:
                 begun_s = time.monotonic()
-                self._pump()
+                self._pump(begun_s + WORK_S)
                 await asyncio.sleep(max(FRAME_S - (time.monotonic() - begun_s), 0.01))
 
-    def _pump(self) -> None:
+    # --- what is known of a boat (`answers.Boats`) ---------------------------------------------------
+
+    def sender(self, boat: str) -> Sender | str:
+        """The maker of its orders, or why there is none."""
+        return self._keys.of(boat)
+
+    def place(self, boat: str) -> Place | None:
+        """Run and clock by its telemetry; None: not known."""
+        known = self.store.boats.get(boat)
+        return known.place(time.monotonic_ns()) if known else None
+
+    def runs(self, boat: str) -> tuple[str, ...]:
+        """Runs that its telemetry shows at present."""
+        known = self.store.boats.get(boat)
+        return known.runs(time.monotonic_ns()) if known else ()
+
+    # --- from the boats ------------------------------------------------------------------------------
+
+    def _pump(self, end_s: float) -> None:
         for received in self._hearing.take():
-            if received.topic is None:
-                self.store.alive(received.boat, received.there)
-                continue
-            sample = self.store.take(received.boat, received.topic, received.data, received.heard_ns)
-            if sample is None:
-                continue
-            if sender := self._keys.of(received.boat):
-                sender.hear(self.store.boats[received.boat].run, sample.t_ns)
-            for browser in self.browsers:
-                browser.watcher.note(sample)
-            for consume in self.also:
-                consume(sample)
+            try:
+                self._hear(received)
+            except Exception as error:  # one sample is not worth the others, nor the orders
+                self.store.refused[f"{type(error).__name__}: {error}"[:200]] += 1
+            if time.monotonic() > end_s:
+                break
+        for name, boat in self.store.boats.items():
+            self._look_after(name, boat)
         if (network := self._hearing.problem) != self._network:
             self._network = network
             self._say(f"zenoh: {network or 'ready'}")
@@ -142,7 +156,42 @@ class Console:
         for browser in self.browsers:
             browser.bell.set()
 
+    def _hear(self, received: ZenohSample) -> None:
+        if received.topic is None:
+            return self.store.alive(received.boat, received.there, received.heard_ns)
+        before = self.store.boats.get(received.boat)
+        run = before.run if before else ""
+        sample = self.store.take(received.boat, received.topic, received.data, received.heard_ns)
+        if sample is None:
+            return
+        boat = self.store.boats[received.boat]
+        for browser in self.browsers:
+            if run and boat.run != run:
+                browser.watcher.turn(boat)
+            else:
+                browser.watcher.note(sample)
+        for consume in self.also:
+            consume(sample)
+
+    def _look_after(self, name: str, boat: BoatRecord) -> None:
+        """A key that cannot be used, and a name that is shared, are told, each to those whom it concerns."""
+        if self._keys and (problem := self._keys.problem(name)) != boat.problem:
+            boat.problem = problem
+            self._say(problem or f"{name}: its command key is there now")
+        now_s = time.monotonic()
+        if len(boat.runs(time.monotonic_ns())) > 1 and now_s - self._warned_s.get(name, -WARN_S) >= WARN_S:
+            self._warned_s = {b: s for b, s in self._warned_s.items() if now_s - s < WARN_S} | {name: now_s}
+            self._say(shared(name, boat.runs(time.monotonic_ns())))
+            self._keep(asyncio.create_task(self._orders.warn(name)))
+
+    def _keep(self, task: asyncio.Task[None]) -> None:
+        """A page that goes away does not take its order back."""
+        self._waiting.add(task)
+        task.add_done_callback(self._waiting.discard)
+
     def _on_order(self, given: SentOrder) -> None:
+        if given.state != "sending" and (settled := self._settled.get(given.number)):
+            settled.set()
         event = _ENCODER.encode(given)
         for browser in self.browsers:
             browser.tell(event)
@@ -155,21 +204,25 @@ class Console:
     # --- the web -----------------------------------------------------------------------------------
 
     async def _order(self, request: web.Request) -> web.StreamResponse:
-        if request.content_type != "application/json":
-            raise web.HTTPUnsupportedMediaType(text="expected application/json")
-        try:
-            body = msgspec.json.decode(await request.read(), type=BrowserRequest)
-        except msgspec.MsgspecError as error:
-            raise web.HTTPBadRequest(text=str(error)) from None
+        body = await read_body(request, BrowserRequest)
         if (body.mission is not None) != (body.command == "load_mission"):
             raise web.HTTPBadRequest(text="`mission` belongs to load_mission, and to nothing else")
         if body.mission and len(body.mission.text) > MAX_BYTES:
             raise web.HTTPBadRequest(text=f"missions are at most {MAX_BYTES} bytes long")
-        task = asyncio.create_task(self._orders.give(body.boat, body.command, body.mission))
-        self._waiting.add(task)  # a page that goes away does not take its order back
-        task.add_done_callback(self._waiting.discard)
-        given = await asyncio.shield(task)
-        return web.Response(body=_ENCODER.encode(given), content_type="application/json")
+        order = self._orders.begin(body.boat, body.command)
+        settled = self._settled[order.number] = asyncio.Event()
+        self._keep(asyncio.create_task(self._orders.send(order, body.mission)))
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(settled.wait(), QUICK_S)
+        del self._settled[order.number]
+        return web.Response(body=_ENCODER.encode(order), content_type="application/json")
+
+    async def _stop(self, request: web.Request) -> web.StreamResponse:
+        body = await read_body(request, StopRequest)
+        orders = [self._orders.begin(boat, "stop") for boat in dict.fromkeys(body.boats)]
+        for order in orders:
+            self._keep(asyncio.create_task(self._orders.send(order)))
+        return web.Response(body=_ENCODER.encode(orders), content_type="application/json")
 
     async def _watch(self, request: web.Request) -> web.StreamResponse:
         if len(self.browsers) >= BROWSERS:

@@ -1,7 +1,9 @@
 """Telemetry of all boats, validated: newest values, bounded history, age of each boat's last sample. Pure.
 
 Samples come in any order (history and what was missed arrive beside what is new), from runs that ended, from boats
-that started anew, and from strangers; what is not a sample of docs/telemetry.md is counted and left out.
+that started anew, from two programs of one name, and from strangers; what is not a sample of docs/telemetry.md is
+counted and left out. Each run of a name is kept by itself. Shown is one of them, until it has been silent for 3 s: a
+sample of another run takes nothing away from it, and a run that was away may come back.
 """
 
 from __future__ import annotations
@@ -12,18 +14,19 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from companion.core.telemetry import structs as shore
+from companion.core.telemetry.order_sender import Place, RunClock
 
 KEPT = {"state": 1200, "thrusters": 1200, "reference": 600, "timing": 300, "battery": 300, "mode": 200, "alert": 200}
 """Topic -> samples kept: two minutes of those with a rate (assumed). Of the others the newest."""
 BOATS = 200
 """More names than that are a mistake or an attack (assumed)."""
-RUNS = 16
-"""Former runs of a boat that are remembered, to leave out what still arrives from them."""
-LATE_NS, TWIN_NS = 5_000_000_000, 3_000_000_000
-"""Samples of a former run may arrive so late; one that still sends counts as a twin for so long (assumed)."""
+RUNS = 4
+"""Runs of one name that are kept at a time (assumed)."""
+SILENT_NS = 3_000_000_000
+"""A run that was not heard for so long has ended, or is out of reach: another may be shown (assumed)."""
+LATE_NS = 2_000_000_000
+"""What arrives so long after another run began need not have been sent since (assumed)."""
 MAX_BYTES = 65_536
-DRIFT = 1e-3
-"""More than two clocks run apart: what a boat's clock was thought to show is doubted in time (assumed)."""
 NAME = r"^[A-Za-z0-9_.-]{1,40}\Z"
 """Names of boats, as in the run file."""
 
@@ -37,66 +40,103 @@ class Sample(NamedTuple):
     data: bytes
 
 
-class BoatRecord:
-    """One boat: its present run, its samples and its clock.
+class RunRecord:
+    """One run of a boat's program: its samples and its clock. `first_ns`, `last_ns`: when it was heard, our clock."""
 
-    `ahead_ns`: its clock minus ours, estimated by the sample with the least transit time: no sample arrives before it
-    was sent, so the largest difference is nearest to the truth; its error is the least transit time.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name, self.run, self.alive = name, "", False
+    def __init__(self, run: str, t_ns: int, heard_ns: int) -> None:
+        self.run, self.clock = run, RunClock(t_ns, heard_ns)
         self.kept: dict[str, deque[Sample]] = {}
+        self.newest_ns = 0
+        self.first_ns = self.last_ns = heard_ns
         self._newest_ns: dict[str, int] = {}
-        self.newest_ns = self.ahead_ns = self._heard_ns = self._began_ns = 0
-        self.twin_ns: int | None = None
-        self.malformed = 0
-        self._former: deque[str] = deque(maxlen=RUNS)
 
-    def take(self, topic: str, message: shore.ShoreMessage, heard_ns: int) -> Sample | None:
-        """Note one sample; None: of a former run."""
-        if message.run in self._former:
-            if heard_ns - self._began_ns > LATE_NS:
-                self.twin_ns = heard_ns
-            return None
-        if message.run != self.run:
-            self._begin(message.run, message.t_ns - heard_ns, heard_ns)
-        drifted_ns = self.ahead_ns - round(DRIFT * (heard_ns - self._heard_ns))
-        self.ahead_ns, self._heard_ns = max(message.t_ns - heard_ns, drifted_ns), heard_ns
-        self.newest_ns = max(self.newest_ns, message.t_ns)
-        sample = Sample(self.name, topic, message.t_ns, shore.encode(message))
+    def take(self, boat: str, topic: str, message: shore.ShoreMessage, heard_ns: int) -> Sample | None:
+        """Note one sample; None: it is kept already, for those of the boat's cache may arrive twice."""
+        self.last_ns = heard_ns
+        sample = Sample(boat, topic, message.t_ns, shore.encode(message))
         kept = self.kept.setdefault(topic, deque(maxlen=KEPT.get(topic, 1)))
+        if message.t_ns <= self._newest_ns.get(topic, -1) and sample in kept:
+            return None
+        self.clock.hear(message.t_ns, heard_ns)
+        self.newest_ns = max(self.newest_ns, message.t_ns)
         self._newest_ns[topic] = max(message.t_ns, self._newest_ns.get(topic, -1))
         if kept.maxlen != 1 or not kept or kept[-1].t_ns <= message.t_ns:
             kept.append(sample)
         return sample
 
-    def knows(self, topic: str, message: shore.ShoreMessage) -> bool:
-        """Whether this sample is kept already: samples of the boat's cache may arrive twice."""
-        if message.run != self.run or message.t_ns > self._newest_ns.get(topic, -1):
-            return False
-        return Sample(self.name, topic, message.t_ns, shore.encode(message)) in self.kept[topic]
+    def overlaps(self, other: RunRecord) -> bool:
+        """Whether both were heard at one time: the one that began first still sent when the other had begun."""
+        first, second = sorted((self, other), key=lambda r: r.first_ns)
+        return first.last_ns - second.first_ns >= LATE_NS
+
+
+class BoatRecord:
+    """One boat's name: the runs heard under it, of which one is shown. `problem`: why it can be given no orders."""
+
+    def __init__(self, name: str, heard_ns: int = 0) -> None:
+        self.name, self.alive, self.malformed, self.problem = name, False, 0, ""
+        self.heard_ns = heard_ns
+        self._runs: dict[str, RunRecord] = {}
+        self._shown = RunRecord("", 0, 0)
+
+    @property
+    def run(self) -> str:
+        """The run that is shown; empty: none was heard."""
+        return self._shown.run
+
+    @property
+    def kept(self) -> dict[str, deque[Sample]]:
+        """Samples of the run that is shown, by topic."""
+        return self._shown.kept
+
+    @property
+    def newest_ns(self) -> int:
+        """The newest stamp of the run that is shown."""
+        return self._shown.newest_ns
+
+    @property
+    def ahead_ns(self) -> int:
+        """Its clock minus ours; its error is the least transit time."""
+        return self._shown.clock.ahead_ns
+
+    def take(self, topic: str, message: shore.ShoreMessage, heard_ns: int) -> Sample | None:
+        """Note one sample; None: known, or not of the run that is shown."""
+        self.heard_ns = heard_ns
+        record = self._runs.get(message.run)
+        if record is None:
+            self._make_room()
+            record = self._runs[message.run] = RunRecord(message.run, message.t_ns, heard_ns)
+        silent = record is not self._shown and heard_ns - self._shown.last_ns > SILENT_NS
+        if silent or not self._shown.run:
+            self._shown = record
+        sample = record.take(self.name, topic, message, heard_ns)
+        return sample if record is self._shown else None
 
     def newest(self, topic: str) -> Sample | None:
         """The newest sample of a topic."""
         return max(self.kept.get(topic, ()), key=lambda s: s.t_ns, default=None)
 
     def samples(self) -> Iterator[Sample]:
-        """Everything kept."""
+        """Everything kept of the run that is shown."""
         for kept in self.kept.values():
             yield from kept
 
-    def twin(self, now_ns: int) -> bool:
-        """Whether a former run still sends: two programs use this name."""
-        return self.twin_ns is not None and now_ns - self.twin_ns < TWIN_NS
+    def runs(self, now_ns: int) -> tuple[str, ...]:
+        """Runs that speak at present: that which is shown, and any beside it. More than one share the name."""
+        shown = self._shown
+        if not shown.run or now_ns - shown.last_ns >= SILENT_NS:
+            return ()
+        others = (r for r in self._runs.values() if r is not shown and now_ns - r.last_ns < SILENT_NS)
+        return (shown.run, *(r.run for r in others if r.overlaps(shown)))
 
-    def _begin(self, run: str, ahead_ns: int, heard_ns: int) -> None:
-        if self.run:
-            self._former.append(self.run)
-        self.run, self.newest_ns, self.ahead_ns = run, 0, ahead_ns
-        self._began_ns, self.twin_ns = heard_ns, None
-        self.kept.clear()
-        self._newest_ns.clear()
+    def place(self, now_ns: int) -> Place | None:
+        """What a stop is made out for at first; None: nothing was heard, or it is not known of whom."""
+        return Place(self.run, now_ns + self.ahead_ns) if self.run and len(self.runs(now_ns)) < 2 else None
+
+    def _make_room(self) -> None:
+        if len(self._runs) >= RUNS:
+            others = (r for r in self._runs.values() if r is not self._shown)
+            del self._runs[min(others, key=lambda r: r.last_ns).run]
 
 
 class BoatStore:
@@ -114,22 +154,28 @@ class BoatStore:
             message = shore.decode(topic, data)
         except (ValueError, RecursionError):
             return self._refuse("not understood", boat)
-        known = self._boat(boat)
+        known = self._boat(boat, heard_ns)
         if known is None:
-            return self._refuse("too many boats, or a strange name", boat)
-        if known.knows(topic, message):
-            return None
-        return known.take(topic, message, heard_ns) or self._refuse("of a former run", boat)
+            return self._refuse("a strange name", boat)
+        sample = known.take(topic, message, heard_ns)
+        if sample is None and message.run != known.run:
+            return self._refuse("of another run", boat)
+        return sample
 
-    def alive(self, boat: str, is_alive: bool) -> None:
+    def alive(self, boat: str, is_alive: bool, heard_ns: int = 0) -> None:
         """The boat's liveliness token appeared or disappeared."""
-        if known := self._boat(boat):
+        if known := self._boat(boat, heard_ns):
             known.alive = is_alive
 
-    def _boat(self, name: str) -> BoatRecord | None:
-        if name not in self.boats and (len(self.boats) >= BOATS or not re.match(NAME, name)):
-            return None
-        return self.boats.setdefault(name, BoatRecord(name))
+    def _boat(self, name: str, heard_ns: int) -> BoatRecord | None:
+        """Where there are too many, the one that was silent longest is forgotten."""
+        if name not in self.boats:
+            if not re.match(NAME, name):
+                return None
+            if len(self.boats) >= BOATS:
+                del self.boats[min(self.boats.values(), key=lambda b: b.heard_ns).name]
+            self.boats[name] = BoatRecord(name, heard_ns)
+        return self.boats[name]
 
     def _refuse(self, why: str, boat: str) -> None:
         self.refused[why] += 1

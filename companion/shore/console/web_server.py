@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import hashlib
 from collections.abc import Awaitable, Callable
+from typing import TypeVar
 
+import msgspec
 from aiohttp import web
 
 from companion.shore.console.assets import Asset, assets
@@ -22,12 +25,21 @@ HEADERS = {
 }
 MAX_BODY_BYTES = 200_000
 """A mission file, quoted as JSON."""
+BODY_S = 5.0
+"""How long a body may take to arrive (assumed)."""
+TOKEN = "open the address with the token that `aritra shore` printed"
+Body = TypeVar("Body")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def base_app(guard: RequestAuth, home: str) -> web.Application:
-    """Serves the page `home` (its path) and all files, to requests that pass `request_auth`. Raises ConfigError."""
-    app = web.Application(middlewares=[_guarded(guard)], client_max_size=MAX_BODY_BYTES)
+def base_app(
+    guard: RequestAuth, home: str, passed: Callable[[asyncio.Transport | None], object] = lambda transport: None
+) -> web.Application:
+    """Serves the page `home` (its path) and all files, to requests that pass `request_auth`. Raises ConfigError.
+
+    `passed` is told the connection of each of these.
+    """
+    app = web.Application(middlewares=[_guarded(guard, passed)], client_max_size=MAX_BODY_BYTES)
     for path, asset in assets().items():
         app.router.add_get(path, _file(asset))
         if path == home:
@@ -35,17 +47,33 @@ def base_app(guard: RequestAuth, home: str) -> web.Application:
     return app
 
 
-def _guarded(guard: RequestAuth):
+async def read_body(request: web.Request, kind: type[Body]) -> Body:
+    """The body of a request, JSON. Raises the answer to one that is not what it should be."""
+    if request.content_type != "application/json":
+        raise web.HTTPUnsupportedMediaType(text="expected application/json")
+    try:
+        async with asyncio.timeout(BODY_S):
+            return msgspec.json.decode(await request.read(), type=kind)
+    except msgspec.MsgspecError as error:
+        raise web.HTTPBadRequest(text=str(error)) from None
+    except TimeoutError:
+        raise web.HTTPRequestTimeout(text=f"the request took longer than {BODY_S:g} s to arrive") from None
+
+
+def _guarded(guard: RequestAuth, passed: Callable[[asyncio.Transport | None], object]):
     @web.middleware
     async def guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
         host, origin = request.headers.get("Host"), request.headers.get("Origin")
         changes = request.method not in ("GET", "HEAD") or "Upgrade" in request.headers
         if not guard.host(host):
-            raise web.HTTPForbidden(text="this name is not one of this machine's: use its address")
+            raise _stranger("this name is not one of this machine's: use its address")
         if not guard.origin(origin, host, needed=changes):
-            raise web.HTTPForbidden(text="asked for by a page of another site")
-        if not guard.knows(request.cookies.get(COOKIE)) and request.path != "/":
-            raise web.HTTPForbidden(text="open the address with the token that `aritra shore` printed")
+            raise _stranger("asked for by a page of another site")
+        known = guard.knows(request.cookies.get(COOKIE))
+        if not known and request.path != "/":
+            raise _stranger(TOKEN)
+        if known:
+            passed(request.transport)
         try:
             response = await handler(request)
         except web.HTTPException as answer:
@@ -58,6 +86,13 @@ def _guarded(guard: RequestAuth):
     return guarded
 
 
+def _stranger(why: str) -> web.HTTPForbidden:
+    """Refused, and its connection closed."""
+    no = web.HTTPForbidden(text=f"{why}\n")
+    no.force_close()
+    return no
+
+
 def _entrance(guard: RequestAuth, page: Handler) -> Handler:
     """The page; with the token in the address: a cookie for it, and the address without it."""
 
@@ -67,7 +102,7 @@ def _entrance(guard: RequestAuth, page: Handler) -> Handler:
             answer.set_cookie(COOKIE, token, httponly=True, samesite="Strict", path="/")
             raise answer
         if not guard.knows(request.cookies.get(COOKIE)):
-            return web.Response(status=403, text="open the address with the token that `aritra shore` printed\n")
+            raise _stranger(TOKEN)
         return await page(request)
 
     return enter

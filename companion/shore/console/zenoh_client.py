@@ -11,6 +11,7 @@ import contextlib
 import threading
 import time
 from collections import deque
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,11 +21,16 @@ from zenoh.handlers import Callback
 from companion.boat.uplink.zenoh_session import Setting, configured, join_callbacks
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.order_gate import read_outcome
+from companion.core.telemetry.order_sender import SealedOrder
 from companion.shore import subscriber
+from companion.shore.console.answers import Believe, OrderAnswer
 
 QUEUE = 50_000
 """Samples that wait for the loop: half a minute of 50 boats (assumed)."""
 RETRY_S = 2.0
+STRANGERS = 4
+MAX_BYTES = 65_536
+"""Longer answers are nobody's."""
 
 
 class ZenohSample(NamedTuple):
@@ -65,9 +71,10 @@ class ZenohClient:
         self._config, self._queue = config, deque[ZenohSample]()
         self._session: zenoh.Session | None = None
 
-    def take(self) -> list[ZenohSample]:
-        """Samples and tokens received since the last call."""
-        return [self._queue.popleft() for _ in range(len(self._queue))]
+    def take(self) -> Iterator[ZenohSample]:
+        """Samples and tokens received since the last call, one after the other."""
+        for _ in range(len(self._queue)):
+            yield self._queue.popleft()
 
     async def run(self) -> None:
         """Receive until cancelled."""
@@ -90,32 +97,35 @@ class ZenohClient:
                 await asyncio.shield(asyncio.to_thread(session.close))
                 join_callbacks(before)
 
-    async def ask(self, boat: str, payload: bytes, attachment: bytes | None, timeout_s: float) -> bytes | None:
-        """One query on a boat's command key, to all who answer there; the first reply, or None.
+    async def ask(
+        self, boat: str, order: SealedOrder, timeout_s: float, believe: Believe
+    ) -> AsyncIterator[OrderAnswer]:
+        """One query on a boat's command key, to all who answer there: each answer as it comes, until there are no more.
 
-        "Meant for another run" counts only where there is no other answer: a program that was left over under the
-        same name must not answer for the one that is meant.
+        Those that are not the boat's cannot crowd it out: `STRANGERS` of them are given, to tell a person of.
         """
         session, loop = self._session, asyncio.get_running_loop()
         if session is None:
-            return None
-        answer: asyncio.Future[bytes | None] = loop.create_future()
+            return
+        answers: asyncio.Queue[OrderAnswer | None] = asyncio.Queue()
+        strangers = 0
 
-        others: list[bytes] = []
-
-        def settle(data: bytes | None) -> None:
-            if data is not None and _wrong_run(data):
-                others.append(data)
-            elif not answer.done():
-                answer.set_result(data if data is not None or not others else others[0])
-
-        def on_loop(data: bytes | None) -> None:
+        def on_loop(answer: OrderAnswer | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
-                loop.call_soon_threadsafe(settle, data)
+                loop.call_soon_threadsafe(answers.put_nowait, answer)
 
         def reply(answer: zenoh.Reply) -> None:
-            if answer.ok:
-                on_loop(bytes(answer.ok.payload))
+            nonlocal strangers
+            if answer.ok is None or len(answer.ok.payload) > MAX_BYTES:
+                return
+            data, seal = bytes(answer.ok.payload), answer.ok.attachment
+            outcome = believe(order.payload, data, None if seal is None else bytes(seal))
+            if outcome is not None:
+                on_loop(OrderAnswer(outcome, proven=True))
+            elif strangers < STRANGERS:
+                strangers += 1
+                with contextlib.suppress(ValueError):
+                    on_loop(OrderAnswer(read_outcome(data), proven=False))
 
         try:
             session.get(
@@ -126,15 +136,16 @@ class ZenohClient:
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.REAL_TIME,
                 express=True,
-                payload=payload,
-                attachment=attachment,
+                payload=order.payload,
+                attachment=order.attachment,
                 timeout=timeout_s,
             )
         except zenoh.ZError:
-            return None
+            return
         with contextlib.suppress(TimeoutError):
-            return await asyncio.wait_for(answer, timeout_s + 0.2)
-        return None
+            async with asyncio.timeout(timeout_s + 0.2):
+                while (answer := await answers.get()) is not None:
+                    yield answer
 
     def _declare(self, session: zenoh.Session) -> list[object]:
         return subscriber.listen(session, self._receive, reach=self._reach)
@@ -153,10 +164,3 @@ class ZenohClient:
             self.dropped += 1
         else:
             self._queue.append(sample)
-
-
-def _wrong_run(data: bytes) -> bool:
-    try:
-        return read_outcome(data).code == "wrong_run"
-    except ValueError:
-        return False

@@ -28,12 +28,13 @@ class Bench:
     """`sent`: (t_ns, MAVLink message) that left the boat; `seen`: what the App's watcher saw."""
 
     def __init__(
-        self, path, solver=None, seed=21, mind=None, codec=None, station=None, vision_hz=None, guard=None, **world
+        self, path, solver=None, seed=21, mind=None, codec=None, station=None, vision_hz=None, guard=None, begin_ns=S,
+        **world,
     ):  # fmt: skip
-        self.clock = SimClock(S)
+        self.clock = SimClock(begin_ns)
         told = setup().pilot
         self.mind = mind or pilot()
-        self.world = World(WorldSetup(told.vessel, told.site, start=START, boot_ns=S, **world), seed)
+        self.world = World(WorldSetup(told.vessel, told.site, start=START, boot_ns=begin_ns, **world), seed)
         self.recorder = Recorder(
             path, log_metadata("aritra", setup().files), self.clock.now_ns, wall_offset_ns=0, background=False
         )

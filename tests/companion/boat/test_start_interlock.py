@@ -3,11 +3,12 @@
 import pytest
 from msgspec.structs import replace
 
-from companion.boat.start_interlock import companion_of
-from companion.core.messages import Alert
+from companion.boat.start_interlock import SWITCH_ON_S, WAITS_S, companion_of
+from companion.core.messages import Alert, OperatorCommand
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.sent_pulses import outputs_of
 from drivers.mavlink.codec import MavlinkCodec
+from tests.companion.boat.app_fixture import Bench
 from tests.companion.boat.guarded_fixture import PLAIN, Guarded, silently_written, strange, told, written
 from tests.support.drive_fixture import setup
 
@@ -81,6 +82,63 @@ def test_stop_never_waits_and_takes_a_waiting_start_back(path):
         bench.order("stop")
         await bench.run(6.0)
         assert bench.guard.clear and bench.mode == "idle"
+
+    assert bench.scene(story) is None
+
+
+PLUGGED_IN_S = 25.0
+
+
+@pytest.mark.parametrize("command", ["start", "hold", "manual"])
+@pytest.mark.parametrize("cleared", [False, True])
+def test_an_order_without_an_autopilot_expires(command, cleared, path):
+    """It waited for ever: obeyed an hour later, in the moment in which an autopilot was plugged in."""
+    bench = Guarded(path)
+
+    async def story(bench):
+        if cleared:  # it was there, was found good, and went
+            assert await bench.run(8.0, until=lambda: bench.guard.clear)
+        bench.deaf = True
+        await bench.run(4.0)
+        bench.order(command)
+        await bench.run(WAITS_S + 1.0)
+        assert told(bench, f"{command} expired: it waited for an autopilot; give it again") == 1, bench.alerts()
+        bench.deaf = False
+        await bench.run(PLUGGED_IN_S)
+        assert bench.guard.clear and bench.mode == "idle"
+        bench.order(command)
+        assert await bench.run(5.0, until=lambda: bench.mode in ("auto", "hold", "locked"))
+
+    assert bench.scene(story) is None
+
+
+def test_without_the_interlock_an_order_expires_too(path):
+    bench = Bench(path)
+
+    async def story(bench):
+        bench.deaf = True
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="start"))
+        await bench.run(1.0)
+        assert bench.mode == "starting"
+        await bench.run(10.0)
+        assert bench.mode == "idle"
+        bench.deaf = False
+        await bench.run(PLUGGED_IN_S)
+        assert bench.mode == "idle"
+
+    assert bench.scene(story) is None
+    assert told(bench, "start expired after 10 s") == 1
+
+
+def test_a_run_that_begins_by_itself_has_patience_until_the_autopilot_has_booted(path):
+    bench = Guarded(path)
+
+    async def story(bench):
+        bench.deaf = True
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="start"), SWITCH_ON_S)
+        await bench.run(SWITCH_ON_S / 2)
+        bench.deaf = False
+        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
 
     assert bench.scene(story) is None
 
@@ -237,7 +295,7 @@ def test_an_autopilot_that_tells_nothing_is_never_started(path):
         assert bench.mode == "idle" and not bench.guard.clear
 
     assert bench.scene(story) is None
-    assert told(bench, "does not tell its parameters: still waiting")
+    assert told(bench, "start expired: it waited for the autopilot's parameters") == 1
 
 
 def test_the_companion_is_what_the_configuration_says():

@@ -5,6 +5,8 @@ import pytest
 from companion.__main__ import main
 from companion.cli.shore import KeyFiles, default_name
 from companion.core.configuration.tables import ConfigError
+from companion.core.telemetry.order_sender import Sender
+from companion.shore.console import keys
 
 
 @pytest.mark.parametrize(
@@ -50,6 +52,37 @@ def test_keys_for_all_for_one_and_from_a_fleets_folder(tmp_path):
     one.chmod(0o644)
     with pytest.raises(ConfigError, match="chmod 600"):
         KeyFiles([str(one)])
+
+
+@pytest.mark.parametrize("spoil", [lambda f: f.chmod(0o644), lambda f: f.write_bytes(b"\0"), lambda f: f.unlink()])
+@pytest.mark.parametrize("fleet", [False, True])
+def test_a_key_that_cannot_be_used_costs_its_boat_only_and_is_told(spoil, fleet, tmp_path, monkeypatch):
+    """It ended the console for all boats."""
+    monkeypatch.setattr(keys, "LOOK_S", 0.0)
+    files = {}
+    for boat in ("good", "bad"):
+        files[boat] = tmp_path / boat / "command.key"
+        files[boat].parent.mkdir()
+        files[boat].write_bytes(bytes(range(32)))
+        files[boat].chmod(0o600)
+    spoil(files["bad"])
+    options = [f"{tmp_path}/"] if fleet else [f"{boat}={file}" for boat, file in files.items()]
+    held = keys.Keys(KeyFiles(options).find, "anna")
+    assert isinstance(held.of("good"), Sender) and held.problem("good") == ""
+    missing = fleet and not files["bad"].exists()
+    assert missing or (f"{files['bad']}" in held.problem("bad") and "bad can be given no orders" in held.of("bad"))
+    assert "no command key" in held.of("stranger") and held.problem("stranger") == ""
+    files["bad"].write_bytes(bytes(range(32)))
+    files["bad"].chmod(0o600)
+    assert isinstance(held.of("bad"), Sender) and held.problem("bad") == "", "put right while it runs"
+
+
+def test_no_name_of_a_boat_leads_out_of_the_folder(tmp_path):
+    for folder in (tmp_path, tmp_path / "fleet"):
+        folder.mkdir(exist_ok=True)
+    (tmp_path / "command.key").write_bytes(bytes(range(32)))
+    (tmp_path / "command.key").chmod(0o600)
+    assert KeyFiles([f"{tmp_path}/fleet/"]).find("..") is None
 
 
 def test_the_default_name_is_one_that_boats_believe():

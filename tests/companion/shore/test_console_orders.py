@@ -1,6 +1,7 @@
 """Orders of the console: signed so that a boat believes them, repeated until answered, told as they are."""
 
 import asyncio
+from dataclasses import dataclass, field
 
 import msgspec
 import pytest
@@ -11,165 +12,280 @@ from companion.core.telemetry.order_gate import (
     OrderOutcome,
     OrderRefused,
     Repeated,
-    Sender,
+    read_outcome,
     seal,
 )
+from companion.core.telemetry.order_sender import Place, Sender
 from companion.shore.console import orders as module
+from companion.shore.console.answers import OrderAnswer
 from companion.shore.console.orders import Orders, SentOrder
 
+S = 1_000_000_000
 KEY = bytes(range(32))
 
 
 class Boat:
-    """Answers as a boat does; `deaf`: the first so many asks get no answer. `slow`: they are on their way meanwhile."""
+    """A program that answers as a boat does. `deaf`: to the first so many; `slow`: they are on their way meanwhile."""
 
-    def __init__(self, deaf=0, slow=0, now_ns=1_000):
-        self.gate, self.deaf, self.slow, self.heard, self.obeyed = OrderGate("b", "run", KEY), deaf, slow, [], []
-        self.now_ns = now_ns
+    def __init__(self, run="run", *, key=KEY, deaf=0, slow=0, now_ns=1_000 * S):
+        self.gate, self.run, self.deaf, self.slow, self.now_ns = OrderGate("b", run, key), run, deaf, slow, now_ns
+        self.heard, self.obeyed, self.met = [], [], set()
 
-    async def ask(self, boat, payload, attachment, timeout_s):
-        assert boat == "b" and 0 < timeout_s <= module.ANSWER_S
+    def answer(self, payload, attachment):
+        """Reply and seal, or None."""
         self.heard.append((payload, attachment))
         if self.deaf:
             self.deaf -= 1
             return None
+        reply = self.reply(payload, attachment)
+        if reply is None:
+            return None
+        return reply, self.gate.answer_seal(payload, reply) if self.gate.proves(payload, attachment) else None
+
+    def reply(self, payload, attachment):
         try:
             order = self.gate.judge(payload, attachment, self.now_ns)
         except Repeated as again:
             if again.outcome is None or self.slow:
                 self.slow -= 1
-                return self.answer("waiting", "busy", "on its way", repeated=True)
+                return self.outcome("waiting", "busy", "on its way", repeated=True)
             return msgspec.json.encode(msgspec.structs.replace(again.outcome, repeated=True))
         except OrderRefused as no:
-            return self.answer("refused", no.code, no.text)
+            return self.outcome("refused", no.code, no.text)
+        self.met |= set(order.heard) - {self.run}
+        if order.command == "hello":
+            return self.outcome("done", "ok", "here")
         self.obeyed.append(order)
-        reply = self.answer("done", "ok", f"{order.command}: the pilot has it")
-        self.gate.finish(order, msgspec.json.decode(reply, type=OrderOutcome))
+        reply = self.outcome("done", "ok", f"{order.command}: the pilot has it")
+        self.gate.finish(order, read_outcome(reply))
         return None if self.slow else reply
 
-    def answer(self, status, code, text, repeated=False):
-        return msgspec.json.encode(
-            OrderOutcome(run="run", t_ns=1, status=status, code=code, text=text, repeated=repeated)
-        )
+    def outcome(self, status, code, text, repeated=False):
+        told = {"status": status, "code": code, "text": text, "repeated": repeated}
+        return msgspec.json.encode(OrderOutcome(run=self.run, t_ns=self.now_ns, **told))
+
+    @property
+    def commands(self):
+        return [order.command for order in self.obeyed]
+
+
+class Stranger:
+    """Answers everything with `done`, without the key; `never`: or takes the question and says nothing."""
+
+    def __init__(self, never=False):
+        self.never = never
+
+    def answer(self, payload, attachment):
+        if self.never:
+            return None
+        done = OrderOutcome(run="evil", t_ns=5, status="done", code="ok", text="stop: the pilot has it")
+        return msgspec.json.encode(done), bytes(32)
+
+
+@dataclass
+class Water:
+    """All programs of the name `b`, and what the console's store says of them."""
+
+    programs: list = field(default_factory=lambda: [Boat()])
+    key: bytes | str = KEY
+    by_telemetry: Place | None = field(default_factory=lambda: Place("run", 1_000 * S))
+    runs_heard: tuple = ("run",)
+
+    def __post_init__(self):
+        self.maker = self.key if isinstance(self.key, str) else Sender("b", "session-1", "anna", self.key, lambda: 0)
+        self.told = []
+        self.orders = Orders(self, self.ask, lambda given: self.told.append(msgspec.structs.replace(given)))
+
+    def sender(self, boat):
+        return self.maker
+
+    def place(self, boat):
+        return self.by_telemetry
+
+    def runs(self, boat):
+        return self.runs_heard
+
+    async def ask(self, boat, order, timeout_s, believe):
+        assert boat == "b" and 0 < timeout_s <= module.ANSWER_S
+        for program in self.programs:
+            answered = program.answer(*order)
+            await asyncio.sleep(0)
+            if answered is None:
+                continue
+            reply, sealed = answered
+            believed = believe(order.payload, reply, sealed)
+            yield OrderAnswer(believed or read_outcome(reply), proven=believed is not None)
+
+    def give(self, command="stop", mission=None):
+        return asyncio.run(self.orders.give("b", command, mission))
 
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     monkeypatch.setattr(module, "PAUSE_S", 0.001)
+    monkeypatch.setattr("companion.shore.console.stop_chase.AGAIN_S", 0.005)
 
 
-def sender(key=KEY, heard=True):
-    made = Sender("b", "session-1", "anna", key, lambda: 0)
-    if heard:
-        made.hear("run", 1_000)
-    return made
+def impatient(monkeypatch, command, seconds=0.1):
+    monkeypatch.setitem(module.PATIENCE_S, command, seconds)
 
 
-def give(boat, command="stop", mission=None, who=None):
-    told = []
-
-    async def play():
-        orders = Orders(lambda _: who or sender(), boat.ask, lambda g: told.append(msgspec.structs.replace(g)))
-        return await orders.give("b", command, mission)
-
-    return asyncio.run(play()), told
+# --- one boat ---------------------------------------------------------------------------------------
 
 
 def test_a_stop_is_obeyed_once_and_the_answer_is_the_boats():
-    boat = Boat()
-    given, told = give(boat)
+    water = Water()
+    given = water.give()
+    (boat,) = water.programs
     assert given.state == "answered" and given.outcome.text == "stop: the pilot has it" and given.after_ms >= 0
-    assert [g.state for g in told] == ["sending", "answered"] and len(boat.obeyed) == 1
+    assert water.told[0].state == "sending" and water.told[-1].state == "answered"
+    assert boat.commands == ["stop"] and len(boat.heard) == 1, "at once, without a question before"
     payload, attachment = boat.heard[0]
     assert attachment == seal(KEY, "b", payload)
 
 
-def test_an_unanswered_order_is_said_again_word_for_word_and_obeyed_once():
-    boat = Boat(deaf=3)
-    given, told = give(boat)
+def test_an_unanswered_stop_is_said_again_word_for_word_and_obeyed_once():
+    water = Water([boat := Boat(deaf=3)])
+    given = water.give()
     assert given.state == "answered" and given.tries == 4 and len(set(boat.heard)) == 1 and len(boat.obeyed) == 1
-    assert [g.tries for g in told if g.state == "sending"] == [0, 2, 3]
 
 
-def test_a_lost_answer_is_asked_for_again():
-    boat = Boat(slow=2)
-    given, _ = give(boat)
+def test_another_order_asks_who_is_there_and_is_made_out_for_that():
+    water = Water([boat := Boat(deaf=2)], by_telemetry=Place("run", 0))
+    given = water.give("start")
+    assert given.state == "answered" and given.outcome.status == "done" and boat.commands == ["start"]
+    assert boat.obeyed[0].t_ns == 1_000 * S, "the boat's own word, whatever its telemetry was made to say"
+
+
+@pytest.mark.parametrize("command", ["stop", "hold"])
+def test_a_lost_answer_is_asked_for_again(command):
+    water = Water([boat := Boat(slow=2)])
+    given = water.give(command)
     assert given.outcome.repeated and given.outcome.status == "done" and len(boat.obeyed) == 1
 
 
-def test_silence_is_told_as_silence(monkeypatch):
-    monkeypatch.setitem(module.PATIENCE_S, "stop", 0.05)
-    given, _ = give(Boat(deaf=10**6))
-    assert given.state == "no_answer" and given.outcome is None and "may not have heard" in given.why
+@pytest.mark.parametrize(("command", "state"), [("stop", "no_answer"), ("hold", "not_sent")])
+def test_silence_is_told_as_silence(command, state, monkeypatch):
+    impatient(monkeypatch, command)
+    given = Water([Boat(deaf=10**6)]).give(command)
+    assert given.state == state and given.outcome is None and "no answer in" in given.why
 
 
-def test_a_boat_that_was_not_heard_yet_is_waited_for(monkeypatch):
-    monkeypatch.setitem(module.PATIENCE_S, "stop", 0.05)
-    given, _ = give(Boat(), who=sender(heard=False))
-    assert given.state == "not_sent" and given.tries == 0 and "nothing was heard of b" in given.why
-    monkeypatch.setitem(module.PATIENCE_S, "stop", 5.0)
-    late = sender(heard=False)
-
-    async def play():
-        boat = Boat()
-        orders = Orders(lambda _: late, boat.ask, lambda _: None)
-        task = asyncio.create_task(orders.give("b", "stop"))
-        await asyncio.sleep(0.01)
-        late.hear("run", 1_000)
-        return await task
-
-    assert asyncio.run(play()).state == "answered"
+def test_a_stop_needs_no_telemetry():
+    water = Water(by_telemetry=None, runs_heard=())
+    assert water.give().outcome.status == "done" and water.programs[0].commands == ["stop"]
 
 
-def test_refusals_and_rubbish(monkeypatch):
-    given, _ = give(Boat(), who=sender(key=bytes(32)))
-    assert given.state == "answered" and given.outcome.status == "refused" and given.outcome.code == "unsigned"
-    boat = Boat()
-    boat.ask = lambda *_: asyncio.sleep(0, b"rubbish")
-    monkeypatch.setitem(module.PATIENCE_S, "hold", 0.02)
-    given, _ = give(boat, "hold")
-    assert given.state == "no_answer"
-
-
-def test_a_stop_finds_the_run_that_was_started_meanwhile_another_order_does_not(monkeypatch):
-    who, boat = sender(), Boat()
-    who.hear("before", 1_000)
-    given, _ = give(boat, "hold", who=who)
-    assert given.outcome.code == "wrong_run" and not boat.obeyed, "what was meant for another situation"
-
-    async def play():
-        task = asyncio.create_task(Orders(lambda _: who, boat.ask, lambda _: None).give("b", "stop"))
-        await asyncio.sleep(0.01)
-        who.hear("run", 1_000)
-        return await task
-
-    assert asyncio.run(play()).outcome.status == "done" and [o.command for o in boat.obeyed] == ["stop"]
-    who.hear("again", 1_000)
-    monkeypatch.setitem(module.PATIENCE_S, "stop", 0.02)
-    given, _ = give(boat, who=who)
-    assert given.state == "answered" and given.outcome.code == "wrong_run", "told as it is, in the end"
+def test_the_wrong_key_is_told_and_rubbish_is_no_answer(monkeypatch):
+    for command in ("stop", "hold"):
+        impatient(monkeypatch, command)
+        given = Water(key=bytes(32)).give(command)
+        assert given.outcome is None and "not signed with this boat's command key" in given.why
+    water = Water([Stranger(never=True)])
+    assert water.give("hold").state == "not_sent"
 
 
 def test_without_a_key_nothing_is_sent():
-    boat, told = Boat(), []
-
-    async def play():
-        return await Orders(lambda _: None, boat.ask, told.append).give("b", "stop")
-
-    given = asyncio.run(play())
-    assert given.state == "not_sent" and "no command key" in given.why and not boat.heard
+    water = Water(key="this console has no command key for this boat")
+    given = water.give()
+    assert given.state == "not_sent" and "no command key" in given.why and not water.programs[0].heard
 
 
 def test_a_mission_goes_along_and_old_orders_are_forgotten():
-    boat = Boat()
-    given, _ = give(boat, "load_mission", MissionFile(name="pier.toml", text="x"))
-    assert given.state == "answered" and boat.obeyed[0].mission.name == "pier.toml"
+    water = Water()
+    given = water.give("load_mission", MissionFile(name="pier.toml", text="x"))
+    assert given.state == "answered" and water.programs[0].obeyed[0].mission.name == "pier.toml"
+    nobody = Water(key="none")
 
     async def play():
-        orders = Orders(lambda _: None, boat.ask, lambda _: None)
         for _ in range(module.MAX_TOLD + 5):
-            await orders.give("b", "stop")
-        return orders.last
+            await nobody.orders.give("b", "stop")
+        return nobody.orders.last
 
     last = asyncio.run(play())
     assert len(last) == module.MAX_TOLD and isinstance(last[module.MAX_TOLD + 5], SentOrder)
+
+
+# --- what used to refuse a stop for good --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", [KEY, None])
+@pytest.mark.parametrize(
+    ("by_telemetry", "runs"),
+    [
+        (Place("came and went", 7), ("came and went",)),  # a second program, or one unsigned sample of another run
+        (Place("run", 4_600 * S), ("run",)),  # one sample with a clock an hour ahead
+        (Place("run", 0), ("run",)),  # one far behind
+        (None, ("run", "other")),
+    ],
+)
+def test_whatever_telemetry_says_a_stop_gets_through(by_telemetry, runs, key, monkeypatch):
+    impatient(monkeypatch, "stop", 0.5)
+    water = Water([boat := Boat(key=key)], key=key, by_telemetry=by_telemetry, runs_heard=runs)
+    given = water.give()
+    assert boat.commands == ["stop"] and given.outcome.status == "done" and given.after_ms < 300
+
+
+def test_a_stop_reaches_every_program_of_the_name():
+    one, other = Boat("run", now_ns=5 * S), Boat("other", now_ns=9_999 * S)
+    water = Water([one, other], by_telemetry=Place("run", 5 * S), runs_heard=("run", "other"))
+    given = water.give()
+    assert one.commands == other.commands == ["stop"] and "2 programs that call themselves b have it" in given.why
+
+
+def test_a_run_that_is_heard_and_does_not_answer_keeps_no_other_waiting_and_is_told(monkeypatch):
+    impatient(monkeypatch, "stop", 0.3)
+    water = Water(runs_heard=("run", "ghost"))
+    given = water.give()
+    assert given.outcome.status == "done" and given.after_ms < 100 and "without an answer: run ghost" in given.why
+    assert next(g for g in water.told if g.state == "answered").after_ms == given.after_ms, "told as soon as it came"
+
+
+def test_a_strangers_answer_ends_nothing():
+    water = Water([Stranger(), boat := Boat(deaf=2)])
+    given = water.give()
+    assert given.outcome.run == "run" and boat.commands == ["stop"]
+
+
+def test_an_overheard_answer_is_none_to_another_order():
+    """An answer is signed together with the order that it answers."""
+    maker, boat = Sender("b", "session-1", "anna", KEY, lambda: 0), Boat()
+    first, second = (maker.order("stop", at=Place("run", 1_000 * S)) for _ in range(2))
+    reply, sealed = boat.answer(*first)
+    assert maker.believe(first.payload, reply, sealed).status == "done"
+    assert maker.believe(second.payload, reply, sealed) is None and maker.believe(first.payload, reply, None) is None
+
+
+# --- names that are shared ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["start", "hold", "load_mission"])
+@pytest.mark.parametrize(
+    ("programs", "runs"),
+    [(("run", "other"), ("run",)), (("run",), ("run", "other")), (("other",), ("run",)), (("a", "b"), ())],
+)
+def test_a_name_that_two_share_gets_no_other_order(command, programs, runs):
+    boats = [Boat(run) for run in programs]
+    given = Water(boats, runs_heard=runs).give(command, MissionFile(name="m", text="") if "load" in command else None)
+    assert given.state == "not_sent" and "several programs call themselves b" in given.why
+    assert not any(boat.obeyed for boat in boats)
+
+
+def test_programs_of_one_name_are_told_of_each_other():
+    one, other = Boat("run"), Boat("other")
+    water = Water([one, other], runs_heard=("run", "other"))
+    asyncio.run(water.orders.warn("b"))
+    assert one.met == {"other"} and other.met == {"run"} and not one.obeyed
+
+
+def test_an_order_is_never_taken_by_another_run_than_it_was_made_out_for():
+    """Started anew between question and order: what was meant for another situation is not obeyed."""
+
+    class Restarting(Boat):
+        def answer(self, payload, attachment):
+            answered = super().answer(payload, attachment)
+            self.gate, self.run = OrderGate("b", "anew", KEY), "anew"
+            return answered
+
+    given = Water([boat := Restarting()]).give("hold")
+    assert not boat.obeyed and given.outcome.code == "wrong_run"

@@ -1,95 +1,14 @@
 """The console's web server over real sockets, a boat behind real zenoh: who is served what, and orders end to end."""
 
 import asyncio
-import contextlib
 import json
 import time
-from types import SimpleNamespace
 
 import aiohttp
 import pytest
-import zenoh
-from aiohttp import web
 
-from companion.core.telemetry import structs as shore
-from companion.core.telemetry.order_gate import OrderGate, OrderOutcome, OrderRefused, Repeated
 from companion.shore.console.assets import assets
-from companion.shore.console.live import Console, Keys
-from companion.shore.console.request_auth import RequestAuth
-from companion.shore.console.zenoh_client import ZenohClient, config_of
-from tests.support.console_fixture import state
-from tests.support.zenoh_fixture import config as zenoh_config
-from tests.support.zenoh_fixture import free_port
-
-KEY = bytes(range(32))
-NAMES = frozenset({"localhost"})
-
-
-@contextlib.asynccontextmanager
-async def serving(*, token=None, keys=True):
-    """A console on free ports; .url, .zenoh (its port), .console, .http (a client)."""
-    port = free_port()
-    hearing = ZenohClient(config_of(None, [], [f"tcp/127.0.0.1:{port}"]))
-    console = Console(
-        hearing, RequestAuth(NAMES, token), Keys((lambda _: KEY) if keys else None, "anna"), compress=False
-    )
-    runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=0.2)
-    await runner.setup()
-    await web.TCPSite(runner, "127.0.0.1", 0).start()
-    url = f"http://127.0.0.1:{runner.addresses[0][1]}"
-    working = asyncio.create_task(console.run())
-    try:
-        async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as http:
-            yield SimpleNamespace(url=url, zenoh=port, console=console, http=http)
-    finally:
-        working.cancel()
-        await asyncio.gather(working, return_exceptions=True)
-        await runner.cleanup()
-
-
-class Boat:
-    """A boat of zenoh's alone: publishes states, answers orders through the real gate."""
-
-    def __init__(self, port, name="b"):
-        self.session = zenoh.open(zenoh_config("peer", connect=[f"tcp/127.0.0.1:{port}"]))
-        self.name, self.gate, self.obeyed = name, OrderGate(name, "run1", KEY), []
-        self.held = [
-            self.session.liveliness().declare_token(shore.alive_key(name)),
-            self.session.declare_queryable(shore.command_key(name), self.answer, complete=True),
-        ]
-
-    def tell(self, k):
-        told = state(k, t_ns=time.monotonic_ns())
-        self.session.put(shore.telemetry_key(self.name, "state"), shore.encode(told))
-
-    def answer(self, query):
-        def reply(status, code, text):
-            outcome = OrderOutcome(run="run1", t_ns=1, status=status, code=code, text=text)
-            query.reply(shore.command_key(self.name), json.dumps(as_dict(outcome)).encode())
-
-        with query:
-            try:
-                order = self.gate.judge(bytes(query.payload), bytes(query.attachment), time.monotonic_ns())
-            except (OrderRefused, Repeated) as no:
-                return reply("refused", getattr(no, "code", "replayed"), str(no))
-            self.obeyed.append((order.command, order.sender))
-            return reply("done", "ok", f"{order.command}: heard")
-
-
-def as_dict(outcome):
-    return {name: getattr(outcome, name) for name in outcome.__struct_fields__}
-
-
-async def until(condition, seconds=10.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "not in time"
-        await asyncio.sleep(0.02)
-
-
-def post(desk, body, **headers):
-    told = {"Origin": desk.url} | headers
-    return desk.http.post(f"{desk.url}/order", json=body, headers={k: v for k, v in told.items() if v})
+from tests.support.console_server_fixture import Boat, post, serving, until
 
 
 def test_the_page_and_its_libraries_are_served_with_a_strict_policy():
@@ -211,32 +130,13 @@ def test_a_boat_reaches_the_page_and_the_pages_order_the_boat():
                     async with post(desk, {"boat": "b", "command": "stop"}) as answer:
                         given = await answer.json()
                     assert given["state"] == "answered" and given["outcome"]["text"] == "stop: heard", given
-                    assert boat.obeyed == [("stop", "anna")]
+                    assert boat.obeyed == ["stop"]
                     told = await heard(socket, lambda told: any(m.get("state") == "answered" for m in told))
                     assert "sending" in [m.get("state") for m in told], "every page sees what another one ordered"
                     await asyncio.to_thread(boat.session.close)
                     await until(lambda: not desk.console.store.boats["b"].alive)
             finally:
                 await asyncio.to_thread(boat.session.close)
-
-    asyncio.run(play())
-
-
-def test_a_program_left_over_does_not_answer_for_the_boat():
-    async def play():
-        async with serving() as desk:
-            left, boat = await asyncio.to_thread(Boat, desk.zenoh), await asyncio.to_thread(Boat, desk.zenoh)
-            left.gate.run = "run0"
-            await until(lambda: "b" in desk.console.store.boats)
-            await asyncio.sleep(0.5)
-            boat.tell(0)
-            await until(lambda: desk.console.store.boats["b"].run == "run1")
-            for _ in range(5):
-                async with post(desk, {"boat": "b", "command": "stop"}) as answer:
-                    assert (await answer.json())["outcome"]["status"] == "done"
-            for each in (left, boat):
-                await asyncio.to_thread(each.session.close)
-            assert len(boat.obeyed) == 5 and not left.obeyed
 
     asyncio.run(play())
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from companion.core.telemetry import structs as shore
 from companion.shore.console.fan_out import QUEUE, QUIET_MS, Watcher
 from companion.shore.console.request_auth import RequestAuth, is_loopback
-from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, RUNS, BoatStore
+from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, RUNS, SILENT_NS, BoatStore
 from tests.support.console_fixture import S, alert, mode, state
 
 
@@ -38,27 +38,64 @@ def test_memory_is_bounded_by_topic_and_the_newest_counts():
     assert boat.newest("battery") is None
 
 
-def test_a_new_run_forgets_the_old_and_what_arrives_late_from_it():
+def test_a_new_run_is_shown_once_the_old_is_silent_and_nothing_of_it_is_lost():
     store = BoatStore()
-    put(store, state(500), alert(1, "old"))
-    put(store, state(0, run="run2"))
+    put(store, state(0), alert(1, "old"), heard_ns=10 * S)
+    assert put(store, state(0, run="run2"), alert(2, "new", run="run2"), heard_ns=12 * S) == [None, None]
     boat = store.boats["b"]
-    assert boat.run == "run2" and list(boat.kept) == ["state"] and boat.newest_ns == 10 * S
-    assert put(store, state(501)) == [None] and store.refused["of a former run"] == 1
+    assert boat.run == "run1" and store.refused["of another run"] == 2, "the old one may still speak"
+    put(store, state(1, run="run2"), heard_ns=12 * S + SILENT_NS)
+    assert boat.run == "run2" and [json.loads(s.data)["text"] for s in boat.kept["alert"]] == ["new"]
+    assert len(boat.kept["state"]) == 2 and boat.newest_ns == 10 * S + 2 * S // 10
     for k in range(RUNS + 2):
-        put(store, state(0, run=f"later{k}"))
+        put(store, state(0, run=f"later{k}"), heard_ns=(30 + 4 * k) * S)
     assert boat.run == f"later{RUNS + 1}"
 
 
-def test_two_programs_of_one_name_are_noticed_what_only_came_late_is_not():
+def test_a_run_that_was_away_comes_back():
+    """It was left out for good, and stops were made out for one that had gone."""
     store = BoatStore()
-    put(store, state(0))
-    put(store, state(0, run="run2"))
-    put(store, state(1), heard_ns=12 * S)
+    put(store, state(0), heard_ns=0)
+    put(store, state(0, run="guest"), heard_ns=10 * S)
     boat = store.boats["b"]
-    assert not boat.twin(12 * S), "two seconds late"
-    put(store, state(99), heard_ns=20 * S)
-    assert boat.twin(21 * S) and not boat.twin(24 * S) and boat.run == "run2"
+    assert boat.run == "guest"
+    put(store, state(1), heard_ns=11 * S)
+    assert boat.run == "guest"
+    assert put(store, state(2), heard_ns=14 * S) != [None] and boat.run == "run1"
+
+
+def test_one_sample_of_another_run_takes_nothing_away():
+    store = BoatStore()
+    for k in range(100):
+        put(store, state(k), heard_ns=k * S // 10)
+        if k == 50:
+            put(store, state(0, run="forged", t_ns=10**15), heard_ns=k * S // 10)
+    boat = store.boats["b"]
+    assert boat.run == "run1" and len(boat.kept["state"]) == 100 and boat.runs(99 * S // 10) == ("run1",)
+
+
+def test_programs_of_one_name_are_noticed_what_only_came_late_is_not():
+    store = BoatStore()
+    put(store, state(0), heard_ns=0)
+    put(store, state(0, run="run2"), heard_ns=S)
+    boat = store.boats["b"]
+    put(store, state(1), heard_ns=2 * S)
+    assert boat.runs(2 * S) == ("run1",), "a second late"
+    put(store, state(1, run="run2"), state(2), heard_ns=4 * S)
+    assert boat.runs(5 * S) == ("run1", "run2") and boat.place(5 * S) is None, "of which of them is not known"
+    put(store, state(9), heard_ns=8 * S)
+    assert boat.runs(8 * S) == ("run1",) and boat.place(8 * S).run == "run1"
+    assert boat.runs(20 * S) == () and boat.place(20 * S).run == "run1", "silent, and to be stopped as it was"
+
+
+def test_a_clock_that_was_made_up_is_forgotten():
+    store = BoatStore()
+    put(store, state(0, t_ns=100 * S), heard_ns=0)
+    put(store, state(0, t_ns=3700 * S), heard_ns=S // 2)
+    for k in range(1, 120):
+        put(store, state(k, t_ns=100 * S + k * S // 10), heard_ns=k * S // 10)
+    boat = store.boats["b"]
+    assert boat.ahead_ns == 100 * S and boat.place(12 * S).t_ns == 112 * S
 
 
 def test_rubbish_is_counted_and_left_out():
@@ -69,9 +106,11 @@ def test_rubbish_is_counted_and_left_out():
     assert store.refused == {"not understood": 5} and not store.boats
     assert store.take("b", "state", b" " * (MAX_BYTES + 1), 0) is None
     assert store.take("a/b", "state", good, 0) is None and store.take("__proto__ ", "state", good, 0) is None
+    assert store.refused["a strange name"] == 2
     for k in range(BOATS + 5):
-        store.take(f"b{k}", "state", good, 0)
-    assert len(store.boats) == BOATS and store.refused["too many boats, or a strange name"] == 7
+        store.take(f"b{k}", "state", good, k)
+        store.take("b0", "state", good, k)
+    assert len(store.boats) == BOATS and "b0" in store.boats and "b1" not in store.boats, "the longest silent went"
 
 
 def test_what_goes_on_to_browsers_was_written_anew():
@@ -139,6 +178,21 @@ def test_choosing_brings_what_was_kept():
     watcher.choose(store.boats, "b")
     assert [n for topic, n in entries(frame(watcher, store)) if topic == "state"] == list(range(50))
     watcher.choose(store.boats, "nobody")
+
+
+def test_when_another_run_is_shown_browsers_get_it_whole():
+    store, watchers = BoatStore(), [Watcher(), Watcher()]
+    watchers[0].choose(store.boats, "b")
+    for sample in put(store, state(5), alert(1, "old"), heard_ns=0):
+        for watcher in watchers:
+            watcher.note(sample)
+    put(store, *(state(k, run="run2", t_ns=k) for k in range(1, 4)), heard_ns=2 * S)
+    put(store, state(4, run="run2", t_ns=4), heard_ns=4 * S)
+    told = []
+    for watcher in watchers:
+        watcher.turn(store.boats["b"])
+        told.append([(e["sample"]["run"], e["sample"].get("north_m")) for e in frame(watcher, store)["samples"]])
+    assert told == [[("run2", float(k)) for k in range(1, 5)], [("run2", 4.0)]]
 
 
 def test_a_slow_browser_misses_the_oldest_and_is_told():

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import zenoh
 
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.order_gate import MAX_BYTES, WINDOW_S, Sender, read_outcome, seal
+from companion.core.telemetry.order_gate import MAX_BYTES, WINDOW_S, read_outcome, seal
+from companion.core.telemetry.order_sender import Sender
 from tests.evidence.shore.secured_boat import BOAT, ZENOH, Range
 from tests.support.zenoh_fixture import Console, config
 

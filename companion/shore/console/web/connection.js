@@ -79,9 +79,18 @@ export class Connection {
   }
 
   /** POST one order. What the console made of it; {state: "not_sent", why} where it cannot be reached. */
-  async order(body) {
+  order(body) {
+    return this.post("/order", body);
+  }
+
+  /** POST a stop to boats: a list of orders, whose answers come over the WebSocket; or as `order` in failure. */
+  stop(boats) {
+    return this.post("/stop", { boats });
+  }
+
+  async post(path, body) {
     try {
-      const answer = await fetch("/order", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+      const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
       if (answer.ok) return await answer.json();
       const why = answer.status === 403 ? REFUSED : `The console refused it: ${await answer.text()}`;
       return { type: "order", state: "not_sent", ...body, why };

@@ -17,7 +17,7 @@ const LOOK_MS = 250;
 const $ = (id) => document.getElementById(id);
 
 const history = new History({ keep_s: OTHERS_S });
-const clocks = new Map(); // boat -> [its clock minus the console's, ms; whether its token is there; whether it has a twin]
+const clocks = new Map(); // boat -> [its clock minus the console's, ms; whether its token is there; programs of its name; why it gets no orders]
 const drawn = new Map(); // boat -> how often it was drawn, for measurements
 const changed = new Set();
 const map = new BoatMap($("map"), { label: "Map of the boats, metres, north up. Arrow keys move it, plus and minus zoom." });
@@ -144,8 +144,7 @@ function look() {
   }
   if (document.body.classList.toggle("stale", isStale) !== look.was && chosen) changed.add(chosen);
   look.was = isStale;
-  const twin = clocks.get(chosen)?.[2] ? `Two programs call themselves ${chosen}: shown, and given orders, is the one that began last.` : "";
-  const problem = [zenoh, twin].filter(Boolean).join(" ");
+  const problem = [zenoh, sharedNames()].filter(Boolean).join(" ");
   if ($("problem").textContent !== problem) $("problem").textContent = problem;
   const note = $("stale-note");
   note.hidden = !isStale || !chosen;
@@ -157,12 +156,19 @@ function look() {
   elements.stopAll.disabled = !commands;
   const count = history.boats().length;
   if (count > 1) elements.stopAll.textContent = `STOP ALL ${count}`;
-  const why = !chosen ? "" : !commands ? "This console has no command key: it only looks." : about && !about.commands ? `${chosen} takes no orders from shore.` : "";
+  const why = !chosen ? "" : !commands ? "This console has no command key: it only looks." : about && !about.commands ? `${chosen} takes no orders from shore.` : (clocks.get(chosen)?.[3] ?? "");
   if ($("no-orders").textContent !== why) $("no-orders").textContent = why;
   desk.draw();
   showBoats();
   drawPlots();
   if (changed.size) requestAnimationFrame(draw);
+}
+
+/** Names that several programs have: what is shown of such a boat is one of them. */
+function sharedNames() {
+  const names = history.boats().filter((boat) => clocks.get(boat)?.[2] > 1);
+  if (!names.length) return "";
+  return `NAME TAKEN TWICE: ${names.map((name) => `${clocks.get(name)[2]} programs call themselves ${name}`).join("; ")}. STOP goes to all of them, other orders to none; only one is shown.`;
 }
 
 function lineState(old) {
@@ -196,7 +202,7 @@ function showBoats() {
     const mode = history.last(name, "mode");
     const [word, kind] = modeWords(mode);
     const old = age_s(name);
-    const texts = [name, word, old === null ? "never" : age(old)];
+    const texts = [clocks.get(name)?.[2] > 1 ? `${name} ×${clocks.get(name)[2]}` : name, word, old === null ? "never" : age(old)];
     button.dataset.boat = name;
     texts.forEach((text, i) => {
       if (button.children[i].textContent !== text) button.children[i].textContent = text;

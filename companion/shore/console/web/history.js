@@ -22,13 +22,11 @@ const first = (point) => point[0];
 class Boat {
   constructor(keep_s) {
     this.run = null;
-    this.former = new Set();
     this.keep_s = keep_s;
     this.begin(null);
   }
 
   begin(run) {
-    if (this.run !== null) this.former.add(this.run);
     this.run = run;
     this.topics = new Map();
     this.places = []; // [t_s, north_m, east_m]
@@ -36,7 +34,6 @@ class Boat {
   }
 
   push(topic, sample) {
-    if (this.former.has(sample.run)) return false;
     if (this.run !== sample.run) this.begin(sample.run);
     let list = this.topics.get(topic);
     if (!list) this.topics.set(topic, (list = []));

@@ -44,21 +44,37 @@ export class OrderDesk {
 
   stop(boats) {
     this.dismiss();
-    for (const boat of boats) if (boat) this.give({ boat, command: "stop" });
+    this.giveStop(boats.filter(Boolean));
   }
 
-  /** One order. A stop that finds no console is said again for a while: it may be back in a moment. */
-  async give(body) {
-    const shown = this.show({ ...body, state: "sending", local: ++this.local, clicked_ms: performance.now(), tries: 0 });
-    const end = performance.now() + (body.command === "stop" ? STOP_PATIENCE_MS : 0);
-    for (;;) {
-      const given = await this.connection.order(body);
-      this.given.delete(`local ${shown.local}`);
-      if (!given.unreachable || performance.now() > end) return this.show({ ...given, local: given.number ? undefined : shown.local, clicked_ms: shown.clicked_ms });
+  /** A stop to boats, all in one request: one that is dead keeps no other waiting. If no console is found it is said again for a while. */
+  async giveStop(boats) {
+    if (!boats.length) return;
+    const shown = boats.map((boat) => this.begin({ boat, command: "stop" }));
+    const end = performance.now() + STOP_PATIENCE_MS;
+    for (let tries = 1; ; tries++) {
+      const given = await this.connection.stop(boats);
+      if (!given.unreachable || performance.now() > end) return shown.forEach((mine, k) => this.told(mine, given[k] ?? given));
       this.connection.hurry();
-      this.show({ ...shown, unsent: true, tries: ++shown.tries, why: "The console program does not answer: trying again." });
+      for (const mine of shown) this.show({ ...mine, unsent: true, tries, why: "The console program does not answer: trying again." });
       await wait(STOP_AGAIN_MS);
     }
+  }
+
+  /** Another order than a stop. */
+  async give(body) {
+    const shown = this.begin(body);
+    this.told(shown, await this.connection.order(body));
+  }
+
+  begin(body) {
+    return this.show({ ...body, state: "sending", local: ++this.local, clicked_ms: performance.now(), tries: 0 });
+  }
+
+  /** What the console made of an order that this page gave. */
+  told(shown, given) {
+    this.given.delete(`local ${shown.local}`);
+    this.show({ ...given, boat: shown.boat, command: shown.command, local: given.number ? undefined : shown.local, clicked_ms: shown.clicked_ms });
   }
 
   ask(command, does, mission) {
@@ -107,6 +123,7 @@ export class OrderDesk {
     const key = given.number ? `order ${given.number}` : `local ${given.local}`;
     let known = this.given.get(key);
     if (given.number && !known) known = this.adopt(given);
+    if (given.state === "sending" && known?.number && known.state !== "sending") given = { clicked_ms: given.clicked_ms }; // the answer was quicker
     const merged = { ...known, ...given, clicked_ms: given.clicked_ms ?? known?.clicked_ms };
     this.given.delete(key);
     this.given.set(key, merged);
@@ -145,7 +162,7 @@ export class OrderDesk {
     if (state === "no_answer") return [`${what}: NO ANSWER after ${tries} tries.`, why];
     const status = { done: "done", waiting: "accepted, waits", refused: "REFUSED" }[outcome.status] ?? outcome.status;
     const mode = outcome.mode ? ` Mode ${outcome.mode}${outcome.why ? `: ${outcome.why}` : ""}.` : "";
-    return [`${what}: ${status}, answered in ${figure(after_ms, 0, "ms")}.`, `“${outcome.text}”${mode}`];
+    return [`${what}: ${status}, answered in ${figure(after_ms, 0, "ms")}.`, `“${outcome.text}”${mode}${why ? ` ${why}` : ""}`];
   }
 
   /** Seconds since it was given, or null. */

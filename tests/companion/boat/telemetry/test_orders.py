@@ -13,7 +13,8 @@ from companion.boat.clock import BoatClock
 from companion.boat.uplink.order_receiver import PENDING, ShoreCommands
 from companion.core.messages import NewMission, OperatorCommand
 from companion.core.pilot.modes import ModeState
-from companion.core.telemetry.order_gate import MissionFile, OrderGate, Sender, read_outcome
+from companion.core.telemetry.order_gate import MissionFile, OrderGate, read_outcome
+from companion.core.telemetry.order_sender import Sender
 from tests.companion.boat.app_fixture import Bench, neutral
 from tests.support.drive_fixture import setup
 
@@ -25,6 +26,7 @@ class Query:
 
     def __init__(self, payload, attachment=None):
         self.payload, self.attachment, self.answer, self.dropped = payload, attachment, None, threading.Event()
+        self.hold = None
 
     def __enter__(self):
         return self
@@ -32,17 +34,19 @@ class Query:
     def __exit__(self, *_):
         self.drop()
 
-    def reply(self, key, payload, *, encoding):
+    def reply(self, key, payload, *, encoding, attachment, congestion_control, priority, express):
+        if self.hold:
+            self.hold.wait(5)
         assert str(encoding) == "application/json" and self.answer is None
-        self.answer = key, read_outcome(payload)
+        self.answer, self.seal, self.reply_bytes = (key, read_outcome(payload)), attachment, payload
 
     def drop(self):
         self.dropped.set()
 
 
-def sender(key=KEY):
+def sender(key=KEY, run="run"):
     made = Sender("b", "session-1", "anna", key, time.monotonic_ns)
-    made.hear("run", time.monotonic_ns())
+    made.hear(run, time.monotonic_ns())
     return made
 
 
@@ -63,19 +67,20 @@ class FakeApp:
 class Desk:
     """ShoreCommands on a loop of its own, as in a run."""
 
-    def __init__(self, key=KEY):
-        self.app, self.alerts, self.key = FakeApp(), [], key
+    def __init__(self, key=KEY, meet=lambda run, where: None):
+        self.app, self.alerts, self.key, self.meet = FakeApp(), [], key, meet
 
-    def ask(self, *queries, before=lambda: None):
+    def ask(self, *queries, before=lambda: None, after=lambda: None, patience_s=5.0):
         """The queries from a thread of zenoh's, in order; their outcomes."""
 
         async def play():
-            self.ear = ShoreCommands(
-                self.app, setup().pilot, OrderGate("b", "run", self.key), BoatClock(), self.alerts.append
-            )
+            gate = OrderGate("b", "run", self.key)
+            self.ear = ShoreCommands(self.app, setup().pilot, gate, BoatClock(), self.alerts.append, self.meet)
             before()
-            await asyncio.to_thread(lambda: [(self.ear(q), q.dropped.wait(5)) for q in queries])
-            await asyncio.sleep(0)
+            await asyncio.to_thread(lambda: [(self.ear(q), q.dropped.wait(patience_s)) for q in queries])
+            await asyncio.sleep(0.01)
+            after()
+            await asyncio.to_thread(queries[-1].dropped.wait, 5)
             self.ear.close()
 
         asyncio.run(play())
@@ -138,6 +143,37 @@ def test_strangers_bytes_never_raise_nor_reach_the_app(sent):
     answers = desk.ask(*[Query(*each) for each in sent])
     assert all(x.status == "refused" for x in answers) and not desk.app.given
     assert desk.ear.refused.total() == len(sent)
+
+
+def test_answers_are_signed_for_who_has_the_key_and_for_nobody_else():
+    desk, anna = Desk(), sender()
+    stop, late = anna.order("stop"), sender(run="another").order("stop")
+    forged = Query(stop[0], bytes(32))
+    queries = [forged, Query(*stop), Query(*late), Query(*anna.order("hello"))]
+    told = desk.ask(*queries)
+    assert [x.code for x in told] == ["unsigned", "ok", "wrong_run", "ok"] and [x.run for x in told] == ["run"] * 4
+    assert forged.seal is None, "who overhears an order gets no answer that its sender would believe"
+    for query in queries[1:]:
+        assert anna.believe(query.payload, query.reply_bytes, query.seal) is not None
+    assert [c.command for c in desk.app.given] == ["stop"] and desk.ear.refused.total() == 2, "a hello does nothing"
+
+
+def test_strangers_do_not_crowd_out_the_answer_to_a_stop():
+    """The answer thread is held up (a bad network) while a thousand strangers ask."""
+    desk, anna, gate = Desk(), sender(), threading.Event()
+    first, stop = Query(b"rubbish"), Query(*anna.order("stop"))
+    first.hold = gate
+    desk.ask(first, *[Query(b"rubbish") for _ in range(1000)], stop, patience_s=0.0, after=gate.set)
+    assert stop.dropped.wait(5) and stop.answer[1].status == "done"
+
+
+def test_runs_that_a_sender_heard_under_this_name_are_told_to_the_boat():
+    met = []
+    desk, anna = Desk(meet=lambda run, where: met.append((run, where))), sender()
+    desk.ask(
+        Query(*anna.order("hello", heard=("run", "other"))), Query(*sender(key=bytes(32)).order("hello", heard=("x",)))
+    )
+    assert met == [("run", "by anna, on shore"), ("other", "by anna, on shore")]
 
 
 def test_a_busy_loop_is_not_flooded_and_a_stop_still_comes_through():

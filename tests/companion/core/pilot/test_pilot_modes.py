@@ -122,9 +122,9 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
         case "rc_takeover":
             for pwm in (1500, 1800):
                 boat.feed(m.RcChannels(t_ns=t_ns, pwm_us=tuple({**SENT, 6: pwm}.values())))
-        case "link_lost":
-            boat.heartbeats = False
-            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - 4 * S)))
+        case "link_lost" | "expired":
+            boat.heartbeats, silent_s = False, 4 if event == "link_lost" else 11
+            monitors(boat, replace(state.monitor(AutopilotState), heartbeat=heartbeat(t_ns - silent_s * S)))
         case "unfit":
             change(boat, estimator=boat.mind.initial(0).estimator)
         case "degraded":
@@ -174,6 +174,7 @@ def cause(boat, event):  # noqa: PLR0912, PLR0915
 POSSIBLE = {
     "solver_failing": ["auto", "hold"],
     "ready": ["starting", "locked"],
+    "expired": ["starting"],
     "finished": ["excitation"],
     "sticks_lost": ["manual"],
 }

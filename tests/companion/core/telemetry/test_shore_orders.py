@@ -17,10 +17,10 @@ from companion.core.telemetry.order_gate import (
     OrderOutcome,
     OrderRefused,
     Repeated,
-    Sender,
     read_outcome,
     seal,
 )
+from companion.core.telemetry.order_sender import NOWHERE, Place, Sender
 
 S = 1_000_000_000
 KEY = bytes(range(32))
@@ -80,6 +80,38 @@ def test_the_signature_is_hmac_over_boat_and_payload():
         assert code(gate, (payload, wrong)) == "unsigned"
     assert code(gate, (payload.replace(b"stop", b"hold"), mac)) == "unsigned"
     assert gate.judge(payload, mac, BOAT_NS).command == "stop"
+
+
+def test_a_stop_that_was_overtaken_by_another_order_still_stops_and_only_once():
+    """It was refused as replayed: whoever pressed it last, the boat drove."""
+    gate, (anna, _) = OrderGate("b", "run", KEY), sender()
+    stop, hold, start = anna.order("stop"), anna.order("hold"), anna.order("start")
+    gate.judge(*start, BOAT_NS)
+    assert gate.judge(*stop, BOAT_NS).command == "stop"
+    assert code(gate, hold) == "replayed" and code(gate, stop) == "replayed"
+    with pytest.raises(Repeated):
+        gate.judge(*start, BOAT_NS)
+
+
+def test_a_hello_asks_for_the_key_and_for_nothing_else():
+    gate, (anna, _) = OrderGate("b", "run", KEY), sender(run="another")
+    hello = anna.order("hello", at=NOWHERE)
+    for _ in range(3):
+        assert gate.judge(*hello, BOAT_NS).command == "hello", "it does nothing, so it may come again"
+    for place, heard in ((Place("run", BOAT_NS), ("x",)), (NOWHERE, ()), (Place("run", BOAT_NS - 6 * S), ())):
+        told = gate.judge(*anna.order("hello", at=place, heard=("x",)), BOAT_NS).heard
+        assert told == heard, "who repeats an old one raises no alarm"
+    assert code(gate, (hello.payload, bytes(32))) == "unsigned"
+
+
+def test_answers_are_signed_with_the_order_that_they_answer():
+    gate, order, reply = OrderGate("b", "run", KEY), b"order", b"reply"
+    asked = hashlib.sha256(order).digest()
+    assert gate.answer_seal(order, reply) == hmac.new(KEY, b"aritra-answer-1\0b\0" + asked + reply, "sha256").digest()
+    assert OrderGate("b", "run", None).answer_seal(order, reply) is None
+    payload, mac = sender()[0].order("stop")
+    assert gate.proves(payload, mac) and not gate.proves(payload, None) and not gate.proves(payload + b" ", mac)
+    assert OrderGate("b", "run", None).proves(payload, None)
 
 
 def test_another_run_or_boat_is_refused():

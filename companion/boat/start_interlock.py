@@ -3,8 +3,8 @@
 A `start`, `hold`, `excite` or `manual` waits until they have been read, but only some seconds, and is dropped where one
 of them refuses; `stop` never waits. They are read anew after the autopilot's reboot and after its silence, and watched
 from then on (`drivers.mavlink.parameter_watch`): one that changes to what refuses takes the driving away
-(`InterlockTrip`). The rows are those of `aritra check`. While several autopilots are heard and the run file does not name
-ours, nothing begins.
+(`InterlockTrip`). The rows are those of `aritra check`. While several autopilots are heard and the run file does not
+name ours, nothing begins.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from companion.logs.readers.table import csv_lines, read_parquet
 from companion.logs.recover import recover
 from companion.logs.runs.run import RunError
 from companion.logs.unpack import MOST_CHUNK_BYTES, MOST_RATIO
-from tests.support.broken_logs import KINDS, bomb, damaged, headers, record_synced
+from tests.fault_lab.broken_logs import KINDS, bomb, damaged, headers, record_synced
 
 CHUNK = 6
 """Opcode."""

@@ -28,7 +28,7 @@ from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import simulated
 from tests.drivers.mavlink.mavlink_autopilot import Sender
 from tests.evidence.line import Line, at_least, at_most, exactly, information
-from tests.support.broken_logs import KINDS, bomb, chunk_of, damaged, headers, record_synced
+from tests.fault_lab.broken_logs import KINDS, bomb, chunk_of, damaged, headers, record_synced
 
 DAMAGES = 200
 """Seeds 0 to 199, kinds in turn."""

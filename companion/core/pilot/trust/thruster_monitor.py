@@ -8,6 +8,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import FilterState
+from companion.core.estimation.plausibility import screen
 from companion.core.messages import Alert, Attitude, ImuSample, OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
@@ -77,6 +78,8 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             if message.command == "stop" or not (state.hopeless or state.accel_off or state.doubted):
                 return state, NOTHING
             return replace(state, hopeless="", accel_off=False, doubted=False, bank=self._bank.initial()), NOTHING
+        if screen(message)[0] is None:
+            return state, NOTHING
         if isinstance(message, Attitude):
             return replace(state, rate=(message.t_ns, message.r_rad_s)), NOTHING
         x, y, z = state.force

@@ -97,7 +97,7 @@ def test_a_bug_in_what_shows_the_station_ends_in_neutral_too(path):
             if bench.of(Tick) and bench.mode == "auto":
                 raise ValueError("a bug in the forward")
 
-    bench = Bench(path, station=lambda clock: Station(memory_pair("station")[0], None, clock))
+    bench = Bench(path, station=lambda clock: Station(memory_pair("station")[0], None, clock, lambda text: ()))
 
     async def story(bench):
         bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="start"))

@@ -22,7 +22,7 @@ from companion.logs.log_file import LogError, LogFile
 from companion.logs.page import html, view
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
-from tests.support.broken_logs import headers
+from tests.fault_lab.broken_logs import headers
 
 NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 

@@ -27,8 +27,9 @@ FRAME_S = 0.1
 BROWSERS = 32
 """Open pages at a time (assumed)."""
 EVENTS = 200
-WORK_S = 0.03
-"""Samples are taken for so long at a time: a flood of them must not keep an order waiting (assumed)."""
+WORK_S = 0.01
+"""Samples are taken for so long at a time, and then not for as long: a flood of them must not keep an order waiting
+(assumed)."""
 WARN_S = 10.0
 """Between words to the programs of a shared name (assumed)."""
 QUICK_S = 1.0
@@ -112,9 +113,10 @@ class Console:
         async with asyncio.TaskGroup() as group:
             group.create_task(self._hearing.run())
             while True:
-                begun_s = time.monotonic()
-                self._pump(begun_s + WORK_S)
-                await asyncio.sleep(max(FRAME_S - (time.monotonic() - begun_s), 0.01))
+                self._look()
+                frame_s = time.monotonic() + FRAME_S
+                while (left_s := frame_s - time.monotonic()) > 0:
+                    await asyncio.sleep(WORK_S if self._pump(time.monotonic() + WORK_S) else left_s)
 
     # --- what is known of a boat (`answers.Boats`) ---------------------------------------------------
 
@@ -134,14 +136,19 @@ class Console:
 
     # --- from the boats ------------------------------------------------------------------------------
 
-    def _pump(self, end_s: float) -> None:
+    def _pump(self, end_s: float) -> bool:
+        """Take samples until `end_s`; whether there are more."""
         for received in self._hearing.take():
             try:
                 self._hear(received)
             except Exception as error:  # one sample is not worth the others, nor the orders
                 self.store.refused[f"{type(error).__name__}: {error}"[:200]] += 1
             if time.monotonic() > end_s:
-                break
+                return True
+        return False
+
+    def _look(self) -> None:
+        """Once a frame: what is to be told, to boats, browsers and the terminal."""
         for name, boat in self.store.boats.items():
             self._look_after(name, boat)
         if (network := self._hearing.problem) != self._network:

@@ -18,8 +18,9 @@ from companion.core.telemetry.order_gate import OrderOutcome
 from companion.core.telemetry.order_sender import NOWHERE, Place, SealedOrder, Sender
 from companion.shore.console.answers import Ask, OrderAnswer
 
-AGAIN_S = 0.25
-"""Between tries: the boat obeys once, so that more of them cost nothing but a few hundred bytes (assumed)."""
+AGAIN_S = 0.1
+"""Until the second try; from one to the next twice as long, up to `ANSWER_S`. The boat obeys once, so that a try costs
+nothing but a few hundred bytes; but boats that are dead must not fill the network of the others (assumed)."""
 ANSWER_S = 1.0
 """How long a try waits for answers (assumed)."""
 MADE = 8
@@ -45,7 +46,7 @@ class StopChase:
 
     async def run(self, place: Place | None, runs: Callable[[], tuple[str, ...]], patience_s: float) -> None:
         """Until every run of `runs()` and every one that answered has it, or `patience_s` is over."""
-        end_s, first = time.monotonic() + patience_s, place or NOWHERE
+        end_s, first, pause_s = time.monotonic() + patience_s, place or NOWHERE, AGAIN_S
         self._made[first.run] = self._sender.order("stop", at=first)
         try:
             while time.monotonic() < end_s:
@@ -54,8 +55,9 @@ class StopChase:
                 for run, order in list(self._made.items()):
                     if run not in self.stopped:
                         self._send(order)
-                if await self._settled(runs, min(time.monotonic() + AGAIN_S, end_s)):
+                if await self._settled(runs, min(time.monotonic() + pause_s, end_s)):
                     return
+                pause_s = min(2 * pause_s, ANSWER_S)
         finally:
             for task in self._asking:
                 task.cancel()

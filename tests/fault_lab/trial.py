@@ -19,6 +19,9 @@ from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import Alert, GroundTruth, GuidanceReference, ModeStatus, OverrideLease, StateEstimate
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
+from companion.core.pilot.trust.heading_check import HeadingState
+from companion.core.pilot.trust.motion_check import MotionState
+from companion.core.pilot.trust.thruster_monitor import ThrusterState
 from companion.jit import compile_loops
 from sim.world.environment import Weather
 from sim.world.score import track_of, tracking
@@ -38,7 +41,9 @@ TICK_S = 0.1
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one trial. Times in s, since switch-on or in all; `alerts`: (time, level, text)."""
+    """What became of one trial. Times in s, since switch-on or in all; `alerts`: (time, level, text);
+    `named`: (time, cause, what) of the findings, the first one first.
+    """
 
     faults: tuple[str, ...]
     seed: int
@@ -52,6 +57,7 @@ class Verdict:
     true_farthest_m: float
     alerts: tuple[tuple[float, str, str], ...] = field(repr=False)
     modes: tuple[tuple[float, str], ...] = ()
+    named: tuple[tuple[float, str, str], ...] = ()
 
     @property
     def failed(self) -> bool:
@@ -119,7 +125,20 @@ def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
         true_farthest_m=float(-min(setup.fence.clearance(*place) for place in truth)),
         alerts=tuple((a.t_ns * 1e-9, a.level, a.text) for a in run.of(Alert)),
         modes=_changes(run.of(ModeStatus)),
+        named=_named(run),
     )
+
+
+def _named(run: SteppedRun) -> tuple[tuple[float, str, str], ...]:
+    """What the boat named, in the order in which it did; ranges that repeat are told by an alert alone."""
+    monitors = HeadingState, MotionState, ThrusterState
+    found = [(f.t_ns * 1e-9, f.cause, f.what) for kind in monitors for f in run.state.monitor(kind).findings]
+    found += [
+        (a.t_ns * 1e-9, "sensor", "position" if "UWB" in a.text else "imu")
+        for a in run.of(Alert)
+        if "left out" in a.text and ("UWB" in a.text or "frozen" in a.text)
+    ]
+    return tuple(sorted(found))
 
 
 def _changes(statuses: Sequence[ModeStatus]) -> tuple[tuple[float, str], ...]:

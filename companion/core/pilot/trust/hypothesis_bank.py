@@ -51,6 +51,11 @@ class ThrustHypothesis(NamedTuple):
     j: int = -1
 
     @property
+    def blames_thrust(self) -> bool:
+        """Whether it is about thrusters at all."""
+        return self.is_thruster or self.kind == "reversed"
+
+    @property
     def is_thruster(self) -> bool:
         """Whether it blames one thruster or two."""
         return self.kind in ("gain", "stuck", "swap")

@@ -26,8 +26,9 @@ FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.2, -0.25
 """A gain above the first is fine, below the second dead, below the third reversed."""
 SETTLES_NS = 2_000_000_000
 """After a start or a gap the filter's tilt settles; assumed."""
-WAVE_TICKS = 30
-"""So many residuals tell waves from a push; assumed: a wave's period and a half."""
+WAVE_TICKS, PUSHED_NATS = 30, 40.0
+"""A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
+25 nats within their first periods."""
 QUIET_NS = 1_000_000_000
 """Dead time, lag and filters together; assumed."""
 BEARABLE_SHARE = 0.3
@@ -121,7 +122,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             best, rivals = kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
         if rivals:
             return self._undecided(state, [kinds[best], *rivals], view)
-        if kinds[best].kind in ("pushed", "accel") and state.bank.count < WAVE_TICKS:
+        if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
             return state, report
         return self._found(state, int(best), view)
 

@@ -1,0 +1,80 @@
+"""The bank on residuals of a known boat: it names what was done to it, and nothing where nothing was. Seed 5."""
+
+import numpy as np
+import pytest
+
+from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.thrusters import configuration_matrix
+from companion.core.pilot.trust.hypothesis_bank import NOISE, ThrusterBank, hypotheses
+from tests.support.drive_fixture import setup
+
+VESSEL = setup().pilot.vessel
+B, M = configuration_matrix(VESSEL), mass_matrix(VESSEL)
+
+
+def told(spoil, seconds=30.0, seed=5):
+    """Where the sums are largest: hypothesis, nats, its mean; after residuals `spoil(f)` that a fault leaves."""
+    rng, bank = np.random.default_rng(seed), ThrusterBank(B, M)
+    state, f, best = bank.initial(), np.zeros(4), (bank.hypotheses[0], 0.0, np.zeros(8))
+    for _ in range(round(10 * seconds)):
+        f = f + 0.1 * (rng.normal(0, 20, 4) - f)
+        state = bank.step(state, spoil(f) + rng.normal(0, NOISE), f, 0.1)
+        k = int(np.argmax(state.nats))
+        if state.nats[k] > best[1]:
+            best = bank.hypotheses[k], float(state.nats[k]), state.mean[k]
+    return best
+
+
+def gain(i, share):
+    return lambda f: (share - 1.0) * f[i] * B[:, i]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "i"),
+    [
+        (gain(0, 0.0), "gain", 0),
+        (gain(1, -1.0), "gain", 1),
+        (lambda f: (20.0 - f[2]) * B[:, 2], "stuck", 2),
+        (lambda f: (f[1] - f[0]) * (B[:, 0] - B[:, 1]), "swap", 0),
+        (lambda f: -2.0 * B @ f, "reversed", -1),
+        (lambda f: M @ [0.8, -0.4, 0.0], "accel", -1),
+        (lambda f: np.array([40.0, 0.0, 3.0]), "pushed", -1),
+    ],
+)
+def test_it_names_what_was_done(spoil, kind, i):
+    hypothesis, nats, mean = told(spoil)
+    assert (hypothesis.kind, hypothesis.i) == (kind, i) and nats > 15.0
+    if kind == "gain":
+        assert mean[3 + i] == pytest.approx(-1.0 if i == 0 else -2.0, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_sound_boat_with_thrusters_off_and_a_wind_is_not_accused(seed):
+    rng = np.random.default_rng([seed, 1])
+    shares, wind = rng.uniform(0.8, 1.2, 4), rng.normal(0, 2, 3) * (1.0, 1.0, 0.3)
+    _, nats, _ = told(lambda f: B @ ((shares - 1.0) * f) + wind, 60.0, seed)
+    assert nats < 8.0
+
+
+def test_waves_are_noise_and_no_thruster():
+    t = iter(np.arange(0, 1000, 0.1))
+    _, nats, _ = told(lambda f: np.array([20.0, 30.0, 5.0]) * np.sin(2 * np.pi / 2.0 * next(t) + np.arange(3)), 60.0)
+    assert nats < 15.0
+
+
+def test_a_fault_that_begins_late_is_found_within_seconds():
+    bank, rng = ThrusterBank(B, M), np.random.default_rng(3)
+    state, f = bank.initial(), np.zeros(4)
+    for k in range(700):
+        f = f + 0.1 * (rng.normal(0, 20, 4) - f)
+        w = gain(3, -1.0)(f) if k >= 600 else np.zeros(3)
+        state = bank.step(state, w + rng.normal(0, NOISE), f, 0.1)
+        if k == 599:
+            assert state.nats.max() < 8.0
+    best = bank.hypotheses[int(np.argmax(state.nats))]
+    assert (best.kind, best.i) == ("gain", 3) and state.nats.max() > 15.0
+
+
+def test_every_boat_has_its_hypotheses():
+    assert [h.kind for h in hypotheses(1)] == ["sound", "gain", "stuck", "pushed", "accel"]
+    assert len(hypotheses(4)) == 1 + 4 + 4 + 6 + 1 + 2

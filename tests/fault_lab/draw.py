@@ -1,0 +1,25 @@
+"""Faults drawn at random from a seed: kind, target, size, beginning and, for one in three, an end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.fault_lab.fault import KINDS, NUMBERED, Fault
+
+BEGINS_S, LASTS_S = (0.0, 70.0), (4.0, 30.0)
+
+
+def draw(seed: int, exclude: tuple[str, ...] = ()) -> Fault:
+    """One fault; targets alike, then kinds alike. `exclude`: targets that are not wanted."""
+    rng = np.random.default_rng([seed, 2026])
+    target = str(rng.choice([t for t in KINDS if t not in exclude]))
+    kind = str(rng.choice(list(KINDS[target])))
+    number = int(rng.integers(1, NUMBERED[target] + 1)) if target in NUMBERED else 0
+    from_s = round(float(rng.uniform(*BEGINS_S)), 1)
+    to_s = round(from_s + float(rng.uniform(*LASTS_S)), 1) if rng.uniform() < 1 / 3 else np.inf
+    size = np.nan
+    if limits := KINDS[target][kind]:
+        size = round(float(rng.uniform(*limits)), 2)
+        if kind == "swapped":  # with one of the other three
+            size = float((number + int(rng.integers(1, NUMBERED[target])) - 1) % NUMBERED[target] + 1)
+    return Fault(target, kind, number, size, from_s, to_s)

@@ -1,0 +1,75 @@
+"""Faults of the stepped world: the boat notices, says what it is, and drives on where it can. Seeds stated."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.boat.load_run import EXAMPLES, load_setup
+from tests.fault_lab.draw import draw
+from tests.fault_lab.fault import Fault, parse
+from tests.fault_lab.trial import trial
+
+WAYPOINTS = len(load_setup(EXAMPLES / "aritra.toml").pilot.mission.path.points)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_a_line_says_a_fault_and_a_fault_its_line(seed):
+    fault = draw(seed)
+    assert parse(str(fault)) == fault or str(parse(str(fault))) == str(fault)
+
+
+@pytest.mark.parametrize("line", ["thruster 1 tired", "uwb noise", "uwb frozen 3", "rudder dead"])
+def test_what_is_no_fault_is_refused(line):
+    with pytest.raises(ValueError, match=r"no fault|size"):
+        parse(line)
+
+
+def test_a_boat_without_a_fault_is_not_accused():
+    verdict = trial(3, duration_s=60.0)
+    assert not verdict.failed and verdict.named == () and verdict.mode == "auto"
+    assert [text for _, level, text in verdict.alerts if level != "info"] == []
+
+
+def test_a_reversed_thruster_is_named_within_seconds_and_the_boat_drives_on():
+    verdict = trial(4, "thruster 1 reversed from 25", duration_s=60.0)
+    assert not verdict.failed and verdict.mode == "auto" and verdict.high_s < 1.0
+    ((t_s, cause, what),) = verdict.named
+    assert (cause, what) == ("thruster", "front_port") and t_s < 31.0
+
+
+def test_frozen_ranges_are_left_out_and_end_in_neutral():
+    verdict = trial(5, "uwb frozen from 25", duration_s=60.0)
+    assert not verdict.failed and verdict.healthy_wrong_s == 0.0 and verdict.mode == "safe"
+    assert verdict.named[0][1:] == ("sensor", "position") and verdict.first_alert_s(25.0) <= 4.0
+
+
+def test_mirrored_anchors_are_noticed_as_soon_as_the_boat_moves():
+    verdict = trial(6, "uwb mirrored from 0", duration_s=40.0)
+    assert not verdict.failed and verdict.mode == "safe" and verdict.beyond_s == 0.0
+
+
+LONG = (
+    "thruster 2 dead from 25",
+    "thruster 3 swapped 4 from 25",
+    "thruster 2 swapped 3 from 25",
+    "thruster 4 weak 0.4 from 25",
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("line", LONG)
+def test_the_mission_ends_with_three_sound_thrusters(line):
+    verdict = trial(7, line)
+    assert verdict.passed == WAYPOINTS and verdict.mode == "auto" and verdict.high_s < 3.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(500, 506))
+def test_random_faults_leave_no_boat_that_is_confidently_wrong(seed):
+    verdict = trial(seed, draw(seed))
+    assert not verdict.failed, verdict
+
+
+def test_faults_end_when_they_are_over():
+    fault = Fault("uwb", "noise", size=1.0, from_s=5.0, to_s=6.0)
+    assert [fault.acts(t) for t in (4.9, 5.0, 5.9, 6.0)] == [False, True, True, False]

@@ -28,8 +28,8 @@ SOUND_D = (3.0, 3.0, 1.2)
 """Stationary sigma of d [N, N, N m] where a hypothesis has one of its own, and else: the filter's latent force, what a
 gale or a tow may do, what an accelerometer may be off by [m/s^2]. Assumed."""
 D_TIME_S = 8.0
-GAIN_SIGMA = 0.15
-"""Thrusters that are sound are off by so much; assumed."""
+GAIN_SIGMA = 0.08
+"""Thrusters that are sound are off by so much; assumed. Small, so that a dead one cannot pass for one that is off."""
 FAULT_GAIN, FAULT_GAIN_SIGMA = -1.0, 0.8
 STUCK_SIGMA_N = 20.0
 NOISE = (2.5, 3.5, 0.8)

@@ -30,7 +30,9 @@ from tests.support.zenoh_fixture import free_port as tcp_port
 
 TRIES, FULL_TRIES, SEED = 28, 500, 22
 GOAL_MS = 300.0
-SLOW, SETTLED_S = 1000, 7.0
+SLOW, AMONG_SLOW, SETTLED_S = 1000, 5, 7.0
+OPEN_HERE = 1000
+"""Sockets that this program keeps itself."""
 NEUTRAL = (1500,) * 4
 OTHER = "other"
 """A boat whose key file has mode 644."""
@@ -64,17 +66,21 @@ def stop_with_real_processes(full: bool) -> Iterator[Line]:
 
 def _half_sent(sea: SimpleNamespace) -> Iterator[Line]:
     """A thousand requests without an end: they were kept for ever, and took every socket that the console may have."""
-    _ordered(sea, {"boat": BOAT, "command": "start"})
-    wait_for(lambda: _moving(sea), 30.0, lambda: "thrusters stay neutral")
-    lines = []
+    took, lines = [], []
     with contextlib.ExitStack() as held:
-        for _ in range(SLOW):
-            line = held.enter_context(socket.create_connection(("127.0.0.1", sea.web), timeout=5))
-            line.sendall(b"POST /stop HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
-            lines.append(line)
-        took = _stop_ms(sea)
-        yield at_most(f"STOP to neutral among {SLOW} half-sent requests", took, GOAL_MS, "ms", "never")
-        open_then = sum(c.status == "ESTABLISHED" for c in _lines(sea))
+        for _ in range(AMONG_SLOW):
+            _ordered(sea, {"boat": BOAT, "command": "start"})
+            wait_for(lambda: _moving(sea), 30.0, lambda: "thrusters stay neutral")
+            for _ in range(SLOW):
+                line = held.enter_context(socket.create_connection(("127.0.0.1", sea.web), timeout=5))
+                line.sendall(b"POST /stop HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
+                lines.append(line)
+            took.append(_stop_ms(sea))
+            open_then = sum(c.status == "ESTABLISHED" for c in _lines(sea))
+            while len(lines) > OPEN_HERE:
+                lines.pop(0).close()
+        note = f"median; largest {max(took):.0f}; was never"
+        yield at_most(f"STOP among {SLOW} half-sent requests, {AMONG_SLOW} times", np.median(took), GOAL_MS, "ms", note)
         yield at_most("  connections of the console meanwhile", open_then, 64)
         time.sleep(SETTLED_S)
         yield exactly(f"  half-sent requests left after {SETTLED_S:g} s", sum(map(_is_open, lines)), 0)

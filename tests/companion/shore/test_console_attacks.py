@@ -86,13 +86,11 @@ def test_stop_all_goes_to_each_at_once_whoever_of_them_is_dead():
             boat = await asyncio.to_thread(Boat, desk.zenoh)
             await until(lambda: "b" in desk.console.store.boats)
             names = [f"dead-{k}" for k in range(60)]
-            begun = time.monotonic()
             headers = {"Origin": desk.url}
             async with desk.http.post(f"{desk.url}/stop", json={"boats": [*names, "b"]}, headers=headers) as answer:
                 given = await answer.json()
             assert [each["boat"] for each in given] == [*names, "b"] and {e["state"] for e in given} == {"sending"}
-            await until(lambda: boat.obeyed, 1.0)
-            assert time.monotonic() - begun < 1.0
+            await until(lambda: boat.obeyed, 5.0)  # one after the other would take the patience of sixty
             await asyncio.to_thread(boat.session.close)
 
     asyncio.run(play())

@@ -104,7 +104,8 @@ class Pilot:
         alive = autopilot_state.is_alive(state.monitor(AutopilotState).heartbeat_ns, t_ns)
         view = TickView(
             t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
-            self.settings.control.period_s, state.helm.driving, state.monitor(MotionState).is_suspect,
+            self.settings.control.period_s, state.helm.driving, state.helm.mode == "excitation",
+            state.monitor(MotionState).is_suspect,
         )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)

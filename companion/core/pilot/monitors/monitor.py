@@ -24,7 +24,8 @@ class TickView:
     `lateness_ns`: of the tick; `plan_ns`: instant of the request that the latest usable plan answers;
     `autopilot_alive`: whether heartbeats come; `belief`: the filter at `t_ns`, None before it runs; `model_nu`: u, v,
     r of the model alone (`pilot.trust.model_motion`); `period_s`: of the ticks; `driving`: whether the thrusters may
-    turn; `suspect`: sensors contradict each other, perhaps.
+    turn; `learning`: in an excitation, which is flown because the model is not known; `suspect`: sensors contradict
+    each other, perhaps.
     """
 
     t_ns: int
@@ -36,6 +37,7 @@ class TickView:
     model_nu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     period_s: float = 0.1
     driving: bool = False
+    learning: bool = False
     suspect: bool = False
 
 

@@ -14,6 +14,7 @@ what the autopilot has against arming is kept by `arming_refusals`, readings tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -53,7 +54,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             StallMonitor(),
             StuckSensorMonitor(),
             RepeatedRangesMonitor(),
-            HeadingMonitor(),
+            HeadingMonitor(vessel.sensors, math.radians(settings.site.rotation_deg)),
             AutopilotMonitor(),
             ArmingMonitor(),
             Annunciator(anchors, control.blind_s),

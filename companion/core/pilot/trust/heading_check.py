@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 
 from msgspec.structs import replace as struct_replace
 
+from companion.core.configuration.vessel_file import Sensors
 from companion.core.estimation.filter_state import Tilt
 from companion.core.estimation.plausibility import screen
 from companion.core.estimation.tilt import yaw_rate
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Alert, Attitude, OperatorCommand
+from companion.core.model.sensor_errors import correct_message
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding
 
@@ -60,6 +62,10 @@ class HeadingMonitor(Monitor[HeadingState]):
     screens = True
     initial = HeadingState()
 
+    def __init__(self, sensors: Sensors, rotation_rad: float):
+        """`rotation_rad`: of the site's axes, in which what the file knows of the compass counts."""
+        self._sensors, self._rotation_rad = sensors, rotation_rad
+
     def on_message(
         self, state: HeadingState, message: Attitude | OperatorCommand, t_ns: int
     ) -> tuple[HeadingState, MonitorReport]:
@@ -68,7 +74,9 @@ class HeadingMonitor(Monitor[HeadingState]):
             return (HeadingState() if state.findings and message.command != "stop" else state), NOTHING
         if screen(message)[0] is None or math.isnan(message.psi_rad):
             return state, NOTHING
-        before, alerts = state.now, ()
+        before, alerts, raw = state.now, (), message
+        in_site = struct_replace(raw, psi_rad=ssa(raw.psi_rad - self._rotation_rad))
+        message = correct_message(self._sensors, in_site)  # what the file knows of the sensors contradicts nothing
         if before is None or message.t_ns - before.t_ns > GAP_NS or message.t_ns <= before.t_ns:
             return replace(state, now=Turn(message.t_ns, message.psi_rad, 0.0, 0.0), past=(), contradicted=0), NOTHING
         dt_s = (message.t_ns - before.t_ns) * 1e-9
@@ -80,7 +88,7 @@ class HeadingMonitor(Monitor[HeadingState]):
             alerts = (Alert(t_ns=t_ns, level="error", text=text),)
             finding = Finding("sensor", "heading", text, t_ns)
             state = replace(state, jumped=True, past=(), findings=(*state.findings, finding))
-        instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
+        instead = struct_replace(raw, psi_rad=math.nan) if state.jumped else None
         return replace(state, now=now), MonitorReport(alerts=alerts, instead=instead)
 
     def on_tick(self, state: HeadingState, view: TickView) -> tuple[HeadingState, MonitorReport]:

@@ -6,7 +6,8 @@
     force     the lasting latent force beyond what water, wind and thrusters that are off can do
     ranges    cumulative sum of the median d^2 of each cycle (d^2 = nu^2 / S), robust against single bad anchors
 
-Each ends in `untrusted`: position and motion contradict each other, and nobody can tell which of them is right.
+Each ends in `untrusted`: position and motion contradict each other, and nobody can tell which of them is right. Not in
+an excitation, which is flown because the model is not known.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class MotionMonitor(Monitor[MotionState]):
     def on_tick(self, state: MotionState, view: TickView) -> tuple[MotionState, MonitorReport]:
         """Judge slip, force and ranges."""
         belief = view.belief
-        if belief is None or view.t_ns - belief.since_ns < BEGINS_NS:
+        if belief is None or view.learning or view.t_ns - belief.since_ns < BEGINS_NS:
             return replace(state, slip_m_s=(0.0, 0.0), beyond=0, forced=0, sum=0.0), _report(state)
         nu, modelled = belief.x[3:5], view.model_nu
         slip = rotate(float(belief.x[2]), float(nu[0]) - modelled[0], float(nu[1]) - modelled[1])

@@ -2,7 +2,7 @@
 
 A range carries noise of some centimetres in units of a millimetre or a centimetre, so that two readings in a row are
 seldom equal (3 % at 1 cm and 0.1 m), and those of all anchors never. What repeats is not fused: a message whose ranges
-all repeat, and an anchor that has repeated itself three times in a row.
+all repeat, and an anchor that has repeated itself five times in a row.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorRepor
 
 ALERT_NS = 1_500_000_000
 """A repeat that lasts so long is told; assumed."""
-ANCHOR_REPEATS = 3
-"""Of one anchor alone; by chance once in 10 hours at 1 Hz and 1 cm, and then one range is missed."""
+ANCHOR_REPEATS = 5
+"""Of one anchor alone; by chance (3 % a reading at 1 cm) once in 4,000 hours at 1 Hz with four anchors."""
 
 
 @dataclass(frozen=True)

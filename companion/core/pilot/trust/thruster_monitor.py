@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from companion.core.estimation.filter_state import FilterState
 from companion.core.estimation.plausibility import screen
 from companion.core.messages import Alert, Attitude, ImuSample, OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.sensor_errors import correct_message
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.force_balance import ForceBalance
@@ -81,10 +83,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             return replace(state, hopeless="", accel_off=False, doubted=False, bank=self._bank.initial()), NOTHING
         if screen(message)[0] is None:
             return state, NOTHING
-        if isinstance(message, Attitude):
-            return replace(state, rate=(message.t_ns, message.r_rad_s)), NOTHING
+        sensed: Any = correct_message(self._vessel.sensors, message)
+        if isinstance(sensed, Attitude):
+            return replace(state, rate=(sensed.t_ns, sensed.r_rad_s)), NOTHING
         x, y, z = state.force
-        force = (x + message.ax_m_s2, y + message.ay_m_s2, z + message.az_m_s2)
+        force = (x + sensed.ax_m_s2, y + sensed.ay_m_s2, z + sensed.az_m_s2)
         return replace(state, force=force, count=state.count + 1), MonitorReport(withhold=state.accel_off)
 
     def on_tick(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
@@ -92,7 +95,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         before, now = state.before, view.belief
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now)
         report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
-        if not view.driving or view.t_ns < state.quiet_until_ns:
+        if not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
             return replace(after, bank=self._bank.initial()), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
             return after, report

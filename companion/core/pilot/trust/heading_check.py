@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from msgspec.structs import replace as struct_replace
 
@@ -74,21 +75,21 @@ class HeadingMonitor(Monitor[HeadingState]):
             return (HeadingState() if state.findings and message.command != "stop" else state), NOTHING
         if screen(message)[0] is None or math.isnan(message.psi_rad):
             return state, NOTHING
-        before, alerts, raw = state.now, (), message
-        in_site = struct_replace(raw, psi_rad=ssa(raw.psi_rad - self._rotation_rad))
-        message = correct_message(self._sensors, in_site)  # what the file knows of the sensors contradicts nothing
-        if before is None or message.t_ns - before.t_ns > GAP_NS or message.t_ns <= before.t_ns:
-            return replace(state, now=Turn(message.t_ns, message.psi_rad, 0.0, 0.0), past=(), contradicted=0), NOTHING
-        dt_s = (message.t_ns - before.t_ns) * 1e-9
-        tilt = Tilt(message.phi_rad, message.theta_rad)
-        turn, by_gyro = ssa(message.psi_rad - before.psi_rad), yaw_rate(tilt, message.q_rad_s, message.r_rad_s) * dt_s
-        now = Turn(message.t_ns, before.psi_rad + turn, before.gyro_rad + by_gyro, before.model_rad)
+        before, alerts = state.now, ()
+        in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
+        sensed: Any = correct_message(self._sensors, in_site)  # what the file knows of the sensors contradicts nothing
+        if before is None or sensed.t_ns - before.t_ns > GAP_NS or sensed.t_ns <= before.t_ns:
+            return replace(state, now=Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0), past=(), contradicted=0), NOTHING
+        dt_s = (sensed.t_ns - before.t_ns) * 1e-9
+        tilt = Tilt(sensed.phi_rad, sensed.theta_rad)
+        turn, by_gyro = ssa(sensed.psi_rad - before.psi_rad), yaw_rate(tilt, sensed.q_rad_s, sensed.r_rad_s) * dt_s
+        now = Turn(sensed.t_ns, before.psi_rad + turn, before.gyro_rad + by_gyro, before.model_rad)
         if not state.jumped and abs(turn - by_gyro) > JUMP_RAD:
             text = f"heading jumped by {math.degrees(turn):.0f} degrees: left out until the next start (compass?)"
             alerts = (Alert(t_ns=t_ns, level="error", text=text),)
             finding = Finding("sensor", "heading", text, t_ns)
             state = replace(state, jumped=True, past=(), findings=(*state.findings, finding))
-        instead = struct_replace(raw, psi_rad=math.nan) if state.jumped else None
+        instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
         return replace(state, now=now), MonitorReport(alerts=alerts, instead=instead)
 
     def on_tick(self, state: HeadingState, view: TickView) -> tuple[HeadingState, MonitorReport]:

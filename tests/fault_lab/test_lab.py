@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.boat.load_run import EXAMPLES, load_setup
 from tests.fault_lab.draw import draw
 from tests.fault_lab.fault import Fault, parse
 from tests.fault_lab.trial import trial
+from tests.support.drive_fixture import setup
 
-WAYPOINTS = len(load_setup(EXAMPLES / "aritra.toml").pilot.mission.path.points)
+WAYPOINTS = len(setup(None).pilot.mission.path.points)
 
 
 @given(seed=st.integers(0, 10**6))

@@ -9,26 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
-from msgspec.structs import replace
 
-from companion.boat.load_run import EXAMPLES, load_setup
-from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import Alert, GroundTruth, GuidanceReference, ModeStatus, OverrideLease, StateEstimate
-from companion.core.model.manoeuvring import StructuredModel
-from companion.core.pilot.pilot import Pilot
 from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
-from companion.jit import compile_loops
 from sim.world.environment import Weather
 from sim.world.score import track_of, tracking
 from sim.world.stepped import SteppedRun
 from sim.world.world import WorldSetup
 from tests.fault_lab.fault import Fault, parse
 from tests.fault_lab.faulty_world import FaultyWorld
+from tests.support.drive_fixture import nmpc, pilot, setup
 
 DURATION_S = 150.0
 WRONG_M, WRONG_S = 2.0, 3.0
@@ -69,24 +63,14 @@ class Verdict:
         return next((t - after_s for t, level, _ in self.alerts if t >= after_s and level != "info"), math.inf)
 
 
-@cache
-def boat():
-    """Settings, pilot and controller of the example run; the controller's rescue ends by iterations, not by time."""
-    setup = load_setup(EXAMPLES / "aritra.toml").pilot
-    patient = replace(setup.nmpc, rescue_time_s=60.0)
-    vessel, model = setup.vessel, StructuredModel.of(setup.vessel)
-    nmpc = Nmpc(model, Actuation.of(vessel), patient, lambda: 0.0, setup.fence, compile_loops)
-    return setup, Pilot(setup), nmpc
-
-
 def run_of(seed: int, lines: Sequence[str | Fault], weather: Weather | None = None, **world) -> SteppedRun:
     """A run about to begin: the demo's mission with these faults; `world`: fields of WorldSetup."""
-    setup, pilot, nmpc = boat()
+    told = setup(None).pilot
     faults = [parse(line) if isinstance(line, str) else line for line in lines]
     rng = np.random.default_rng([seed, 7])
     start = (8 + rng.uniform(-0.5, 0.5), 8 + rng.uniform(-0.5, 0.5), rng.uniform(-0.6, 0.6))
-    chosen = WorldSetup(setup.vessel, setup.site, **{"start": start, "weather": weather or Weather(), **world})
-    return SteppedRun(FaultyWorld(chosen, seed, faults), pilot, nmpc.solve)
+    chosen = WorldSetup(told.vessel, told.site, **{"start": start, "weather": weather or Weather(), **world})
+    return SteppedRun(FaultyWorld(chosen, seed, faults), pilot(None), nmpc(None).solve)
 
 
 def trial(
@@ -100,16 +84,16 @@ def trial(
 
 def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
     """The verdict on a run that is over."""
-    setup = boat()[0]
+    told = setup(None).pilot
     pairs = list(zip(run.of(StateEstimate), run.of(GroundTruth), strict=True))
     truth = np.array([(t.north_m, t.east_m) for _, t in pairs])
     wrong = np.array([math.hypot(e.north_m - t.north_m, e.east_m - t.east_m) for e, t in pairs])
     started = np.array([e.health != "initialising" for e, _ in pairs])
     healthy = np.array([e.health == "healthy" for e, _ in pairs])
-    most = np.array([max(t.force_max_N, -t.force_min_N) for t in setup.vessel.thrusters])
+    most = np.array([max(t.force_max_N, -t.force_min_N) for t in told.vessel.thrusters])
     commands = np.array([lease.f_command_n for lease in run.of(OverrideLease)])[: len(pairs)]
     forces = np.array([t.f_n for _, t in pairs])
-    outside = np.array([setup.fence.clearance(*place) < 0 for place in truth])
+    outside = np.array([told.fence.clearance(*place) < 0 for place in truth])
     turning = np.abs(commands).max(axis=1) > TURNING_N
     track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
     return Verdict(
@@ -121,8 +105,8 @@ def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
         beyond_s=TICK_S * float((outside[: len(turning)] & turning).sum()),
         high_s=TICK_S * float(((np.abs(forces) / most).mean(axis=1) > HIGH_SHARE).sum()),
         wrong_m=float(wrong[started].max(initial=0.0)),
-        cross_m=tracking(track, np.array(setup.mission.path.points))["cross_track_rms_m"],
-        true_farthest_m=float(-min(setup.fence.clearance(*place) for place in truth)),
+        cross_m=tracking(track, np.array(told.mission.path.points))["cross_track_rms_m"],
+        true_farthest_m=float(-min(told.fence.clearance(*place) for place in truth)),
         alerts=tuple((a.t_ns * 1e-9, a.level, a.text) for a in run.of(Alert)),
         modes=_changes(run.of(ModeStatus)),
         named=_named(run),

@@ -44,6 +44,11 @@ class Guarded(Bench):
     def order(self, command):
         self.app.command(OperatorCommand(t_ns=self.clock.now_ns(), command=command))
 
+    async def drive_off(self):
+        """The operator starts the mission, and it begins."""
+        self.order("start")
+        assert await self.run(20.0, until=lambda: self.mode == "auto"), self.alerts()
+
 
 def told(bench, words):
     return sum(words in text for text in bench.alerts())

@@ -43,8 +43,7 @@ def test_thrusters_on_other_outputs_are_watched_where_they_are(path):
     bench = Guarded(path, changes=ELSEWHERE)
 
     async def story(bench):
-        bench.order("start")
-        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.drive_off()
         assert outputs_of(bench.app.state.monitor(OverrideState), 4) == [8, 7, 6, 5]
         await bench.run(1.0)  # soon the boat notices that nothing moves it
         assert bench.mode == "auto" and not told(bench, "SERVOn_FUNCTION")
@@ -163,8 +162,7 @@ def test_a_wiring_that_is_changed_under_way_ends_in_safe(write, within_s, path):
     bench = Guarded(path)
 
     async def story(bench):
-        bench.order("start")
-        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.drive_off()
         await bench.run(1.0)
         write(bench, PLAIN)
         assert await bench.run(within_s, until=lambda: bench.mode == "safe"), bench.alerts()
@@ -185,8 +183,7 @@ def test_a_parameter_other_than_the_outputs_is_found_without_a_broadcast_too(pat
     bench = Guarded(path)
 
     async def story(bench):
-        bench.order("start")
-        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.drive_off()
         silently_written(bench, {"SERVO3_TRIM": 1700.0})
         assert await bench.run(72.0, until=lambda: bench.mode == "safe"), bench.alerts()
 
@@ -198,8 +195,7 @@ def test_what_is_set_right_again_may_start_again_and_never_by_itself(path):
     bench = Guarded(path)
 
     async def story(bench):
-        bench.order("start")
-        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.drive_off()
         written(bench, {"SERVO1_FUNCTION": 59.0})
         assert await bench.run(0.5, until=lambda: bench.mode == "safe")
         written(bench, {"SERVO1_FUNCTION": 94.0})
@@ -216,8 +212,7 @@ def test_a_change_that_refuses_nothing_does_not_stop_the_boat(path):
     bench = Guarded(path)
 
     async def story(bench):
-        bench.order("start")
-        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.drive_off()
         written(bench, {"SERVO9_TRIM": 1400.0, "CRUISE_SPEED": 3.0, "SCHED_LOOP_RATE": 50.0})
         await bench.run(12.0)
         assert bench.mode == "auto"
@@ -249,8 +244,7 @@ def test_one_that_passes_by_under_way_is_told_and_stops_nothing(path):
     bench = Guarded(path)
 
     async def story(bench):
-        bench.order("start")
-        assert await bench.run(20.0, until=lambda: bench.mode == "auto"), bench.alerts()
+        await bench.drive_off()
         strange(bench)
         await bench.run(2.0)
         assert bench.mode == "auto"

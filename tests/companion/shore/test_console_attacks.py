@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from contextlib import asynccontextmanager
 
 import aiohttp
 
@@ -9,6 +10,18 @@ from companion.core.telemetry import structs as shore
 from companion.shore.console.connection_limits import OF_ADDRESS, REQUEST_S
 from tests.support.console_fixture import S, state
 from tests.support.console_server_fixture import Boat, post, serving, until
+
+
+@asynccontextmanager
+async def serving_a_boat():
+    """A console that hears one boat."""
+    async with serving() as desk:
+        boat = await asyncio.to_thread(Boat, desk.zenoh)
+        await until(lambda: "b" in desk.console.store.boats)
+        try:
+            yield desk, boat
+        finally:
+            await asyncio.to_thread(boat.session.close)
 
 
 def test_a_stop_reaches_both_programs_of_a_name_and_a_start_neither():
@@ -63,9 +76,7 @@ def test_after_a_second_program_came_and_went_stop_and_start_still_go_to_the_fir
 
 def test_one_unsigned_sample_of_another_run_or_an_hour_ahead_refuses_no_stop():
     async def play():
-        async with serving() as desk:
-            boat = await asyncio.to_thread(Boat, desk.zenoh)
-            await until(lambda: "b" in desk.console.store.boats)
+        async with serving_a_boat() as (desk, boat):
             forged = [state(0, run="forged", t_ns=10), state(0, run="run1", t_ns=time.monotonic_ns() + 3600 * S)]
             for k, sample in enumerate(forged):
                 boat.tell(k)
@@ -74,7 +85,6 @@ def test_one_unsigned_sample_of_another_run_or_an_hour_ahead_refuses_no_stop():
                 async with post(desk, {"boat": "b", "command": "stop"}) as answer:
                     given = await answer.json()
                 assert given["outcome"]["status"] == "done" and given["after_ms"] < 900, given
-            await asyncio.to_thread(boat.session.close)
             assert boat.obeyed == ["stop", "stop"]
 
     asyncio.run(play())
@@ -82,16 +92,13 @@ def test_one_unsigned_sample_of_another_run_or_an_hour_ahead_refuses_no_stop():
 
 def test_stop_all_goes_to_each_at_once_whoever_of_them_is_dead():
     async def play():
-        async with serving() as desk:
-            boat = await asyncio.to_thread(Boat, desk.zenoh)
-            await until(lambda: "b" in desk.console.store.boats)
+        async with serving_a_boat() as (desk, boat):
             names = [f"dead-{k}" for k in range(60)]
             headers = {"Origin": desk.url}
             async with desk.http.post(f"{desk.url}/stop", json={"boats": [*names, "b"]}, headers=headers) as answer:
                 given = await answer.json()
             assert [each["boat"] for each in given] == [*names, "b"] and {e["state"] for e in given} == {"sending"}
             await until(lambda: boat.obeyed, 5.0)  # one after the other would take the patience of sixty
-            await asyncio.to_thread(boat.session.close)
 
     asyncio.run(play())
 
@@ -100,9 +107,7 @@ def test_half_sent_requests_end_and_a_stop_goes_through_meanwhile():
     """A thousand of them used up the console's sockets: there was no limit, and no time-out."""
 
     async def play():
-        async with serving() as desk:
-            boat = await asyncio.to_thread(Boat, desk.zenoh)
-            await until(lambda: "b" in desk.console.store.boats)
+        async with serving_a_boat() as (desk, _):
             _, host, port = desk.url.replace("/", "").split(":")
             writers = []
             for _ in range(300):
@@ -120,16 +125,13 @@ def test_half_sent_requests_end_and_a_stop_goes_through_meanwhile():
                     assert answer.status == 200, "one that has asked stays"
             for writer in writers:
                 writer.close()
-            await asyncio.to_thread(boat.session.close)
 
     asyncio.run(play())
 
 
 def test_a_flood_of_samples_keeps_no_stop_waiting():
     async def play():
-        async with serving() as desk:
-            boat = await asyncio.to_thread(Boat, desk.zenoh)
-            await until(lambda: "b" in desk.console.store.boats)
+        async with serving_a_boat() as (desk, boat):
             data = shore.encode(state(1, run="flood"))
 
             def flood():
@@ -141,7 +143,6 @@ def test_a_flood_of_samples_keeps_no_stop_waiting():
             async with post(desk, {"boat": "b", "command": "stop"}) as answer:
                 given = await answer.json()
             await flooding
-            await asyncio.to_thread(boat.session.close)
             assert given["outcome"]["status"] == "done" and given["after_ms"] < 900, given
 
     asyncio.run(play())

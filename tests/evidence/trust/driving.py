@@ -15,7 +15,8 @@ from companion.core.pilot.trust.hypothesis_bank import ThrusterBank
 from sim.world.environment import Weather
 from sim.world.sensors import UwbFaults
 from tests.evidence.line import Line, at_least, at_most, exactly, information
-from tests.fault_lab.trial import Verdict, boat, trial
+from tests.fault_lab.trial import Verdict, trial
+from tests.support.drive_fixture import setup
 
 FAULTY = {
     "dead": "thruster {} dead from 25",
@@ -37,7 +38,7 @@ def driving_on(full: bool) -> Iterator[Line]:
         yield information("sound boat: cross-track error, median", sound, "m")
         for name, line in FAULTY.items():
             runs = list(pool.map(_drive, [(s, line.format(s % 4 + 1, (s + s // 4) % 3 + 1 + s % 4)) for s in seeds]))
-            passed = sum(v.passed == len(boat()[0].mission.path.points) for v in runs)
+            passed = sum(v.passed == len(setup(None).pilot.mission.path.points) for v in runs)
             goal = 18 * len(seeds) // 20
             yield at_least(f"{name}: all waypoints passed", passed, goal, "", f"of {len(seeds)}")
             through = [v.cross_m for v in runs if v.mode == "auto"]
@@ -65,7 +66,7 @@ def quiet(full: bool) -> Iterator[Line]:
 
 def cost(full: bool) -> Iterator[Line]:
     """What the bank of hypotheses costs a tick"""
-    vessel = boat()[0].vessel
+    vessel = setup(None).pilot.vessel
     bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
     rng, state, took = np.random.default_rng(1), bank.initial(), []
     for _ in range(2000):

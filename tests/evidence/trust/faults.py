@@ -13,6 +13,7 @@ from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.fault_lab.draw import draw
 from tests.fault_lab.fault import Fault, parse
 from tests.fault_lab.trial import Verdict, trial
+from tests.support.drive_fixture import setup
 
 LISTED = (
     "uwb frozen from 40", "uwb frozen from 40 to 50", "thruster 2 reversed from 30", "thruster 2 stuck 1900 from 30",
@@ -92,7 +93,7 @@ def _names(name: str, verdicts: Sequence[Verdict], faults: Sequence[Fault]) -> I
     yield information(f"{name}: named at all", 100 * len(named) / len(verdicts), "%")
 
 
-THRUSTERS = ("front_port", "front_starboard", "rear_port", "rear_starboard")
+THRUSTERS = tuple(t.name for t in setup(None).pilot.vessel.thrusters)
 SENSORS = {
     "uwb": "position",
     "anchor": "position",

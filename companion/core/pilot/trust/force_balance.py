@@ -29,14 +29,10 @@ class ForceBalance:
         self._rate = BufferedStep(ca.Function("nu_dot", [eta, nu, f], [ca.densify(rate)]))
         self._arm_m, self._M = (imu.x_m, imu.y_m), mass_matrix(vessel)
 
-    def acceleration(self, eta: np.ndarray, nu: np.ndarray, f_n: np.ndarray) -> np.ndarray:
-        """nu_dot (3,) of the model at a pose, a velocity and thruster forces (n,) [N]."""
-        return self._rate(eta, nu, f_n)
-
     def residual(
         self, before: FilterState, now: FilterState, force_m_s2: np.ndarray, r_dot_rad_s2: float
     ) -> np.ndarray:
-        """W (3,) of the tick between two filter states; `force_m_s2`: mean specific force in body axes."""
+        """The wrench w (3,) of the tick between two filter states; `force_m_s2`: mean specific force in body axes."""
         nu = (before.x[NU] + now.x[NU]) / 2
         modelled = self._rate(now.x[ETA], nu, (before.f_n + now.f_n) / 2)
         level = np.array(to_level_axes(now.tilt, *map(float, force_m_s2))[:2]) - now.x[B_ACCEL]

@@ -113,7 +113,7 @@ class ThrusterBank:
 
     def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, dt_s: float) -> BankState:
         """After one residual w (3,) under forces f (n,) [N]."""
-        n, noise = self._n, state.noise
+        noise = state.noise
         # 1. noise: what changes within half a second and is neither sensor noise nor explained by a slow cause
         past = (*state.past, w)[-6:]
         if len(past) == 6:
@@ -145,13 +145,13 @@ class ThrusterBank:
         for k in map(int, np.flatnonzero(nats <= 0.0)):
             nats[k] = 0.0
             if k:
-                mean[k], P[k] = self._afresh(k, mean[0], P[0], n)
+                mean[k], P[k] = self._afresh(k, mean[0], P[0])
         return replace(state, mean=mean, P=P, nats=nats, noise=noise, past=past, count=state.count + 1)
 
-    def _afresh(self, k: int, mean: np.ndarray, P: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    def _afresh(self, k: int, mean: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What `sound` knows, but for what hypothesis k is free in."""
         mean, P, h = mean.copy(), P.copy(), self.hypotheses[k]
-        free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 3]}.get(h.kind, [0, 1, 2] if h.kind in D_SIGMA else [])
+        free = {"gain": [3 + h.i], "stuck": [3 + h.i, self._n + 3]}.get(h.kind, [0, 1, 2] if h.kind in D_SIGMA else [])
         P[free, :] = P[:, free] = 0.0
         P[free, free] = np.diagonal(self._P0[k])[free]
         mean[free] = self._mean0[k][free]

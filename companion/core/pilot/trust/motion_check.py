@@ -21,6 +21,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import rotate
 from companion.core.messages import Alert, Innovation, OperatorCommand
+from companion.core.model.manoeuvring import coefficients, damping_force
 from companion.core.model.thrusters import configuration_matrix, force_limits
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding
@@ -65,12 +66,8 @@ class MotionMonitor(Monitor[MotionState]):
     initial = MotionState()
 
     def __init__(self, vessel: VesselFile):
-        d = vessel.damping
-        flow = [
-            -(d.X_u_N_s_m + d.X_uu_N_s2_m2 * FLOW_M_S) * FLOW_M_S,
-            -(d.Y_v_N_s_m + d.Y_vv_N_s2_m2 * FLOW_M_S) * FLOW_M_S,
-            -(d.N_r_N_m_s + d.N_rr_N_m_s2 * TURN_RAD_S) * TURN_RAD_S,
-        ]
+        along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
+        flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))
         self._force_n = np.array(flow) + THRUST_SHARE * most
 
@@ -105,7 +102,7 @@ class MotionMonitor(Monitor[MotionState]):
             return state, _report(state)
         if not (text := _sentence(state, belief.lasting)):
             return state, NOTHING
-        state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns, state.sum / 2),))
+        state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
         return state, MonitorReport(_report(state).events, (Alert(t_ns=view.t_ns, level="error", text=text),))
 
 

@@ -8,7 +8,9 @@ all repeat, and an anchor that has repeated itself five times in a row.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+from msgspec.structs import replace as struct_replace
 
 from companion.core.messages import Alert, UwbPosition, UwbRanges
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
@@ -50,21 +52,22 @@ class RepeatedRangesMonitor(Monitor[RangeRepeats]):
             last[r.anchor] = (r.range_m, count + 1 if before == r.range_m else 0)
         counts = [last[r.anchor][1] for r in message.ranges]
         if len(counts) > 1 and min(counts) >= 1:
-            return self._repeated(RangeRepeats(last, state.since_ns, state.told, state.position), t_ns)
+            return self._repeated(replace(state, last=last), t_ns)
         stuck = [r.anchor for r in message.ranges if last[r.anchor][1] >= ANCHOR_REPEATS]
-        told = ", ".join(stuck)
-        now = RangeRepeats(last, None, told, state.position)
+        now = replace(state, last=last, since_ns=None, told=", ".join(stuck))
         alerts = _changed(state, now, t_ns)
         if not stuck:
             return now, MonitorReport(alerts=alerts)
         good = tuple(r for r in message.ranges if r.anchor not in stuck)
-        return now, MonitorReport(alerts=alerts, withhold=not good, instead=_with(message, good) if good else None)
+        return now, MonitorReport(
+            alerts=alerts, withhold=not good, instead=struct_replace(message, ranges=good) if good else None
+        )
 
     def _repeated(self, state: RangeRepeats, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
         """A message that says nothing new."""
         since_ns = t_ns if state.since_ns is None else state.since_ns
         told = "all" if t_ns - since_ns >= ALERT_NS else state.told
-        now = RangeRepeats(state.last, since_ns, told, state.position)
+        now = replace(state, since_ns=since_ns, told=told)
         return now, MonitorReport(alerts=_changed(state, now, t_ns), withhold=True)
 
     def _position(self, state: RangeRepeats, message: UwbPosition, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
@@ -72,13 +75,9 @@ class RepeatedRangesMonitor(Monitor[RangeRepeats]):
         if (place := (message.x_m, message.y_m)) == state.position:
             return self._repeated(state, t_ns)
         if state.last:  # ranges come too, and judge
-            return RangeRepeats(state.last, state.since_ns, state.told, place), NOTHING
-        now = RangeRepeats(state.last, None, "", place)
+            return replace(state, position=place), NOTHING
+        now = replace(state, since_ns=None, told="", position=place)
         return now, MonitorReport(alerts=_changed(state, now, t_ns))
-
-
-def _with(message: UwbRanges, ranges: tuple) -> UwbRanges:
-    return UwbRanges(t_ns=message.t_ns, t_rx_ns=message.t_rx_ns, tag=message.tag, ranges=ranges)
 
 
 def _changed(before: RangeRepeats, now: RangeRepeats, t_ns: int) -> tuple[Alert, ...]:

@@ -94,7 +94,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         """One residual through the bank, and the verdict."""
         before, now = state.before, view.belief
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now)
-        report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
+        report = _report(state)
         if not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
             return replace(after, bank=self._bank.initial()), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
@@ -113,7 +113,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         nats, kinds = state.bank.nats, self._bank.hypotheses
         order = np.argsort(nats)[::-1]
         best = order[0]
-        report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
+        report = _report(state)
         asks = nats[best] >= ASK_NATS and kinds[best].is_thruster and not view.suspect
         state = replace(state, probing=asks)
         if nats[best] < SURE_NATS or view.suspect:
@@ -133,12 +133,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView
     ) -> tuple[ThrusterState, MonitorReport]:
         """Several explain it alike."""
-        report = MonitorReport({"crippled": state.hopeless}) if state.hopeless else NOTHING
         if state.doubted:
-            return state, report
+            return state, _report(state)
         text = "the boat does not do what it is told: " + " or ".join(_words(h, self._names) for h in rivals[:3])
         alert = Alert(t_ns=view.t_ns, level="warning", text=text)
-        return replace(state, doubted=True), MonitorReport(report.events, (alert,))
+        return replace(state, doubted=True), _report(state, alert)
 
     def _found(self, state: ThrusterState, k: int, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """One explains it."""
@@ -179,7 +178,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             findings=(*state.findings, finding), hopeless=hopeless, probing=False, doubted=False,
             quiet_until_ns=view.t_ns + QUIET_NS,
         )  # fmt: skip
-        return state, MonitorReport({"crippled": hopeless} if hopeless else {}, (alert,))
+        return state, _report(state, alert)
 
     def _elsewhere(self, state: ThrusterState, finding: Finding, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """Not a thruster: told once."""
@@ -188,6 +187,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         alert = Alert(t_ns=view.t_ns, level="warning", text=f"{finding.text} ({finding.nats:.0f} nats)")
         state = replace(state, accel_off=state.accel_off or finding.cause == "sensor")
         return replace(state, findings=(*state.findings, finding)), MonitorReport(alerts=(alert,))
+
+
+def _report(state: ThrusterState, *alerts: Alert) -> MonitorReport:
+    """The condition that holds, and alerts."""
+    return MonitorReport({"crippled": state.hopeless} if state.hopeless else {}, alerts)
 
 
 def _gain_words(gain: float) -> str:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from companion.core.messages import StateEstimate
 
-Cause = Literal["sensor", "thruster", "surroundings", "unknown"]
+Cause = Literal["sensor", "thruster", "surroundings"]
 
 
 @dataclass(frozen=True)

@@ -93,13 +93,14 @@ class Exact(ReadDataStream):
 
     def __init__(self, body: bytes):
         super().__init__(io.BytesIO(body))
+        self._left = len(body)
 
     def read(self, length: int) -> bytes:
-        """Next `length` bytes. Raises EndOfFile."""
-        data = super().read(length) if length > 0 else b""
-        if len(data) != length:
+        """Next `length` bytes. Raises EndOfFile, also where a damaged length is more than an index can be."""
+        if not 0 <= length <= self._left:
             raise EndOfFile
-        return data
+        self._left -= length
+        return super().read(length)
 
 
 def _unpacked(compression: str, packed: bytes, most: int) -> bytes:

@@ -78,6 +78,14 @@ def test_a_chunk_with_a_damaged_header_is_known_by_its_inner_lengths_and_checksu
     assert report.lost_bytes < 1000
 
 
+def test_a_chunk_that_says_to_be_longer_than_an_index_can_be_is_left_out(sound, tmp_path):
+    at = [at for at in headers(sound) if sound[at] == CHUNK][5]
+    name = at + 9 + 8 + 8 + 8 + 4
+    top = name + 4 + sound[name] + 7  # the highest byte of the length of what the chunk holds
+    got, report = indices(tmp_path, sound[:top] + b"\xff" + sound[top + 1 :])
+    assert len(got) == CHUNK_TICKS * (CHUNKS - 1) and len(report.damage) == 1
+
+
 def test_a_damaged_first_byte_of_the_file_loses_nothing_but_the_magic(sound, tmp_path):
     got, report = indices(tmp_path, b"\0" + sound[1:])
     assert len(got) == CHUNK_TICKS * CHUNKS

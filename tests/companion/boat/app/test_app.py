@@ -32,7 +32,9 @@ def test_a_run_from_start_to_stop(path):
         bench.sent_then = [pwm[8:12] for t_ns, pwm in bench.overrides if t_ns >= bench.of(Tick)[0].t_ns]
 
     assert bench.scene(story) is None
-    assert bench.sent_then == bench.decided, "what was decided is what was sent"
+    under_way = len(bench.decided) - len(bench.sent_then)  # the last may not have come out of the cable yet
+    assert under_way in (0, 1)
+    assert bench.sent_then == bench.decided[: len(bench.sent_then)], "what was decided is what was sent"
     counts = bench.leases_per_tick()
     driven = counts[:-12]  # the last second has the neutrals of the end beside the leases
     assert len(driven) > 60 and set(driven) == {1}

@@ -164,7 +164,7 @@ class Telemetry:
             self._wake.clear()
             self._empty(publishers)
             if ended:
-                return
+                return self._publish(publishers, self._view.end(time.monotonic_ns()))
             if (now_s := time.monotonic()) >= look_s:
                 look_s = now_s + LOOK_S
                 connected = self._look(session, connected)

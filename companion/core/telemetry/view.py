@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import msgspec
+
 from companion.core.messages import (
     Alert,
     Attitude,
@@ -87,6 +89,14 @@ class TelemetryView:
         """The pre-flight rows, once they are known."""
         return shore.ChecksNow(**self._head(t_ns), level=worst(rows), rows=tuple(rows))
 
+    def end(self, t_ns: int) -> list[shore.ShoreMessage]:
+        """What is sent last: that the program has ended, so that shore need not take its silence for a lost link."""
+        mode: ModeStatus | None = self._last.get(ModeStatus)
+        if mode is None:
+            return []
+        last = topics.mode(self._who.run, mode, self._last.get(Heartbeat))
+        return [msgspec.structs.replace(last, t_ns=max(t_ns, mode.t_ns + 1), driving=False, ended=True)]
+
     def see(self, message: Message) -> list[shore.ShoreMessage]:
         """Note one message; what is to be published now."""
         if note := _SEE.get(type(message)):
@@ -136,6 +146,7 @@ class TelemetryView:
         return [shore.AlertTold(**self._head(message.t_ns), level=message.level, text=cut(message.text))]
 
     def _mode(self, message: ModeStatus) -> list[shore.ShoreMessage]:
+        self._keep(message)
         return [topics.mode(self._who.run, message, self._last.get(Heartbeat))]
 
     def _tick_over(self, message: LoopTiming) -> list[shore.ShoreMessage]:

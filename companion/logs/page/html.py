@@ -16,7 +16,7 @@ from importlib.resources import files
 
 from companion.shore.console.assets import assets
 
-STYLES = ("/vendor/leaflet.css", "/vendor/uPlot.css", "/web/console.css")
+STYLES = ("/vendor/leaflet.css", "/vendor/uPlot.css", "/web/theme.css", "/web/map.css", "/web/panels.css")
 LIBRARIES = ("/vendor/leaflet.js", "/vendor/uPlot.js")
 _IMPORT = re.compile(r"""(\bfrom\s*|\bimport\s*)(["'])(?:\./|/web/)([\w.-]+\.js)\2""")
 _MAP_COMMENT = re.compile(r"^\s*//# sourceMappingURL=.*$", re.MULTILINE)

@@ -185,6 +185,7 @@ class Console:
         if self._keys and (problem := self._keys.problem(name)) != boat.problem:
             boat.problem = problem
             self._say(problem or f"{name}: its command key is there now")
+        boat.no_orders = "" if not self._keys or isinstance(why := self._keys.of(name), Sender) else why
         now_s = time.monotonic()
         if len(boat.runs(time.monotonic_ns())) > 1 and now_s - self._warned_s.get(name, -WARN_S) >= WARN_S:
             self._warned_s = {b: s for b, s in self._warned_s.items() if now_s - s < WARN_S} | {name: now_s}
@@ -206,7 +207,7 @@ class Console:
     def _about(self) -> bytes:
         """What a page must know of its console."""
         status = {"started": self._started, "commands": bool(self._keys), "problem": self._hearing.problem}
-        return _ENCODER.encode({"type": "console", **status})
+        return _ENCODER.encode({"type": "console", "where": self._hearing.where, **status})
 
     # --- the web -----------------------------------------------------------------------------------
 

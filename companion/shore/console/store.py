@@ -71,10 +71,14 @@ class RunRecord:
 
 
 class BoatRecord:
-    """One boat's name: the runs heard under it, of which one is shown. `problem`: why it can be given no orders."""
+    """One boat's name: the runs heard under it, of which one is shown.
+
+    `problem`: what is wrong with its key file; `no_orders`: why it can be given no orders, a missing key included.
+    """
 
     def __init__(self, name: str, heard_ns: int = 0) -> None:
-        self.name, self.alive, self.malformed, self.problem = name, False, 0, ""
+        self.name, self.alive, self.malformed = name, False, 0
+        self.problem = self.no_orders = ""
         self.heard_ns = heard_ns
         self._runs: dict[str, RunRecord] = {}
         self._shown = RunRecord("", 0, 0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import threading
 import time
 from collections import deque
@@ -63,11 +64,16 @@ def config_of(file: Path | None, connect: list[str], listen: list[str]) -> zenoh
 class ZenohClient:
     """Call `run` on the loop; `take` the received samples. `problem`: why there is no session; empty: connected.
 
-    `dropped`: samples without room in the queue.
+    `dropped`: samples without room in the queue; `where`: the endpoints of `config`, in words.
     """
 
     def __init__(self, config: zenoh.Config) -> None:
         self.dropped, self.problem = 0, "not connected yet"
+        self.where = " and ".join(
+            f"{does} {', '.join(found)}"
+            for key, does in (("listen", "listening on"), ("connect", "connecting to"))
+            if (found := _endpoints(config, key))
+        )
         self._config, self._queue = config, deque[ZenohSample]()
         self._session: zenoh.Session | None = None
 
@@ -164,3 +170,9 @@ class ZenohClient:
             self.dropped += 1
         else:
             self._queue.append(sample)
+
+
+def _endpoints(config: zenoh.Config, key: str) -> list[str]:
+    """Endpoints to listen on or to connect to, in the configuration's mode."""
+    found = json.loads(config.get_json(f"{key}/endpoints"))
+    return found if isinstance(found, list) else found.get(json.loads(config.get_json("mode")) or "peer", [])

@@ -12,8 +12,8 @@ const WINDOWS = [["all of the log", Infinity], ["5 min", 300], ["1 min", 60], ["
 const FRAME_MS = 66;
 const TRACK_S = 600; // behind the boat; longer lines are slow to draw
 const GHOST_TRACK_S = 60;
-const GHOST_COLOURS = ["#00594f", "#5b2a86"]; // those that the plots give to the second and third source
-const BOAT_COLOUR = "#0b3d91";
+const GHOST_COLOURS = ["var(--plot-3)", "var(--plot-5)"]; // those that the plots give to the second and third source
+const BOAT_COLOUR = "var(--boat)";
 const OFF = { id: "off", title: "Distance from simulation", unit: "m", digits: 2, min_span: 0.2,
   lines: (about) => (about ? [] : [{ label: "distance", topic: "state", value: (s) => s.off_m }]) };
 

@@ -1,23 +1,27 @@
 // The live page: what the console hears of every boat, one of them closely.
 
+import { BoatList } from "./boat_list.js";
 import { Connection } from "./connection.js";
+import { Fleet, LOST_S } from "./fleet.js";
 import { History } from "./history.js";
 import { BoatMap } from "./map.js";
 import { OrderDesk } from "./orders.js";
 import { make, showAlerts, showChecks, showFigures, showLinks, showMode, showThrusters } from "./panels.js";
 import { Plots } from "./plots.js";
+import { themeSwitch } from "./theme.js";
+import { placed } from "./shapes.js";
 import { age, modeWords } from "./words.js";
 
 const KEPT_S = 150; // of the chosen boat; of the others only what the list and the map need
 const OTHERS_S = 5;
 const STALE_S = 1.5; // a boat tells its state ten times a second
-const LOST_S = 5;
 const PLOTS_MS = 200;
 const LOOK_MS = 250;
 const $ = (id) => document.getElementById(id);
 
 const history = new History({ keep_s: OTHERS_S });
-const clocks = new Map(); // boat -> [its clock minus the console's, ms; whether its token is there; programs of its name; why it gets no orders]
+const clocks = new Map(); // boat -> what `Fleet` says
+const fleet = new Fleet(history, clocks, age_s);
 const drawn = new Map(); // boat -> how often it was drawn, for measurements
 const changed = new Set();
 const map = new BoatMap($("map"), { label: "Map of the boats, metres, north up. Arrow keys move it, plus and minus zoom." });
@@ -28,6 +32,7 @@ let window_s = Number($("window").value);
 let plotted_ms = 0;
 let commands = false;
 let zenoh = "";
+let whyNot = "";
 let started = null; // which run of the console program this page has spoken to
 
 const connection = new Connection({ onframe, onconsole, onorder: (given) => desk.show(given) });
@@ -35,41 +40,44 @@ const elements = {
   stop: $("stop"), stopAll: $("stop-all"), hold: $("hold"), start: $("start"), load: $("load"), file: $("file"),
   question: $("question"), answers: $("answers"), says: $("says"),
 };
-const desk = new OrderDesk(connection, elements, () => ({ chosen, all: history.boats(), view: chosen && history.at(chosen) }));
+const boatList = new BoatList($("boat-list"), { choose, putAway });
+const desk = new OrderDesk(connection, elements, () => ({ chosen, all: fleet.stoppable(commands), whyNot, view: chosen && history.at(chosen) }));
 
 function onconsole(about) {
   if (started !== null && started !== about.started) desk.restart();
   started = about.started;
   commands = about.commands;
   zenoh = about.problem ? `Zenoh: ${about.problem}` : "";
+  $("hears").textContent = about.where ? `This console is ${about.where}.` : "";
   look();
 }
 
 function onframe(frame) {
   for (const [boat, clock] of Object.entries(frame.clocks)) clocks.set(boat, clock);
   for (const sample of frame.samples) if (history.push(sample)) changed.add(sample.boat);
-  if (!chosen || !history.boats().includes(chosen)) choose(remembered() ?? history.boats()[0] ?? null);
+  look();
   requestAnimationFrame(draw);
 }
 
 function remembered() {
   const name = decodeURIComponent(location.hash.slice(1));
-  return history.boats().includes(name) ? name : null;
+  return fleet.names().includes(name) ? name : null;
 }
 
 function choose(boat) {
-  if (!boat || boat === chosen) return;
+  if (boat === chosen) return;
   if (chosen) {
     history.keep(chosen, OTHERS_S);
     changed.add(chosen);
   }
   chosen = boat;
+  desk.dismiss();
+  fitted = null;
+  if (!boat) return look();
   history.keep(boat, KEPT_S);
   changed.add(boat);
-  fitted = null;
   globalThis.history.replaceState(null, "", `#${encodeURIComponent(boat)}`);
   connection.choose(boat);
-  desk.dismiss();
   look();
   requestAnimationFrame(draw);
 }
@@ -93,9 +101,13 @@ function age_s(boat) {
 function draw() {
   if (document.hidden || !changed.size) return;
   for (const boat of changed) {
+    if (fleet.away.has(boat)) {
+      map.forget(boat);
+      continue;
+    }
     const close = boat === chosen;
     const view = close ? history.at(boat) : { state: history.last(boat, "state"), about: history.last(boat, "about") };
-    map.show(boat, view, { track: close ? history.track(boat) : [], chosen: close, stale: stale(boat), colour: close ? "#0b3d91" : "#3d4a55" });
+    map.show(boat, view, { track: close ? history.track(boat) : [], chosen: close, stale: stale(boat), ended: fleet.ended(boat), colour: close ? "var(--boat)" : "var(--other)" });
     drawn.set(boat, (drawn.get(boat) ?? 0) + 1);
     if (close) showChosen(view);
   }
@@ -103,7 +115,7 @@ function draw() {
 }
 
 function showChosen(view) {
-  if (fitted !== chosen && view.state && view.about) {
+  if (fitted !== chosen && view.about && (view.about.within.length || placed(view.state))) {
     fitted = chosen;
     map.fit(view);
   }
@@ -129,44 +141,60 @@ function stale(boat) {
   return old === null || old > STALE_S || !connection.open;
 }
 
-/** What changes by itself: ages, what is stale, the list of boats. */
+/** What changes by itself: ages, what is stale, the list of boats, what can be ordered. */
 function look() {
+  if (!fleet.names().includes(chosen)) choose(remembered() ?? fleet.names().find((boat) => !fleet.ended(boat)) ?? fleet.names()[0] ?? null);
+  document.body.classList.toggle("empty", !chosen);
   const old = age_s(chosen);
-  const isStale = stale(chosen);
+  const isStale = Boolean(chosen) && stale(chosen);
   const link = $("link");
-  link.dataset.kind = !connection.open || old === null || old > LOST_S ? "lost" : isStale ? "stale" : "live";
+  link.dataset.kind = linkKind(old, isStale);
   const text = lineState(old);
-  if ($("link-text").textContent !== text.long) $("link-text").textContent = text.long;
-  $("age").textContent = old === null ? "–" : age(old);
-  if (link.dataset.said !== text.short) {
-    link.dataset.said = text.short;
-    $("link-says").textContent = text.short;
-  }
+  say("link-text", text.long);
+  say("link-says", text.short);
+  say("age", old === null ? "–" : age(old));
   if (document.body.classList.toggle("stale", isStale) !== look.was && chosen) changed.add(chosen);
   look.was = isStale;
-  const problem = [zenoh, sharedNames()].filter(Boolean).join(" ");
-  if ($("problem").textContent !== problem) $("problem").textContent = problem;
+  say("problem", [zenoh, sharedNames()].filter(Boolean).join(" "));
   const note = $("stale-note");
-  note.hidden = !isStale || !chosen;
+  note.hidden = !isStale;
   note.textContent = old === null ? "" : `Last known, ${age(old)} old`;
-  const about = chosen && history.last(chosen, "about");
-  const can = Boolean(chosen && commands && about?.commands);
-  for (const key of ["stop", "hold", "start", "load"]) elements[key].disabled = key === "stop" ? !chosen || !commands : !can;
-  elements.stopAll.hidden = history.boats().length < 2;
-  elements.stopAll.disabled = !commands;
-  const count = history.boats().length;
-  if (count > 1) elements.stopAll.textContent = `STOP ALL ${count}`;
-  const why = !chosen ? "" : !commands ? "This console has no command key: it only looks." : about && !about.commands ? `${chosen} takes no orders from shore.` : (clocks.get(chosen)?.[3] ?? "");
-  if ($("no-orders").textContent !== why) $("no-orders").textContent = why;
+  showOrders();
   desk.draw();
   showBoats();
   drawPlots();
   if (changed.size) requestAnimationFrame(draw);
 }
 
+/** A text, set where it changed: screen readers tell of it. */
+function say(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
+}
+
+function linkKind(old, isStale) {
+  if (!connection.open) return "lost";
+  if (chosen && fleet.ended(chosen)) return "ended";
+  return old === null || old > LOST_S ? "lost" : isStale ? "stale" : "live";
+}
+
+/** Which orders can be given, and why a STOP cannot, before somebody needs it. */
+function showOrders() {
+  const no = fleet.noStop(chosen, commands);
+  const can = !no && Boolean(history.last(chosen, "about")?.commands);
+  elements.stop.disabled = Boolean(no);
+  for (const key of ["hold", "start", "load"]) elements[key].disabled = !can;
+  whyNot = no ? no[0] : "";
+  say("stop-whom", no ? (chosen ? `cannot: ${no[0]}` : no[0]) : chosen);
+  say("no-orders", no ? no[1] : fleet.doubt(chosen));
+  const reached = fleet.stoppable(commands).filter((boat) => !fleet.lost(boat)).length;
+  elements.stopAll.hidden = fleet.names().length < 2;
+  elements.stopAll.disabled = !fleet.stoppable(commands).length;
+  say("stop-all", `STOP ALL ${reached}`);
+}
+
 /** Names that several programs have: what is shown of such a boat is one of them. */
 function sharedNames() {
-  const names = history.boats().filter((boat) => clocks.get(boat)?.[2] > 1);
+  const names = fleet.names().filter((boat) => clocks.get(boat)?.[2] > 1);
   if (!names.length) return "";
   return `NAME TAKEN TWICE: ${names.map((name) => `${clocks.get(name)[2]} programs call themselves ${name}`).join("; ")}. STOP goes to all of them, other orders to none; only one is shown.`;
 }
@@ -177,6 +205,7 @@ function lineState(old) {
     return { short: "Connection to the console lost", long: `No connection to the console program for ${age(seconds)}: trying again` };
   }
   if (!chosen) return { short: "No boat yet", long: "Connected to the console; no boat was heard of yet" };
+  if (fleet.ended(chosen)) return { short: `${chosen} has ended`, long: `${chosen} has ended; its last word` };
   if (old > STALE_S) {
     const there = clocks.get(chosen)?.[1] ? "its program can be reached" : "its program cannot be reached";
     return { short: `No word from ${chosen}`, long: `No word from ${chosen} for ${age(old)}; ${there}` };
@@ -185,32 +214,22 @@ function lineState(old) {
 }
 
 function showBoats() {
-  const names = history.boats();
-  const list = $("boat-list");
+  const names = fleet.names();
   document.body.classList.toggle("fleet", names.length > 1);
-  if (names.length < 2) return list.replaceChildren();
-  names.forEach((name, k) => {
-    let button = list.children[k]?.firstChild;
-    if (!button) {
-      button = make("button", "boat");
-      button.append(make("b"), make("span", "boat-mode"), make("span", "boat-age"));
-      button.addEventListener("click", () => choose(button.dataset.boat));
-      const item = make("li");
-      item.append(button);
-      list.append(item);
-    }
-    const mode = history.last(name, "mode");
-    const [word, kind] = modeWords(mode);
+  boatList.show(names.length > 1 ? names : [], (name) => {
     const old = age_s(name);
-    const texts = [clocks.get(name)?.[2] > 1 ? `${name} ×${clocks.get(name)[2]}` : name, word, old === null ? "never" : age(old)];
-    button.dataset.boat = name;
-    texts.forEach((text, i) => {
-      if (button.children[i].textContent !== text) button.children[i].textContent = text;
-    });
-    button.dataset.kind = stale(name) ? "unknown" : kind;
-    button.setAttribute("aria-pressed", String(name === chosen));
+    const [word, kind] = modeWords(history.last(name, "mode"));
+    return {
+      name, word, kind: stale(name) && kind !== "ended" ? "unknown" : kind, programs: clocks.get(name)?.[2] ?? 1,
+      old: old === null ? "never" : age(old), chosen: name === chosen, gone: fleet.ended(name) || fleet.lost(name),
+    };
   });
-  while (list.children.length > names.length) list.lastChild.remove();
+}
+
+function putAway(boat) {
+  fleet.putAway(boat);
+  changed.add(boat);
+  look();
 }
 
 // --- the page's own buttons ------------------------------------------------------------------------
@@ -230,7 +249,8 @@ document.addEventListener("visibilitychange", () => {
   if (chosen) changed.add(chosen);
   look();
 });
+themeSwitch($("theme"));
 setInterval(look, LOOK_MS);
 look();
 
-globalThis.aritra = { history, connection, drawn, map, age_s, choose }; // for tests and the curious
+globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet }; // for tests and the curious

@@ -35,7 +35,7 @@ export class Grid {
     this.lines.clearLayers();
     this.labels.replaceChildren();
     const digits = step < 1 ? Math.ceil(-Math.log10(step)) : 0;
-    const put = (places, zero) => L.polyline(places, { color: "#9aa4ad", weight: zero ? 1.6 : 0.7, interactive: false }).addTo(this.lines);
+    const put = (places, zero) => L.polyline(places, { color: "var(--grid)", weight: zero ? 1.6 : 0.7, interactive: false }).addTo(this.lines);
     const margin = step;
     for (let k = Math.ceil(south / step); k * step <= north; k++) {
       put([[k * step, west - margin], [k * step, east + margin]], k === 0);

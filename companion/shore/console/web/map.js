@@ -2,12 +2,13 @@
 // Places are [north_m, east_m], which Leaflet's plane (CRS.Simple) takes as [y, x].
 
 import { Grid } from "./grid.js";
-import { arrow, ellipse, fresh, outline, sizeOf, toMap } from "./shapes.js";
+import { arrow, ellipse, fresh, outline, placed, sizeOf, toMap } from "./shapes.js";
 
 const L = globalThis.L;
-const INK = "#101418";
-const GREY = "#5d666e";
-const COLOURS = { path: "#5b2a86", passed: "#8d7a9c", horizon: "#a3123a", fence: "#8a3b00", anchor: "#00594f", no: "#b00020" };
+const INK = "var(--ink)"; // colours are those of theme.css
+const GREY = "var(--old-boat)";
+const COLOURS = { path: "var(--path)", horizon: "var(--horizon)", fence: "var(--fence)" };
+const FADED = 0.4; // of a boat that has ended
 const SMALL_PX = 16; // a boat that is smaller on the screen gets a ring around it, so that it can be seen and clicked
 const DETAIL_PX = 40; // length of a boat on the screen below which its thrusters would be blots
 const FOLLOW = 0.3; // share of the map at its edges that a followed boat is kept out of
@@ -75,51 +76,55 @@ export class BoatMap {
   }
 
   /** Draw or move one boat. `view`: History.at; `chosen`: with path, horizon, ellipse, fence, anchors. */
-  show(name, view, { track = [], stale = false, colour = "#0b3d91", ghost = false, chosen = false } = {}) {
+  show(name, view, { track = [], stale = false, ended = false, colour = "var(--boat)", ghost = false, chosen = false } = {}) {
     const layers = this.boats.get(name) ?? new BoatLayers(this.map, name, () => this.onchoose(name));
     this.boats.set(name, layers);
     const ink = stale ? GREY : colour;
-    const { state, about } = view;
+    const { about } = view;
+    const state = placed(view.state);
+    const opacity = ended ? FADED : 1;
     this.showSite(layers, chosen ? about : null);
     this.showPath(layers, chosen ? view : {});
     this.showAnchors(layers, chosen ? view : {}, stale);
     const trail = line({ weight: 2.5, opacity: 0.85, dashArray: ghost ? "2 6" : null });
     layers.set("track", track, trail);
-    layers.made.get("track")?.setStyle({ color: ink });
+    layers.made.get("track")?.setStyle({ color: ink, opacity: 0.85 * opacity });
     layers.set("horizon", chosen && !ghost && !stale ? fresh(view.horizon, state)?.poses.map(([n, e]) => [n, e]) : null,
       line({ color: COLOURS.horizon, weight: 3.5, dashArray: "1 6", lineCap: "round", pane: "boats" }));
     layers.set("ellipse", chosen && state ? ellipse(state) : null, area({ pane: "boats", weight: 1.5, fillOpacity: 0.15 }));
     layers.made.get("ellipse")?.setStyle({ color: ink, fillColor: ink });
-    if (state) this.showHull(layers, view, { ink, ghost, chosen, stale });
+    if (state) this.showHull(layers, { ...view, state }, { ink, ghost, stale, opacity });
+    else for (const part of ["hull", "bow", "ring", "name", "force ", "head ", "thruster "]) layers.dropAll(part);
     if (chosen && state && this.follow) this.keepInSight([state.north_m, state.east_m]);
   }
 
-  showHull(layers, { state, about, thrusters }, { ink, ghost, chosen, stale }) {
+  showHull(layers, { state, about, thrusters }, { ink, ghost, stale, opacity }) {
     const pane = "boats";
-    const hull = area({ pane, weight: ghost ? 1.5 : 2.5, interactive: true, fillOpacity: ghost ? 0 : 0.55, fillColor: "#ffffff", dashArray: ghost ? "4 3" : null });
+    const hull = area({ pane, weight: ghost ? 1.5 : 2.5, interactive: true, fillOpacity: ghost ? 0 : 0.55, fillColor: "var(--paper)", dashArray: ghost ? "4 3" : null });
     const place = [state.north_m, state.east_m];
     layers.set("hull", outline(state, about), hull);
-    layers.set("bow", [place, toMap(state, sizeOf(about).length / 2, 0)], line({ pane, weight: 2, opacity: ghost ? 0.6 : 1 }));
+    layers.set("bow", [place, toMap(state, sizeOf(about).length / 2, 0)], line({ pane, weight: 2}));
     const small = sizeOf(about).length * 2 ** this.map.getZoom() < SMALL_PX && !ghost;
     if (small) {
       layers.get("ring", (map) => L.circleMarker(place, { pane, radius: 11, weight: 3, fillOpacity: 0.25 }).addTo(map)).setLatLng(place);
-      layers.made.get("ring").setStyle({ color: ink, fillColor: ink });
+      layers.made.get("ring").setStyle({ color: ink, fillColor: ink, opacity });
     } else layers.drop("ring");
-    for (const key of ["hull", "bow"]) layers.made.get(key).setStyle({ color: ink });
+    for (const key of ["hull", "bow"]) layers.made.get(key).setStyle({ color: ink, opacity: ghost && key === "bow" ? 0.6 : opacity });
     for (const key of ["hull", "ring"]) {
       const layer = layers.made.get(key);
       if (layer && !layer.listens("click")) layer.on("click", layers.onchoose);
     }
-    if (!ghost) this.showName(layers, place, Math.max((sizeOf(about).length / 2) * 2 ** this.map.getZoom(), 12));
+    if (!ghost) this.showName(layers, place, opacity, Math.max((sizeOf(about).length / 2) * 2 ** this.map.getZoom(), 12));
     this.showThrusters(layers, state, about, thrusters, ghost || stale, sizeOf(about).length * 2 ** this.map.getZoom() < DETAIL_PX);
   }
 
   /** The boat's name beside its hull, `away` pixels from its middle. */
-  showName(layers, place, away) {
+  showName(layers, place, opacity, away) {
     const icon = L.divIcon({ className: "boat-name", html: "<span></span>", iconSize: [0, 0] });
     const marker = layers.get("name", (map) => L.marker(place, { icon, pane: "boats", interactive: false, keyboard: false }).addTo(map));
     const text = marker.setLatLng(place).getElement().firstChild;
     if (text.textContent !== layers.name) text.textContent = layers.name;
+    text.style.opacity = opacity;
     text.style.left = `${0.8 * away + 2}px`;
     text.style.bottom = `${0.6 * away}px`;
   }
@@ -128,7 +133,7 @@ export class BoatMap {
     (about?.thrusters ?? []).forEach((thruster, k) => {
       const force = thrusters?.force_n[k];
       const shape = still || force === undefined ? null : arrow(state, about, thruster, force);
-      const ink = force < 0 ? "#b34700" : "#006b3c";
+      const ink = force < 0 ? "var(--astern)" : "var(--ahead)";
       layers.set(`force ${k}`, shape?.line, line({ pane: "boats", weight: 4 }));
       layers.set(`head ${k}`, shape?.head, area({ pane: "boats", weight: 1, fillOpacity: 1 }));
       for (const key of [`force ${k}`, `head ${k}`]) layers.made.get(key)?.setStyle({ color: ink, fillColor: ink });
@@ -205,17 +210,19 @@ export class BoatMap {
 
   /** Zoom to a boat's fence, anchors, path and place. While it stays in there the map stands still. */
   fit(view) {
-    const { about, path, state } = view;
+    const { about, path } = view;
+    const state = placed(view.state);
     const places = [...(about?.within ?? []).flat(), ...(about?.anchors ?? []).map((a) => [a.north_m, a.east_m]),
       ...(path?.waypoints ?? []).map((w) => [w.north_m, w.east_m]), ...(state ? [[state.north_m, state.east_m]] : [])];
     if (!places.length) return;
     this.fitted = L.latLngBounds(places);
+    this.map.invalidateSize({ animate: false }); // it may have been hidden until now
     this.map.fitBounds(this.fitted, { animate: false, maxZoom: 8, paddingTopLeft: [56, 24], paddingBottomRight: [72, 76] });
   }
 
   /** Zoom in on the boat itself. */
   near(view) {
-    if (!view.state) return;
+    if (!placed(view.state)) return;
     this.fitted = null;
     const zoom = Math.log2((Math.min(...Object.values(this.map.getSize())) || 400) / (6 * sizeOf(view.about).length));
     this.map.setView([view.state.north_m, view.state.east_m], Math.min(Math.round(zoom * 4) / 4, 9), { animate: false });

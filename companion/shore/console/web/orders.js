@@ -28,7 +28,7 @@ export class OrderDesk {
     load.addEventListener("click", () => file.click());
     file.addEventListener("change", () => this.load());
     document.addEventListener("keydown", (event) => {
-      if (event.key === "F9" && !stop.disabled) this.stop([this.boats().chosen]);
+      if (event.key === "F9") this.stopOrSayWhyNot();
       else if (event.key === "Escape") this.dismiss();
       else return;
       event.preventDefault();
@@ -41,6 +41,12 @@ export class OrderDesk {
   }
 
   // --- what is given -------------------------------------------------------------------------------
+
+  stopOrSayWhyNot() {
+    const { stop, says } = this.elements;
+    if (!stop.disabled) this.stop([this.boats().chosen]);
+    else says.textContent = `STOP was not sent: ${this.boats().whyNot}.`;
+  }
 
   stop(boats) {
     this.dismiss();

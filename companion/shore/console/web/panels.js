@@ -1,6 +1,6 @@
 // Figures, alerts and tables in words, beside the map.
 
-import { fresh, sigma } from "./shapes.js";
+import { fresh, placed, sigma } from "./shapes.js";
 import { age, clock, figure, heading, modeWords } from "./words.js";
 
 const SHOWN_ALERTS = 60;
@@ -36,13 +36,13 @@ export function showFigures(element, { state, reference, battery, thrusters, pat
   const health = { healthy: "ok", degraded: "warning", lost: "error" }[state?.health] ?? "warning";
   const total = path?.waypoints?.length;
   fill(element, [
-    ["North", figure(state?.north_m, 2, "m")],
-    ["East", figure(state?.east_m, 2, "m")],
+    ["North", figure(placed(state)?.north_m, 2, "m")],
+    ["East", figure(placed(state)?.east_m, 2, "m")],
     ["Heading", heading(state?.psi_rad)],
     ["Speed", state ? figure(Math.hypot(state.u_m_s, state.v_m_s), 2, "m/s") : figure(null)],
     ["Yaw rate", figure(state && (state.r_rad_s * 180) / Math.PI, 1, "°/s")],
     ["Cross-track", figure(fresh(reference, state)?.y_e_m, 2, "m")],
-    ["Position ±", state ? figure(sigma(state.covariance), 2, "m") : figure(null)],
+    ["Position ±", figure(placed(state) && sigma(state.covariance), 2, "m")],
     ["Estimate", state ? state.health + (state.reason ? `: ${state.reason}` : "") : "not reported", state && health],
     ["Waypoints", total ? `${reference?.waypoints_passed ?? 0} of ${total}` : figure(null)],
     ["Battery", figure(battery?.voltage_v, 1, "V")],
@@ -71,7 +71,7 @@ export function showThrusters(element, { about, thrusters }) {
     fill.classList.toggle("astern", share < 0);
     const given = thrusters?.output_us?.[k];
     const pulse = thrusters ? `${thrusters.pwm_us[k]} µs sent${given == null ? "" : `, ${given} given`}` : "";
-    [thruster.name.replaceAll("_", " "), null, figure(force, 1, "N"), pulse].forEach((text, i) => {
+    [thruster.name, null, figure(force, 1, "N"), pulse].forEach((text, i) => {
       if (text !== null && item.children[i].textContent !== text) item.children[i].textContent = text;
     });
   });
@@ -80,11 +80,11 @@ export function showThrusters(element, { about, thrusters }) {
 /** Mode in large letters, and why. */
 export function showMode(element, { mode }) {
   const [word, kind] = modeWords(mode);
-  const text = `${word}|${mode?.why ?? ""}|${mode?.armed}`;
+  const text = `${word}|${mode?.why ?? ""}|${mode?.armed}|${kind}`;
   if (element.dataset.shown === text) return;
   element.dataset.shown = text;
   element.dataset.kind = kind;
-  const armed = mode ? (mode.armed === null ? "autopilot silent" : mode.armed ? "armed" : "disarmed") : "";
+  const armed = mode && !mode.ended ? (mode.armed === null ? "autopilot silent" : mode.armed ? "armed" : "disarmed") : "";
   element.replaceChildren(make("strong", "", word), make("span", "armed", armed), make("span", "why", mode?.why ?? ""));
 }
 

@@ -1,25 +1,19 @@
 // Plots against time, drawn by uPlot: one panel a figure, one cursor for all, gaps where there are no samples.
 
+import { ink, onTheme } from "./theme.js";
 import { figure } from "./words.js";
 
 const uPlot = globalThis.uPlot;
-const INKS = ["#0b3d91", "#a3123a", "#00594f", "#7a4100", "#5b2a86", "#4b5a00"];
+const INKS = ["plot-1", "plot-2", "plot-3", "plot-4", "plot-5", "plot-6"]; // of theme.css
 const DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3], [4, 4], [1, 4]];
 const GAP_S = 2.5; // longer silence is drawn as silence; topics come at least once a second
 const DEGREES = 180 / Math.PI;
-const AXIS = { stroke: "#101418", grid: { stroke: "#cfd6dc", width: 1 }, ticks: { stroke: "#9aa4ad", width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
+const axis = () => ({ stroke: ink("ink"), grid: { stroke: ink("plot-grid"), width: 1 }, ticks: { stroke: ink("plot-tick"), width: 1, size: 4 }, font: "12px system-ui, sans-serif" });
 
-/** "front_port" -> "FP"; where two would be called the same, their whole names. */
-function shorts(names) {
-  const made = names.map((name) => name.split("_").map((word) => word[0]).join("").toUpperCase());
-  return names.length > 2 && new Set(made).size === names.length ? made : names;
-}
-
-const one = (label, topic, value, more = {}) => ({ label, topic, value, ...more });
+const one = (label, topic, value) => ({ label, topic, value });
 
 function pulses(about) {
-  const names = (about?.thrusters ?? []).map((t) => t.name);
-  return shorts(names).map((short, k) => one(names[k].replaceAll("_", " "), "thrusters", (s) => s.pwm_us[k], { short }));
+  return (about?.thrusters ?? []).map((thruster, k) => one(thruster.name, "thrusters", (s) => s.pwm_us[k]));
 }
 
 /** lines(about): what a panel draws; the first line of a panel is the measured one. min_span: least height of its axis. */
@@ -51,6 +45,8 @@ function column(list, value, from_s, to_s, zero_s) {
   }
   return [t, y];
 }
+
+const colour = ({ k, ghost, source }) => ink(INKS[(k + (ghost ? source * 2 : 0)) % INKS.length]);
 
 class Panel {
   constructor(parent, spec, owner) {
@@ -90,15 +86,14 @@ class Panel {
     this.legend.replaceChildren();
     this.values = lines.map((line) => {
       const item = this.legend.appendChild(document.createElement("span"));
-      const ink = INKS[(line.k + (line.ghost ? line.source * 2 : 0)) % INKS.length];
       const swatch = item.appendChild(document.createElement("i"));
-      swatch.style.borderTop = `3px ${line.ghost || line.k ? "dashed" : "solid"} ${ink}`;
-      if (lines.length > 1) item.append(`${line.short && !line.ghost ? line.short : line.name} `);
+      swatch.style.borderTop = `3px ${line.ghost || line.k ? "dashed" : "solid"} ${colour(line)}`;
+      if (lines.length > 1) item.append(`${line.name} `);
       return item.appendChild(document.createElement("b"));
     });
     const series = lines.map((line) => ({
       label: line.name, width: line.ghost ? 1.5 : 2, points: { show: false },
-      stroke: INKS[(line.k + (line.ghost ? line.source * 2 : 0)) % INKS.length], dash: line.ghost ? [3, 3] : DASHES[line.k % DASHES.length],
+      stroke: colour(line), dash: line.ghost ? [3, 3] : DASHES[line.k % DASHES.length],
     }));
     this.names = lines.map((l) => l.name);
     this.plot = new uPlot(this.options(series), [[], ...lines.map(() => [])], this.canvas);
@@ -114,8 +109,8 @@ class Panel {
         y: { range: (_, low, high) => span(low, high, spec.min_span) },
       },
       axes: [
-        { ...AXIS, size: 26, space: 60, values: (_, ticks) => ticks.map((t) => figure(t, 0, "s")) },
-        { ...AXIS, size: 46, space: 26, values: (_, ticks) => ticks.map((t) => figure(t, digitsOf(ticks))) },
+        { ...axis(), size: 26, space: 60, values: (_, ticks) => ticks.map((t) => figure(t, 0, "s")) },
+        { ...axis(), size: 46, space: 26, values: (_, ticks) => ticks.map((t) => figure(t, digitsOf(ticks))) },
       ],
       hooks: { setCursor: [() => this.say()], draw: [(u) => owner.mark(u)] },
     };
@@ -166,6 +161,7 @@ export class Plots {
     this.panels = panels.map((spec) => new Panel(element, spec, this));
     this.resize = new ResizeObserver(() => this.panels.forEach((p) => p.plot?.setSize(p.size())));
     this.resize.observe(element);
+    onTheme(() => this.repaint());
     this.seek = (event) => {
       const panel = this.panels.find((p) => p.canvas.contains(event.target));
       if (!this.onseek || !panel?.plot || !(event.buttons & 1)) return;
@@ -180,8 +176,15 @@ export class Plots {
 
   /** Draw the panels between two instants; the axis counts from zero_s. `sources`: [{history, boat, label, ghost}]. */
   draw(sources, window) {
+    this.sources = sources;
     this.window = window;
     for (const panel of this.panels) panel.draw(sources, window);
+  }
+
+  /** The same in the colours of now. */
+  repaint() {
+    for (const panel of this.panels) panel.lines = "";
+    if (this.window) this.draw(this.sources, this.window);
   }
 
   /** A line at an instant on every panel; null: none. */
@@ -196,7 +199,7 @@ export class Plots {
     const { ctx, bbox } = u;
     if (x < bbox.left || x > bbox.left + bbox.width) return;
     ctx.save();
-    ctx.fillStyle = "#101418";
+    ctx.fillStyle = ink("ink");
     ctx.fillRect(x, bbox.top, 2, bbox.height);
     ctx.restore();
   }

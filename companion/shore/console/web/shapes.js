@@ -70,6 +70,11 @@ export function sigma(covariance) {
   return Math.sqrt(Math.max((nn + ee) / 2 + Math.hypot((nn - ee) / 2, ne), 0));
 }
 
+/** The state, where it says where the boat is: before the first position it stands at zero. */
+export function placed(state) {
+  return state && state.health !== "initialising" ? state : undefined;
+}
+
 const FRESH_NS = 1.5e9;
 
 /** The sample where it is about as new as the state: guidance and plan are not told while nothing steers. */

@@ -42,6 +42,7 @@ export const MODES = {
 
 /** Mode of a boat: its word, and the kind that colours it. */
 export function modeWords(mode) {
+  if (mode?.ended) return ["Ended", "ended"];
   return mode ? (MODES[mode.mode] ?? [mode.mode, "waits"]) : ["Mode unknown", "unknown"];
 }
 

@@ -214,6 +214,17 @@ def test_strange_bytes_are_a_value_error(data):
             shore.decode(topic, data)
 
 
+def test_the_last_word_says_that_the_program_has_ended():
+    seen = view()
+    assert seen.end(S) == [], "nothing was said of a mode that could end"
+    seen.see(m.ModeStatus(t_ns=2 * S, mode="hold", why="told so", driving=True))
+    for t_ns in (S, 3 * S):
+        (last,) = seen.end(t_ns)
+        assert isinstance(last, shore.ModeNow) and last.ended and not last.driving and last.mode == "hold"
+        assert last.t_ns > 2 * S, "newer than what was told before"
+    assert not shore.decode("mode", b'{"run":"r","t_ns":1,"mode":"hold","why":"","driving":true,"armed":null,"autopilot_mode":null}').ended
+
+
 def test_what_the_view_does_not_want_changes_nothing():
     seen = view()
     for message in (m.Tick(t_ns=S, index=0), m.StepMark(t_ns=S, inputs=1), m.CommandAck(t_ns=S, command=1, result=0)):

@@ -1,0 +1,68 @@
+"""The console's page at three sizes of screen, light and dark, with no, one and three boats: nothing lies on anything, and
+STOP is where it was.
+"""
+
+import contextlib
+
+import pytest
+
+from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
+from tests.support.console_layout import SIZES, THEMES, overlaps, resize, scroll
+from tests.support.zenoh_fixture import free_port
+
+pytestmark = pytest.mark.alone
+
+FLEETS = {0: (), 1: ("taped",), 3: ("boat-1", "boat-2", "boat-3")}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as made:
+        yield made
+
+
+@pytest.fixture
+def zenoh_port():
+    return free_port()
+
+
+@pytest.fixture
+def console(tmp_path, zenoh_port):
+    """`aritra shore` with a key; its address."""
+    (tmp_path / "boat.key").write_bytes(KEY)
+    (tmp_path / "boat.key").chmod(0o600)
+    listen = f"tcp/127.0.0.1:{zenoh_port}"
+    with served(tmp_path / "shore.txt", "--listen", listen, "--command-key", tmp_path / "boat.key") as (address, _):
+        yield address
+
+
+@contextlib.contextmanager
+def boats(port, *names, **more):
+    made = [TapedBoat(port, name, **more) for name in names]
+    try:
+        yield made
+    finally:
+        for boat in made:
+            boat.close()
+
+
+@pytest.mark.parametrize("fleet", FLEETS)
+def test_no_box_lies_on_another(console, zenoh_port, browser, fleet):
+    with boats(zenoh_port, *FLEETS[fleet]):
+        page = Page(browser, console)
+        page.wait(f"aritra.history.boats().length === {fleet}")
+        if fleet:
+            page.wait("aritra.history.last(aritra.history.boats()[0], 'checks') !== undefined")
+            page.page.click("#stop")
+            page.wait("document.querySelector('#answers li')?.dataset.kind === 'done'")
+        found = {}
+        for width in SIZES:
+            for theme in THEMES:
+                resize(page, width, theme)
+                for share in (0.0,) if width > 960 else (0.0, 1.0):
+                    scroll(page, share)
+                    found[width, theme, share] = overlaps(page)
+                    assert page.page.evaluate("document.documentElement.scrollWidth") <= width
+        assert {key: pairs for key, pairs in found.items() if pairs} == {}
+        assert page.unexpected() == []
+        page.context.close()

@@ -97,6 +97,14 @@ class StateNow(ShoreMessage, frozen=True, kw_only=True):
     reason: str
 
 
+class AttitudeNow(ShoreMessage, frozen=True, kw_only=True):
+    """Topic `attitude`, twice a second: the autopilot's. Heading from true north; null where it was left out."""
+
+    roll_rad: float
+    pitch_rad: float
+    heading_rad: float | None
+
+
 class ThrustersNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `thrusters`, at the full rate: the lease. In the order of `About.thrusters`.
 
@@ -180,6 +188,7 @@ class ExcitationNow(ShoreMessage, frozen=True, kw_only=True):
 TOPICS: dict[str, type[ShoreMessage]] = {
     "about": About,
     "state": StateNow,
+    "attitude": AttitudeNow,
     "thrusters": ThrustersNow,
     "reference": ReferenceNow,
     "path": PathNow,

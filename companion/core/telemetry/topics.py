@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from companion.core.guidance.missions.mission import Mission
 from companion.core.messages import (
     AnchorRange,
+    Attitude,
     Battery,
     ExcitationStatus,
     GuidanceReference,
@@ -94,6 +96,14 @@ def state(run: str, e: StateEstimate) -> shore.StateNow:
         disturbance_n=tuple(map(metres, e.disturbance_n)),
         health=e.health,
         reason=cut(e.reason),
+    )
+
+
+def attitude(run: str, a: Attitude) -> shore.AttitudeNow:
+    """How the boat lies on the water."""
+    heading = None if math.isnan(a.psi_rad) else angle(a.psi_rad)
+    return shore.AttitudeNow(
+        run=run, t_ns=a.t_ns, roll_rad=angle(a.phi_rad), pitch_rad=angle(a.theta_rad), heading_rad=heading
     )
 
 

@@ -69,10 +69,11 @@ class TelemetryView:
         self._settings, self._who = settings, who
         self._n = len(settings.vessel.thrusters)
         self._periods_ns = {kind: round(share * S / rate_hz) for kind, share in _RATED.items()}
-        self._periods_ns |= dict.fromkeys(_SLOW, S) | dict.fromkeys((shore.ExcitationNow, shore.RangesNow), S // 2)
+        self._periods_ns |= dict.fromkeys(_SLOW, S) | dict.fromkeys(_HALF_SECOND, S // 2)
         self._due_ns: dict[type, int] = {}
         self._last: dict[type[Message], Any] = {}
         self._ranges_ns: int | None = None
+        self._attitude_ns: int | None = None
         self._links: dict[str, LinkStatus] = {}
         self._residuals: dict[str, Innovation] = {}
         self._loaded: NewMission | None = None
@@ -174,6 +175,13 @@ class TelemetryView:
         e: StateEstimate | None = self._last.pop(StateEstimate, None)
         return topics.state(self._who.run, e) if e else None
 
+    def _attitude(self, t_ns: int) -> shore.AttitudeNow | None:
+        latest: Attitude | None = self._last.get(Attitude)
+        if latest is None or latest.t_ns == self._attitude_ns:
+            return None
+        self._attitude_ns = latest.t_ns
+        return topics.attitude(self._who.run, latest)
+
     def _thrusters(self, t_ns: int) -> shore.ThrustersNow | None:
         lease: OverrideLease | None = self._last.pop(OverrideLease, None)
         return topics.thrusters(self._who.run, lease, self._last.get(ServoOutput), self._n) if lease else None
@@ -255,9 +263,11 @@ _RATED: dict[type[shore.ShoreMessage], int] = {
     shore.PathNow: 1,
 }
 """Topic -> how many times the shortest period lies between two of it."""
+_HALF_SECOND = (shore.AttitudeNow, shore.ExcitationNow, shore.RangesNow)
 _SLOW = (shore.TimingNow, shore.LinksNow, shore.BatteryNow)
 _MAKE: dict[type[shore.ShoreMessage], Callable[[TelemetryView, int], shore.ShoreMessage | None]] = {
     shore.StateNow: TelemetryView._state,
+    shore.AttitudeNow: TelemetryView._attitude,
     shore.ThrustersNow: TelemetryView._thrusters,
     shore.ReferenceNow: TelemetryView._reference,
     shore.HorizonNow: TelemetryView._horizon_now,

@@ -48,6 +48,7 @@ class Watcher:
     def __init__(self) -> None:
         self.chosen: str | None = None
         self._all: deque[Sample] = deque(maxlen=QUEUE)
+        self._history: list[Sample] = []
         self._newest: dict[tuple[str, str], Sample] = {}
         self._missed = 0
         self._sent_clocks: dict[str, Clock] = {}
@@ -65,11 +66,9 @@ class Watcher:
                 self._newest[key] = sample
 
     def choose(self, boats: Mapping[str, BoatRecord], boat: str) -> None:
-        """Look at `boat` from now on: everything that is kept of it becomes due."""
+        """Look at `boat` from now on: everything that is kept of it becomes due, however slow the browser is."""
         self.chosen = boat
-        if known := boats.get(boat):
-            for sample in known.samples():
-                self.note(sample)
+        self._history = list(known.samples()) if (known := boats.get(boat)) else []
 
     def turn(self, boat: BoatRecord) -> None:
         """Another run of a boat is shown from now on."""
@@ -92,7 +91,7 @@ class Watcher:
     def frame(self, boats: Mapping[str, BoatRecord], now_ms: float) -> bytes | None:
         """The frame that is due, or None."""
         new = {name: clock for name, clock in clocks(boats, now_ms).items() if self._sent_clocks.get(name) != clock}
-        samples = [*self._newest.values(), *self._all]
+        samples = [*self._newest.values(), *self._history, *self._all]
         if not samples and not new and now_ms - self._last_ms < QUIET_MS:
             return None
         entry_update = {
@@ -104,6 +103,7 @@ class Watcher:
         }
         self._sent_clocks.update(new)
         self._all.clear()
+        self._history.clear()
         self._newest.clear()
         self._missed, self._last_ms = 0, now_ms
         return _ENCODER.encode(entry_update)

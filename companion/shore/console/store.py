@@ -16,8 +16,14 @@ from typing import NamedTuple
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.order_sender import Place, RunClock
 
-KEPT = {"state": 1200, "thrusters": 1200, "reference": 600, "timing": 300, "battery": 300, "mode": 200, "alert": 200}
-"""Topic -> samples kept: two minutes of those with a rate (assumed). Of the others the newest."""
+KEPT = {
+    "state": 1200, "thrusters": 1200, "reference": 600, "attitude": 240, "timing": 600, "battery": 600, "mode": 200,
+    "alert": 200,
+}  # fmt: skip
+"""Topic -> samples kept: two minutes of those with a rate, ten of what comes each second (assumed). Of the others the
+newest."""
+THINNED, THIN_NS, OLDER = ("state", "thrusters", "reference", "attitude"), 1_000_000_000, 480
+"""Topics of which one sample a second is kept for so many seconds more: ten minutes for a page that opens (assumed)."""
 BOATS = 200
 """More names than that are a mistake or an attack (assumed)."""
 RUNS = 4
@@ -46,6 +52,7 @@ class RunRecord:
     def __init__(self, run: str, t_ns: int, heard_ns: int) -> None:
         self.run, self.clock = run, RunClock(t_ns, heard_ns)
         self.kept: dict[str, deque[Sample]] = {}
+        self.older: dict[str, deque[Sample]] = {topic: deque(maxlen=OLDER) for topic in THINNED}
         self.newest_ns = 0
         self.first_ns = self.last_ns = heard_ns
         self._newest_ns: dict[str, int] = {}
@@ -61,8 +68,16 @@ class RunRecord:
         self.newest_ns = max(self.newest_ns, message.t_ns)
         self._newest_ns[topic] = max(message.t_ns, self._newest_ns.get(topic, -1))
         if kept.maxlen != 1 or not kept or kept[-1].t_ns <= message.t_ns:
+            self._thin(topic, kept)
             kept.append(sample)
         return sample
+
+    def _thin(self, topic: str, kept: deque[Sample]) -> None:
+        """Before the oldest sample goes: one a second stays."""
+        if topic in self.older and len(kept) == kept.maxlen:
+            older = self.older[topic]
+            if not older or kept[0].t_ns - older[-1].t_ns >= THIN_NS:
+                older.append(kept[0])
 
     def overlaps(self, other: RunRecord) -> bool:
         """Whether both were heard at one time: the one that began first still sent when the other had begun."""
@@ -121,8 +136,8 @@ class BoatRecord:
         return max(self.kept.get(topic, ()), key=lambda s: s.t_ns, default=None)
 
     def samples(self) -> Iterator[Sample]:
-        """Everything kept of the run that is shown."""
-        for kept in self.kept.values():
+        """Everything kept of the run that is shown; of each topic the older ones first."""
+        for kept in (*self._shown.older.values(), *self.kept.values()):
             yield from kept
 
     def runs(self, now_ns: int) -> tuple[str, ...]:

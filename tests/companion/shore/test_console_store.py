@@ -3,6 +3,7 @@
 import json
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from companion.core.telemetry import structs as shore
 from companion.shore.console.fan_out import QUEUE, QUIET_MS, Watcher
 from companion.shore.console.request_auth import RequestAuth, is_loopback
-from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, RUNS, SILENT_NS, BoatStore
+from companion.shore.console.store import BOATS, KEPT, MAX_BYTES, OLDER, RUNS, SILENT_NS, BoatStore
 from tests.support.console_fixture import S, alert, mode, state
 
 
@@ -266,3 +267,22 @@ def test_what_comes_twice_is_kept_once_and_is_no_fault():
     boat = store.boats["b"]
     assert len(boat.kept["alert"]) == 3 and boat.malformed == 0 and not store.refused
     assert put(store, alert(2, "another of the same instant")) != [None]
+
+
+def test_a_page_that_opens_gets_the_last_ten_minutes_and_memory_stays_bounded():
+    """Two minutes were kept, and of these a page got the newest 2,000 samples, by chance none of a state."""
+    store, watcher = BoatStore(), Watcher()
+    for k in range(10 * 900):
+        put(store, state(k))
+        if k % 2 == 0:
+            put(store, mode(k))
+    boat = store.boats["b"]
+    assert len(list(boat.samples())) == KEPT["state"] + OLDER + KEPT["mode"]
+    watcher.begin(store.boats.values())
+    watcher.choose(store.boats, "b")
+    told = frame(watcher, store)
+    places = [n for topic, n in entries(told) if topic == "state"]
+    whole, thinned = places[-KEPT["state"] :], places[1 : -KEPT["state"]]
+    assert told["missed"] == 0 and whole == [float(n) for n in range(9000 - KEPT["state"], 9000)]
+    assert len(thinned) == OLDER and set(np.diff(thinned)) == {10.0} and thinned[0] <= 9000 - 5900
+    assert frame(watcher, store) is None, "once"

@@ -1,5 +1,7 @@
 // The live page: what the console hears of every boat, one of them closely.
 
+import { Alarms } from "./alarms.js";
+import { Attitude } from "./attitude.js";
 import { BoatList } from "./boat_list.js";
 import { Connection } from "./connection.js";
 import { Fleet, LOST_S } from "./fleet.js";
@@ -12,7 +14,7 @@ import { themeSwitch } from "./theme.js";
 import { placed } from "./shapes.js";
 import { age, modeWords } from "./words.js";
 
-const KEPT_S = 150; // of the chosen boat; of the others only what the list and the map need
+const KEPT_S = 600; // of the chosen boat; of the others only what the list and the map need
 const OTHERS_S = 5;
 const STALE_S = 1.5; // a boat tells its state ten times a second
 const PLOTS_MS = 200;
@@ -26,6 +28,8 @@ const drawn = new Map(); // boat -> how often it was drawn, for measurements
 const changed = new Set();
 const map = new BoatMap($("map"), { label: "Map of the boats, metres, north up. Arrow keys move it, plus and minus zoom." });
 const plots = new Plots($("plots"));
+const attitude = new Attitude($("attitude"));
+const alarms = new Alarms($("alarms"));
 let chosen = null;
 let fitted = null;
 let window_s = Number($("window").value);
@@ -54,9 +58,25 @@ function onconsole(about) {
 
 function onframe(frame) {
   for (const [boat, clock] of Object.entries(frame.clocks)) clocks.set(boat, clock);
-  for (const sample of frame.samples) if (history.push(sample)) changed.add(sample.boat);
+  for (const sample of frame.samples) if (history.push(sample)) take(sample);
   look();
   requestAnimationFrame(draw);
+}
+
+function take({ boat, topic, sample }) {
+  changed.add(boat);
+  if (topic === "alert") alarms.alert(boat, sample, boat_now_s(boat) - sample.t_ns * 1e-9);
+}
+
+/** What lasts and should be heard: no console, a boat that fell silent or is in `safe`. */
+function sound() {
+  alarms.stands("console", "error", !connection.open && connection.silence_s() > LOST_S ? "The console program does not answer." : null);
+  for (const boat of connection.open ? fleet.names() : []) {
+    const silent = !fleet.ended(boat) && age_s(boat) > LOST_S;
+    alarms.stands(`silent ${boat}`, "error", silent ? `No word from ${boat}.` : null);
+    const mode = history.last(boat, "mode");
+    alarms.stands(`safe ${boat}`, "error", mode?.mode === "safe" ? `${boat} is in safe: ${mode.why}` : null);
+  }
 }
 
 function remembered() {
@@ -120,6 +140,7 @@ function showChosen(view) {
     map.fit(view);
   }
   showFigures($("figures"), view);
+  attitude.show(view);
   showThrusters($("thrusters"), view);
   showMode($("mode"), view);
   showLinks($("links"), view.links, view.timing);
@@ -160,6 +181,7 @@ function look() {
   note.hidden = !isStale;
   note.textContent = old === null ? "" : `Last known, ${age(old)} old`;
   showOrders();
+  sound();
   desk.draw();
   showBoats();
   drawPlots();

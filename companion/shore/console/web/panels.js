@@ -1,6 +1,6 @@
 // Figures, alerts and tables in words, beside the map.
 
-import { fresh, placed, sigma } from "./shapes.js";
+import { fresh, geodetic, placed, sigma } from "./shapes.js";
 import { age, clock, figure, heading, modeWords } from "./words.js";
 
 const SHOWN_ALERTS = 60;
@@ -32,12 +32,15 @@ function fill(list, rows) {
 }
 
 /** Where the boat is and how it goes. */
-export function showFigures(element, { state, reference, battery, thrusters, path }) {
+export function showFigures(element, { state, about, reference, battery, thrusters, path }) {
   const health = { healthy: "ok", degraded: "warning", lost: "error" }[state?.health] ?? "warning";
   const total = path?.waypoints?.length;
+  const [latitude, longitude] = (placed(state) && geodetic(about, [state.north_m, state.east_m])) ?? [null, null];
   fill(element, [
     ["North", figure(placed(state)?.north_m, 2, "m")],
     ["East", figure(placed(state)?.east_m, 2, "m")],
+    ["Latitude", figure(latitude, 7, "°")],
+    ["Longitude", figure(longitude, 7, "°")],
     ["Heading", heading(state?.psi_rad)],
     ["Speed", state ? figure(Math.hypot(state.u_m_s, state.v_m_s), 2, "m/s") : figure(null)],
     ["Yaw rate", figure(state && (state.r_rad_s * 180) / Math.PI, 1, "°/s")],

@@ -75,6 +75,21 @@ export function placed(state) {
   return state && state.health !== "initialising" ? state : undefined;
 }
 
+const WGS84_A_M = 6378137.0; // NIMA TR8350.2
+const WGS84_E2 = 6.69437999014e-3;
+const DEGREES = 180 / Math.PI;
+
+/** [latitude, longitude] in degrees of a place in site axes, earth flat around the origin (companion.core.geometry.frames); null: not known. */
+export function geodetic(about, [north_m, east_m]) {
+  if (!about || (about.lat_deg === 0 && about.lon_deg === 0)) return null;
+  const [north, east] = toMap({ north_m: 0, east_m: 0, psi_rad: about.rotation_deg / DEGREES }, north_m, east_m);
+  const latitude = about.lat_deg / DEGREES;
+  const q = 1 - WGS84_E2 * Math.sin(latitude) ** 2;
+  const vertical = WGS84_A_M / Math.sqrt(q);
+  const meridian = (vertical * (1 - WGS84_E2)) / q;
+  return [about.lat_deg + (north / meridian) * DEGREES, about.lon_deg + (east / (vertical * Math.cos(latitude))) * DEGREES];
+}
+
 const FRESH_NS = 1.5e9;
 
 /** The sample where it is about as new as the state: guidance and plan are not told while nothing steers. */

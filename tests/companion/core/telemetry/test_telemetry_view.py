@@ -214,6 +214,26 @@ def test_strange_bytes_are_a_value_error(data):
             shore.decode(topic, data)
 
 
+def test_attitude_goes_out_twice_a_second_and_a_heading_that_was_left_out_is_null():
+    seen, told = view(), []
+    for k in range(40):
+        t_ns = 10 * S + k * S // 10
+        attitude = {
+            "phi_rad": 0.1,
+            "theta_rad": -0.02,
+            "psi_rad": math.nan,
+            "p_rad_s": 0.0,
+            "q_rad_s": 0.0,
+            "r_rad_s": 0.0,
+        }
+        if k < 20:
+            seen.see(m.Attitude(t_ns=t_ns, t_rx_ns=t_ns, **attitude))
+        told += [each for each in tick(seen, t_ns) if isinstance(each, shore.AttitudeNow)]
+    assert len(told) == 5, "and no more once there is none"
+    assert (told[0].roll_rad, told[0].pitch_rad, told[0].heading_rad) == (0.1, -0.02, None)
+    assert b'"heading_rad":null' in shore.encode(told[0])
+
+
 def test_the_last_word_says_that_the_program_has_ended():
     seen = view()
     assert seen.end(S) == [], "nothing was said of a mode that could end"
@@ -222,7 +242,9 @@ def test_the_last_word_says_that_the_program_has_ended():
         (last,) = seen.end(t_ns)
         assert isinstance(last, shore.ModeNow) and last.ended and not last.driving and last.mode == "hold"
         assert last.t_ns > 2 * S, "newer than what was told before"
-    assert not shore.decode("mode", b'{"run":"r","t_ns":1,"mode":"hold","why":"","driving":true,"armed":null,"autopilot_mode":null}').ended
+    assert not shore.decode(
+        "mode", b'{"run":"r","t_ns":1,"mode":"hold","why":"","driving":true,"armed":null,"autopilot_mode":null}'
+    ).ended
 
 
 def test_what_the_view_does_not_want_changes_nothing():

@@ -8,8 +8,9 @@ SIZES = {390: 844, 820: 1180, 1440: 900}
 """Width of a phone, a tablet, a laptop -> its height [px]."""
 THEMES = ("light", "dark")
 BOXES = (
-    "header, #link, #mode, #orders, #orders button, #question, #answers, .no-boat, main nav, main section, main h2, .boat, "
-    ".map-buttons button, #map-box > p, #figures div, #links div, #thrusters li, .plot, #attitude, #checks"
+    "header, #link, #mode, #orders, #orders button, #question, #answers, .no-boat, main nav, main section, "
+    "main h2, .boat, .map-buttons button, #map-box > p, #figures div, #links div, #thrusters li, .plot, "
+    "#attitude, #checks"
 )
 OVERLAPS = """(selector) => {
   const clipped = (element) => {

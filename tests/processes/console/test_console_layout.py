@@ -1,39 +1,15 @@
-"""The console's page at three sizes of screen, light and dark, with no, one and three boats: nothing lies on anything, and
-STOP is where it was.
-"""
+"""The console's page at three sizes of screen, light and dark, with no, one and three boats: no box lies on another."""
 
 import contextlib
 
 import pytest
 
-from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
-from tests.support.console_layout import SIZES, THEMES, overlaps, resize, scroll
-from tests.support.zenoh_fixture import free_port
+from tests.processes.console.layout import SIZES, THEMES, overlaps, resize, scroll
+from tests.support.console_fixture import Page, TapedBoat
 
 pytestmark = pytest.mark.alone
 
 FLEETS = {0: (), 1: ("taped",), 3: ("boat-1", "boat-2", "boat-3")}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as made:
-        yield made
-
-
-@pytest.fixture
-def zenoh_port():
-    return free_port()
-
-
-@pytest.fixture
-def console(tmp_path, zenoh_port):
-    """`aritra shore` with a key; its address."""
-    (tmp_path / "boat.key").write_bytes(KEY)
-    (tmp_path / "boat.key").chmod(0o600)
-    listen = f"tcp/127.0.0.1:{zenoh_port}"
-    with served(tmp_path / "shore.txt", "--listen", listen, "--command-key", tmp_path / "boat.key") as (address, _):
-        yield address
 
 
 @contextlib.contextmanager

@@ -3,9 +3,8 @@
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
-from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
-from tests.support.console_layout import THEMES
-from tests.support.zenoh_fixture import free_port
+from tests.processes.console.layout import THEMES
+from tests.support.console_fixture import Page, TapedBoat
 
 pytestmark = pytest.mark.alone
 
@@ -13,31 +12,16 @@ PAPER = "getComputedStyle(document.querySelector('header')).backgroundColor"
 WHITE, DARK = "rgb(255, 255, 255)", "rgb(22, 27, 32)"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as made:
-        yield made
-
-
-@pytest.fixture
-def console(tmp_path):
-    """`aritra shore` with a key, and the port for boats: (address, port)."""
-    port = free_port()
-    (tmp_path / "boat.key").write_bytes(KEY)
-    (tmp_path / "boat.key").chmod(0o600)
-    given = ("--listen", f"tcp/127.0.0.1:{port}", "--command-key", tmp_path / "boat.key")
-    with served(tmp_path / "shore.txt", *given) as (address, _):
-        yield address, port
-
-
 def grave(page, rules=None):
     """What axe-core finds serious or critical, or all that it finds against `rules`: (rule, element)."""
     found = Axe().run(page.page, options={"runOnly": rules} if rules else None).response["violations"]
-    return [(v["id"], n["target"]) for v in found if rules or v["impact"] in ("serious", "critical") for n in v["nodes"]]
+    return [
+        (v["id"], n["target"]) for v in found if rules or v["impact"] in ("serious", "critical") for n in v["nodes"]
+    ]
 
 
 def test_the_page_follows_the_system_and_the_switch_is_remembered(console, browser):
-    page = Page(browser, console[0], color_scheme="dark")
+    page = Page(browser, console, color_scheme="dark")
     assert page.page.evaluate(PAPER) == DARK
     page.page.emulate_media(color_scheme="light")
     assert page.page.evaluate(PAPER) == WHITE
@@ -53,11 +37,10 @@ def test_the_page_follows_the_system_and_the_switch_is_remembered(console, brows
 
 @pytest.mark.parametrize("theme", THEMES)
 @pytest.mark.parametrize("boats", [0, 1, 3])
-def test_axe_finds_nothing_serious_and_all_text_is_seven_to_one(console, browser, theme, boats):
-    address, port = console
-    made = [TapedBoat(port, f"boat-{k}") for k in range(boats)]
+def test_axe_finds_nothing_serious_and_all_text_is_seven_to_one(console, zenoh_port, browser, theme, boats):
+    made = [TapedBoat(zenoh_port, f"boat-{k}") for k in range(boats)]
     try:
-        page = Page(browser, address, color_scheme=theme, reduced_motion="reduce")
+        page = Page(browser, console, color_scheme=theme, reduced_motion="reduce")
         page.wait(f"aritra.history.boats().length === {boats}")
         if boats:
             page.wait("aritra.history.last('boat-0', 'checks') && aritra.map.boats.get('boat-0')?.made.has('hull')")
@@ -75,11 +58,10 @@ def test_axe_finds_nothing_serious_and_all_text_is_seven_to_one(console, browser
             boat.close()
 
 
-def test_plots_and_map_take_the_colours_of_the_theme(console, browser):
-    address, port = console
-    boat = TapedBoat(port, "one")
+def test_plots_and_map_take_the_colours_of_the_theme(console, zenoh_port, browser):
+    boat = TapedBoat(zenoh_port, "one")
     try:
-        page = Page(browser, address, color_scheme="light")
+        page = Page(browser, console, color_scheme="light")
         page.wait("aritra.map.boats.get('one')?.made.has('hull') && aritra.history.list('one', 'state').length > 20")
         seen = {}
         for theme in THEMES:

@@ -1,4 +1,4 @@
-"""What the console's page shows beside the map: attitude, compass, latitude and longitude, ten minutes; and its alarms."""
+"""What the console's page shows beside the map: attitude, compass, latitude, longitude; and its alarms."""
 
 import math
 
@@ -6,50 +6,38 @@ import pytest
 
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import Alert
-from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
-from tests.support.zenoh_fixture import free_port
+from tests.support.console_fixture import Page, TapedBoat
 
 pytestmark = pytest.mark.alone
 
 EARS = """
 globalThis.tones = []; globalThis.notes = [];
 const start = OscillatorNode.prototype.start;
-OscillatorNode.prototype.start = function (...when) { tones.push(this.frequency.value); return start.apply(this, when); };
+OscillatorNode.prototype.start = function (...when) {
+  tones.push(this.frequency.value); return start.apply(this, when); };
 globalThis.Notification = class { constructor(title, { body }) { notes.push(body); }
   static permission = "granted"; static requestPermission() {} };
 """
 """What the page sounds, and what it notifies of: heard where it leaves the page."""
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as made:
-        yield made
-
-
 @pytest.fixture
-def boat_and_address(tmp_path):
-    port = free_port()
-    (tmp_path / "boat.key").write_bytes(KEY)
-    (tmp_path / "boat.key").chmod(0o600)
-    given = ("--listen", f"tcp/127.0.0.1:{port}", "--command-key", tmp_path / "boat.key")
-    with served(tmp_path / "shore.txt", *given) as (address, _):
-        boat = TapedBoat(port, "one")
-        try:
-            yield boat, address
-        finally:
-            boat.close()
+def boat(zenoh_port):
+    made = TapedBoat(zenoh_port, "one")
+    yield made
+    made.close()
 
 
-def test_attitude_compass_and_where_on_earth_it_is(boat_and_address, browser):
-    page = Page(browser, boat_and_address[1])
+def test_attitude_compass_and_where_on_earth_it_is(console, boat, browser):
+    page = Page(browser, console)
     page.wait("aritra.history.last('one', 'attitude') && aritra.map.boats.get('one')?.made.has('hull')")
     page.page.wait_for_timeout(300)
     told = page.page.evaluate(
         """() => { const h = aritra.history, s = h.last('one', 'state'), a = h.last('one', 'attitude');
         const turn = document.querySelector('.compass .needle').getAttribute('transform').match(/-?[\\d.]+/)[0];
         const text = (k) => document.querySelector(`#figures [data-key=${k}] dd`).innerText.match(/[\\d.]+/)[0];
-        return { s, a, about: h.last('one', 'about'), turn: Number(turn), lat: Number(text('Latitude')), lon: Number(text('Longitude')) }; }"""
+        const [lat, lon] = [text('Latitude'), text('Longitude')].map(Number);
+        return { s, a, about: h.last('one', 'about'), turn: Number(turn), lat, lon }; }"""
     )
     about, state = told["about"], told["s"]
     origin = Origin(about["lat_deg"], about["lon_deg"], math.radians(about["rotation_deg"]))
@@ -63,8 +51,8 @@ def test_attitude_compass_and_where_on_earth_it_is(boat_and_address, browser):
 
 
 @pytest.mark.parametrize("rotation_deg", [0.0, 35.0, -120.0])
-def test_latitude_and_longitude_are_those_of_the_boats_program(boat_and_address, browser, rotation_deg):
-    page = Page(browser, boat_and_address[1])
+def test_latitude_and_longitude_are_those_of_the_boats_program(console, boat, browser, rotation_deg):
+    page = Page(browser, console)
     about = {"lat_deg": 59.6581, "lon_deg": 10.6248, "rotation_deg": rotation_deg}
     lat, lon = page.page.evaluate(
         "async (about) => (await import('/web/shapes.js')).geodetic(about, [120.0, -45.0])", about
@@ -72,13 +60,14 @@ def test_latitude_and_longitude_are_those_of_the_boats_program(boat_and_address,
     origin = Origin(about["lat_deg"], about["lon_deg"], math.radians(rotation_deg))
     assert site_from_geodetic(origin, lat, lon) == pytest.approx((120.0, -45.0), abs=1e-3)
     unknown = about | {"lat_deg": 0, "lon_deg": 0}
-    assert page.page.evaluate("async (about) => (await import('/web/shapes.js')).geodetic(about, [0, 0])", unknown) is None
+    assert (
+        page.page.evaluate("async (about) => (await import('/web/shapes.js')).geodetic(about, [0, 0])", unknown) is None
+    )
     page.context.close()
 
 
-def test_alarms_sound_and_notify_once_they_are_switched_on(boat_and_address, browser):
-    boat, address = boat_and_address
-    page = Page(browser, address)
+def test_alarms_sound_and_notify_once_they_are_switched_on(console, boat, browser):
+    page = Page(browser, console)
     page.page.add_init_script(EARS)
     page.page.reload()
     page.wait("document.querySelector('#link').dataset.kind === 'live'")

@@ -4,24 +4,12 @@ import contextlib
 
 import pytest
 
-from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
-from tests.support.console_layout import SIZES, place, reachable, resize, scroll
-from tests.support.zenoh_fixture import free_port
+from tests.processes.console.layout import SIZES, place, reachable, resize, scroll
+from tests.support.console_fixture import KEY, Page, TapedBoat, served
 
 pytestmark = pytest.mark.alone
 
 MISSION = "# a mission\nnonsense = 1\n"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as made:
-        yield made
-
-
-@pytest.fixture
-def zenoh_port():
-    return free_port()
 
 
 @contextlib.contextmanager
@@ -144,7 +132,8 @@ def test_a_boat_that_only_says_that_it_ended_is_stopped_all_the_same(tmp_path, z
         page.wait("!document.querySelector('#hold').disabled && aritra.history.last('one', 'mode') !== undefined")
         page.page.evaluate(
             """() => { const mode = aritra.history.last('one', 'mode');
-            aritra.history.push({ boat: 'one', topic: 'mode', sample: { ...mode, t_ns: mode.t_ns + 6e10, ended: true } }); }"""
+            const sample = { ...mode, t_ns: mode.t_ns + 6e10, ended: true };
+            aritra.history.push({ boat: 'one', topic: 'mode', sample }); }"""
         )
         page.page.wait_for_timeout(600)
         assert page.page.evaluate("aritra.history.last('one', 'mode').ended") is True
@@ -171,7 +160,10 @@ def test_a_boat_without_a_position_is_not_drawn_and_names_of_thrusters_are_the_v
 ):
     with console(tmp_path, zenoh_port) as address, boats(zenoh_port, "one"):
         page = Page(browser, address)
-        page.wait("aritra.map.boats.get('one')?.made.has('hull') && document.querySelectorAll('#thrusters .name').length === 4")
+        page.wait(
+            "aritra.map.boats.get('one')?.made.has('hull') "
+            "&& document.querySelectorAll('#thrusters .name').length === 4"
+        )
         names = page.page.evaluate("aritra.history.last('one', 'about').thrusters.map((t) => t.name)")
         assert page.page.locator("#thrusters .name").all_inner_texts() == names
         for name in names:
@@ -195,8 +187,9 @@ def test_the_boat_that_is_shown_can_be_read_under_the_pointer(tmp_path, zenoh_po
             page.page.hover(".boat[aria-pressed=true]")
             ink, paper = page.page.evaluate(
                 """() => { const s = getComputedStyle(document.querySelector('.boat[aria-pressed=true]'));
-                const light = (c) => { const [r, g, b] = c.match(/[\\d.]+/g).map((v) => (v / 255 <= 0.04045
-                  ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4)); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+                const linear = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+                const light = (c) => { const [r, g, b] = c.match(/[\\d.]+/g).map((v) => linear(v / 255));
+                  return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
                 return [light(s.color), light(s.backgroundColor)]; }"""
             )
             assert (max(ink, paper) + 0.05) / (min(ink, paper) + 0.05) > 7

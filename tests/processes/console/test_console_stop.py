@@ -194,3 +194,32 @@ def test_the_boat_that_is_shown_can_be_read_under_the_pointer(tmp_path, zenoh_po
             )
             assert (max(ink, paper) + 0.05) / (min(ink, paper) + 0.05) > 7
         page.context.close()
+
+
+def test_a_boat_out_of_reach_is_stopped_all_the_same_is_not_counted_and_can_come_back(tmp_path, zenoh_port, browser):
+    """The rules, on boats made by hand: [age of the newest word, token, problem of the key, last mode]."""
+    with console(tmp_path, zenoh_port) as address:
+        page = Page(browser, address)
+        told = page.page.evaluate(
+            """async () => { const { Fleet } = await import('/web/fleet.js');
+            const made = { live: [0, true, '', {}], lost: [60, false, '', {}], dead: [60, false, '', { ended: true }],
+              forged: [0, true, '', { ended: true }], keyless: [0, true, 'no key', {}], deaf: [0, true, '', {}] };
+            const newest = Object.fromEntries(Object.keys(made).map((boat) => [boat, 1]));
+            const history = { boats: () => Object.keys(made), newest: (boat) => newest[boat],
+              last: (boat, topic) => (topic === 'mode' ? made[boat][3] : { commands: boat !== 'deaf' }) };
+            const clock = ([boat, [, there, problem]]) => [boat, [0, there, 1, problem]];
+            const clocks = new Map(Object.entries(made).map(clock));
+            const fleet = new Fleet(history, clocks, (boat) => made[boat][0]);
+            const names = fleet.names();
+            const before = { stoppable: fleet.stoppable(true), none: fleet.stoppable(false),
+              lost: names.filter((b) => fleet.lost(b)), doubt: names.filter((b) => fleet.doubt(b)) };
+            fleet.putAway('lost'); fleet.putAway('dead');
+            const away = fleet.names();
+            newest.lost = 2; clocks.get('dead')[1] = true;
+            return { ...before, away, back: fleet.names() }; }"""
+        )
+        page.context.close()
+    assert told["stoppable"] == ["live", "lost", "forged", "deaf"] and told["none"] == []
+    assert told["lost"] == ["lost"] and told["doubt"] == ["lost", "deaf"]
+    assert told["away"] == ["live", "forged", "keyless", "deaf"]
+    assert told["back"] == ["live", "lost", "dead", "forged", "keyless", "deaf"]

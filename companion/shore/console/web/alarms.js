@@ -20,7 +20,8 @@ export class Alarms {
   on() {
     this.context = new AudioContext();
     this.show();
-    this.sound("warning"); // so that one hears what it will be like
+    for (const text of this.standing.values()) this.raise("error", text);
+    this.sound("warning"); // where nothing stands: so that one hears what it will be like
     globalThis.Notification?.requestPermission?.();
   }
 

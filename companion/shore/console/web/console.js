@@ -59,7 +59,7 @@ function onconsole(about) {
 function onframe(frame) {
   for (const [boat, clock] of Object.entries(frame.clocks)) clocks.set(boat, clock);
   for (const sample of frame.samples) if (history.push(sample)) take(sample);
-  look();
+  if (!chosen) look();
   requestAnimationFrame(draw);
 }
 

@@ -23,6 +23,9 @@ def load_vessel(text: str, *, name: str) -> VesselFile:
 
 def _problems(vessel: VesselFile) -> Iterator[str]:
     """Yield what no single table can know to be wrong."""
+    if (vessel.sensors.uwb is None) == (vessel.sensors.gnss is None):
+        found = "both" if vessel.sensors.uwb else "neither"
+        yield f"sensors: expected one of the tables uwb and gnss, found {found}"
     yield from _thruster_problems(vessel)
     yield from _mass_problems(vessel)
     if np.linalg.eigvalsh(model.mass_matrix(vessel)).min() <= 0:

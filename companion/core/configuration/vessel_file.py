@@ -139,6 +139,8 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y.
 
     `gain`: 0 is a dead thruster, below 0 one that is wired or turned the wrong way round.
+    `mirrored`: its pulses are mirrored about neutral, 1100 us is ahead; unlike with a gain of -1, the map's curve ahead
+    stays that of its thrust ahead.
     `gain_sigma`: how well `gain` is known, as a share; None: as fits assume of thrusters of one make.
     """
 
@@ -151,6 +153,7 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     gain: Annotated[float, msgspec.Meta(ge=-10, le=10)] = 1.0
     gain_sigma: Annotated[float, msgspec.Meta(ge=0, le=2)] | None = None
     trim_us: Annotated[int, msgspec.Meta(ge=-200, le=200)] = 0
+    mirrored: bool = False
     pwm_min_us: Pulse = 1100
     pwm_max_us: Pulse = 1900
     force_min_N: Annotated[float, msgspec.Meta(ge=-50_000, le=0)]

@@ -148,4 +148,4 @@ def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

@@ -7,11 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 from companion.__main__ import main
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.read_run import ReadOptions, read_run
+from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue
+from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns, strange_scale
 from sim.fitting.identify.vessel_out import vessel_toml
 from tests.companion.logs.readers.run_logs import dataflash
 from tests.evidence.line import Line, at_most, exactly
@@ -48,4 +51,22 @@ def boat_without_uwb(full: bool) -> Iterator[Line]:
     yield exactly("GNSS alone: causes of ranges that are looked for", len(names & RANGES_ONLY), 0)
 
 
-PARTS = (ardupilot_log, boat_without_uwb)
+def crashes(full: bool) -> Iterator[Line]:
+    """Logs that were refused whole: a CSE1 recording with a setting of -0.1, and a factor of 0.298 as in spins."""
+    head = "t,x,y,phi,theta,psi,u1,u2,u3,u4,u5,tracking_lost,vsp_speed"
+    rows = [f"{k / 20},0.{k:03},0,0,0,0.1,0.1,0,0,0,0,0,{-0.1 if k == 50 else 0.4}" for k in range(200)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.csv"
+        path.write_text("\n".join([head, *rows]) + "\n")
+        kept = read_run(path).table
+    yield exactly("a setting of -0.1 in 200 rows: rows read", kept.height, 200)
+    yield exactly("a setting of -0.1 in 200 rows: values left blank", kept["setting_vsp_speed"].null_count(), 1)
+    run = drive(UWB, SEED, SECONDS)
+    blank = pl.lit(None, pl.Float64)
+    own = [(pl.col(c) / 0.298).alias(c) for c in ("ax_m_s2", "ay_m_s2")]
+    spins = Run(run.table.with_columns(*own, phi_rad=blank, theta_rad=blank), run.meta)
+    reject_swapped_columns(spins)
+    yield exactly("positions 0.298 times the accelerations: warnings", len(strange_scale(spins)), 1, "", "not refused")
+
+
+PARTS = (ardupilot_log, boat_without_uwb, crashes)

@@ -24,7 +24,7 @@ from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.preparation import subsampling
 from sim.fitting.diagnose.preparation.gaps import split_at_pauses
-from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, reject_swapped_columns, strange_scale
+from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, reject_swapped_columns
 from sim.fitting.diagnose.selection.held_out import MODELS, ModelUnderTest, score
 from sim.fitting.engine.split import JobError
 from tests.evidence.diagnose import survive
@@ -88,26 +88,6 @@ def test_every_slip_is_told_by_its_columns(slip):
     with pytest.raises(JobError) as refused:
         reject_swapped_columns(Run(run.table.with_columns(**new), run.meta))
     assert slip.partition(":")[0] in str(refused.value) and run.meta.source in str(refused.value)
-
-
-def scaled(factor: float) -> Run:
-    run = good()
-    table = run.table.with_columns(ax_m_s2=pl.col("ax_m_s2") / factor, ay_m_s2=pl.col("ay_m_s2") / factor)
-    return Run(table.with_columns(phi_rad=pl.lit(None, pl.Float64), theta_rad=pl.lit(None, pl.Float64)), run.meta)
-
-
-def test_a_factor_that_is_no_units_is_told_and_not_refused():
-    """A valid log of spins of a real boat showed 0.298."""
-    reject_swapped_columns(scaled(0.298))
-    (problem,) = strange_scale(scaled(0.298))
-    assert problem.kind == "disagree" and "leave both columns blank" in problem.text
-    assert strange_scale(good()) == []
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(9.80665, "g"), (0.01, "mg")])
-def test_accelerations_in_another_unit_are_refused_with_the_way_round(factor, unit):
-    with pytest.raises(JobError, match=rf"they are in {unit}; write them in m/s\^2, or leave both columns blank"):
-        reject_swapped_columns(scaled(factor))
 
 
 def test_large_faults_of_sensors_are_not_taken_for_slips():

@@ -77,7 +77,7 @@ class App:
         settings, codec = pilot.settings, mavlink[1]
         self._session = MavlinkSession(codec)
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
-        self._uwb = self._link("uwb", *uwb, rng, uwb_timing(settings.vessel.sensors.uwb.rate_Hz))
+        self._uwb = self._link("uwb", *uwb, rng, uwb_timing(settings.vessel.sensors.tag.rate_Hz))
         self._tag = UwbTagLink(self._uwb, uwb[1], recorder)
         position = PositionFeed(vision_hz, settings.site, settings.vessel, codec) if vision_hz else None
         self._autopilot = AutopilotCommands(

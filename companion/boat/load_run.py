@@ -10,6 +10,7 @@ import numpy as np
 
 import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
+from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError, digest
 from companion.core.configuration.vessel_file import VesselFile
@@ -121,8 +122,16 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     for i, thruster in enumerate(vessel.thrusters):
         if why := UNFIT_CHANNELS.get(thruster.channel):
             yield f"{of_vessel}: thrusters[{i}].channel: {thruster.channel} {why}; 9 to 16 are free"
+    yield from _tag_problems(run, vessel.sensors.uwb, of_vessel)
+
+
+def _tag_problems(run: RunFile, uwb: Uwb | None, of_vessel: str) -> Iterator[str]:
+    if uwb is None:
+        why = "to be driven or simulated a boat needs UWB: the estimator takes no GNSS yet; identify and diagnose do"
+        yield f"{of_vessel}: sensors.uwb: missing table: {why}"
+        return
     try:
-        uwb_codec(vessel.sensors.uwb.wire_format, run.uwb.tag, vessel.sensors.uwb.rate_Hz)
+        uwb_codec(uwb.wire_format, run.uwb.tag, uwb.rate_Hz)
     except ValueError as error:
         yield f"{of_vessel}: sensors.uwb (wire_format, rate_Hz): {error}"
 

@@ -110,7 +110,7 @@ class Listener:
         self._innovations: list[Innovation] = []
         self._round_trips: list[RoundTrip] = []
         self._mavlink = self._link("mavlink", *mavlink, LinkTiming(), self._hear)
-        timing = uwb_timing(setup.pilot.vessel.sensors.uwb.rate_Hz)
+        timing = uwb_timing(setup.pilot.vessel.sensors.tag.rate_Hz)
         self._uwb = self._link("uwb", *uwb, timing, self._take)
         self._uwb_open = False
 

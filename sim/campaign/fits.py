@@ -91,7 +91,7 @@ def _logs(case: CaseSetup, work: Work, drive_s: float | None) -> list[NamedLog]:
 
 def _drive(true: VesselFile, believed: VesselFile, seed: int, drive_s: float, weather: Weather) -> Run:
     """A log of the true boat by somebody at a keyboard who goes by the believed one; without the truth in it."""
-    uwb = true.sensors.uwb
+    uwb = true.sensors.tag
     run = teleop_run(true, seed, drive_s, uwb_hz=uwb.rate_Hz, sigma_m=uwb.range_sigma_m, weather=weather,
                      believed=believed)  # fmt: skip
     return Run(run.table.select([c for c in run.table.columns if not c.startswith(TRUTH)]), run.meta)

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.core.configuration.sensors import Imu, Uwb
 from companion.core.configuration.site_file import Anchor
-from companion.core.configuration.vessel_file import Imu, Uwb
 from companion.core.constants import GRAVITY_M_S2
 from companion.core.geometry.frames import point_acceleration, point_position
 from companion.core.model.sensor_errors import (

@@ -84,7 +84,7 @@ class SteppedRun:
         self._solve, self._warm = solve, None
         self._codec = MavlinkCodec()
         self._session = MavlinkSession(self._codec)
-        self._tag = uwb_codec(sensors.uwb.wire_format, "tag", sensors.uwb.rate_Hz)
+        self._tag = uwb_codec(sensors.tag.wire_format, "tag", sensors.tag.rate_Hz)
         self._period_ns = round(pilot.settings.control.period_s * 1e9)
         self._deadline_ns = round(pilot.settings.control.plan_deadline_s * 1e9)
         self._tick = -1

@@ -118,7 +118,7 @@ def teleop_run(
     believed = believed or vessel
     draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     imu_file = replace(vessel.sensors.imu, rate_Hz=imu_hz)
-    uwb_file = replace(vessel.sensors.uwb, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
+    uwb_file = replace(vessel.sensors.tag, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
     pilot = KeyboardPilot(draws[0], habits or Habits())
     imu = ImuSensor(imu_file, draws[1])
     uwb = UwbSensor(uwb_file, corner_anchors(), UwbFaults(), draws[2])
@@ -146,8 +146,8 @@ def teleop_run(
         clock="simulated",
         site="basin",
         anchors_m={a.id: (a.north_m, a.east_m, a.down_m) for a in corner_anchors()},
-        latency_s=believed.sensors.uwb.latency_s,
-        tag_arm_m=(believed.sensors.uwb.x_m, believed.sensors.uwb.y_m),
+        latency_s=believed.sensors.tag.latency_s,
+        tag_arm_m=(believed.sensors.tag.x_m, believed.sensors.tag.y_m),
         pwm_limits_us={t.name: (float(t.pwm_min_us), float(t.pwm_max_us)) for t in vessel.thrusters},
     )
     return Run(log.table([*names, "battery_v"], round(duration_s * 1e9)), meta)
@@ -200,7 +200,7 @@ def teleop_logs(true: VesselFile, believed: VesselFile, seeds: Sequence[int], du
     weather = Weather(
         **{k: float(steady[k]) for k in ("V_c_m_s", "beta_c_deg", "V_w_m_s", "beta_w_deg") if k in steady}
     )
-    uwb, out = true.sensors.uwb, []
+    uwb, out = true.sensors.tag, []
     for seed in seeds:
         run = teleop_run(true, seed, duration_s, uwb_hz=uwb.rate_Hz, sigma_m=uwb.range_sigma_m, weather=weather,
                          believed=believed)  # fmt: skip

@@ -77,9 +77,9 @@ class Afloat:
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
         self._environment = Environment(_weather(setup), draws["weather"])
         self.imu = ImuSensor(vessel.sensors.imu, draws["imu"])
-        self.uwb_sensor = UwbSensor(vessel.sensors.uwb, setup.site.anchors, setup.faults, draws["uwb"])
+        self.uwb_sensor = UwbSensor(vessel.sensors.tag, setup.site.anchors, setup.faults, draws["uwb"])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
-        self.tag = tag or UwbTag(vessel.sensors.uwb.wire_format, anchors=places, rate_hz=vessel.sensors.uwb.rate_Hz)
+        self.tag = tag or UwbTag(vessel.sensors.tag.wire_format, anchors=places, rate_hz=vessel.sensors.tag.rate_Hz)
         self._uwb_due_ns = setup.boot_ns
         self.in_flight: list[tuple[int, bytes]] = []
         self.silent_uwb = False

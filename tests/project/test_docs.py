@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from companion.__main__ import parser
-from companion.core.configuration import run_file, site_file, vessel_file
+from companion.core.configuration import run_file, sensors, site_file, vessel_file
 from companion.core.excitation import file as excitation_file
 from companion.core.model.loads import REGISTRY
 from companion.logs.schema import KINDS
@@ -38,6 +38,7 @@ def keys(module) -> set[str]:
     ("module", "page"),
     [
         (vessel_file, "vessel-file.md"),
+        (sensors, "vessel-file.md"),
         (run_file, "run-file.md"),
         (site_file, "run-file.md"),
         (excitation_file, "excite.md"),

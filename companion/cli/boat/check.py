@@ -63,7 +63,7 @@ def check(args: argparse.Namespace, console: Console | None = None) -> int:
 
 async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
     folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
-    sensor, link = setup.pilot.vessel.sensors.uwb, setup.run.mavlink
+    sensor, link = setup.pilot.vessel.sensors.tag, setup.run.mavlink
     signing = signing_of(args, setup, folder / STAMP_FILE)
     ours = link.autopilot_system_id
     codec = MavlinkCodec(link.system_id, link.component_id, target_system=ours, signing=signing)

@@ -215,7 +215,7 @@ async def _drive(
         mavlink=(mavlink, codec),
         uwb=(
             uwb,
-            uwb_codec(vessel.sensors.uwb.wire_format, setup.run.uwb.tag, vessel.sensors.uwb.rate_Hz),
+            uwb_codec(vessel.sensors.tag.wire_format, setup.run.uwb.tag, vessel.sensors.tag.rate_Hz),
         ),
         clock=clock,
         recorder=recorder,

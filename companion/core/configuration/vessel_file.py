@@ -11,10 +11,9 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from companion.core.configuration.sensors import Arm, Sensors
 from companion.core.configuration.tables import SourcedTable, Table
 
-Arm = Annotated[float, msgspec.Meta(ge=-30, le=30)]
-"""A place in the hull [m], from its origin."""
 Area = Annotated[float, msgspec.Meta(ge=0, le=500)]
 AddedMass = Annotated[float, msgspec.Meta(ge=-1e6, le=0)]
 LinearDamping = Annotated[float, msgspec.Meta(ge=-1e6, le=0)]
@@ -140,6 +139,8 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y.
 
     `gain`: 0 is a dead thruster, below 0 one that is wired or turned the wrong way round.
+    `mirrored`: its pulses are mirrored about neutral, 1100 us is ahead; unlike with a gain of -1, the map's curve ahead
+    stays that of its thrust ahead.
     `gain_sigma`: how well `gain` is known, as a share; None: as fits assume of thrusters of one make.
     """
 
@@ -152,63 +153,11 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     gain: Annotated[float, msgspec.Meta(ge=-10, le=10)] = 1.0
     gain_sigma: Annotated[float, msgspec.Meta(ge=0, le=2)] | None = None
     trim_us: Annotated[int, msgspec.Meta(ge=-200, le=200)] = 0
+    mirrored: bool = False
     pwm_min_us: Pulse = 1100
     pwm_max_us: Pulse = 1900
     force_min_N: Annotated[float, msgspec.Meta(ge=-50_000, le=0)]
     force_max_N: Force
-
-
-class Imu(SourcedTable, frozen=True, kw_only=True):
-    """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`.
-
-    The keys with a default of 0 behind the noise are known errors; equations in `sensor_errors`.
-    """
-
-    x_m: Arm = 0.0
-    y_m: Arm = 0.0
-    z_m: Arm = 0.0
-    rate_Hz: Annotated[float, msgspec.Meta(ge=0.1, le=1000)]
-    accel_sigma_m_s2: Annotated[float, msgspec.Meta(ge=1e-6, le=20)]
-    accel_bias_sigma_m_s2: Annotated[float, msgspec.Meta(ge=0, le=20)]
-    accel_bias_walk_m_s2_sqrt_s: Annotated[float, msgspec.Meta(ge=0, le=1)]
-    gyro_sigma_rad_s: Annotated[float, msgspec.Meta(ge=1e-7, le=5)]
-    gyro_bias_sigma_rad_s: Annotated[float, msgspec.Meta(ge=0, le=5)]
-    gyro_bias_walk_rad_s_sqrt_s: Annotated[float, msgspec.Meta(ge=0, le=1)]
-    heading_sigma_rad: Annotated[float, msgspec.Meta(ge=1e-6, le=3.15)]
-    heading_wander_sigma_rad: Annotated[float, msgspec.Meta(ge=0, le=3.15)]
-    heading_wander_time_s: Annotated[float, msgspec.Meta(ge=0.01, le=1e6)]
-    accel_bias_x_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
-    accel_bias_y_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
-    gyro_bias_rad_s: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
-    gyro_scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
-    misalignment_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
-    heading_offset_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
-    hard_iron_cos_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
-    hard_iron_sin_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
-
-
-class Uwb(SourcedTable, frozen=True, kw_only=True):
-    """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
-    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `sensor_errors`.
-    """
-
-    x_m: Arm = 0.0
-    y_m: Arm = 0.0
-    z_m: Arm = 0.0
-    rate_Hz: Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
-    range_sigma_m: Annotated[float, msgspec.Meta(ge=1e-5, le=20)]
-    range_bias_sigma_m: Annotated[float, msgspec.Meta(ge=0, le=20)]
-    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
-    clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
-    scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
-    wire_format: str
-
-
-class Sensors(Table, frozen=True, kw_only=True):
-    """What the boat measures with."""
-
-    imu: Imu
-    uwb: Uwb
 
 
 class ModelError(SourcedTable, frozen=True, kw_only=True):

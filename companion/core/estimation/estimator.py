@@ -94,7 +94,7 @@ class Estimator:
         algebra = KalmanEquations(B_RANGE + len(self.anchors))
         self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, len(self.anchors))
         self._inertial = Inertial(process, sensors.imu, self.tuning, algebra)
-        self._uwb = UwbFusion(site, sensors.uwb, self.tuning, algebra)
+        self._uwb = UwbFusion(site, sensors.tag, self.tuning, algebra)
         self._starter = Starter(site, sensors, self.tuning)
 
     def initial(self) -> EstimatorState:
@@ -141,7 +141,7 @@ class Estimator:
         t_ns = min(m.t_ns, m.t_rx_ns)
         if not _is_uwb(m):
             return t_ns
-        return measurement_time_ns(self.vessel.sensors.uwb, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
+        return measurement_time_ns(self.vessel.sensors.tag, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
 
     def estimate(self, state: EstimatorState, t_ns: int, belief: FilterState | None = None) -> StateEstimate:
         """Pose of the body origin, velocities, biases, disturbance and health at t_ns; `belief`: then, if at hand."""

@@ -17,7 +17,7 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.configuration.vessel_file import Imu
+from companion.core.configuration.sensors import Imu
 from companion.core.estimation.filter_state import (
     B_ACCEL,
     B_GYRO,

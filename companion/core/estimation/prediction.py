@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.configuration.vessel_file import Imu
+from companion.core.configuration.sensors import Imu
 from companion.core.estimation.command_history import TimedCommand, active_command
 from companion.core.estimation.filter_state import (
     B_ACCEL,

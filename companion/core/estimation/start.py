@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from companion.core.configuration.sensors import Sensors
 from companion.core.configuration.site_file import Site
-from companion.core.configuration.vessel_file import Sensors
 from companion.core.estimation.filter_state import (
     B_ACCEL,
     B_GYRO,
@@ -83,13 +83,13 @@ class Starter:
         if len(use) < 3:
             return f"{len(use)} of the 3 anchors that a start needs are in range"
         ranges = np.array([seen.range_m for i in use if (seen := start.latest[i])])
-        fixes = multilaterate(self._anchors_m[use], ranges, self._sensors.uwb.z_m, self._tuning.fix_spread_m)
+        fixes = multilaterate(self._anchors_m[use], ranges, self._sensors.tag.z_m, self._tuning.fix_spread_m)
         good = [f for f in fixes if f.inliers.sum() >= 3 and f.cost <= fixes[0].cost + MIRROR_COST]
         if len(good) > 1:
             good = [f for f in good if self._site.inside(f.north_m, f.east_m)]
         if len(good) != 1:
             return f"{len(good)} places explain the ranges"
-        return correct_uwb_scale(self._sensors.uwb, good[0].north_m, good[0].east_m)
+        return correct_uwb_scale(self._sensors.tag, good[0].north_m, good[0].east_m)
 
     def _judge(
         self, start: FilterStart, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray
@@ -102,7 +102,7 @@ class Starter:
             return replace(start, reason="no heading from the autopilot yet"), None
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
-        u, tilt = self._sensors.uwb, Tilt(heading.phi_rad, heading.theta_rad)
+        u, tilt = self._sensors.tag, Tilt(heading.phi_rad, heading.theta_rad)
         arm = to_level_axes(tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
         before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
@@ -116,7 +116,7 @@ class Starter:
         self, t_ns: int, origin_m: tuple[float, float], heading: Attitude, tilt: Tilt, f_n: np.ndarray
     ) -> FilterState:
         """First belief: at the fix, at rest; heading and its wander correlated as one reading leaves them."""
-        imu, uwb, tuning = self._sensors.imu, self._sensors.uwb, self._tuning
+        imu, uwb, tuning = self._sensors.imu, self._sensors.tag, self._tuning
         m = len(self._number)
         x, sigma = np.zeros(B_RANGE + m), np.zeros(B_RANGE + m)
         x[:2], x[2], x[5], x[TILT] = origin_m, heading.psi_rad, heading.r_rad_s, tilt

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.core.configuration.tables import ConfigError, parse_toml
-from companion.core.configuration.vessel_file import RotorMap, VesselFile
+from companion.core.configuration.vessel_file import PitchMap, RotorMap, VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.model import loads
 from companion.core.model import manoeuvring as model
@@ -23,6 +23,9 @@ def load_vessel(text: str, *, name: str) -> VesselFile:
 
 def _problems(vessel: VesselFile) -> Iterator[str]:
     """Yield what no single table can know to be wrong."""
+    if (vessel.sensors.uwb is None) == (vessel.sensors.gnss is None):
+        found = "both" if vessel.sensors.uwb else "neither"
+        yield f"sensors: expected one of the tables uwb and gnss, found {found}"
     yield from _thruster_problems(vessel)
     yield from _mass_problems(vessel)
     if np.linalg.eigvalsh(model.mass_matrix(vessel)).min() <= 0:
@@ -51,6 +54,8 @@ def _thruster_problems(vessel: VesselFile) -> Iterator[str]:
         fmap = vessel.force_maps.get(t.force_map)
         if isinstance(fmap, RotorMap) and t.trim_us and abs(t.trim_us) >= fmap.dead_band_us:
             yield f"{at}.trim_us: expected less than the dead band of {fmap.dead_band_us:g} us: 1500 us must be neutral"
+        if isinstance(fmap, PitchMap) and t.mirrored:
+            yield f"{at}.mirrored: only with an ESC; turn azimuth_deg of a pitch propeller by 180 instead"
         if t.name in [other.name for other in vessel.thrusters[:i]]:
             yield f"{at}.name: {t.name!r} is there twice"
         if t.channel in [other.channel for other in vessel.thrusters[:i]]:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.configuration.vessel_file import Imu, Sensors, Uwb
+from companion.core.configuration.sensors import Imu, Sensors, Uwb
 from companion.core.geometry.frames import rotate, ssa, unrotate
 from companion.core.messages import Attitude, ImuSample, UwbPosition, UwbRanges
 
@@ -99,7 +99,8 @@ IMU_KEYS = (
 
 def is_exact(sensors: Sensors) -> bool:
     """Whether the file has no error that `correct_message` removes."""
-    return not (sensors.uwb.scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
+    scale = sensors.uwb.scale if sensors.uwb else 0.0
+    return not (scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
 
 
 def correct_message(sensors: Sensors, m: Sensed) -> Sensed:
@@ -112,6 +113,6 @@ def correct_message(sensors: Sensors, m: Sensed) -> Sensed:
         psi, r = correct_heading(imu, m.psi_rad), correct_yaw_rate(imu, m.r_rad_s)
         return replace(m, psi_rad=ssa(float(psi)), r_rad_s=float(r))
     if isinstance(m, UwbPosition):
-        north, east = correct_uwb_scale(sensors.uwb, m.y_m, m.x_m)
+        north, east = correct_uwb_scale(sensors.tag, m.y_m, m.x_m)
         return replace(m, y_m=float(north), x_m=float(east))
     return m

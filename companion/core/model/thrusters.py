@@ -2,7 +2,7 @@
 
 Rotor (facts: the manufacturer's bollard table follows F = k n |n| with k nearly free of voltage):
 
-    c = (pwm - trim - 1500) / 400                     command in -1..1
+    c = (pwm - trim - 1500) / 400                     command in -1..1; `mirrored`: with the other sign
     e = max(|c| - dead_band / 400, 0)
     n = (V / V_ref)^(a0 + a1 e) (c1 e^q + c2 e^2)     [rev/s], sign of c
     F = gain k n |n|                                  [N], k and the curve by sign
@@ -79,6 +79,12 @@ def force_size(fmap: ForceMap, c: Any, voltage_v: Any, side: Side) -> Any:
     return side(fmap.k_ahead_N_s2, fmap.k_astern_N_s2) * rps**2
 
 
+def _command(thruster: Thruster, pwm_us: Any) -> Any:
+    """c above, not clipped, of a pulse width [us]: numbers, arrays and CasADi expressions alike."""
+    beyond_us = pwm_us - thruster.trim_us - NEUTRAL_US
+    return (-beyond_us if thruster.mirrored else beyond_us) / SPAN_US
+
+
 def _ahead(ahead: Any, _: Any) -> Any:
     return ahead
 
@@ -91,7 +97,7 @@ def force_from_pwm(
     thruster: Thruster, fmap: ForceMap, pwm_us: float, voltage_v: float, setting: float | None = None
 ) -> float:
     """Steady bollard force [N] at a pulse width [us], battery voltage [V] and setting (None: the nominal one)."""
-    c = min(max(float(pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0), 1.0)
+    c = min(max(float(_command(thruster, pwm_us)), -1.0), 1.0)
     sign, side = (1, _ahead) if c >= 0 else (-1, _astern)
     share = thruster.gain * setting_share(fmap, setting)
     return sign * float(share * force_size(fmap, abs(c), voltage_v, side))
@@ -101,7 +107,7 @@ def forces_from_pwm(
     thruster: Thruster, fmap: ForceMap, pwm_us: np.ndarray, voltage_v: np.ndarray, setting: np.ndarray | None = None
 ) -> np.ndarray:
     """`force_from_pwm` of whole logs: pulse widths, voltages and settings (k,), forces (k,); NaN at no real voltage."""
-    c = np.clip((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, -1.0, 1.0)
+    c = np.clip(_command(thruster, pwm_us), -1.0, 1.0)
     dead = fmap.dead_band_us / SPAN_US if isinstance(fmap, RotorMap) else 0.0
     force = 0.0 * c  # in the dead band at any voltage, and also at one that is not known
     with np.errstate(invalid="ignore"):
@@ -121,7 +127,7 @@ def steady_forces(vessel: VesselFile, pwm_us: Any, voltage_v: Any) -> list[Any]:
 
 
 def _steady_force(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any) -> Any:
-    c = ca.fmax(ca.fmin((pwm_us - thruster.trim_us - NEUTRAL_US) / SPAN_US, 1.0), -1.0)
+    c = ca.fmax(ca.fmin(_command(thruster, pwm_us), 1.0), -1.0)
     force = force_size(fmap, ca.fabs(c), voltage_v, partial(_by_sign, c >= 0))
     return ca.if_else(c >= 0, 1.0, -1.0) * (thruster.gain * force)
 
@@ -152,7 +158,8 @@ def pwm_from_force(thruster: Thruster, fmap: ForceMap, force_n: float, voltage_v
     table = _inverse_table(fmap, round(voltage_v * 10), sign) * abs(thruster.gain)
     first = int(np.searchsorted(table, 0.0, side="right")) - 1  # the dead band's edge
     c = float(np.interp(abs(force_n), table[first:], _GRID[first:]))
-    return int(np.clip(round(neutral + sign * c * SPAN_US), thruster.pwm_min_us, thruster.pwm_max_us))
+    ahead = -1 if thruster.mirrored else 1
+    return int(np.clip(round(neutral + ahead * sign * c * SPAN_US), thruster.pwm_min_us, thruster.pwm_max_us))
 
 
 def force_limits(vessel: VesselFile) -> tuple[np.ndarray, np.ndarray]:

@@ -87,7 +87,7 @@ def uwb_rows(observed: Observations, site: Site, vessel: VesselFile) -> Iterator
         yield _positions(observed, site)
         return
     medians = _medians(observed)
-    yield from _anchors(observed, site, medians, vessel.sensors.uwb.rate_Hz)
+    yield from _anchors(observed, site, medians, vessel.sensors.tag.rate_Hz)
     known = [a for a in site.anchors if a.id in medians]
     if len(known) >= START_ANCHORS:
         anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in known])
@@ -125,7 +125,7 @@ def _anchors(observed: Observations, site: Site, medians: Mapping[str, float], r
 
 
 def _geometry(anchors_m: np.ndarray, ranges_m: np.ndarray, ids: list[str], vessel: VesselFile) -> Iterator[Row]:
-    uwb = vessel.sensors.uwb
+    uwb = vessel.sensors.tag
     fixes = multilaterate(anchors_m, ranges_m, uwb.z_m, SPREAD_M)
     if not fixes:
         yield Row(

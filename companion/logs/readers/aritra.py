@@ -64,7 +64,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         raise RunError(f"{path}: no thruster commands (/override_lease) in it")
     # 2. A stream for each sensor, the commands and the truth.
     names = thruster_names(vessel, found[OverrideLease])
-    down_m = vessel.sensors.uwb.z_m if vessel else 0.0
+    down_m = vessel.sensors.position.z_m if vessel else 0.0
     tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
     streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude])]
     streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
@@ -92,8 +92,8 @@ def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
     """Fields of `RunMeta` that follow from the vessel file and the site file."""
     fields: dict[str, Any] = {}
     if vessel:
-        uwb = vessel.sensors.uwb
-        fields["latency_s"], fields["tag_arm_m"] = uwb.latency_s, (uwb.x_m, uwb.y_m)
+        tag = vessel.sensors.position
+        fields["latency_s"], fields["tag_arm_m"] = tag.latency_s, (tag.x_m, tag.y_m)
         fields["pwm_limits_us"] = {t.name: (float(t.pwm_min_us), float(t.pwm_max_us)) for t in vessel.thrusters}
     if site:
         fields["site"] = site.name

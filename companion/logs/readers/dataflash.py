@@ -1,8 +1,8 @@
-"""Reader of ArduPilot dataflash logs (.BIN): RCOU, IMU, ATT, BAT, and positions from BCN, GPS or a separate UWB log.
+"""Reader of ArduPilot dataflash logs (.BIN): RCOU, PARM, IMU, ATT, BAT, and positions of BCN, GPS or a UWB log beside.
 
 The clock is the autopilot's, since boot. A UWB log is stamped by its host; the two clocks are related by the Unix time
-in GPS messages (GPS week and ms), or by an offset from the caller. Outputs 1..n drive the thrusters in the vessel
-file's order. Source: https://ardupilot.org/rover/docs/logmessages.html
+in GPS messages (GPS week and ms), or by an offset from the caller. Which output drives which thruster: `outputs`.
+Source: https://ardupilot.org/rover/docs/logmessages.html
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from pymavlink import DFReader
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.constants import NEUTRAL_US
 from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
 from companion.logs.readers.join import Stream, join
+from companion.logs.readers.outputs import output_stream
 from companion.logs.readers.positions import geodetic_to_site
 from companion.logs.readers.uwb import UwbLog
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 _MAGIC = b"\xa3\x95"
-_KINDS = ("RCOU", "IMU", "ATT", "BAT", "BCN", "GPS")
+_KINDS = ("RCOU", "IMU", "ATT", "BAT", "BCN", "GPS", "PARM")
 _GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix seconds
 LEAP_S = 18
 """GPS time minus UTC since 2017 (IERS Bulletin C)."""
@@ -54,20 +54,21 @@ def read_dataflash_run(
         raise RunError(f"{path}: cannot be read as a dataflash log, its format records are damaged: {error}") from None
     if not rows["RCOU"]:
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
+    commands, which = output_stream(rows["RCOU"], vessel, {name: value for _, name, value in rows["PARM"]}, notes)
     streams = [
-        output_stream(rows["RCOU"], vessel, notes),
+        commands,
         imu_stream(rows["IMU"]),
         attitude_stream(rows["ATT"]),
         Stream.of("battery", ("battery_v",), rows["BAT"], held=True),
     ]
-    columns = {"pwm": "RCOU: what left the autopilot", "r_rad_s": "gyroscope of IMU 0"}
+    columns = {"pwm": f"RCOU: what left the autopilot, {which}", "r_rad_s": "gyroscope of IMU 0"}
     known = meta_fields(vessel, site)
     if uwb:
         if offset_s is None and unix_ns is None:
             raise RunError(f"{path}: no GPS time in it: state the offset from the UWB log's clock to this log's")
         log = uwb(round(offset_s * 1e9) if offset_s is not None else -(unix_ns or 0))
         streams, columns, notes = streams + log.streams, columns | log.columns, notes + list(log.notes)
-    elif rows["BCN"]:
+    elif rows["BCN"] and not (vessel and vessel.sensors.gnss):
         streams.append(_beacon(rows["BCN"]))
         columns["north_m"] = columns["east_m"] = "BCN: the autopilot's beacon position, from the beacons' origin"
         known["latency_s"] = None
@@ -75,34 +76,17 @@ def read_dataflash_run(
         stream, origin_text = gps_stream(rows["GPS"], site)
         streams.append(stream)
         columns["north_m"] = columns["east_m"] = f"GPS antenna, {origin_text}"
-        known["latency_s"] = known["tag_arm_m"] = None
+        known |= gps_known(vessel)
     clock = "autopilot, since boot"
     name = vessel.name if vessel else "not stated"
     meta = RunMeta(vessel=name, source=path.name, clock=clock, columns=columns, notes=tuple(notes), **known)
     return join(streams, meta)
 
 
-def output_stream(rows: Sequence[tuple[float, ...]], vessel: VesselFile | None, notes: list[LogProblem]) -> Stream:
-    """Outputs 1..n as commands: named by the vessel file, or out1.. of those that ever had a pulse.
-
-    No pulse (0) becomes neutral, because the speed controller then stops its motor; a note is added to `notes`.
-    """
-    table = np.array(rows, dtype=float)
-    t_ns = np.array([row[0] for row in rows], dtype=np.int64)
-    pulses = table[:, 1:]
-    if vessel:
-        picked = {t.name: i for i, t in enumerate(vessel.thrusters)}
-    else:
-        picked = {f"out{i + 1}": i for i in range(pulses.shape[1]) if (pulses[:, i] > 0).any()}
-    columns = {}
-    for name, i in picked.items():
-        pwm_us = pulses[:, i] if i < pulses.shape[1] else np.zeros(len(pulses))
-        dead = pwm_us == 0
-        if dead.any():
-            text = f"pwm_{name}: output {i + 1} had no pulse in {int(dead.sum())} of {len(dead)} records: neutral"
-            notes.append(LogProblem(kind="no pulse", text=text))
-        columns[f"pwm_{name}"] = np.where(dead, float(NEUTRAL_US), pwm_us)
-    return Stream("outputs", t_ns, columns, held=True)
+def gps_known(vessel: VesselFile | None) -> dict[str, float | tuple[float, float] | None]:
+    """Latency and place of the antenna by the vessel file's GNSS; unknown where it has none."""
+    gnss = vessel.sensors.gnss if vessel else None
+    return {"latency_s": gnss.latency_s if gnss else None, "tag_arm_m": (gnss.x_m, gnss.y_m) if gnss else None}
 
 
 def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[Stream, str]:
@@ -113,13 +97,13 @@ def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[St
     return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), origin_text
 
 
-def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple[float, ...]]], int | None]:
+def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple[Any, ...]]], int | None]:
     """Rows (t_ns, values) by message type, SI units; and Unix time minus the log's clock [ns], None without GPS time.
 
     A record without the columns of its type, or stamped after `LATEST_US`, is damaged: it is left out and counted in
     `notes`.
     """
-    rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in _KINDS}
+    rows: dict[str, list[tuple[Any, ...]]] = {kind: [] for kind in _KINDS}
     unix_ns, damaged = None, 0
     with DFReader.DFReader_binary(str(path)) as log:
         while (m := log.recv_match(type=list(_KINDS))) is not None:
@@ -153,11 +137,12 @@ def _bcn(m: Any) -> tuple[float, ...] | None:
     return (m.PosX, m.PosY, *ranges) if m.Health else None
 
 
-_DECODE: dict[str, Callable[[Any], tuple[float, ...] | None]] = {
+_DECODE: dict[str, Callable[[Any], tuple[Any, ...] | None]] = {
     "RCOU": lambda m: tuple(getattr(m, name) for name in m.get_fieldnames() if name.startswith("C")),
     "IMU": lambda m: (m.GyrZ, m.AccX, m.AccY) if getattr(m, "I", 0) == 0 else None,
     "ATT": lambda m: (radians(m.Yaw), radians(m.Roll), radians(m.Pitch)),
     "BAT": lambda m: (m.Volt,) if getattr(m, "Instance", getattr(m, "Inst", 0)) == 0 else None,
     "BCN": _bcn,
+    "PARM": lambda m: (m.Name, m.Value),
     "GPS": lambda m: (m.Lat, m.Lng) if m.Status >= _FIX_3D and getattr(m, "I", 0) == 0 else None,
 }

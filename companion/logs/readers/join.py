@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 
 from companion.logs.runs.columns import REQUIRED
+from companion.logs.runs.outliers import without_outliers
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 BACK_NS = 1_000_000_000
@@ -75,7 +76,8 @@ def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
         msgspec.structs.replace(note, t_s=(at_ns - zero_ns) / 1e9) if note.t_s is not None else note
         for at_ns, note in notes
     ]
-    meta = msgspec.structs.replace(meta, zero_ns=zero_ns, notes=(*meta.notes, *placed))
+    table, slips = without_outliers(table)
+    meta = msgspec.structs.replace(meta, zero_ns=zero_ns, notes=(*meta.notes, *placed, *slips))
     return Run(table.select(_order(table.columns)).cast(pl.Float64), meta)
 
 

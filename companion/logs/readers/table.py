@@ -19,6 +19,7 @@ import numpy as np
 import polars as pl
 
 from companion.logs.runs.columns import column_error
+from companion.logs.runs.outliers import without_outliers
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta, check
 from companion.logs.unpack import most_bytes
 
@@ -170,6 +171,8 @@ def _run(table: pl.DataFrame, metadata: Mapping[str, Any], name: str, place: Any
         if not dtype.is_numeric():
             raise RunError(f"{name}: column {column}: expected numbers, found {dtype}")
     table, notes = blanked(table)
+    table, slips = without_outliers(table)
+    notes += slips
     check(table, name, place)
     run = Run(table, meta if "source" in fields else msgspec.structs.replace(meta, source=name))
     if stated not in (None, run.data_hash):

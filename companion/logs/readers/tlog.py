@@ -24,8 +24,9 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Attitude, Battery, ImuSample, Message
 from companion.logs.readers.aritra import attitude_row, attitude_stream, imu_row, imu_stream, meta_fields
-from companion.logs.readers.dataflash import Joined, gps_stream, output_stream
+from companion.logs.readers.dataflash import Joined, gps_known, gps_stream
 from companion.logs.readers.join import Stream, join
+from companion.logs.readers.outputs import output_stream
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from drivers.mavlink.decode import DECODERS, STAMPS, is_autopilot, pulses
 from drivers.mavlink.imu_source import IMU_PREFERENCE
@@ -33,7 +34,7 @@ from drivers.mavlink.imu_source import IMU_PREFERENCE
 _MARKER = re.compile(rb"[\xfd\xfe]")
 _WANTED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
-    for name in ("ATTITUDE", "SYS_STATUS", "SERVO_OUTPUT_RAW", "GPS_RAW_INT", *IMU_PREFERENCE)
+    for name in ("ATTITUDE", "SYS_STATUS", "SERVO_OUTPUT_RAW", "GPS_RAW_INT", "PARAM_VALUE", *IMU_PREFERENCE)
 )
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _V2, _STAMP_LEN = 0xFD, 8
@@ -62,13 +63,16 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
         notes.append(LogProblem(kind="coarse commands", text=text))
     source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, stamps, ImuSample))), "IMU")
     voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, stamps, Battery)]
+    commands, which = output_stream(
+        outputs, vessel, {m.param_id: m.param_value for *_, m in rows["PARAM_VALUE"]}, notes
+    )
     streams = [
-        output_stream(outputs, vessel, notes),
+        commands,
         imu_stream([imu_row(m) for m in _decoded(source, rows, stamps, ImuSample)]),
         attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, stamps, Attitude)]),
         Stream.of("battery", ("battery_v",), voltages, held=True),
     ]
-    columns = {"pwm": "SERVO_OUTPUT_RAW: what left the autopilot", "r_rad_s": f"gyroscope, {source}"}
+    columns = {"pwm": f"SERVO_OUTPUT_RAW: what left the autopilot, {which}", "r_rad_s": f"gyroscope, {source}"}
     known = meta_fields(vessel, site)
     fixes = [(t, m.lat / 1e7, m.lon / 1e7) for t, _, m in rows["GPS_RAW_INT"] if m.fix_type >= 3]
     if uwb:
@@ -78,7 +82,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
         stream, origin_text = gps_stream(fixes, site)
         streams.append(stream)
         columns["north_m"] = columns["east_m"] = f"GPS antenna at the arrival of GPS_RAW_INT, {origin_text}"
-        known["latency_s"] = known["tag_arm_m"] = None
+        known |= gps_known(vessel)
     clock = "ground station, Unix; records of the autopilot by its own clock, moved by the least delay"
     name = vessel.name if vessel else "not stated"
     meta = RunMeta(vessel=name, source=path.name, clock=clock, columns=columns, notes=tuple(notes), **known)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from companion.core.configuration.vessel_file import Imu, Uwb, VesselFile
+from companion.core.configuration.sensors import Imu, Uwb
+from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.sensor_errors import correct_heading, correct_imu, correct_uwb_scale, is_exact
 from companion.logs.runs.columns import HELD
 from companion.logs.runs.run import Run
@@ -21,9 +22,11 @@ PLACE = ["north_m", "east_m"]
 def calibrated(run: Run, vessel: VesselFile) -> Run:
     """`run` with psi, r, a_x, a_y, north and east corrected; the run itself where the file states no error."""
     imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
-    if is_exact(vessel.sensors) and not uwb.clock_drift_s_s:
+    if is_exact(vessel.sensors) and not (uwb and uwb.clock_drift_s_s):
         return run
     table = _inertial(run.table, imu)
+    if uwb is None:
+        return Run(table, run.meta, run.whole)
     north, east = correct_uwb_scale(uwb, *(table[name].to_numpy() for name in PLACE))
     table = table.with_columns(pl.Series("north_m", north), pl.Series("east_m", east)).fill_nan(None)
     return Run(_in_time(table, uwb, first_fix_s(run)) if uwb.clock_drift_s_s else table, run.meta, run.whole)

@@ -23,7 +23,7 @@ from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.preparation.gaps import intervals_as_runs, split_at_pauses, without_pauses
 from sim.fitting.diagnose.preparation.subsampling import subsample
-from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns
+from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns, strange_scale
 from sim.fitting.diagnose.report import findings as record
 from sim.fitting.diagnose.report.verdict import Adequate, conclude, held_out_objection, without_causes
 from sim.fitting.diagnose.selection.adequacy import adequacy
@@ -172,7 +172,7 @@ def diagnose(
         files=files_and_model.files,
         held_out=held_out_score,
         visible=detection_limits(fit, verdict.selection.final),
-        problems={used.log.name: problems(used.log.run) for used in data.split.used},
+        problems={used.log.name: [*strange_scale(used.log.run), *problems(used.log.run)] for used in data.split.used},
         seed=seed,
         runtime_s=clock() - begun,
     )

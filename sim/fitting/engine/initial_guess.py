@@ -20,8 +20,8 @@ REACH = 3.0  # fixes to either side of an instant that count, in units of their 
 
 def initial_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
     """Nodes (W, L): states guessed, all else 0."""
-    uwb = parameters.vessel.sensors.uwb
-    arm = np.array([uwb.x_m, uwb.y_m])
+    tag = parameters.vessel.sensors.position
+    arm = np.array([tag.x_m, tag.y_m])
     z = np.zeros((windows.size[0], L))
     fixes = windows.fixes
     for i, (span, (t, starts)) in enumerate(zip(windows.spans, windows.grids, strict=True)):
@@ -31,7 +31,7 @@ def initial_nodes(windows: Windows, parameters: Parameters) -> np.ndarray:
         z[span, 2] = psi
         z[span, 5] = np.interp(at, *y_r) if len(y_r[0]) else np.interp(at, y_psi[0], np.gradient(y_psi[1], y_psi[0]))
         mine = fixes.run == i
-        when = fixes.t_s[mine] - uwb.latency_s
+        when = fixes.t_s[mine] - tag.latency_s
         heading = np.interp(when, *y_psi)
         place = fixes.place_m[mine] - _turned(heading, np.tile(arm, (len(when), 1)))
         reach = REACH * max(0.8, float(np.median(np.diff(when))))

@@ -82,12 +82,12 @@ class Noise:
 
 def noise_of(vessel: VesselFile) -> Noise:
     """Noise as stated in the sensor tables of the vessel file; no latent acceleration."""
-    imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
+    imu = vessel.sensors.imu
     accel, gyro = imu.accel_sigma_m_s2, imu.gyro_sigma_rad_s
     a_walk, g_walk = imu.accel_bias_walk_m_s2_sqrt_s, imu.gyro_bias_walk_rad_s_sqrt_s
     return Noise(
         white=(imu.heading_sigma_rad, gyro, accel, accel),
-        fix_m=uwb.range_sigma_m,
+        fix_m=vessel.sensors.position_sigma_m,
         wander_rad=imu.heading_wander_sigma_rad,
         wander_time_s=imu.heading_wander_time_s,
         bias=(imu.accel_bias_sigma_m_s2, imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s),

@@ -230,7 +230,7 @@ class Parameters:
         sigma[self.thrusters] = [s.gain if t.gain_sigma is None else t.gain_sigma for t in self.vessel.thrusters]
         at = self.thrusters.stop
         sigma[at : at + 5] = (s.dead_time, s.lag, s.latency_s, s.arm_m, s.arm_m)
-        sigma[self.warp] = self.vessel.sensors.uwb.range_bias_sigma_m / REACH_M
+        sigma[self.warp] = self.vessel.sensors.position_bias_sigma_m / REACH_M
         sigma[self.trims], sigma[self.azimuths] = s.trim_us, s.azimuth_deg
         sigma[self.curves] = s.curve
         either = np.array([EITHER_SHARE * (p.upper - p.lower) for _, p in fitted_terms(self.vessel)])
@@ -253,11 +253,11 @@ class Parameters:
 def file_values(vessel: VesselFile) -> np.ndarray:
     """q (P,) as stated in the vessel file."""
     M, D, d = mass_matrix(vessel), linear_damping(vessel), vessel.damping
-    uwb, propulsion = vessel.sensors.uwb, vessel.propulsion
+    tag, propulsion = vessel.sensors.position, vessel.propulsion
     hull = [M[0, 0], M[1, 1], M[2, 2], M[1, 2], -D[0, 0], -D[1, 1], -D[2, 2], -D[1, 2], -D[2, 1]]
     quadratic = [d.X_uu_N_s2_m2, d.Y_vv_N_s2_m2, d.N_rr_N_m_s2]
     gains = [t.gain for t in vessel.thrusters]
-    sensors = [uwb.latency_s, uwb.x_m, uwb.y_m] + [0.0] * len(WARP)
+    sensors = [tag.latency_s, tag.x_m, tag.y_m] + [0.0] * len(WARP)
     able = [vessel.thrusters[i] for i in adjustable(vessel)]
     extras = [t.trim_us for t in able] + [t.azimuth_deg for t in able]
     maps = [vessel.force_maps[name] for name in pitch_maps(vessel)]

@@ -65,10 +65,10 @@ class SmootherNoise:
 
     @classmethod
     def of(cls, vessel: VesselFile) -> SmootherNoise:
-        """From the sensors of a vessel file. The range noise is taken as the position noise of each axis (assumed)."""
-        imu, uwb = vessel.sensors.imu, vessel.sensors.uwb
+        """From the sensors of a vessel file."""
+        imu, tag = vessel.sensors.imu, vessel.sensors.position
         return cls(
-            position_m=uwb.range_sigma_m,
+            position_m=vessel.sensors.position_sigma_m,
             psi_rad=imu.heading_sigma_rad,
             r_rad_s=imu.gyro_sigma_rad_s,
             accel_m_s2=imu.accel_sigma_m_s2,
@@ -77,9 +77,9 @@ class SmootherNoise:
             gyro_bias_rad_s=imu.gyro_bias_sigma_rad_s,
             gyro_bias_walk=imu.gyro_bias_walk_rad_s_sqrt_s,
             psi_offset_rad=imu.heading_wander_sigma_rad,
-            tag_arm_m=(uwb.x_m, uwb.y_m),
+            tag_arm_m=(tag.x_m, tag.y_m),
             imu_arm_m=(imu.x_m, imu.y_m),
-            latency_s=uwb.latency_s,
+            latency_s=tag.latency_s,
         )
 
 

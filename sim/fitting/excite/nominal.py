@@ -92,9 +92,9 @@ class _Rows:
     def __init__(self, vessel: VesselFile, step_ns: int):
         self._step_ns = step_ns
         self._names = [f"pwm_{t.name}" for t in vessel.thrusters]
-        self._imu, self._uwb = vessel.sensors.imu, vessel.sensors.uwb
-        self._imu_ns, self._uwb_ns = round(1e9 / self._imu.rate_Hz), round(1e9 / self._uwb.rate_Hz)
-        self._late_ns = round(self._uwb.latency_s * 1e9)
+        self._imu, self._tag = vessel.sensors.imu, vessel.sensors.position
+        self._imu_ns, self._fix_ns = round(1e9 / self._imu.rate_Hz), round(1e9 / self._tag.rate_Hz)
+        self._late_ns = round(self._tag.latency_s * 1e9)
         self._rows: dict[int, dict[str, float]] = {}
         self._last_ns = 0
 
@@ -107,8 +107,8 @@ class _Rows:
         self._last_ns = t_ns = motion.t_ns
         if t_ns % self._imu_ns < self._step_ns:
             self._at(t_ns, battery_v=plant.voltage_v, **self._inertial(motion))
-        if t_ns % self._uwb_ns < self._step_ns:
-            north, east = point_position(motion.x, (self._uwb.x_m, self._uwb.y_m))
+        if t_ns % self._fix_ns < self._step_ns:
+            north, east = point_position(motion.x, (self._tag.x_m, self._tag.y_m))
             self._at(t_ns + self._late_ns, north_m=float(north), east_m=float(east))
 
     def _inertial(self, motion: Motion) -> dict[str, float]:

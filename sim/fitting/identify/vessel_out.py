@@ -34,12 +34,11 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
     runs = ", ".join(h[:12] for h in result.data_hashes)
     source = f"identified {date} from {result.samples} samples (run {runs}), prior: vessel file {vessel.name}"
     thrusters = tuple(_thruster(t, q, source, session) for t in vessel.thrusters)
-    uwb = replace(
-        vessel.sensors.uwb,
+    sensors = vessel.sensors.with_position(
         latency_s=max(0.0, _round(q["uwb_latency_s"])),
         x_m=_round(q["tag_x_m"]),
         y_m=_round(q["tag_y_m"]),
-        source=f"{vessel.sensors.uwb.source}; latency and place {source}",
+        source=f"{vessel.sensors.position.source}; latency and place {source}",
     )
     return replace(
         vessel,
@@ -53,7 +52,7 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
         ),
         force_maps={name: _map(name, force_map, q, source) for name, force_map in vessel.force_maps.items()},
         thrusters=thrusters,
-        sensors=replace(vessel.sensors, uwb=uwb),
+        sensors=sensors,
         terms=_terms(vessel, q, source),
     )
 
@@ -149,4 +148,4 @@ def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

@@ -95,7 +95,7 @@ def one_boat(
 
     second. A score for each of `labs`, all on the same logs.
     """
-    uwb = replace(vessel.sensors.uwb, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
+    uwb = replace(vessel.sensors.tag, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
     vessel = replace(vessel, sensors=replace(vessel.sensors, uwb=uwb))
     boat = draw_boat(vessel, np.random.default_rng(seed), gain_sigma=0.0)
     train = teleop_run(boat, seed, train_s, uwb_hz=uwb_hz, sigma_m=sigma_m)

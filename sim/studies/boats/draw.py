@@ -43,7 +43,7 @@ def draw_boat(
         dead_time_s=round(boat.propulsion.dead_time_s * off[0] / TICK_S) * TICK_S,
         lag_s=boat.propulsion.lag_s * off[1],
     )
-    uwb = boat.sensors.uwb
+    uwb = boat.sensors.tag
     arm = [float(v) for v in rng.normal(0, ARM_SIGMA_M, 2)]
     uwb = replace(uwb, latency_s=uwb.latency_s * off[2], x_m=uwb.x_m + arm[0], y_m=uwb.y_m + arm[1])
     return replace(boat, propulsion=propulsion, sensors=replace(boat.sensors, uwb=uwb))

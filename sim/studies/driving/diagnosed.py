@@ -85,7 +85,7 @@ def imperfect(vessel: VesselFile, rng: np.random.Generator) -> VesselFile:
     """
     boat = perturbed(vessel, rng, 0.02)
     dead, lag, late, ahead, aside, turn = (float(s) for s in rng.uniform(-1.0, 1.0, 6))
-    propulsion, imu, uwb = boat.propulsion, boat.sensors.imu, boat.sensors.uwb
+    propulsion, imu, uwb = boat.propulsion, boat.sensors.imu, boat.sensors.tag
     delay_s = round((propulsion.dead_time_s + 0.01 * dead) / TICK_S) * TICK_S
     propulsion = replace(propulsion, dead_time_s=max(delay_s, 0.0), lag_s=max(propulsion.lag_s + 0.01 * lag, TICK_S))
     imu = replace(

@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site
-from companion.core.configuration.vessel_file import Uwb
 from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, innovation_message
 from companion.core.estimation.gates import judge
 from companion.core.estimation.kalman import KalmanEquations

@@ -14,7 +14,7 @@ from typing import Any
 
 from msgspec.structs import replace as struct_replace
 
-from companion.core.configuration.vessel_file import Sensors
+from companion.core.configuration.sensors import Sensors
 from companion.core.estimation.filter_state import Tilt
 from companion.core.estimation.plausibility import screen
 from companion.core.estimation.tilt import yaw_rate

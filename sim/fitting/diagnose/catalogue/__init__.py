@@ -46,7 +46,7 @@ def catalogue(
         *hull.effects(vessel),
         *propulsion.effects(vessel, onsets),
         *environment.effects(vessel, centres, min(end - start, LONG_S)),
-        *sensors.effects(),
+        *sensors.effects(vessel),
         *more,
     )
     ids = [e.id for e in entries]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import point_acceleration, unrotate
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, TagKinematics, Values
 from sim.fitting.diagnose.catalogue.parts import body_to_ned, scalar_parameter, vector_parameters
@@ -33,11 +34,12 @@ def _scaled(channel: int) -> ImuHook:
     return hook
 
 
-def effects() -> Iterator[Effect]:
-    """Entries of the sensors that can be named."""
+def effects(vessel: VesselFile) -> Iterator[Effect]:
+    """Entries of the sensors that can be named; what only ranges have, not for a boat without UWB."""
+    uwb = vessel.sensors.uwb is not None
     yield from _inertial()
-    yield from _heading()
-    yield from _tag()
+    yield from _heading(uwb)
+    yield from _positions(uwb)
 
 
 def added(**terms: Callable[[Values, Scene, np.ndarray], np.ndarray | float]) -> ImuHook:
@@ -118,7 +120,7 @@ def _misaligned(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
     return out
 
 
-def _heading() -> Iterator[Effect]:
+def _heading(uwb: bool) -> Iterator[Effect]:
     yield Effect(
         "heading_offset",
         "sensors",
@@ -126,7 +128,7 @@ def _heading() -> Iterator[Effect]:
         "goes off to one side of where it points, by a constant angle",
         scalar_parameter("offset_deg", "deg", 5.0, 1.0),
         {"imu": added(psi=lambda p, s, y: np.radians(p["offset_deg"]))},
-        same_as=("uwb_rotation",),
+        same_as=("uwb_rotation",) if uwb else (),
     )
     yield Effect(
         "hard_iron",
@@ -143,49 +145,49 @@ def _iron(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
     return np.radians(p["cos_deg"] * np.cos(scene.psi_rad) + p["sin_deg"] * np.sin(scene.psi_rad))
 
 
-def _tag() -> Iterator[Effect]:
-    def entry(
-        id: str,
-        equation: str,
-        signature: str,
-        parameters: tuple[EffectParameter, ...],
-        hook: Callable,
-        scales: str = "",
-    ) -> Effect:
-        several = len(parameters) > 1
-        return Effect(
-            id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scaled_reading=scales
-        )
+def _of_positions(
+    id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hook: Callable, scales: str = ""
+) -> Effect:
+    several = len(parameters) > 1
+    return Effect(id, "sensors", equation, signature, parameters, {"tag": hook}, vector=several, scaled_reading=scales)
 
-    def late(tag: TagKinematics, delay_s: np.ndarray) -> np.ndarray:  # p(t - delay) - p(t), second order
-        return -delay_s[:, None] * tag.velocity_m_s + (delay_s**2 / 2)[:, None] * tag.acceleration_m_s2
 
-    yield entry(
-        "uwb_latency",
+def _late(tag: TagKinematics, delay_s: np.ndarray) -> np.ndarray:
+    """p(t - delay) - p(t), second order."""
+    return -delay_s[:, None] * tag.velocity_m_s + (delay_s**2 / 2)[:, None] * tag.acceleration_m_s2
+
+
+def _positions(uwb: bool) -> Iterator[Effect]:
+    """Of the UWB tag or the GNSS antenna. A clock of its own, and distances that are too long, only UWB has."""
+    sensor = "uwb" if uwb else "gnss"
+    yield _of_positions(
+        f"{sensor}_latency",
         "p(t - latency)",
         "positions lag behind in proportion to speed",
         scalar_parameter("latency_s", "s", 0.2, 0.04),
-        lambda p, tag, place: place + late(tag, np.full(len(place), p["latency_s"])),
+        lambda p, tag, place: place + _late(tag, np.full(len(place), p["latency_s"])),
     )
-    yield entry(
-        "clock_drift",
-        "p(t - drift t)",
-        "positions lag more and more",
-        scalar_parameter("drift", "s/s", 1.5e-3, 3e-4),
-        lambda p, tag, place: place + late(tag, p["drift"] * tag.t_s),
-    )
-    yield entry(
-        "uwb_lever_arm",
+    if uwb:
+        yield _of_positions(
+            "clock_drift",
+            "p(t - drift t)",
+            "positions lag more and more",
+            scalar_parameter("drift", "s/s", 1.5e-3, 3e-4),
+            lambda p, tag, place: place + _late(tag, p["drift"] * tag.t_s),
+        )
+    yield _of_positions(
+        f"{sensor}_lever_arm",
         "p + R l",
         "positions circle when the boat turns on the spot",
         vector_parameters("x_m", "y_m", "m", 0.15, 0.03),
         lambda p, tag, place: place + np.stack(body_to_ned(tag.psi_rad, p["x_m"], p["y_m"]), axis=1),
     )
-    yield entry(
-        "uwb_scale",
-        "(1 + scale) p",
-        "distances over ground too long or too short against speed and inertial sensors",
-        scalar_parameter("scale", "1", 0.05, 0.01),
-        lambda p, tag, place: place + p["scale"] * (place - tag.centre_m),
-        scales="place",
-    )
+    if uwb:
+        yield _of_positions(
+            "uwb_scale",
+            "(1 + scale) p",
+            "distances over ground too long or too short against speed and inertial sensors",
+            scalar_parameter("scale", "1", 0.05, 0.01),
+            lambda p, tag, place: place + p["scale"] * (place - tag.centre_m),
+            scales="place",
+        )

@@ -30,8 +30,8 @@ class Readings:
         self.physics, self.windows = physics, physics.windows
         vessel = physics.vessel
         self._imu_arm = (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m)
-        self._arm = np.array([vessel.sensors.uwb.x_m, vessel.sensors.uwb.y_m])
-        self._when = self.windows.fixes.t_s - vessel.sensors.uwb.latency_s
+        self._arm = np.array([vessel.sensors.position.x_m, vessel.sensors.position.y_m])
+        self._when = self.windows.fixes.t_s - vessel.sensors.position.latency_s
         self.window, self.index = self.windows.before(self._when)
         self._delta = self._when - self.windows.t_s[self.window, self.index]
 

@@ -6,7 +6,7 @@ Over any 2 T seconds positions p (NED, [m]) and accelerations a (body axes, [m/s
 
 apart from lever arms of tag and IMU and biases of the accelerometers, which are free here. If the columns as they are
 explain little of the variance of the left side, but explain it well with two of them swapped or one reversed, the log
-is refused: a diagnosis would blame the boat.
+is refused: a diagnosis would blame the boat. So is one with accelerations in another unit; any other factor is told.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from companion.core.constants import GRAVITY_M_S2
 from companion.core.geometry.frames import rotate
 from companion.logs.runs.problems import problems
-from companion.logs.runs.run import Run
+from companion.logs.runs.run import LogProblem, Run
 from companion.logs.runs.unwrap import integrated
 from sim.fitting.engine.split import JobError
 
@@ -26,7 +26,9 @@ RATE_HZ = 10.0
 HOLE_S = 1.5  # longest gap between samples that is interpolated
 LEAST = 20  # least number of instants t
 POOR, GOOD = 0.2, 0.4  # variance explained as it is, and otherwise, at which a log is refused; good logs: 0.6 to 0.96
-SCALE = (0.33, 3.0)  # range of the factor on accelerations; outside it they are in other units; assumed
+SCALE = (0.33, 3.0)  # range of the factor on accelerations; outside it something is strange; assumed
+UNITS = {"g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000, "cm/s^2": 0.01}
+UNIT_OFF = 0.3  # share by which the factor may miss that of a unit: noise of the accelerometers lowers it; assumed
 SLIPS = {
     "north_m, east_m: swapped": (np.array([[0, 1], [1, 0]]), np.eye(2)),
     "ax_m_s2, ay_m_s2: swapped": (np.eye(2), np.array([[0, 1], [1, 0]])),
@@ -51,9 +53,11 @@ def reject_swapped_columns(run: Run) -> None:
     if as_it_is is None:
         return
     share, scale = as_it_is
-    if share >= GOOD and scale > 0 and not SCALE[0] <= scale <= SCALE[1]:
+    unit = next((unit for unit, factor in UNITS.items() if abs(scale / factor - 1) <= UNIT_OFF), None)
+    if share >= GOOD and unit:
         raise JobError(
-            f"{name}: ax_m_s2, ay_m_s2: positions show {scale:.3g} times these accelerations; are they in m/s^2?"
+            f"{name}: ax_m_s2, ay_m_s2: positions show {scale:.3g} times these accelerations: they are in {unit}; "
+            "write them in m/s^2, or leave both columns blank"
         )
     if share >= POOR and scale > 0:
         return
@@ -65,6 +69,18 @@ def reject_swapped_columns(run: Run) -> None:
             f"{name}: columns {slip}? The accelerations then explain {100 * better:.0f} % of how the positions move, "
             f"as they are {least:.0f} %"
         )
+
+
+def strange_scale(run: Run) -> list[LogProblem]:
+    """A warning where positions and accelerations differ by a factor that is no unit's, as in a log of spins alone."""
+    found = _explained(run, np.eye(2), np.eye(2)) if all(run.known(c) for c in NEEDED) else None
+    if found is None or found[0] < GOOD or SCALE[0] <= found[1] <= SCALE[1] or found[1] <= 0:
+        return []
+    text = (
+        f"ax_m_s2, ay_m_s2: positions show {found[1]:.3g} times these accelerations: so it looks in a log of spins, or "
+        "where they are in another unit; if they are, leave both columns blank"
+    )
+    return [LogProblem(kind="disagree", text=text)]
 
 
 def _explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, float] | None:

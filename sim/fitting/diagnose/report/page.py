@@ -255,7 +255,7 @@ def _noise(diagnosis: Diagnosis) -> Section:
         ("heading [rad]", f"{final.white[0]:.3g}", f"{stated.imu.heading_sigma_rad:.3g}"),
         ("yaw rate [rad/s]", f"{final.white[1]:.3g}", f"{stated.imu.gyro_sigma_rad_s:.3g}"),
         ("a_x, a_y [m/s^2]", f"{final.white[2]:.3g}, {final.white[3]:.3g}", f"{stated.imu.accel_sigma_m_s2:.3g}"),
-        ("position [m]", f"{final.fix_m:.3g}", f"{stated.uwb.range_sigma_m:.3g}"),
+        ("position [m]", f"{final.fix_m:.3g}", f"{stated.position_sigma_m:.3g}"),
     ]
     latent = [("with the causes", final.latent), ("refitted base", diagnosis.refit.noise.latent)]
     latent += [("reference log", diagnosis.ambient.latent)] if diagnosis.ambient else []

@@ -144,7 +144,16 @@ def _outside(diagnosis: Diagnosis) -> list[str]:
 
 def _detection_limits(diagnosis: Diagnosis) -> list[str]:
     """Sentence with the detection limits of a few common effects."""
-    wanted = ("thruster_gain", "current", "hull_fouling", "payload", "lag", "heading_offset", "uwb_latency")
+    wanted = (
+        "thruster_gain",
+        "current",
+        "hull_fouling",
+        "payload",
+        "lag",
+        "heading_offset",
+        "uwb_latency",
+        "gnss_latency",
+    )
     limits = []
     for head in wanted:
         sizes = [v for name, v in diagnosis.visible.items() if name.partition(":")[0] == head]

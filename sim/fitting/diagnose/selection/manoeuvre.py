@@ -212,7 +212,7 @@ def at_rates(fit: PosteriorFit) -> VesselFile:
     s = vessel.sensors
     return replace(
         vessel,
-        sensors=replace(s, imu=replace(s.imu, rate_Hz=1 / step), uwb=replace(s.uwb, rate_Hz=1 / fix)),
+        sensors=replace(s.with_position(rate_Hz=1 / fix), imu=replace(s.imu, rate_Hz=1 / step)),
     )
 
 

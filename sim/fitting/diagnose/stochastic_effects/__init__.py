@@ -74,7 +74,9 @@ def _accepted(candidate: Candidate) -> bool:
 
 
 def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | None:
-    """Fixes without line of sight to the anchor that explains them best, with `fix_weight`."""
+    """Fixes without line of sight to the anchor that explains them best, with `fix_weight`; None without anchors."""
+    if fit.physics.vessel.sensors.uwb is None:
+        return None
     places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
     anchors = nlos.anchors_of(fit.physics.runs, places)
     best = nlos.fit_anchors(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]

@@ -107,7 +107,7 @@ def _cg(vessel: VesselFile, cause: CauseValues) -> VesselFile:
 
 
 def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselFile, CauseValues], VesselFile]:
-    """Public numbers times `scale` added to keys of `[sensors.imu]` or `[sensors.uwb]`: key = public name."""
+    """Public numbers times `scale` added to keys of a table of `[sensors]`: key = public name."""
 
     def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
         now = getattr(vessel.sensors, table)
@@ -274,6 +274,8 @@ EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "imu_lever_arm": _sensor("imu", x_m="x_m", y_m="y_m"),
     "uwb_latency": _sensor("uwb", latency_s="latency_s"),
     "uwb_lever_arm": _sensor("uwb", x_m="x_m", y_m="y_m"),
+    "gnss_latency": _sensor("gnss", latency_s="latency_s"),
+    "gnss_lever_arm": _sensor("gnss", x_m="x_m", y_m="y_m"),
     "uwb_scale": _sensor("uwb", scale="scale"),
     "clock_drift": _sensor("uwb", clock_drift_s_s="drift"),
 }

@@ -32,7 +32,7 @@ from sim.fitting.identify.vessel_out import inertia_of, vessel_toml
 REFITTED_WITH_BASE = (
     "base", "thruster_gain", "common_loss", "astern_asymmetry", "voltage_exponent", "dead_band", "lag", "dead_time",
     "hull_fouling", "payload", "added_mass", "yaw_inertia", "cg_shift", "yaw_sway_coupling", "imu_lever_arm",
-    "uwb_latency", "uwb_lever_arm",
+    "uwb_latency", "uwb_lever_arm", "gnss_latency", "gnss_lever_arm",
 )  # fmt: skip
 """Effects whose tolerance band is part of a refitted base: they move numbers that every vessel file has."""
 IN_SAMPLE = 2.0

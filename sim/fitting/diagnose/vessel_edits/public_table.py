@@ -230,6 +230,11 @@ PUBLIC: dict[str, PublicEntry] = {
         {"x_m": "m", "y_m": "m"},
         "The UWB tag sits {x_m:further forward/further aft} and {y_m:further to starboard/further to port}.",
     ),
+    "gnss_latency": PublicEntry({"latency_s": "s"}, "Positions are {latency_s:older/younger| than the model has it}."),
+    "gnss_lever_arm": PublicEntry(
+        {"x_m": "m", "y_m": "m"},
+        "The GNSS antenna sits {x_m:further forward/further aft} and {y_m:further to starboard/further to port}.",
+    ),
     "uwb_scale": PublicEntry({"scale": "1"}, "UWB distances are {scale:%too long/too short}."),
     "waves": PublicEntry(
         {"F_w_N": "N", "T_p_s": "s", "beta_wave_deg": "deg"},

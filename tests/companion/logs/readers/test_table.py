@@ -81,10 +81,14 @@ def test_errors_name_file_line_and_column(lines):
     path, text, head = lines
     columns = text[head].split(",")
 
-    def spoilt(row: int, column: str, value: str) -> str:
-        fields = text[head + row].split(",")
-        fields[columns.index(column)] = value
-        put(path, [*text[: head + row], ",".join(fields), *text[head + row + 1 :]])
+    def spoilt(row: int, column: str, value: str, rows: int = 1) -> str:
+        """`value` in so many rows that it cannot be a slip."""
+        spoiled = list(text)
+        for at in range(head + row, head + row + rows):
+            fields = text[at].split(",")
+            fields[columns.index(column)] = value
+            spoiled[at] = ",".join(fields)
+        put(path, spoiled)
         with pytest.raises(RunError) as caught:
             read_csv(path)
         return str(caught.value)
@@ -92,10 +96,10 @@ def test_errors_name_file_line_and_column(lines):
     line = head + 4 + 1  # 1-based
     assert spoilt(4, "battery_v", "15,6").startswith(f"{path}: line {line}: 11 fields; the header has 10")
     assert spoilt(4, "battery_v", "full") == f"{path}: line {line}: battery_v: 'full' is not a number"
-    assert f"line {line}: pwm_left: 15.6; expected 800" in spoilt(4, "pwm_left", "15.6")
+    assert f"line {line}: pwm_left: 15.6; expected 800" in spoilt(4, "pwm_left", "15.6", 60)
     assert f"line {line}: t_s: 0.0 follows 0.04; time must increase" in spoilt(4, "t_s", "0.0")
     assert f"line {line}: t_s: every row needs a time" in spoilt(4, "t_s", "")
-    assert f"line {line}: psi_rad: 181" in spoilt(4, "psi_rad", "181.0")
+    assert f"line {line}: psi_rad: 181" in spoilt(4, "psi_rad", "181.0", 60)
     assert spoilt(4, "t_s", "") != spoilt(5, "t_s", "")
 
 

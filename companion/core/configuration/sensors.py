@@ -1,0 +1,109 @@
+"""Sensors of a vessel file: IMU, and one sensor of positions, UWB or GNSS. Reference: docs/vessel-file.md."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec.structs import replace
+
+from companion.core.configuration.tables import ConfigError, SourcedTable, Table
+
+Arm = Annotated[float, msgspec.Meta(ge=-30, le=30)]
+"""A place in the hull [m], from its origin."""
+
+
+class Imu(SourcedTable, frozen=True, kw_only=True):
+    """IMU and attitude. Lever arm from the origin [m]; noise is one sigma of a sample at `rate_Hz`.
+
+    The keys with a default of 0 behind the noise are known errors; equations in `sensor_errors`.
+    """
+
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.1, le=1000)]
+    accel_sigma_m_s2: Annotated[float, msgspec.Meta(ge=1e-6, le=20)]
+    accel_bias_sigma_m_s2: Annotated[float, msgspec.Meta(ge=0, le=20)]
+    accel_bias_walk_m_s2_sqrt_s: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    gyro_sigma_rad_s: Annotated[float, msgspec.Meta(ge=1e-7, le=5)]
+    gyro_bias_sigma_rad_s: Annotated[float, msgspec.Meta(ge=0, le=5)]
+    gyro_bias_walk_rad_s_sqrt_s: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    heading_sigma_rad: Annotated[float, msgspec.Meta(ge=1e-6, le=3.15)]
+    heading_wander_sigma_rad: Annotated[float, msgspec.Meta(ge=0, le=3.15)]
+    heading_wander_time_s: Annotated[float, msgspec.Meta(ge=0.01, le=1e6)]
+    accel_bias_x_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    accel_bias_y_m_s2: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
+    gyro_bias_rad_s: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
+    gyro_scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    misalignment_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
+    heading_offset_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
+    hard_iron_cos_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    hard_iron_sin_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+
+
+class Uwb(SourcedTable, frozen=True, kw_only=True):
+    """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
+    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `sensor_errors`.
+    """
+
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
+    range_sigma_m: Annotated[float, msgspec.Meta(ge=1e-5, le=20)]
+    range_bias_sigma_m: Annotated[float, msgspec.Meta(ge=0, le=20)]
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
+    clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
+    scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    wire_format: str
+
+
+class Gnss(SourcedTable, frozen=True, kw_only=True):
+    """GNSS receiver (GPS). Lever arm of its antenna [m]; `position_sigma_m`: noise of one coordinate of a fix;
+    `latency_s`: how much older a fix is than its stamp.
+    """
+
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
+    position_sigma_m: Annotated[float, msgspec.Meta(ge=1e-5, le=20)]
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
+
+
+class Sensors(Table, frozen=True, kw_only=True):
+    """What the boat measures with: an IMU, and one sensor of positions, UWB or GNSS."""
+
+    imu: Imu
+    uwb: Uwb | None = None
+    gnss: Gnss | None = None
+
+    @property
+    def position(self) -> Uwb | Gnss:
+        """The sensor of positions."""
+        sensor = self.uwb or self.gnss
+        if sensor is None:
+            raise ConfigError("sensors: expected a table uwb or gnss, found neither")
+        return sensor
+
+    @property
+    def tag(self) -> Uwb:
+        """The UWB tag, without which a boat cannot be driven. Raises ConfigError where there is none."""
+        if self.uwb is None:
+            raise ConfigError("sensors.uwb: missing table")
+        return self.uwb
+
+    @property
+    def position_sigma_m(self) -> float:
+        """Noise of one coordinate of a position; of UWB the noise of a range stands for it (assumed)."""
+        return self.position.range_sigma_m if isinstance(self.position, Uwb) else self.position.position_sigma_m
+
+    @property
+    def position_bias_sigma_m(self) -> float:
+        """Error of positions that changes with the place: what anchors make; GNSS has none."""
+        return self.uwb.range_bias_sigma_m if self.uwb else 0.0
+
+    def with_position(self, **keys: float | str) -> Sensors:
+        """These sensors with `keys` of the sensor of positions changed."""
+        return replace(self, **{"uwb" if self.uwb else "gnss": replace(self.position, **keys)})

@@ -1,0 +1,73 @@
+"""Servo outputs of an ArduPilot log as commands of the vessel file's thrusters: which output drives which.
+
+The autopilot's parameters say it where the log has them: SERVOn_FUNCTION = 50 + k passes RC channel k on (RCINk, the
+thruster whose `channel` is k), 73 and 74 are Rover's left and right throttle, the thruster to port and to starboard of
+a boat with two. Else outputs 1..n drive the thrusters in the vessel file's order.
+Source: https://ardupilot.org/rover/docs/common-rcoutput-mapping.html
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import NEUTRAL_US
+from companion.logs.readers.join import Stream
+from companion.logs.runs.run import LogProblem
+
+_FUNCTION = re.compile(r"SERVO(\d+)_FUNCTION")
+_PASSED_ON = 50  # function of RC channel 0, of which there is none; to channel 16
+_THROTTLE_LEFT, _THROTTLE_RIGHT = 73, 74
+
+
+def outputs_of(vessel: VesselFile, parameters: Mapping[str, float]) -> tuple[dict[str, int], str]:
+    """Output (from 1) by name of thruster, and how it is known, as text."""
+    functions = {
+        int(m[1]): round(value)
+        for name, value in parameters.items()
+        if (m := _FUNCTION.fullmatch(name)) and isfinite(value)
+    }
+    by_function = {function: n for n, function in sorted(functions.items(), reverse=True)}
+    passed = {t.name: by_function.get(_PASSED_ON + t.channel) for t in vessel.thrusters}
+    port_first = sorted(vessel.thrusters, key=lambda t: t.y_m)
+    sides = {t.name: by_function.get(f) for t, f in zip(port_first, (_THROTTLE_LEFT, _THROTTLE_RIGHT), strict=False)}
+    for found in (passed, sides):
+        known = {name: n for name, n in found.items() if n is not None}
+        if len(known) == len(vessel.thrusters):
+            return known, "by SERVOn_FUNCTION"
+    return {t.name: n for n, t in enumerate(vessel.thrusters, 1)}, "in the order of the vessel file"
+
+
+def output_stream(
+    rows: Sequence[tuple[float, ...]],
+    vessel: VesselFile | None,
+    parameters: Mapping[str, float],
+    notes: list[LogProblem],
+) -> tuple[Stream, str]:
+    """Rows (t_ns, pulse width of each output [us]) as commands, and a text: which output drives which thruster.
+
+    Without a vessel file: out1.. of those that ever had a pulse. No pulse (0) becomes neutral, because the speed
+    controller then stops its motor; a note is added to `notes`.
+    """
+    table = np.array(rows, dtype=float)
+    t_ns = np.array([row[0] for row in rows], dtype=np.int64)
+    pulses = table[:, 1:]
+    if vessel:
+        picked, how = outputs_of(vessel, parameters)
+        text = ", ".join(f"{name} output {n}" for name, n in picked.items()) + f" ({how})"
+    else:
+        picked = {f"out{n}": n for n in range(1, pulses.shape[1] + 1) if (pulses[:, n - 1] > 0).any()}
+        text = "by number of the output"
+    columns = {}
+    for name, n in picked.items():
+        pwm_us = pulses[:, n - 1] if n <= pulses.shape[1] else np.zeros(len(pulses))
+        dead = pwm_us == 0
+        if dead.any():
+            lost = f"pwm_{name}: output {n} had no pulse in {int(dead.sum())} of {len(dead)} records: neutral"
+            notes.append(LogProblem(kind="no pulse", text=lost))
+        columns[f"pwm_{name}"] = np.where(dead, float(NEUTRAL_US), pwm_us)
+    return Stream("outputs", t_ns, columns, held=True), text

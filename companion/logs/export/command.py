@@ -138,9 +138,27 @@ def export_foxglove(path: Path, out: Path) -> int:
     _refuse_existing(out)
     try:
         count = foxglove.write(log, out)
+    except OSError as error:  # of foxglove-sdk: it names no file
+        raise LogError(f"{out}: {error}") from None
+    return _end(Console(), f"wrote {out}: {count} samples, {out.stat().st_size / 1e6:.1f} MB", log.damage)
+
+
+def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
+    """Write a rosbag2 folder `out`. Returns the exit code. Raises LogError."""
+    try:
+        from companion.logs.export import rosbag2
+    except ImportError:
+        raise LogError(NEEDS_ROSBAGS) from None
+    log, simulator = LogFile(path), LogFile(truth) if truth else None
+    _refuse_existing(out)
+    try:
+        count, left_out = rosbag2.write(log, out, simulator)
     except OSError as error:
         raise LogError(_reason(error)) from None
-    return _end(Console(), f"wrote {out}: {count} samples, {out.stat().st_size / 1e6:.1f} MB", log.damage)
+    size = sum(p.stat().st_size for p in out.iterdir()) / 1e6
+    odd = f", {left_out} left out: a number in them is beyond what ROS holds" if left_out else ""
+    summary_line = f"wrote {out}: {count} messages, {size:.1f} MB{odd}"
+    return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
 
 def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
@@ -156,7 +174,11 @@ def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes:
     form.add_argument("--geojson", **geojson, help="the track on the earth, for QGIS and the like")
     foxglove = {"action": "store_const", "const": "foxglove", "dest": "form"}
     form.add_argument("--foxglove", **foxglove, help="what Foxglove's 3D and map panels show, as MCAP")
-    out = "folder of --csv and --parquet; else file to write: .geojson, .mcap; aligned: .csv, .csv.gz or .parquet"
+    rosbag2 = {"action": "store_const", "const": "rosbag2", "dest": "form"}
+    form.add_argument("--rosbag2", **rosbag2, help="a ROS 2 bag of standard messages, into the new folder --out")
+    out = (
+        "folder of --csv, --parquet, --rosbag2; else file to write: .geojson, .mcap; aligned: .csv, .csv.gz or .parquet"
+    )
     p.add_argument("--out", "-o", type=Path, required=True, metavar="PATH", help=out)
     p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
@@ -182,6 +204,8 @@ def _run_command(args: argparse.Namespace) -> int:
             return export_track(args.log, args.out, site=args.site, truth=args.truth)
         if args.form == "foxglove":
             return export_foxglove(args.log, args.out)
+        if args.form == "rosbag2":
+            return export_rosbag2(args.log, args.out, truth=args.truth)
         return export_topics(args.log, args.out, args.form, truth=args.truth)
     extras = Extras(args.vessel, args.site, args.truth, args.uwb, args.uwb_format, args.uwb_offset)
     return export(args.log, args.out, extras, as_json=args.json)

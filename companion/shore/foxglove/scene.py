@@ -30,6 +30,7 @@ from foxglove.messages import (
 )
 
 from companion.core.geometry.frames import R2, Origin, geodetic_from_site
+from companion.core.geometry.rep103 import map_from_site
 from companion.core.telemetry import structs as shore
 from companion.logs.series import KNOWN
 
@@ -75,13 +76,14 @@ def location(state: shore.StateNow, about: shore.About, frame: str, unix_ns: int
     latitude, longitude = geodetic_from_site(Origin(about.lat_deg, about.lon_deg, turn), state.north_m, state.east_m)
     heading = state.psi_rad + turn
     north_m_s, east_m_s = R2(heading) @ (state.u_m_s, state.v_m_s)
-    (nn, ne), (_, ee) = R2(turn) @ _horizontal(state) @ R2(turn).T
+    site, covariance = map_from_site(turn)[:2, :2], np.zeros((3, 3))
+    covariance[:2, :2] = site @ _horizontal(state) @ site.T
     return LocationFix(
         timestamp=Timestamp(*divmod(unix_ns, 1_000_000_000)),
         frame_id=frame,
         latitude=latitude,
         longitude=longitude,
-        position_covariance=[float(x) for x in (ee, ne, 0, ne, nn, 0, 0, 0, 0)],
+        position_covariance=covariance.ravel().tolist(),
         position_covariance_type=LocationFixPositionCovarianceType.Approximated,
         heading=heading % math.tau,
         velocity=Vector3(x=float(east_m_s), y=float(north_m_s)),

@@ -67,6 +67,12 @@ def test_a_file_that_is_there_stays_as_it_is(log, tmp_path, capsys):
     assert out.read_text() == "mine"
 
 
+def test_a_place_that_cannot_be_written_is_named(log, tmp_path, capsys):
+    out = tmp_path / "absent" / "x.mcap"
+    assert run(log, "--foxglove", "--out", out) == 2
+    assert f"{out}: " in capsys.readouterr().err.replace("\n", "")
+
+
 def test_options_that_say_nothing_are_refused(log, tmp_path, capsys):
     assert run(log, "--foxglove", "--out", tmp_path / "x.mcap", "--truth", log) == 2
     assert "--truth says nothing to --foxglove" in capsys.readouterr().err

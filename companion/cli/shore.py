@@ -21,7 +21,7 @@ from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
     from companion.shore.console.live import Console
-    from companion.shore.foxglove_live import FoxgloveServer
+    from companion.shore.foxglove.live import FoxgloveServer
 
 LISTEN = "tcp/127.0.0.1:7447"
 """Endpoint without `--connect`, `--listen` and `--config`: where `aritra demo --shore` on this machine connects."""
@@ -125,7 +125,7 @@ async def _serve(args: argparse.Namespace) -> int:
 
 def _foxglove(console: Console, port: int) -> FoxgloveServer:
     """A Foxglove server with the samples of the console. Raises ConfigError."""
-    from companion.shore.foxglove_live import FoxgloveServer
+    from companion.shore.foxglove.live import FoxgloveServer
 
     server = FoxgloveServer(port)
     console.also.append(lambda sample: server.see(sample.boat, sample.topic, sample.data, time.time_ns()))

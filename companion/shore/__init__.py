@@ -1,1 +1,1 @@
-"""The shore's side: subscriber, web console, live Foxglove."""
+"""The shore's side: subscriber, web console, Foxglove."""

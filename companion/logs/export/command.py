@@ -1,8 +1,9 @@
 """`aritra log export`: any log -> one aligned table (docs/run-format.md), and what is wrong with it; or one of our own
 
-logs -> a table a topic (`tables`), or its track on the earth (`geojson`).
+logs -> a table a topic (`tables`), its track on the earth (`geojson`), or what other programs show (`foxglove`,
+`rosbag2`).
 
-polars is an optional dependency (extra `analysis`): modules that need it are imported at first use.
+polars, foxglove-sdk and rosbags are optional dependencies: modules that need them are imported at first use.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
 
 OK, DAMAGED = 0, 1
 NEEDS_POLARS = 'export needs polars: pip install "aritra[analysis]"'
-DESCRIPTION = """Without --csv, --parquet or --geojson: one table on one time axis, as identification reads it
-(docs/run-format.md), and what is wrong with it. With them see docs/logs.md."""
+NEEDS_FOXGLOVE = 'export --foxglove needs foxglove-sdk: pip install "aritra[shore]"'
+NEEDS_ROSBAGS = 'export --rosbag2 needs rosbags: pip install "aritra[analysis]"'
+DESCRIPTION = """Without --csv, --parquet, --geojson, --foxglove or --rosbag2: one table on one time axis, as
+identification reads it (docs/run-format.md), and what is wrong with it. With them see docs/logs.md."""
 Command = Callable[[argparse.Namespace], int]
 
 
@@ -125,9 +128,42 @@ def export_track(path: Path, out: Path, *, site: Path | None = None, truth: Path
     return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
 
+def export_foxglove(path: Path, out: Path) -> int:
+    """Write what Foxglove's panels show to `out`, a new file. Returns the exit code. Raises LogError, ConfigError."""
+    try:
+        from companion.logs.export import foxglove
+    except ImportError:
+        raise LogError(NEEDS_FOXGLOVE) from None
+    log = LogFile(path)
+    _refuse_existing(out)
+    try:
+        count = foxglove.write(log, out)
+    except OSError as error:  # of foxglove-sdk: it names no file
+        raise LogError(f"{out}: {error}") from None
+    return _end(Console(), f"wrote {out}: {count} samples, {out.stat().st_size / 1e6:.1f} MB", log.damage)
+
+
+def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
+    """Write a rosbag2 folder `out`. Returns the exit code. Raises LogError."""
+    try:
+        from companion.logs.export import rosbag2
+    except ImportError:
+        raise LogError(NEEDS_ROSBAGS) from None
+    log, simulator = LogFile(path), LogFile(truth) if truth else None
+    _refuse_existing(out)
+    try:
+        count, left_out = rosbag2.write(log, out, simulator)
+    except OSError as error:
+        raise LogError(_reason(error)) from None
+    size = sum(p.stat().st_size for p in out.iterdir()) / 1e6
+    odd = f", {left_out} left out: a number in them is beyond what ROS holds" if left_out else ""
+    summary_line = f"wrote {out}: {count} messages, {size:.1f} MB{odd}"
+    return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
+
+
 def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
     """Add `export` to the commands of `aritra log`."""
-    what = "as tables or as a track: CSV, Parquet, GeoJSON"
+    what = "for other programs: CSV, Parquet, GeoJSON, Foxglove, rosbag2"
     p = commands.add_parser("export", help=what, description=DESCRIPTION, epilog=exit_codes)
     p.add_argument("log", type=Path, metavar="LOG", help="log of aritra run (.mcap); aligned also .bin, .tlog, ...")
     form = p.add_mutually_exclusive_group()
@@ -136,7 +172,13 @@ def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes:
     form.add_argument("--parquet", **parquet, help="a Parquet file a topic, into --out")
     geojson = {"action": "store_const", "const": "geojson", "dest": "form"}
     form.add_argument("--geojson", **geojson, help="the track on the earth, for QGIS and the like")
-    out = "folder of --csv and --parquet; else file to write: .geojson; aligned: .csv, .csv.gz or .parquet"
+    foxglove = {"action": "store_const", "const": "foxglove", "dest": "form"}
+    form.add_argument("--foxglove", **foxglove, help="what Foxglove's 3D and map panels show, as MCAP")
+    rosbag2 = {"action": "store_const", "const": "rosbag2", "dest": "form"}
+    form.add_argument("--rosbag2", **rosbag2, help="a ROS 2 bag of standard messages, into the new folder --out")
+    out = (
+        "folder of --csv, --parquet, --rosbag2; else file to write: .geojson, .mcap; aligned: .csv, .csv.gz or .parquet"
+    )
     p.add_argument("--out", "-o", type=Path, required=True, metavar="PATH", help=out)
     p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
@@ -154,11 +196,16 @@ def _run_command(args: argparse.Namespace) -> int:
         given = {"--vessel": args.vessel, "--uwb": args.uwb, "--uwb-format": args.uwb_format}
         given |= {"--uwb-offset": args.uwb_offset, "--json": args.json or None}
         given |= {"--site": args.site} if args.form != "geojson" else {}
+        given |= {"--truth": args.truth} if args.form == "foxglove" else {}
         for option, value in given.items():
             if value is not None:
                 raise LogError(f"{option} says nothing to --{args.form}: leave it out")
         if args.form == "geojson":
             return export_track(args.log, args.out, site=args.site, truth=args.truth)
+        if args.form == "foxglove":
+            return export_foxglove(args.log, args.out)
+        if args.form == "rosbag2":
+            return export_rosbag2(args.log, args.out, truth=args.truth)
         return export_topics(args.log, args.out, args.form, truth=args.truth)
     extras = Extras(args.vessel, args.site, args.truth, args.uwb, args.uwb_format, args.uwb_offset)
     return export(args.log, args.out, extras, as_json=args.json)
@@ -170,6 +217,11 @@ def _beside(extras: Extras) -> Any:
     vessel = load_vessel(extras.vessel.read_text(encoding="utf-8"), name=str(extras.vessel)) if extras.vessel else None
     site = load_site(extras.site.read_text(encoding="utf-8"), name=str(extras.site)) if extras.site else None
     return ReadOptions(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise LogError(f"{out}: is there already; choose another name, or move it away")
 
 
 def _reason(error: Exception) -> str:

@@ -1,10 +1,12 @@
 """Foxglove: the live server speaks its protocol to a client, and the layouts name nothing that is not there."""
 
 import asyncio
+import importlib
 import json
 import re
 import struct
 from importlib.resources import files
+from typing import Any
 
 import msgspec
 import pytest
@@ -29,17 +31,17 @@ def about(offset_ns: int) -> shore.About:
     return shore.About(
         **HEAD, t_ns=0, vessel="v", site="s", configuration="c", software="x", unix_minus_t_ns=offset_ns, period_s=0.1,
         lat_deg=0.0, lon_deg=0.0, rotation_deg=0.0, thrusters=(), anchors=(), within=(((0.0, 1.0),),), without=(),
-        commands=False,
+        commands=False, length_m=1.0, beam_m=0.5,
     )  # fmt: skip
 
 
-def heard(told: list[shore.ShoreMessage], topics: set[str]) -> dict[str, list[tuple[int, dict]]]:
+def heard(told: list[shore.ShoreMessage], topics: set[str]) -> dict[str, list[tuple[int, Any]]]:
     """What a client that subscribes to `topics` gets, over a real WebSocket: topic -> (time [ns], message)."""
     aiohttp = pytest.importorskip("aiohttp", reason="the extra `shore` is not installed")
-    live = pytest.importorskip("companion.shore.foxglove_live", reason="the extra `shore` is not installed")
+    live = pytest.importorskip("companion.shore.foxglove.live", reason="the extra `shore` is not installed")
     server = live.FoxgloveServer(0)
 
-    async def listen() -> dict[str, list[tuple[int, dict]]]:
+    async def listen() -> dict[str, list[tuple[int, Any]]]:
         url, protocols = f"http://127.0.0.1:{server.port}", ["foxglove.sdk.v1"]
         async with aiohttp.ClientSession() as client, client.ws_connect(url, protocols=protocols) as socket:
             assert socket.protocol == "foxglove.sdk.v1"
@@ -62,14 +64,23 @@ def heard(told: list[shore.ShoreMessage], topics: set[str]) -> dict[str, list[tu
                     kind, number, t_ns = struct.unpack("<BIQ", message.data[:13])
                     assert kind == 1
                     channel = channels[number]
-                    assert json.loads(channel["schema"])["title"] == channel["schemaName"]
-                    got.setdefault(channel["topic"], []).append((t_ns, json.loads(message.data[13:])))
+                    got.setdefault(channel["topic"], []).append((t_ns, read(channel, message.data[13:])))
             return got
 
     try:
         return asyncio.run(asyncio.wait_for(listen(), 30.0))
     finally:
         server.close()
+
+
+def read(channel: dict, data: bytes):
+    """A message as the client's program has it: JSON, or Foxglove's own protobuf class."""
+    name = channel["schemaName"]
+    if channel["encoding"] == "json":
+        assert json.loads(channel["schema"])["title"] == name
+        return json.loads(data)
+    word = name.removeprefix("foxglove.")
+    return getattr(importlib.import_module(f"foxglove_schemas_protobuf.{word}_pb2"), word).FromString(data)
 
 
 def test_a_client_gets_samples_pose_and_alerts_with_their_times():
@@ -85,12 +96,33 @@ def test_a_client_gets_samples_pose_and_alerts_with_their_times():
     assert got["/boat/about"][0][1]["vessel"] == "v"
 
 
+def test_a_client_sees_the_scene_and_the_place_on_the_earth():
+    got = heard([about(1000), state(5)], {"/boat/scene", "/boat/location"})
+    drawn = {e.id: t_ns for t_ns, update in got["/boat/scene"] for e in update.entities}
+    assert set(drawn) & {"fence", "hull", "ellipse"}
+    (t_ns, fix), *_ = got["/boat/location"]
+    assert (t_ns, fix.timestamp.nanos, fix.frame_id) == (1005, 1005, "boat")
+    assert abs(fix.latitude) < 1e-4
+
+
+def test_numbers_that_no_viewer_can_have_end_nothing():
+    live = pytest.importorskip("companion.shore.foxglove.live", reason="the extra `shore` is not installed")
+    server = live.FoxgloveServer(0)
+    odd = [about(2**62), state(2**62), state(-5), msgspec.structs.replace(state(5), covariance=(1.0,))]
+    odd += [msgspec.structs.replace(about(0), lat_deg=90.0), msgspec.structs.replace(state(5), north_m=1e308)]
+    try:
+        for sample in odd:
+            server.see("boat", shore.topic_of(sample), shore.encode(sample), UNIX_NS)
+    finally:
+        server.close()
+
+
 def test_a_boat_that_told_no_clock_is_stamped_when_it_was_heard():
     assert heard([state(5)], {"/boat/state"})["/boat/state"][0][0] >= UNIX_NS
 
 
 def test_a_port_that_is_taken_is_told():
-    live = pytest.importorskip("companion.shore.foxglove_live", reason="the extra `shore` is not installed")
+    live = pytest.importorskip("companion.shore.foxglove.live", reason="the extra `shore` is not installed")
     first = live.FoxgloveServer(0)
     try:
         with pytest.raises(ConfigError, match=f"--foxglove {first.port}"):
@@ -118,11 +150,13 @@ def layout(name: str) -> dict:
     return json.loads(files("deploy").joinpath("foxglove", f"{name}.json").read_text())
 
 
-def described() -> dict[str, dict[str, type[msgspec.Struct]]]:
+def described() -> dict[str, dict[str, type]]:
     """Layout -> topics that its data has, and their structs."""
+    messages = pytest.importorskip("foxglove.messages", reason="the extra `shore` is not installed")
     logged = {**KINDS, **{topic: kind for kind, topic in VIEWER_KINDS.items()}}
     live = {f"/aritra/{topic}": kind for topic, kind in shore.TOPICS.items()}
-    return {"log": logged, "live": {**live, "/aritra/pose": PoseInFrame, "/aritra/log": Log}}
+    drawn = {"/aritra/scene": messages.SceneUpdate, "/aritra/location": messages.LocationFix}
+    return {"log": logged, "live": {**live, **drawn, "/aritra/pose": PoseInFrame, "/aritra/log": Log}}
 
 
 def leaves(node: dict | str) -> list[str]:
@@ -155,5 +189,7 @@ def test_a_layout_shows_every_panel_once_and_each_path_leads_somewhere(name):
         assert node["type"] in wanted, path
     (log,) = (config["topicToRender"] for key, config in panels.items() if key.startswith("RosOut!"))
     assert topics[log] is Log
-    (poses,) = (config["topics"] for key, config in panels.items() if key.startswith("3D!"))
-    assert [topics[topic] for topic in poses] == [PoseInFrame]
+    (drawn,) = (config["topics"] for key, config in panels.items() if key.startswith("3D!"))
+    maps = [config["followTopic"] for key, config in panels.items() if key.startswith("map!")]
+    shown = [topics[topic].__name__ for topic in (*drawn, *maps)]
+    assert shown == {"log": ["PoseInFrame"], "live": ["SceneUpdate", "PoseInFrame", "LocationFix"]}[name]

@@ -1,0 +1,76 @@
+"""A log as a rosbag2 folder: MCAP storage, message definitions of ROS 2 Humble, which later versions read as well.
+
+rosbags is of the extra `analysis`; which message becomes what is in `ros_messages`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from companion.core.geometry.frames import Origin
+from companion.core.messages import GroundTruth, Measured, Message
+from companion.core.model.thrusters import configuration_matrix
+from companion.logs.configuration import setup_in, site_in, zero_ns_of
+from companion.logs.export.ros_messages import RosMessages, Told
+from companion.logs.log_file import LogError, LogFile
+
+VERSION = 8
+"""Of metadata.yaml: what Humble reads."""
+
+
+class BagWritten(NamedTuple):
+    """How many messages a bag holds, and how many had numbers that ROS has no room for."""
+
+    messages: int
+    left_out: int
+
+
+def write(log: LogFile, folder: Path, truth: LogFile | None = None) -> BagWritten:
+    """Write a log to a new folder. `truth`: the simulator's log of the same run. Raises WriterError, OSError.
+
+    A message is recorded when its bytes arrived, and its header says when it was measured, both as Unix time.
+    """
+    types, connections = get_typestore(Stores.ROS2_HUMBLE), {}
+    written = left_out = 0
+    with Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP) as bag:
+        for at_ns, told in _all(log, truth):
+            for topic, message in told:
+                kind = message.__msgtype__
+                try:
+                    data = types.serialize_cdr(message, kind)
+                except (struct.error, OverflowError):
+                    left_out += 1
+                    continue
+                if topic not in connections:
+                    connections[topic] = bag.add_connection(topic, kind, typestore=types)
+                bag.write(connections[topic], at_ns, data)
+                written += 1
+    return BagWritten(written, left_out)
+
+
+def _all(log: LogFile, truth: LogFile | None) -> Iterator[tuple[int, Told]]:
+    """When, and what ROS is told then."""
+    site, begin_ns = site_in(log), zero_ns_of(log)
+    origin = Origin(site.lat_deg, site.lon_deg, math.radians(site.rotation_deg)) if site else None
+    try:
+        settings = setup_in(log).pilot
+    except (LogError, ValueError):
+        settings = None
+    turned = RosMessages(log.wall_offset_ns, origin, configuration_matrix(settings.vessel) if settings else None)
+    if settings:
+        yield begin_ns + log.wall_offset_ns, turned.path(settings.mission.path.waypoints, begin_ns)
+    for message in log.messages():
+        yield _heard_ns(message) + log.wall_offset_ns, turned.see(message)
+    for message in truth.messages(GroundTruth) if truth else ():
+        yield message.t_ns + log.wall_offset_ns, turned.see(message)
+
+
+def _heard_ns(message: Message) -> int:
+    return message.t_rx_ns if isinstance(message, Measured) else message.t_ns

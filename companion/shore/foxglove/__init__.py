@@ -1,0 +1,1 @@
+"""A boat's telemetry for Foxglove: live, and as a file."""

@@ -32,7 +32,7 @@ from sim.fitting.engine.motion import WindowIntegrator
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.engine.parameters import SENSORS, WARP, Parameters
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
-from sim.fitting.engine.windows import Windows, cut_windows
+from sim.fitting.engine.windows import StructuredFitError, Windows, cut_windows
 
 HORIZON_S = 15.0  # 10 and 20 s predict alike; chosen on the even blocks of cse1's random_run1 (docs/cse1.md)
 OVERLAP = 3  # number of windows that each instant lies in
@@ -115,12 +115,14 @@ class HorizonFit:
         self.sigma = _scale(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))
 
     def point(self, w: np.ndarray) -> HorizonPoint:
-        """Errors, cost, gradient and Gauss-Newton Hessian at w."""
+        """Errors, cost, gradient and Gauss-Newton Hessian at w; cost inf where a window runs away."""
         # 1. Errors of the predictions, and their Huber weights.
         q, goal = self.parameters.file_units(w), self.target
         motion = self.move(q, self._z)
         error = motion.x[:, goal.at] - goal.measured
-        known = np.isfinite(error)
+        known = np.isfinite(goal.measured)
+        if not np.isfinite(error[known]).all():  # it runs away: no step may end here
+            return HorizonPoint(w, error, np.inf, np.zeros((len(error), len(w))), np.eye(len(w)))
         z = np.where(known, error, 0.0) / self.sigma
         size = np.abs(z)
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)) / (len(goal.at) * OVERLAP))
@@ -164,9 +166,17 @@ class HorizonFit:
 def solve(fit: HorizonFit, most: int, say: Say) -> tuple[HorizonPoint, int]:
     """Iterate from the priors' centres to convergence, `most` steps at most. Returns the last iterate and their number.
 
-    Near a solution the sigmas are estimated from the errors, until they hardly change.
+    Near a solution the sigmas are estimated from the errors, until they hardly change. Raises StructuredFitError where
+    the vessel file's own numbers run away.
     """
     point, count, settled = fit.point(fit.parameters.prior[0]), 0, False
+    if point.cost == np.inf:
+        name = fit.parameters.vessel.name
+        raise StructuredFitError(
+            f"{name}: with these commands the model of the vessel file runs away within a window; look at its damping "
+            "and terms, which act too strongly for steps of "
+            f"{float(fit.target.windows.h_s.max()):.2g} s"
+        )
     while count < most:
         point, promised = fit.step(point)
         count += 1

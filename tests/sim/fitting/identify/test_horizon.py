@@ -12,6 +12,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.parameters import Parameters, file_values
+from sim.fitting.engine.windows import StructuredFitError
 from sim.fitting.identify.horizon import HorizonFit, with_tag_fixed
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
@@ -119,3 +120,12 @@ def test_scores_are_the_derivative_of_the_cost(run: Run) -> None:
         numeric = (fit.point(w + h).cost - fit.point(w - h).cost) / 2
         size = np.sqrt(h @ here.H @ h)  # forces jump within steps of 0.1 s: what dead time does is not smooth
         assert numeric == pytest.approx(gradient @ h, rel=0.03, abs=0.03 * size), parameters.names[i]
+
+
+def test_a_model_that_runs_away_is_no_step_forward_and_no_start(run: Run) -> None:
+    """Windows that are not finite once counted as unknown, which made a runaway the best of all models."""
+    wild = replace(FILE, terms={"speed_damping": {"N_ur_N_s2": -900.0, "source": "test"}})
+    with pytest.raises(StructuredFitError, match=f"{FILE.name}: .* runs away within a window; look at its damping"):
+        fit_structured([run], wild)
+    fit = HorizonFit([run], wild, with_tag_fixed(Parameters(wild)))
+    assert fit.point(fit.parameters.prior[0]).cost == np.inf

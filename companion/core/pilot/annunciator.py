@@ -23,7 +23,7 @@ class AnnunciatorState:
     """What the latest alerts said. `source`: of the leases; `unknown_anchors`: those already named.
 
     `degraded_ns`: since when [ns] the estimate has not been healthy for `RECOVERED_NS` in one go; `healthy_ns`: since
-    when it is healthy.
+    when it is healthy; `known`: whether it ever was.
     """
 
     health: Health = "initialising"
@@ -31,6 +31,7 @@ class AnnunciatorState:
     unknown_anchors: frozenset[str] = frozenset()
     degraded_ns: int | None = None
     healthy_ns: int | None = None
+    known: bool = False
 
 
 class Annunciator(Monitor[AnnunciatorState]):
@@ -66,15 +67,19 @@ class Annunciator(Monitor[AnnunciatorState]):
 
 
 def at_estimate(state: AnnunciatorState, estimate: StateEstimate) -> tuple[AnnunciatorState, list[Alert]]:
-    """Alert of a change of health, with its reason. The seconds after a start are still part of it."""
-    if state.health == "initialising" and estimate.reason == SETTLES:
-        return state, []
+    """Alert of a change of health, with its reason.
+
+    The seconds in which a first estimate settles do not count, also where the IMU was heard after the first position.
+    """
+    if not state.known and estimate.reason == SETTLES:
+        return replace(state, degraded_ns=None), []
     t_ns, changed = estimate.t_ns, estimate.health != state.health
     healthy_ns = (state.healthy_ns or t_ns) if estimate.health == "healthy" else None
     since = (state.degraded_ns or t_ns) if estimate.health == "degraded" else state.degraded_ns
     if healthy_ns is not None and t_ns - healthy_ns >= RECOVERED_NS:
         since = None
-    state = replace(state, health=estimate.health, degraded_ns=since, healthy_ns=healthy_ns)
+    known = state.known or estimate.health == "healthy"
+    state = replace(state, health=estimate.health, degraded_ns=since, healthy_ns=healthy_ns, known=known)
     if not changed:
         return state, []
     level = "info" if estimate.health in ("healthy", "initialising") else "warning"

@@ -2,6 +2,7 @@
 
 from msgspec.structs import replace
 
+from companion.core.estimation.health import SETTLES
 from companion.core.messages import AnchorRange, OverrideLease, StateEstimate, UwbRanges
 from companion.core.pilot import annunciator
 from companion.core.pilot.annunciator import AnnunciatorState
@@ -60,3 +61,18 @@ def test_blind_counts_from_the_first_degraded_estimate_and_starts_again_when_it_
     well = [replace(ESTIMATE, t_ns=k * S) for k in (15, 16, 17)]
     healed, _ = told(annunciator.at_estimate, seen, [*well, sick[18]])
     assert annunciator.degraded_too_long(healed, 25 * S, 15.0) is None
+
+
+def test_a_first_estimate_may_settle_also_where_the_imu_is_heard_after_the_first_position():
+    """Two of nine starts were stopped: 5 s counted from the first estimate, which took 8 s to settle."""
+    first = replace(ESTIMATE, health="degraded", reason=f"{SETTLES}; no IMU", t_ns=S)
+    settles = [replace(ESTIMATE, health="degraded", reason=SETTLES, t_ns=k * S) for k in range(2, 10)]
+    seen, texts = told(annunciator.at_estimate, AnnunciatorState(), [first, *settles])
+    assert annunciator.degraded_too_long(seen, 9 * S, 5.0) is None
+    assert [len(alerts) for alerts in texts] == [1] + 8 * [0]
+    deaf = [replace(first, t_ns=k * S) for k in range(10, 17)]
+    seen, _ = told(annunciator.at_estimate, seen, deaf)
+    assert annunciator.degraded_too_long(seen, 16 * S, 5.0), "without an IMU it does not settle"
+    healed, _ = told(annunciator.at_estimate, seen, [replace(ESTIMATE, t_ns=k * S) for k in (17, 18, 19)])
+    late, _ = told(annunciator.at_estimate, healed, [replace(s, t_ns=s.t_ns + 20 * S) for s in settles])
+    assert annunciator.degraded_too_long(late, 29 * S, 5.0), "a gap later on counts from its beginning"

@@ -83,6 +83,10 @@ def answered(query, gate, now_ns):
     return obeyed
 
 
+CHOSEN = "document.querySelector('#boat-list [aria-pressed=true]')?.dataset.boat"
+"""The boat that a page looks at closely: of several that appear at once, whichever it heard of first."""
+
+
 class TapedBoat:
     """A boat whose telemetry plays a voyage again and again, ten ticks a second, and that obeys signed orders in words.
 

@@ -12,7 +12,7 @@ from axe_playwright_python.sync_playwright import Axe
 from companion.core.messages import Alert
 from tests.evidence.line import Line, at_least, exactly
 from tests.processes.console.layout import SIZES, THEMES, overlaps, place, reachable, resize, scroll
-from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
+from tests.support.console_fixture import CHOSEN, KEY, Page, TapedBoat, chromium, served
 from tests.support.zenoh_fixture import free_port
 
 FLEETS = {0: (), 1: ("one",), 3: ("boat-1", "boat-2", "boat-3")}
@@ -37,9 +37,7 @@ def _console(*names: str) -> Iterator[tuple[Page, list[TapedBoat]]]:
         page = Page(browser, address, reduced_motion="reduce")
         page.wait(f"aritra.history.boats().length === {len(names)}")
         if names:
-            page.wait(
-                "!document.querySelector('#hold').disabled && aritra.history.last(aritra.fleet.names()[0], 'checks')"
-            )
+            page.wait(f"!document.querySelector('#hold').disabled && aritra.history.last({CHOSEN}, 'checks')")
         yield page, made
 
 

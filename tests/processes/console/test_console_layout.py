@@ -5,7 +5,7 @@ import contextlib
 import pytest
 
 from tests.processes.console.layout import SIZES, THEMES, overlaps, resize, scroll
-from tests.support.console_fixture import Page, TapedBoat
+from tests.support.console_fixture import CHOSEN, Page, TapedBoat
 
 pytestmark = pytest.mark.alone
 
@@ -28,7 +28,7 @@ def test_no_box_lies_on_another(console, zenoh_port, browser, fleet):
         page = Page(browser, console)
         page.wait(f"aritra.history.boats().length === {fleet}")
         if fleet:
-            page.wait("aritra.history.last(aritra.history.boats()[0], 'checks') !== undefined")
+            page.wait(f"aritra.history.last({CHOSEN}, 'checks') !== undefined")
             page.page.click("#stop")
             page.wait("document.querySelector('#answers li')?.dataset.kind === 'done'")
         found = {}

@@ -4,7 +4,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from tests.processes.console.layout import THEMES
-from tests.support.console_fixture import Page, TapedBoat
+from tests.support.console_fixture import CHOSEN, Page, TapedBoat
 
 pytestmark = pytest.mark.alone
 
@@ -43,7 +43,7 @@ def test_axe_finds_nothing_serious_and_all_text_is_seven_to_one(console, zenoh_p
         page = Page(browser, console, color_scheme=theme, reduced_motion="reduce")
         page.wait(f"aritra.history.boats().length === {boats}")
         if boats:
-            page.wait("aritra.history.last('boat-0', 'checks') && aritra.map.boats.get('boat-0')?.made.has('hull')")
+            page.wait(f"aritra.history.last({CHOSEN}, 'checks') && aritra.map.boats.get({CHOSEN})?.made.has('hull')")
             page.page.click("#stop")
             page.wait("document.querySelector('#answers li')?.dataset.kind === 'done'")
             page.page.click("#hold")

@@ -66,6 +66,10 @@ class Damping(SourcedTable, frozen=True, kw_only=True):
     N_rr_N_m_s2: Annotated[float, msgspec.Meta(ge=-1e8, le=0)]
 
 
+AsternShare = Annotated[float, msgspec.Meta(ge=0.05, le=20)] | None
+"""Thrust astern on this hull over that of the map, which is of open water; where it stands, `identify` estimates it."""
+
+
 class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="kind"):
     """Propeller behind an ESC: n(pwm, V) [rev/s], then F = k n |n| [N]. Equations in `thrusters`."""
 
@@ -75,6 +79,7 @@ class RotorMap(SourcedTable, frozen=True, kw_only=True, tag="rotor", tag_field="
     k_astern_N_s2: Annotated[float, msgspec.Meta(ge=1e-8, le=1000)]
     ahead: RotorCurve
     astern: RotorCurve
+    astern_share: AsternShare = None
 
 
 class RotorCurve(Table, frozen=True, kw_only=True):
@@ -92,6 +97,7 @@ class LinearMap(SourcedTable, frozen=True, kw_only=True, tag="linear", tag_field
 
     ahead_N: Force
     astern_N: Force
+    astern_share: AsternShare = None
 
 
 class PitchMap(SourcedTable, frozen=True, kw_only=True, tag="pitch", tag_field="kind"):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.core.configuration.tables import ConfigError, parse_toml
-from companion.core.configuration.vessel_file import PitchMap, RotorMap, VesselFile
+from companion.core.configuration.vessel_file import Damping, PitchMap, RotorMap, VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.model import loads
 from companion.core.model import manoeuvring as model
@@ -93,19 +93,21 @@ MUNK_SPEED_M_S = 3.0
 """Speed up to which linear damping alone may have to hold a Munk moment; assumed: twice what such boats do."""
 
 
-def _munk_problems(vessel: VesselFile) -> Iterator[str]:
-    """k u v r feeds nothing while damping takes as much: the quadratic part at any speed, or the linear one up to U.
+def munk_limit_kg(d: Damping) -> float:
+    """Largest |k| of k u v r that feeds nothing: damping takes as much, the quadratic part at any speed, or the linear
+
+    one up to U.
 
     X_uu |u|^3 + Y_vv |v|^3 + N_rr |r|^3 >= 3 (X_uu Y_vv N_rr)^(1/3) |u v r|;   Y_v v^2 + (Y_r + N_v) v r + N_r r^2 >=
     (2 sqrt(Y_v N_r) - |Y_r + N_v|) |v r|.
     """
-    k = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0)
-    if not isinstance(k, int | float):
-        return
-    d = vessel.damping
     quadratic = 3 * abs(d.X_uu_N_s2_m2 * d.Y_vv_N_s2_m2 * d.N_rr_N_m_s2) ** (1 / 3)
     coupling = abs(d.Y_r_N_s + d.N_v_N_s) / 2
     linear = 2 * ((d.Y_v_N_s_m * d.N_r_N_m_s) ** 0.5 - coupling)
-    most = max(quadratic, linear / MUNK_SPEED_M_S)
-    if abs(k) > most:
+    return max(quadratic, linear / MUNK_SPEED_M_S)
+
+
+def _munk_problems(vessel: VesselFile) -> Iterator[str]:
+    k, most = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0), munk_limit_kg(vessel.damping)
+    if isinstance(k, int | float) and abs(k) > most:
         yield f"terms.munk_moment.k_kg: feeds energy into the hull; this damping holds at most {most:.3g} kg"

@@ -5,7 +5,7 @@ Rotor (facts: the manufacturer's bollard table follows F = k n |n| with k nearly
     c = (pwm - trim - 1500) / 400                     command in -1..1; `mirrored`: with the other sign
     e = max(|c| - dead_band / 400, 0)
     n = (V / V_ref)^(a0 + a1 e) (c1 e^q + c2 e^2)     [rev/s], sign of c
-    F = gain k n |n|                                  [N], k and the curve by sign
+    F = gain k n |n|                                  [N], k and the curve by sign; astern times astern_share
 
 Pitch (a propeller at a set speed s, its blades turned by the command; momentum of the stream goes with speed squared):
 
@@ -71,12 +71,15 @@ def force_size(fmap: ForceMap, c: Any, voltage_v: Any, side: Side) -> Any:
     """
     if isinstance(fmap, PitchMap):
         c = c * (1 - fmap.curve + fmap.curve * c)
-    if isinstance(fmap, LinearMap | PitchMap):
+    if isinstance(fmap, PitchMap):
         return c * side(fmap.ahead_N, fmap.astern_N)
+    share = side(1.0, 1.0 if fmap.astern_share is None else fmap.astern_share)
+    if isinstance(fmap, LinearMap):
+        return share * c * side(fmap.ahead_N, fmap.astern_N)
     dead = fmap.dead_band_us / SPAN_US
     e = np.maximum(c - dead, 0.0) if isinstance(c, float | np.ndarray) else ca.fmax(c - dead, 0.0)
     rps = rotor_rps(side(fmap.ahead, fmap.astern), e, voltage_v, fmap.V_ref_V)
-    return side(fmap.k_ahead_N_s2, fmap.k_astern_N_s2) * rps**2
+    return share * side(fmap.k_ahead_N_s2, fmap.k_astern_N_s2) * rps**2
 
 
 def _command(thruster: Thruster, pwm_us: Any) -> Any:

@@ -24,8 +24,8 @@ from sim.fitting.engine.jacobian_rows import AccelerationPartials
 from sim.fitting.engine.kernels.windows import MIDDLE
 from sim.fitting.engine.model import N_HULL, CompiledModel
 from sim.fitting.engine.noise import LATENT, STATE
-from sim.fitting.engine.parameters import Parameters, adjustable
-from sim.fitting.engine.thrust.history import ThrustHistory
+from sim.fitting.engine.parameters import Parameters, adjustable, astern_maps, file_values
+from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
 from sim.fitting.engine.windows import Windows
 
 
@@ -37,7 +37,7 @@ class WindowMotion:
     nu_dot   (W, K+1, 3) accelerations in body axes, latent acceleration included
     A        (W, K+1, 6, 6) d(x_dot)/dx
     pushes   d(nu_dot)/dq for the parameters that move the boat (`Parameters.moving`): all up to the lag, then trims,
-             azimuths, curves and terms
+             azimuths, curves, shares astern and terms
     """
 
     x: np.ndarray
@@ -78,15 +78,17 @@ class WindowIntegrator:
         A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), tau.reshape(-1, 3), d_all)
         G = G.reshape(W, K + 1, len(p) + 3, 3).swapaxes(2, 3)
         # 4. d(nu_dot)/dq in the order of `Parameters.moving`: hull, gains, dead time, lag, trims, azimuths, curves,
-        #    terms. Thruster parameters act through tau: d(nu_dot)/dq = M^-1 dtau/dq.
+        #    shares astern, terms. Thruster parameters act through tau: d(nu_dot)/dq = M^-1 dtau/dq.
         M_inv = G[0, 0, :, len(p) :]
         changes = [f[..., None, :] * (M_inv @ B), _turned(f_dead, share @ M_inv.T), _turned(f_lag, share @ M_inv.T)]
-        able = list(adjustable(parameters.vessel))
+        able, each = list(adjustable(parameters.vessel)), M_inv @ share.T
+        count = len(able)
         if able:
-            each, count = M_inv @ share.T[:, able], len(able)
-            changes += [adjust[..., None, :count] * each]
+            changes += [adjust[..., None, :count] * each[:, able]]
             changes += [f[..., None, able] * (M_inv @ (B_turn * gain)[:, able])]
-            changes += [(adjust[..., None, count:] * each) @ parameters.curve_of]
+            changes += [(adjust[..., None, count : 2 * count] * each[:, able]) @ parameters.curve_of]
+        if astern_maps(parameters.vessel):
+            changes += [(adjust[..., None, 2 * count :] * each) @ parameters.astern_of]
         changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
         # 5. What a second of dead time adds to nu over each step: M^-1 (tau at its start - tau at its end).
         late = _turned(tau[:, :-1] - tau[:, 1:], M_inv.T)[..., 0]
@@ -119,20 +121,29 @@ class WindowIntegrator:
         """Forces at a gain of one [N]: at the steps (W, K+1, n + 2 a), at their middles (W, K, n + 2 a); then the
 
         derivatives by dead time and by lag at the steps [N/s]. The 2 a columns behind the n thrusters are derivatives
-        of the a adjustable ones by trim [N/us] and by curve [N].
+        of the a adjustable ones by trim [N/us] and by curve [N]; n more follow where shares astern are estimated, by
+        that share [N].
         """
         at = self.parameters.thrusters.stop
-        pitch = q[self.parameters.trims], np.zeros(0)
-        if self.parameters.extras:
-            pitch = pitch[0], self.parameters.curve_of @ q[self.parameters.curves]
         f, f_mid, f_dead, f_lag = [], [], [], []
         windows = self.windows
         for span, commands, around_s in zip(windows.spans, windows.commands, windows.around_s, strict=True):
-            history = ThrustHistory(commands.at_pitch(*pitch), float(q[at]), float(q[at + 1]))
+            history = ThrustHistory(self._commands(commands, q), float(q[at]), float(q[at + 1]))
             for store, value in zip((f, f_dead, f_lag), history.at(windows.t_s[span], around_s), strict=True):
                 store.append(value)
             f_mid.append(history.mean(*windows.within(span, around_s.shape[2])))
         return np.concatenate(f), np.concatenate(f_mid), np.concatenate(f_dead), np.concatenate(f_lag)
+
+    def _commands(self, commands: ThrustCommands, q: np.ndarray) -> ThrustCommands:
+        """Commands of one run at the trims, curves and shares astern of q."""
+        parameters = self.parameters
+        if adjustable(parameters.vessel):
+            commands = commands.at_pitch(q[parameters.trims], parameters.curve_of @ q[parameters.curves])
+        if astern_maps(parameters.vessel):
+            chosen, stated = parameters.astern_of, file_values(parameters.vessel)[parameters.asterns]
+            others = 1.0 - chosen.sum(axis=1)
+            commands = commands.with_astern(chosen @ q[parameters.asterns] + others, chosen @ stated + others)
+        return commands
 
 
 def _turned(values: np.ndarray, by: np.ndarray) -> np.ndarray:

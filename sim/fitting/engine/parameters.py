@@ -3,7 +3,7 @@
 Two vectors of P numbers describe the same boat:
 
     q   in the vessel file's units and signs: M11 M22 M33 M23 | X_u Y_v N_r Y_r N_v X_uu Y_vv N_rr | gains |
-        t_d T_lag | latency arm | warp | trims | azimuths | curves | terms
+        t_d T_lag | latency arm | warp | trims | azimuths | curves | astern shares | terms
     w   unconstrained: every w gives positive definite inertia and damping, so a free motion that loses energy
 
     M11, M22, M33 = e^w,  M23 = sqrt(M22 M33) tanh w            M > 0
@@ -11,12 +11,13 @@ Two vectors of P numbers describe the same boat:
     Y_r + N_v = -2 sqrt(Y_v N_r) tanh w,  Y_r - N_v = -w        D + D^T > 0
     gains, t_d, T_lag = e^w, gains times the sign that the file has (dead: 0)
     latency, arm, warp, trims, azimuths = w;  curves = tanh w   force rises with the command
+    astern shares = e^w
     terms' parameters: e^w or -e^w where their bounds allow one sign only, else w
 
-Trim, azimuth and curve are estimated for thrusters with a pitch map (blades set by linkages); of the terms in the
-vessel file those parameters that the registry marks as fitted. The warp W (2 x 2) models how range biases and surveying
-errors bend the positions: measured = p + W (p - middle). Mass and added mass enter the motion only through M: motion
-cannot separate them. Every w has a normal prior around the vessel file's value.
+Trim, azimuth and curve are estimated for thrusters with a pitch map (blades set by linkages), the share astern of each
+other map that states one; of the terms in the vessel file those parameters that the registry marks as fitted. The warp
+W (2 x 2) models how range biases and surveying errors bend the positions: measured = p + W (p - middle). Mass and added
+mass enter the motion only through M: motion cannot separate them. Every w has a normal prior around the file's value.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from companion.core.configuration.vessel_file import PitchMap, VesselFile
+from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
 from companion.core.model.loads import REGISTRY, LoadParameter
 from companion.core.model.loads import values as term_values
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
@@ -72,6 +73,7 @@ class PriorSigmas:
     trim_us: float = 50.0
     azimuth_deg: float = 15.0
     curve: float = 0.3
+    astern: float = 0.2
     term: float = 1.0
 
 
@@ -83,6 +85,17 @@ def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, LoadParameter], ...]:
 def pitch_maps(vessel: VesselFile) -> tuple[str, ...]:
     """Names of the pitch maps that the thrusters use, sorted."""
     return tuple(sorted({vessel.thrusters[i].force_map for i in adjustable(vessel)}))
+
+
+def astern_maps(vessel: VesselFile) -> tuple[str, ...]:
+    """Names of the force maps that thrusters use and whose share astern is estimated: those that state one, sorted."""
+    used = {t.force_map for t in vessel.thrusters}
+    return tuple(sorted(name for name in used if astern_share(vessel.force_maps[name]) is not None))
+
+
+def astern_share(force_map: ForceMap) -> float | None:
+    """The map's share astern; None where it states none or can have none."""
+    return None if isinstance(force_map, PitchMap) else force_map.astern_share
 
 
 def adjustable(vessel: VesselFile) -> tuple[int, ...]:
@@ -111,8 +124,9 @@ class Parameters:
         trims = tuple(f"trim_{name}_us" for name in able)
         azimuths = tuple(f"azimuth_{name}_deg" for name in able)
         curves = tuple(f"curve_{name}" for name in pitch_maps(self.vessel))
+        asterns = tuple(f"astern_{name}" for name in astern_maps(self.vessel))
         terms = tuple(p.name for _, p in fitted_terms(self.vessel))
-        return HULL + gains + ("dead_time_s", "lag_s") + SENSORS + WARP + trims + azimuths + curves + terms
+        return HULL + gains + ("dead_time_s", "lag_s") + SENSORS + WARP + trims + azimuths + curves + asterns + terms
 
     @property
     def thrusters(self) -> slice:
@@ -147,14 +161,20 @@ class Parameters:
         return np.array([[self.vessel.thrusters[i].force_map == m for m in maps] for i in able], dtype=float)
 
     @cached_property
+    def asterns(self) -> slice:
+        """Shares astern, in the order of `astern_maps`."""
+        return slice(self.curves.stop, self.curves.stop + len(astern_maps(self.vessel)))
+
+    @cached_property
+    def astern_of(self) -> np.ndarray:
+        """Selection matrix (n, shares): row i is 1 at the share astern of thruster i."""
+        maps = astern_maps(self.vessel)
+        return np.array([[t.force_map == m for m in maps] for t in self.vessel.thrusters], dtype=float)
+
+    @cached_property
     def terms(self) -> slice:
         """Parameters of the terms, in the order of `fitted_terms`."""
-        return slice(self.curves.stop, len(self.names))
-
-    @property
-    def extras(self) -> int:
-        """Number of parameters behind the warp: trims, azimuths, curves, terms."""
-        return len(self.names) - self.warp.stop
+        return slice(self.asterns.stop, len(self.names))
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -193,6 +213,7 @@ class Parameters:
             e[self.thrusters.stop :],
             w[n_log : self.curves.start],
             ca.tanh(w[self.curves]),
+            ca.exp(w[self.asterns]),
             *(s * ca.exp(x) if s else x for s, x in zip(self._term_signs, ca.vertsplit(w[self.terms]), strict=True)),
         )
 
@@ -216,6 +237,7 @@ class Parameters:
         tail = slice(len(HULL), self.thrusters.stop + 2)
         w[tail] = np.log(np.maximum(np.abs(q[tail]), 1e-3))
         w[self.curves] = np.arctanh(np.clip(q[self.curves], -0.99, 0.99))
+        w[self.asterns] = np.log(q[self.asterns])
         for i, sign in enumerate(self._term_signs, self.terms.start):
             w[i] = np.log(max(sign * q[i], LEAST_TERM)) if sign else q[i]
         return w
@@ -232,7 +254,7 @@ class Parameters:
         sigma[at : at + 5] = (s.dead_time, s.lag, s.latency_s, s.arm_m, s.arm_m)
         sigma[self.warp] = self.vessel.sensors.position_bias_sigma_m / REACH_M
         sigma[self.trims], sigma[self.azimuths] = s.trim_us, s.azimuth_deg
-        sigma[self.curves] = s.curve
+        sigma[self.curves], sigma[self.asterns] = s.curve, s.astern
         either = np.array([EITHER_SHARE * (p.upper - p.lower) for _, p in fitted_terms(self.vessel)])
         sigma[self.terms] = np.where(self._term_signs == 0, either, s.term)
         for name, (centre, own) in (self.overrides or {}).items():
@@ -246,6 +268,7 @@ class Parameters:
         positive = np.zeros(len(self.names), dtype=bool)
         positive[list(_LOG)] = True
         positive[len(HULL) : self.thrusters.stop + 2] = True
+        positive[self.asterns] = True
         positive[self.terms] = self._term_signs != 0
         return positive
 
@@ -262,6 +285,7 @@ def file_values(vessel: VesselFile) -> np.ndarray:
     extras = [t.trim_us for t in able] + [t.azimuth_deg for t in able]
     maps = [vessel.force_maps[name] for name in pitch_maps(vessel)]
     extras += [m.curve for m in maps if isinstance(m, PitchMap)]
+    extras += [astern_share(vessel.force_maps[name]) or 1.0 for name in astern_maps(vessel)]
     extras += [term_values(name, vessel.terms[name])[p.name] for name, p in fitted_terms(vessel)]
     lags = [propulsion.dead_time_s, propulsion.lag_s]
     return np.array(hull + quadratic + gains + lags + sensors + extras, dtype=float)

@@ -4,7 +4,7 @@ Rules, the first that applies:
 
 logs named to be held out   every other log is fitted whole
 alternate blocks of S s     the first, third .. of each log are fitted, the second, fourth .. held out
-neither                     the last quarter of each log is held out, 20 s at least
+neither                     the last quarter of each log is held out, 20 s at least; shorter logs are fitted whole
 """
 
 from __future__ import annotations
@@ -74,8 +74,11 @@ def split(
         used = [_alternate(log, block_s) for log in logs]
         rule = f"alternate blocks of {block_s:g} s of each log, the second, fourth and so on"
     else:
-        used = [_tail(log) for log in logs]
+        used = _tails(logs)
+        whole = sum(not u.held_out_s for u in used)
         rule = f"the last {100 * SHARE:g} % of each log, {LEAST_HELD_OUT_S:g} s at least"
+        if whole:
+            rule += f"; {whole} of {len(used)} are too short for that and were fitted whole"
     fitted = [run for u in used for run in parts(u.log.run, u.fitted_s)]
     out = [HeldOut(u.log.run, None if u.held_out_s == (_all(u.log),) else u.held_out_s) for u in used if u.held_out_s]
     return Split(tuple(fitted), tuple(out), tuple(used), rule)
@@ -121,8 +124,20 @@ def _alternate(log: NamedLog, block_s: float) -> LogUse:
     return LogUse(log, tuple(fitted), tuple(out))
 
 
+def _tails(logs: Sequence[NamedLog]) -> list[LogUse]:
+    """The last part of each log held out, where it is long enough. Raises JobError where none is."""
+    least_s = LEAST_FIT_S + LEAST_HELD_OUT_S
+    _long(
+        max(logs, key=lambda log: log.run.duration_s),
+        least_s,
+        "when its last part is held out (or hold out another log)",
+    )
+    return [
+        _tail(log) if log.run.duration_s >= least_s else LogUse(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ())
+        for log in logs
+    ]
+
+
 def _tail(log: NamedLog) -> LogUse:
-    out_s = max(SHARE * log.run.duration_s, LEAST_HELD_OUT_S)
-    _long(log, LEAST_FIT_S + LEAST_HELD_OUT_S, "when its last part is held out (or hold out another log)")
-    fitted, out = tail(log.run, out_s)
+    fitted, out = tail(log.run, max(SHARE * log.run.duration_s, LEAST_HELD_OUT_S))
     return LogUse(log, (fitted,), (out,))

@@ -26,6 +26,6 @@ def unit_of(name: str) -> str:
     >>> unit_of("Y_vv_N_s2_m2"), unit_of("gain_bow")
     ('N s2/m2', '1')
     """
-    if name.startswith(("gain_", "warp_", "curve_")):
+    if name.startswith(("gain_", "warp_", "curve_", "astern_")):
         return "1"
     return next(unit for end, unit in UNITS.items() if name.endswith(end))

@@ -177,7 +177,7 @@ def cut_windows(
 def _grid(run: Run, window_s: float, offset_s: float, max_step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stamps of the steps (n,) [s], measurements (n, 4) by `CHANNELS`, and index of the first step of each window."""
     # 1. The measured channels from the beginning on: heading without jumps, specific force without gravity.
-    name, begin = run.meta.source, _begin_s(run) + offset_s
+    name, begin = run.meta.source, begin_s(run) + offset_s
     channels = [run.samples(c) if run.known(c) else (np.empty(0), np.empty(0)) for c in CHANNELS]
     channels[PSI] = unwrapped(run)
     channels = _levelled(run, channels)
@@ -247,7 +247,7 @@ def usable_fixes(run: Run, offset_s: float = 0.0) -> tuple[np.ndarray, np.ndarra
 
     Raises StructuredFitError for fewer than `LEAST_FIXES`.
     """
-    first, (t, place) = _begin_s(run) + offset_s, run.samples("north_m", "east_m")
+    first, (t, place) = begin_s(run) + offset_s, run.samples("north_m", "east_m")
     inside = inside_edges(t, first, run.samples("psi_rad")[0][-1])
     if inside.sum() < LEAST_FIXES:
         raise StructuredFitError(
@@ -262,7 +262,7 @@ def inside_edges(fixes_s: np.ndarray, begin_s: float, end_s: float) -> np.ndarra
     return (fixes_s > begin_s + EDGE_S) & (fixes_s < end_s - EDGE_S)
 
 
-def _begin_s(run: Run) -> float:
+def begin_s(run: Run) -> float:
     """Start of what can be fitted [s]: heading is known, and commands have been for `SETTLE_S`.
 
     Raises StructuredFitError where heading, positions or commands are missing.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.engine.split import LEAST_FIT_S
+from sim.fitting.identify.chosen_fit import NO_WORSE, WORTH
 from sim.fitting.identify.job import SMOOTHER, Choices, Identification
 from sim.fitting.identify.result import COLOURED, UNDETERMINED
 from sim.fitting.identify.structured_fit import WINDOWS_S
@@ -80,7 +81,7 @@ def _structured(identification: Identification) -> Iterator[tuple[str, str, str]
     if s.horizon_s:
         yield (
             "structured fit",
-            f"multi-step output error over {s.horizon_s:g} s: no inertial sensor in the logs",
+            f"multi-step output error over {s.horizon_s:g} s: {identification.chosen.why}",
             FITTED,
         )
     else:
@@ -89,7 +90,11 @@ def _structured(identification: Identification) -> Iterator[tuple[str, str, str]
             f"{s.window_s:g} s (tried: {windows} s, if residuals are not white)",
             FITTED,
         )
-    yield "multi-step output error", f"only where no inertial sensor was logged; horizon: {chosen}", BEFORE
+    kept = next((t.refinements for t in identification.chosen.trials if t.kept), ())
+    yield "refinements of the model", ", ".join(kept) or "none", FITTED
+    tried = f"in trials on halves of the logs, each gains {100 * WORTH:g} % at least and helps in both halves"
+    yield "a refinement is kept", f"where, {tried}", BEFORE
+    yield "multi-step output error", f"where it predicts better by {100 * NO_WORSE:g} %; horizon: {chosen}", BEFORE
     sigmas = ", ".join(f"{f.name} {getattr(settings.sigmas, f.name):g}" for f in fields(settings.sigmas))
     yield "prior", f"centred on the vessel file; sigma (shares where positive): {sigmas}", BEFORE
     low, high = FACTORS

@@ -6,12 +6,13 @@
 x_w: the model's trajectory from the measured state at the start of window w; K: compared instants of a window; q: file
 units of w. Solved by Gauss-Newton.
 
-For logs of poses alone (motion capture, or UWB and compass without an IMU). Such data cannot separate sensor noise from
-model error at the scale of a second, and model error is correlated over many seconds, so that a likelihood of short
-windows weights the data wrongly. This fit minimises what the model will be used for, its prediction error. Measured
-states are those of the smoother (`engine.smoothing`), which has no model. Errors are correlated within a window, so the
-K instants of a window count as one sample of each channel. Intervals that follow from this covered 96 % on simulated
-logs; a sandwich estimator over blocks of time only 80 % (as few blocks as parameters): docs/cse1.md.
+For logs of poses alone (motion capture, or UWB and compass without an IMU), and wherever it predicts better
+(`chosen_fit`). Poses cannot separate sensor noise from model error at the scale of a second, and model error is
+correlated over many seconds, so that a likelihood of short windows weights the data wrongly. This fit minimises what
+the model will be used for, its prediction error. Measured states are those of the smoother (`engine.smoothing`), which
+has no model. Errors are correlated within a window, so the K instants of a window count as one sample of each channel.
+Intervals that follow from this covered 96 % on simulated logs; a sandwich estimator over blocks of time only 80 % (as
+few blocks as parameters): docs/cse1.md.
 Source: Ljung (1999), System Identification, section 3.2 (k-step predictors as models).
 """
 
@@ -32,12 +33,12 @@ from sim.fitting.engine.motion import WindowIntegrator
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.engine.parameters import SENSORS, WARP, Parameters
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
-from sim.fitting.engine.windows import StructuredFitError, Windows, cut_windows
+from sim.fitting.engine.windows import StructuredFitError, Windows, begin_s, cut_windows
 
 HORIZON_S = 15.0  # 10 and 20 s predict alike; chosen on the even blocks of cse1's random_run1 (docs/cse1.md)
 OVERLAP = 3  # number of windows that each instant lies in
-THIN = 2  # integration steps span this many stamps of the log: 0.1 s
-EVERY = 5  # errors are compared at every fifth step: 0.5 s
+STEP_S = 0.05  # of integration; with 0.1 s a hull that is strongly damped in yaw at speed (30 /s) runs away
+EVERY_S = 0.5  # between the instants at which errors are compared
 KNOWN_S = 0.5  # states further than this from every position sample are not compared: the smoother extrapolates there
 FIRST_SHARE = 0.3  # first guess of sigma, as a share of the change of state over the horizon
 ENOUGH = 0.05  # predicted decrease [nats] of a last step
@@ -56,14 +57,20 @@ class HorizonTarget:
     measured: np.ndarray
 
 
-def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) -> HorizonTarget:
-    """Overlapping windows of all runs, with the smoother's states [x y psi u v r]."""
+def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float = HORIZON_S) -> HorizonTarget:
+    """Overlapping windows of all runs, with the smoother's states [x y psi u v r].
+
+    Of `vessel`: its sensors and its thrusters' map, so that one target serves fits with different terms.
+    """
     offsets = tuple(k * horizon_s / OVERLAP for k in range(OVERLAP))
     windows = cut_windows(runs, vessel, horizon_s, tied=False, offsets_s=offsets)
-    t_s = windows.t_s[:, ::THIN]
-    around_s = tuple(around[:, ::THIN] for around in windows.around_s)
+    usual_s = float(np.median(windows.h_s[windows.h_s > 0]))
+    thin = max(1, round(STEP_S / usual_s))
+    t_s = windows.t_s[:, ::thin]
+    around_s = tuple(around[:, ::thin] for around in windows.around_s)
     windows = replace(windows, t_s=t_s, h_s=np.diff(t_s, axis=1), around_s=around_s)
-    at = np.arange(EVERY, t_s.shape[1], EVERY)
+    every = max(1, round(EVERY_S / (thin * usual_s)))
+    at = np.arange(every, t_s.shape[1], every)
     x0, measured = np.zeros((len(t_s), 6)), np.zeros((len(t_s), len(at), 6))
     for i, run in enumerate(runs):
         smoothed = smooth(run, SmootherNoise.of(vessel))
@@ -75,6 +82,12 @@ def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float) ->
             measured[span][_distance(t_s[span][:, at], fixes) > KNOWN_S] = np.nan
             measured[span][windows.h_s[span][:, at - 1] == 0] = np.nan  # beyond the window's end
     return HorizonTarget(windows, x0, at, measured)
+
+
+def reaches(run: Run, horizon_s: float) -> bool:
+    """Whether a run is long enough to predict `horizon_s` ahead in it: two windows, however late they begin."""
+    latest_s = horizon_s * (OVERLAP - 1) / OVERLAP
+    return float(run.samples("psi_rad")[0][-1]) - begin_s(run) - latest_s > 2 * horizon_s
 
 
 def _at(t_s: np.ndarray, known_s: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -102,17 +115,14 @@ class HorizonPoint:
 class HorizonFit:
     """One fit: windows, parameters, present sigmas of the errors, and the steps towards the solution (`solve`)."""
 
-    def __init__(
-        self, runs: Sequence[Run], vessel: VesselFile, parameters: Parameters, horizon_s: float = HORIZON_S
-    ) -> None:
-        self.target = horizon_target(runs, vessel, horizon_s)
-        windows = self.target.windows
+    def __init__(self, target: HorizonTarget, parameters: Parameters) -> None:
+        self.target, windows = target, target.windows
         W, K = windows.size
         self.parameters = parameters
-        self.move = WindowIntegrator(windows, parameters, compile_model(vessel, K, W))
+        self.move = WindowIntegrator(windows, parameters, compile_model(parameters.vessel, K, W))
         self._z = np.zeros((W, L))
         self._z[:, STATE] = self.target.x0
-        self.sigma = _scale(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))
+        self.sigma = error_sigma(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))
 
     def point(self, w: np.ndarray) -> HorizonPoint:
         """Errors, cost, gradient and Gauss-Newton Hessian at w; cost inf where a window runs away."""
@@ -184,14 +194,14 @@ def solve(fit: HorizonFit, most: int, say: Say) -> tuple[HorizonPoint, int]:
         if settled and promised < ENOUGH:
             break
         if not settled and (promised < 1.0 or count > most // 2):
-            sigma = _scale(point.error)
+            sigma = error_sigma(point.error)
             settled = bool(np.abs(np.log(sigma / fit.sigma)).max() < 0.05) or count > most // 2
             fit.sigma = sigma
             point = fit.point(point.w)
     return point, count
 
 
-def _scale(error: np.ndarray) -> np.ndarray:
+def error_sigma(error: np.ndarray) -> np.ndarray:
     """Sigma of each channel (6,): root mean square of the known errors, clipped at their 90 % quantile.
 
     Both axes of position share one.

@@ -17,7 +17,8 @@ from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, smooth
 from sim.fitting.engine.split import JobError, NamedLog, Split, split
-from sim.fitting.identify.result import FitResult, fit_structured
+from sim.fitting.identify.chosen_fit import ChosenFit, fit_chosen
+from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import NAMES, IdentificationVerdict, verdict
 from sim.fitting.identify.vessel_out import identified_vessel
@@ -98,6 +99,7 @@ class Stamp:
 class Identification:
     """Inputs and results of one identification.
 
+    chosen       the structured fit: model, method, result, and what else was tried
     series       Taylor series by the paper's pipeline and by the smoother
     peer         coefficients (3, 23) by pysindy, if asked for
     departures   how the models diverge from the held-out data; models in the order of `validation.scores`
@@ -106,12 +108,12 @@ class Identification:
     """
 
     base: VesselFile
+    chosen: ChosenFit
     identified: VesselFile
     choices: Choices
     split: Split
     motion: SmoothedMotions
     noise: SmootherNoise
-    structured: FitResult
     series: tuple[Taylor, ...]
     peer: np.ndarray | None
     validation: Validation
@@ -119,6 +121,16 @@ class Identification:
     problems: dict[str, list[LogProblem]]
     verdict: IdentificationVerdict
     stamps: tuple[Stamp, ...]
+
+    @property
+    def model(self) -> VesselFile:
+        """What was fitted: `base` with the refinements that the logs asked for, at first guess."""
+        return self.chosen.vessel
+
+    @property
+    def structured(self) -> FitResult:
+        """Result of the structured fit."""
+        return self.chosen.result
 
 
 def identify(
@@ -146,31 +158,32 @@ def identify(
     # 3. Structured fit, and the vessel file with its result.
     step = STEPS[2]
     say(step, "", 0.0)
-    structured = fit_structured(
+    chosen = fit_chosen(
         division.fitted, vessel, choices.settings, lambda text, share: say(step, text, min(share, 0.99))
     )
+    model, structured = chosen.vessel, chosen.result
     say(step, f"{structured.iterations} steps", 1.0)
-    identified = identified_vessel(vessel, structured, date=now()[:10])
+    identified = identified_vessel(model, structured, date=now()[:10])
     stamps.append(Stamp("structured model fitted", now()))
     # 4. All models in open loop on the held-out parts.
-    models = _simulators(vessel, identified, structured, division, series, peer, now)
+    models = _simulators(vessel, identified, chosen, division, series, peer, now)
     box = SpeedBox.of(np.concatenate([s.nu for s in motion.smoothed]))
     validation, departures = _judge(models, division, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
     return Identification(
         base=vessel,
+        chosen=chosen,
         identified=identified,
         choices=choices,
         split=division,
         motion=motion,
         noise=noise,
-        structured=structured,
         series=series,
         peer=peer,
         validation=validation,
         departures=departures,
         problems=log_problems,
-        verdict=verdict(structured, validation, log_problems),
+        verdict=verdict(chosen, validation, log_problems),
         stamps=tuple(stamps),
     )
 
@@ -217,7 +230,7 @@ def _series(
 def _simulators(
     vessel: VesselFile,
     identified: VesselFile,
-    structured: FitResult,
+    chosen: ChosenFit,
     division: Split,
     series: Sequence[Taylor],
     peer: np.ndarray | None,
@@ -228,7 +241,8 @@ def _simulators(
     models += [TaylorSimulator(one.name, one.fit.C, vessel) for one in series]
     models += [TaylorSimulator(NAMES["peer"], peer, vessel)] if peer is not None else []
     same_day = all(used.fitted_s for used in division.used if used.held_out_s)
-    of_the_day = identified_vessel(vessel, structured, date=now()[:10], session=True) if same_day else identified
+    day = now()[:10]
+    of_the_day = identified_vessel(chosen.vessel, chosen.result, date=day, session=True) if same_day else identified
     return [*models, VesselSimulator(NAMES["structured"], of_the_day)]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from companion.logs.runs.run import LogProblem
 from sim.fitting.identify.choices import choices
+from sim.fitting.identify.chosen_fit import Trial
 from sim.fitting.identify.job import Identification, Taylor
 from sim.fitting.identify.report.page import identify_report
 from sim.fitting.identify.result import FitResult
@@ -111,6 +112,16 @@ class VerdictRecord(_Struct, frozen=True, kw_only=True):
     advice: tuple[tuple[tuple[str, ...], str], ...]
 
 
+class TrialRecord(_Struct, frozen=True, kw_only=True):
+    """One model that was tried on halves of the fitted data; errors over those of the model as it is, null: none."""
+
+    method: str
+    refinements: tuple[str, ...]
+    error: Number
+    halves: Numbers
+    kept: bool
+
+
 class Record(_Struct, frozen=True, kw_only=True):
     """The whole file. `files`: SHA-256 of the other outputs; `vessel_sha256`: that of the input vessel file."""
 
@@ -125,6 +136,8 @@ class Record(_Struct, frozen=True, kw_only=True):
     choices: tuple[ChoiceRecord, ...]
     logs: tuple[IdentifyLog, ...]
     structured: FitResult
+    trials: tuple[TrialRecord, ...]
+    chosen_because: str
     series: tuple[TaylorRecord, ...]
     pysindy: dict[str, tuple[float, ...]] | None
     reference: str
@@ -176,6 +189,8 @@ def record(
         choices=tuple(ChoiceRecord(what=c.what, value=c.value, made=c.made) for c in choices(identification)),
         logs=tuple(_log(identification, i) for i in range(len(identification.split.used))),
         structured=identification.structured,
+        trials=tuple(_trial(trial) for trial in identification.chosen.trials),
+        chosen_because=identification.chosen.why,
         series=tuple(_taylor(identification, one) for one in identification.series),
         pysindy=peer,
         reference="; ".join(sorted({r.source for r in validation.references})),
@@ -219,6 +234,16 @@ def _taylor(identification: Identification, one: Taylor) -> TaylorRecord:
         sigma=_numbers(fit.sigma),
         r2=_numbers(fit.r2),
         shift=tuple(_numbers(row) for row in one.shift),
+    )
+
+
+def _trial(trial: Trial) -> TrialRecord:
+    return TrialRecord(
+        method=trial.method,
+        refinements=trial.refinements,
+        error=_number(trial.error),
+        halves=_numbers(np.array(trial.halves)),
+        kept=trial.kept,
     )
 
 

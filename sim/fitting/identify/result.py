@@ -20,7 +20,7 @@ from companion.logs.runs.run import Run
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
-from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, with_tag_fixed
+from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, horizon_target, with_tag_fixed
 from sim.fitting.identify.horizon import solve as solve_horizon
 from sim.fitting.identify.structured_fit import WINDOWS_S, FitPoint, FitSettings, Say, StructuredFit, solve
 
@@ -142,7 +142,7 @@ def _fit_horizon(
 ) -> FitResult:
     """The result of multi-step output error."""
     parameters = with_tag_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
-    fit = HorizonFit(runs, vessel, parameters, horizon_s)
+    fit = HorizonFit(horizon_target(runs, vessel, horizon_s), parameters)
     point, iterations = solve_horizon(fit, settings.iterations, say)
     C_w = fit.covariance(point)
     C_q, share = _spread_of(parameters, point.w, C_w)

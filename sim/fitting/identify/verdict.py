@@ -15,7 +15,11 @@ import numpy as np
 
 from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.parameters import WARP
+from sim.fitting.identify.chosen_fit import ChosenFit
+from sim.fitting.identify.plausible import implausible
+from sim.fitting.identify.refinements import REFINEMENTS
 from sim.fitting.identify.result import COLOURED, FitResult, OpenDirection
+from sim.fitting.identify.vessel_out import written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Score, best_baseline
 from sim.fitting.validate.study import BASELINE_NAMES, Validation
@@ -76,7 +80,7 @@ class IdentificationVerdict:
 
 
 def verdict(
-    structured: FitResult, validation: Validation, problems: Mapping[str, Sequence[LogProblem]]
+    chosen: ChosenFit, validation: Validation, problems: Mapping[str, Sequence[LogProblem]]
 ) -> IdentificationVerdict:
     """Verdict on a structured fit, from the scores of all models on held-out data and the problems of the logs.
 
@@ -87,8 +91,16 @@ def verdict(
     if errors[NAMES["structured"]] <= SAME * errors[nearest]:
         nearest = NAMES["structured"]
     believe = nearest if errors[nearest] < 1 else None
-    lines = [_believe(believe, errors), *_distances(validation, errors), *_open(structured)]
-    attention = [*_fit_doubts(structured), *_model_doubts(errors, validation), *_log_doubts(problems)]
+    structured = chosen.result
+    lines = [_believe(believe, errors), *_distances(validation, errors), *_refined(chosen), *_open(structured)]
+    attention = [
+        *_fit_doubts(structured),
+        *(f"{name}: too short to predict {chosen.horizon_s:g} s ahead in it: left out." for name in chosen.too_short),
+        *implausible(chosen.vessel, structured),
+        *written_otherwise(chosen.vessel, structured),
+        *_model_doubts(errors, validation),
+        *_log_doubts(problems),
+    ]
     return IdentificationVerdict(believe, errors, tuple(lines), tuple(attention), tuple(advice(structured)))
 
 
@@ -139,6 +151,13 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
         f"{head} Its error on held-out data, 10 and 20 s ahead, is {_percent(errors[believe])} of that of the better "
         f"guess without a model; {others}."
     )
+
+
+def _refined(chosen: ChosenFit) -> list[str]:
+    """The sentence on refinements that the logs asked for."""
+    kept = next((t.refinements for t in chosen.trials if t.kept), ())
+    texts = [r.text for r in REFINEMENTS if r.name in kept]
+    return [f"The logs ask for what the vessel file lacked, and vessel.toml has: {'; '.join(texts)}."] if texts else []
 
 
 def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]:

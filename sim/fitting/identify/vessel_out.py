@@ -11,13 +11,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
-from companion.core.model.load_vessel import load_vessel
+from companion.core.model.load_vessel import load_vessel, munk_limit_kg
 from sim.fitting.engine.parameters import DAMPING, Parameters, fitted_terms
 from sim.fitting.identify.result import FitResult
 
 DIGITS = 6  # significant digits of fitted numbers
 TRIM_US = 200  # as the vessel file's bounds
-ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass
+ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass; of a limit, too
 
 
 def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, session: bool = False) -> VesselFile:
@@ -57,9 +57,37 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
     )
 
 
+def written_otherwise(vessel: VesselFile, result: FitResult) -> list[str]:
+    """Sentences on fitted values that no vessel file may hold, and what is written in their place."""
+    lines, late_s = [], result["uwb_latency_s"].value
+    if late_s < 0:
+        lines.append(
+            f"uwb_latency_s: fitted as {late_s:.3g} s, so positions would be ahead of the other sensors, and written "
+            "as 0: look at the clocks of the log."
+        )
+    if "munk_moment" in vessel.terms:
+        k_kg, written_kg = result["k_kg"].value, _munk_kg({p.name: p.value for p in result.parameters})
+        if abs(k_kg - written_kg) > 1e-3:
+            lines.append(
+                f"k_kg: fitted as {k_kg:.3g} kg, which would feed energy into the hull, written as {written_kg:.3g} kg."
+            )
+    return lines
+
+
+def _munk_kg(q: Mapping[str, float]) -> float:
+    """k within what the fitted damping holds."""
+    most_kg = ROOM * munk_limit_kg(Damping(**{name: q[name] for name in DAMPING}, source="fitted"))
+    return float(np.clip(q["k_kg"], -most_kg, most_kg))
+
+
 def _map(name: str, force_map: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
-    """A force map with its fitted curve, within the bounds of a vessel file."""
-    if not isinstance(force_map, PitchMap) or f"curve_{name}" not in q:
+    """A force map with its fitted curve or share astern, within the bounds of a vessel file."""
+    if not isinstance(force_map, PitchMap):
+        if f"astern_{name}" not in q:
+            return force_map
+        share, text = _round(q[f"astern_{name}"]), f"{force_map.source}; share astern {source}"
+        return replace(force_map, astern_share=share, source=text)
+    if f"curve_{name}" not in q:
         return force_map
     curve = float(np.clip(_round(q[f"curve_{name}"]), -1.0, 1.0))
     return replace(force_map, curve=curve, source=f"{force_map.source}; curve {source}")
@@ -78,10 +106,11 @@ def _thruster(thruster: Thruster, q: Mapping[str, float], source: str, session: 
 
 
 def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str, dict[str, float | str]]:
-    """The vessel's terms with their fitted parameters."""
+    """The vessel's terms with their fitted parameters; a Munk moment within what the damping holds."""
     terms = {name: dict(values) for name, values in vessel.terms.items()}
     for name, p in fitted_terms(vessel):
-        terms[name] |= {p.name: _round(q[p.name]), "source": source}
+        value = _munk_kg(q) if name == "munk_moment" else q[p.name]
+        terms[name] |= {p.name: _round(value), "source": source}
     return terms
 
 

@@ -45,6 +45,15 @@ class ThrustCommands:
         everything[:, list(self.pitch.which)] = force
         return ThrustCommands(self.t_s, np.hstack([everything, by_trim, by_curve]))
 
+    def with_astern(self, share: np.ndarray, known: np.ndarray) -> ThrustCommands:
+        """Forces astern by `share` (n,) instead of the `known` shares (n,) that they have been made with; and, as n
+        columns more, what a unit of share adds to each thruster's.
+        """
+        n = len(share)
+        by_share = np.minimum(self.force_n[:, :n], 0.0) / known
+        force = np.maximum(self.force_n[:, :n], 0.0) + by_share * share
+        return ThrustCommands(self.t_s, np.hstack([force, self.force_n[:, n:], by_share]))
+
 
 @dataclass(frozen=True)
 class Pitch:

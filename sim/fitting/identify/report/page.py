@@ -18,9 +18,10 @@ from sim.fitting.identify.report.tables import (
     stamps_table,
     taylor_lines,
     taylor_table,
+    trials_table,
     white_table,
 )
-from sim.fitting.identify.result import OpenDirection
+from sim.fitting.identify.result import FitResult, OpenDirection
 from sim.fitting.identify.verdict import JUDGED_S, NAMES
 from sim.fitting.validate.divergence import divergence_table
 from sim.fitting.validate.figures import divergence, training_log
@@ -36,6 +37,7 @@ def identify_report(identification: Identification) -> str:
     sections += [
         _what_to_drive(identification),
         _parameters(identification),
+        *_trials(identification),
         *_taylor(identification),
         _held_out(identification),
         pictures(identification.validation, _structured(identification)),
@@ -70,17 +72,32 @@ def _parameters(identification: Identification) -> Section:
     return Section(
         "Structured model: parameters",
         tuple(lines),
-        tables=(parameter_table(identification.structured, identification.base),),
+        tables=(parameter_table(identification.structured, identification.model),),
         note="Prior sigma left: 100 % says that the data told nothing, 0 % that the prior did not matter. Mass and I_z "
         "cannot be told from added mass by motion: M11, M22, M33 are what counts. warp_*: how range biases and "
         "surveying bend the positions; a nuisance that is not in the vessel file.",
         figures=(
             (
-                parameters(identification.structured, identification.base),
+                parameters(identification.structured, identification.model),
                 "Identified over believed; couplings, which may change sign, stand in the table only.",
             ),
         ),
     )
+
+
+def _trials(identification: Identification) -> list[Section]:
+    if not identification.chosen.trials:
+        return []
+    return [
+        Section(
+            "How model and method were chosen",
+            (f"Kept: {identification.chosen.method}, because {identification.chosen.why}.",),
+            tables=(trials_table(identification),),
+            note="Each was fitted to one half of the fitted data and judged by its predictions of the other, up to "
+            f"{identification.chosen.horizon_s:g} s ahead: errors of position, heading, u, v, r over those of the "
+            "model as it is. None: it ran away, has no solution, or did not converge. Held-out data played no part.",
+        )
+    ]
 
 
 def _direction(direction: OpenDirection) -> str:
@@ -142,13 +159,22 @@ def _whiteness(identification: Identification) -> Section:
         "Residuals",
         (
             f"Structured fit: {s.samples} samples and {s.fixes} positions, {s.iterations} steps, {s.seconds:.1f} s, "
-            f"{'converged' if s.converged else 'not converged'}. Its residuals on the fitted data "
-            f"{'are white' if s.white else 'are not white: its intervals are too narrow'}.",
+            f"{'converged' if s.converged else 'not converged'}. {_whiteness_of(s)}",
         ),
         tables=(residual_table(s), white_table(identification.validation)),
         note="Ljung-Box p below 0.01 says that an error tells something of the next. With enough data every model of "
         "a real boat fails this test; it says that there is more to be had, not how much.",
     )
+
+
+def _whiteness_of(result: FitResult) -> str:
+    if result.horizon_s:
+        return (
+            f"Errors of predictions hang together within {result.horizon_s:g} s; its intervals count each such stretch "
+            "as one sample."
+        )
+    end = "are white" if result.white else "are not white: its intervals are too narrow"
+    return f"Its residuals on the fitted data {end}."
 
 
 def _logs(identification: Identification) -> Section:

@@ -21,10 +21,10 @@ from sim.fitting.validate.study import BASELINE_NAMES, Validation
 from sim.fitting.validate.table import ScoreTable, error_rows, stability_rows, white_rows
 
 
-def parameter_table(result: FitResult, base: VesselFile) -> ScoreTable:
+def parameter_table(result: FitResult, model: VesselFile) -> ScoreTable:
     """Value, interval, what the file believed, how much of that belief is left."""
     rows = []
-    for p, believed in zip(result.parameters, file_values(base), strict=True):
+    for p, believed in zip(result.parameters, file_values(model), strict=True):
         share = f"{100 * min(p.share_of_prior, 1.0):.0f} %"
         rows.append(
             (
@@ -37,7 +37,7 @@ def parameter_table(result: FitResult, base: VesselFile) -> ScoreTable:
                 "yes" if p.determined else "**no**",
             )
         )
-    head = ("parameter", "value", "95 % interval", "unit", "base file", "prior sigma left", "determined")
+    head = ("parameter", "value", "95 % interval", "unit", "first guess", "prior sigma left", "determined")
     return ScoreTable(head, tuple(rows))
 
 
@@ -151,6 +151,19 @@ def problems_table(identification: Identification) -> ScoreTable:
 def choices_table(identification: Identification) -> ScoreTable:
     """Every choice and when it was made."""
     return ScoreTable(("choice", "value", "made"), tuple((c.what, c.value, c.made) for c in choices(identification)))
+
+
+def trials_table(identification: Identification) -> ScoreTable:
+    """What was tried on halves of the fitted data."""
+    rows = [
+        (
+            f"{', '.join(trial.refinements) or 'the model as it is'}{' **kept**' if trial.kept else ''}",
+            trial.method,
+            *(f"{100 * e:.1f} %" if np.isfinite(e) else "none" for e in (trial.error, *trial.halves)),
+        )
+        for trial in identification.chosen.trials
+    ]
+    return ScoreTable(("model", "method", "error", "first half", "second half"), tuple(rows))
 
 
 def stamps_table(identification: Identification) -> ScoreTable:

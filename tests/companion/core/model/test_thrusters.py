@@ -120,3 +120,11 @@ def test_pitch_map_has_an_inverse_and_a_symbolic_twin(force, curve, trim):
     vessel = replace(boat("cse1"), thrusters=(replace(t, force_map="pitch"),), force_maps={"pitch": fmap})
     (symbolic,) = steady_forces(vessel, ca.DM([pwm]), ca.DM(12.0))
     assert float(ca.DM(symbolic)) == pytest.approx(got, abs=1e-12)
+
+
+@given(st.integers(1100, 1900), st.floats(0.1, 2.0), st.floats(13.0, 17.0))
+def test_the_share_astern_counts_astern_only_and_everywhere_alike(pwm, share, voltage):
+    plain, own = force_from_pwm(T, MAP, pwm, voltage), replace(MAP, astern_share=share)
+    assert force_from_pwm(T, own, pwm, voltage) == pytest.approx(plain if plain > 0 else share * plain, abs=1e-12)
+    (log,) = forces_from_pwm(T, own, np.array([float(pwm)]), np.array([voltage]))
+    assert log == pytest.approx(force_from_pwm(T, own, pwm, voltage), abs=1e-9)

@@ -13,7 +13,7 @@ from companion.core.model.load_vessel import load_vessel
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.windows import StructuredFitError
-from sim.fitting.identify.horizon import HorizonFit, with_tag_fixed
+from sim.fitting.identify.horizon import HorizonFit, horizon_target, with_tag_fixed
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
@@ -110,7 +110,7 @@ def test_the_identified_file_predicts_another_log_of_the_day(result: FitResult) 
 
 def test_scores_are_the_derivative_of_the_cost(run: Run) -> None:
     parameters = with_tag_fixed(Parameters(FILE))
-    fit = HorizonFit([Run(run.table[:1200], run.meta)], FILE, parameters)
+    fit = HorizonFit(horizon_target([Run(run.table[:1200], run.meta)], FILE), parameters)
     mean, spread = parameters.prior
     w = mean + 0.1 * spread * np.sin(np.arange(len(mean)))
     here = fit.point(w)
@@ -127,5 +127,5 @@ def test_a_model_that_runs_away_is_no_step_forward_and_no_start(run: Run) -> Non
     wild = replace(FILE, terms={"speed_damping": {"N_ur_N_s2": -900.0, "source": "test"}})
     with pytest.raises(StructuredFitError, match=f"{FILE.name}: .* runs away within a window; look at its damping"):
         fit_structured([run], wild)
-    fit = HorizonFit([run], wild, with_tag_fixed(Parameters(wild)))
+    fit = HorizonFit(horizon_target([run], wild), with_tag_fixed(Parameters(wild)))
     assert fit.point(fit.parameters.prior[0]).cost == np.inf

@@ -8,9 +8,11 @@ import pytest
 
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import LogProblem, Run, RunMeta
-from sim.fitting.engine.parameters import WARP, Parameters
+from sim.fitting.engine.parameters import WARP, Parameters, file_values
 from sim.fitting.engine.split import JobError, NamedLog, split
+from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel
+from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import MANOEUVRES, NAMES, NEEDED, advice, relative_error, verdict
 from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
 from sim.fitting.validate.protocol import CHANNELS
@@ -130,15 +132,19 @@ def validation(**errors: float) -> Validation:
 
 def fit(undetermined=(), *, converged=True, white=True) -> FitResult:
     estimates = tuple(
-        Estimate(name=n, value=1.0, se=0.1, ci95=(0.8, 1.2), unit="1", share_of_prior=0.9 if n in undetermined else 0.1,
-                 determined=n not in undetermined)
-        for n in NAMES_OF
+        Estimate(name=n, value=v, se=0.1, ci95=(v - 0.2, v + 0.2), unit="1", determined=n not in undetermined,
+                 share_of_prior=0.9 if n in undetermined else 0.1)
+        for n, v in zip(NAMES_OF, file_values(VESSEL), strict=True)
     )  # fmt: skip
     return FitResult(
         parameters=estimates, covariance=(), directions=(), latent=(0, 0, 0), latent_share=(0, 0, 0), window_s=2.0,
         channels=(ResidualChannel(name="psi", count=100, sigma=1.0, rms=1.0, lag1=0.0 if white else 0.5),), white=white,
         samples=100, fixes=10, iterations=5, converged=converged, seconds=1.0, data_hashes=("a",), vessel="x",
     )  # fmt: skip
+
+
+def chosen(undetermined=(), **more) -> ChosenFit:
+    return ChosenFit(VESSEL, FitSettings(), fit(undetermined, **more), "a test")
 
 
 def test_the_relative_error_is_a_geometric_mean_over_channels_and_horizons():
@@ -160,7 +166,7 @@ def test_the_relative_error_is_a_geometric_mean_over_channels_and_horizons():
     ],
 )
 def test_who_is_believed(errors, believe, begins, doubts):
-    found = verdict(fit(), validation(**errors), {})
+    found = verdict(chosen(), validation(**errors), {})
     assert found.believe == believe
     assert found.lines[0].startswith(begins)
     assert len(found.attention) == doubts, found.attention
@@ -171,7 +177,7 @@ def test_everything_that_must_be_looked_at_is_said():
         "a.csv": [LogProblem(kind="disagree", text="psi_rad turns 57 times"), LogProblem(kind="idle", text="rest")]
     }
     open_ones = ("M22_kg", "Y_v_N_s_m", "Y_vv_N_s2_m2", "Y_r_N_s")
-    found = verdict(fit(open_ones, converged=False, white=False), validation(base=0.5, structured=0.1), problems)
+    found = verdict(chosen(open_ones, converged=False, white=False), validation(base=0.5, structured=0.1), problems)
     text = " ".join(found.attention)
     for words in ("did not converge in 5 steps", "hang together (psi)", "determine M22_kg,", "Y_v_N_s_m or Y_vv",
                   "a.csv: disagree: psi_rad turns 57 times"):  # fmt: skip
@@ -181,7 +187,7 @@ def test_everything_that_must_be_looked_at_is_said():
 
 
 def test_one_of_linear_and_quadratic_damping_is_enough():
-    assert not verdict(fit(("X_uu_N_s2_m2", "lag_s")), validation(structured=0.1), {}).attention
+    assert not verdict(chosen(("X_uu_N_s2_m2", "lag_s")), validation(structured=0.1), {}).attention
 
 
 def test_every_parameter_has_a_manoeuvre_and_one_only():

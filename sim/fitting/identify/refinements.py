@@ -1,0 +1,63 @@
+"""Refinements of the model that many boats need and few vessel files have; `chosen_fit` tries them.
+
+speed_damping   N = N_ur |u| r      prior of the size that slender-wing theory gives a single hull of this length and
+                                    draft, N_ur = -(pi / 8) rho T^2 L^2 (Jones 1946; Clarke et al. 1983, for B = 0)
+munk_moment     N = k u v           either sign: what M lacks of the Munk moment, less the lift of the after-body
+astern          F_astern times a share: the map is of open water, behind or before a hull a propeller gives less
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
+from companion.core.model.load_vessel import WATER_KG_M3
+
+SIZE_UNKNOWN = 1.5
+"""Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""
+SOURCE = "tried by identify"
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """One refinement. `text`: for people; `priors`: as `Parameters.overrides`."""
+
+    name: str
+    text: str
+    priors: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
+
+    def applied(self, vessel: VesselFile) -> VesselFile:
+        """The vessel with it, at its first guess."""
+        if self.name == "astern":
+            maps = {name: _with_share(m) for name, m in vessel.force_maps.items()}
+            return replace(vessel, force_maps=maps)
+        first = {"speed_damping": {"N_ur_N_s2": _slender_wing(vessel)}, "munk_moment": {"k_kg": 0.0}}[self.name]
+        return replace(vessel, terms={**vessel.terms, self.name: {**first, "source": SOURCE}})
+
+
+REFINEMENTS = (
+    Refinement("astern", "propellers that give another share of their map's thrust astern than ahead"),
+    Refinement("speed_damping", "yaw damping that grows with speed", {"N_ur_N_s2": (None, SIZE_UNKNOWN)}),
+    Refinement("munk_moment", "a yaw moment of u v"),
+)
+
+
+def missing(vessel: VesselFile) -> list[Refinement]:
+    """Those that the vessel file does not have."""
+    free = any(not isinstance(m, PitchMap) and m.astern_share is None for m in vessel.force_maps.values())
+    return [r for r in REFINEMENTS if (free if r.name == "astern" else r.name not in vessel.terms)]
+
+
+def _with_share(force_map: ForceMap) -> ForceMap:
+    if isinstance(force_map, PitchMap) or force_map.astern_share is not None:
+        return force_map
+    return replace(force_map, astern_share=1.0)
+
+
+def _slender_wing(vessel: VesselFile) -> float:
+    hull = vessel.hull
+    return float(-np.pi / 8 * WATER_KG_M3 * (hull.draft_m * hull.length_m) ** 2)

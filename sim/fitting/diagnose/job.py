@@ -9,7 +9,7 @@ No I/O and no random source here: logs are Runs, the seed is an argument, `clock
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
@@ -36,6 +36,7 @@ from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, Ves
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import usable_fixes
+from sim.fitting.wiring.record import Wiring
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """Steps that `diagnose` reports, in this order; shares run from 0 to 1 within each."""
@@ -65,6 +66,7 @@ class Diagnosis:
     confused, withdrawn   see `DiagnosisVerdict`
     visible               by effect, detection limit in public units and its unit
     problems              by log
+    wiring                what was found of signs and sides before; `base` has the thrusters as they are connected
     """
 
     base: VesselFile
@@ -87,6 +89,12 @@ class Diagnosis:
     problems: dict[str, list[LogProblem]]
     seed: int
     runtime_s: float
+    wiring: Wiring = field(default_factory=Wiring)
+
+    def with_wiring(self, wiring: Wiring) -> Diagnosis:
+        """This diagnosis after what was put right beforehand: where nothing else is wrong, that is what is named."""
+        verdict = "named" if self.verdict == "none" and wiring.corrected else self.verdict
+        return replace(self, wiring=wiring, verdict=verdict)
 
     @property
     def ambiguous_with(self) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
+from sim.fitting.wiring.record import Wiring
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
 """Steps that `identify` reports progress of, in their order; shares run from 0 to 1 within each."""
@@ -103,6 +104,7 @@ class Identification:
     departures   how the models diverge from the held-out data; models in the order of `validation.scores`
     problems     by name of the log
     stamps       in order of time
+    wiring       what was found of signs and sides before; `base` has the thrusters as they are connected
     """
 
     base: VesselFile
@@ -119,6 +121,7 @@ class Identification:
     problems: dict[str, list[LogProblem]]
     verdict: IdentificationVerdict
     stamps: tuple[Stamp, ...]
+    wiring: Wiring = field(default_factory=Wiring)
 
 
 def identify(

@@ -19,6 +19,7 @@ from sim.fitting.taylor.taylor_file import AXES, TaylorFile, taylor_file, taylor
 from sim.fitting.validate.divergence import Departure
 from sim.fitting.validate.scores import Score
 from sim.fitting.validate.stability import Stability
+from sim.fitting.wiring import record as wiring_record
 
 Number = float | None
 Numbers = tuple[Number, ...]
@@ -123,6 +124,7 @@ class Record(_Struct, frozen=True, kw_only=True):
     vessel_sha256: str
     stamps: tuple[StampRecord, ...]
     choices: tuple[ChoiceRecord, ...]
+    wiring: wiring_record.Wiring = wiring_record.Wiring()
     logs: tuple[IdentifyLog, ...]
     structured: FitResult
     series: tuple[TaylorRecord, ...]
@@ -146,6 +148,8 @@ def outputs(
     files = {VESSEL: vessel_toml(identification.identified, comment).encode()}
     if identification.series:
         files[TAYLOR] = taylor_json(_file(identification, identification.series[0])) + b"\n"
+    if identification.wiring.vessel_changed:
+        files[wiring_record.VESSEL] = vessel_toml(identification.base, wiring_record.COMMENT).encode()
     files[REPORT] = identify_report(identification).encode()
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     made = record(identification, vessel_text, versions, command, hashes)
@@ -174,6 +178,7 @@ def record(
         vessel_sha256=hashlib.sha256(vessel_text.encode()).hexdigest(),
         stamps=tuple(StampRecord(what=s.what, utc=s.utc) for s in identification.stamps),
         choices=tuple(ChoiceRecord(what=c.what, value=c.value, made=c.made) for c in choices(identification)),
+        wiring=identification.wiring,
         logs=tuple(_log(identification, i) for i in range(len(identification.split.used))),
         structured=identification.structured,
         series=tuple(_taylor(identification, one) for one in identification.series),

@@ -19,6 +19,9 @@ from companion.logs.runs.unwrap import integrated
 SPAN_S = 2.0  # T, at least two intervals of fixes: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
 HOLE_S = 1.5  # longest gap between samples that is interpolated
 LEAST = 20  # least number of instants t
+POOR, GOOD = 0.2, 0.4  # share explained that is too little as logged, and enough otherwise; good logs: 0.6 to 0.96
+UNITS = {"g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000, "cm/s^2": 0.01}
+UNIT_OFF = 0.3  # share by which the factor may miss that of a unit: noise of the accelerometers lowers it; assumed
 
 
 def explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, float] | None:
@@ -51,6 +54,11 @@ def explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, 
     y, x = (rest - free @ np.linalg.lstsq(free, rest, rcond=None)[0]).T
     cross, own, whole = float(x @ y), float(x @ x), float(y @ y)
     return (cross**2 / (own * whole), cross / own) if own > 0 and whole > 0 else None
+
+
+def unit_of(share: float, factor: float) -> str | None:
+    """The unit of accelerations by share and factor of `explained`; None: m/s^2, or not clear."""
+    return next((u for u, f in UNITS.items() if share >= GOOD and abs(factor / f - 1) <= UNIT_OFF), None)
 
 
 def _gravity(run: Run, t_s: np.ndarray) -> np.ndarray:

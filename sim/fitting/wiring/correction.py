@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -54,6 +54,11 @@ def turn(quarters: int) -> Matrix:
     """Rotation by so many quarter turns, exactly."""
     c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
     return ((c, -s), (s, c))
+
+
+def scaled(factor: float) -> Matrix:
+    """The same direction, `factor` times as long."""
+    return ((factor, 0.0), (0.0, factor))
 
 
 HEADINGS = tuple(

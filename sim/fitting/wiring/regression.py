@@ -1,13 +1,15 @@
 """How well the thrusters of a vessel file explain one log: speeds follow forces, without a model of the hull.
 
-    yaw           psi(t + T) - psi(t - T) = integral of  sum_k c_k L_k (N - k (M22 - M11) u v)
-    surge, sway   p(t + T) - p(t - T)     = integral of  R(psi) [sum_k a_k L_k (X + k M22 v r), sum_k b_k L_k (Y - k M11 u r)]
+    psi(t + T) - psi(t - T) = integral of r              r = sum_i c_i L_i (N - k (M22 - M11) u v)
+    p(t + T) - p(t - T)     = integral of R(psi) [u v]   u = sum_i a_i L_i (X + k M22 v r)
+                                                         v = sum_i b_i L_i (Y - k M11 u r)
 
-tau = B f: pulses through map, dead time and lag. L_k: first-order lags of 0.4 to 6 s with gains a, b, c not below zero,
-so that a force pushes the boat where it points and water brakes it, whatever its inertia and damping. Each thruster may
-be up to `UNEVEN` times as strong as another; Coriolis and Munk forces count k = 0 to `COUPLING` times. Constant
-speeds in earth and body axes (current, wind) and the lever arm of the positions are free. Only heading, positions and
-pulse widths are used.
+tau = B f: pulses through map, dead time and lag. L_i: first-order lags of 0.4 to 6 s with gains a, b, c not below zero:
+a force pushes the boat where it points and water brakes it, whatever its inertia and damping. Each thruster may be up
+to `UNEVEN` times as strong as another; Coriolis and Munk forces count k = 0 to `COUPLING` times, u, v, r in them as
+measured. Constant speeds in earth and body axes (current, wind) and the lever arm of the positions are free. Gains have
+a wide prior around one over the file's mass: else what hardly acts would be explained by any force, scaled up. Only
+heading, positions and pulse widths are used.
 """
 
 from __future__ import annotations
@@ -56,7 +58,10 @@ class Axis:
     coupled: np.ndarray
 
     def columns(self, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (m, c) of thruster forces in this axis `force` (g, n), and what of one over mass each stands for (c,)."""
+        """Columns (m, c) of the thruster forces `force` (g, n) along this axis, and their initial response (c,).
+
+        Response in units of one over mass.
+        """
         mixes = _mixes(force.shape[1])
         found, share = [], []
         for lag_s, coupled in zip(LAGS_S, self.of_coupled, strict=True):
@@ -74,7 +79,7 @@ class Axis:
 def lagged(x: np.ndarray, lag_s: float) -> np.ndarray:
     """First-order lag of `x` (g, c) on the grid."""
     keep = np.exp(-GRID_S / lag_s)
-    return lfilter([1 - keep], [1, -keep], x, axis=0)
+    return np.asarray(lfilter([1 - keep], [1, -keep], x, axis=0))
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ class Regression:
         """
         found = [axis.columns(forces * row) for axis, row in zip(self.axes, B, strict=True)]
         X = without(self.basis, np.column_stack([columns for columns, _ in found]))
-        prior = block_diag(*[share for _, share in found]) / GAIN_SIGMA
+        prior = np.asarray(block_diag(*(share for _, share in found))) / GAIN_SIGMA
         own = np.full(len(prior), 1.0 / GAIN_SIGMA)
         weight = 1.0 / np.sqrt(self.sigma2 * PER_SAMPLE)
         full = np.vstack([weight * X, prior])
@@ -109,7 +114,7 @@ def without(basis: np.ndarray, X: np.ndarray) -> np.ndarray:
 
 
 def _mixes(n: int) -> np.ndarray:
-    """Gains (s, n), the first all ones, whose positive sums have ratios up to `UNEVEN`; for many thrusters, one apart."""
+    """Gains (s, n), the first all ones, whose positive sums have ratios up to `UNEVEN`; of many, one apart."""
     if n <= 4:
         return np.array([g for g in product((1.0, UNEVEN), repeat=n) if min(g) == 1.0])
     return np.array([np.ones(n), *(1.0 + (UNEVEN - 1.0) * np.eye(n))])

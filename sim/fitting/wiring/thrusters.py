@@ -22,7 +22,7 @@ SAME_PLACE_M = 0.05
 
 @dataclass(frozen=True)
 class Way:
-    """One way. `name`: as in reports, empty for the file as it is; `faults`: how many things went wrong; `text`: words."""
+    """One way. `name`: as in reports, empty for the file as it is; `text`: in words; `faults`: how many."""
 
     name: str
     text: str
@@ -42,7 +42,9 @@ def ways(vessel: VesselFile) -> list[Way]:
         moved = exchanged(vessel, moves, "")
         for sign, sign_text, which in turned:
             one = reversed_ones(moved, which, "")
-            key = tuple((t.x_m, t.y_m, t.azimuth_deg, t.force_map, t.gain, t.trim_us, t.mirrored) for t in one.thrusters)
+            key = tuple(
+                (t.x_m, t.y_m, t.azimuth_deg, t.force_map, t.gain, t.trim_us, t.mirrored) for t in one.thrusters
+            )
             if key not in seen:
                 seen.add(key)
                 name = "+".join(n for n in (place, sign) if n)
@@ -52,13 +54,13 @@ def ways(vessel: VesselFile) -> list[Way]:
 
 
 def exchanged(vessel: VesselFile, moves: Mapping[str, str], note: str) -> VesselFile:
-    """`vessel` where the command of each thruster in `moves` drives what stood in the file as the other, and is wired so.
+    """`vessel` where the command of each thruster in `moves` drives the one that stands in the file as the other.
 
     `note` is added to the `source` of what moved.
     """
     by_name = {t.name: t for t in vessel.thrusters}
     moved = [
-        replace(there, **{k: getattr(t, k) for k in STAY_AT}, source=noted(there.source, note))
+        replace(there, **{k: getattr(t, k) for k in STAY_AT}, source=append_note(there.source, note))
         if (there := by_name[moves.get(t.name, t.name)]) is not t
         else t
         for t in vessel.thrusters
@@ -74,21 +76,19 @@ def exchanged(vessel: VesselFile, moves: Mapping[str, str], note: str) -> Vessel
 def reversed_ones(vessel: VesselFile, names: Sequence[str], note: str) -> VesselFile:
     """`vessel` with the pulses of the thrusters `names` mirrored about neutral."""
     turned = [
-        replace(t, mirrored=not t.mirrored, source=noted(t.source, note)) if t.name in names else t
+        replace(t, mirrored=not t.mirrored, source=append_note(t.source, note)) if t.name in names else t
         for t in vessel.thrusters
     ]
     return replace(vessel, thrusters=tuple(turned))
 
 
-def noted(source: str, note: str) -> str:
+def append_note(source: str, note: str) -> str:
     """`source` of a table with `note` appended once."""
     return source if note in source else f"{source}; {note}"
 
 
 def _swaps(names: Sequence[str]) -> list[tuple[str, str, dict[str, str]]]:
-    return [
-        (f"swapped:{a}+{b}", f"{a} and {b} have changed places", {a: b, b: a}) for a, b in combinations(names, 2)
-    ]
+    return [(f"swapped:{a}+{b}", f"{a} and {b} have changed places", {a: b, b: a}) for a, b in combinations(names, 2)]
 
 
 def _mirrors(vessel: VesselFile) -> list[tuple[str, str, dict[str, str]]]:

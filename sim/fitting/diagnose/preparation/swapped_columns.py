@@ -1,25 +1,21 @@
 """Swapped or reversed columns: positions, heading and accelerations of a log against each other, without a model.
 
-How: `sim.fitting.wiring.accelerations`. If the columns as they are
-explain little of the variance of the left side, but explain it well with two of them swapped or one reversed, the log
-is refused: a diagnosis would blame the boat. So is one with accelerations in another unit; any other factor is told.
+If the columns as they are explain little of how the positions move (`sim.fitting.wiring.accelerations`), but much with
+two of them swapped or one reversed, the log is refused: a diagnosis would blame the boat. So is one with accelerations
+in another unit; any other factor is told. `sim.fitting.wiring` puts most of this right before it comes here.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from companion.core.constants import GRAVITY_M_S2
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.split import JobError
-from sim.fitting.wiring.accelerations import explained
+from sim.fitting.wiring.accelerations import GOOD, POOR, explained, unit_of
 
 NEEDED = ("psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
-POOR, GOOD = 0.2, 0.4  # variance explained as it is, and otherwise, at which a log is refused; good logs: 0.6 to 0.96
 SCALE = (0.33, 3.0)  # range of the factor on accelerations; outside it something is strange; assumed
-UNITS = {"g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000, "cm/s^2": 0.01}
-UNIT_OFF = 0.3  # share by which the factor may miss that of a unit: noise of the accelerometers lowers it; assumed
 SLIPS = {
     "north_m, east_m: swapped": (np.array([[0, 1], [1, 0]]), np.eye(2)),
     "ax_m_s2, ay_m_s2: swapped": (np.eye(2), np.array([[0, 1], [1, 0]])),
@@ -44,8 +40,7 @@ def reject_swapped_columns(run: Run) -> None:
     if as_it_is is None:
         return
     share, scale = as_it_is
-    unit = next((unit for unit, factor in UNITS.items() if abs(scale / factor - 1) <= UNIT_OFF), None)
-    if share >= GOOD and unit:
+    if unit := unit_of(share, scale):
         raise JobError(
             f"{name}: ax_m_s2, ay_m_s2: positions show {scale:.3g} times these accelerations: they are in {unit}; "
             "write them in m/s^2, or leave both columns blank"

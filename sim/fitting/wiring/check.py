@@ -20,7 +20,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.wiring.correction import Correction
-from sim.fitting.wiring.evidence import Candidate, candidates, nats_of
+from sim.fitting.wiring.evidence import Candidate, Evidence, candidates, evidence
 from sim.fitting.wiring.record import SURE_NATS, Finding, Wiring
 from sim.fitting.wiring.sensors import findings_by_log, gyro_fault, imu_fault
 from sim.fitting.wiring.thrusters import append_note
@@ -29,6 +29,9 @@ RIVAL_NATS = 1.0
 """Least nats over the next best of what is named; `SURE_NATS` over the file as it is. Right logs: below 0."""
 HINT_NATS, OPEN_NATS = 3.0, 3.0
 """Nats from which on something is told though not named; what is nearer than that to the best is a rival."""
+EXPLAINED, LEFT = 0.4, 0.75
+"""Least share of the variance that it explains in surge and sway or in yaw, and largest share of what the file leaves
+that it leaves there: thrusters that fight wind and waves push against the motion and explain little (docs/wiring.md)."""
 NOTE = "wiring as the logs show it"
 
 
@@ -63,12 +66,12 @@ def checked(
     gyro = _each(gyro_fault, runs)
     _apply(gyro, runs)
     # 2. Thrusters, heading and positions, by all fitted logs together.
-    tried, nats = candidates(vessel), {}
+    tried, seen = candidates(vessel), {}
     for i, log in enumerate(logs):
         say(log.name, i / len(logs))
-        if log.name in runs and (found := nats_of(runs[log.name], vessel, tried)) is not None:
-            nats[log.name] = found
-    best, findings, unknown = _decided(nats, tried)
+        if log.name in runs and (found := evidence(runs[log.name], vessel, tried)) is not None:
+            seen[log.name] = found
+    best, findings, unknown = _decided(seen, tried)
     alike = {log.name for log in reference if log.name in runs and best and _shows(best, runs[log.name], vessel)}
     if best and best.motion:
         moved = [name for name in runs if name in alike or name not in {log.name for log in reference}]
@@ -85,7 +88,7 @@ def checked(
     wiring = Wiring(
         findings=tuple(findings),
         unknown=unknown,
-        logs=len(nats),
+        logs=len(seen),
         as_found=as_found and bool(findings),
         left_out=() if as_found else left_out,
     )
@@ -113,8 +116,8 @@ def _apply(corrections: Mapping[str, Correction], runs: dict[str, Run]) -> None:
 
 def _shows(best: Candidate, run: Run, vessel: VesselFile) -> bool:
     """Whether a log by itself speaks for `best`, too."""
-    found = nats_of(run, vessel, [Candidate(), best])
-    return found is not None and bool(found[1] > 0)
+    found = evidence(run, vessel, [Candidate(), best])
+    return found is not None and bool(found.nats[1] > 0)
 
 
 def _able(run: Run, vessel: VesselFile) -> bool:
@@ -134,32 +137,31 @@ def _noted(changed: VesselFile, vessel: VesselFile) -> VesselFile:
 
 
 def _decided(
-    nats: dict[str, np.ndarray], tried: Sequence[Candidate]
+    seen: Mapping[str, Evidence], tried: Sequence[Candidate]
 ) -> tuple[Candidate | None, list[Finding], tuple[str, ...]]:
     """What is to be put right, what is told, and which single faults the logs leave open."""
-    if not nats:
-        return None, [], tuple(one.text for one in tried if one.faults == 1)
-    total = np.sum(list(nats.values()), axis=0)
-    order = np.argsort(-total, kind="stable")
-    first, best = tried[order[0]], float(total[order[0]])
-    near = [tried[i] for i in order[1:] if total[i] > best - OPEN_NATS and tried[i].faults == 1]
-    if best < HINT_NATS:
-        return (
-            None,
-            [],
-            tuple(one.text for one, n in zip(tried, total, strict=True) if one.faults == 1 and n > -OPEN_NATS),
-        )
-    rivals = tuple(one.text for one in near if one is not first)
-    against = tuple(name for name, found in nats.items() if found[order[0]] < -SURE_NATS)
-    clear = best >= SURE_NATS and best - total[order[1]] >= RIVAL_NATS and not against
+    if not seen:
+        return None, [], ()
+    logs = list(seen.values())
+    whole = sum(logs[1:], logs[0])
+    nats, order = whole.nats, np.argsort(-whole.nats, kind="stable")
+    best = int(order[0])
+    less = whole.left[:, best] <= LEFT * whole.left[:, 0]
+    explains = bool((less & (whole.explained[:, best] >= EXPLAINED)).any())
+    if nats[best] < HINT_NATS or not explains:
+        near = [i for i in order if nats[i] > -OPEN_NATS and tried[i].faults == 1]
+        return None, [], tuple(tried[i].text for i in near)
+    near = [i for i in order[1:] if nats[i] > nats[best] - OPEN_NATS and tried[i].faults == 1]
+    against = tuple(name for name, one in seen.items() if one.nats[best] < -SURE_NATS)
+    clear = bool(nats[best] >= SURE_NATS and nats[best] - nats[order[1]] >= RIVAL_NATS and not against)
     finding = Finding(
-        name=first.name,
-        text=first.text,
-        nats=round(best, 1),
-        logs=tuple(nats),
+        name=tried[best].name,
+        text=tried[best].text,
+        nats=round(float(nats[best]), 1),
+        logs=tuple(seen),
         certain=clear,
-        rivals=rivals,
+        rivals=tuple(tried[i].text for i in near),
         against=against,
-        thrusters=first.way is not None,
+        thrusters=tried[best].way is not None,
     )
-    return (first if clear else None), [finding], ()
+    return (tried[best] if clear else None), [finding], ()

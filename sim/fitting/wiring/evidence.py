@@ -53,25 +53,55 @@ def candidates(vessel: VesselFile) -> list[Candidate]:
     return found + [Candidate(motion=m) for m in (*HEADINGS, *MIRRORED)]
 
 
-def nats_of(run: Run, vessel: VesselFile, tried: Sequence[Candidate]) -> np.ndarray | None:
-    """Nats of each candidate over the first, (len(tried),); None where the log holds too little."""
+@dataclass(frozen=True)
+class Evidence:
+    """What logs say of each candidate. `nats`: over the first, (c,).
+
+    left     squared residuals of plane and yaw, (2, c)
+    whole    what there is to explain in either, (2,)
+    """
+
+    nats: np.ndarray
+    left: np.ndarray
+    whole: np.ndarray
+
+    def __add__(self, other: Evidence) -> Evidence:
+        return Evidence(self.nats + other.nats, self.left + other.left, self.whole + other.whole)
+
+    @property
+    def explained(self) -> np.ndarray:
+        """Share of the variance that each candidate explains of plane and yaw, (2, c)."""
+        return 1.0 - self.left / np.maximum(self.whole, 1e-12)[:, None]
+
+
+def evidence(run: Run, vessel: VesselFile, tried: Sequence[Candidate]) -> Evidence | None:
+    """Of one log for each candidate; None where it holds too little."""
     design, found = log_design(run, vessel), []
     for one in tried:
         own = log_design(one.motion.apply(run), vessel) if one.motion else design
         if own is None:
             return None
         found.append(_misfit(own, one.way.vessel if one.way else vessel))
+    assert design is not None
     prior = np.array([RARE_NATS * max(one.faults - 1, 0) for one in tried])
-    return np.array([found[0].over(one) for one in found]) - prior
+    return Evidence(
+        nats=np.array([found[0].over(one) for one in found]) - prior,
+        left=np.array([one.left for one in found]).T,
+        whole=np.array([design.plane.y @ design.plane.y, design.yaw.y @ design.yaw.y]),
+    )
 
 
 @dataclass(frozen=True)
 class _Misfit:
-    """Squared residuals by block, (b,) for plane and yaw, with what a block has at least; distance of the gains."""
+    """Squared residuals by block, (b,) for plane and yaw, with what a block has at least; distance of the gains.
+
+    `left`: the sums of squares themselves, of plane and yaw.
+    """
 
     plane: np.ndarray
     yaw: np.ndarray
     far: float
+    left: tuple[float, float]
 
     def over(self, other: _Misfit) -> float:
         """Nats of `other` over this one."""
@@ -85,7 +115,8 @@ def _misfit(design: LogDesign, vessel: VesselFile) -> _Misfit:
     rows = np.bincount(block)
     least = rows + (rows == 0)  # a block without rows counts 0
     return _Misfit(
-        np.bincount(block, plane) + 2 * least * design.plane.sigma2,
-        np.bincount(block, yaw) + least * design.yaw.sigma2,
-        far,
+        plane=np.bincount(block, plane) + 2 * least * design.plane.sigma2,
+        yaw=np.bincount(block, yaw) + least * design.yaw.sigma2,
+        far=far,
+        left=(float(plane.sum()), float(yaw.sum())),
     )

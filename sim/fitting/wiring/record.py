@@ -76,8 +76,8 @@ class Wiring(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         rivals = f" These logs hardly tell it from: {_listed(f.rivals)}." if f.rivals else ""
         if not f.certain and f.rivals and not f.against and (f.nats or 0.0) >= SURE_NATS:
             return (
-                f"{HEAD} not as the file says: either {_listed((f.text, *f.rivals))}{by}. These logs cannot tell which, "
-                f"so it is left as it is, and no fit to them is to be trusted. {TEST}"
+                f"{HEAD} not as the file says: either {_listed((f.text, *f.rivals))}{by}. These logs cannot tell "
+                f"which: it is left as it is, and no fit to them is to be trusted. {TEST}"
             )
         if not f.certain:
             why = f"; otherwise in {', '.join(f.against)}" if f.against else ""
@@ -88,9 +88,11 @@ class Wiring(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return f"{HEAD} {f.text}{by}. The fit goes on with that put right; {then}.{rivals}"
 
 
+LISTED = 4
 HEAD = "Signs and sides:"
 TEST = "Let each thruster push alone for some seconds, ahead and astern, and log that."
 
 
 def _listed(texts: tuple[str, ...]) -> str:
-    return "; or ".join(texts)
+    more = len(texts) - LISTED
+    return "; or ".join([*texts[:LISTED], *([f"{more} others"] if more > 0 else [])])

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.thrusters import configuration_matrix
 
 STAY_AT = ("name", "channel")
 """Keys that stay when thrusters change places: a command keeps its name and its channel."""
@@ -31,7 +32,7 @@ class Way:
 
 
 def ways(vessel: VesselFile) -> list[Way]:
-    """All ways, the file as it is first, none twice."""
+    """All ways, the file as it is first; of those that push alike (two thrusters in one line) the first."""
     names = [t.name for t in vessel.thrusters]
     places = [("", "", dict[str, str]()), *_swaps(names), *_mirrors(vessel)]
     turned = [("", "", list[str]())]
@@ -42,9 +43,9 @@ def ways(vessel: VesselFile) -> list[Way]:
         moved = exchanged(vessel, moves, "")
         for sign, sign_text, which in turned:
             one = reversed_ones(moved, which, "")
-            key = tuple(
-                (t.x_m, t.y_m, t.azimuth_deg, t.force_map, t.gain, t.trim_us, t.mirrored) for t in one.thrusters
-            )
+            B = configuration_matrix(one).round(6).T.tolist()
+            pairs = zip(B, one.thrusters, strict=True)
+            key = tuple((*column, t.force_map, t.gain, t.trim_us, t.mirrored) for column, t in pairs)
             if key not in seen:
                 seen.add(key)
                 name = "+".join(n for n in (place, sign) if n)

@@ -117,7 +117,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
                 [log.run for log in found.logs], found.vessel, reference=calm[0] if calm else None,
                 held_out=[log.run for log in found.held_out], block_s=args.block, more=more, without=args.without,
                 known=args.believe, identifiability=identifiability, say=say, seed=args.seed, clock=time.monotonic,
-            ).with_wiring(found.wiring)  # fmt: skip
+            ).with_wiring(found.wiring, vessel)  # fmt: skip
             say("report", "" if args.no_report else "tables and pictures", 0.0)
             files = record.outputs(
                 diagnosis, inputs.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report

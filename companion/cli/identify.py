@@ -9,7 +9,6 @@ import argparse
 import hashlib
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -94,7 +93,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
             say("reading", "", 1.0)
             found = check.checked(logs, held_out, vessel, as_found=args.as_found, say=partial(say, "signs and sides"))
             identification = job.identify(found.logs, found.held_out, found.vessel, choices, now_utc, say)
-            identification = replace(identification, wiring=found.wiring)
+            identification = identification.with_wiring(found.wiring)
             say("report", "tables and pictures", 0.0)
             files = record.outputs(identification, inputs.vessel_text, versions(), sys.argv[1:])
             for name, data in files.items():

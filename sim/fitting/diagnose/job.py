@@ -37,6 +37,7 @@ from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import usable_fixes
 from sim.fitting.wiring.record import Wiring
+from sim.fitting.wiring.thrusters import restored
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """Steps that `diagnose` reports, in this order; shares run from 0 to 1 within each."""
@@ -91,10 +92,17 @@ class Diagnosis:
     runtime_s: float
     wiring: Wiring = field(default_factory=Wiring)
 
-    def with_wiring(self, wiring: Wiring) -> Diagnosis:
-        """This diagnosis after what was put right beforehand: where nothing else is wrong, that is what is named."""
+    def with_wiring(self, wiring: Wiring, given: VesselFile) -> Diagnosis:
+        """This diagnosis of logs and of the file `given` after what was put right in them is as `wiring` says.
+
+        Where nothing else is wrong, that is what is named. Files without causes have the thrusters as given.
+        """
         verdict = "named" if self.verdict == "none" and wiring.corrected else self.verdict
-        return replace(self, wiring=wiring, verdict=verdict)
+        files = self.files
+        if wiring.vessel_changed:
+            refitted, numbers = (restored(vessel, given) for vessel in (files.refitted, files.numbers))
+            files = replace(files, refitted=refitted, numbers=numbers)
+        return replace(self, wiring=wiring, verdict=verdict, files=files)
 
     @property
     def ambiguous_with(self) -> tuple[str, ...]:

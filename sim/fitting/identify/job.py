@@ -8,7 +8,7 @@ Pure: logs are Runs, the time comes from `now`, the seed from `Choices`; nothing
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, smoot
 from sim.fitting.engine.split import JobError, NamedLog, Split, split
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.identify.verdict import NAMES, IdentificationVerdict, verdict
+from sim.fitting.identify.verdict import KEEP, NAMES, IdentificationVerdict, verdict
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.pipeline import PaperMotion, forces_kgf, paper_motion, smoother_samples
 from sim.fitting.taylor.regression import Samples, TaylorFit, least_squares, noise_shift
@@ -29,7 +29,7 @@ from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
-from sim.fitting.wiring.record import Wiring
+from sim.fitting.wiring.record import VESSEL, Wiring
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
 """Steps that `identify` reports progress of, in their order; shares run from 0 to 1 within each."""
@@ -122,6 +122,14 @@ class Identification:
     verdict: IdentificationVerdict
     stamps: tuple[Stamp, ...]
     wiring: Wiring = field(default_factory=Wiring)
+
+    def with_wiring(self, wiring: Wiring) -> Identification:
+        """This identification after what was put right in logs and vessel file is as `wiring` says."""
+        if not wiring.vessel_changed:
+            return replace(self, wiring=wiring)
+        keep = f"{KEEP.removesuffix('.')}, with its thrusters put right ({VESSEL})."
+        lines = tuple(line.replace(KEEP, keep) for line in self.verdict.lines)
+        return replace(self, wiring=wiring, verdict=replace(self.verdict, lines=lines))
 
 
 def identify(

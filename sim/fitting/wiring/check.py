@@ -23,7 +23,7 @@ from sim.fitting.wiring.correction import Correction
 from sim.fitting.wiring.evidence import Candidate, Evidence, candidates, evidence
 from sim.fitting.wiring.record import SURE_NATS, Finding, Wiring
 from sim.fitting.wiring.sensors import findings_by_log, gyro_fault, imu_fault
-from sim.fitting.wiring.thrusters import append_note
+from sim.fitting.wiring.thrusters import DEAD, append_note
 
 RIVAL_NATS = 1.0
 """Least nats over the next best of what is named; `SURE_NATS` over the file as it is. Right logs: below 0."""
@@ -31,7 +31,7 @@ HINT_NATS, OPEN_NATS = 3.0, 3.0
 """Nats from which on something is told though not named; what is nearer than that to the best is a rival."""
 EXPLAINED, LEFT = 0.4, 0.75
 """Least share of the variance that it explains in surge and sway or in yaw, and largest share of what the file leaves
-that it leaves there: thrusters that fight wind and waves push against the motion and explain little (docs/wiring.md)."""
+that it leaves there. Thrusters that fight wind and waves push against the motion, and explain little of it."""
 NOTE = "wiring as the logs show it"
 
 
@@ -148,9 +148,11 @@ def _decided(
     best = int(order[0])
     less = whole.left[:, best] <= LEFT * whole.left[:, 0]
     explains = bool((less & (whole.explained[:, best] >= EXPLAINED)).any())
+    if tried[best].name.startswith(DEAD) and nats[best] >= HINT_NATS:
+        return None, [], ()
     if nats[best] < HINT_NATS or not explains:
-        near = [i for i in order if nats[i] > -OPEN_NATS and tried[i].faults == 1]
-        return None, [], tuple(tried[i].text for i in near)
+        near = [tried[i] for i in order if nats[i] > -OPEN_NATS and tried[i].faults == 1]
+        return None, [], tuple(one.text for one in near if not one.name.startswith(DEAD))
     near = [i for i in order[1:] if nats[i] > nats[best] - OPEN_NATS and tried[i].faults == 1]
     against = tuple(name for name, one in seen.items() if one.nats[best] < -SURE_NATS)
     clear = bool(nats[best] >= SURE_NATS and nats[best] - nats[order[1]] >= RIVAL_NATS and not against)

@@ -37,6 +37,7 @@ GRID_S = 0.1
 STEP_S = 0.5  # between instants t
 PLANE_S, YAW_S = 1.0, 0.5  # T: noise of speed and yaw rate below 0.1 m/s and 0.02 rad/s
 LAGS_S = (0.4, 1.5, 6.0)  # of small boats: yaw below 2 s, surge and sway up to 10 s
+MOST_S = 600.0  # of a log, where its commands change most often: more says nothing new
 LEAST = 20  # instants of a log that can be judged
 UNEVEN = 1.3  # largest ratio of two thrusters' gains, beside the file's own; assumed
 GAIN_SIGMA = 0.6  # of the gains as shares of the file's; assumed
@@ -149,12 +150,15 @@ def log_design(run: Run, vessel: VesselFile) -> LogDesign | None:
     # 1. Instants with heading and positions all around, and the motion on a grid.
     t_psi, psi = unwrapped(run)
     t_fix, fixes = run.samples("north_m", "east_m")
-    t_pwm, _ = run.commands()
+    t_pwm = pulses_of(run, vessel).t_s
     if min(len(t_psi), len(t_fix)) < LEAST or not len(t_pwm):
         return None
     t_fix = t_fix - vessel.sensors.position.latency_s
     span_s = max(PLANE_S, float(np.median(np.diff(t_fix))))
     begin, end = max(t_psi[0], t_fix[0], t_pwm[0]), min(t_psi[-1], t_fix[-1])
+    if end - begin > MOST_S:
+        begin = _liveliest(run.commands()[0], begin, end - MOST_S)
+        end = begin + MOST_S
     grid = np.arange(begin, end, GRID_S)
     at = np.arange(begin + span_s, end - span_s, STEP_S)
     at = np.array([t for t in at if unbroken(t_fix, t, span_s) and unbroken(t_psi, t, span_s)])
@@ -184,6 +188,12 @@ def log_design(run: Run, vessel: VesselFile) -> LogDesign | None:
     turn = first(t_psi, psi[:, None], YAW_S)
     yaw = _regression(turn, NOISE_RAD, [about(one)], (Axis(about, M33, (M11 - M22) * u * v),))
     return LogDesign(run, grid, at, plane, yaw)
+
+
+def _liveliest(changes_s: np.ndarray, low_s: float, high_s: float) -> float:
+    """Begin of the `MOST_S` in which commands change most often, between `low_s` and `high_s`."""
+    count = np.searchsorted(changes_s, changes_s + MOST_S) - np.arange(len(changes_s))
+    return float(np.clip(changes_s[count.argmax()], low_s, high_s))
 
 
 def _regression(y: np.ndarray, noise: float, free: Sequence[np.ndarray], axes: tuple[Axis, ...]) -> Regression:

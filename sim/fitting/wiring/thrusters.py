@@ -2,6 +2,7 @@
 
 Every way is tried as a whole: thrusters that changed places (each pair, port with starboard, fore with aft, both), all
 of them or one turned round, and one of each together. A command keeps its name and channel; what it drives changes.
+Thrusters that do not push are tried beside them: those are left to the fit.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from companion.core.model.thrusters import configuration_matrix
 STAY_AT = ("name", "channel")
 """Keys that stay when thrusters change places: a command keeps its name and its channel."""
 SAME_PLACE_M = 0.05
+DEAD = "dead:"
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,13 @@ def ways(vessel: VesselFile) -> list[Way]:
                 name = "+".join(n for n in (place, sign) if n)
                 text = ", and ".join(t for t in (place_text, sign_text) if t)
                 found.append(Way(name, text, bool(place) + bool(sign), one))
-    return found
+    return found + [_dead(vessel, name) for name in names]
+
+
+def _dead(vessel: VesselFile, name: str) -> Way:
+    """A thruster that does not push: no matter of wiring, but halfway to one that pushes the wrong way."""
+    thrusters = tuple(replace(t, gain=0.0) if t.name == name else t for t in vessel.thrusters)
+    return Way(f"{DEAD}{name}", f"{name} does not push", 1, replace(vessel, thrusters=thrusters))
 
 
 def exchanged(vessel: VesselFile, moves: Mapping[str, str], note: str) -> VesselFile:
@@ -81,6 +89,19 @@ def reversed_ones(vessel: VesselFile, names: Sequence[str], note: str) -> Vessel
         for t in vessel.thrusters
     ]
     return replace(vessel, thrusters=tuple(turned))
+
+
+def restored(vessel: VesselFile, given: VesselFile) -> VesselFile:
+    """`vessel` with its commands driving the places that they have in `given`, and its numbers where they belong."""
+    at = {(t.x_m, t.y_m, t.azimuth_deg): t for t in vessel.thrusters}
+    there = {t.name: at[t.x_m, t.y_m, t.azimuth_deg] for t in given.thrusters}
+    thrusters = (
+        replace(there[t.name], name=t.name, channel=t.channel, mirrored=t.mirrored, source=t.source)
+        for t in given.thrusters
+    )
+    names = {now.name: name for name, now in there.items()}
+    wash = tuple(replace(w, behind=names[w.behind], ahead=names[w.ahead]) for w in vessel.propulsion.wash)
+    return replace(vessel, thrusters=tuple(thrusters), propulsion=replace(vessel.propulsion, wash=wash))
 
 
 def append_note(source: str, note: str) -> str:

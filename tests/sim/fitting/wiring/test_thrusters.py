@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Wash
 from companion.core.model.thrusters import configuration_matrix, force_from_pwm
-from sim.fitting.wiring.thrusters import exchanged, reversed_ones, ways
+from sim.fitting.wiring.thrusters import exchanged, restored, reversed_ones, ways
 from tests.support.vessel_fixtures import boat
 
 BOAT, TWIN = boat("aritra"), boat("twin")
@@ -32,7 +32,7 @@ def test_the_reference_boat_has_these_single_faults():
 
 def test_two_thrusters_mirrored_are_two_swapped():
     assert [way.name for way in ways(TWIN) if way.faults == 1] == [
-        "reversed:port", "reversed:starboard", "reversed:all", "swapped:port+starboard",
+        "reversed:port", "reversed:starboard", "reversed:all", "swapped:port+starboard", "dead:port", "dead:starboard",
     ]  # fmt: skip
 
 
@@ -62,6 +62,7 @@ def test_changed_places_and_turned_thrusters_keep_names_and_go_back(order, turne
             place.x_m, place.y_m, place.azimuth_deg, t.name in turned,
         )  # fmt: skip
     assert exchanged(reversed_ones(moved, sorted(turned), "why"), back, "why").propulsion == washed.propulsion
+    assert restored(moved, washed) == washed
     plain = exchanged(reversed_ones(exchanged(washed, moves, ""), [], ""), back, "")
     np.testing.assert_array_equal(configuration_matrix(plain), configuration_matrix(washed))
 

@@ -36,7 +36,7 @@ from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, Ves
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import usable_fixes
-from sim.fitting.wiring.record import Wiring
+from sim.fitting.wiring.record import WiringReport
 from sim.fitting.wiring.thrusters import restored
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
@@ -90,9 +90,9 @@ class Diagnosis:
     problems: dict[str, list[LogProblem]]
     seed: int
     runtime_s: float
-    wiring: Wiring = field(default_factory=Wiring)
+    wiring: WiringReport = field(default_factory=WiringReport)
 
-    def with_wiring(self, wiring: Wiring, given: VesselFile) -> Diagnosis:
+    def with_wiring(self, wiring: WiringReport, given: VesselFile) -> Diagnosis:
         """This diagnosis of logs and of the file `given` after what was put right in them is as `wiring` says.
 
         Where nothing else is wrong, that is what is named. Files without causes have the thrusters as given.

@@ -29,7 +29,7 @@ from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
-from sim.fitting.wiring.record import VESSEL, Wiring
+from sim.fitting.wiring.record import VESSEL, WiringReport
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
 """Steps that `identify` reports progress of, in their order; shares run from 0 to 1 within each."""
@@ -121,9 +121,9 @@ class Identification:
     problems: dict[str, list[LogProblem]]
     verdict: IdentificationVerdict
     stamps: tuple[Stamp, ...]
-    wiring: Wiring = field(default_factory=Wiring)
+    wiring: WiringReport = field(default_factory=WiringReport)
 
-    def with_wiring(self, wiring: Wiring) -> Identification:
+    def with_wiring(self, wiring: WiringReport) -> Identification:
         """This identification after what was put right in logs and vessel file is as `wiring` says."""
         if not wiring.vessel_changed:
             return replace(self, wiring=wiring)

@@ -124,7 +124,7 @@ class Record(_Struct, frozen=True, kw_only=True):
     vessel_sha256: str
     stamps: tuple[StampRecord, ...]
     choices: tuple[ChoiceRecord, ...]
-    wiring: wiring_record.Wiring = wiring_record.Wiring()
+    wiring: wiring_record.WiringReport = wiring_record.WiringReport()
     logs: tuple[IdentifyLog, ...]
     structured: FitResult
     series: tuple[TaylorRecord, ...]

@@ -20,8 +20,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.wiring.correction import Correction
-from sim.fitting.wiring.evidence import Candidate, Evidence, candidates, evidence
-from sim.fitting.wiring.record import SURE_NATS, Finding, Wiring
+from sim.fitting.wiring.evidence import Connection, Evidence, candidates, evidence
+from sim.fitting.wiring.record import SURE_NATS, WiringFinding, WiringReport
 from sim.fitting.wiring.sensors import findings_by_log, gyro_fault, imu_fault
 from sim.fitting.wiring.thrusters import DEAD, append_note
 
@@ -43,7 +43,7 @@ class Checked:
     held_out: tuple[NamedLog, ...]
     reference: tuple[NamedLog, ...]
     vessel: VesselFile
-    wiring: Wiring
+    wiring: WiringReport
 
 
 def checked(
@@ -85,7 +85,7 @@ def checked(
     _apply(imu, runs)
     findings += findings_by_log(gyro, imu, runs)
     left_out = tuple(log.name for log in reference if best and best.way and log.name not in alike)
-    wiring = Wiring(
+    wiring = WiringReport(
         findings=tuple(findings),
         unknown=unknown,
         logs=len(seen),
@@ -114,9 +114,9 @@ def _apply(corrections: Mapping[str, Correction], runs: dict[str, Run]) -> None:
         runs[name] = correction.apply(runs[name])
 
 
-def _shows(best: Candidate, run: Run, vessel: VesselFile) -> bool:
+def _shows(best: Connection, run: Run, vessel: VesselFile) -> bool:
     """Whether a log by itself speaks for `best`, too."""
-    found = evidence(run, vessel, [Candidate(), best])
+    found = evidence(run, vessel, [Connection(), best])
     return found is not None and bool(found.nats[1] > 0)
 
 
@@ -137,8 +137,8 @@ def _noted(changed: VesselFile, vessel: VesselFile) -> VesselFile:
 
 
 def _decided(
-    seen: Mapping[str, Evidence], tried: Sequence[Candidate]
-) -> tuple[Candidate | None, list[Finding], tuple[str, ...]]:
+    seen: Mapping[str, Evidence], tried: Sequence[Connection]
+) -> tuple[Connection | None, list[WiringFinding], tuple[str, ...]]:
     """What is to be put right, what is told, and which single faults the logs leave open."""
     if not seen:
         return None, [], ()
@@ -156,7 +156,7 @@ def _decided(
     near = [i for i in order[1:] if nats[i] > nats[best] - OPEN_NATS and tried[i].faults == 1]
     against = tuple(name for name, one in seen.items() if one.nats[best] < -SURE_NATS)
     clear = bool(nats[best] >= SURE_NATS and nats[best] - nats[order[1]] >= RIVAL_NATS and not against)
-    finding = Finding(
+    finding = WiringFinding(
         name=tried[best].name,
         text=tried[best].text,
         nats=round(float(nats[best]), 1),

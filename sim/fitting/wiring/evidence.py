@@ -25,7 +25,7 @@ RARE_NATS = 3.0  # against each fault beyond the first; assumed
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Connection:
     """The file as it is (neither), thrusters connected in another way, or heading or positions in other axes."""
 
     way: Way | None = None
@@ -47,10 +47,10 @@ class Candidate:
         return self.way.faults if self.way else 1 if self.motion else 0
 
 
-def candidates(vessel: VesselFile) -> list[Candidate]:
+def candidates(vessel: VesselFile) -> list[Connection]:
     """All of them, the file as it is first."""
-    found = [Candidate(way=way) if way.faults else Candidate() for way in ways(vessel)]
-    return found + [Candidate(motion=m) for m in (*HEADINGS, *MIRRORED)]
+    found = [Connection(way=way) if way.faults else Connection() for way in ways(vessel)]
+    return found + [Connection(motion=m) for m in (*HEADINGS, *MIRRORED)]
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Evidence:
         return 1.0 - self.left / np.maximum(self.whole, 1e-12)[:, None]
 
 
-def evidence(run: Run, vessel: VesselFile, tried: Sequence[Candidate]) -> Evidence | None:
+def evidence(run: Run, vessel: VesselFile, tried: Sequence[Connection]) -> Evidence | None:
     """Of one log for each candidate; None where it holds too little."""
     design, found = log_design(run, vessel), []
     for one in tried:

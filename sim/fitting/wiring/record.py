@@ -13,7 +13,7 @@ COMMENT = (
 )
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class WiringFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One finding. `nats`: over the file as it is, None where a correlation decides; `logs`: in which it was found.
 
     certain     it is put right; else it is told only
@@ -31,7 +31,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     thrusters: bool = False
 
 
-class Wiring(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class WiringReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All findings.
 
     unknown     faults that the logs can neither show nor exclude
@@ -40,14 +40,14 @@ class Wiring(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     left_out    reference logs of which the same does not hold
     """
 
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[WiringFinding, ...] = ()
     unknown: tuple[str, ...] = ()
     logs: int | None = None
     as_found: bool = False
     left_out: tuple[str, ...] = ()
 
     @property
-    def corrected(self) -> tuple[Finding, ...]:
+    def corrected(self) -> tuple[WiringFinding, ...]:
         """What was put right."""
         return () if self.as_found else tuple(f for f in self.findings if f.certain)
 
@@ -71,7 +71,7 @@ class Wiring(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             return (f"{HEAD} these logs cannot tell whether {_listed(self.unknown)}. {TEST}",)
         return ()
 
-    def _sentence(self, f: Finding) -> str:
+    def _sentence(self, f: WiringFinding) -> str:
         by = f" ({f.nats:g} nats over the file as it is)" if f.nats is not None else f", in {', '.join(f.logs)}"
         rivals = f" These logs hardly tell it from: {_listed(f.rivals)}." if f.rivals else ""
         if not f.certain and f.rivals and not f.against and (f.nats or 0.0) >= SURE_NATS:

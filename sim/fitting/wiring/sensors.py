@@ -8,7 +8,7 @@ from companion.logs.runs.problems import SLOPE_OFF, turn_ratio
 from companion.logs.runs.run import Run
 from sim.fitting.wiring.accelerations import GOOD, POOR, UNITS, explained, unit_of
 from sim.fitting.wiring.correction import IMU, Correction, scaled
-from sim.fitting.wiring.record import Finding
+from sim.fitting.wiring.record import WiringFinding
 
 CLEAR = 0.1
 """Least share of the positions' variance that turned accelerations explain more than otherwise turned ones; assumed."""
@@ -49,13 +49,15 @@ def imu_fault(run: Run) -> Correction | None:
     return best if shares[order[0]] >= GOOD and shares[order[0]] - max(others) >= CLEAR else None
 
 
-def findings_by_log(gyro: dict[str, Correction], imu: dict[str, Correction], runs: dict[str, Run]) -> list[Finding]:
+def findings_by_log(
+    gyro: dict[str, Correction], imu: dict[str, Correction], runs: dict[str, Run]
+) -> list[WiringFinding]:
     """Findings of single logs, each fault once; gyro and one axis reversed together: an IMU upside down."""
     over = {n for n in gyro if n in imu and gyro[n].gyro < 0 and imu[n].name in ("accelerations:x", "accelerations:y")}
     each = [("imu:upside_down", "the IMU is upside down", n) for n in runs if n in over]
     each += [(c.name, c.text, n) for by in (gyro, imu) for n, c in by.items() if n not in over]
     found = dict.fromkeys((name, text) for name, text, _ in each)
     return [
-        Finding(name=name, text=text, logs=tuple(n for a, _, n in each if a == name), certain=True)
+        WiringFinding(name=name, text=text, logs=tuple(n for a, _, n in each if a == name), certain=True)
         for name, text in found
     ]

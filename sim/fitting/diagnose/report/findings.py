@@ -14,7 +14,7 @@ from typing import Literal
 
 import msgspec
 
-from sim.fitting.wiring.record import Finding, Wiring
+from sim.fitting.wiring.record import WiringFinding, WiringReport
 
 Verdict = Literal["none", "named", "partial", "ambiguous", "unknown"]
 RIVAL_NATS = 6.0
@@ -57,7 +57,7 @@ class CauseRecord(_Struct, frozen=True, kw_only=True):
     form_doubtful: bool = False
 
 
-def wiring_cause(finding: Finding) -> CauseRecord:
+def wiring_cause(finding: WiringFinding) -> CauseRecord:
     """Thrusters that are connected in another way, as a cause: all of a command goes elsewhere."""
     return CauseRecord(
         name=finding.name.replace("swapped:", "swapped_pair:"),
@@ -180,7 +180,7 @@ class Findings(_Struct, frozen=True, kw_only=True):
     kind: Literal["aritra-diagnose"] = "aritra-diagnose"
     verdict: Verdict
     summary: tuple[str, ...]
-    wiring: Wiring = Wiring()
+    wiring: WiringReport = WiringReport()
     causes: tuple[CauseRecord, ...]
     ambiguous_with: tuple[str, ...]
     withdrawn: dict[str, str] = {}

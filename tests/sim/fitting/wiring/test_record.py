@@ -3,12 +3,12 @@
 import msgspec
 import pytest
 
-from sim.fitting.wiring.record import Finding, Wiring
+from sim.fitting.wiring.record import WiringFinding, WiringReport
 
-SWAP = Finding(name="swapped:a+b", text="a and b have changed places", nats=12.0, certain=True, thrusters=True)
+SWAP = WiringFinding(name="swapped:a+b", text="a and b have changed places", nats=12.0, certain=True, thrusters=True)
 
 
-def changed(**keys) -> Finding:
+def changed(**keys) -> WiringFinding:
     return msgspec.structs.replace(SWAP, **keys)
 
 
@@ -25,22 +25,22 @@ def changed(**keys) -> Finding:
     ],
 )
 def test_each_sentence_says_what_follows(finding, as_found, words):
-    (line,) = Wiring(findings=(finding,), logs=1, as_found=as_found).lines
+    (line,) = WiringReport(findings=(finding,), logs=1, as_found=as_found).lines
     assert line.startswith("Signs and sides: ") and all(word in line for word in words), line
 
 
 def test_the_vessel_file_changes_with_thrusters_that_are_put_right_only():
-    assert Wiring(findings=(SWAP,)).vessel_changed
+    assert WiringReport(findings=(SWAP,)).vessel_changed
     for other in (changed(certain=False), changed(thrusters=False)):
-        assert not Wiring(findings=(other,)).vessel_changed
-    assert not Wiring(findings=(SWAP,), as_found=True).vessel_changed
+        assert not WiringReport(findings=(other,)).vessel_changed
+    assert not WiringReport(findings=(SWAP,), as_found=True).vessel_changed
 
 
 def test_nothing_is_said_where_nobody_asked_or_all_is_right():
-    for nothing in (Wiring(), Wiring(logs=2)):
+    for nothing in (WiringReport(), WiringReport(logs=2)):
         assert nothing.lines == nothing.open_lines == ()
 
 
 def test_a_long_list_is_cut():
-    (line,) = Wiring(unknown=tuple("abcdefg"), logs=1).open_lines
+    (line,) = WiringReport(unknown=tuple("abcdefg"), logs=1).open_lines
     assert "a; or b; or c; or d; or 3 others" in line

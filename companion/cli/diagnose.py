@@ -33,7 +33,6 @@ from companion.cli.analysis import (
 from companion.core.excitation.file import load_excitation
 
 if TYPE_CHECKING:
-    from companion.logs.runs.run import Run
     from sim.fitting.diagnose.job import Diagnosis
 
 DONE, LOOK = 0, 1
@@ -68,6 +67,7 @@ def add_parser(commands) -> None:
         "--believe", action="append", default=[], metavar="ID", help="a cause that is known to be there (repeatable): "
         "how large it is is found, and no other is looked for"
     )  # fmt: skip
+    p.add_argument("--as-found", action="store_true", help="tell wrong signs and sides, but put none of them right")
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
     p.add_argument("--plan", action="store_true", help="write manoeuvre.toml also where no named cause is in doubt")
     p.add_argument("--no-report", action="store_true", help="findings and vessel files only, which is quicker")
@@ -83,32 +83,41 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.fitting.diagnose.catalogue import user
         from sim.fitting.diagnose.report import findings, record
         from sim.fitting.diagnose.selection import distinguishability
+        from sim.fitting.engine.split import NamedLog
+        from sim.fitting.wiring import check
+        from sim.fitting.wiring.record import VESSEL
     except ImportError as error:
         return refuse("diagnose", f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
     console = console or Console()
     try:
         reference = [args.reference] if args.reference else []
-        inputs = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE))
+        inputs = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE, VESSEL))
         vessel, site = inputs.vessel, inputs.site
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
         library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
         identifiability = partial(distinguishability.distinguishability, library=library, site=site, always=args.plan)
         beside = ReadOptions(vessel, site)
         with progress_of(console) as progress, one_thread():
-            say = bars(progress, ("reading", *job.STEPS, "report"))
+            say = bars(progress, ("reading", "signs and sides", *job.STEPS, "report"))
 
-            def read(path: Path) -> Run:
+            def read(path: Path) -> NamedLog:
                 say("reading", path.name, 0.0)
                 run = read_run(path, beside)
-                return type(run)(run.table, replace(run.meta, source=str(path)))
+                return NamedLog(str(path), type(run)(run.table, replace(run.meta, source=str(path))))
 
             logs, held_out, calm = ([read(p) for p in paths] for paths in (args.logs, args.held_out, reference))
             say("reading", "", 1.0)
-            diagnosis = job.diagnose(
-                logs, vessel, reference=calm[0] if calm else None, held_out=held_out, block_s=args.block, more=more,
-                without=args.without, known=args.believe, identifiability=identifiability, say=say, seed=args.seed,
-                clock=time.monotonic,
+            swaps = any(name.startswith("swapped_pair") for name in (*args.believe, *args.without))
+            found = check.checked(
+                logs, held_out, vessel, reference=calm, as_found=args.as_found or swaps,
+                say=partial(say, "signs and sides"),
             )  # fmt: skip
+            calm = [log.run for log in found.reference]
+            diagnosis = job.diagnose(
+                [log.run for log in found.logs], found.vessel, reference=calm[0] if calm else None,
+                held_out=[log.run for log in found.held_out], block_s=args.block, more=more, without=args.without,
+                known=args.believe, identifiability=identifiability, say=say, seed=args.seed, clock=time.monotonic,
+            ).with_wiring(found.wiring, vessel)  # fmt: skip
             say("report", "" if args.no_report else "tables and pictures", 0.0)
             files = record.outputs(
                 diagnosis, inputs.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report
@@ -119,7 +128,8 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
     except REFUSED as error:
         return refuse("diagnose", error)
     _print(diagnosis, args.out, files, console)
-    return DONE if diagnosis.verdict in SETTLED else LOOK
+    told_only = [f for f in diagnosis.wiring.findings if f not in diagnosis.wiring.corrected]
+    return DONE if diagnosis.verdict in SETTLED and not told_only else LOOK
 
 
 def _print(diagnosis: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:

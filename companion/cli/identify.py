@@ -9,6 +9,7 @@ import argparse
 import hashlib
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,6 +56,7 @@ def add_parser(commands) -> None:
     by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
     held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
     held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
+    p.add_argument("--as-found", action="store_true", help="tell wrong signs and sides, but put none of them right")
     p.add_argument("--no-taylor", action="store_true", help="leave the Taylor series out")
     p.add_argument("--peer", action="store_true", help="pysindy on the same samples as an outside peer")
     p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
@@ -72,22 +74,26 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
             job,
             record,
         )
+        from sim.fitting.wiring import check
+        from sim.fitting.wiring.record import VESSEL
     except ImportError as error:
         return refuse("identify", f'{error}; pip install "aritra[analysis]" brings what identification needs')
     console = console or Console()
     try:
         beside_them = [args.uwb] if args.uwb else []
-        inputs = opened(args, (*args.logs, *args.held_out, *beside_them), record.OUTPUTS)
+        inputs = opened(args, (*args.logs, *args.held_out, *beside_them), (*record.OUTPUTS, VESSEL))
         vessel = inputs.vessel
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
         beside = ReadOptions(vessel, inputs.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
         choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
         with progress_of(console) as progress, one_thread():
-            say = bars(progress, ("reading", *job.STEPS, "report"))
+            say = bars(progress, ("reading", "signs and sides", *job.STEPS, "report"))
             logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)
             say("reading", "", 1.0)
-            identification = job.identify(logs, held_out, vessel, choices, now_utc, say)
+            found = check.checked(logs, held_out, vessel, as_found=args.as_found, say=partial(say, "signs and sides"))
+            identification = job.identify(found.logs, found.held_out, found.vessel, choices, now_utc, say)
+            identification = identification.with_wiring(found.wiring)
             say("report", "tables and pictures", 0.0)
             files = record.outputs(identification, inputs.vessel_text, versions(), sys.argv[1:])
             for name, data in files.items():
@@ -96,7 +102,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
     except REFUSED as error:
         return refuse("identify", error)
     _print(identification, args.out, files, console)
-    return LOOK if identification.verdict.attention else DONE
+    return LOOK if identification.verdict.attention or identification.wiring.findings else DONE
 
 
 def _read(
@@ -115,6 +121,8 @@ def _read(
 def _print(identification: Identification, out: Path, files: dict[str, bytes], console: Console) -> None:
     """The verdict, one table, what to look at, what was written."""
     console.print()
+    for line in identification.wiring.lines:
+        console.print(Text(line, style="bold yellow"))
     for line in identification.verdict.lines:
         console.print(Text(line))
     console.print(_models(identification))
@@ -122,6 +130,8 @@ def _print(identification: Identification, out: Path, files: dict[str, bytes], c
         console.print(Text(f"look: {line}", style="bold yellow"))
     for names, manoeuvre in identification.verdict.advice:
         console.print(Text(f"to know more of {', '.join(names)}: {manoeuvre}"))
+    for line in identification.wiring.open_lines:
+        console.print(Text(line))
     console.print(Text(f"held out: {identification.split.rule}"))
     for name, data in files.items():
         digest = hashlib.sha256(data).hexdigest()[:12]

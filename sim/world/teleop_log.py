@@ -30,6 +30,7 @@ BASIN_M = 30.0  # side of the paper's basin
 MARGIN_M = 6.0  # the pilot turns back this far from a wall; assumed
 VOLTAGE_V = 15.6  # open circuit, as the simulated world has it
 NANO = 1e-9
+ALONE = 0.6  # share of its limit at which a thruster is tried alone; assumed
 TRUTH = "true_"
 
 
@@ -108,12 +109,14 @@ def teleop_run(
     weather: Weather | None = None,
     habits: Habits | None = None,
     believed: VesselFile | None = None,
+    alone_s: float = 0.0,
 ) -> Run:
     """One log of `vessel` (the true boat) with truth in its true_* columns; the same seed gives the same log.
 
     The position is the tag's own fix from four ranges with `sigma_m` each, stamped when its bytes arrive: it is
     older by meta.latency_s, and the tag sits at meta.tag_arm_m. battery_v comes at 2 Hz like SYS_STATUS, to 10 mV.
     `believed`: what the pilot's allocation and the log's meta go by, where that is not the true boat.
+    `alone_s`: the pilot first lets each thruster push alone, ahead and astern, so long each, with rests as long.
     """
     believed = believed or vessel
     draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
@@ -128,13 +131,14 @@ def teleop_run(
     plant = Plant(vessel, np.array([middle, middle, 0.0, 0, 0, 0]), step_ns=STEP_NS, voltage_v=VOLTAGE_V)
     names = [f"pwm_{t.name}" for t in vessel.thrusters]
     log, due = _Log(), {"imu": 0, "uwb": 0, "battery": 0}
-    wanted, pwm = np.full(3, np.nan), (float(NEUTRAL_US),) * len(names)
+    wanted, pwm = np.full(len(names), np.nan), (float(NEUTRAL_US),) * len(names)
     for k in range(round(duration_s * 1e9) // STEP_NS):
         t_ns = k * STEP_NS
         if t_ns % PILOT_NS == 0:
-            tau = pilot.tau(t_ns * NANO, plant.motion.x)
-            if not np.array_equal(tau, wanted):
-                wanted, pwm = tau, pulse_widths(allocate(tau, plain), plain, plain.propulsion.nominal_voltage_V)
+            alone = _alone(plain, t_ns * NANO, alone_s)
+            force = allocate(pilot.tau(t_ns * NANO, plant.motion.x), plain) if alone is None else alone
+            if not np.array_equal(force, wanted):
+                wanted, pwm = force, pulse_widths(force, plain, plain.propulsion.nominal_voltage_V)
                 plant.command(t_ns, tuple(map(float, pwm)))
             log.at(t_ns, **dict(zip(names, map(float, pwm), strict=True)))
         moment = environment.step(t_ns * NANO, STEP_NS * NANO)
@@ -151,6 +155,19 @@ def teleop_run(
         pwm_limits_us={t.name: (float(t.pwm_min_us), float(t.pwm_max_us)) for t in vessel.thrusters},
     )
     return Run(log.table([*names, "battery_v"], round(duration_s * 1e9)), meta)
+
+
+def _alone(vessel: VesselFile, t_s: float, on_s: float) -> np.ndarray | None:
+    """Forces (n,) [N] at `t_s`: one thruster after the other, ahead and astern, `on_s` each; None: that is over."""
+    if t_s >= 4 * len(vessel.thrusters) * on_s:
+        return None
+    turn, resting = divmod(int(t_s / on_s), 2)
+    thruster, astern = divmod(turn, 2)
+    force = np.zeros(len(vessel.thrusters))
+    if not resting:
+        one = vessel.thrusters[thruster]
+        force[thruster] = ALONE * (one.force_min_N if astern else one.force_max_N)
+    return force
 
 
 def _sense(

@@ -174,7 +174,7 @@ def _disagreeing(run: Run) -> Iterator[LogProblem]:
     """Change of heading against the integral of the yaw rate, over windows: their ratio shows wrong units and signs."""
     if not (run.known("psi_rad") and run.known("r_rad_s")):
         return
-    slope = _slope(run)
+    slope = turn_ratio(run)
     if slope is None or abs(slope - 1.0) <= SLOPE_OFF:
         return
     hints: dict[str, Callable[[float], bool]] = {
@@ -186,7 +186,7 @@ def _disagreeing(run: Run) -> Iterator[LogProblem]:
     yield LogProblem(kind="disagree", text=text)
 
 
-def _slope(run: Run) -> float | None:
+def turn_ratio(run: Run) -> float | None:
     """Least-squares ratio of heading change to integrated yaw rate; None where the boat hardly turns."""
     t_psi, psi = run.samples("psi_rad")
     t_r, r = run.samples("r_rad_s")

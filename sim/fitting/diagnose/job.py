@@ -9,7 +9,7 @@ No I/O and no random source here: logs are Runs, the seed is an argument, `clock
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
@@ -36,6 +36,8 @@ from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, Ves
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, split, usable
 from sim.fitting.engine.windows import usable_fixes
+from sim.fitting.wiring.record import WiringReport
+from sim.fitting.wiring.thrusters import restored
 
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """Steps that `diagnose` reports, in this order; shares run from 0 to 1 within each."""
@@ -65,6 +67,7 @@ class Diagnosis:
     confused, withdrawn   see `DiagnosisVerdict`
     visible               by effect, detection limit in public units and its unit
     problems              by log
+    wiring                what was found of signs and sides before; `base` has the thrusters as they are connected
     """
 
     base: VesselFile
@@ -87,6 +90,19 @@ class Diagnosis:
     problems: dict[str, list[LogProblem]]
     seed: int
     runtime_s: float
+    wiring: WiringReport = field(default_factory=WiringReport)
+
+    def with_wiring(self, wiring: WiringReport, given: VesselFile) -> Diagnosis:
+        """This diagnosis of logs and of the file `given` after what was put right in them is as `wiring` says.
+
+        Where nothing else is wrong, that is what is named. Files without causes have the thrusters as given.
+        """
+        verdict = "named" if self.verdict == "none" and wiring.corrected else self.verdict
+        files = self.files
+        if wiring.vessel_changed:
+            refitted, numbers = (restored(vessel, given) for vessel in (files.refitted, files.numbers))
+            files = replace(files, refitted=refitted, numbers=numbers)
+        return replace(self, wiring=wiring, verdict=verdict, files=files)
 
     @property
     def ambiguous_with(self) -> tuple[str, ...]:

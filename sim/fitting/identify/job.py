@@ -8,7 +8,7 @@ Pure: logs are Runs, the time comes from `now`, the seed from `Choices`; nothing
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from sim.fitting.engine.split import JobError, NamedLog, Split, split
 from sim.fitting.identify.chosen_fit import ChosenFit, fit_chosen
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.identify.verdict import NAMES, IdentificationVerdict, verdict
+from sim.fitting.identify.verdict import KEEP, NAMES, IdentificationVerdict, verdict
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.taylor.pipeline import PaperMotion, forces_kgf, paper_motion, smoother_samples
 from sim.fitting.taylor.regression import Samples, TaylorFit, least_squares, noise_shift
@@ -30,6 +30,7 @@ from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
+from sim.fitting.wiring.record import VESSEL, WiringReport
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
 """Steps that `identify` reports progress of, in their order; shares run from 0 to 1 within each."""
@@ -105,6 +106,7 @@ class Identification:
     departures   how the models diverge from the held-out data; models in the order of `validation.scores`
     problems     by name of the log
     stamps       in order of time
+    wiring       what was found of signs and sides before; `base` has the thrusters as they are connected
     """
 
     base: VesselFile
@@ -121,6 +123,15 @@ class Identification:
     problems: dict[str, list[LogProblem]]
     verdict: IdentificationVerdict
     stamps: tuple[Stamp, ...]
+    wiring: WiringReport = field(default_factory=WiringReport)
+
+    def with_wiring(self, wiring: WiringReport) -> Identification:
+        """This identification after what was put right in logs and vessel file is as `wiring` says."""
+        if not wiring.vessel_changed:
+            return replace(self, wiring=wiring)
+        keep = f"{KEEP.removesuffix('.')}, with its thrusters put right ({VESSEL})."
+        lines = tuple(line.replace(KEEP, keep) for line in self.verdict.lines)
+        return replace(self, wiring=wiring, verdict=replace(self.verdict, lines=lines))
 
     @property
     def model(self) -> VesselFile:

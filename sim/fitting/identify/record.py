@@ -20,6 +20,7 @@ from sim.fitting.taylor.taylor_file import AXES, TaylorFile, taylor_file, taylor
 from sim.fitting.validate.divergence import Departure
 from sim.fitting.validate.scores import Score
 from sim.fitting.validate.stability import Stability
+from sim.fitting.wiring import record as wiring_record
 
 Number = float | None
 Numbers = tuple[Number, ...]
@@ -134,6 +135,7 @@ class Record(_Struct, frozen=True, kw_only=True):
     vessel_sha256: str
     stamps: tuple[StampRecord, ...]
     choices: tuple[ChoiceRecord, ...]
+    wiring: wiring_record.WiringReport = wiring_record.WiringReport()
     logs: tuple[IdentifyLog, ...]
     structured: FitResult
     trials: tuple[TrialRecord, ...]
@@ -159,6 +161,8 @@ def outputs(
     files = {VESSEL: vessel_toml(identification.identified, comment).encode()}
     if identification.series:
         files[TAYLOR] = taylor_json(_file(identification, identification.series[0])) + b"\n"
+    if identification.wiring.vessel_changed:
+        files[wiring_record.VESSEL] = vessel_toml(identification.base, wiring_record.COMMENT).encode()
     files[REPORT] = identify_report(identification).encode()
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     made = record(identification, vessel_text, versions, command, hashes)
@@ -187,6 +191,7 @@ def record(
         vessel_sha256=hashlib.sha256(vessel_text.encode()).hexdigest(),
         stamps=tuple(StampRecord(what=s.what, utc=s.utc) for s in identification.stamps),
         choices=tuple(ChoiceRecord(what=c.what, value=c.value, made=c.made) for c in choices(identification)),
+        wiring=identification.wiring,
         logs=tuple(_log(identification, i) for i in range(len(identification.split.used))),
         structured=identification.structured,
         trials=tuple(_trial(trial) for trial in identification.chosen.trials),

@@ -33,6 +33,7 @@ NAMES = {
     "structured": "structured",
 }
 """Names of the models. Taylor: by the paper's pipeline; smoothed: the same series from the RTS smoother."""
+KEEP = "Keep the vessel file that you started from."
 JUDGED_S = (10, 20)
 """Horizons of the relative error."""
 SAME = 1.05
@@ -145,7 +146,7 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
         return f"Believe none of the models: on held-out data none is nearer than a guess without a model ({others})."
     head = {
         NAMES["structured"]: "Believe the structured model (vessel.toml).",
-        NAMES["base"]: "Keep the vessel file that you started from.",
+        NAMES["base"]: KEEP,
     }.get(believe, f"{believe} comes nearest, but `aritra run` drives with vessel files only.")
     return (
         f"{head} Its error on held-out data, 10 and 20 s ahead, is {_percent(errors[believe])} of that of the better "

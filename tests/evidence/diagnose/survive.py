@@ -62,12 +62,14 @@ def log(boat: str, weak: str, seed: int, seconds: float, uwb_hz: float, spins: b
 class Case:
     """One thing that goes wrong with logs. `right`: the causes that may be named; `words`: that a refusal must hold.
 
-    `silent`: whether a verdict without a name is also an answer (where the log holds no cause, it always is).
+    `wiring`: the fault of signs and sides that is put right beforehand. `silent`: whether a verdict without a name is
+    also an answer (where the log holds no cause, it always is).
     """
 
     what: str
     alter: Alter = lambda table: table
     right: tuple[str, ...] = ()
+    wiring: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
     boat: str = "aritra"
     weak: str = ""
@@ -82,7 +84,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Exit code, what was said of a refusal, verdict and names, process time [s]; `crash`: the exception, if one."""
+    """Exit code, what was said of a refusal, verdict and names, process time [s]; `crash`: the exception, if one.
+
+    `wiring`: faults of sensors that were put right beforehand.
+    """
 
     code: int
     said: str
@@ -90,6 +95,7 @@ class Outcome:
     names: tuple[str, ...]
     cpu_s: float
     crash: str = ""
+    wiring: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -98,7 +104,7 @@ class Outcome:
             return f"traceback: {self.crash}"
         if self.code == 2:
             return f"refused: {self.said}"
-        return f"{self.verdict}: {', '.join(self.names) or 'no name'}, {self.cpu_s:.0f} s"
+        return f"{self.verdict}: {', '.join((*self.wiring, *self.names)) or 'no name'}, {self.cpu_s:.0f} s"
 
 
 def outcome(case: Case) -> Outcome:
@@ -135,7 +141,9 @@ def command(paths: Sequence[Path], believed: Path, out: Path) -> Outcome:
     if code == 2:
         return Outcome(code, said.removeprefix("aritra diagnose: "), "", (), spent)
     found = msgspec.json.decode((out / "findings.json").read_bytes())
-    return Outcome(code, said, found["verdict"], tuple(c["name"] for c in found["causes"]), spent)
+    names = tuple(c["name"] for c in found["causes"])
+    put_right = tuple(f["name"] for f in found["wiring"]["findings"] if f["certain"] and not f["thrusters"])
+    return Outcome(code, said, found["verdict"], names, spent, wiring=put_right)
 
 
 def holds(case: Case, found: Outcome) -> bool:
@@ -144,6 +152,8 @@ def holds(case: Case, found: Outcome) -> bool:
         return False
     if found.code == 2:
         return bool(case.words) and all(word in found.said for word in case.words)
+    if found.wiring != case.wiring:
+        return False
     if case.words and not case.right:
         return found.verdict == "unknown" and not found.names
     if not set(found.names) <= set(case.right):
@@ -213,16 +223,16 @@ CASES = (
     Case("recording pauses for 30 s in what is held out", without_rows(95.0, 125.0), seconds=140.0, **WEAK_ONE),
     Case("no positions for 30 s", blank_between(20.0, 50.0, "north_m", "east_m"), **WEAK_ONE),
     Case("no IMU for 30 s", blank_between(20.0, 50.0, "psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2"), **WEAK_ONE),
-    Case("north and east swapped", swapped("north_m", "east_m"), words=("drive1.csv", "north_m", "east_m")),
-    Case("ax and ay swapped", swapped("ax_m_s2", "ay_m_s2"), words=("drive1.csv", "ax_m_s2", "ay_m_s2")),
+    Case("north and east swapped", swapped("north_m", "east_m"), wiring=("positions:swapped",)),
+    Case("ax and ay swapped", swapped("ax_m_s2", "ay_m_s2"), wiring=("accelerations:swapped",)),
     Case("two columns of pulses swapped", swapped(PULSES[0], PULSES[1]),
          right=("swapped_pair:front_port+front_starboard",)),
     Case("two columns of pulses swapped, fore and aft", swapped(PULSES[1], PULSES[3]),
          right=("swapped_pair:front_starboard+rear_starboard",), silent=True),
     Case("yaw rate in deg/s", times("r_rad_s", 57.29578), words=("drive1.csv", "r_rad_s")),
-    Case("yaw rate positive to port", times("r_rad_s", -1.0), words=("drive1.csv", "r_rad_s")),
+    Case("yaw rate positive to port", times("r_rad_s", -1.0), wiring=("gyro:reversed",)),
     Case("accelerations in g", lambda t: times("ax_m_s2", 1 / 9.80665)(times("ay_m_s2", 1 / 9.80665)(t)),
-         words=("drive1.csv", "ax_m_s2", "ay_m_s2")),
+         wiring=("accelerations:unit",)),
     Case("first rows before the first command", blank_between(0.0, 6.0, *PULSES), **WEAK_ONE),
     Case("one thruster's commands begin later", blank_between(0.0, 6.0, PULSES[0]), **WEAK_ONE),
     Case("time counted from 1970", moved("t_s", 1.79e9), **WEAK_ONE),

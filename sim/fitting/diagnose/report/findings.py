@@ -14,6 +14,8 @@ from typing import Literal
 
 import msgspec
 
+from sim.fitting.wiring.record import WiringFinding, WiringReport
+
 Verdict = Literal["none", "named", "partial", "ambiguous", "unknown"]
 RIVAL_NATS = 6.0
 FINDINGS, REPORT = "findings.json", "report.html"
@@ -53,6 +55,20 @@ class CauseRecord(_Struct, frozen=True, kw_only=True):
     smallest_size: float
     smallest_unit: str
     form_doubtful: bool = False
+
+
+def wiring_cause(finding: WiringFinding) -> CauseRecord:
+    """Thrusters that are connected in another way, as a cause: all of a command goes elsewhere."""
+    return CauseRecord(
+        name=finding.name.replace("swapped:", "swapped_pair:"),
+        sentence=f"{finding.text[0].upper()}{finding.text[1:]}.",
+        parameters={},
+        evidence_nats=finding.nats or 0.0,
+        size=2.0,
+        size_low=2.0,
+        smallest_size=0.5,
+        smallest_unit="1",
+    )
 
 
 class RankRecord(_Struct, frozen=True, kw_only=True):
@@ -164,6 +180,7 @@ class Findings(_Struct, frozen=True, kw_only=True):
     kind: Literal["aritra-diagnose"] = "aritra-diagnose"
     verdict: Verdict
     summary: tuple[str, ...]
+    wiring: WiringReport = WiringReport()
     causes: tuple[CauseRecord, ...]
     ambiguous_with: tuple[str, ...]
     withdrawn: dict[str, str] = {}

@@ -14,6 +14,7 @@ from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause
 from sim.fitting.identify.vessel_out import vessel_toml
+from sim.fitting.wiring import record as wiring_record
 
 RANKED = 12
 
@@ -41,6 +42,8 @@ def outputs(
         zip(headings, (diagnosis.files.refitted, diagnosis.files.numbers, diagnosis.files.extended), strict=True)
     )
     files = {name: vessel_toml(vessel, head + headings[name]).encode() for name, vessel in vessels.items()}
+    if diagnosis.wiring.vessel_changed:
+        files[wiring_record.VESSEL] = vessel_toml(diagnosis.base, wiring_record.COMMENT).encode()
     if diagnosis.identifiability is not None and (manoeuvre := diagnosis.identifiability.file):
         files[form.MANOEUVRE] = manoeuvre.encode()
     if pictured:
@@ -67,7 +70,11 @@ def findings(
     return form.Findings(
         verdict=diagnosis.verdict,
         summary=tuple(sentences(diagnosis)),
-        causes=tuple(_cause(named) for named in diagnosis.causes),
+        wiring=diagnosis.wiring,
+        causes=(
+            *(form.wiring_cause(f) for f in diagnosis.wiring.corrected if f.thrusters),
+            *(_cause(named) for named in diagnosis.causes),
+        ),
         ambiguous_with=diagnosis.ambiguous_with,
         withdrawn=diagnosis.withdrawn,
         depends_on=diagnosis.adequacy.depends_on if diagnosis.adequacy is not None else (),

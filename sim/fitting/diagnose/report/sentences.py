@@ -26,7 +26,7 @@ WORDS = {
 
 def sentences(diagnosis: Diagnosis) -> list[str]:
     """Sentences: verdict, causes, residual, withdrawn causes, rivals, gain on held-out logs, what to do."""
-    lines = [_verdict(diagnosis)]
+    lines = [*diagnosis.wiring.lines, _verdict(diagnosis)]
     lines += [sentence(n.effect.name, n.numbers) for n in diagnosis.causes]
     if diagnosis.verdict in ("partial", "unknown"):
         lines += [_residual_dependence(diagnosis), *_doubtful(diagnosis)]
@@ -45,7 +45,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
         lines.append(diagnosis.identifiability.record.manoeuvre)
-    return lines
+    return [*lines, *diagnosis.wiring.open_lines]
 
 
 def _rough_reference(diagnosis: Diagnosis) -> bool:
@@ -56,7 +56,7 @@ def _rough_reference(diagnosis: Diagnosis) -> bool:
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
-    count, logs = len(diagnosis.causes), _logs(diagnosis)
+    count, logs = len(diagnosis.causes) + len(diagnosis.wiring.corrected), _logs(diagnosis)
     are = "one cause is" if count == 1 else f"{count} causes are"
     they = "it explains" if count == 1 else "they explain"
     return {

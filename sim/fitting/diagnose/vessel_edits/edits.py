@@ -15,10 +15,9 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.hull import RHO_WATER
 from sim.fitting.diagnose.catalogue.propulsion import WASH_N
 from sim.fitting.diagnose.vessel_edits.public_form import family
+from sim.fitting.wiring.thrusters import append_note, exchanged
 
 MOST_LATENCY_S = 1.0
-STAY_AT = ("name", "channel")
-"""Keys that stay when two thrusters change places: a command keeps its name and its channel."""
 
 
 class NotInVesselFileError(ValueError):
@@ -52,11 +51,6 @@ class CauseValues:
         return self.effect.name.partition(":")[2]
 
 
-def append_note(source: str, note: str) -> str:
-    """`source` of a table with `note` appended once."""
-    return source if note in source else f"{source}; {note}"
-
-
 def _thrusters(vessel: VesselFile, edit: Callable[[Thruster], Thruster]) -> VesselFile:
     return replace(vessel, thrusters=tuple(edit(t) for t in vessel.thrusters))
 
@@ -75,20 +69,7 @@ def _gain(vessel: VesselFile, cause: CauseValues, name: str | None) -> VesselFil
 def _swapped(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     """The command of thruster A drives the thruster at B's place, and the reverse."""
     one, other = cause.tail.split("+")
-    by_name = {t.name: t for t in vessel.thrusters}
-
-    def edit(t: Thruster) -> Thruster:
-        if t.name not in (one, other):
-            return t
-        there = by_name[other if t.name == one else one]
-        return replace(there, **{k: getattr(t, k) for k in STAY_AT}, source=append_note(there.source, cause.note))
-
-    swap = {one: other, other: one}
-    wash = tuple(
-        replace(w, behind=swap.get(w.behind, w.behind), ahead=swap.get(w.ahead, w.ahead))
-        for w in vessel.propulsion.wash
-    )
-    return replace(_thrusters(vessel, edit), propulsion=replace(vessel.propulsion, wash=wash))
+    return exchanged(vessel, {one: other, other: one}, cause.note)
 
 
 def _inertia(key: str) -> Callable[[VesselFile, CauseValues], VesselFile]:

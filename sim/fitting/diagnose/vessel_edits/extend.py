@@ -24,10 +24,11 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Damping, ModelError, RotorMap, VesselFile
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.manoeuvring import mass_matrix
-from sim.fitting.diagnose.vessel_edits.edits import EDITS, CauseValues, NotInVesselFileError, append_note
+from sim.fitting.diagnose.vessel_edits.edits import EDITS, CauseValues, NotInVesselFileError
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.parameters import DAMPING, HULL, file_values
 from sim.fitting.identify.vessel_out import inertia_of, vessel_toml
+from sim.fitting.wiring.thrusters import append_note
 
 REFITTED_WITH_BASE = (
     "base", "thruster_gain", "common_loss", "astern_asymmetry", "voltage_exponent", "dead_band", "lag", "dead_time",

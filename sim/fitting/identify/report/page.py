@@ -31,7 +31,9 @@ from sim.fitting.validate.table import sentences
 
 def identify_report(identification: Identification) -> str:
     """The page, as text."""
-    sections = [Section("What to believe", identification.verdict.lines)]
+    wiring = identification.wiring
+    sections = [Section("Signs and sides", wiring.lines, look=True)] if wiring.lines else []
+    sections.append(Section("What to believe", identification.verdict.lines))
     if identification.verdict.attention:
         sections.append(Section("Look at this first", identification.verdict.attention, look=True))
     sections += [
@@ -63,6 +65,7 @@ def _structured(identification: Identification) -> int:
 
 def _what_to_drive(identification: Identification) -> Section:
     lines = [f"{', '.join(names)}: {manoeuvre}." for names, manoeuvre in identification.verdict.advice]
+    lines += identification.wiring.open_lines
     return Section("What to drive next", tuple(lines) or ("Every parameter of boat and sensors is determined.",))
 
 

@@ -1,0 +1,63 @@
+"""A log's sensors against each other: yaw rate against heading, accelerations against positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.logs.runs.problems import SLOPE_OFF, turn_ratio
+from companion.logs.runs.run import Run
+from sim.fitting.wiring.accelerations import GOOD, POOR, UNITS, explained, unit_of
+from sim.fitting.wiring.correction import IMU, Correction, scaled
+from sim.fitting.wiring.record import WiringFinding
+
+CLEAR = 0.1
+"""Least share of the positions' variance that turned accelerations explain more than otherwise turned ones; assumed."""
+DEGREES = 180.0 / np.pi
+
+
+def gyro_fault(run: Run) -> Correction | None:
+    """What undoes a wrong unit or sign of the yaw rate."""
+    ratio = turn_ratio(run) if run.known("r_rad_s") else None
+    for factor, name, text in (
+        (-1.0, "gyro:reversed", "r_rad_s counts to port"),
+        (1 / DEGREES, "gyro:degrees", "r_rad_s is in degrees per second"),
+        (-1 / DEGREES, "gyro:degrees+reversed", "r_rad_s is in degrees per second and counts to port"),
+    ):
+        if ratio is not None and abs(ratio / factor - 1.0) < SLOPE_OFF:
+            return Correction(name, text, gyro=factor)
+    return None
+
+
+def imu_fault(run: Run) -> Correction | None:
+    """What undoes turned or mirrored accelerations, or another unit, where positions show it clearly."""
+    if not run.known("ax_m_s2") or not run.known("ay_m_s2"):
+        return None
+    as_it_is = explained(run, np.eye(2), np.eye(2))
+    if as_it_is is None:
+        return None
+    if unit := unit_of(*as_it_is):
+        return Correction("accelerations:unit", f"ax_m_s2 and ay_m_s2 are in {unit}", forces=scaled(UNITS[unit]))
+    if as_it_is[0] >= POOR and as_it_is[1] > 0:
+        return None
+    shares = []
+    for one in IMU:
+        share, factor = explained(one.apply(run), np.eye(2), np.eye(2)) or (0.0, 0.0)
+        shares.append(share if factor > 0 else 0.0)
+    order = np.argsort(shares)[::-1]
+    best = IMU[order[0]]
+    others = [shares[i] for i in order if IMU[i].name != best.name]
+    return best if shares[order[0]] >= GOOD and shares[order[0]] - max(others) >= CLEAR else None
+
+
+def findings_by_log(
+    gyro: dict[str, Correction], imu: dict[str, Correction], runs: dict[str, Run]
+) -> list[WiringFinding]:
+    """Findings of single logs, each fault once; gyro and one axis reversed together: an IMU upside down."""
+    over = {n for n in gyro if n in imu and gyro[n].gyro < 0 and imu[n].name in ("accelerations:x", "accelerations:y")}
+    each = [("imu:upside_down", "the IMU is upside down", n) for n in runs if n in over]
+    each += [(c.name, c.text, n) for by in (gyro, imu) for n, c in by.items() if n not in over]
+    found = dict.fromkeys((name, text) for name, text, _ in each)
+    return [
+        WiringFinding(name=name, text=text, logs=tuple(n for a, _, n in each if a == name), certain=True)
+        for name, text in found
+    ]

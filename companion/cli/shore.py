@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.boat.signing_key import load_secret
+from companion.cli.options.values import port
 from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def add_parser(commands) -> None:
         description="A local web console fed by zenoh: map, plots, alerts, pre-flight table, orders. Without a command "
         "key it only looks. Serves 127.0.0.1 alone unless --host says otherwise; then a token is needed. Runs until "
         "Ctrl-C. Exit code 2: bad input, or the port is taken.",
+        example="aritra shore --command-key out/demo --open",
     )
     p.add_argument("--connect", action="append", default=[], metavar="ENDPOINT", help="zenoh router, tcp/HOST:7447")
     p.add_argument(
@@ -51,9 +53,9 @@ def add_parser(commands) -> None:
     )  # fmt: skip
     p.add_argument("--name", default=default_name(), help="who gives the orders, in the boat's log (%(default)s)")
     p.add_argument("--host", default="127.0.0.1", help="address to serve; 0.0.0.0: the whole network, with a token")
-    p.add_argument("--port", type=int, default=PORT, help="port to serve (%(default)s)")
+    p.add_argument("--port", type=port, default=PORT, help="port to serve (%(default)s)")
     p.add_argument("--token", help="the token, instead of a new one each time: an open phone finds back to us")
-    p.add_argument("--foxglove", type=int, metavar="PORT", help="also serve Foxglove, on 127.0.0.1: docs/logs.md")
+    p.add_argument("--foxglove", type=port, metavar="PORT", help="also serve Foxglove, on 127.0.0.1: docs/logs.md")
     p.add_argument("--open", action="store_true", help="open the page in a browser")
     p.set_defaults(function=shore)
 

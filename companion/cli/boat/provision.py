@@ -17,6 +17,7 @@ def add_parser(commands) -> None:
         help="set up the autopilot for a wiring, or download its logs",
         description="Shows what would change, asks, writes, reads back. Refuses while armed. "
         "Exit code 0: done, or nothing to do; 1: not done, or only in part, and then not restarted; 2: bad input.",
+        example="aritra provision --wiring gate --mavlink serial:/dev/ttyACM0:115200 --dry-run",
     )
     what = p.add_mutually_exclusive_group(required=True)
     what.add_argument("--wiring", choices=WIRINGS, help="parameter file of deploy/ardupilot (recommended: gate)")

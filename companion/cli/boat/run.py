@@ -28,6 +28,9 @@ from companion.boat.systemd.notify import SdNotify
 from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
 from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.cli.options.files import excitation_file, mission_file
+from companion.cli.options.outputs import reason
+from companion.cli.options.values import seconds
 from companion.cli.progress import Progress
 from companion.core.configuration.tables import ConfigError
 from companion.core.control.nmpc import Actuation, Nmpc
@@ -61,22 +64,35 @@ def add_parser(commands) -> None:
         help="drive the boat: sensors in, RC override out",
         description="Estimate, guide and control at 10 Hz until interrupted; Ctrl-C ends in neutral and disarm. "
         "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
+        example="aritra run --config deploy/aritra.toml --mission deploy/missions/square.plan --start",
     )
     add_config(p)
-    p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
+    p.add_argument(
+        "--mission",
+        type=mission_file,
+        metavar="FILE",
+        help="mission instead of the run file's (.plan .waypoints .geojson .toml)",
+    )
     add_wires(p)
-    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
+    p.add_argument(
+        "--log", type=Path, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
+    )
     p.add_argument(
         "--excite",
         nargs="?",
-        type=Path,
+        type=excitation_file,
         const=RUN_FILES,
         metavar="FILE",
         help="fly an excitation instead of the mission: FILE, or without one the run file's",
     )
     p.add_argument("--start", action="store_true", help="begin by itself, without an operator")
     p.add_argument("--unchecked", action="store_true", help="DANGER: do not check how the autopilot is wired")
-    p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after mission or excitation is done")
+    p.add_argument(
+        "--end-after",
+        type=seconds(0.0, 86_400.0),
+        metavar="S",
+        help="end S seconds after mission or excitation is done",
+    )
     p.set_defaults(function=run)
 
 
@@ -127,7 +143,7 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
             attachments={name: text.encode() for name, text in setup.files.items()},
         )
     except OSError as error:
-        print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
+        print(f"aritra run: {reason(error, log)}", file=sys.stderr)
         return 2
     if recorder.problem:
         print(f"error: {recorder.problem}; it runs without a recording until then", flush=True)

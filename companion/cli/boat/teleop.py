@@ -42,11 +42,15 @@ def add_parser(commands) -> None:
         "teleop",
         help="drive by hand: keyboard or gamepad",
         description="Like `aritra run`, with a person at the sticks. Thrusters are neutral until R is pressed, which "
-        "arms; a key let go of, a silent gamepad and SPACE end in neutral; Ctrl-C ends in neutral, disarmed.",
+        "arms; a key let go of, a silent gamepad and SPACE end in neutral; Ctrl-C ends in neutral, disarmed. "
+        "Exit code 0: an orderly end; 1: a failure; 2: bad input.",
+        example="aritra teleop --gamepad /dev/input/js0",
     )
     add_config(p)
     add_wires(p)
-    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
+    p.add_argument(
+        "--log", type=Path, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
+    )
     p.add_argument(
         "--gamepad",
         nargs="?",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import math
 import socket
 import subprocess
 import sys
@@ -17,9 +16,12 @@ from pathlib import Path
 from typing import IO
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
+from companion.cli.options.files import run_file
+from companion.cli.options.outputs import add_out
+from companion.cli.options.values import seconds
 from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
-from companion.cli.simulator.sim import add_world_arguments, world_arguments
+from companion.cli.simulator.world_options import add_world_arguments, check_start, world_arguments
 from companion.python_child import aritra
 
 STATION_S = 5.0
@@ -37,12 +39,13 @@ def add_parser(commands) -> None:
         "bytes over a pty, and drives a mission. Writes summary.json, picture.png, run.mcap and truth.mcap. "
         "With --boats several pairs, each with results of its own in OUT/NAME. "
         "Exit code 0: every waypoint passed; 1: not; 2: bad input.",
+        example="aritra demo --wind 4 270 --mismatch 0.1 --seed 3",
     )
-    p.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for the results")
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    add_out(p, "DIR", "folder for the results (default: out/demo)", default=Path("out/demo"))
+    p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
     add_world_arguments(p)
     add_fleet_arguments(p).add_argument(
-        "--stagger", type=_seconds, default=5.0, metavar="S", help="between the starts of two boats"
+        "--stagger", type=seconds(0.0, LIMIT_S), default=5.0, metavar="S", help="between the starts of two boats"
     )
     p.set_defaults(function=demo)
 
@@ -50,6 +53,7 @@ def add_parser(commands) -> None:
 def demo(args: argparse.Namespace) -> int:
     """Drive, score, show; the exit code."""
     setup = load_setup(args.config)
+    check_start(args, setup)
     boats = boats_of(args, setup, {}) or [FleetBoat("", args.out, args.config)]
     try:
         for boat in boats:
@@ -183,13 +187,3 @@ def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0 <= seconds <= LIMIT_S:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 0 to {LIMIT_S:g}")
-    return seconds

@@ -52,7 +52,7 @@ def test_from_the_design_of_a_plan_to_the_log_and_what_comes_next(tmp_path, libr
         (["design", "--out", "x.toml", "--minutes", "0"], "expected a number of minutes"),
         (["info", "none.toml"], "none.toml: No such file"),
         (["next", "--vessel", "none.toml"], "none.toml: No such file"),
-        (["next", "--log", "none.mcap"], "none.mcap: no such file"),
+        (["next", "--log", "none.mcap"], "none.mcap: No such file"),
         (["fly", "bad.toml", "--out", "out"], "bad.toml: segments[0].kind"),
         (["fly", "strafe.toml", "--out", "out", "--vessel", str(EXAMPLES / "boats" / "twin.toml")], "segments[0].Y"),
     ],

@@ -7,14 +7,13 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES
 from companion.cli.analysis import REFUSED, refuse
 from companion.cli.options.files import text_of, vessel_file
-from companion.cli.options.outputs import new_file
+from companion.cli.options.outputs import new_file, output, picture
 from companion.cli.options.values import seed, whole
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.load_vessel import load_vessel
@@ -47,12 +46,12 @@ def add_parser(commands) -> None:
     )
     p.add_argument("--rounds", type=whole(1, 100_000), default=3, metavar="R", help="interleaved rounds (3)")
     p.add_argument("--seed", type=seed, default=1, metavar="N", help="of the drive that is recorded (1)")
-    p.add_argument("--json", type=Path, metavar="FILE", help="write every figure, and the machine, as JSON")
+    p.add_argument("--json", type=output, metavar="FILE", help="write every figure, and the machine, as JSON")
     p.add_argument("--only", default="", metavar="WORD", help="parts whose name holds WORD: solvers, cadence, "
                    "simulation, fit, start, growth")  # fmt: skip
     p.add_argument("--growth", action="store_true", help="instead: how costs grow with horizon, thrusters, logs and "
                    "catalogue (about five minutes)")  # fmt: skip
-    p.add_argument("--picture", type=Path, metavar="FILE", help="draw growth (.png, .svg; extra `analysis`)")
+    p.add_argument("--picture", type=picture, metavar="FILE", help="draw growth (.png, .svg; extra `analysis`)")
     p.set_defaults(function=bench)
 
 

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
 from companion.cli.options.files import any_log, excitation_file, run_file, site_file, text_of, vessel_file
-from companion.cli.options.outputs import add_out, new_file, new_in_folder
+from companion.cli.options.outputs import add_out, new_file, new_in_folder, picture
 from companion.cli.options.values import number
 from companion.cli.simulator.world_options import add_world_arguments
 from companion.core.configuration.tables import ConfigError
@@ -57,7 +57,7 @@ def add_parser(commands) -> None:
     )
     d.add_argument("--criterion", choices=("d", "worst"), default="d", help="all parameters, or the worst-known one")
     add_out(d, "PLAN", "excitation file (TOML) to write", required=True)
-    d.add_argument("--picture", type=Path, metavar="PNG", help="draw the plan as the file's own boat would fly it")
+    d.add_argument("--picture", type=picture, metavar="PNG", help="draw the plan as the file's own boat would fly it")
     i = _subcommand(kinds, "info", "what a plan would tell of each parameter, before it is flown", info, f"info {PLAN}")
     i.add_argument("plan", type=excitation_file, metavar="PLAN", help="excitation file (TOML)")
     _boat(i)

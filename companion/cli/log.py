@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.cli.options.files import aritra_log, truth_log
-from companion.cli.options.outputs import add_out, new_file
+from companion.cli.options.outputs import add_out, new_file, picture
 from companion.cli.options.values import number
 from companion.logs.export import command as log_export
 from companion.logs.log_file import LogError, LogFile, open_truth
@@ -126,8 +126,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
     log_export.add_parser(commands, _guarded, EXIT_CODES)
     log_page.add_parser(commands, _guarded, EXIT_CODES)
-    for command, default in ((draw, "LOG.png"), (repair, "LOG.recovered.mcap")):
-        add_out(command, "FILE", f"default: {default} beside it")
+    add_out(draw, "FILE", "default: LOG.png beside it", picture)
+    add_out(repair, "FILE", "default: LOG.recovered.mcap beside it")
     for command in (show, draw, repair):
         command.add_argument("log", type=aritra_log, metavar="LOG", help="first file of the log (NAME.mcap)")
 

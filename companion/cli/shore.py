@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import contextlib
 import getpass
+import os
 import re
 import secrets
 import signal
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.boat.signing_key import load_secret
+from companion.cli.options.files import zenoh_file
 from companion.cli.options.values import port
 from companion.core.configuration.tables import ConfigError
 
@@ -46,7 +48,9 @@ def add_parser(commands) -> None:
         "--listen", action="append", default=[], metavar="ENDPOINT",
         help=f"zenoh endpoint that boats connect to, no router needed (default, where nothing is said: {LISTEN})",
     )  # fmt: skip
-    p.add_argument("--config", type=Path, metavar="FILE", help="zenoh's own file, for TLS: deploy/zenoh/shore.json5")
+    p.add_argument(
+        "--config", type=zenoh_file, metavar="FILE", help="zenoh's own file, for TLS: deploy/zenoh/shore.json5"
+    )
     p.add_argument(
         "--command-key", action="append", default=[], metavar="[BOAT=]FILE",
         help="key that orders are signed with: for all boats, for one, or a folder that `aritra demo --shore` made",
@@ -170,7 +174,7 @@ class KeyFiles:
             boat, _, file = each.rpartition("=")
             if boat in self._files:
                 raise ConfigError(f"--command-key: given twice for {boat or 'all boats'}")
-            if not boat and (Path(file).is_dir() or file.endswith("/")):
+            if not boat and (os.path.isdir(file) or file.endswith("/")):  # for names that cannot be, too
                 self._folders.append(Path(file))
             else:
                 self._files[boat] = Path(file)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from companion.cli.boat.wires import add_config
+from companion.cli.options.outputs import output
 
 WIRINGS = ("gate", "scaled", "omni")
 
@@ -21,7 +21,7 @@ def add_parser(commands) -> None:
     )
     what = p.add_mutually_exclusive_group(required=True)
     what.add_argument("--wiring", choices=WIRINGS, help="parameter file of deploy/ardupilot (recommended: gate)")
-    what.add_argument("--logs", type=Path, metavar="DIR", help="download all dataflash logs into a folder")
+    what.add_argument("--logs", type=output, metavar="DIR", help="download all dataflash logs into a folder")
     add_config(p)
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--unsigned", action="store_true", help="do not sign, though the run file names a key (USB port)")

@@ -29,7 +29,7 @@ from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
 from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
 from companion.cli.options.files import excitation_file, mission_file
-from companion.cli.options.outputs import reason
+from companion.cli.options.outputs import output, reason
 from companion.cli.options.values import seconds
 from companion.cli.progress import Progress
 from companion.core.configuration.tables import ConfigError
@@ -75,7 +75,7 @@ def add_parser(commands) -> None:
     )
     add_wires(p)
     p.add_argument(
-        "--log", type=Path, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
+        "--log", type=output, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
     )
     p.add_argument(
         "--excite",

@@ -11,7 +11,6 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Literal, TextIO
 
 from companion.boat.app import App
@@ -20,6 +19,7 @@ from companion.boat.load_run import RunSetup
 from companion.cli.boat import run
 from companion.cli.boat.teleop_view import TeleopState, TeleopView
 from companion.cli.boat.wires import add_config, add_wires
+from companion.cli.options.outputs import output
 from companion.core.configuration.tables import ConfigError
 from companion.core.messages import Alert, ManualInput, Message, OperatorCommand
 from drivers.sticks.device import GamepadDevice
@@ -49,7 +49,7 @@ def add_parser(commands) -> None:
     add_config(p)
     add_wires(p)
     p.add_argument(
-        "--log", type=Path, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
+        "--log", type=output, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
     )
     p.add_argument(
         "--gamepad",

@@ -71,6 +71,8 @@ truth_log = _log("the simulator's own log (truth.mcap)", (*OTHERS, "an ArduPilot
 
 log_beside = _file("a UWB log (.mcap, or lines of text)", lambda found: found in (*OTHERS, kinds.BINARY))
 
+zenoh_file = _file("zenoh's own file (.json5)", lambda found: found != "a JSON file", "deploy/zenoh/shore.json5")
+
 
 def python_file(text: str) -> Path:
     """A Python source."""

@@ -2,27 +2,50 @@
 
 from __future__ import annotations
 
+import argparse
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from companion.core.configuration.tables import ConfigError
 
+PICTURES = (".png", ".pdf", ".svg")
 AWAY = "exists already: choose another name, or move it away"
 
 
-def add_out(p: Any, metavar: str, help: str, **more: Any) -> None:
+def output(text: str) -> Path:
+    """A path to write to, as an argument: a name that can be one."""
+    try:
+        os.lstat(text)
+    except FileNotFoundError:
+        if not text:
+            raise argparse.ArgumentTypeError("expected a path, found nothing") from None
+    except (OSError, ValueError) as error:  # too long, within a file, a null byte
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise argparse.ArgumentTypeError(f"{text}: {why}") from None
+    return Path(text)
+
+
+def picture(text: str) -> Path:
+    """A picture to write, of a format that matplotlib has."""
+    path = output(text)
+    if path.suffix.lower() not in PICTURES:
+        raise argparse.ArgumentTypeError(f"{text}: expected the name of a picture, {', '.join(PICTURES)}")
+    return path
+
+
+def add_out(p: Any, metavar: str, help: str, kind: Callable[[str], Path] = output, **more: Any) -> None:
     """Add `--out` with its short form `-o`."""
-    p.add_argument("--out", "-o", type=Path, metavar=metavar, help=help, **more)
+    p.add_argument("--out", "-o", type=kind, metavar=metavar, help=help, **more)
 
 
-def new_file(path: Path | None) -> None:
-    """Check, before any work is done, that a file can be written and is new. Raises ConfigError."""
+def new_file(path: Path | None, *, is_folder: bool = False) -> None:
+    """Check, before any work is done, that a file (or a folder) is new and can be written. Raises ConfigError."""
     if path is None:
         return
     if os.path.lexists(path):
-        raise ConfigError(f"{path}: {'is a folder; name a file in it' if path.is_dir() else AWAY}")
+        raise ConfigError(f"{path}: {'is a folder; name a file in it' if path.is_dir() and not is_folder else AWAY}")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: there is no folder {path.parent}")
     if not os.access(path.parent, os.W_OK):

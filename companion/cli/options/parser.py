@@ -42,8 +42,8 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """One sentence, and where to find help; exit code 2."""
         sentence = message.removeprefix("argument ")
-        if unknown := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)$", sentence):
-            name, choices = unknown[1], re.findall(r"[\w.-]+", unknown[2])
+        if unknown := re.search(r"invalid choice: (.*?) \(choose from (.*)\)$", sentence):
+            name, choices = unknown[1].strip("'\""), re.findall(r"[\w.-]+", unknown[2])
             listed = f"; choose from {', '.join(choices)}"
             what = "command" + (did_you_mean(name, choices) or listed) if self._subparsers else "value" + listed
             before = "" if self._subparsers else sentence[: unknown.start()]

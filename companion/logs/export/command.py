@@ -153,7 +153,7 @@ def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
     except ImportError:
         raise LogError(NEEDS_ROSBAGS) from None
     log, simulator = LogFile(path), open_truth(truth) if truth else None
-    new_file(out)
+    new_file(out, is_folder=True)
     try:
         count, left_out = rosbag2.write(log, out, simulator)
     except OSError as error:

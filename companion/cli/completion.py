@@ -9,6 +9,8 @@ import argparse
 import sys
 from collections.abc import Iterator
 
+from companion.cli.options.parser import Parser
+
 USE = "source <(aritra completion bash)  # for every shell: put this line into ~/.bashrc"
 SCRIPT = """# Completion of aritra {version} for bash: {use}
 _aritra() {{
@@ -61,21 +63,16 @@ def completion(args: argparse.Namespace) -> int:
     return 0
 
 
-def _parsers(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+def _parsers(parser: Parser, path: str) -> Iterator[tuple[str, Parser]]:
     """Every parser with the words that lead to it: "", " log", " log plot"."""
     yield path, parser
-    for name, one in _commands(parser).items():
+    for name, one in parser.commands.items():
         yield from _parsers(one, f"{path} {name}")
 
 
-def _commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    subparsers = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    return {name: one for action in subparsers for name, one in action.choices.items()}
-
-
-def _values(path: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+def _values(path: str, parser: Parser) -> Iterator[str]:
     """Values of an option that takes one of a few; of any other that takes a value bash completes file names."""
-    for action in parser._actions:
+    for action in parser.arguments:
         if action.option_strings and action.nargs in (None, 1, "?"):
             names = "|".join(f'"{path}:{name}"' for name in action.option_strings)
             if action.choices:
@@ -84,10 +81,10 @@ def _values(path: str, parser: argparse.ArgumentParser) -> Iterator[str]:
                 yield f"{names}) return ;;"
 
 
-def _words(path: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+def _words(path: str, parser: Parser) -> Iterator[str]:
     """What may stand at a place: options where it begins with a dash; else commands, or one of a few values."""
-    options = " ".join(name for action in parser._actions for name in action.option_strings)
-    places = (a.choices for a in parser._actions if not a.option_strings and a.choices)
-    yield f'"{path}:-"*) words="{options}" ;;'
-    if others := " ".join(str(name) for choices in places for name in choices):
+    options = [name for action in parser.arguments for name in action.option_strings]
+    yield f'"{path}:-"*) words="{" ".join(["--help", *options])}" ;;'
+    few = [str(name) for a in parser.arguments if not a.option_strings for name in a.choices or ()]
+    if others := " ".join([*parser.commands, *few]):
         yield f'"{path}:"*) words="{others}" ;;'

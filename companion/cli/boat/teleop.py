@@ -11,6 +11,7 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Literal, TextIO
 
 from companion.boat.app import App
@@ -84,9 +85,16 @@ class TeleopConsole:
         self._view = TeleopView(self._seen, out or sys.stdout)
         self._marks = 0
 
+    def begins(self, log: Path) -> None:
+        """Show where the log goes."""
+        self._seen.log = str(log)
+
     def see(self, message: Message) -> None:
         """Note a message for the view."""
         self._seen.see(message)
+
+    def ends(self) -> None:
+        """Nothing to show: the mode says it."""
 
     def close(self) -> None:
         """Stop drawing."""

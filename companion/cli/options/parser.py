@@ -23,6 +23,18 @@ class Parser(argparse.ArgumentParser):
         self.example = example
         self._negative_number_matcher = re.compile(r"-(\d|\.\d|inf|nan)")  # argparse's own takes -1e-5 for an option
 
+    @property
+    def arguments(self) -> list[argparse.Action]:
+        """All but the help and the subcommands."""
+        left_out = argparse._HelpAction | argparse._SubParsersAction
+        return [action for action in self._actions if not isinstance(action, left_out)]
+
+    @property
+    def commands(self) -> dict[str, Parser]:
+        """Parsers of the subcommands by name."""
+        found = (action for action in self._actions if isinstance(action, argparse._SubParsersAction))
+        return {name: one for action in found for name, one in action.choices.items()}
+
     def format_help(self) -> str:
         """The help, with the example in a line of its own."""
         return super().format_help() + (f"\nexample:\n  {self.example}\n" if self.example else "")

@@ -11,7 +11,7 @@ from companion.cli.simulator.sim import world_setup
 from companion.core.configuration.tables import ConfigError
 from sim.world.autopilot import BOAT_PARAMETERS
 from sim.world.world import World
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 SETUP = load_setup(EXAMPLES / "aritra.toml")
 

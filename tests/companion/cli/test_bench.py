@@ -21,7 +21,7 @@ from sim.bench.result import (
     SolverRefused,
     read,
 )
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 

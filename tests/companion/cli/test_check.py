@@ -15,9 +15,9 @@ from drivers.mavlink.provision.provisioner import StoredLog
 from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
+from tests.companion.command_line import exit_code
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
 from tests.sim.world.wirings.wiring_fixture import load
-from tests.support.command_line import exit_code
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ from companion.__main__ import parser
 from companion.boat.load_run import EXAMPLES
 from companion.cli.simulator.world_options import add_world_arguments, world_arguments
 from companion.python_child import python
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 from tests.support.drive_fixture import setup
 
 SOON = 20.0

@@ -8,7 +8,7 @@ import subprocess
 import pytest
 
 from companion.__main__ import COMMANDS
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
 SOON = 20.0

@@ -10,7 +10,7 @@ from companion.boat.load_run import EXAMPLES, load_setup, setup_of
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import excitation_toml, load_excitation
 from companion.logs.readers.read_run import ReadOptions, read_run
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 from tests.support.excitation_fixture import LIBRARY
 
 FEW = msgspec.structs.replace(

@@ -7,7 +7,7 @@ import pytest
 
 from companion.boat.recorder import Recorder
 from companion.cli import log
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 
 def run(*argv: object) -> int:

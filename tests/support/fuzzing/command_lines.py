@@ -11,9 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from companion.cli.options import files, outputs
+from companion.cli.options.parser import Parser
 
 There = Mapping[str, Sequence[Path]]
-Command = tuple[tuple[str, ...], argparse.ArgumentParser]
+Command = tuple[tuple[str, ...], Parser]
 NUMBERS = ("0", "1", "2", "5", "0.1", "0.5", "10", "88", "8470")
 NO_NUMBERS = ("-1", "nan", "inf", "-inf", "1e400", "-1e-9", "1e9", "0x10", "", "three", "1_0", "９", "9" * 5000,
               "1,5", "99999", "-0.0", "+1", "1 2")  # fmt: skip
@@ -27,14 +28,12 @@ _KINDS = {files.run_file: "run", files.vessel_file: "vessel", files.site_file: "
           outputs.output: "new", outputs.picture: "new"}  # fmt: skip
 
 
-def commands(parser: argparse.ArgumentParser, before: tuple[str, ...] = ()) -> Iterator[Command]:
+def commands(parser: Parser, before: tuple[str, ...] = ()) -> Iterator[Command]:
     """Every command that has no subcommands, with its parser."""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for name, one in action.choices.items():
-                yield from commands(one, (*before, name))
-            return
-    yield before, parser
+    for name, one in parser.commands.items():
+        yield from commands(one, (*before, name))
+    if not parser.commands:
+        yield before, parser
 
 
 def command_line(dice: random.Random, all_of: Sequence[Command], there: There) -> list[str]:
@@ -42,9 +41,7 @@ def command_line(dice: random.Random, all_of: Sequence[Command], there: There) -
     names, parser = dice.choice(all_of)
     words, places = list(names), list[list[str]]()
     good = dice.choice((1.0, 1.0, 0.9, 0.7))
-    for action in parser._actions:
-        if isinstance(action, argparse._HelpAction):
-            continue
+    for action in parser.arguments:
         needed = action.required or not action.option_strings
         if dice.random() < (0.97 if needed else 0.15):
             option = [dice.choice(action.option_strings)] if action.option_strings else []

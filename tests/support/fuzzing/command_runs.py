@@ -21,14 +21,14 @@ from unittest.mock import patch
 from companion.__main__ import parser
 from companion.boat.load_run import EXAMPLES
 from companion.core.messages import GroundTruth
+from tests.companion.command_line import exit_code
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
-from tests.support.command_line import exit_code
 from tests.support.fuzzing.command_lines import command_line, commands
 
 CODES = (0, 1, 2, 130)
 WORK = (
-    "companion.cli.simulator.demo._drive", "companion.cli.simulator.sim._serve", "companion.cli.boat.run._drive",
+    "companion.cli.simulator.demo.drive", "companion.cli.simulator.sim._serve", "companion.cli.boat.run._drive",
     "companion.cli.boat.check._look", "companion.cli.boat.provisioning._work", "companion.cli.campaign._runner",
     "aiohttp.web.AppRunner", "companion.cli.shore._foxglove", "sim.bench.run.run",
     "sim.fitting.identify.job.identify", "sim.fitting.diagnose.job.diagnose", "sim.fitting.excite.design.candidates",

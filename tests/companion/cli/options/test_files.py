@@ -8,7 +8,7 @@ import pytest
 from companion.boat.load_run import EXAMPLES
 from companion.cli.options import files
 from companion.core.configuration import file_kinds as kinds
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 OURS = {
     "run_file": "aritra.toml",

@@ -5,7 +5,7 @@ import pytest
 from companion.boat.load_run import EXAMPLES
 from companion.cli.options.outputs import AWAY, new_file, new_in_folder
 from companion.core.configuration.tables import ConfigError
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 VESSEL, PLAN = EXAMPLES / "boats" / "aritra.toml", EXAMPLES / "excitations" / "library.toml"
 

@@ -3,7 +3,7 @@
 import pytest
 
 from companion.cli.options.parser import Parser
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from companion.core.messages import GroundTruth
 from companion.logs.readers.read_run import read_run
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
+from tests.companion.command_line import exit_code
 from tests.companion.logs.readers.run_logs import clean_run, record, simulated
-from tests.support.command_line import exit_code
 
 NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 

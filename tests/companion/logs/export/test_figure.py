@@ -6,7 +6,7 @@ from companion.cli import log as log_cli
 from companion.logs.export.figure import printed
 from companion.logs.log_file import LogFile
 from companion.logs.series import collect
-from tests.support.command_line import exit_code
+from tests.companion.command_line import exit_code
 
 
 def run(*argv: object) -> int:

@@ -14,8 +14,8 @@ from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import StateEstimate
 from companion.logs.configuration import setup_in
 from companion.logs.log_file import LogFile
+from tests.companion.command_line import exit_code
 from tests.companion.logs.page.page_logs import page_log
-from tests.support.command_line import exit_code
 
 
 @pytest.fixture(scope="module")

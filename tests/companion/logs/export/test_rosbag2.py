@@ -20,11 +20,11 @@ from companion.core.model.thrusters import configuration_matrix
 from companion.logs.configuration import setup_in
 from companion.logs.export import rosbag2
 from companion.logs.log_file import LogFile
+from tests.companion.command_line import exit_code
 from tests.companion.logs.export.test_geojson import SITE, record
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record as record_run
 from tests.companion.logs.readers.run_logs import simulated
-from tests.support.command_line import exit_code
 
 OFFSET_NS = 1_790_000_000_000_000_000
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

@@ -19,10 +19,10 @@ from companion.core.messages import GroundTruth, StateEstimate
 from companion.core.telemetry import structs as shore
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.page import html, view
+from tests.companion.command_line import exit_code
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
 from tests.fault_lab.broken_logs import headers
-from tests.support.command_line import exit_code
 
 NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 

@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
+from companion.cli.options.parser import BAD_INPUT, Parser
 from companion.core.configuration.tables import ConfigError
 
-BAD_INPUT = 2
 INTERRUPTED = 130
 COMMANDS = {
     "demo": "simulator.demo", "check": "boat.check", "provision": "boat.provision", "run": "boat.run",
     "teleop": "boat.teleop", "shore": "shore", "sim": "simulator.sim", "replay": "boat.replay", "log": "log",
     "identify": "identify", "diagnose": "diagnose", "campaign": "campaign", "excite": "excite", "bench": "bench",
+    "completion": "completion",
 }  # fmt: skip
 """By name: its module in `companion.cli`, which is loaded for that command only: some bring slow libraries."""
 
 
-def parser(names: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
+def parser(names: Iterable[str] = COMMANDS) -> Parser:
     """The command line with these commands; without arguments the whole of it."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="aritra",
         description="Companion computer of a small surface vessel: estimation, guidance, NMPC; and its simulator.",
         epilog="No boat at hand? `aritra demo` drives a mission in the simulator.",
+        example="aritra demo",
     )
     top.add_argument("--version", action="version", version=f"aritra {version('aritra')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")

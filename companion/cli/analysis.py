@@ -14,8 +14,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from companion.cli.options.files import text_of
+from companion.cli.options.outputs import new_in_folder
+from companion.cli.options.parser import BAD_INPUT
 from companion.core.configuration.site_file import Site, load_site
-from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.log_file import LogError
@@ -26,7 +28,6 @@ LIBRARIES = ("numpy", "scipy", "casadi", "filterpy", "polars", "statsmodels")
 
 REFUSED = (LogError, ValueError, OSError)
 """Exceptions of bad input: ConfigError, RunError, JobError and StructuredFitError are ValueErrors."""
-BAD_INPUT = 2
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def opened(args: argparse.Namespace, logs: Sequence[Path], outputs: Sequence[str
     site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
     for path in logs:
         path.stat()
-    free_folder(args.out, outputs)
+    new_in_folder(args.out, outputs)
     return Opened(text, vessel, site)
 
 
@@ -62,22 +63,6 @@ def one_thread() -> AbstractContextManager[object]:
     from threadpoolctl import threadpool_limits
 
     return threadpool_limits(limits=1)
-
-
-def text_of(path: Path) -> str:
-    """Text of a UTF-8 file. Raises ConfigError where it is not one."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not UTF-8 text") from None
-
-
-def free_folder(out: Path, names: Sequence[str]) -> None:
-    """Make the folder. Raises ConfigError where it holds results: they are never overwritten."""
-    taken = [name for name in names if (out / name).exists()]
-    if taken:
-        raise ConfigError(f"{out}: holds {', '.join(taken)} already; choose another folder, or move them away")
-    out.mkdir(parents=True, exist_ok=True)
 
 
 def progress_of(console: Console) -> Progress:
@@ -113,14 +98,3 @@ def versions() -> dict[str, str]:
 def now_utc() -> str:
     """Current time, UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def seconds(text: str) -> float:
-    """An argument of the command line."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
-    return value

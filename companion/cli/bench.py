@@ -7,12 +7,14 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES
-from companion.cli.analysis import REFUSED, refuse, text_of
+from companion.cli.analysis import REFUSED, refuse
+from companion.cli.options.files import text_of, vessel_file
+from companion.cli.options.outputs import new_file, output, picture
+from companion.cli.options.values import seed, whole
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.metadata import log_metadata
@@ -33,18 +35,23 @@ def add_parser(commands) -> None:
         "solvers that CasADi brings along, hot and at a true 10 Hz; simulation; a fit; start-up and memory. Ratios "
         "are to the fastest round of IPOPT. About two minutes; close other programs before. Exit code 0: done; 1: a "
         "part did not run; 2: bad input.",
+        example="aritra bench --only solvers --rounds 1 --json bench.json",
     )
-    p.add_argument("--vessel", type=Path, default=VESSEL, metavar="FILE", help="vessel file (default: aritra.toml)")
+    p.add_argument(
+        "--vessel", type=vessel_file, default=VESSEL, metavar="FILE", help="vessel file (default: aritra.toml)"
+    )
     p.add_argument("--problem", choices=PROBLEMS, default="production", help="boat's own, the paper's, or both")
-    p.add_argument("--solve", type=_count, default=200, metavar="N", help="recorded states a round and at 10 Hz (200)")
-    p.add_argument("--rounds", type=_count, default=3, metavar="R", help="interleaved rounds (3)")
-    p.add_argument("--seed", type=int, default=1, help="of the drive that is recorded (1)")
-    p.add_argument("--json", type=Path, metavar="FILE", help="write every figure, and the machine, as JSON")
+    p.add_argument(
+        "--solve", type=whole(1, 100_000), default=200, metavar="N", help="recorded states a round and at 10 Hz (200)"
+    )
+    p.add_argument("--rounds", type=whole(1, 100_000), default=3, metavar="R", help="interleaved rounds (3)")
+    p.add_argument("--seed", type=seed, default=1, metavar="N", help="of the drive that is recorded (1)")
+    p.add_argument("--json", type=output, metavar="FILE", help="write every figure, and the machine, as JSON")
     p.add_argument("--only", default="", metavar="WORD", help="parts whose name holds WORD: solvers, cadence, "
                    "simulation, fit, start, growth")  # fmt: skip
     p.add_argument("--growth", action="store_true", help="instead: how costs grow with horizon, thrusters, logs and "
                    "catalogue (about five minutes)")  # fmt: skip
-    p.add_argument("--picture", type=Path, metavar="FILE", help="draw growth (.png, .svg; extra `analysis`)")
+    p.add_argument("--picture", type=picture, metavar="FILE", help="draw growth (.png, .svg; extra `analysis`)")
     p.set_defaults(function=bench)
 
 
@@ -59,7 +66,7 @@ def bench(args: argparse.Namespace) -> int:
         if not run.chosen(args.only, args.growth):
             raise ConfigError(f"--only {args.only}: no such part")
         for path in (args.json, args.picture):
-            _writable(path)
+            new_file(path)
     except REFUSED as why:
         return refuse("bench", why)
     out = Console(highlight=False)
@@ -82,16 +89,6 @@ def bench(args: argparse.Namespace) -> int:
     return NOT_ALL if results.refused else 0
 
 
-def _writable(path: Path | None) -> None:
-    """Raise ConfigError where the file could not be written: before the measurement, which takes two minutes."""
-    if path is None:
-        return
-    if path.is_dir() or not path.parent.is_dir():
-        raise ConfigError(f"{path}: is a folder, or its folder does not exist")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise ConfigError(f"{path}: may not be written")
-
-
 def _progress() -> Callable[[str], None]:
     """The current measurement, on one line of the terminal; without a terminal a line every few seconds."""
     live, next_s = sys.stderr.isatty(), 0.0
@@ -106,11 +103,3 @@ def _progress() -> Callable[[str], None]:
         sys.stderr.flush()
 
     return progress
-
-
-def _count(text: str) -> int:
-    """An argument of the command line."""
-    value = int(text) if text.isdecimal() else 0
-    if not 1 <= value <= 100_000:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number, 1 at least")
-    return value

@@ -18,6 +18,9 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.cli.analysis import refuse
+from companion.cli.options.files import campaign_file
+from companion.cli.options.outputs import add_out
+from companion.cli.options.values import whole
 from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
@@ -45,11 +48,14 @@ def add_parser(commands) -> None:
         "results.parquet, timings.parquet, failed.json and summary.html. Every case is kept as soon as it is done: "
         "the same command again goes on where it was stopped, however it was. Exit code 0: all cases done; 1: some "
         "failed (listed), or the cluster went away; 2: bad input; 130: interrupted.",
+        example="aritra campaign deploy/campaigns/weather.toml --jobs 2",
     )
-    p.add_argument("file", type=Path, metavar="FILE", help="campaign file")
-    p.add_argument("--out", type=Path, metavar="DIR", help="folder for the results (default: out/campaign/FILE)")
+    p.add_argument("file", type=campaign_file, metavar="FILE", help="campaign file")
+    add_out(p, "DIR", "folder for the results (default: out/campaign/FILE)")
     where = p.add_mutually_exclusive_group()
-    where.add_argument("--jobs", type=_jobs, metavar="N", help="processes on this machine (default: one for each core)")
+    where.add_argument(
+        "--jobs", type=whole(1, 1024), metavar="N", help="processes on this machine (default: one for each core)"
+    )
     where.add_argument("--scheduler", metavar="URL", help="Dask scheduler instead, for example tcp://10.0.0.5:8786")
     p.add_argument("--retry", action="store_true", help="run cases again that failed before")
     p.set_defaults(function=campaign)
@@ -194,10 +200,3 @@ def _figures(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
         cells = dict(zip(head, row, strict=True))
         table.add_row(*(cells[name] for name in SHOWN))
     return table
-
-
-def _jobs(text: str) -> int:
-    """An argument of the command line."""
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number from 1 on")
-    return int(text)

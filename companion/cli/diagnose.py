@@ -26,10 +26,11 @@ from companion.cli.analysis import (
     opened,
     progress_of,
     refuse,
-    seconds,
-    text_of,
     versions,
 )
+from companion.cli.options.files import any_log, python_file, site_file, text_of, vessel_file
+from companion.cli.options.outputs import add_out
+from companion.cli.options.values import seconds, seed
 from companion.core.excitation.file import load_excitation
 
 if TYPE_CHECKING:
@@ -50,16 +51,21 @@ def add_parser(commands) -> None:
         "refitted.toml, extended_numbers.toml, report.html and findings.json. Existing files are never overwritten. "
         "Exit code 0: nothing is wrong, or what is wrong is named; 1: done, but something is left unexplained or "
         "cannot be told apart; 2: bad input.",
+        example="aritra diagnose out/demo/run.mcap --vessel deploy/boats/aritra.toml --out out/diagnosis",
     )
-    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat")
-    p.add_argument("--vessel", type=Path, required=True, metavar="FILE", help="vessel file: what is believed")
-    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
-    p.add_argument("--reference", type=Path, metavar="LOG", help="log of the same boat while all was well, in calm")
+    p.add_argument(
+        "logs", type=any_log, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat"
+    )
+    p.add_argument("--vessel", type=vessel_file, required=True, metavar="FILE", help="vessel file: what is believed")
+    add_out(p, "DIR", "folder for the results", required=True)
+    p.add_argument("--reference", type=any_log, metavar="LOG", help="log of the same boat while all was well, in calm")
     held = p.add_mutually_exclusive_group()
     by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
-    held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
-    held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
-    p.add_argument("--catalogue", type=Path, metavar="FILE.py", help="effects of your own; the file is run")
+    held.add_argument("--held-out", type=any_log, action="append", default=[], metavar="LOG", help=by)
+    held.add_argument(
+        "--block", type=seconds(0.1, 1e6), metavar="S", help="hold out every other block of S seconds instead"
+    )
+    p.add_argument("--catalogue", type=python_file, metavar="FILE.py", help="effects of your own; the file is run")
     p.add_argument(
         "--without", action="append", default=[], metavar="ID", help="an effect that shall not be known (repeatable)"
     )
@@ -68,10 +74,10 @@ def add_parser(commands) -> None:
         "how large it is is found, and no other is looked for"
     )  # fmt: skip
     p.add_argument("--as-found", action="store_true", help="tell wrong signs and sides, but put none of them right")
-    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--site", type=site_file, metavar="FILE", help="site file (default: the one in the log)")
     p.add_argument("--plan", action="store_true", help="write manoeuvre.toml also where no named cause is in doubt")
     p.add_argument("--no-report", action="store_true", help="findings and vessel files only, which is quicker")
-    p.add_argument("--seed", type=int, default=0, help="of the intervals by resampling")
+    p.add_argument("--seed", type=seed, default=0, metavar="N", help="of the intervals by resampling")
     p.set_defaults(function=diagnose)
 
 

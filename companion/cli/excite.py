@@ -15,7 +15,10 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
-from companion.cli.simulator.sim import add_world_arguments
+from companion.cli.options.files import any_log, excitation_file, run_file, site_file, text_of, vessel_file
+from companion.cli.options.outputs import add_out, new_file, new_in_folder, picture
+from companion.cli.options.values import number
+from companion.cli.simulator.world_options import add_world_arguments
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Excitation, excitation_toml, load_excitation
 from companion.core.excitation.pen import Pen
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 LIBRARY = EXAMPLES / "excitations" / "library.toml"
+PLAN, DESIGN = "deploy/excitations/library.toml", "design --minutes 3 --out plan.toml"
+FLOWN = ("run.mcap", "truth.mcap", "flight.json", "picture.png")
+"""What a flight leaves in its folder."""
 EXIT_CODES = "Exit code 0: done; 1: the flight did not come to its end; 2: bad input."
 
 
@@ -36,63 +42,69 @@ def add_parser(commands) -> None:
         help="manoeuvres for identification: choose, judge beforehand, fly in the simulator",
         description="Excitation: manoeuvres inside the fence from which a boat's parameters can be identified. "
         "`aritra run --excite FILE` flies a plan on the boat. " + EXIT_CODES,
+        example=f"aritra excite {DESIGN}",
     )
     kinds = p.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    d = _subcommand(kinds, "design", "choose manoeuvres for the time there is", design)
+    d = _subcommand(kinds, "design", "choose manoeuvres for the time there is", design, DESIGN)
     _boat(d)
     _library(d)
-    d.add_argument("--minutes", type=_minutes, default=5.0, metavar="MIN", help="time there is (default: 5)")
+    d.add_argument(
+        "--minutes",
+        type=number(0.25, 120.0, "a number of minutes"),
+        default=5.0,
+        metavar="MIN",
+        help="time there is (default: 5)",
+    )
     d.add_argument("--criterion", choices=("d", "worst"), default="d", help="all parameters, or the worst-known one")
-    d.add_argument("--out", type=Path, required=True, metavar="PLAN", help="excitation file (TOML) to write")
-    d.add_argument("--picture", type=Path, metavar="PNG", help="draw the plan as the file's own boat would fly it")
-    i = _subcommand(kinds, "info", "what a plan would tell of each parameter, before it is flown", info)
-    i.add_argument("plan", type=Path, metavar="PLAN", help="excitation file (TOML)")
+    add_out(d, "PLAN", "excitation file (TOML) to write", required=True)
+    d.add_argument("--picture", type=picture, metavar="PNG", help="draw the plan as the file's own boat would fly it")
+    i = _subcommand(kinds, "info", "what a plan would tell of each parameter, before it is flown", info, f"info {PLAN}")
+    i.add_argument("plan", type=excitation_file, metavar="PLAN", help="excitation file (TOML)")
     _boat(i)
     _logs(i)
-    n = _subcommand(kinds, "next", "what is still undetermined, and what to fly next", propose)
+    n = _subcommand(
+        kinds, "next", "what is still undetermined, and what to fly next", propose, "next --log out/demo/run.mcap"
+    )
     _boat(n)
     _library(n)
-    f = _subcommand(kinds, "fly", "fly a plan in the simulated world; writes logs and a picture", fly)
-    f.add_argument("plan", type=Path, metavar="PLAN", help="excitation file (TOML)")
-    _boat(f)
-    f.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="run.mcap, truth.mcap, flight.json, picture.png"
+    f = _subcommand(
+        kinds,
+        "fly",
+        "fly a plan in the simulated world; writes logs and a picture",
+        fly,
+        f"fly {PLAN} --out out/flight",
     )
+    f.add_argument("plan", type=excitation_file, metavar="PLAN", help="excitation file (TOML)")
+    _boat(f)
+    add_out(f, "DIR", "folder for " + ", ".join(FLOWN), required=True)
     add_world_arguments(f)
     f.set_defaults(start=None)
 
 
-def _subcommand(kinds, name: str, text: str, function) -> argparse.ArgumentParser:
-    p = kinds.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}. {EXIT_CODES}")
+def _subcommand(kinds, name: str, text: str, function, example: str) -> argparse.ArgumentParser:
+    about = f"{text[0].upper()}{text[1:]}. {EXIT_CODES}"
+    p = kinds.add_parser(name, help=text, description=about, example=f"aritra excite {example}")
     p.set_defaults(function=_guarded(function))
     return p
 
 
 def _boat(p: argparse.ArgumentParser) -> None:
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
-    p.add_argument("--vessel", type=Path, metavar="FILE", help="vessel file instead of the run file's")
-    p.add_argument("--site", type=Path, metavar="FILE", help="site file instead of the run file's")
+    p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument("--vessel", type=vessel_file, metavar="FILE", help="vessel file instead of the run file's")
+    p.add_argument("--site", type=site_file, metavar="FILE", help="site file instead of the run file's")
 
 
 def _logs(p: argparse.ArgumentParser) -> None:
     p.add_argument(
-        "--log", type=Path, action="append", default=[], metavar="LOG", help="what is known already (repeat)"
+        "--log", type=any_log, action="append", default=[], metavar="LOG", help="what is known already (repeat)"
     )
 
 
 def _library(p: argparse.ArgumentParser) -> None:
     _logs(p)
-    p.add_argument("--library", type=Path, default=LIBRARY, metavar="FILE", help="excitation file to choose from")
-
-
-def _minutes(text: str) -> float:
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = 0.0
-    if not 0.25 <= minutes <= 120:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of minutes from 0.25 to 120")
-    return minutes
+    p.add_argument(
+        "--library", type=excitation_file, default=LIBRARY, metavar="FILE", help="excitation file to choose from"
+    )
 
 
 def _guarded(function):
@@ -118,6 +130,8 @@ def design(args: argparse.Namespace, console: Console) -> int:
     from sim.fitting.excite import table
     from sim.fitting.excite.information import planned_information
 
+    for path in (args.out, args.picture):
+        new_file(path)
     setup, budget_s = _setup(args), 60.0 * args.minutes
     now, library = _knowledge(args, setup, console), _read(args.library)
     known, left_out = _candidates(library, setup, console)
@@ -180,7 +194,7 @@ def propose(args: argparse.Namespace, console: Console) -> int:
 
 def fly(args: argparse.Namespace, console: Console) -> int:
     """Fly a plan in the simulated world; the exit code."""
-    from companion.cli.simulator.sim import world_setup
+    from companion.cli.simulator.world_options import world_setup
     from sim.fitting.excite import fly as flying
     from sim.fitting.excite import picture
 
@@ -188,6 +202,7 @@ def fly(args: argparse.Namespace, console: Console) -> int:
     if args.start is None:
         args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
     world = world_setup(args, setup)
+    new_in_folder(args.out, FLOWN)
     with console.status("flies") as status:
         flown = flying.fly(setup, world, args.seed, lambda text: status.update(f"flies: {text}"))
     run, truth = flying.write_logs(flown, setup, args.out)
@@ -221,7 +236,7 @@ def _setup(args: argparse.Namespace, plan: Path | None = None) -> RunSetup:
     names = {name: f"{args.config}: {name}" for name in texts}
     for role, path in (("vessel.toml", args.vessel), ("site.toml", args.site), ("excitation.toml", plan)):
         if path:
-            texts[role], names[role] = _text(path), str(path)
+            texts[role], names[role] = text_of(path), str(path)
     return setup_of(texts, names)
 
 
@@ -230,15 +245,8 @@ def _planned(setup: RunSetup) -> Excitation:
     return setup.pilot.excitation
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not UTF-8 text") from None
-
-
 def _read(path: Path) -> Excitation:
-    return load_excitation(_text(path), name=str(path))
+    return load_excitation(text_of(path), name=str(path))
 
 
 def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> Knowledge:

@@ -25,9 +25,11 @@ from companion.cli.analysis import (
     opened,
     progress_of,
     refuse,
-    seconds,
     versions,
 )
+from companion.cli.options.files import any_log, log_beside, site_file, vessel_file
+from companion.cli.options.outputs import add_out
+from companion.cli.options.values import number, seconds, seed
 from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
@@ -48,21 +50,30 @@ def add_parser(commands) -> None:
         "both against data that was held out, and writes vessel.toml (identified, loads as it is), taylor.json, "
         "report.html and identify.json. Existing files are never overwritten. Exit code 0: done; 1: done, but "
         "something must be looked at before the model is used (the end of the output says what); 2: bad input.",
+        example="aritra identify out/demo/run.mcap --vessel deploy/boats/aritra.toml --out out/identify",
     )
-    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat")
-    p.add_argument("--vessel", type=Path, required=True, metavar="FILE", help="vessel file to start from (the prior)")
-    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    p.add_argument(
+        "logs", type=any_log, nargs="+", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat"
+    )
+    p.add_argument(
+        "--vessel", type=vessel_file, required=True, metavar="FILE", help="vessel file to start from (the prior)"
+    )
+    add_out(p, "DIR", "folder for the results", required=True)
     held = p.add_mutually_exclusive_group()
     by = "log to judge by, seen by no fit (repeatable; default: the last quarter of each log)"
-    held.add_argument("--held-out", type=Path, action="append", default=[], metavar="LOG", help=by)
-    held.add_argument("--block", type=seconds, metavar="S", help="hold out every other block of S seconds instead")
+    held.add_argument("--held-out", type=any_log, action="append", default=[], metavar="LOG", help=by)
+    held.add_argument(
+        "--block", type=seconds(0.1, 1e6), metavar="S", help="hold out every other block of S seconds instead"
+    )
     p.add_argument("--as-found", action="store_true", help="tell wrong signs and sides, but put none of them right")
     p.add_argument("--no-taylor", action="store_true", help="leave the Taylor series out")
     p.add_argument("--peer", action="store_true", help="pysindy on the same samples as an outside peer")
-    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
-    p.add_argument("--uwb", type=Path, metavar="LOG", help="UWB log beside a single .bin or .tlog")
-    p.add_argument("--uwb-offset", type=float, metavar="S", help="add to its Unix stamps to have the log's clock")
-    p.add_argument("--seed", type=int, default=0, help="of the noise study and the stability test")
+    p.add_argument("--site", type=site_file, metavar="FILE", help="site file (default: the one in the log)")
+    p.add_argument("--uwb", type=log_beside, metavar="LOG", help="UWB log beside a single .bin or .tlog")
+    p.add_argument(
+        "--uwb-offset", type=number(-1e10, 1e10), metavar="S", help="add to its Unix stamps to have the log's clock"
+    )
+    p.add_argument("--seed", type=seed, default=0, metavar="N", help="of the noise study and the stability test")
     p.set_defaults(function=identify)
 
 

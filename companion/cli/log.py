@@ -14,13 +14,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from companion.cli.options.files import aritra_log, truth_log
+from companion.cli.options.outputs import add_out, new_file, picture
+from companion.cli.options.values import number
 from companion.logs.export import command as log_export
-from companion.logs.log_file import LogError, LogFile
+from companion.logs.log_file import LogError, LogFile, open_truth
 from companion.logs.page import command as log_page
 from companion.logs.recover import recover as recover_log
 from companion.logs.summary import LogSummary, summarise
 
 OK, DAMAGED, IMPOSSIBLE = 0, 1, 2
+LOG = "out/demo/run.mcap"
 EXIT_CODES = "Exit codes: 0 all well; 1 the log is damaged (what is readable was used); 2 it cannot be done."
 
 
@@ -52,8 +56,9 @@ def plot(
     except ImportError:
         raise LogError('plots need matplotlib: pip install "aritra[analysis]"') from None
     log, console = LogFile(path), console or Console()
-    simulator = LogFile(truth) if truth else None
+    simulator = open_truth(truth) if truth else None
     out = out or path.with_suffix(".pdf" if print_mm else ".png")
+    new_file(out)
     if print_mm:
         figure.figure(log, out, print_mm, truth=simulator)
     else:
@@ -65,6 +70,8 @@ def plot(
 
 def recover(path: Path, out: Path | None = None) -> int:
     """Write a sound, indexed copy of a damaged or rotated log; print what was kept. Returns the exit code."""
+    out = out or path.with_name(f"{path.stem}.recovered{path.suffix}")
+    new_file(out)
     report, console = recover_log(path, out), Console()
     lines = [
         f"wrote {report.out}",
@@ -82,30 +89,47 @@ def recover(path: Path, out: Path | None = None) -> int:
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `log` with its commands; each sets `function`: parsed arguments -> exit code."""
-    log = subparsers.add_parser("log", help="look into, plot, play, repair or export a log", epilog=EXIT_CODES)
+    log = subparsers.add_parser(
+        "log", help="look into, plot, play, repair or export a log", epilog=EXIT_CODES, example=f"aritra log info {LOG}"
+    )
     commands = log.add_subparsers(required=True, metavar="info|plot|page|recover|export")
 
-    show = commands.add_parser("info", help="what is in a log: topics, rates, gaps, alerts", epilog=EXIT_CODES)
+    show = commands.add_parser(
+        "info",
+        help="what is in a log: topics, rates, gaps, alerts",
+        epilog=EXIT_CODES,
+        example=f"aritra log info {LOG}",
+    )
     show.add_argument("--json", action="store_true", help="one JSON object instead of tables")
     show.set_defaults(function=_guarded(lambda args: info(args.log, as_json=args.json)))
 
-    draw = commands.add_parser("plot", help="one picture: track, speeds, PWM, timing", epilog=EXIT_CODES)
-    draw.set_defaults(
-        function=_guarded(lambda args: plot(args.log, args.output, truth=args.truth, print_mm=args.print_mm))
+    draw = commands.add_parser(
+        "plot",
+        help="one picture: track, speeds, PWM, timing",
+        epilog=EXIT_CODES,
+        example=f"aritra log plot {LOG} --truth out/demo/truth.mcap --out run.png",
     )
-    draw.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
+    draw.set_defaults(
+        function=_guarded(lambda args: plot(args.log, args.out, truth=args.truth, print_mm=args.print_mm))
+    )
+    draw.add_argument("--truth", type=truth_log, metavar="LOG", help="the simulator's own log of the same run")
     wide = "a figure for print, so wide: `column` (88 mm), `page` (180 mm), or millimetres; default: LOG.pdf"
-    draw.add_argument("--print", dest="print_mm", type=_print_mm, metavar="WIDTH", help=wide)
+    draw.add_argument("--print", dest="print_mm", type=_width_mm, metavar="WIDTH", help=wide)
 
-    repair = commands.add_parser("recover", help="sound, indexed copy of a damaged or rotated log", epilog=EXIT_CODES)
-    repair.set_defaults(function=_guarded(lambda args: recover(args.log, args.output)))
+    repair = commands.add_parser(
+        "recover",
+        help="sound, indexed copy of a damaged or rotated log",
+        epilog=EXIT_CODES,
+        example=f"aritra log recover {LOG} --out sound.mcap",
+    )
+    repair.set_defaults(function=_guarded(lambda args: recover(args.log, args.out)))
 
     log_export.add_parser(commands, _guarded, EXIT_CODES)
     log_page.add_parser(commands, _guarded, EXIT_CODES)
-    for command, default in ((draw, "LOG.png"), (repair, "LOG.recovered.mcap")):
-        command.add_argument("-o", "--output", type=Path, metavar="FILE", help=f"default: {default} beside it")
+    add_out(draw, "FILE", "default: LOG.png beside it", picture)
+    add_out(repair, "FILE", "default: LOG.recovered.mcap beside it")
     for command in (show, draw, repair):
-        command.add_argument("log", type=Path, metavar="LOG", help="first file of the log (NAME.mcap)")
+        command.add_argument("log", type=aritra_log, metavar="LOG", help="first file of the log (NAME.mcap)")
 
 
 PRINT_MM = {"column": 88.0, "page": 180.0}
@@ -113,15 +137,9 @@ PRINT_MM = {"column": 88.0, "page": 180.0}
 LEAST_MM, MOST_MM = 60.0, 500.0
 
 
-def _print_mm(text: str) -> float:
+def _width_mm(text: str) -> float:
     """A width on paper, as an argument."""
-    try:
-        width_mm = PRINT_MM.get(text) or float(text)
-    except ValueError:
-        width_mm = 0.0
-    if not LEAST_MM <= width_mm <= MOST_MM:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected column, page, or {LEAST_MM:g} to {MOST_MM:g} millimetres")
-    return width_mm
+    return PRINT_MM.get(text) or number(LEAST_MM, MOST_MM, "column, page, or millimetres")(text)
 
 
 def _guarded(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:

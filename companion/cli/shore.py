@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import contextlib
 import getpass
+import os
 import re
 import secrets
 import signal
@@ -17,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.boat.signing_key import load_secret
+from companion.cli.options.files import zenoh_file
+from companion.cli.options.values import port
 from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
@@ -38,22 +41,25 @@ def add_parser(commands) -> None:
         description="A local web console fed by zenoh: map, plots, alerts, pre-flight table, orders. Without a command "
         "key it only looks. Serves 127.0.0.1 alone unless --host says otherwise; then a token is needed. Runs until "
         "Ctrl-C. Exit code 2: bad input, or the port is taken.",
+        example="aritra shore --command-key out/demo --open",
     )
     p.add_argument("--connect", action="append", default=[], metavar="ENDPOINT", help="zenoh router, tcp/HOST:7447")
     p.add_argument(
         "--listen", action="append", default=[], metavar="ENDPOINT",
         help=f"zenoh endpoint that boats connect to, no router needed (default, where nothing is said: {LISTEN})",
     )  # fmt: skip
-    p.add_argument("--config", type=Path, metavar="FILE", help="zenoh's own file, for TLS: deploy/zenoh/shore.json5")
+    p.add_argument(
+        "--config", type=zenoh_file, metavar="FILE", help="zenoh's own file, for TLS: deploy/zenoh/shore.json5"
+    )
     p.add_argument(
         "--command-key", action="append", default=[], metavar="[BOAT=]FILE",
         help="key that orders are signed with: for all boats, for one, or a folder that `aritra demo --shore` made",
     )  # fmt: skip
     p.add_argument("--name", default=default_name(), help="who gives the orders, in the boat's log (%(default)s)")
     p.add_argument("--host", default="127.0.0.1", help="address to serve; 0.0.0.0: the whole network, with a token")
-    p.add_argument("--port", type=int, default=PORT, help="port to serve (%(default)s)")
+    p.add_argument("--port", type=port, default=PORT, help="port to serve (%(default)s)")
     p.add_argument("--token", help="the token, instead of a new one each time: an open phone finds back to us")
-    p.add_argument("--foxglove", type=int, metavar="PORT", help="also serve Foxglove, on 127.0.0.1: docs/logs.md")
+    p.add_argument("--foxglove", type=port, metavar="PORT", help="also serve Foxglove, on 127.0.0.1: docs/logs.md")
     p.add_argument("--open", action="store_true", help="open the page in a browser")
     p.set_defaults(function=shore)
 
@@ -168,7 +174,7 @@ class KeyFiles:
             boat, _, file = each.rpartition("=")
             if boat in self._files:
                 raise ConfigError(f"--command-key: given twice for {boat or 'all boats'}")
-            if not boat and (Path(file).is_dir() or file.endswith("/")):
+            if not boat and (os.path.isdir(file) or file.endswith("/")):  # for names that cannot be, too
                 self._folders.append(Path(file))
             else:
                 self._files[boat] = Path(file)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 from companion.boat.load_run import RunSetup, setup_of
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
@@ -25,6 +27,14 @@ def site_in(log: LogFile) -> Site | None:
         return load_site(log.metadata["config/site.toml"], name="site.toml")
     except (KeyError, ConfigError):
         return None
+
+
+def thrusters_in(log: LogFile) -> tuple[str, ...]:
+    """Names of the thrusters in the log's vessel file, of whatever version; empty where it does not hold one."""
+    try:
+        return tuple(str(t["name"]) for t in tomllib.loads(log.metadata["config/vessel.toml"])["thrusters"])
+    except (KeyError, TypeError, tomllib.TOMLDecodeError):
+        return ()
 
 
 def zero_ns_of(log: LogFile) -> int:

@@ -16,7 +16,7 @@ import msgspec
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
 
-from companion.core.messages import Message
+from companion.core.messages import GroundTruth, Message
 from companion.logs.part import log_parts
 from companion.logs.part_reader import LogError, Part
 from companion.logs.schema import KINDS, METADATA_NAME, RAW_PREFIX, VIEWER_PREFIX, RawBytes
@@ -32,6 +32,14 @@ class LogEntry(NamedTuple):
     publish_time_ns: int
     sequence: int
     data: bytes
+
+
+def open_truth(path: Path) -> LogFile:
+    """The simulator's own log. Raises LogError where no ground truth stands in it: a boat's log is no truth."""
+    log = LogFile(path)
+    if next(log.messages(GroundTruth), None) is None:
+        raise LogError(f"{path}: holds no ground truth; expected the simulator's own log (truth.mcap)")
+    return log
 
 
 class LogFile:

@@ -27,7 +27,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.logs.configuration import site_in
+from companion.logs.configuration import site_in, thrusters_in
 from companion.logs.log_file import LogFile
 
 MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
@@ -61,15 +61,16 @@ class TopicColumns:
 
 @dataclass
 class Series:
-    """All that a plot needs. `pwm_us`: (n, thrusters); `innovations`: sensor -> (t_s, sqrt(d2), accepted).
+    """All that a plot needs. `pwm_us`: (n, thrusters), of the names `thrusters`.
 
+    `innovations`: sensor -> (t_s, sqrt(d2), accepted).
     `uwb_ne_m`: (n, 2) north, east of the tag by UWB alone. `site` is None where the log does not hold it.
     """
 
     columns: dict[type[Message], TopicColumns]
     lease_t_s: np.ndarray
     pwm_us: np.ndarray
-    channels: tuple[int, ...]
+    thrusters: tuple[str, ...]
     sources: list[str]
     phases: list[str]
     innovations: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -102,7 +103,7 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     for message in truth.messages(GroundTruth) if truth else ():
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)
-    return _arrays(rows, zero_ns, last_ns, site_in(log))
+    return _arrays(rows, zero_ns, last_ns, site_in(log), thrusters_in(log))
 
 
 def _add(rows: _Rows, message: Message) -> None:
@@ -125,7 +126,9 @@ def _add(rows: _Rows, message: Message) -> None:
                 rows.phases.append(message.phase)
 
 
-def _arrays(rows: _Rows, zero_ns: int, last_ns: int, site: Site | None) -> Series:
+def _arrays(rows: _Rows, zero_ns: int, last_ns: int, site: Site | None, thrusters: tuple[str, ...]) -> Series:
+    channels = max((lease.channels for lease in rows.leases), key=len, default=())
+
     def seconds(t_ns: Any) -> np.ndarray:
         return (np.asarray(t_ns, dtype=float) - zero_ns) / 1e9
 
@@ -141,7 +144,7 @@ def _arrays(rows: _Rows, zero_ns: int, last_ns: int, site: Site | None) -> Serie
         columns=columns,
         lease_t_s=seconds([lease.t_ns for lease in rows.leases]),
         pwm_us=_thruster_pwm(rows.leases),
-        channels=max((lease.channels for lease in rows.leases), key=len, default=()),
+        thrusters=thrusters or tuple(f"thruster on channel {n}" for n in channels),
         sources=[lease.source for lease in rows.leases],
         phases=rows.phases,
         innovations=innovations,

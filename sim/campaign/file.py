@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 
+from companion.core.configuration import file_kinds
 from companion.core.configuration.tables import ConfigError, Table, parse_toml
 from sim.campaign.dotted_keys import Value, flat
 
@@ -94,6 +95,7 @@ class Draw(Table, frozen=True, kw_only=True):
 class CampaignText(Table, frozen=True, kw_only=True):
     """The file as it stands."""
 
+    FILE: ClassVar = file_kinds.CAMPAIGN
     format: Literal[1]
     name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_. -]{1,60}\Z")]
     kind: Kind

@@ -16,6 +16,7 @@ import pytest
 from companion.__main__ import main
 from companion.python_child import aritra
 from sim.campaign.journal import NAME
+from tests.companion.command_line import exit_code
 from tests.support.campaign_fixture import SHORT, campaign_file
 
 ARITRA = aritra("campaign")
@@ -139,8 +140,8 @@ def test_a_case_that_cannot_run_is_listed_and_the_others_are_kept(tmp_path, caps
 
 
 def test_bad_input_is_refused(tmp_path, capsys):
-    assert main(["campaign", str(tmp_path / "none.toml")]) == 2
-    assert f"aritra campaign: {tmp_path / 'none.toml'}: No such file" in capsys.readouterr().err
+    assert exit_code("campaign", tmp_path / "none.toml") == 2
+    assert f"aritra campaign: FILE: {tmp_path / 'none.toml'}: No such file" in capsys.readouterr().err
     path = campaign_file(tmp_path)
     for words in (["--jobs", "0"], ["--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"]):
         with pytest.raises(SystemExit, match="2"):

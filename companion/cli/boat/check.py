@@ -17,8 +17,8 @@ from companion.boat.clock import BoatClock
 from companion.boat.load_run import RunSetup, load_setup
 from companion.boat.preflight import Listener, all_rows, disk_state
 from companion.boat.signing_key import STAMP_FILE
-from companion.cli.analysis import seconds
 from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.cli.options.values import seconds
 from companion.core.preflight.rows import Level, Row, worst
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.ports.port import Port
@@ -36,10 +36,13 @@ def add_parser(commands) -> None:
         help="before the boat moves: wires, sensors, and whether it stops when the companion dies",
         description="A table of what is found, what is needed and what to do. Propellers off or boat moored: nothing "
         "is armed, overridden or set. Exit code 0: start (with the warnings read); 1: do not start; 2: bad input.",
+        example="aritra check --config deploy/aritra.toml --all",
     )
     add_config(p)
     add_wires(p)
-    p.add_argument("--listen-s", type=seconds, default=LISTEN_S, metavar="S", help="how long to listen (default: 5)")
+    p.add_argument(
+        "--listen-s", type=seconds(0.01, 3600.0), default=LISTEN_S, metavar="S", help="how long to listen (default: 5)"
+    )
     p.add_argument("--all", action="store_true", help="explain also what is in order")
     p.add_argument("--json", action="store_true", help="the rows as JSON instead of a table")
     p.set_defaults(function=check)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
+from companion.cli.options.files import aritra_log
 from companion.core.pilot.pilot import Pilot
 from companion.logs.configuration import setup_in
 from companion.logs.log_file import LogError, LogFile
@@ -19,8 +19,9 @@ def add_parser(commands) -> None:
         help="repeat a log's inputs and compare what the core makes of them",
         description="Feeds the logged inputs to the core and reports the first difference. "
         "Exit code 0: none; 1: one; 2: the log cannot be read.",
+        example="aritra replay out/demo/run.mcap",
     )
-    p.add_argument("log", type=Path, metavar="LOG", help="log of `aritra run` (NAME.mcap)")
+    p.add_argument("log", type=aritra_log, metavar="LOG", help="log of `aritra run` (NAME.mcap)")
     p.set_defaults(function=replay)
 
 

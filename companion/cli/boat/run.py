@@ -14,10 +14,9 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from companion.boat.app import App
-from companion.boat.clock import BoatClock, Clock
+from companion.boat.clock import BoatClock
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.load_run import RunSetup, load_setup, warnings
 from companion.boat.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
@@ -27,11 +26,16 @@ from companion.boat.start_interlock import SWITCH_ON_S, StartInterlock, companio
 from companion.boat.systemd.notify import SdNotify
 from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
+from companion.cli.boat.run_console import RunConsole
+from companion.cli.boat.run_end import RunEnd
 from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.cli.options.files import excitation_file, mission_file
+from companion.cli.options.outputs import output, reason
+from companion.cli.options.values import seconds
 from companion.cli.progress import Progress
 from companion.core.configuration.tables import ConfigError
 from companion.core.control.nmpc import Actuation, Nmpc
-from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, OperatorCommand
+from companion.core.messages import Alert, Message, OperatorCommand
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
 from companion.jit import CodeStore, compile_loops
@@ -46,7 +50,7 @@ from drivers.uwb import uwb_codec
 RUN_FILES = Path()
 """`--excite` without a file."""
 REFUSED = 1
-"""Exit code of a run that was to start by itself on an autopilot that the check refuses."""
+"""Exit code of a run on an autopilot that the check refuses, or that ended because the boat had stopped itself."""
 UNCHECKED = "UNCHECKED: nobody knows whether the thrusters stop when this program dies (--unchecked)"
 PRIORITY = -10
 """Nice value: the control loop has priority over a ground station or a build on the same machine; assumed."""
@@ -61,41 +65,36 @@ def add_parser(commands) -> None:
         help="drive the boat: sensors in, RC override out",
         description="Estimate, guide and control at 10 Hz until interrupted; Ctrl-C ends in neutral and disarm. "
         "Exit code 0 after an orderly end, 1 after a failure, 2 for bad configuration.",
+        example="aritra run --config deploy/aritra.toml --mission deploy/missions/square.plan --start",
     )
     add_config(p)
-    p.add_argument("--mission", type=Path, help="mission instead of the run file's (.plan .waypoints .geojson .toml)")
+    p.add_argument(
+        "--mission",
+        type=mission_file,
+        metavar="FILE",
+        help="mission instead of the run file's (.plan .waypoints .geojson .toml)",
+    )
     add_wires(p)
-    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
+    p.add_argument(
+        "--log", type=output, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
+    )
     p.add_argument(
         "--excite",
         nargs="?",
-        type=Path,
+        type=excitation_file,
         const=RUN_FILES,
         metavar="FILE",
         help="fly an excitation instead of the mission: FILE, or without one the run file's",
     )
     p.add_argument("--start", action="store_true", help="begin by itself, without an operator")
     p.add_argument("--unchecked", action="store_true", help="DANGER: do not check how the autopilot is wired")
-    p.add_argument("--end-after", type=float, metavar="S", help="end S seconds after mission or excitation is done")
+    p.add_argument(
+        "--end-after",
+        type=seconds(0.0, 86_400.0),
+        metavar="S",
+        help="end S seconds after mission or excitation is done, or the boat has stopped itself (exit code 1)",
+    )
     p.set_defaults(function=run)
-
-
-class RunConsole(Protocol):
-    """User interface of a run: gets every message and may command the App. `run` ends with the run."""
-
-    def see(self, message: Message) -> None:
-        """Note one message."""
-        ...
-
-    def close(self) -> None:
-        """The run is over."""
-        ...
-
-    async def run(
-        self, app: App, setup: RunSetup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
-    ) -> None:
-        """Work until cancelled; `tell` logs and shows an alert, `end` ends the run."""
-        ...
 
 
 def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
@@ -127,13 +126,17 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
             attachments={name: text.encode() for name, text in setup.files.items()},
         )
     except OSError as error:
-        print(f"aritra run: {log}: {error.strerror}", file=sys.stderr)
+        print(f"aritra run: {reason(error, log)}", file=sys.stderr)
         return 2
+    if desk:
+        desk.begins(log)
     if recorder.problem:
         print(f"error: {recorder.problem}; it runs without a recording until then", flush=True)
     with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
         service.starting(f"building the controller of {vessel}")
-        return asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
+        code = asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
+    print(f"log: {log}", flush=True)
+    return code
 
 
 def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
@@ -183,7 +186,7 @@ async def _drive(
 ) -> int:
     clock, vessel = BoatClock(), setup.pilot.vessel
     progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
-    finish = _Finish(args.end_after)
+    finish = RunEnd(args.end_after)
 
     def watch(message: Message) -> None:
         progress.see(message)
@@ -195,6 +198,7 @@ async def _drive(
     def end() -> None:
         app.stop()  # before what may fail
         service.stopping()
+        progress.ends()
         shore.end()
 
     def tell(alert: Alert) -> None:
@@ -202,13 +206,12 @@ async def _drive(
         progress.see(alert)
         shore.see(alert)
 
-    forward, system = setup.run.forward, setup.run.mavlink.system_id
-    link = setup.run.mavlink
-    codec = MavlinkCodec(system, link.component_id, target_system=link.autopilot_system_id, signing=signing)
+    forward, link = setup.run.forward, setup.run.mavlink
+    codec = MavlinkCodec(link.system_id, link.component_id, target_system=link.autopilot_system_id, signing=signing)
     guard = None if args.unchecked else StartInterlock(codec, companion_of(setup))
     if not guard:
         tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNCHECKED))
-    gate = GcsFirewall(system) if forward and forward.writable else None
+    gate = GcsFirewall(link.system_id) if forward and forward.writable else None
     app = App(
         Pilot(setup.pilot),
         _controller(setup, tell),
@@ -252,7 +255,7 @@ async def _drive(
     for error in ended:
         if isinstance(error, Exception):
             raise error
-    return REFUSED if args.start and guard and guard.turns_away else 0
+    return REFUSED if finish.stopped_itself or (args.start and guard and guard.turns_away) else 0
 
 
 def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:
@@ -276,18 +279,3 @@ def _hurry() -> None:
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     sys.setswitchinterval(GIL_S)
-
-
-class _Finish:
-    """True once mission or excitation has been done for the stated time."""
-
-    def __init__(self, after_s: float | None):
-        self._after_s = after_s
-        self._done_ns: int | None = None
-
-    def see(self, message: Message) -> bool:
-        if self._after_s is None:
-            return False
-        if isinstance(message, GuidanceReference | ExcitationStatus):
-            self._done_ns = (self._done_ns or message.t_ns) if message.phase in ("done", "failed") else None
-        return self._done_ns is not None and message.t_ns - self._done_ns >= self._after_s * 1e9

@@ -20,6 +20,7 @@ from companion.boat.load_run import RunSetup
 from companion.cli.boat import run
 from companion.cli.boat.teleop_view import TeleopState, TeleopView
 from companion.cli.boat.wires import add_config, add_wires
+from companion.cli.options.outputs import output
 from companion.core.configuration.tables import ConfigError
 from companion.core.messages import Alert, ManualInput, Message, OperatorCommand
 from drivers.sticks.device import GamepadDevice
@@ -42,11 +43,15 @@ def add_parser(commands) -> None:
         "teleop",
         help="drive by hand: keyboard or gamepad",
         description="Like `aritra run`, with a person at the sticks. Thrusters are neutral until R is pressed, which "
-        "arms; a key let go of, a silent gamepad and SPACE end in neutral; Ctrl-C ends in neutral, disarmed.",
+        "arms; a key let go of, a silent gamepad and SPACE end in neutral; Ctrl-C ends in neutral, disarmed. "
+        "Exit code 0: an orderly end; 1: a failure; 2: bad input.",
+        example="aritra teleop --gamepad /dev/input/js0",
     )
     add_config(p)
     add_wires(p)
-    p.add_argument("--log", type=Path, help="MCAP log to write (default: aritra-DATE.mcap in log.folder)")
+    p.add_argument(
+        "--log", type=output, metavar="LOG", help="MCAP log to write (default: aritra-DATE.mcap in log.folder)"
+    )
     p.add_argument(
         "--gamepad",
         nargs="?",
@@ -80,9 +85,16 @@ class TeleopConsole:
         self._view = TeleopView(self._seen, out or sys.stdout)
         self._marks = 0
 
+    def begins(self, log: Path) -> None:
+        """Show where the log goes."""
+        self._seen.log = str(log)
+
     def see(self, message: Message) -> None:
         """Note a message for the view."""
         self._seen.see(message)
+
+    def ends(self) -> None:
+        """Nothing to show: the mode says it."""
 
     def close(self) -> None:
         """Stop drawing."""

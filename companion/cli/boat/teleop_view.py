@@ -47,7 +47,7 @@ class TeleopState:
         self.excitation: ExcitationStatus | None = None
         self.late_ms = 0.0
         self.level = 0.0
-        self.note = ""
+        self.note = self.log = ""
         self.alerts: deque[str] = deque(maxlen=ALERTS)
 
     def see(self, message: Message) -> None:
@@ -95,7 +95,8 @@ def picture(seen: TeleopState) -> Table:
         table.add_row(
             "excitation", f"{x.phase}  {min(x.segment + 1, x.segments)}/{x.segments} {x.name} {x.elapsed_s:.0f} s"
         )
-    table.add_row("log", f"{seen.note}   tick late by {seen.late_ms:.1f} ms at most")
+    table.add_row("log", f"{seen.log}  {seen.note}")
+    table.add_row("ticks", f"late by {seen.late_ms:.1f} ms at most")
     table.add_row("alerts", "\n".join(seen.alerts))
     return table
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from companion.boat.load_run import EXAMPLES, RunSetup
 from companion.boat.signing_key import load_key, load_timestamp
+from companion.cli.options.files import run_file
 from companion.core.configuration.tables import ConfigError
 from drivers.mavlink.signing import Signing
 from drivers.ports.port import Port
@@ -22,7 +23,7 @@ def add_wires(p: argparse.ArgumentParser) -> None:
 
 def add_config(p: argparse.ArgumentParser) -> None:
     """`--config`, the run file."""
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
 
 
 def port_of(args: argparse.Namespace, link: str, url: str) -> Port:

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from companion.boat.load_run import EXAMPLES
+from companion.cli.options.values import whole
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
@@ -27,7 +28,12 @@ def add_autopilot_arguments(p: argparse.ArgumentParser) -> None:
     a = p.add_argument_group("autopilot", "docs/autopilot.md says what each wiring does when the companion dies")
     a.add_argument("--wiring", choices=list(wirings()), help="parameter file in deploy/ardupilot (default: gate)")
     a.add_argument("--param", action="append", default=[], metavar="NAME=VALUE", help="parameter on top; repeatable")
-    a.add_argument("--receiver", type=_channels, metavar="N", help="an RC receiver of N channels, all at 1500 us")
+    a.add_argument(
+        "--receiver",
+        type=whole(4, 16, "a number of channels"),
+        metavar="N",
+        help="an RC receiver of N channels, all at 1500 us",
+    )
     a.add_argument("--firmware", choices=("4.6", "4.7"), default="4.6")
     a.add_argument("--serial", type=int, choices=(0, 1), default=0, help="port of the MAVLink peers (0: USB)")
 
@@ -56,9 +62,3 @@ def autopilot(args: argparse.Namespace, vessel: VesselFile) -> dict[str, Any]:
         "firmware": args.firmware,
         "serial": args.serial,
     }
-
-
-def _channels(text: str) -> int:
-    if not text.isdigit() or not 4 <= int(text) <= 16:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 4 to 16 channels")
-    return int(text)

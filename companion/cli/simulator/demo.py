@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import math
 import socket
 import subprocess
 import sys
@@ -13,17 +12,26 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from typing import IO
 
+from rich.console import Console
+
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
+from companion.cli.options.files import run_file
+from companion.cli.options.outputs import add_out
+from companion.cli.options.values import seconds
 from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
-from companion.cli.simulator.sim import add_world_arguments, world_arguments
+from companion.cli.simulator.world_options import add_world_arguments, check_start, world_arguments
+from companion.logs.log_file import LogError
 from companion.python_child import aritra
 
 STATION_S = 5.0
 """How long the boat keeps station after the mission before the demo ends."""
+RESULTS = ("summary.json", "picture.png", "run*.mcap", "truth*.mcap")
+"""What a demo leaves in its folder, as patterns."""
 LIMIT_S = 300.0
 """A demo that has not ended by then has failed."""
 
@@ -37,12 +45,13 @@ def add_parser(commands) -> None:
         "bytes over a pty, and drives a mission. Writes summary.json, picture.png, run.mcap and truth.mcap. "
         "With --boats several pairs, each with results of its own in OUT/NAME. "
         "Exit code 0: every waypoint passed; 1: not; 2: bad input.",
+        example="aritra demo --wind 4 270 --mismatch 0.1 --seed 3",
     )
-    p.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for the results")
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    add_out(p, "DIR", "folder for the results (default: out/demo)", default=Path("out/demo"))
+    p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
     add_world_arguments(p)
     add_fleet_arguments(p).add_argument(
-        "--stagger", type=_seconds, default=5.0, metavar="S", help="between the starts of two boats"
+        "--stagger", type=seconds(0.0, LIMIT_S), default=5.0, metavar="S", help="between the starts of two boats"
     )
     p.set_defaults(function=demo)
 
@@ -50,41 +59,60 @@ def add_parser(commands) -> None:
 def demo(args: argparse.Namespace) -> int:
     """Drive, score, show; the exit code."""
     setup = load_setup(args.config)
+    check_start(args, setup)
     boats = boats_of(args, setup, {}) or [FleetBoat("", args.out, args.config)]
     try:
         for boat in boats:
             boat.folder.mkdir(parents=True, exist_ok=True)
-            for log in (_run_log(boat), _truth_log(boat)):
-                log.unlink(missing_ok=True)
+            _put_away(boat.folder)
     except OSError as error:
         print(f"aritra demo: {args.out}: {error.strerror}", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory(prefix="aritra-") as wires:
-        failures = _drive(args, boats, Path(wires))
-    for boat, failure in zip(boats, failures, strict=True):
-        if failure:
-            print(f"aritra demo: {_of(boat)}{failure}", file=sys.stderr)
-    finished = [boat for boat, failure in zip(boats, failures, strict=True) if failure is None]
-    passed = [_score(boat, setup) for boat in finished]
-    return 0 if len(passed) == len(boats) and all(passed) else 1
+        failures = drive(args, boats, Path(wires))
+    passed = [_score(boat, setup, failure) for boat, failure in zip(boats, failures, strict=True)]
+    return 0 if all(passed) else 1
 
 
-def _score(boat: FleetBoat, setup: RunSetup) -> bool:
-    """How it went: summary, table, picture; whether every waypoint was passed."""
-    from companion.cli.simulator import summary
+def _put_away(folder: Path) -> None:
+    """Move the results of an earlier demo into a folder of their own: nothing is overwritten."""
+    old = [path for pattern in RESULTS for path in sorted(folder.glob(pattern))]
+    if old:
+        away = next(place for n in count(1) if not (place := folder / f"earlier-{n}").exists())
+        away.mkdir()
+        for path in old:
+            path.rename(away / path.name)
+        print(f"the results of an earlier demo are in {away} now")
 
-    score = summary.summarise(_run_log(boat), _truth_log(boat), setup.pilot)
-    (boat.folder / "summary.json").write_text(
-        json.dumps(summary.finite(score.figures), indent=2) + "\n", encoding="utf-8"
-    )
-    summary.show(score, boat.folder)
+
+def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
+    """How it went: summary, picture, table, verdict; whether every waypoint was passed."""
+    from companion.cli.simulator import result_table, summary
+
+    console = Console(soft_wrap=True, highlight=False)
+    if boat.name:
+        console.rule(boat.name, align="left")
+    try:
+        score = summary.summarise(_run_log(boat), _truth_log(boat), setup.pilot)
+    except LogError:
+        print(f"aritra demo: {_of(boat)}{failure or 'it left no log'}", file=sys.stderr)
+        return False
+    figures = json.dumps(summary.finite(score.figures), indent=2)
+    (boat.folder / "summary.json").write_text(figures + "\n", encoding="utf-8")
     try:
         from companion.cli.simulator import picture
     except ImportError as error:
-        print(f"no picture: {error}; `pip install aritra[analysis]` brings what draws it")
+        console.print(f"no picture: {error}; `pip install aritra[analysis]` brings what draws it", markup=False)
     else:
-        picture.draw(score, setup.pilot, boat.folder / "picture.png")
-    return score.figures["waypoints_passed"] == score.figures["waypoints_total"]
+        if len(score.track.t_s):
+            picture.draw(score, setup.pilot, boat.folder / "picture.png")
+    for line in result_table.lines(score.figures):
+        console.print(line)
+    names = ", ".join(path.name for pattern in RESULTS for path in sorted(boat.folder.glob(pattern)))
+    console.print(f"in {boat.folder}: {names}", markup=False)
+    if failure:
+        print(f"aritra demo: {_of(boat)}{failure}", file=sys.stderr)
+    return not failure and result_table.passed(score.figures)
 
 
 class _Pair:
@@ -115,7 +143,7 @@ class _Pair:
         self._stack.close()
 
 
-def _drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) -> list[str | None]:
+def drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) -> list[str | None]:
     """All boats, one started after the other, until each is done; what went wrong, or None, for each."""
     pairs: list[_Pair] = []
     with contextlib.ExitStack() as stack:
@@ -183,13 +211,3 @@ def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0 <= seconds <= LIMIT_S:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 0 to {LIMIT_S:g}")
-    return seconds

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
 
+from companion.cli.options.values import address, number
 from companion.core.configuration.tables import ConfigError
 
 ADDRESS = "127.0.0.1:9002"
@@ -19,11 +19,12 @@ def add_firmware_arguments(p: argparse.ArgumentParser) -> None:
     f.add_argument(
         "--ardupilot-json",
         nargs="?",
-        const=ADDRESS,
+        type=address,
+        const=address(ADDRESS),
         metavar="HOST:PORT",
         help=f"no simulated autopilot: be the physics of an ArduPilot in software, which sends here ({ADDRESS})",
     )
-    f.add_argument("--speed", type=_speed, metavar="X", help="hold the firmware back to X times real time")
+    f.add_argument("--speed", type=number(0.1, 1000.0), metavar="X", help="hold the firmware back to X times real time")
     p.set_defaults(unset={name: p.get_default(name) for name in OF_OUR_AUTOPILOT})
 
 
@@ -37,13 +38,3 @@ def check_options(args: argparse.Namespace) -> None:
         if getattr(args, name) != unset:
             option = "--" + name.replace("_", "-")
             raise ConfigError(f"{option}: is for the simulated autopilot; leave it out, or --ardupilot-json")
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = math.nan
-    if not 0.1 <= speed <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 0.1 to 1000")
-    return speed

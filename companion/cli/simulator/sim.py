@@ -16,12 +16,15 @@ from typing import Any
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.boat.recorder import Recorder
+from companion.cli.options import outputs
+from companion.cli.options.files import run_file
+from companion.cli.options.values import address
 from companion.cli.simulator.autopilot_options import add_autopilot_arguments, autopilot
 from companion.cli.simulator.firmware_options import add_firmware_arguments, check_options
 from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet import FleetWires as Urls
 from companion.cli.simulator.fleet_options import PORTS, add_fleet_arguments, boats_of, folders_of, place_of
-from companion.core.configuration.tables import ConfigError
+from companion.cli.simulator.world_options import add_world_arguments, world_setup
 from companion.core.messages import Message
 from companion.logs.metadata import log_metadata
 
@@ -35,69 +38,29 @@ def add_parser(commands) -> None:
         "sim",
         help="simulate the boat on its own wires: MAVLink over UDP, UWB over a pty",
         description="A simulated boat in real time, until interrupted. `aritra run` cannot tell it from a real one. "
-        "With --boats several: each boat's ports lie 10 above the one's before it, its name is in its paths.",
+        "With --boats several: each boat's ports lie 10 above the one's before it, its name is in its paths. Exit code "
+        "0: ended by Ctrl-C; 1: a port is taken, or a wire broke; 2: bad input.",
+        example="aritra sim --wind 5 270 --dropout 0.1 --truth truth.mcap",
     )
-    p.add_argument("--config", type=Path, default=EXAMPLES / "aritra.toml", help="run file (TOML)")
-    p.add_argument("--udp-to", default="127.0.0.1:14551", metavar="HOST:PORT", help="where MAVLink is sent")
-    p.add_argument("--tcp", metavar="HOST:PORT", help="also serve MAVLink over TCP (for MAVProxy, MAVSDK, QGC)")
+    p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument(
+        "--udp-to",
+        type=address,
+        default=("127.0.0.1", 14551),
+        metavar="HOST:PORT",
+        help="where MAVLink is sent (default: 127.0.0.1:14551)",
+    )
+    p.add_argument(
+        "--tcp", type=address, metavar="HOST:PORT", help="also serve MAVLink over TCP (for MAVProxy, MAVSDK, QGC)"
+    )
     p.add_argument("--uwb", default="/tmp/aritra-uwb", metavar="PATH", help="where the UWB tag appears")
-    p.add_argument("--truth", type=Path, help="MCAP log of what really happened")
+    p.add_argument("--truth", type=outputs.output, metavar="LOG", help="MCAP log of what really happened")
     add_world_arguments(p)
-    p.add_argument("--out", type=Path, default=Path("out/sim"), help="folder for run files that --boats, --shore make")
+    outputs.add_out(p, "DIR", "folder for run files that --boats, --shore make", default=Path("out/sim"))
     add_fleet_arguments(p)
     add_autopilot_arguments(p)
     add_firmware_arguments(p)
     p.set_defaults(function=sim)
-
-
-def add_world_arguments(p: argparse.ArgumentParser) -> None:
-    """What world to simulate; shared with `demo`."""
-    w = p.add_argument_group("world")
-    w.add_argument("--seed", type=_seed, default=1, help="of noise, biases, weather and mismatch")
-    w.add_argument("--start", type=float, nargs=3, default=(8.0, 8.0, 20.0), metavar=("N", "E", "DEG"))
-    w.add_argument("--current", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="towards")
-    w.add_argument("--wind", type=float, nargs=2, default=(0.0, 0.0), metavar=("M/S", "DEG"), help="from")
-    w.add_argument("--gusts", type=float, default=0.2, help="standard deviation of wind speed, share")
-    w.add_argument("--waves", type=float, default=0.0, metavar="M", help="significant height")
-    w.add_argument("--mismatch", type=float, default=0.0, metavar="SHARE", help="plant off its vessel file by up to")
-    w.add_argument("--nlos", type=float, default=0.0, metavar="SHARE", help="of UWB ranges that read far")
-    w.add_argument("--dropout", type=float, default=0.0, metavar="SHARE", help="of UWB ranges that are missing")
-
-
-def world_arguments(args: argparse.Namespace) -> list[str]:
-    """The world's options as a command line, to hand them on to a process of its own."""
-    arguments: list[str] = ["--seed", str(args.seed)]
-    for name in ("start", "current", "wind"):
-        arguments += [f"--{name}", *map(str, getattr(args, name))]
-    for name in ("gusts", "waves", "mismatch", "nlos", "dropout"):
-        arguments += [f"--{name}", str(getattr(args, name))]
-    return arguments
-
-
-def world_setup(args: argparse.Namespace, setup: RunSetup):
-    """The world that the command line asks for, with the run file's boat and site."""
-    import numpy as np
-
-    from sim.world.environment import Weather
-    from sim.world.sensors import UwbFaults
-    from sim.world.world import WorldSetup
-
-    north, east, heading = args.start
-    return WorldSetup(
-        setup.pilot.vessel,
-        setup.pilot.site,
-        start=(north, east, float(np.deg2rad(heading))),
-        weather=Weather(
-            V_c_m_s=args.current[0],
-            beta_c_deg=args.current[1],
-            V_w_m_s=args.wind[0],
-            beta_w_deg=args.wind[1],
-            gustiness=args.gusts,
-            H_s_m=args.waves,
-        ),
-        mismatch=args.mismatch,
-        faults=UwbFaults(dropout=args.dropout, nlos=args.nlos),
-    )
 
 
 def sim(args: argparse.Namespace) -> int:
@@ -113,7 +76,7 @@ def sim(args: argparse.Namespace) -> int:
                 try:
                     record = stack.enter_context(_truth_log(one.truth, setup)).record
                 except OSError as error:
-                    print(f"aritra sim: {one.truth}: {error.strerror}", file=sys.stderr)
+                    print(f"aritra sim: {outputs.reason(error, one.truth)}", file=sys.stderr)
                     return 2
             worlds.append(_world(one, setup, record))
         return asyncio.run(_serve(worlds))
@@ -121,18 +84,19 @@ def sim(args: argparse.Namespace) -> int:
 
 def _fleet(args: argparse.Namespace, setup: RunSetup) -> list[argparse.Namespace]:
     """Each boat's own options, `boat` among them; empty: one boat."""
-    (host, port), endpoints = _address(args.udp_to), {}
+    (host, port), endpoints = args.udp_to, {}
     for k, name in enumerate(folders_of(args, setup)):
         own = argparse.Namespace(**vars(args) | {"seed": args.seed + k})
         if args.boats is not None:
-            own.udp_to = f"{host}:{port + k * PORTS}"
+            own.udp_to = (host, port + k * PORTS)
             own.uwb = place_of(args.uwb, name)
             own.truth = args.truth and Path(place_of(str(args.truth), name))
             if args.tcp:
-                tcp_host, tcp_port = _address(args.tcp)
-                own.tcp = f"{tcp_host}:{tcp_port + k * PORTS}"
+                own.tcp = (args.tcp[0], args.tcp[1] + k * PORTS)
         endpoints[name] = own
-    wires = {name: Urls(f"udpin:{own.udp_to}", f"serial:{own.uwb}:115200") for name, own in endpoints.items()}
+    wires = {
+        name: Urls("udpin:{}:{}".format(*own.udp_to), f"serial:{own.uwb}:115200") for name, own in endpoints.items()
+    }
     for boat in boats_of(args, setup, wires):
         endpoints[boat.name].boat = boat
     return list(endpoints.values())
@@ -150,10 +114,10 @@ def _world(args: argparse.Namespace, setup: RunSetup, record: Callable[[Message]
 
     world, say = world_setup(args, setup), partial(_say, getattr(args, "boat", None))
     if args.ardupilot_json is not None:
-        firmware = JsonWires(_address(args.ardupilot_json), args.uwb, args.speed)
+        firmware = JsonWires(args.ardupilot_json, args.uwb, args.speed)
         return partial(serve_firmware, world, args.seed, firmware, record, say)
     world = replace(world, **autopilot(args, setup.pilot.vessel))
-    wires = LoopbackWires(target=_address(args.udp_to), tcp=_address(args.tcp) if args.tcp else None, uwb_path=args.uwb)
+    wires = LoopbackWires(target=args.udp_to, tcp=args.tcp, uwb_path=args.uwb)
     return partial(serve, world, args.seed, wires, record, say)
 
 
@@ -178,16 +142,3 @@ def _say(boat: FleetBoat | None, where: str) -> None:
         print(f"simulator: {where}", flush=True)
     else:
         print(f"simulator: {boat.name}: {where}; aritra run --start --config {boat.config}", flush=True)
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, colon, port = text.rpartition(":")
-    if not colon or not port.isdigit() or int(port) > 65535:
-        raise ConfigError(f"{text!r}: expected HOST:PORT")
-    return host, int(port)
-
-
-def _seed(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number from 0")
-    return int(text)

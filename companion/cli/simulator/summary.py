@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from companion.core.messages import (
     GroundTruth,
@@ -30,7 +29,6 @@ from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 KINDS = (
     GuidanceReference, LoopTiming, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
 )  # fmt: skip
-UNITS = {"_m": "m", "_m_s": "m/s", "_deg": "deg", "_ms": "ms", "_percent": "%", "_mb": "MB"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,8 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
     if len(track.t_s):
         pose = (*points[-1], end_heading(settings))
         figures |= tracking(track, points) | station(track, pose) | estimation(track)
-    return DemoScore(figures | _timing(messages), track, messages, truths)
+    figures |= _timing(messages) | {"simulator_stall_ms": _longest_gap_ms(truths)}
+    return DemoScore(figures, track, messages, truths)
 
 
 def end_heading(settings: PilotSettings) -> float:
@@ -83,6 +82,11 @@ def _timing(messages: dict[type[Message], list[Any]]) -> dict[str, float | int]:
     }
 
 
+def _longest_gap_ms(truths: list[GroundTruth]) -> float:
+    """Longest time [ms] for which the simulator did nothing, from the stamps of its truth."""
+    return max((b.t_ns - a.t_ns for a, b in pairwise(truths)), default=0) * 1e-6
+
+
 def _percentile(values: list[float], share: float) -> float:
     return float(np.percentile(values, share)) if values else float("nan")
 
@@ -90,18 +94,3 @@ def _percentile(values: list[float], share: float) -> float:
 def finite(figures: dict[str, float | int]) -> dict[str, float | int | None]:
     """For JSON, which has no NaN: what was not measured is null."""
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}
-
-
-def show(score: DemoScore, folder: Path) -> None:
-    """The figures as a table on the terminal."""
-    table = Table(title="How it went", title_justify="left")
-    table.add_column("figure")
-    table.add_column("value", justify="right")
-    table.add_column("unit")
-    for name, value in score.figures.items():
-        unit = next((u for suffix, u in reversed(UNITS.items()) if name.endswith(suffix)), "")
-        text = str(value) if isinstance(value, int) else f"{value:.3f}"
-        table.add_row(name, text, unit)
-    console = Console()
-    console.print(table)
-    console.print(f"written to {folder}: summary.json, picture.png, run.mcap (opens in Foxglove), truth.mcap")

@@ -1,4 +1,4 @@
-"""Numbers of a file beyond the range of their key: told with the whole path, the range and what was found.
+"""Keys of a file that nobody knows, and numbers beyond the range of their key: with the whole path and what was meant.
 
 The range of a key stands where the key does, in its struct; this module walks over what was read beside those structs.
 Bounds keep out what no small vessel (to 25 m and 100 t) and no basin can have, a slip of the decimal point most of all:
@@ -14,12 +14,16 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
+from companion.core.configuration.spelling import did_you_mean
+
 LARGEST = 1e300
 """TOML's whole numbers go on for ever; floats do not."""
 
 
-def out_of_range(data: object, kind: type[msgspec.Struct]) -> Iterator[str]:
-    """What is wrong with the numbers in `data`, read for `kind`: `hull.draft_m: expected 0.005 to 5, found 9`."""
+def problems(data: object, kind: type[msgspec.Struct]) -> Iterator[str]:
+    """What is wrong with keys and numbers in `data`, read for `kind`: `hull.draft_m: expected 0.005 to 5, found 9`,
+    `hull.draught_m: unknown key; did you mean draft_m?`.
+    """
     yield from _walk(data, _described(kind), "")
 
 
@@ -31,9 +35,7 @@ def _described(kind: type[msgspec.Struct]) -> inspect.Type:
 def _walk(node: Any, kind: inspect.Type, path: str) -> Iterator[str]:
     match kind:
         case inspect.StructType() if isinstance(node, dict):
-            for field in kind.fields:
-                if field.encode_name in node:
-                    yield from _walk(node[field.encode_name], field.type, _join(path, field.encode_name))
+            yield from _walk_table(node, kind, path)
         case inspect.DictType() if isinstance(node, dict):
             for key, value in node.items():
                 yield from _walk(value, kind.value_type, _join(path, key))
@@ -48,6 +50,15 @@ def _walk(node: Any, kind: inspect.Type, path: str) -> Iterator[str]:
         case inspect.FloatType() | inspect.IntType() if isinstance(node, int | float) and not isinstance(node, bool):
             if not _within(node, kind):
                 yield f"{path}: expected {_range(kind)}, found {_shown(node)}"
+
+
+def _walk_table(node: dict[str, Any], kind: inspect.StructType, path: str) -> Iterator[str]:
+    known = [field.encode_name for field in kind.fields]
+    for key in sorted(node.keys() - {*known, kind.tag_field}) if kind.forbid_unknown_fields else ():
+        yield f"{_join(path, key)}: unknown key{did_you_mean(key, known)}"
+    for field in kind.fields:
+        if field.encode_name in node:
+            yield from _walk(node[field.encode_name], field.type, _join(path, field.encode_name))
 
 
 def _walk_one_of(node: Any, kind: inspect.UnionType, path: str) -> Iterator[str]:

@@ -5,10 +5,11 @@ Paths in it are relative to the file itself. `aritra run --config FILE`; deploy/
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
+from companion.core.configuration import file_kinds
 from companion.core.configuration.tables import Table, parse_toml
 
 Voltage = Annotated[float, msgspec.Meta(ge=1, le=1000)]
@@ -121,6 +122,7 @@ class LogFolder(Table, frozen=True, kw_only=True):
 class RunFile(Table, frozen=True, kw_only=True):
     """One run. `excitation`: what `aritra run --excite` flies instead of the mission."""
 
+    FILE: ClassVar = file_kinds.RUN
     vessel: str
     site: str
     mission: str

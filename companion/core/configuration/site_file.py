@@ -7,11 +7,12 @@ z up), the right-handed frame that their vendors ask for.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 import numpy as np
 
+from companion.core.configuration import file_kinds
 from companion.core.configuration.tables import ConfigError, SourcedTable, parse_toml
 from companion.core.geometry.anchors import SAME_PLACE_M, in_one_place, on_one_another
 from companion.core.geometry.fence import MOST_CORNERS, clearance, crossing, enclosed_m2
@@ -34,6 +35,7 @@ class Anchor(SourcedTable, frozen=True, kw_only=True):
 class Site(SourcedTable, frozen=True, kw_only=True):
     """One site. `fence`: closed polygon of (north, east) [m] that the boat must not leave."""
 
+    FILE: ClassVar = file_kinds.SITE
     name: str
     lat_deg: Annotated[float, msgspec.Meta(ge=-90, le=90)]
     lon_deg: Annotated[float, msgspec.Meta(ge=-180, le=180)]

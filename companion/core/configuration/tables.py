@@ -9,12 +9,13 @@ from __future__ import annotations
 import hashlib
 import math
 import tomllib
-from collections.abc import Iterator
-from typing import Annotated, TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar, TypeVar
 
 import msgspec
 
-from companion.core.configuration.ranges import out_of_range
+from companion.core.configuration.file_kinds import EXAMPLES, kind_of_tables
+from companion.core.configuration.ranges import problems
 
 T = TypeVar("T", bound=msgspec.Struct)
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -26,7 +27,12 @@ class ConfigError(ValueError):
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of every configuration table: frozen, and a key it does not know is an error."""
+    """Base of every configuration table: frozen, and a key it does not know is an error.
+
+    `FILE`: what a whole file of it is called (`file_kinds`), to say so where another is given.
+    """
+
+    FILE: ClassVar[str | None] = None
 
 
 class SourcedTable(Table, frozen=True, kw_only=True):
@@ -48,14 +54,22 @@ def parse_toml(text: str, kind: type[T], *, name: str) -> T:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: not valid TOML: {error}") from None
+    refuse_other_kind(data, getattr(kind, "FILE", None), name=name)
     for path in _not_finite(data, ""):
         raise ConfigError(f"{name}: {path}: expected a finite number")
-    for problem in out_of_range(data, kind):
+    for problem in problems(data, kind):
         raise ConfigError(f"{name}: {problem}")
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{name}: {_readable(str(error))}") from None
+
+
+def refuse_other_kind(data: Mapping[str, object], wanted: str | None, *, name: str) -> None:
+    """Raise ConfigError where a TOML document is certainly another kind of file than `wanted`."""
+    found = kind_of_tables(data)
+    if wanted and found not in (None, wanted):
+        raise ConfigError(f"{name}: is {found}; expected {wanted}, for example {EXAMPLES[wanted]}")
 
 
 def _not_finite(node: object, path: str) -> Iterator[str]:

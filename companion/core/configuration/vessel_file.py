@@ -6,11 +6,12 @@ signs, so added mass and damping coefficients of a stable hull are negative (X_u
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 import numpy as np
 
+from companion.core.configuration import file_kinds
 from companion.core.configuration.sensors import Arm, Sensors
 from companion.core.configuration.tables import SourcedTable, Table
 
@@ -180,6 +181,7 @@ class VesselFile(Table, frozen=True, kw_only=True):
     `model_error`: how far the filter may trust the model; None: as its own tuning has it.
     """
 
+    FILE: ClassVar = file_kinds.VESSEL
     format: Literal[1]
     name: str
     hull: Hull

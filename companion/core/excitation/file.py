@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 
+from companion.core.configuration import file_kinds
 from companion.core.configuration.tables import ConfigError, Table, parse_toml
 
 Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -86,6 +87,7 @@ class Excitation(Table, frozen=True, kw_only=True):
     goes back to within `return_m` of the middle at up to `return_speed_m_s`. All assumed.
     """
 
+    FILE: ClassVar = file_kinds.EXCITATION
     format: Literal[1]
     name: str
     margin_m: Annotated[float, msgspec.Meta(ge=0, le=50)] = 1.5

@@ -141,8 +141,7 @@ _HINTS: dict[Event, str] = {
     "battery_low": "bring the boat home",
     "battery_critical": "bring the boat home, by hand if need be, and change the pack",
     "solver_failing": "the processor is too slow or busy, or the problem has no solution; the log has each reason",
-    "loop_lag": "something keeps the processor: see `aritra log` for lateness",
-    "link_late": "look for a radio, a router or a full buffer on the way to the autopilot",
+    "loop_lag": "this computer is too busy: end other programs; `aritra log plot` draws the lateness",
     "rc_takeover": "the pilot on the sticks has it",
 }
 

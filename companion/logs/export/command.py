@@ -20,10 +20,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from companion.cli.options.files import any_log, log_beside, site_file, text_of, truth_log, vessel_file
+from companion.cli.options.outputs import AWAY, add_out, new_file
+from companion.cli.options.values import number
 from companion.core.configuration.site_file import load_site
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.export import geojson as log_geojson
-from companion.logs.log_file import LogError, LogFile
+from companion.logs.log_file import LogError, LogFile, open_truth
 
 if TYPE_CHECKING:
     from companion.logs.runs.run import LogProblem, Run
@@ -62,6 +65,7 @@ def export(path: Path, out: Path, extras: Extras | None = None, *, as_json: bool
         raise LogError(NEEDS_POLARS) from None
     if out.exists() and out.samefile(path):
         raise LogError(f"{out}: this is the log itself")
+    new_file(out)
     try:
         run = read_run(path, _beside(extras or Extras()))
         write_run(run, out)
@@ -94,10 +98,10 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
         from companion.logs.export import tables
     except ImportError:
         raise LogError(NEEDS_POLARS) from None
-    log, simulator, console = LogFile(path), LogFile(truth) if truth else None, Console()
+    log, simulator, console = LogFile(path), open_truth(truth) if truth else None, Console()
     taken = [p.name for p in sorted(folder.glob(f"*.{form}"))] if folder.is_dir() else []
     if taken:
-        raise LogError(f"{folder}: holds {taken[0]} already; choose another folder, or move it away")
+        raise LogError(f"{folder / taken[0]}: {AWAY}")
     with console.status(f"reading {path}") as status:
         found = tables.tables(log, simulator, lambda n: status.update(f"reading {path}: {n} messages"))
     if not found.by_topic:
@@ -115,12 +119,11 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
 
 def export_track(path: Path, out: Path, *, site: Path | None = None, truth: Path | None = None) -> int:
     """Write the track as GeoJSON. Returns the exit code. Raises LogError, ConfigError."""
-    log, simulator = LogFile(path), LogFile(truth) if truth else None
+    log, simulator = LogFile(path), open_truth(truth) if truth else None
+    new_file(out)
     try:
-        chosen = load_site(site.read_text(encoding="utf-8"), name=str(site)) if site else None
+        chosen = load_site(text_of(site), name=str(site)) if site else None
         found = log_geojson.features(log, chosen, simulator)
-        if out.is_dir():
-            raise LogError(f"{out}: is a folder; name the file to write")
         out.write_bytes(log_geojson.collection(path.stem, found, msgspec.json.encode))
     except OSError as error:
         raise LogError(_reason(error)) from None
@@ -135,7 +138,7 @@ def export_foxglove(path: Path, out: Path) -> int:
     except ImportError:
         raise LogError(NEEDS_FOXGLOVE) from None
     log = LogFile(path)
-    _refuse_existing(out)
+    new_file(out)
     try:
         count = foxglove.write(log, out)
     except OSError as error:  # of foxglove-sdk: it names no file
@@ -149,8 +152,8 @@ def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
         from companion.logs.export import rosbag2
     except ImportError:
         raise LogError(NEEDS_ROSBAGS) from None
-    log, simulator = LogFile(path), LogFile(truth) if truth else None
-    _refuse_existing(out)
+    log, simulator = LogFile(path), open_truth(truth) if truth else None
+    new_file(out, is_folder=True)
     try:
         count, left_out = rosbag2.write(log, out, simulator)
     except OSError as error:
@@ -164,8 +167,14 @@ def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
 def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes: str) -> None:
     """Add `export` to the commands of `aritra log`."""
     what = "for other programs: CSV, Parquet, GeoJSON, Foxglove, rosbag2"
-    p = commands.add_parser("export", help=what, description=DESCRIPTION, epilog=exit_codes)
-    p.add_argument("log", type=Path, metavar="LOG", help="log of aritra run (.mcap); aligned also .bin, .tlog, ...")
+    p = commands.add_parser(
+        "export",
+        help=what,
+        description=DESCRIPTION,
+        epilog=exit_codes,
+        example="aritra log export out/demo/run.mcap --geojson --out track.geojson",
+    )
+    p.add_argument("log", type=any_log, metavar="LOG", help="log of aritra run (.mcap); aligned also .bin, .tlog, ...")
     form = p.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_const", const="csv", dest="form", help="a CSV file a topic, into --out")
     parquet = {"action": "store_const", "const": "parquet", "dest": "form"}
@@ -179,14 +188,18 @@ def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes:
     out = (
         "folder of --csv, --parquet, --rosbag2; else file to write: .geojson, .mcap; aligned: .csv, .csv.gz or .parquet"
     )
-    p.add_argument("--out", "-o", type=Path, required=True, metavar="PATH", help=out)
-    p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's own log of the same run")
-    p.add_argument("--site", type=Path, metavar="FILE", help="site file (default: the one in the log)")
+    add_out(p, "PATH", out, required=True)
+    p.add_argument("--truth", type=truth_log, metavar="LOG", help="the simulator's own log of the same run")
+    p.add_argument("--site", type=site_file, metavar="FILE", help="site file (default: the one in the log)")
     aligned = p.add_argument_group("for the aligned table only")
-    aligned.add_argument("--vessel", type=Path, metavar="FILE", help="vessel file (default: the one in the log)")
-    aligned.add_argument("--uwb", type=Path, metavar="LOG", help="UWB log beside a .bin or .tlog: .mcap, or lines")
+    aligned.add_argument("--vessel", type=vessel_file, metavar="FILE", help="vessel file (default: the one in the log)")
+    aligned.add_argument(
+        "--uwb", type=log_beside, metavar="LOG", help="UWB log beside a .bin or .tlog: .mcap, or lines"
+    )
     aligned.add_argument("--uwb-format", metavar="NAME", help="wire format of its lines (default: the vessel file's)")
-    aligned.add_argument("--uwb-offset", type=float, metavar="S", help="add to its Unix stamps to have the log's clock")
+    aligned.add_argument(
+        "--uwb-offset", type=number(-1e10, 1e10), metavar="S", help="add to its Unix stamps to have the log's clock"
+    )
     aligned.add_argument("--json", action="store_true", help="one JSON object instead of tables")
     p.set_defaults(function=guarded(_run_command), form=None)
 
@@ -214,14 +227,9 @@ def _run_command(args: argparse.Namespace) -> int:
 def _beside(extras: Extras) -> Any:
     from companion.logs.readers.read_run import ReadOptions
 
-    vessel = load_vessel(extras.vessel.read_text(encoding="utf-8"), name=str(extras.vessel)) if extras.vessel else None
-    site = load_site(extras.site.read_text(encoding="utf-8"), name=str(extras.site)) if extras.site else None
+    vessel = load_vessel(text_of(extras.vessel), name=str(extras.vessel)) if extras.vessel else None
+    site = load_site(text_of(extras.site), name=str(extras.site)) if extras.site else None
     return ReadOptions(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
-
-
-def _refuse_existing(out: Path) -> None:
-    if out.exists():
-        raise LogError(f"{out}: is there already; choose another name, or move it away")
 
 
 def _reason(error: Exception) -> str:

@@ -91,6 +91,7 @@ def printed(series: Series, width_mm: float) -> Figure:
         for axes in timed:
             axes.set_xlim(0.0, max(series.duration_s, 1e-3))
         drawn.align_ylabels(timed)
+        _keep_legends_inside(drawn)
     return drawn
 
 
@@ -168,6 +169,17 @@ def _yaw_rate(axes: Axes, series: Series) -> None:
         axes.plot(truth.t_s, np.degrees(truth["r_rad_s"]), color=VERMILION, lw=0.7, label="$r$")
 
 
+def _keep_legends_inside(drawn: Figure) -> None:
+    """Give fewer columns to every legend that reaches over the figure's edge."""
+    for axes in drawn.axes:
+        for columns in range(len(axes.get_legend_handles_labels()[0]) - 1, 0, -1):
+            drawn.draw_without_rendering()
+            legend = axes.get_legend()
+            if not legend or legend.get_window_extent().x1 <= drawn.bbox.x1:
+                break
+            _legend(axes, columns)
+
+
 def _legend(axes: Axes, columns: int) -> None:
     """Legend above the axes, with symbols where there are any; an empty title keeps its space."""
     if old := axes.get_legend():
@@ -184,8 +196,8 @@ def _legend(axes: Axes, columns: int) -> None:
 
 
 def _short(label: str) -> str:
-    """Label of a thruster or of a level of degradation, without channel and count."""
-    return label.removeprefix("fallback ").replace("_", " ").split(" (ch ")[0].split(": ")[0]
+    """Label of a thruster or of a level of degradation, without count."""
+    return label.removeprefix("fallback ").split(": ")[0]
 
 
 PANELS: tuple[tuple[Draw, str], ...] = (

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import (
@@ -31,6 +32,7 @@ BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#8C8C8C"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, "#B8A800", BLACK)
 SOURCES = {"shifted_plan": SKY, "pd": ORANGE, "neutral": GREY}
+MOST_ROWS = 4
 GATE_SIGMA = 3.0  # line to guide the eye; the filter's own gate decides what is accepted
 
 STYLE: dict[Any, Any] = {
@@ -100,6 +102,7 @@ def draw(figure: Figure, series: Series, title: str) -> None:
         cross_track(left, series)
         left.set_xlim(0.0, max(series.duration_s, 1e-3))
         figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+        _part_legends_from_titles(figure)
 
 
 def _title(log: LogFile, series: Series) -> str:
@@ -199,9 +202,7 @@ def pwm(axes: Axes, series: Series) -> None:
     axes.set(title="Thruster PWM", ylabel="[us]")
     axes.axhline(NEUTRAL_US, color=BLACK, lw=0.7)
     for column, pwm_us in enumerate(series.pwm_us.T):
-        label = f"T{column + 1}"
-        if column < len(series.channels):
-            label += f" (ch {series.channels[column]})"
+        label = series.thrusters[column] if column < len(series.thrusters) else f"thruster {column + 1}"
         colour = CYCLE[column % len(CYCLE)]
         axes.step(series.lease_t_s, pwm_us, where="post", color=colour, lw=1.0, label=label)
     sources = np.array(series.sources)
@@ -250,6 +251,19 @@ def _timing(axes: Axes, series: Series) -> None:
         axes.set_yscale("symlog", linthresh=0.1)
         axes.set_ylim(bottom=0.0)
     _legend(axes)
+
+
+def _part_legends_from_titles(figure: Figure) -> None:
+    """Give more rows to every legend that reaches over the title at its left."""
+    for axes in figure.axes:
+        name = axes.get_title("left")
+        (title,) = axes.findobj(lambda a, name=name: isinstance(a, Text) and bool(name) and a.get_text() == name)
+        for rows in range(2, MOST_ROWS + 1):
+            figure.draw_without_rendering()
+            legend = axes.get_legend()
+            if not legend or not legend.get_window_extent().overlaps(title.get_window_extent()):
+                break
+            _legend(axes, rows)
 
 
 def _legend(axes: Axes, rows: int = 1) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from companion.cli.analysis import seconds
+from companion.cli.options.files import aritra_log, text_of, truth_log, vessel_file
+from companion.cli.options.outputs import add_out, new_file
+from companion.cli.options.values import number, seconds
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.configuration import setup_in
@@ -35,28 +36,21 @@ def add_parser(commands: Any, guarded: Callable[[Command], Command], exit_codes:
         description="Beside what the boat did the page shows what its model says: open loop under the logged commands, "
         "put back onto the boat every few seconds. A second vessel file makes a second ghost.",
         epilog=exit_codes,
+        example="aritra log page out/demo/run.mcap --truth out/demo/truth.mcap --out run.html",
     )
-    p.add_argument("log", type=Path, metavar="LOG", help="first file of a log of aritra run (NAME.mcap)")
-    p.add_argument("--out", "-o", type=Path, metavar="FILE", help="default: LOG.html beside it")
-    p.add_argument("--vessel", type=Path, metavar="FILE", help="base vessel file (default: the one in the log)")
-    p.add_argument("--extended", type=Path, metavar="FILE", help="second vessel file, for example of aritra diagnose")
+    p.add_argument("log", type=aritra_log, metavar="LOG", help="first file of a log of aritra run (NAME.mcap)")
+    add_out(p, "FILE", "default: LOG.html beside it")
+    p.add_argument("--vessel", type=vessel_file, metavar="FILE", help="base vessel file (default: the one in the log)")
+    p.add_argument(
+        "--extended", type=vessel_file, metavar="FILE", help="second vessel file, for example of aritra diagnose"
+    )
     every = "seconds until a ghost is put back onto the boat (default: %(default)g)"
-    p.add_argument("--every", type=seconds, metavar="S", default=EVERY_S, help=every)
+    p.add_argument("--every", type=seconds(0.1, 1e6), metavar="S", default=EVERY_S, help=every)
     p.add_argument("--no-ghosts", action="store_true", help="leave the simulation out")
-    p.add_argument("--truth", type=Path, metavar="LOG", help="the simulator's log: ghosts start from the truth")
+    p.add_argument("--truth", type=truth_log, metavar="LOG", help="the simulator's log: ghosts start from the truth")
     rate = "samples a second (default: 10, fewer in logs of more than 20 minutes)"
-    p.add_argument("--rate", type=_rate, metavar="HZ", help=rate)
+    p.add_argument("--rate", type=number(1.0, 10.0, "samples a second"), metavar="HZ", help=rate)
     p.set_defaults(function=guarded(_run))
-
-
-def _rate(text: str) -> float:
-    try:
-        rate_hz = float(text)
-    except ValueError:
-        rate_hz = 0.0
-    if not 1.0 <= rate_hz <= 10.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 1 to 10 samples a second")
-    return rate_hz
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -70,6 +64,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.no_ghosts and (odd := [name for name, value in given.items() if value]):
         raise LogError(f"{odd[0]} says nothing with --no-ghosts: leave one of them out")
     out = args.out or args.log.with_suffix(".html")
+    new_file(out)
     with console.status(f"reading {args.log}") as status:
         duration_s = _duration_s(log)
         rate_hz = args.rate or view.rate_of(duration_s)
@@ -105,11 +100,11 @@ def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float],
         raise LogError(NEEDS) from None
     try:
         own = setup_in(log).pilot.vessel
-        base = load_vessel(args.vessel.read_text(encoding="utf-8"), name=str(args.vessel)) if args.vessel else own
+        base = load_vessel(text_of(args.vessel), name=str(args.vessel)) if args.vessel else own
         GhostModel.of(str(args.vessel), base, own)
         models = [GhostModel.of("simulated (base)", base, base)]
         if args.extended:
-            extended = load_vessel(args.extended.read_text(encoding="utf-8"), name=str(args.extended))
+            extended = load_vessel(text_of(args.extended), name=str(args.extended))
             GhostModel.of(str(args.extended), extended, base)
             models.append(GhostModel.of("simulated (extended)", extended, base))
         say("reading what was measured", 0.0)

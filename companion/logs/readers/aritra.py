@@ -31,7 +31,7 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.model.load_vessel import load_vessel
-from companion.logs.log_file import LogFile
+from companion.logs.log_file import LogFile, open_truth
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.uwb import uwb_streams
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -57,7 +57,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         found[type(message)].append(row(message) if row else message)
     notes = [LogProblem(kind="damaged", text=text) for text in log.damage]
     if truth:
-        simulator = LogFile(truth)
+        simulator = open_truth(truth)
         found[GroundTruth] = list(simulator.messages(GroundTruth))
         notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]
     if not found[OverrideLease]:

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from companion.__main__ import main, parser
+from companion.__main__ import parser
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.cli.simulator.autopilot_options import autopilot
 from companion.cli.simulator.sim import world_setup
 from companion.core.configuration.tables import ConfigError
 from sim.world.autopilot import BOAT_PARAMETERS
 from sim.world.world import World
+from tests.companion.command_line import exit_code
 
 SETUP = load_setup(EXAMPLES / "aritra.toml")
 
@@ -63,16 +64,12 @@ def test_a_wiring_is_refused_for_a_boat_with_other_channels():
         (["--param", "NOT_THERE=1"], "no parameter NOT_THERE"),
         (["--param", "FS_ACTION=x"], "FS_ACTION: 'x' is not a finite number"),
         (["--param", "FS_ACTION"], "expected NAME,VALUE"),
-        (["--receiver", "3"], "expected 4 to 16 channels"),
-        (["--receiver", "x"], "expected 4 to 16 channels"),
-        (["--wiring", "best"], "invalid choice"),
-        (["--firmware", "4.5"], "invalid choice"),
+        (["--receiver", "3"], "expected a number of channels, 4 to 16"),
+        (["--receiver", "x"], "expected a number of channels, 4 to 16"),
+        (["--wiring", "best"], "'best': unknown value; choose from gate"),
+        (["--firmware", "4.5"], "unknown value; choose from 4.6, 4.7"),
     ],
 )
 def test_bad_options_end_with_2_and_say_why(words, complaint, capsys, tmp_path: Path):
-    try:
-        code = main(["sim", "--uwb", str(tmp_path / "uwb"), *words])
-    except SystemExit as end:
-        code = end.code
-    assert code == 2
+    assert exit_code("sim", "--uwb", tmp_path / "uwb", *words) == 2
     assert complaint in capsys.readouterr().err

@@ -21,6 +21,7 @@ from sim.bench.result import (
     SolverRefused,
     read,
 )
+from tests.companion.command_line import exit_code
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 
@@ -91,12 +92,12 @@ def test_a_part_that_breaks_down_does_not_lose_the_others(tmp_path, monkeypatch)
     [
         (("--vessel", "nowhere.toml"), "nowhere.toml: No such file"),
         (("--only", "everything"), "--only everything: no such part"),
-        (("--only", "solvers", "--json", "no/such/folder.json"), "no/such/folder.json: is a folder, or its folder"),
+        (("--only", "solvers", "--json", "no/such/folder.json"), "no/such/folder.json: there is no folder"),
     ],
 )
 def test_bad_input_is_told_before_anything_is_measured(words, said, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert bench(*words) == 2
+    assert exit_code("bench", *words) == 2
     assert said in capsys.readouterr().err
 
 

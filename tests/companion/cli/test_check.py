@@ -15,6 +15,7 @@ from drivers.mavlink.provision.provisioner import StoredLog
 from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
+from tests.companion.command_line import exit_code
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
 from tests.sim.world.wirings.wiring_fixture import load
 
@@ -102,7 +103,7 @@ def test_an_autopilot_that_is_not_ours_is_refused_by_its_system(capsys, tmp_path
 
 @pytest.mark.parametrize("command", [["check"], ["provision", "--wiring", "gate"], ["provision", "--logs", "x"]])
 def test_bad_input_ends_with_2_and_names_the_place(command, tmp_path, capsys):
-    assert main([*command, "--config", str(tmp_path / "none.toml")]) == 2
+    assert exit_code(*command, "--config", tmp_path / "none.toml") == 2
     assert f"{tmp_path / 'none.toml'}: No such file" in capsys.readouterr().err
     assert main([*command, "--mavlink", "pigeon:roof"]) == 2
     assert "--mavlink: port 'pigeon:roof'" in capsys.readouterr().err

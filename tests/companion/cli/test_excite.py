@@ -10,7 +10,7 @@ from companion.boat.load_run import EXAMPLES, load_setup, setup_of
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import excitation_toml, load_excitation
 from companion.logs.readers.read_run import ReadOptions, read_run
-from tests.companion.cli.test_cli import exit_code
+from tests.companion.command_line import exit_code
 from tests.support.excitation_fixture import LIBRARY
 
 FEW = msgspec.structs.replace(
@@ -28,20 +28,20 @@ def library(tmp_path):
 def test_from_the_design_of_a_plan_to_the_log_and_what_comes_next(tmp_path, library, capsys):
     plan, out = tmp_path / "plan.toml", tmp_path / "flight"
     argv = ["excite", "design", "--minutes", "0.6", "--library", str(library), "--out", str(plan)]
-    assert exit_code([*argv, "--picture", str(tmp_path / "plan.png")]) == 0
+    assert exit_code(*argv, "--picture", str(tmp_path / "plan.png")) == 0
     told = capsys.readouterr().out
     assert "Y_vv_N_s2_m2" in told and "to the fence" in told and (tmp_path / "plan.png").stat().st_size > 10_000
     made = load_excitation(plan.read_text(), name="plan")
     assert {s.name for s in made.segments} <= {s.name for s in FEW.segments}
-    assert exit_code(["excite", "info", str(plan)]) == 0
+    assert exit_code("excite", "info", str(plan)) == 0
     assert "known to" in capsys.readouterr().out
-    assert exit_code(["excite", "fly", str(plan), "--out", str(out), "--seed", "5", "--mismatch", "0.1"]) == 0
+    assert exit_code("excite", "fly", str(plan), "--out", str(out), "--seed", "5", "--mismatch", "0.1") == 0
     figures = json.loads((out / "flight.json").read_text())
     assert figures["done"] and figures["least_clearance_m"] > made.margin_m and figures["seed"] == 5
     assert (out / "picture.png").stat().st_size > 10_000
     run = read_run(out / "run.mcap", ReadOptions(truth=out / "truth.mcap"))
     assert run.duration_s > figures["duration_s"] - 1 and run.known("true_u_m_s") and not run.meta.notes
-    assert exit_code(["excite", "next", "--library", str(library), "--log", str(out / "run.mcap")]) == 0
+    assert exit_code("excite", "next", "--library", str(library), "--log", str(out / "run.mcap")) == 0
     told = capsys.readouterr().out
     assert "do this next:" in told and "it would bring" in told
 
@@ -52,7 +52,7 @@ def test_from_the_design_of_a_plan_to_the_log_and_what_comes_next(tmp_path, libr
         (["design", "--out", "x.toml", "--minutes", "0"], "expected a number of minutes"),
         (["info", "none.toml"], "none.toml: No such file"),
         (["next", "--vessel", "none.toml"], "none.toml: No such file"),
-        (["next", "--log", "none.mcap"], "none.mcap: no such file"),
+        (["next", "--log", "none.mcap"], "none.mcap: No such file"),
         (["fly", "bad.toml", "--out", "out"], "bad.toml: segments[0].kind"),
         (["fly", "strafe.toml", "--out", "out", "--vessel", str(EXAMPLES / "boats" / "twin.toml")], "segments[0].Y"),
     ],
@@ -63,7 +63,7 @@ def test_bad_input_is_named_by_file_and_key_and_ends_with_2(argv, told, tmp_path
     text = excitation_toml(msgspec.structs.replace(LIBRARY, segments=(good,)))
     (tmp_path / "strafe.toml").write_text(text)
     (tmp_path / "bad.toml").write_text(text.replace('"steps"', '"stepz"'))
-    assert exit_code(["excite", *argv]) == 2
+    assert exit_code("excite", *argv) == 2
     assert told in capsys.readouterr().err
 
 
@@ -88,7 +88,7 @@ def test_the_run_file_may_name_an_excitation_and_the_command_line_another(tmp_pa
 
 
 def test_run_needs_an_excitation_to_excite(tmp_path, capsys):
-    assert exit_code(["run", "--excite", "--log", str(tmp_path / "run.mcap")]) == 2
+    assert exit_code("run", "--excite", "--log", str(tmp_path / "run.mcap")) == 2
     assert "excitation: missing key: --excite needs one" in capsys.readouterr().err
-    assert exit_code(["run", "--excite", str(tmp_path / "none.toml"), "--log", str(tmp_path / "run.mcap")]) == 2
+    assert exit_code("run", "--excite", str(tmp_path / "none.toml"), "--log", str(tmp_path / "run.mcap")) == 2
     assert "none.toml: No such file" in capsys.readouterr().err

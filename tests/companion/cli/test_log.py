@@ -1,6 +1,5 @@
 """`aritra log`: what people and scripts see."""
 
-import argparse
 import json
 from pathlib import Path
 
@@ -8,13 +7,11 @@ import pytest
 
 from companion.boat.recorder import Recorder
 from companion.cli import log
+from tests.companion.command_line import exit_code
 
 
 def run(*argv: object) -> int:
-    parser = argparse.ArgumentParser()
-    log.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["log", *map(str, argv)])
-    return args.function(args)
+    return exit_code("log", *argv)
 
 
 def cut(path: Path) -> Path:

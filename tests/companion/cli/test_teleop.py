@@ -134,7 +134,7 @@ def test_the_table_before_anything_is_known():
 
 def test_the_table_shows_what_there_is():
     seen = TeleopState(("fp", "fs"))
-    seen.level = 0.3
+    seen.level, seen.log = 0.3, "logs/aritra-1.mcap"
     for message in (
         ModeStatus(t_ns=0, mode="manual", why="all is ready", driving=True),
         StateEstimate(
@@ -152,7 +152,8 @@ def test_the_table_shows_what_there_is():
         seen.see(message)
     text = drawn(seen)
     for part in ("MANUAL", "all is ready", "N 1.25  E -2.50", "heading 331 deg", "ahead +30%", "clockwise -15%",
-                 "fp 1620 us", "fs 1480 us", "2/8 steps", "late by 2.5 ms", "number 19", "SPACE stop"):  # fmt: skip
+                 "fp 1620 us", "fs 1480 us", "2/8 steps", "late by 2.5 ms",
+                 "logs/aritra-1.mcap", "number 19", "SPACE stop"):  # fmt: skip
         assert part in text, part
     assert "number 13" not in text and len(seen.alerts) == ALERTS
 

@@ -9,6 +9,7 @@ from companion.core import messages as m
 from companion.logs.log_file import LogFile
 from companion.logs.metadata import log_metadata
 from companion.logs.replay import replay
+from tests.companion.command_line import exit_code
 from tests.support.drive_fixture import driving, pilot, setup, voyage
 
 
@@ -168,5 +169,5 @@ def test_a_log_without_a_step_is_refused(tmp_path, capsys):
 
 
 def test_no_log_at_all_is_refused(tmp_path, capsys):
-    assert main(["replay", str(tmp_path / "none.mcap")]) == 2
-    assert "none.mcap: no such file" in capsys.readouterr().err
+    assert exit_code("replay", tmp_path / "none.mcap") == 2
+    assert "none.mcap: No such file" in capsys.readouterr().err

@@ -7,6 +7,7 @@ from companion.cli.shore import KeyFiles, default_name
 from companion.core.configuration.tables import ConfigError
 from companion.core.telemetry.order_sender import Sender
 from companion.shore.console import keys
+from tests.companion.command_line import exit_code
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,7 @@ from companion.shore.console import keys
     ],
 )
 def test_bad_input_is_named(arguments, says, capsys):
-    assert main(["shore", "--port", "0", *arguments]) == 2
+    assert exit_code("shore", "--port", "0", *arguments) == 2
     assert says in capsys.readouterr().err
 
 

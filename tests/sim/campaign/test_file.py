@@ -197,7 +197,7 @@ GRID = "weather.V_c_m_s = [0.0, 0.1]"
         ("limit_s = 8.0", "limit_s = -1.0", "missions.limit_s: "),
         ('mission = "leg.toml"', 'mission = "gone.toml"', "files.mission: gone.toml: No such file"),
         ('mission = "leg.toml"', 'log = "leg.toml"', "files.log: unknown key; of missions there are run, vessel"),
-        ('mission = "leg.toml"', 'mission = "short.toml"', "short.toml: format: unknown key"),
+        ('mission = "leg.toml"', 'mission = "short.toml"', "short.toml: (file): is a campaign file; expected"),
         ('run = "', 'vessel = "', "files.run: missing key"),
         (GRID, "weather.V_c_m_s = 0.1", "grid.weather.V_c_m_s: expected a list of values"),
         (GRID, "weather.V_c_m_s = []", "grid.weather.V_c_m_s: expected at least one value"),

@@ -15,7 +15,8 @@ from typing import Literal, get_args
 
 import msgspec
 
-from companion.core.configuration.tables import Table
+from companion.core.configuration.file_kinds import MISSION
+from companion.core.configuration.tables import ConfigError, Table, refuse_other_kind
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.draft import Draft, Mission, MissionError, MissionErrors, MissionFence
 from companion.core.guidance.missions.geojson import read_geojson
@@ -70,7 +71,12 @@ def parse(text: str, kind: Kind, *, origin: Origin | None = None, name: str = "m
 def _read_toml(draft: Draft, text: str) -> str | None:
     """Our own format into the draft; returns the mission's name, if it has one."""
     try:
-        file = msgspec.convert(tomllib.loads(text), _File)
+        document = tomllib.loads(text)
+        refuse_other_kind(document, MISSION, name="(file)")
+        file = msgspec.convert(document, _File)
+    except ConfigError as error:
+        draft.error("(file)", str(error).removeprefix("(file): "))
+        return None
     except tomllib.TOMLDecodeError as error:
         draft.error("(file)", f"not valid TOML: {error}")
         return None

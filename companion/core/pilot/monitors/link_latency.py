@@ -23,25 +23,31 @@ SILENT_NS = 5_000_000_000
 """So long without a fresh answer, twenty questions, is silence; assumed. A parameter download delays, not silences."""
 ENOUGH = 5
 """Answers: three late ones in a row, at 4 Hz, are a second and a quarter and their own delay."""
+LAG_NS, LAGGED_NS = 50_000_000, 5_000_000_000
+"""A tick so late is a busy computer's, and for so long what comes late is its doing; assumed."""
 TOGETHER_NS = 125_000_000
 """Half the time between two questions."""
 
 
 @dataclass(frozen=True)
 class RoundTrips:
-    """`took_ns` of the last answers, newest last; `asked_ns`, `heard_ns`: of the newest; `late`: at the last tick."""
+    """`took_ns` of the last answers, newest last; `asked_ns`, `heard_ns`: of the newest; `late`: at the last tick.
+
+    `lagged_ns`: when a tick of ours was last late by `LAG_NS`, and by how much.
+    """
 
     took_ns: tuple[int, ...] = ()
     asked_ns: int | None = None
     heard_ns: int = 0
     late: bool = False
+    lagged_ns: tuple[int, int] | None = None
 
 
 NO_ANSWER = RoundTrips()
 
 
 class LinkLatencyMonitor(Monitor[RoundTrips]):
-    """Condition `link_late`."""
+    """Condition `link_late`. While our own ticks are late, the computer is to blame, not the line."""
 
     hears = (TimeSync,)
     initial = NO_ANSWER
@@ -60,8 +66,10 @@ class LinkLatencyMonitor(Monitor[RoundTrips]):
 
     def on_tick(self, state: RoundTrips, view: TickView) -> tuple[RoundTrips, MonitorReport]:
         """Judge the link. After a silence of the autopilot what was known is of another link."""
+        if view.lateness_ns >= LAG_NS:
+            state = replace(state, lagged_ns=(view.t_ns, view.lateness_ns))
         if not view.autopilot_alive or state.asked_ns is None:
-            return NO_ANSWER, NOTHING
+            return replace(NO_ANSWER, lagged_ns=state.lagged_ns), NOTHING
         if (silent_ns := view.t_ns - state.asked_ns) > SILENT_NS:
             text = f"the autopilot has not answered TIMESYNC for {silent_ns * 1e-9:.0f} s, though its heartbeats come"
             return replace(state, took_ns=(), late=True), MonitorReport({"link_late": text})
@@ -71,4 +79,12 @@ class LinkLatencyMonitor(Monitor[RoundTrips]):
         if not state.late:
             return state, NOTHING
         duration = f" ({median(state.took_ns) * 1e-6:.0f} ms)" if state.took_ns else ""
-        return state, MonitorReport({"link_late": f"what is sent to the autopilot and back arrives late{duration}"})
+        text = f"what is sent to the autopilot and back arrives late{duration}"
+        return state, MonitorReport({"link_late": f"{text}: {_cause(state, view.t_ns)}"})
+
+
+def _cause(state: RoundTrips, t_ns: int) -> str:
+    """What to look for."""
+    if state.lagged_ns and t_ns - state.lagged_ns[0] <= LAGGED_NS:
+        return f"this computer is too busy, its own control loop was {state.lagged_ns[1] * 1e-6:.0f} ms late"
+    return "look for a radio, a router or a full buffer on the way"

@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.core.configuration.file_kinds import kind_of_file
+from companion.core.configuration.run_file import load_run
 from companion.core.configuration.site_file import load_site
+from companion.core.configuration.spelling import did_you_mean
 from companion.core.configuration.tables import ConfigError, digest
+from companion.core.excitation.file import load_excitation
+from companion.core.guidance.missions.mission import MissionErrors, parse
 from companion.core.model.load_vessel import load_vessel
 from tests.support.vessel_fixtures import BOATS, boat
 
@@ -19,7 +24,7 @@ TERM = '\n[terms.current]\nV_c_m_s = 0.1\nbeta_c_deg = 20.0\nsource = "test"\n'
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("mass_kg = 45.0", "mass_kgs = 45.0", "inertia.mass_kgs: unknown key"),
+        ("mass_kg = 45.0", "mass_kgs = 45.0", "inertia.mass_kgs: unknown key; did you mean mass_kg?"),
         ("mass_kg = 45.0", "mass_kg = -45.0", "inertia.mass_kg: expected 0.1 to 100000, found -45"),
         ("mass_kg = 45.0\n", "", "inertia.mass_kg: missing key"),
         ("X_u_N_s_m = -3.5", "X_u_N_s_m = 3.5", "damping.X_u_N_s_m: expected -1e+06 to 0, found 3.5"),
@@ -45,6 +50,29 @@ def test_errors_name_file_and_key(old, new, says):
         load_vessel(changed, name="boats/aritra.toml")
     assert str(caught.value).startswith("boats/aritra.toml: ")
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("load", [load_vessel, load_site, load_run, load_excitation])
+def test_a_file_of_another_kind_is_named(load):
+    mission = (BOATS.parent / "missions" / "square.toml").read_text()
+    with pytest.raises(ConfigError, match=r"^a\.toml: is a mission; expected an? .*, for example deploy/"):
+        load(mission, name="a.toml")
+
+
+def test_a_vessel_file_is_no_mission():
+    with pytest.raises(MissionErrors, match="is a vessel file; expected a mission"):
+        parse(TEXT, "toml")
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_have_a_kind_or_none(data):
+    assert kind_of_file(data) is None or kind_of_file(data).startswith(("a ", "an ", "binary"))
+
+
+def test_what_was_meant():
+    assert did_you_mean("--miss", ["--mission", "--mismatch"]) == "; did you mean --mission?"
+    assert did_you_mean("lgo", ["log", "run"]) == "; did you mean log?"
+    assert did_you_mean("xyzzy", ["log", "run"]) == did_you_mean("", ["log"]) == did_you_mean("log", []) == ""
 
 
 def numeric_tables(node, path=""):

@@ -1,6 +1,5 @@
 """`aritra log export`: what people and scripts see."""
 
-import argparse
 import json
 import sys
 from pathlib import Path
@@ -13,16 +12,14 @@ from companion.core.messages import GroundTruth
 from companion.logs.readers.read_run import read_run
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
+from tests.companion.command_line import exit_code
 from tests.companion.logs.readers.run_logs import clean_run, record, simulated
 
 NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 
 
 def run(*argv: object) -> int:
-    parser = argparse.ArgumentParser()
-    log.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["log", "export", *map(str, argv)])
-    return args.function(args)
+    return exit_code("log", "export", *argv)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +59,7 @@ def test_a_clean_run_says_so_and_many_problems_are_counted(tmp_path, capsys):
     holes = clean_run(60.0).table
     t = holes["t_s"]
     write_run(Run(holes.filter((t % 10) > 1.0)), path)
-    assert run(path, "-o", tmp_path / "b.parquet") == log.OK
+    assert run(path, "-o", tmp_path / "c.parquet") == log.OK
     assert "... and 2 more (--json lists all)" in capsys.readouterr().out
 
 
@@ -77,10 +74,10 @@ def test_what_cannot_be_done_is_exit_code_2_with_the_file(logs, tmp_path, capsys
     broken = tmp_path / "vessel.toml"
     broken.write_text("format = 2\n")
     for argv, told in (
-        ([tmp_path / "absent.mcap", "-o", tmp_path / "a.csv"], "absent.mcap: no such file"),
+        ([tmp_path / "absent.mcap", "-o", tmp_path / "a.csv"], "absent.mcap: No such file"),
         ([tmp_path / "absent.csv", "-o", tmp_path / "a.csv"], "absent.csv: No such file"),
         ([logs[0], "-o", tmp_path / "a.xlsx"], "a.xlsx: a run is written as"),
-        ([logs[0], "-o", tmp_path / "no" / "a.csv"], "a.csv: No such file"),
+        ([logs[0], "-o", tmp_path / "no" / "a.csv"], "a.csv: there is no folder"),
         ([logs[0], "-o", logs[0]], "this is the log itself"),
         ([logs[0], "-o", tmp_path / "a.csv", "--vessel", broken], "vessel.toml: "),
         ([logs[0], "-o", tmp_path / "a.csv", "--uwb", logs[1]], "UWB log is joined"),

@@ -1,20 +1,16 @@
 """Figures for print: as wide as asked, with every panel, fonts in the file, and the same bytes for the same log."""
 
-import argparse
-
 import pytest
 
 from companion.cli import log as log_cli
 from companion.logs.export.figure import printed
 from companion.logs.log_file import LogFile
 from companion.logs.series import collect
+from tests.companion.command_line import exit_code
 
 
 def run(*argv: object) -> int:
-    parser = argparse.ArgumentParser()
-    log_cli.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["log", "plot", *map(str, argv)])
-    return args.function(args)
+    return exit_code("log", "plot", *argv)
 
 
 @pytest.mark.parametrize("width_mm", [88.0, 180.0])
@@ -53,7 +49,6 @@ def test_print_goes_beside_the_log_as_pdf_and_the_overview_as_png(drive_log):
 
 
 @pytest.mark.parametrize("width", ["wide", "3", "nan", "9999"])
-def test_a_width_that_no_page_has_is_refused(width, capsys):
-    with pytest.raises(SystemExit):
-        run("a.mcap", "--print", width)
-    assert "expected column, page, or 60 to 500 millimetres" in capsys.readouterr().err
+def test_a_width_that_no_page_has_is_refused(width, drive_log, capsys):
+    assert run(drive_log(2.0), "--print", width) == 2
+    assert "expected column, page, or millimetres, 60 to 500" in capsys.readouterr().err

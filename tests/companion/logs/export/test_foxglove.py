@@ -1,6 +1,5 @@
 """`aritra log export --foxglove`: an MCAP that the mcap library reads, with what Foxglove's panels show."""
 
-import argparse
 import math
 
 import pytest
@@ -11,11 +10,11 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 
-from companion.cli import log as log_cli
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import StateEstimate
 from companion.logs.configuration import setup_in
 from companion.logs.log_file import LogFile
+from tests.companion.command_line import exit_code
 from tests.companion.logs.page.page_logs import page_log
 
 
@@ -25,10 +24,7 @@ def log(tmp_path_factory):
 
 
 def run(*argv: object) -> int:
-    parser = argparse.ArgumentParser()
-    log_cli.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["log", "export", *map(str, argv)])
-    return args.function(args)
+    return exit_code("log", "export", *argv)
 
 
 def read(path, topic: str, kind) -> list:
@@ -63,7 +59,7 @@ def test_a_file_that_is_there_stays_as_it_is(log, tmp_path, capsys):
     out = tmp_path / "mine.mcap"
     out.write_text("mine")
     assert run(log, "--foxglove", "--out", out) == 2
-    assert "mine.mcap: is there already" in capsys.readouterr().err
+    assert "mine.mcap: exists already: choose another name, or move it away" in capsys.readouterr().err
     assert out.read_text() == "mine"
 
 

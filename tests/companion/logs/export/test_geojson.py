@@ -138,4 +138,4 @@ def test_the_command_writes_the_file_and_tells_a_bad_site(tmp_path, capsys):
     assert "features" in capsys.readouterr().out
     assert json.loads(out.read_text())["features"]
     with pytest.raises(LogError, match=r"absent\.toml: No such file"):
-        command.export_track(log.path, out, site=tmp_path / "absent.toml")
+        command.export_track(log.path, tmp_path / "u.geojson", site=tmp_path / "absent.toml")

@@ -1,9 +1,12 @@
 """Plots: the arrays hold what was logged, and any part of a log may be absent."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from companion.boat.recorder import Recorder
 from companion.core.messages import (
@@ -63,7 +66,35 @@ def test_all_panels_are_drawn_and_the_track_has_equal_axes(drive_log):
         "Loop timing",
     }  # fmt: skip
     assert figure.axes[0].get_aspect() == 1.0
-    assert {"estimate", "ground truth", "fallback shifted_plan: 6", "T4 (ch 4)"} <= set(labels(figure))
+    assert {"estimate", "ground truth", "fallback shifted_plan: 6", "thruster on channel 4"} <= set(labels(figure))
+
+
+def test_thrusters_have_the_names_of_the_vessel_file(tmp_path):
+    lease = OverrideLease(
+        t_ns=0, index=0, channels=(9, 10), pwm_us=(1600, 1400), valid_for_s=0.3, source="plan", reason="",
+        f_command_n=(1.0, -1.0),
+    )  # fmt: skip
+    vessel = {"config/vessel.toml": 'thrusters = [{name = "bow"}, {name = "stern"}]'}
+    for about, names in (
+        (vessel, ("bow", "stern")),
+        ({"config/vessel.toml": "a ="}, ("thruster on channel 9", "thruster on channel 10")),
+    ):
+        path = tmp_path / f"{len(names[0])}.mcap"
+        with Recorder(path, about, lambda: 0, wall_offset_ns=0) as recorder:
+            recorder.record(lease)
+        assert collect(LogFile(path)).thrusters == names
+
+
+def test_no_legend_lies_on_a_title(drive_log):
+    figure = Figure(figsize=(15, 10), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    series = collect(LogFile(drive_log(10.0)))
+    draw(figure, replace(series, thrusters=("a thruster with a long name",) * 4), "title")
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        name = axes.get_title(loc="left")
+        (title,) = (text for text in axes.findobj(Text) if text.get_text() == name)
+        assert not axes.get_legend().get_window_extent().overlaps(title.get_window_extent()), name
 
 
 def test_a_log_of_ticks_alone_still_gives_a_picture(tmp_path):

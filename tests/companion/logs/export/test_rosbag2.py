@@ -1,6 +1,5 @@
 """`aritra log export --rosbag2`: read by the rosbags library, and turned back into what was logged."""
 
-import argparse
 import math
 from collections import defaultdict
 from pathlib import Path
@@ -15,13 +14,13 @@ pytest.importorskip("rosbags", reason="the extra `analysis` is not installed")
 
 from rosbags.highlevel import AnyReader
 
-from companion.cli import log as log_cli
 from companion.core import messages as m
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.model.thrusters import configuration_matrix
 from companion.logs.configuration import setup_in
 from companion.logs.export import rosbag2
 from companion.logs.log_file import LogFile
+from tests.companion.command_line import exit_code
 from tests.companion.logs.export.test_geojson import SITE, record
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record as record_run
@@ -160,10 +159,7 @@ def log(tmp_path_factory) -> Path:
 
 
 def run(*argv: object) -> int:
-    parser = argparse.ArgumentParser()
-    log_cli.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["log", "export", *map(str, argv)])
-    return args.function(args)
+    return exit_code("log", "export", *argv)
 
 
 def test_a_log_of_the_simulator_with_its_truth(log, tmp_path, capsys):
@@ -233,5 +229,5 @@ def test_a_folder_that_is_there_stays_as_it_is(log, tmp_path, capsys):
     out = tmp_path / "mine"
     out.mkdir()
     assert run(log, "--rosbag2", "--out", out) == 2
-    assert "mine: is there already" in capsys.readouterr().err
+    assert "mine: exists already" in capsys.readouterr().err
     assert list(out.iterdir()) == []

@@ -112,7 +112,7 @@ def test_the_command_writes_a_folder_and_never_over_another(drive_log, tmp_path,
     index = json.loads((out / "log.json").read_text())
     assert index["topics"]["tick"] == {"file": "tick.csv", "rows": 20}
     assert index["vessel"] == "synthetic"
-    with pytest.raises(command.LogError, match=r"holds alert\.csv already"):
+    with pytest.raises(command.LogError, match=r"alert\.csv: exists already"):
         command.export_topics(log, out, "csv")
 
 

@@ -1,6 +1,5 @@
 """The page of a log: one file that loads nothing, with what the boat would have told and where its model would go."""
 
-import argparse
 import base64
 import gzip
 import json
@@ -20,6 +19,7 @@ from companion.core.messages import GroundTruth, StateEstimate
 from companion.core.telemetry import structs as shore
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.page import html, view
+from tests.companion.command_line import exit_code
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
 from tests.fault_lab.broken_logs import headers
@@ -28,10 +28,7 @@ NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 
 
 def run(*argv: object) -> int:
-    parser = argparse.ArgumentParser()
-    log.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["log", "page", *map(str, argv)])
-    return args.function(args)
+    return exit_code("log", "page", *argv)
 
 
 def unpacked(page: Path) -> dict:
@@ -114,15 +111,15 @@ def test_the_page_without_ghosts_and_without_polars(logs, tmp_path, capsys, monk
 
 def test_what_cannot_be_done_is_exit_code_2_with_the_reason(logs, tmp_path, capsys):
     bare = record(tmp_path / "bare.mcap", simulated()[:400], files=False)
-    out = tmp_path / "a.html"
+    out, vessel = tmp_path / "a.html", EXAMPLES / "boats" / "aritra.toml"
     for argv, told in (
-        ([tmp_path / "absent.mcap"], "absent.mcap: no such file"),
+        ([tmp_path / "absent.mcap"], "absent.mcap: No such file"),
         ([bare, "-o", out], "holds no configuration"),
         ([logs[1], "-o", out, "--no-ghosts"], "no estimate in it"),
-        ([logs[0], "-o", out, "--no-ghosts", "--extended", bare], "--extended says nothing with --no-ghosts"),
+        ([logs[0], "-o", out, "--no-ghosts", "--extended", vessel], "--extended says nothing with --no-ghosts"),
         ([logs[0], "-o", out, "--vessel", EXAMPLES / "boats" / "twin.toml"], "another boat's vessel file"),
         ([logs[0], "-o", out, "--vessel", tmp_path / "no.toml"], "no.toml: No such file"),
-        ([logs[0], "-o", tmp_path / "no" / "a.html", "--no-ghosts"], "a.html: No such file"),
+        ([logs[0], "-o", tmp_path / "no" / "a.html", "--no-ghosts"], "a.html: there is no folder"),
     ):
         assert run(*argv) == log.IMPOSSIBLE
         assert told in capsys.readouterr().err

@@ -46,6 +46,14 @@ def test_a_link_is_late_above_half_a_second(took_ms, late):
     assert not late or f"({took_ms} ms)" in told
 
 
+def test_a_late_link_of_a_busy_computer_is_the_computers():
+    trips = after(*steady(900))
+    assert "look for a radio" in condition(trips, 2900)[1]
+    trips, _ = MONITOR.on_tick(trips, view(2900 * MS, lateness_ns=140 * MS))
+    assert "this computer is too busy, its own control loop was 140 ms late" in condition(trips, 3000)[1]
+    assert "radio" in condition(after(*steady(900, from_ms=6000), trips=trips), 8100)[1], "long ago"
+
+
 def test_a_second_of_delay_is_seen_a_second_and_a_half_after_it_began():
     """The third late answer of the last five: asked half a second after the first, and a second under way."""
     answers = [*steady(4, 8), *steady(1000, 8, from_ms=2000)]

@@ -1,0 +1,85 @@
+"""What world `aritra sim`, `demo` and `excite fly` simulate: the boat's start, weather, errors; from the command line.
+
+Ranges keep out what no basin has and what the simulator was never meant for; assumed, and generous.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from companion.boat.load_run import RunSetup
+from companion.cli.options.values import Each, angle_deg, number, seed, share
+from companion.core.configuration.tables import ConfigError
+
+if TYPE_CHECKING:
+    from sim.world.world import WorldSetup
+
+FARTHEST_M, CURRENT_M_S, WIND_M_S, WAVES_M, MISMATCH = 10_000.0, 10.0, 60.0, 10.0, 0.5
+"""Largest place, current, wind, significant height of waves, and share that the plant is off its vessel file."""
+place_m = number(-FARTHEST_M, FARTHEST_M, "a place [m]")
+
+
+def add_world_arguments(p: argparse.ArgumentParser) -> None:
+    """What world to simulate; shared with `demo`."""
+    w = p.add_argument_group("world")
+    w.add_argument("--seed", type=seed, default=1, metavar="N", help="of noise, biases, weather and mismatch")
+    _each(w, "--start", (8.0, 8.0, 20.0), ("N", "E", "DEG"), (place_m, place_m, angle_deg), "place [m] and heading")
+    flow, air = number(0.0, CURRENT_M_S, "a current [m/s]"), number(0.0, WIND_M_S, "a wind [m/s]")
+    _each(w, "--current", (0.0, 0.0), ("M/S", "DEG"), (flow, angle_deg), "towards")
+    _each(w, "--wind", (0.0, 0.0), ("M/S", "DEG"), (air, angle_deg), "from")
+    w.add_argument("--gusts", type=share, default=0.2, metavar="SHARE", help="standard deviation of wind speed, share")
+    height = number(0.0, WAVES_M, "a height [m]")
+    w.add_argument("--waves", type=height, default=0.0, metavar="M", help="significant height")
+    off = number(0.0, MISMATCH, "a share")
+    w.add_argument("--mismatch", type=off, default=0.0, metavar="SHARE", help="plant off its vessel file by up to")
+    w.add_argument("--nlos", type=share, default=0.0, metavar="SHARE", help="of UWB ranges that read far")
+    w.add_argument("--dropout", type=share, default=0.0, metavar="SHARE", help="of UWB ranges that are missing")
+
+
+def _each(group: Any, name: str, default: tuple, metavar: tuple, kinds: tuple, text: str) -> None:
+    group.add_argument(name, action=Each, kinds=kinds, default=default, metavar=metavar, help=text)
+
+
+def world_arguments(args: argparse.Namespace) -> list[str]:
+    """The world's options as a command line, to hand them on to a process of its own."""
+    arguments: list[str] = ["--seed", str(args.seed)]
+    for name in ("start", "current", "wind"):
+        arguments += [f"--{name}", *map(str, getattr(args, name))]
+    for name in ("gusts", "waves", "mismatch", "nlos", "dropout"):
+        arguments += [f"--{name}", str(getattr(args, name))]
+    return arguments
+
+
+def world_setup(args: argparse.Namespace, setup: RunSetup) -> WorldSetup:
+    """The world that the command line asks for, with the run file's boat and site. Raises ConfigError."""
+    check_start(args, setup)
+    from sim.world.environment import Weather
+    from sim.world.sensors import UwbFaults
+    from sim.world.world import WorldSetup
+
+    north_m, east_m, heading_deg = args.start
+    return WorldSetup(
+        setup.pilot.vessel,
+        setup.pilot.site,
+        start=(north_m, east_m, math.radians(heading_deg)),
+        weather=Weather(
+            V_c_m_s=args.current[0],
+            beta_c_deg=args.current[1],
+            V_w_m_s=args.wind[0],
+            beta_w_deg=args.wind[1],
+            gustiness=args.gusts,
+            H_s_m=args.waves,
+        ),
+        mismatch=args.mismatch,
+        faults=UwbFaults(dropout=args.dropout, nlos=args.nlos),
+    )
+
+
+def check_start(args: argparse.Namespace, setup: RunSetup) -> None:
+    """Raise ConfigError for a start beyond the fence."""
+    north_m, east_m, _ = args.start
+    if not setup.pilot.site.inside(north_m, east_m):
+        where = f"north {north_m:g}, east {east_m:g} m lies beyond the fence of site {setup.pilot.site.name}"
+        raise ConfigError(f"--start: {where}")

@@ -16,6 +16,7 @@ from companion.core.telemetry.order_sender import Place, Sender
 from companion.shore.console.connection_limits import ConnectionLimits
 from companion.shore.console.drive_there import LEAVING, drive_there
 from companion.shore.console.fan_out import Watcher
+from companion.shore.console.files.logs import ServedLogs
 from companion.shore.console.files.missions import check_length, read_mission
 from companion.shore.console.keys import Keys
 from companion.shore.console.orders import Orders, SentOrder, shared
@@ -66,6 +67,7 @@ class Console:
         keys: Keys,
         *,
         compress: bool,
+        logs: ServedLogs | None = None,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.store, self.browsers = BoatStore(), set[Browser]()
@@ -85,6 +87,9 @@ class Console:
         self.app.router.add_post("/stop", self._stop)
         self.app.router.add_post("/drive_there", self._drive_there)
         self.app.router.add_post("/mission", read_mission)
+        self._logs = logs
+        if logs:
+            logs.add_to(self.app)
 
     async def serve(self, runner: web.AppRunner, host: str, port: int) -> asyncio.Server:
         """The web server of `app`, set up in `runner`, listening. Raises OSError, OverflowError."""
@@ -191,6 +196,7 @@ class Console:
     def _about(self) -> bytes:
         """What a page must know of its console."""
         status = {"started": self._started, "commands": bool(self._keys), "problem": self._hearing.problem}
+        status["logs"] = self._logs is not None
         return _ENCODER.encode({"type": "console", "where": self._hearing.where, **status})
 
     # --- the web -----------------------------------------------------------------------------------

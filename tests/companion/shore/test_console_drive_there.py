@@ -7,9 +7,15 @@ import pytest
 from companion.core.telemetry.order_gate import MissionFile
 from companion.shore.console import drive_there as module
 from companion.shore.console.drive_there import LEAVING, drive_there
-from tests.companion.shore.test_console_orders import Boat, Water, _quick, impatient  # noqa: F401
+from tests.companion.shore.test_console_orders import Boat, Water, impatient
 
 POINT = MissionFile(name="there.toml", text="[[waypoints]]\nnorth_m = 1.0\neast_m = 2.0\n")
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr("companion.shore.console.orders.PAUSE_S", 0.001)
+    monkeypatch.setattr("companion.shore.console.stop_chase.AGAIN_S", 0.005)
 
 
 class Refusing(Boat):

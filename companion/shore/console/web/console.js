@@ -6,6 +6,7 @@ import { BoatList } from "./boat_list.js";
 import { Connection } from "./connection.js";
 import { Fleet, LOST_S } from "./fleet.js";
 import { History } from "./history.js";
+import { showLogs } from "./logs.js";
 import { BoatMap } from "./map.js";
 import { DriveHere } from "./mission/drive_here.js";
 import { MissionEditor } from "./mission/editor.js";
@@ -55,6 +56,8 @@ const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("m
 
 function onconsole(about) {
   if (started !== null && started !== about.started) desk.restart();
+  $("log-box").hidden = !about.logs;
+  if (about.logs && started !== about.started) showLogs($("logs"));
   started = about.started;
   commands = about.commands;
   zenoh = about.problem ? `Zenoh: ${about.problem}` : "";
@@ -276,6 +279,7 @@ $("follow").addEventListener("click", () => map.setFollow(!map.follow));
 $("window").addEventListener("change", (event) => {
   window_s = Number(event.target.value);
 });
+$("log-again").addEventListener("click", () => showLogs($("logs")));
 document.addEventListener("visibilitychange", () => {
   if (chosen) changed.add(chosen);
   look();

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.console_server_fixture import serving
 
-ROOT = Path(__file__).resolve().parents[4]
+ROOT = Path(__file__).resolve().parents[5]
 BASIN = {"lat_deg": 12.9915, "lon_deg": 80.2337, "rotation_deg": 0.0}
 
 

@@ -96,11 +96,13 @@ def test_a_mission_is_drawn_checked_and_sent_once_somebody_said_yes(page, boat):
 
 
 def test_drive_here_asks_like_start_and_then_loads_one_point_and_starts(page, boat):
+    page.wait("aritra.history.last('one', 'mode')?.mode === 'auto'")
     page.page.click("#drive-here")
     click(page, 5, 34)
     assert "beyond the fence" in page.text("#map-note") and page.page.locator("#question").is_hidden()
     click(page, 20, 10)
-    assert "goes to 20.0 m N, 10." in page.text("#question").replace("\u202f", " ") and boat.obeyed == []
+    asked = page.text("#question").replace("\u202f", " ")
+    assert "goes to 20.0 m N, 10." in asked and "leaves the mission" in asked and boat.obeyed == []
     page.page.keyboard.press("Escape")
     assert page.page.locator(".target").count() == 0 and page.page.locator("#question").is_hidden()
     page.page.click("#drive-here")

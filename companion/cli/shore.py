@@ -55,6 +55,9 @@ def add_parser(commands) -> None:
         "--command-key", action="append", default=[], metavar="[BOAT=]FILE",
         help="key that orders are signed with: for all boats, for one, or a folder that `aritra demo --shore` made",
     )  # fmt: skip
+    p.add_argument(
+        "--logs", type=Path, metavar="FOLDER", help="list the logs (.mcap) of this folder, to download and open"
+    )
     p.add_argument("--name", default=default_name(), help="who gives the orders, in the boat's log (%(default)s)")
     p.add_argument("--host", default="127.0.0.1", help="address to serve; 0.0.0.0: the whole network, with a token")
     p.add_argument("--port", type=port, default=PORT, help="port to serve (%(default)s)")
@@ -84,6 +87,7 @@ def shore(args: argparse.Namespace) -> int:
 async def _serve(args: argparse.Namespace) -> int:
     from aiohttp import web
 
+    from companion.shore.console.files.logs import ServedLogs
     from companion.shore.console.keys import Keys
     from companion.shore.console.live import Console
     from companion.shore.console.request_auth import RequestAuth, is_loopback
@@ -98,7 +102,9 @@ async def _serve(args: argparse.Namespace) -> int:
     listen = args.listen or ([] if args.connect or args.config else [LISTEN])
     config = config_of(args.config, args.connect, listen)
     names = {"localhost", socket.gethostname().lower(), f"{socket.gethostname().lower()}.local", args.host.lower()}
-    console = Console(ZenohClient(config), RequestAuth(frozenset(names), token), keys, compress=not local, say=_say)
+    logs = ServedLogs(args.logs) if args.logs else None
+    guard = RequestAuth(frozenset(names), token)
+    console = Console(ZenohClient(config), guard, keys, compress=not local, logs=logs, say=_say)
     foxglove = _foxglove(console, args.foxglove) if args.foxglove is not None else None
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
@@ -126,6 +132,8 @@ async def _serve(args: argparse.Namespace) -> int:
         await runner.cleanup()
         if foxglove:
             foxglove.close()
+        if logs:
+            logs.close()
     return 0
 
 

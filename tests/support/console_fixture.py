@@ -83,7 +83,7 @@ def answered(query, gate, now_ns):
     return obeyed
 
 
-CHOSEN = "document.querySelector('#boat-list [aria-pressed=true]')?.dataset.boat"
+CHOSEN = "decodeURIComponent(location.hash.slice(1))"
 """The boat that a page looks at closely: of several that appear at once, whichever it heard of first."""
 
 

@@ -26,13 +26,12 @@ NAMES = frozenset({"localhost"})
 
 
 @contextlib.asynccontextmanager
-async def serving(*, token=None, keys=True):
+async def serving(*, token=None, keys=True, logs=None):
     """A console on free ports; .url, .zenoh (its port), .console, .http (a client)."""
     port = free_port()
     hearing = ZenohClient(config_of(None, [], [f"tcp/127.0.0.1:{port}"]))
-    console = Console(
-        hearing, RequestAuth(NAMES, token), Keys((lambda _: KEY) if keys else None, "anna"), compress=False
-    )
+    signers = Keys((lambda _: KEY) if keys else None, "anna")
+    console = Console(hearing, RequestAuth(NAMES, token), signers, compress=False, logs=logs)
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=0.2)
     await runner.setup()
     server = await console.serve(runner, "127.0.0.1", 0)

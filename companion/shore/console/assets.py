@@ -38,9 +38,13 @@ def assets() -> dict[str, Asset]:
 
 
 def _own() -> Iterator[tuple[str, bytes]]:
-    for file in files("companion.shore.console").joinpath("web").iterdir():
-        if file.is_file() and file.name.rsplit(".", 1)[-1] in TYPES:
-            yield f"/web/{file.name}", file.read_bytes()
+    folders = [("/web", files("companion.shore.console").joinpath("web"))]
+    for path, folder in folders:
+        for file in folder.iterdir():
+            if file.is_dir():
+                folders.append((f"{path}/{file.name}", file))
+            elif file.name.rsplit(".", 1)[-1] in TYPES:
+                yield f"{path}/{file.name}", file.read_bytes()
 
 
 def _vendor() -> Iterator[tuple[str, bytes]]:

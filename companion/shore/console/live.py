@@ -6,20 +6,23 @@ import asyncio
 import contextlib
 import secrets
 import time
-from collections.abc import Callable
-from typing import Annotated
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import msgspec
 from aiohttp import WSMsgType, web
 
-from companion.core.telemetry.order_gate import MAX_BYTES, Command, MissionFile
 from companion.core.telemetry.order_sender import Place, Sender
 from companion.shore.console.connection_limits import ConnectionLimits
+from companion.shore.console.drive_there import LEAVING, drive_there
 from companion.shore.console.fan_out import Watcher
+from companion.shore.console.files.logs import ServedLogs
+from companion.shore.console.files.missions import check_length, read_mission
 from companion.shore.console.keys import Keys
 from companion.shore.console.orders import Orders, SentOrder, shared
 from companion.shore.console.request_auth import RequestAuth
-from companion.shore.console.store import BOATS, NAME, BoatRecord, BoatStore, Sample
+from companion.shore.console.requests import BrowserRequest, BrowserSelection, DriveThereRequest, StopRequest
+from companion.shore.console.store import BoatRecord, BoatStore, Sample
 from companion.shore.console.web_server import base_app, read_body
 from companion.shore.console.zenoh_client import ZenohClient, ZenohSample
 
@@ -37,26 +40,6 @@ QUICK_S = 1.0
 to us, and a boat that is dead must not keep the order to another (assumed)."""
 HOME = "/web/console.html"
 _ENCODER = msgspec.json.Encoder()
-
-
-class BrowserRequest(msgspec.Struct, forbid_unknown_fields=True):
-    """Body of POST /order."""
-
-    boat: Annotated[str, msgspec.Meta(pattern=NAME)]
-    command: Command
-    mission: MissionFile | None = None
-
-
-class StopRequest(msgspec.Struct, forbid_unknown_fields=True):
-    """Body of POST /stop: to all of these at once."""
-
-    boats: Annotated[list[Annotated[str, msgspec.Meta(pattern=NAME)]], msgspec.Meta(min_length=1, max_length=BOATS)]
-
-
-class BrowserSelection(msgspec.Struct):
-    """Message of a page over its WebSocket: the boat that it shows."""
-
-    choose: str
 
 
 class Browser:
@@ -84,6 +67,7 @@ class Console:
         keys: Keys,
         *,
         compress: bool,
+        logs: ServedLogs | None = None,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.store, self.browsers = BoatStore(), set[Browser]()
@@ -101,6 +85,11 @@ class Console:
         self.app.router.add_get("/ws", self._watch)
         self.app.router.add_post("/order", self._order)
         self.app.router.add_post("/stop", self._stop)
+        self.app.router.add_post("/drive_there", self._drive_there)
+        self.app.router.add_post("/mission", read_mission)
+        self._logs = logs
+        if logs:
+            logs.add_to(self.app)
 
     async def serve(self, runner: web.AppRunner, host: str, port: int) -> asyncio.Server:
         """The web server of `app`, set up in `runner`, listening. Raises OSError, OverflowError."""
@@ -207,6 +196,7 @@ class Console:
     def _about(self) -> bytes:
         """What a page must know of its console."""
         status = {"started": self._started, "commands": bool(self._keys), "problem": self._hearing.problem}
+        status["logs"] = self._logs is not None
         return _ENCODER.encode({"type": "console", "where": self._hearing.where, **status})
 
     # --- the web -----------------------------------------------------------------------------------
@@ -215,11 +205,21 @@ class Console:
         body = await read_body(request, BrowserRequest)
         if (body.mission is not None) != (body.command == "load_mission"):
             raise web.HTTPBadRequest(text="`mission` belongs to load_mission, and to nothing else")
-        if body.mission and len(body.mission.text) > MAX_BYTES:
-            raise web.HTTPBadRequest(text=f"missions are at most {MAX_BYTES} bytes long")
+        check_length(body.mission)
         order = self._orders.begin(body.boat, body.command)
+        return await self._given(order, self._orders.send(order, body.mission))
+
+    async def _drive_there(self, request: web.Request) -> web.StreamResponse:
+        body = await read_body(request, DriveThereRequest)
+        commands = LEAVING[0 if body.leave else 1 :]
+        check_length(body.mission)
+        order = self._orders.begin(body.boat, commands[0])
+        return await self._given(order, drive_there(self._orders, order, body.mission, commands))
+
+    async def _given(self, order: SentOrder, work: Coroutine[Any, Any, None]) -> web.StreamResponse:
+        """What came of an order within `QUICK_S`; `work` goes on."""
         settled = self._settled[order.number] = asyncio.Event()
-        self._keep(asyncio.create_task(self._orders.send(order, body.mission)))
+        self._keep(asyncio.create_task(work))
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(settled.wait(), QUICK_S)
         del self._settled[order.number]

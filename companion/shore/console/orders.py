@@ -28,6 +28,7 @@ PAUSE_S = 0.2
 """Pause between attempts where the network reports at once that nobody answers (assumed)."""
 PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "load_mission": 5.0}
 """How long an order is repeated. Others than a stop are not believed when older than 5 s, and should not be."""
+OVERTAKEN = "a STOP was given after it: it is not sent any more"
 MAX_TOLD = 50
 TOLD = 8
 """Runs of a shared name that its programs are told of: as many as an order may carry."""
@@ -76,16 +77,26 @@ class Orders:
         await self.send(order, mission)
         return order
 
-    async def send(self, order: SentOrder, mission: MissionFile | None = None) -> None:
-        """Send what was begun. Of a stop `order` says that it was answered as soon as one program did."""
+    async def send(self, order: SentOrder, mission: MissionFile | None = None, run: str | None = None) -> None:
+        """Send what was begun. Of a stop `order` says that it was answered as soon as one program did.
+
+        `run`: another order than a stop goes to this run of the boat's program and to no other.
+        """
         sender = self._boats.sender(order.boat)
         if isinstance(sender, str):
-            return self._end(order, "not_sent", sender)
+            return self.end(order, "not_sent", sender)
         if order.command == "stop":
             return await self._stop(order, sender)
         end_s = time.monotonic() + PATIENCE_S[order.command]
-        if place := await self._find(order, sender, end_s):
-            await self._repeat(order, sender, sender.order(order.command, mission, at=place), place.run, end_s)
+        if not (place := await self._find(order, sender, end_s)):
+            return
+        if run is not None and place.run != run:
+            return self.end(order, "not_sent", f"the program of {order.boat} was started anew meanwhile")
+        await self._repeat(order, sender, sender.order(order.command, mission, at=place), place.run, end_s)
+
+    def newest(self, boat: str) -> SentOrder | None:
+        """The order that was given to a boat last, from whichever page."""
+        return next((order for order in reversed(self.last.values()) if order.boat == boat), None)
 
     async def warn(self, boat: str) -> None:
         """Tell the programs of a shared name of each other."""
@@ -114,9 +125,9 @@ class Orders:
         if order.outcome is None and chase.refused:
             order.outcome, order.after_ms = next(iter(chase.refused.values())), self._after_ms(order)
         if order.outcome is None:
-            return self._end(order, "no_answer", _no_answer("stop", chase.strange))
+            return self.end(order, "no_answer", _no_answer("stop", chase.strange))
         unheard = f" Heard under this name and without an answer: run {', '.join(silent)}." if silent else ""
-        self._end(order, "answered", f"{_stopped(chase, order)}{unheard}".strip())
+        self.end(order, "answered", f"{_stopped(chase, order)}{unheard}".strip())
 
     # --- other orders ------------------------------------------------------------------------------
 
@@ -124,7 +135,7 @@ class Orders:
         """Run and clock of the one program that answers under the name; None: there is none, or more, which is told."""
         found: dict[str, OrderOutcome] = {}
         strange: OrderOutcome | None = None
-        while not found and (left_s := end_s - time.monotonic()) > 0:
+        while not found and (left_s := end_s - time.monotonic()) > 0 and not self._overtaken(order):
             order.tries += 1
             hello = sender.order("hello", at=NOWHERE)
             async for answer in self._until_all(order.boat, hello, min(ANSWER_S, left_s), sender):
@@ -136,14 +147,17 @@ class Orders:
                 self._tell(order)
             if not found:
                 await asyncio.sleep(PAUSE_S)
+        if self._overtaken(order):
+            self.end(order, "not_sent", OVERTAKEN)
+            return None
         order.tries = 0
         runs = {*found, *self._boats.runs(order.boat)}
         if len(found) == 1 == len(runs):
             return Place(*next((run, outcome.t_ns) for run, outcome in found.items()))
         if len(runs) > 1 and found:
-            self._end(order, "not_sent", shared(order.boat, runs))
+            self.end(order, "not_sent", shared(order.boat, runs))
         else:
-            self._end(order, "not_sent", _no_answer(order.command, strange))
+            self.end(order, "not_sent", _no_answer(order.command, strange))
         return None
 
     async def _until_all(
@@ -166,7 +180,7 @@ class Orders:
 
     async def _repeat(self, order: SentOrder, sender: Sender, sealed: SealedOrder, run: str, end_s: float) -> None:
         """Word for word, until the run that it is made out for answers, or another says that it is there instead."""
-        while (left_s := end_s - time.monotonic()) > 0:
+        while (left_s := end_s - time.monotonic()) > 0 and not self._overtaken(order):
             order.tries += 1
             async for answer in self._ask(order.boat, sealed, min(ANSWER_S, left_s), sender.believe):
                 outcome = answer.outcome
@@ -176,17 +190,22 @@ class Orders:
                 if outcome.run == run:
                     break
             if order.outcome:
-                return self._end(order, "answered", "")
+                return self.end(order, "answered", "")
             if order.tries > 1:
                 self._tell(order)
             await asyncio.sleep(PAUSE_S)
-        self._end(order, "no_answer", _no_answer(order.command, None))
+        self.end(order, "no_answer", OVERTAKEN if self._overtaken(order) else _no_answer(order.command, None))
+
+    def _overtaken(self, order: SentOrder) -> bool:
+        """Whether a stop was given to the boat after this order, which must not come to it later then."""
+        return any(o.command == "stop" and o.boat == order.boat for n, o in self.last.items() if n > order.number)
 
     @staticmethod
     def _after_ms(order: SentOrder) -> float:
         return round(time.monotonic() * 1e3 - order.asked_ms, 1)
 
-    def _end(self, order: SentOrder, state: Literal["answered", "no_answer", "not_sent"], why: str) -> None:
+    def end(self, order: SentOrder, state: Literal["answered", "no_answer", "not_sent"], why: str) -> None:
+        """Settle what was begun, and tell it."""
         order.state, order.why = state, why
         self._tell(order)
 

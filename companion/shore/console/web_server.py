@@ -80,7 +80,8 @@ def _guarded(guard: RequestAuth, passed: Callable[[asyncio.Transport | None], ob
             answer.headers.update(HEADERS)
             raise
         if not response.prepared:
-            response.headers.update(HEADERS)
+            for name, value in HEADERS.items():
+                response.headers.setdefault(name, value)
         return response
 
     return guarded

@@ -50,9 +50,14 @@ def test_attitude_compass_and_where_on_earth_it_is(console, boat, browser):
     page.context.close()
 
 
-@pytest.mark.parametrize("rotation_deg", [0.0, 35.0, -120.0])
-def test_latitude_and_longitude_are_those_of_the_boats_program(console, boat, browser, rotation_deg):
+def test_latitude_and_longitude_are_those_of_the_boats_program(console, browser):
     page = Page(browser, console)
+    for rotation_deg in (0.0, 35.0, -120.0):
+        geodetic_of(page, rotation_deg)
+    page.context.close()
+
+
+def geodetic_of(page, rotation_deg):
     about = {"lat_deg": 59.6581, "lon_deg": 10.6248, "rotation_deg": rotation_deg}
     lat, lon = page.page.evaluate(
         "async (about) => (await import('/web/shapes.js')).geodetic(about, [120.0, -45.0])", about
@@ -63,9 +68,9 @@ def test_latitude_and_longitude_are_those_of_the_boats_program(console, boat, br
     assert (
         page.page.evaluate("async (about) => (await import('/web/shapes.js')).geodetic(about, [0, 0])", unknown) is None
     )
-    page.context.close()
 
 
+@pytest.mark.long
 def test_alarms_sound_and_notify_once_they_are_switched_on(console, boat, browser):
     page = Page(browser, console)
     page.page.add_init_script(EARS)

@@ -22,7 +22,7 @@ def boats(port, *names, **more):
             boat.close()
 
 
-@pytest.mark.parametrize("fleet", FLEETS)
+@pytest.mark.parametrize("fleet", [pytest.param(0, marks=pytest.mark.long), 1, pytest.param(3, marks=pytest.mark.long)])
 def test_no_box_lies_on_another(console, zenoh_port, browser, fleet):
     with boats(zenoh_port, *FLEETS[fleet]):
         page = Page(browser, console)

@@ -46,6 +46,10 @@ def moments(page, folder):
     page.wait("!document.querySelector('#question').hidden")
     yield "the question of a mission"
     page.page.keyboard.press("Escape")
+    for tool in ("draw", "drive-here"):
+        page.page.click(f"#{tool}")
+        yield tool
+    page.page.click("#drive-here")
     for count in (1, 2, 3):
         page.page.keyboard.press("F9")
         page.wait(f"document.querySelectorAll('#answers li[data-kind=done]').length === {count}")
@@ -56,7 +60,9 @@ def moments(page, folder):
     scroll(page, 0.0)
 
 
-@pytest.mark.parametrize("width", SIZES)
+@pytest.mark.parametrize(
+    "width", [390, pytest.param(820, marks=pytest.mark.long), pytest.param(1440, marks=pytest.mark.long)]
+)
 def test_stop_never_moves_and_is_never_out_of_reach(tmp_path, zenoh_port, browser, width):
     with console(tmp_path, zenoh_port) as address, boats(zenoh_port, "one"):
         page = Page(browser, address, width=width, height=SIZES[width])
@@ -73,6 +79,7 @@ def test_stop_never_moves_and_is_never_out_of_reach(tmp_path, zenoh_port, browse
         page.context.close()
 
 
+@pytest.mark.long
 def test_stop_is_in_reach_on_a_phone_that_lies_on_its_side(tmp_path, zenoh_port, browser):
     with console(tmp_path, zenoh_port) as address, boats(zenoh_port, "one", "two"):
         page = Page(browser, address, width=844, height=390)
@@ -100,6 +107,7 @@ def test_stop_says_that_it_has_no_key_before_it_is_needed(tmp_path, zenoh_port, 
         page.context.close()
 
 
+@pytest.mark.long
 def test_a_boat_that_ended_fades_gets_no_stop_and_can_be_put_away(tmp_path, zenoh_port, browser):
     with console(tmp_path, zenoh_port) as address, boats(zenoh_port, "one", "two") as (one, two):
         page = Page(browser, address)
@@ -143,6 +151,7 @@ def test_a_boat_that_only_says_that_it_ended_is_stopped_all_the_same(tmp_path, z
         page.context.close()
 
 
+@pytest.mark.long
 def test_without_a_boat_the_page_says_what_to_do(tmp_path, zenoh_port, browser):
     with console(tmp_path, zenoh_port) as address:
         page = Page(browser, address)
@@ -155,6 +164,7 @@ def test_without_a_boat_the_page_says_what_to_do(tmp_path, zenoh_port, browser):
         page.context.close()
 
 
+@pytest.mark.long
 def test_a_boat_without_a_position_is_not_drawn_and_names_of_thrusters_are_the_vessel_files(
     tmp_path, zenoh_port, browser
 ):
@@ -177,6 +187,7 @@ def test_a_boat_without_a_position_is_not_drawn_and_names_of_thrusters_are_the_v
         page.context.close()
 
 
+@pytest.mark.long
 def test_the_boat_that_is_shown_can_be_read_under_the_pointer(tmp_path, zenoh_port, browser):
     """It was white on white."""
     with console(tmp_path, zenoh_port) as address, boats(zenoh_port, "one", "two"):

@@ -1,5 +1,7 @@
 """Light and dark: the page follows the system, its switch is remembered, and all of it can be read in both."""
 
+from itertools import product
+
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
@@ -35,8 +37,13 @@ def test_the_page_follows_the_system_and_the_switch_is_remembered(console, brows
     page.context.close()
 
 
-@pytest.mark.parametrize("theme", THEMES)
-@pytest.mark.parametrize("boats", [0, 1, 3])
+@pytest.mark.parametrize(
+    ("theme", "boats"),
+    [
+        ("light", 1),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in product(THEMES, (0, 1, 3)) if each != ("light", 1)),
+    ],
+)
 def test_axe_finds_nothing_serious_and_all_text_is_seven_to_one(console, zenoh_port, browser, theme, boats):
     made = [TapedBoat(zenoh_port, f"boat-{k}") for k in range(boats)]
     try:
@@ -58,6 +65,7 @@ def test_axe_finds_nothing_serious_and_all_text_is_seven_to_one(console, zenoh_p
             boat.close()
 
 
+@pytest.mark.long
 def test_plots_and_map_take_the_colours_of_the_theme(console, zenoh_port, browser):
     boat = TapedBoat(zenoh_port, "one")
     try:

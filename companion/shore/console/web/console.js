@@ -6,7 +6,10 @@ import { BoatList } from "./boat_list.js";
 import { Connection } from "./connection.js";
 import { Fleet, LOST_S } from "./fleet.js";
 import { History } from "./history.js";
+import { showLogs } from "./logs.js";
 import { BoatMap } from "./map.js";
+import { DriveHere } from "./mission/drive_here.js";
+import { MissionEditor } from "./mission/editor.js";
 import { OrderDesk } from "./orders.js";
 import { make, showAlerts, showChecks, showFigures, showLinks, showMode, showThrusters } from "./panels.js";
 import { Plots } from "./plots.js";
@@ -37,6 +40,7 @@ let plotted_ms = 0;
 let commands = false;
 let zenoh = "";
 let whyNot = "";
+let can = false; // whether the chosen boat can be given orders that ask first
 let started = null; // which run of the console program this page has spoken to
 
 const connection = new Connection({ onframe, onconsole, onorder: (given) => desk.show(given) });
@@ -46,9 +50,14 @@ const elements = {
 };
 const boatList = new BoatList($("boat-list"), { choose, putAway });
 const desk = new OrderDesk(connection, elements, () => ({ chosen, all: fleet.stoppable(commands), whyNot, view: chosen && history.at(chosen) }));
+const shown = () => ({ boat: chosen, view: chosen && history.at(chosen), can });
+const editor = new MissionEditor({ map, desk, connection, button: $("draw"), chosen: shown });
+const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("map-note"), chosen: shown });
 
 function onconsole(about) {
   if (started !== null && started !== about.started) desk.restart();
+  $("log-box").hidden = !about.logs;
+  if (about.logs && started !== about.started) showLogs($("logs"));
   started = about.started;
   commands = about.commands;
   zenoh = about.problem ? `Zenoh: ${about.problem}` : "";
@@ -92,6 +101,7 @@ function choose(boat) {
   }
   chosen = boat;
   desk.dismiss();
+  if (map.pick === driveHere.pick) map.setPick(null);
   fitted = null;
   if (!boat) return look();
   history.keep(boat, KEPT_S);
@@ -181,6 +191,8 @@ function look() {
   note.hidden = !isStale;
   note.textContent = old === null ? "" : `Last known, ${age(old)} old`;
   showOrders();
+  driveHere.look();
+  editor.look();
   sound();
   desk.draw();
   showBoats();
@@ -202,7 +214,7 @@ function linkKind(old, isStale) {
 /** Which orders can be given, and why a STOP cannot, before somebody needs it. */
 function showOrders() {
   const no = fleet.noStop(chosen, commands);
-  const can = !no && Boolean(history.last(chosen, "about")?.commands);
+  can = !no && Boolean(history.last(chosen, "about")?.commands);
   elements.stop.disabled = Boolean(no);
   for (const key of ["hold", "start", "load"]) elements[key].disabled = !can;
   whyNot = no ? no[0] : "";
@@ -267,6 +279,7 @@ $("follow").addEventListener("click", () => map.setFollow(!map.follow));
 $("window").addEventListener("change", (event) => {
   window_s = Number(event.target.value);
 });
+$("log-again").addEventListener("click", () => showLogs($("logs")));
 document.addEventListener("visibilitychange", () => {
   if (chosen) changed.add(chosen);
   look();
@@ -275,4 +288,4 @@ themeSwitch($("theme"));
 setInterval(look, LOOK_MS);
 look();
 
-globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet }; // for tests and the curious
+globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet, editor }; // for tests and the curious

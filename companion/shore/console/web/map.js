@@ -53,6 +53,7 @@ class BoatLayers {
 
 export class BoatMap {
   constructor(element, { label = "Map" } = {}) {
+    this.element = element;
     element.setAttribute("role", "application");
     element.setAttribute("aria-label", label);
     this.map = L.map(element, {
@@ -63,9 +64,16 @@ export class BoatMap {
     this.grid = new Grid(this.map);
     this.boats = new Map();
     this.follow = true;
+    this.pick = null;
     this.onchoose = () => {};
     this.onfollow = () => {};
     this.map.on("dragstart", () => this.setFollow(false));
+    this.map.on("click", ({ latlng }) => this.pick?.at([latlng.lat, latlng.lng]));
+    element.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" || event.target !== element || !this.pick) return;
+      const { lat, lng } = this.map.getCenter();
+      this.pick.at([lat, lng]);
+    });
     this.resize = new ResizeObserver(() => this.map.invalidateSize({ animate: false }));
     this.resize.observe(element);
   }
@@ -75,9 +83,19 @@ export class BoatMap {
     this.onfollow(follow);
   }
 
+  /** Let a tool have the clicks, and Enter for the middle: {at([n, e]), off(): another has them now}; null: nobody. */
+  setPick(pick) {
+    const before = this.pick;
+    if (before === pick) return;
+    this.pick = pick;
+    before?.off();
+    this.element.classList.toggle("picking", Boolean(this.pick));
+    this.map.doubleClickZoom[this.pick ? "disable" : "enable"]();
+  }
+
   /** Draw or move one boat. `view`: History.at; `chosen`: with path, horizon, ellipse, fence, anchors. */
   show(name, view, { track = [], stale = false, ended = false, colour = "var(--boat)", ghost = false, chosen = false } = {}) {
-    const layers = this.boats.get(name) ?? new BoatLayers(this.map, name, () => this.onchoose(name));
+    const layers = this.boats.get(name) ?? new BoatLayers(this.map, name, () => this.pick || this.onchoose(name));
     this.boats.set(name, layers);
     const ink = stale ? GREY : colour;
     const { about } = view;
@@ -95,7 +113,7 @@ export class BoatMap {
     layers.made.get("ellipse")?.setStyle({ color: ink, fillColor: ink });
     if (state) this.showHull(layers, { ...view, state }, { ink, ghost, stale, opacity });
     else for (const part of ["hull", "bow", "ring", "name", "force ", "head ", "thruster "]) layers.dropAll(part);
-    if (chosen && state && this.follow) this.keepInSight([state.north_m, state.east_m]);
+    if (chosen && state && this.follow && !this.pick) this.keepInSight([state.north_m, state.east_m]);
   }
 
   showHull(layers, { state, about, thrusters }, { ink, ghost, stale, opacity }) {

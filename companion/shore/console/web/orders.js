@@ -73,6 +73,13 @@ export class OrderDesk {
     this.told(shown, await this.connection.order(body));
   }
 
+  /** A mission of one point, and its start; `leave`: the mission that is driven is left for it. The console gives the orders. */
+  async driveThere(boat, mission, leave) {
+    this.driving = boat;
+    const shown = this.begin({ boat, command: leave ? "hold" : "load_mission" });
+    this.told(shown, await this.connection.post("/drive_there", { boat, mission, leave }));
+  }
+
   begin(body) {
     return this.show({ ...body, state: "sending", local: ++this.local, clicked_ms: performance.now(), tries: 0 });
   }
@@ -85,18 +92,25 @@ export class OrderDesk {
 
   ask(command, does, mission) {
     const { chosen } = this.boats();
-    if (!chosen) return;
+    const body = { boat: chosen, command, ...(mission ? { mission } : {}) };
+    if (chosen) this.confirm(WORDS[command], `${chosen} ${does}`, () => this.give(body));
+  }
+
+  /** What arms or moves the boat is done after a yes. `gone`: called when the question is gone, whatever the answer. */
+  confirm(what, does, act, gone = () => {}) {
+    this.dismiss();
     const { question } = this.elements;
-    const yes = make("button", "yes", `Yes, ${WORDS[command].toLowerCase()}`);
+    const yes = make("button", "yes", `Yes, ${what.toLowerCase()}`);
     const no = make("button", "no", "Cancel");
-    const text = make("p", "", `${WORDS[command]}: ${chosen} ${does}`);
+    const text = make("p", "", `${what}: ${does}`);
     text.id = "question-text";
     question.replaceChildren(text, yes, no);
     question.hidden = false;
     this.asking = document.activeElement;
+    this.gone = gone;
     yes.addEventListener("click", () => {
       this.dismiss();
-      this.give({ boat: chosen, command, ...(mission ? { mission } : {}) });
+      act();
     });
     no.addEventListener("click", () => this.dismiss());
     yes.focus();
@@ -110,6 +124,7 @@ export class OrderDesk {
     const inside = question.contains(document.activeElement);
     question.hidden = true;
     question.replaceChildren();
+    this.gone();
     if (inside) this.asking?.focus();
   }
 
@@ -135,7 +150,9 @@ export class OrderDesk {
     this.given.set(key, merged);
     while (this.given.size > SHOWN) this.given.delete(this.given.keys().next().value);
     const said = this.words(merged);
-    if (merged.state !== "sending" && merged.state !== known?.state && merged.clicked_ms) this.elements.says.textContent = said.join(" ");
+    const settled = merged.state !== "sending" && merged.state !== known?.state;
+    if (settled && (merged.clicked_ms || merged.boat === this.driving)) this.elements.says.textContent = said.join(" ");
+    if (settled && merged.boat === this.driving && merged.command === "start") this.driving = null;
     this.draw();
     return merged;
   }

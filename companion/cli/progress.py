@@ -72,7 +72,8 @@ class Progress:
         """One line: what comes first matters most, and what does not fit is left out."""
         e, g = self._estimate, self._reference
         where = f"N {e.north_m:6.2f} E {e.east_m:6.2f} m  {e.u_m_s:5.2f} m/s" if e else "no estimate"
-        parts = [f"{(lease.t_ns - self._start_ns) * 1e-9:6.1f} s", where, self._doing(lease)]
+        doing = " ".join(self._doing(lease).split())  # a reason may hold line ends
+        parts = [f"{(lease.t_ns - self._start_ns) * 1e-9:6.1f} s", where, doing]
         if lease.source not in ("plan", "neutral", "manual", "excitation"):
             parts.append(f"by {lease.source.replace('_', ' ')}")
         if g and lease.source != "neutral" and not self._excitation:

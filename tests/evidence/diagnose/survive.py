@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import math
@@ -20,6 +19,7 @@ from msgspec.structs import replace
 from rich.console import Console
 
 from companion.cli.diagnose import add_parser, diagnose
+from companion.cli.options.parser import Parser
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import write_run
@@ -128,7 +128,7 @@ def _write(run: Run, table: Table, meta: dict[str, object], path: Path) -> None:
 
 def command(paths: Sequence[Path], believed: Path, out: Path) -> Outcome:
     """`aritra diagnose PATHS --vessel BELIEVED --out OUT --no-report` in this process."""
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     add_parser(parser.add_subparsers())
     words = ["diagnose", *map(str, paths), "--vessel", str(believed), "--out", str(out), "--no-report"]
     errors, began = io.StringIO(), time.process_time()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from companion.cli import diagnose
+from companion.cli.options.parser import Parser
 from tests.hidden.fixed import fixed_cases
 from tests.hidden.write import write_case
 
@@ -23,7 +23,7 @@ CASES = tuple(fixed_cases(TRAIN_S))
 def said_of(case: str, folder: Path) -> tuple[dict, dict]:
     """What the command says of one case, and the truth, which is in no file that it reads."""
     truth = write_case(fixed_cases(TRAIN_S)[case], folder)
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     diagnose.add_parser(parser.add_subparsers())
     logs = [str(next(folder.glob(f"{name}.*"))) for name in ("train1", "train2")]
     held = str(next(folder.glob("held_out.*")))

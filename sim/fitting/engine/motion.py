@@ -24,7 +24,7 @@ from sim.fitting.engine.jacobian_rows import AccelerationPartials
 from sim.fitting.engine.kernels.windows import MIDDLE
 from sim.fitting.engine.model import N_HULL, CompiledModel
 from sim.fitting.engine.noise import LATENT, STATE
-from sim.fitting.engine.parameters import Parameters, adjustable, astern_maps, file_values
+from sim.fitting.engine.parameters import Parameters, adjustable, astern_maps
 from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
 from sim.fitting.engine.windows import Windows
 
@@ -140,9 +140,9 @@ class WindowIntegrator:
         if adjustable(parameters.vessel):
             commands = commands.at_pitch(q[parameters.trims], parameters.curve_of @ q[parameters.curves])
         if astern_maps(parameters.vessel):
-            chosen, stated = parameters.astern_of, file_values(parameters.vessel)[parameters.asterns]
-            others = 1.0 - chosen.sum(axis=1)
-            commands = commands.with_astern(chosen @ q[parameters.asterns] + others, chosen @ stated + others)
+            chosen = parameters.astern_of
+            share = chosen @ q[parameters.asterns] + 1.0 - chosen.sum(axis=1)
+            commands = commands.with_astern(share, parameters.astern_stated)
         return commands
 
 

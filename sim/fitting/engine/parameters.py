@@ -172,6 +172,12 @@ class Parameters:
         return np.array([[t.force_map == m for m in maps] for t in self.vessel.thrusters], dtype=float)
 
     @cached_property
+    def astern_stated(self) -> np.ndarray:
+        """Each thruster's share astern in the vessel file (n,); 1 where its map states none."""
+        maps = (self.vessel.force_maps[t.force_map] for t in self.vessel.thrusters)
+        return np.array([astern_share(m) or 1.0 for m in maps])
+
+    @cached_property
     def terms(self) -> slice:
         """Parameters of the terms, in the order of `fitted_terms`."""
         return slice(self.asterns.stop, len(self.names))

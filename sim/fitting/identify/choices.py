@@ -90,8 +90,7 @@ def _structured(identification: Identification) -> Iterator[tuple[str, str, str]
             f"{s.window_s:g} s (tried: {windows} s, if residuals are not white)",
             FITTED,
         )
-    kept = next((t.refinements for t in identification.chosen.trials if t.kept), ())
-    yield "refinements of the model", ", ".join(kept) or "none", FITTED
+    yield "refinements of the model", ", ".join(identification.chosen.refinements) or "none", FITTED
     tried = f"in trials on halves of the logs, each gains {100 * WORTH:g} % at least and helps in both halves"
     yield "a refinement is kept", f"where, {tried}", BEFORE
     yield "multi-step output error", f"where it predicts better by {100 * NO_WORSE:g} %; horizon: {chosen}", BEFORE

@@ -79,6 +79,11 @@ class ChosenFit:
         """How it was fitted."""
         return MULTI_STEP if self.result.horizon_s else WINDOWS
 
+    @property
+    def refinements(self) -> tuple[str, ...]:
+        """Names of the refinements that were kept."""
+        return next((trial.refinements for trial in self.trials if trial.kept), ())
+
 
 def fit_chosen(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, say: Say) -> ChosenFit:
     """Choose and fit. Settings that state a horizon or a window are obeyed: then nothing is tried.
@@ -105,8 +110,9 @@ def fit_chosen(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, s
     elif inertial:
         why = f"it predicts the other half of the logs better than the fit of {WINDOWS}"
     settings = _multi_step(settings, halves.horizon_s)
-    long = [run for run in runs if reaches(run, halves.horizon_s)]
-    short = tuple(run.meta.source for run in runs if not reaches(run, halves.horizon_s))
+    long_enough = [reaches(run, halves.horizon_s) for run in runs]
+    short = tuple(run.meta.source for run, enough in zip(runs, long_enough, strict=True) if not enough)
+    long = [run for run, enough in zip(runs, long_enough, strict=True) if enough]
     result = fit_structured(long, vessel, settings, say)
     return ChosenFit(vessel, settings, result, why, search.trials(MULTI_STEP), halves.horizon_s, short)
 
@@ -130,7 +136,7 @@ def _if_converged(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings
 
 
 class _Search:
-    """Step 1 above; `model`, `settings`: of the best so far."""
+    """The trials of both steps above; `model`, `settings`: of the best so far."""
 
     def __init__(self, halves: Halves, vessel: VesselFile, settings: FitSettings, say: Say) -> None:
         self.halves, self.model, self.settings, self._say = halves, vessel, settings, say
@@ -147,7 +153,7 @@ class _Search:
         """Take refinements, the best first, while they are worth it."""
         left = missing(self.model)
         while left:
-            tried = [(self._score(*self._with(each)), each) for each in left]
+            tried = [(self._tried(each), each) for each in left]
             self._trials += [self._trial(MULTI_STEP, (*self._chosen, r.name), score) for score, r in tried]
             score, best = min(tried, key=lambda pair: pair[0].sum())
             gain = self._best - score
@@ -158,7 +164,7 @@ class _Search:
             left.remove(best)
 
     def windows_hold(self) -> bool:
-        """Whether the fit of windows predicts no worse; it does where it has no solution, or does not converge."""
+        """Whether the fit of windows predicts no worse; one without a solution, or not converged, does not."""
         settings = replace(self.settings, horizon_s=0.0, window_s=WINDOWS_S[0])
         try:
             found = [fit_structured(runs, self.model, settings, self._silent) for runs in self.halves.runs]
@@ -168,13 +174,17 @@ class _Search:
         if found and all(one.converged for one in found):
             parameters = with_tag_fixed(Parameters(self.model))
             fits = [HorizonFit(half, parameters) for half in self.halves.targets]
-            score = np.array([_error(fits[i], parameters.unconstrained(found[1 - i].q)) for i in (0, 1)])
+            score = _crossed(fits, [parameters.unconstrained(one.q) for one in found])
         self._trials.append(self._trial(WINDOWS, self._chosen, score))
         return float((score - self._best).mean()) < NO_WORSE
 
     def trials(self, method: str) -> tuple[Trial, ...]:
         """All trials, with the mark of the one that is kept."""
         return tuple(replace(t, kept=(t.method, t.refinements) == (method, self._chosen)) for t in self._trials)
+
+    def _tried(self, refinement: Refinement) -> np.ndarray:
+        self._say(f"trying {', '.join((*self._chosen, refinement.name))}", 0.0)
+        return self._score(*self._with(refinement))
 
     def _with(self, refinement: Refinement) -> tuple[VesselFile, FitSettings]:
         overrides = {**self.settings.overrides, **refinement.priors}
@@ -185,12 +195,11 @@ class _Search:
         settings = _multi_step(settings, self.halves.horizon_s)
         parameters = with_tag_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
         fits = [HorizonFit(half, parameters) for half in self.halves.targets]
-        self._say(f"trying {', '.join(vessel.terms) or 'the model as it is'}", 0.0)
         try:
             w = [solve(fit, STEPS, self._silent)[0].w for fit in fits]
         except (StructuredFitError, np.linalg.LinAlgError):
             return np.full(2, np.inf)
-        return np.array([_error(fits[0], w[1]), _error(fits[1], w[0])])
+        return _crossed(fits, w)
 
     def _trial(self, method: str, refinements: tuple[str, ...], score: np.ndarray) -> Trial:
         a, b = np.exp(score - self._plain)
@@ -200,6 +209,11 @@ class _Search:
 def _multi_step(settings: FitSettings, horizon_s: float) -> FitSettings:
     """The settings for multi-step output error."""
     return replace(settings, horizon_s=horizon_s, overrides={**INERTIA, **settings.overrides})
+
+
+def _crossed(fits: Sequence[HorizonFit], w: Sequence[np.ndarray]) -> np.ndarray:
+    """Score of each half (2,) by the parameters w that were fitted to the other."""
+    return np.array([_error(fits[0], w[1]), _error(fits[1], w[0])])
 
 
 def _error(fit: HorizonFit, w: np.ndarray) -> float:

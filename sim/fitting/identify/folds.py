@@ -9,7 +9,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run, RunError
 from companion.logs.runs.splits import block_intervals, parts
 from sim.fitting.engine.windows import SETTLE_S, StructuredFitError
-from sim.fitting.identify.horizon import HORIZON_S, OVERLAP, HorizonTarget, horizon_target, reaches
+from sim.fitting.identify.horizon import HORIZON_S, HorizonTarget, horizon_target, least_s, reaches
 
 LOGS = 4
 """From so many logs on each is used whole; fewer are cut into blocks. Assumed."""
@@ -45,8 +45,7 @@ def _pieces(runs: Sequence[Run], horizon_s: float) -> list[Run]:
     """Whole logs, the longest first, or blocks of them in order of time; without what is too short to be judged by."""
     if len(runs) >= LOGS:
         return sorted((run for run in runs if reaches(run, horizon_s)), key=lambda run: -run.duration_s)
-    latest_s = horizon_s * (OVERLAP - 1) / OVERLAP
-    block_s = latest_s + 2 * horizon_s + SETTLE_S + 1.0
+    block_s = least_s(horizon_s) + SETTLE_S + 1.0
     pieces = []
     for run in runs:
         try:

@@ -84,10 +84,14 @@ def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float = H
     return HorizonTarget(windows, x0, at, measured)
 
 
+def least_s(horizon_s: float) -> float:
+    """Seconds with heading and commands that predicting `horizon_s` ahead takes: two windows of the latest series."""
+    return horizon_s * (2 + (OVERLAP - 1) / OVERLAP)
+
+
 def reaches(run: Run, horizon_s: float) -> bool:
-    """Whether a run is long enough to predict `horizon_s` ahead in it: two windows, however late they begin."""
-    latest_s = horizon_s * (OVERLAP - 1) / OVERLAP
-    return float(run.samples("psi_rad")[0][-1]) - begin_s(run) - latest_s > 2 * horizon_s
+    """Whether a run is long enough to predict `horizon_s` ahead in it."""
+    return float(run.samples("psi_rad")[0][-1]) - begin_s(run) > least_s(horizon_s)
 
 
 def _at(t_s: np.ndarray, known_s: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ astern          F_astern times a share: the map is of open water, behind or befo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,32 +24,25 @@ SOURCE = "tried by identify"
 
 @dataclass(frozen=True)
 class Refinement:
-    """One refinement. `text`: for people; `priors`: as `Parameters.overrides`."""
+    """One refinement.
+
+    `text`: for people; `applied`: the vessel with it, at its first guess, or as it is where it has it; `priors`:
+    as `Parameters.overrides`.
+    """
 
     name: str
     text: str
+    applied: Callable[[VesselFile], VesselFile]
     priors: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
-
-    def applied(self, vessel: VesselFile) -> VesselFile:
-        """The vessel with it, at its first guess."""
-        if self.name == "astern":
-            maps = {name: _with_share(m) for name, m in vessel.force_maps.items()}
-            return replace(vessel, force_maps=maps)
-        first = {"speed_damping": {"N_ur_N_s2": _slender_wing(vessel)}, "munk_moment": {"k_kg": 0.0}}[self.name]
-        return replace(vessel, terms={**vessel.terms, self.name: {**first, "source": SOURCE}})
-
-
-REFINEMENTS = (
-    Refinement("astern", "propellers that give another share of their map's thrust astern than ahead"),
-    Refinement("speed_damping", "yaw damping that grows with speed", {"N_ur_N_s2": (None, SIZE_UNKNOWN)}),
-    Refinement("munk_moment", "a yaw moment of u v"),
-)
 
 
 def missing(vessel: VesselFile) -> list[Refinement]:
     """Those that the vessel file does not have."""
-    free = any(not isinstance(m, PitchMap) and m.astern_share is None for m in vessel.force_maps.values())
-    return [r for r in REFINEMENTS if (free if r.name == "astern" else r.name not in vessel.terms)]
+    return [r for r in REFINEMENTS if r.applied(vessel) != vessel]
+
+
+def _astern(vessel: VesselFile) -> VesselFile:
+    return replace(vessel, force_maps={name: _with_share(m) for name, m in vessel.force_maps.items()})
 
 
 def _with_share(force_map: ForceMap) -> ForceMap:
@@ -58,6 +51,23 @@ def _with_share(force_map: ForceMap) -> ForceMap:
     return replace(force_map, astern_share=1.0)
 
 
-def _slender_wing(vessel: VesselFile) -> float:
-    hull = vessel.hull
-    return float(-np.pi / 8 * WATER_KG_M3 * (hull.draft_m * hull.length_m) ** 2)
+def _speed_damping(vessel: VesselFile) -> VesselFile:
+    wing = -np.pi / 8 * WATER_KG_M3 * (vessel.hull.draft_m * vessel.hull.length_m) ** 2
+    return _with_term(vessel, "speed_damping", N_ur_N_s2=float(wing))
+
+
+def _munk_moment(vessel: VesselFile) -> VesselFile:
+    return _with_term(vessel, "munk_moment", k_kg=0.0)
+
+
+def _with_term(vessel: VesselFile, name: str, **first: float) -> VesselFile:
+    return replace(vessel, terms=vessel.terms | {name: vessel.terms.get(name, {**first, "source": SOURCE})})
+
+
+REFINEMENTS = (
+    Refinement("astern", "propellers that give another share of their map's thrust astern than ahead", _astern),
+    Refinement(
+        "speed_damping", "yaw damping that grows with speed", _speed_damping, {"N_ur_N_s2": (None, SIZE_UNKNOWN)}
+    ),
+    Refinement("munk_moment", "a yaw moment of u v", _munk_moment),
+)

@@ -156,8 +156,7 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
 
 def _refined(chosen: ChosenFit) -> list[str]:
     """The sentence on refinements that the logs asked for."""
-    kept = next((t.refinements for t in chosen.trials if t.kept), ())
-    texts = [r.text for r in REFINEMENTS if r.name in kept]
+    texts = [r.text for r in REFINEMENTS if r.name in chosen.refinements]
     return [f"The logs ask for what the vessel file lacked, and vessel.toml has: {'; '.join(texts)}."] if texts else []
 
 

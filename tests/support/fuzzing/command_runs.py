@@ -25,6 +25,7 @@ from tests.companion.command_line import exit_code
 from tests.companion.logs.page.page_logs import page_log
 from tests.companion.logs.readers.run_logs import record, simulated
 from tests.support.fuzzing.command_lines import command_line, commands
+from tests.support.fuzzing.fuzz import kind_of
 
 CODES = (0, 1, 2, 130)
 WORK = (
@@ -75,11 +76,7 @@ def _run(words: list[str], out: Lines) -> None:
         out.ended["work begins"] += 1
         return
     except BaseException as error:
-        at = error.__traceback__
-        while at and at.tb_next:
-            at = at.tb_next
-        where = f"{Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno}" if at else ""
-        out.wrong.setdefault(f"{type(error).__name__} at {where}: {str(error)[:120]}", words)
+        out.wrong.setdefault(kind_of(error), words)
         return
     out.ended[f"exit code {code}"] += 1
     if code not in CODES:

@@ -54,15 +54,20 @@ def fuzz(name: str, size: int, seed: int) -> Outcome:
             except reader.documented as error:
                 out.raised[type(error).__name__] += 1
             except Exception as error:
-                at = error.__traceback__
-                while at and at.tb_next:
-                    at = at.tb_next
-                where = f"{Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno}" if at else ""
-                out.wrong.setdefault(f"{type(error).__name__} at {where}: {str(error)[:120]}", data)
+                out.wrong.setdefault(kind_of(error), data)
                 read = reader.make()
             finally:
                 signal.alarm(0)
     return out
+
+
+def kind_of(error: BaseException) -> str:
+    """Type, place and text: two errors of one kind are one finding."""
+    at = error.__traceback__
+    while at and at.tb_next:
+        at = at.tb_next
+    where = f"{Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno}" if at else ""
+    return f"{type(error).__name__} at {where}: {str(error)[:120]}"
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from companion.__main__ import main
 from sim.world.sitl.loopback import BEHIND_NS, Pace
+from tests.companion.command_line import exit_code
 from tests.sim.world.sitl.sitl_fixture import MS, S
 
 
@@ -35,17 +36,12 @@ def test_without_a_speed_nothing_is_held_back():
         (["--ardupilot-json", "--udp-to", "1.2.3.4:5"], "--udp-to: is for"),
         (["--ardupilot-json", "--param", "SYSID_MYGCS=2"], "--param: is for"),
         (["--speed", "2"], "--speed: goes with --ardupilot-json"),
+        (["--ardupilot-json", "nowhere"], "'nowhere': expected HOST:PORT"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(words, told, capsys):
-    assert main(["sim", *words]) == 2
+    assert exit_code("sim", *words) == 2
     assert told in capsys.readouterr().err
-
-
-def test_an_address_without_a_port_is_refused_by_the_parser(capsys):
-    with pytest.raises(SystemExit, match="2"):
-        main(["sim", "--ardupilot-json", "nowhere"])
-    assert "'nowhere': expected HOST:PORT" in capsys.readouterr().err
 
 
 def test_a_taken_port_is_named_with_what_to_do(tmp_path, capsys):

@@ -64,15 +64,16 @@ def ticks_of_a_voyage():
     return by_tick(run.messages[begun:])
 
 
-def answered(query, gate, now_ns):
-    """Answer a query as a boat does that obeys every order; the command that was obeyed, or None."""
-    obeyed, payload, attachment = None, bytes(query.payload), bytes(query.attachment or b"")
+def answer_as_a_boat(query, gate, now_ns, obeyed):
+    """Answer a query as a boat does that obeys every order. `obeyed`: list that has it before the answer goes."""
+    payload, attachment = bytes(query.payload), bytes(query.attachment or b"")
     with query:
         try:
             order = gate.judge(payload, attachment, now_ns)
             told = {"status": "done", "code": "ok", "text": f"{order.command}: heard"}
             told |= {"mode": "idle", "why": "told so"}
-            obeyed = order.command if order.command != "hello" else None
+            if order.command != "hello":
+                obeyed.append(order.command)
         except OrderRefused as no:
             told = {"status": "refused", "code": no.code, "text": str(no)}
         except Repeated:
@@ -80,7 +81,6 @@ def answered(query, gate, now_ns):
         data = msgspec.json.encode(OrderOutcome(run=gate.run, t_ns=now_ns, **told))
         sealed = gate.answer_seal(payload, data) if gate.proves(payload, attachment) else None
         query.reply(shore.command_key(gate.boat), data, attachment=sealed)
-    return obeyed
 
 
 CHOSEN = "decodeURIComponent(location.hash.slice(1))"
@@ -120,8 +120,7 @@ class TapedBoat:
         return time.monotonic_ns() + 12_345 * S
 
     def answer(self, query):
-        if command := answered(query, self.gate, self.now_ns()):
-            self.obeyed.append(command)
+        answer_as_a_boat(query, self.gate, self.now_ns(), self.obeyed)
 
     def close(self):
         self.ended = True

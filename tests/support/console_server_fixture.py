@@ -17,7 +17,7 @@ from companion.shore.console.keys import Keys
 from companion.shore.console.live import Console
 from companion.shore.console.request_auth import RequestAuth
 from companion.shore.console.zenoh_client import ZenohClient, config_of
-from tests.support.console_fixture import answered, state
+from tests.support.console_fixture import answer_as_a_boat, state
 from tests.support.zenoh_fixture import config as zenoh_config
 from tests.support.zenoh_fixture import free_port
 
@@ -63,8 +63,7 @@ class Boat:
         self.session.put(shore.telemetry_key(self.name, "state"), shore.encode(told))
 
     def answer(self, query):
-        if command := answered(query, self.gate, time.monotonic_ns() + self.ahead_ns):
-            self.obeyed.append(command)
+        answer_as_a_boat(query, self.gate, time.monotonic_ns() + self.ahead_ns, self.obeyed)
 
 
 async def until(condition, seconds=10.0):

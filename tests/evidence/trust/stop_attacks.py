@@ -19,7 +19,7 @@ import zenoh
 
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.order_gate import OrderGate, OrderOutcome
-from tests.support.console_fixture import S, answered, mode, state
+from tests.support.console_fixture import S, answer_as_a_boat, mode, state
 from tests.support.zenoh_fixture import config
 
 BOAT, RUN = "aritra", "0123456789ab"
@@ -43,8 +43,7 @@ class Twin:
         ]
 
     def _answer(self, query: zenoh.Query) -> None:
-        if command := answered(query, self._gate, time.monotonic_ns() + self.ahead_ns):
-            self.obeyed.append(command)
+        answer_as_a_boat(query, self._gate, time.monotonic_ns() + self.ahead_ns, self.obeyed)
 
     def speak(self) -> None:
         told = state(1, run=self.run, t_ns=max(time.monotonic_ns() + self.ahead_ns, 0))

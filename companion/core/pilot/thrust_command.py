@@ -187,9 +187,11 @@ class ThrustCommander:
     def _with_what_is_left(
         self, state: PilotState, f_n: np.ndarray, source: str, t_ns: int
     ) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Forces that come for those wanted, and their pulse widths; neutral stays neutral."""
+        """Forces that come for those wanted, and their pulse widths; neutral stays neutral, and so do sticks at rest:
+        who has let go of them is not asked for a probe, nor to hold against a thruster that is stuck.
+        """
         thrusters, voltage_v = state.monitor(ThrusterState), state.monitor(BatteryState).voltage_v
-        if source != "neutral":
+        if source != "neutral" and not (source == "manual" and not f_n.any()):
             if thrusters.probing:
                 f_n = np.clip(f_n + self._remaining.probe(t_ns), *self._limits)
             f_n = self._remaining.redistribute(f_n, thrusters.health)

@@ -1,0 +1,34 @@
+"""A boat that is driven by hand and asks which thruster it is asks only while its thrusters are wanted."""
+
+from dataclasses import replace
+
+import pytest
+
+from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.thruster_monitor import ThrusterState
+from tests.companion.core.pilot.test_pilot_modes import Boat
+
+NEUTRAL = (1500,) * 8
+STUCK = ThrusterHealth((1.0,) * 4, (None, 4.0, None, None), (0, 1, 2, 3))
+
+
+def driven(held, **trouble):
+    """Pulse widths of the last of ten ticks by hand; the boat is in this trouble at each."""
+    boat = Boat("manual", held=0.5)
+    for share in (0.5, 0.5, *(8 * (held,))):
+        boat.sticks = share
+        boat.state = boat.state.with_monitors(replace(boat.state.monitor(ThrusterState), **trouble))
+        boat.tick()
+    assert boat.leases[-1].source == "manual"
+    return boat.leases[-1].pwm_us
+
+
+@pytest.mark.parametrize("trouble", [{}, {"probing": True}, {"health": STUCK}])
+def test_sticks_at_rest_are_neutral_whatever_the_boat_would_like_to_know(trouble):
+    assert driven(0.0, **trouble) == NEUTRAL
+
+
+def test_sticks_that_are_held_are_obeyed_and_may_be_probed():
+    plain, probed = driven(0.5), driven(0.5, probing=True)
+    assert min(plain[:4]) > 1600
+    assert plain[:4] != probed[:4]

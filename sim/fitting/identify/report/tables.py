@@ -157,13 +157,17 @@ def trials_table(identification: Identification) -> ScoreTable:
     """What was tried on halves of the fitted data."""
     rows = [
         (
-            f"{', '.join(trial.refinements) or 'the model as it is'}{' **kept**' if trial.kept else ''}",
+            _bold_if(trial.kept, ", ".join(trial.refinements) or "the model as it is"),
             trial.method,
             *(f"{100 * e:.1f} %" if np.isfinite(e) else "none" for e in (trial.error, *trial.halves)),
         )
         for trial in identification.chosen.trials
     ]
     return ScoreTable(("model", "method", "error", "first half", "second half"), tuple(rows))
+
+
+def _bold_if(kept: bool, text: str) -> str:
+    return f"**{text}, kept**" if kept else text
 
 
 def stamps_table(identification: Identification) -> ScoreTable:

@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"{name}: unknown option{did_you_mean(name, self._option_string_actions)}")
         found, rest = super().parse_known_args(args, namespace)
         if rest:
-            self.error(f"{rest[0]}: not expected here")
+            self.error(f"{rest[0] or repr(rest[0])}: not expected here")
         return found, rest
 
     def error(self, message: str) -> NoReturn:

@@ -114,7 +114,8 @@ def fit_structured(
     """Fit the model of `vessel` to runs. Raises StructuredFitError where a run cannot be used.
 
     Multi-step output error for logs without inertial sensors, else the fit of windows, which is repeated with shorter
-    windows where the residuals are not white. `say(text, share)` is called with progress.
+    windows where the residuals are not white; one that does not converge takes the place of none that does.
+    `say(text, share)` is called with progress.
     """
     began, settings = time.perf_counter(), settings or FitSettings()
     horizon_s = settings.horizon_s
@@ -127,7 +128,8 @@ def fit_structured(
     result = _fit_once(runs, vessel, replace(settings, window_s=first), say)
     for window_s in finer:
         if not result.white:
-            result = _fit_once(runs, vessel, replace(settings, window_s=window_s), say)
+            shorter = _fit_once(runs, vessel, replace(settings, window_s=window_s), say)
+            result = shorter if shorter.converged or not result.converged else result
     return msgspec.structs.replace(result, seconds=time.perf_counter() - began)
 
 

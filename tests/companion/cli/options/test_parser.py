@@ -1,5 +1,7 @@
 """What is wrong with a command line, in one sentence, and what was meant."""
 
+import shlex
+
 import pytest
 
 from companion.cli.options.parser import Parser
@@ -18,12 +20,13 @@ from tests.companion.command_line import exit_code
         ("identify --vesel=x", "aritra identify: --vesel: unknown option; did you mean --vessel?"),
         ("--verson", "aritra: --verson: unknown option; did you mean --version?"),
         ("run fast", "aritra run: fast: not expected here"),
+        ("run ''", "aritra run: '': not expected here"),
         ("provision --wiring gat", "'gat': unknown value; choose from gate, scaled, omni"),
         ("log plot", "aritra log plot: the following arguments are required: LOG"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(words, told, capsys):
-    assert exit_code(*words.split()) == 2
+    assert exit_code(*shlex.split(words)) == 2
     out = capsys.readouterr()
     assert out.err.startswith(told) or told in out.err
     assert len(out.err.splitlines()) == 2 and "--help" in out.err.splitlines()[1]

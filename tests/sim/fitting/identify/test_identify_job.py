@@ -1,17 +1,19 @@
 """Identification without files: the split, the verdict, errors for logs that cannot be used."""
 
 from itertools import count
+from unittest.mock import ANY
 
 import numpy as np
 import polars as pl
 import pytest
+from msgspec.structs import replace
 
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import LogProblem, Run, RunMeta
 from sim.fitting.engine.parameters import WARP, Parameters, file_values
 from sim.fitting.engine.split import JobError, NamedLog, split
 from sim.fitting.identify.chosen_fit import ChosenFit
-from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel
+from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import MANOEUVRES, NAMES, NEEDED, advice, relative_error, verdict
 from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
@@ -145,6 +147,14 @@ def fit(undetermined=(), *, converged=True, white=True) -> FitResult:
 
 def chosen(undetermined=(), **more) -> ChosenFit:
     return ChosenFit(VESSEL, FitSettings(), fit(undetermined, **more), "a test")
+
+
+@pytest.mark.parametrize(("first", "shorter", "taken"), [(True, True, 1), (True, False, 0), (False, False, 1)])
+def test_shorter_windows_that_do_not_converge_replace_none_that_do(monkeypatch, run, first, shorter, taken):
+    found = [fit(converged=converged, white=False) for converged in (first, shorter)]
+    fits = iter(found)
+    monkeypatch.setattr("sim.fitting.identify.result._fit_once", lambda *_: next(fits))
+    assert fit_structured([run], VESSEL) == replace(found[taken], seconds=ANY)
 
 
 def test_the_relative_error_is_a_geometric_mean_over_channels_and_horizons():

@@ -153,7 +153,8 @@ def chosen(undetermined=(), **more) -> ChosenFit:
 def test_shorter_windows_that_do_not_converge_replace_none_that_do(monkeypatch, run, first, shorter, taken):
     found = [fit(converged=converged, white=False) for converged in (first, shorter)]
     fits = iter(found)
-    monkeypatch.setattr("sim.fitting.identify.result._fit_once", lambda *_: next(fits))
+    monkeypatch.setattr("sim.fitting.identify.result.solve", lambda *_: (None, 0))
+    monkeypatch.setattr("sim.fitting.identify.result.fit_result", lambda *_: next(fits))
     assert fit_structured([run], VESSEL) == replace(found[taken], seconds=ANY)
 
 

@@ -43,6 +43,7 @@ from companion.core.messages.sensors import (
     AutopilotInfo,
     Battery,
     CommandAck,
+    GnssFix,
     Heartbeat,
     ImuSample,
     LinkState,
@@ -62,7 +63,7 @@ from companion.core.messages.sensors import (
 
 __all__ = [
     "INPUTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo", "Battery", "CommandAck",
-    "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
+    "ExcitationStatus", "GnssFix", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
     "InterlockTrip", "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint",
     "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue",
     "PlanDeadline", "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate",
@@ -70,7 +71,7 @@ __all__ = [
 ]  # fmt: skip
 
 INPUTS: tuple[type[Message], ...] = (
-    ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, MotorOutputs, RcChannels,
+    ImuSample, Attitude, UwbRanges, UwbPosition, GnssFix, Heartbeat, Battery, ServoOutput, MotorOutputs, RcChannels,
     CommandAck, ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
     InterlockTrip, ManualInput, NewMission, PlanResult,
 )  # fmt: skip

@@ -76,6 +76,23 @@ class UwbPosition(Measured, frozen=True, kw_only=True):
     quality: int | None = None
 
 
+class GnssFix(Measured, frozen=True, kw_only=True):
+    """What a GNSS receiver says of its antenna: latitude and longitude (WGS84), velocity over ground, north and east.
+
+    `fix_type` as MAVLink's GPS_FIX_TYPE: below 3 no position; 3 alone, 4 with corrections, 5 RTK float, 6 RTK fixed.
+    `h_acc_m`, `v_acc_m_s`: the receiver's own word on its errors.
+    """
+
+    fix_type: int
+    lat_deg: float
+    lon_deg: float
+    v_north_m_s: float | None = None
+    v_east_m_s: float | None = None
+    satellites: int | None = None
+    h_acc_m: float | None = None
+    v_acc_m_s: float | None = None
+
+
 # --- inputs: autopilot and links -------------------------------------------------------------------
 
 

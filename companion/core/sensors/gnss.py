@@ -53,18 +53,18 @@ class GnssReceiver(Sensor):
     def __init__(self, spec: Gnss, origin: Origin):
         self._spec, self._origin = spec, origin
         self._arm_m = spec.x_m, spec.y_m, spec.z_m
-        self.rate_Hz = spec.rate_Hz
+        self.rate_Hz, self.latency_s = spec.rate_Hz, spec.latency_s
         white, wander, speed = spec.position_sigma_m, spec.position_wander_sigma_m, spec.velocity_sigma_m_s
         total_m = math.hypot(white, wander)
         self._worst_m = WORSE * total_m
         self.error_states = (ErrorState(wander, wander, spec.position_wander_time_s),) * 2 if wander else ()
         # Outliers beyond the ceiling are none of a good fix; what lasts for 3 s is a new solution of the receiver.
         place = GateRule(
-            limit=3.72, floor=3 * white, ceiling=max(0.5, 6 * white, total_m), reopen_count=8, reopen_span_s=3.0,
+            limit=3.72, floor=white, ceiling=max(0.5, 6 * white, total_m), reopen_count=8, reopen_span_s=3.0,
             agreement=max(0.5, 6 * white),
         )  # fmt: skip
         doppler = GateRule(
-            limit=3.72, floor=2 * speed, ceiling=max(0.3, 4 * speed), reopen_count=8, reopen_span_s=3.0,
+            limit=3.72, floor=speed, ceiling=max(0.3, 4 * speed), reopen_count=8, reopen_span_s=3.0,
             agreement=max(0.3, 6 * speed),
         )  # fmt: skip
         self.channels = (
@@ -89,10 +89,6 @@ class GnssReceiver(Sensor):
             return None, "gnss: not finite or absurd"
         return m, ""
 
-    def measured_ns(self, m: GnssFix, zero_ns: int | None) -> int:
-        """The receiver needs `latency_s` from measuring to its message, which the autopilot stamps as it comes."""
-        return super().measured_ns(m, zero_ns) - round(self._spec.latency_s * 1e9)
-
     @staticmethod
     def repeatable(m: GnssFix) -> tuple[str, tuple[float, ...]] | None:
         """Position and velocity; without a fix nothing is said."""
@@ -105,6 +101,13 @@ class GnssReceiver(Sensor):
         if m.fix_type < FIX_TYPES[self._spec.fix] or (m.h_acc_m is not None and m.h_acc_m > self._worst_m):
             return None
         return site_from_geodetic(self._origin, m.lat_deg, m.lon_deg)
+
+    def figure(self, m: GnssFix) -> str:
+        """Fix, satellites, and the receiver's own word on its error."""
+        parts = [FIX_NAMES.get(m.fix_type, f"fix type {m.fix_type}")]
+        parts += [] if m.satellites is None else [f"{m.satellites} satellites"]
+        parts += [] if m.h_acc_m is None else [f"{m.h_acc_m:.2f} m by its own word"]
+        return ", ".join(parts)
 
     def readings(self, m: GnssFix) -> tuple[Reading, ...]:
         """Position and velocity, as far as they are fit to be fused."""
@@ -132,10 +135,7 @@ class GnssReceiver(Sensor):
             fix = "GPS1_TYPE of the autopilot, the receiver's cable and power; see docs/autopilot.md"
             yield Check("refuse", "fix", "no GPS_RAW_INT with a receiver", needed, why, fix)
             return
-        last = heard[-1]
-        found = FIX_NAMES.get(last.fix_type, f"type {last.fix_type}")
-        found += "" if last.satellites is None else f", {last.satellites} satellites"
-        found += "" if last.h_acc_m is None else f", {last.h_acc_m:.2f} m by its own word"
+        found = self.figure(heard[-1])
         good = [m for m in heard if self.screen(m)[0] and self.place(m)]
         fix = (
             "" if good else "open sky and time; corrections for RTK; sensors.gnss.fix and its sigmas in the vessel file"

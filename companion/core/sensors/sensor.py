@@ -96,7 +96,8 @@ class Check(NamedTuple):
 class Sensor:
     """One sensor of one boat. `key`: its table in `[sensors.*]`; `label`: how people call it.
 
-    `health`: given by a sensor of positions. `rate_Hz`: how often it measures. `aids`: it corrects what the inertial
+    `health`: given by a sensor of positions. `rate_Hz`: how often it measures;
+    `latency_s`: how much older a measurement is than its stamp. `aids`: it corrects what the inertial
     sensors add up, and is fused after them at the same instant. Methods are pure.
     """
 
@@ -105,6 +106,7 @@ class Sensor:
     messages: ClassVar[tuple[type[Measured], ...]]
     aids: ClassVar[bool] = True
     rate_Hz: float
+    latency_s: float = 0.0
     channels: tuple[Channel, ...] = ()
     error_states: tuple[ErrorState, ...] = ()
     health: PositionHealth | None = None
@@ -120,12 +122,16 @@ class Sensor:
 
     def measured_ns(self, m: Measured, zero_ns: int | None) -> int:
         """When it was measured [ns], never after its arrival. `zero_ns`: arrival of the first of its messages."""
-        return min(m.t_ns, m.t_rx_ns)
+        return min(m.t_ns, m.t_rx_ns) - round(self.latency_s * 1e9)
 
     @staticmethod
     def repeatable(m: Any) -> tuple[str, tuple[float, ...]] | None:
         """Name and numbers that a sensor in order never sends for long while the boat moves; None: not looked for."""
         return None
+
+    def figure(self, m: Any) -> str:
+        """What the sensor says of its own quality, for people; empty: nothing."""
+        return ""
 
     def readings(self, m: Any) -> tuple[Reading, ...]:
         """What a message says of each channel."""
@@ -156,7 +162,7 @@ def verdict(m: Any, good: bool, kind: str) -> tuple[Any | None, str]:
 
 def place_of(motion: Motion, arm_m: tuple[float, float, float]) -> tuple[Any, Any]:
     """North and east of a point of the hull [m], by its lever arm in body axes [m]; roll and pitch included."""
-    x, y, _ = to_level(*motion.tilt, *arm_m)
+    x, y, _ = to_level(motion.tilt[0], motion.tilt[1], *arm_m)
     return point_position(motion.eta, (x, y))
 
 
@@ -165,7 +171,7 @@ def velocity_of(motion: Motion, arm_m: tuple[float, float, float]) -> tuple[Any,
 
     nu + omega x l:   u + q l_z - r l_y,   v + r l_x - p l_z
     """
-    x, y, z = to_level(*motion.tilt, *arm_m)
+    x, y, z = to_level(motion.tilt[0], motion.tilt[1], *arm_m)
     u, v = point_velocity(motion.nu, (x, y))
     p, q = motion.roll_rates[0], motion.roll_rates[1]
     return u + q * z, v - p * z

@@ -23,6 +23,10 @@ KINDS: tuple[type[Sensor], ...] = (InertialSensor, AttitudeSensor, RangingSensor
 KIND_OF: dict[type[Message], type[Sensor]] = {message: kind for kind in KINDS for message in kind.messages}
 SENSED: tuple[type[Measured], ...] = tuple(message for kind in KINDS for message in kind.messages)
 """Every message of a sensor."""
+AIDING = tuple(message for kind in KINDS if kind.aids for message in kind.messages)
+"""Those of sensors that are not inertial."""
+REPEATABLE = tuple(message for kind in KINDS if kind.repeatable is not Sensor.repeatable for message in kind.messages)
+"""Messages that show by themselves whether their sensor is frozen."""
 
 
 def origin_of(site: Site) -> Origin:
@@ -50,7 +54,7 @@ class SensorTable:
 
     def __init__(self, sensors: tuple[Sensor, ...]):
         self.sensors = sensors
-        self._by_message = {message: sensor for sensor in sensors for message in sensor.messages}
+        self._by_message: dict[type, Sensor] = {message: sensor for sensor in sensors for message in sensor.messages}
 
     def __iter__(self) -> Iterator[Sensor]:
         return iter(self.sensors)

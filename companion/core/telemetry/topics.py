@@ -212,10 +212,12 @@ def mode(run: str, message: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow
     )
 
 
-def links(run: str, statuses: Iterable[LinkStatus], ages_s: Mapping[str, float | None], t_ns: int) -> shore.LinksNow:
-    """Devices, and how old their last words are."""
+def links(
+    run: str, statuses: Iterable[LinkStatus], ages_s: Mapping[str, float | None], figures: Mapping[str, str], t_ns: int
+) -> shore.LinksNow:
+    """Devices, how old their last words are, and what sensors say of their own quality."""
     each = tuple(LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in statuses)
-    return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=dict(ages_s))
+    return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=dict(ages_s), figures=dict(figures))
 
 
 def battery(run: str, b: Battery, t_ns: int) -> shore.BatteryNow:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,18 @@ CAP, SLACK, LIMIT = 12.0, 2.5, 24.0
 """Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
+
+
+class PositionWords(NamedTuple):
+    """How alerts speak of the sensor of positions."""
+
+    astray: str
+    source: str
+    readings: str
+
+
+OF_UWB = PositionWords("anchors elsewhere than in the site file", "anchors", "UWB ranges")
+OF_GNSS = PositionWords("GNSS led astray (reflections, jamming)", "GNSS positions", "GNSS positions")
 
 
 @dataclass(frozen=True)
@@ -66,6 +79,7 @@ class MotionMonitor(Monitor[MotionState]):
     initial = MotionState()
 
     def __init__(self, vessel: VesselFile):
+        self._words = OF_UWB if vessel.sensors.uwb else OF_GNSS
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))
@@ -100,28 +114,28 @@ class MotionMonitor(Monitor[MotionState]):
         state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
         if state.findings:
             return state, _report(state)
-        if not (text := _sentence(state, belief.lasting)):
+        if not (text := _sentence(state, belief.lasting, self._words)):
             return state, NOTHING
         state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
         return state, MonitorReport(_report(state).events, (Alert(t_ns=view.t_ns, level="error", text=text),))
 
 
-def _sentence(state: MotionState, lasting: tuple[float, float, float]) -> str:
+def _sentence(state: MotionState, lasting: tuple[float, float, float], words: PositionWords) -> str:
     """What is wrong; empty: nothing."""
     if state.beyond >= SLIP_TICKS:
         speed = math.hypot(*state.slip_m_s)
         return (
-            f"the boat moves by {speed:.1f} m/s otherwise than it is driven: anchors elsewhere than in the site file, a"
+            f"the boat moves by {speed:.1f} m/s otherwise than it is driven: {words.astray}, a"
             " compass that is off, thrusters that do not obey, or a current"
         )
     if state.forced >= FORCE_TICKS:
         X, Y, N = lasting
         return (
             f"a force that nothing explains ({X:.0f} N ahead, {Y:.0f} N to starboard, {N:.0f} N m): compass,"
-            " accelerometer or anchors are wrong, thrusters do not obey, or the boat is held"
+            f" accelerometer or {words.source} are wrong, thrusters do not obey, or the boat is held"
         )
     if state.sum >= LIMIT:
-        return "UWB ranges contradict the motion of the boat: ranges, heading or accelerometer are wrong"
+        return f"{words.readings} contradict the motion of the boat: they, heading or accelerometer are wrong"
     return ""
 
 

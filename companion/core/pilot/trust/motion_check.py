@@ -36,7 +36,8 @@ FLOW_M_S, TURN_RAD_S, THRUST_SHARE = 0.5, 0.5, 0.1
 """The latent force may be the drag of so much flow and turn, and so much of full thrust; assumed."""
 FORCE_TICKS = 15
 CAP, SLACK, LIMIT = 12.0, 2.5, 24.0
-"""Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed."""
+"""Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed.
+Fixes of GNSS, which follow one another faster, count by the second."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
 
@@ -79,7 +80,8 @@ class MotionMonitor(Monitor[MotionState]):
     initial = MotionState()
 
     def __init__(self, vessel: VesselFile):
-        self._words = OF_UWB if vessel.sensors.uwb else OF_GNSS
+        gnss = vessel.sensors.gnss
+        self._words, self._weight = (OF_GNSS, min(1.0, 1.0 / gnss.rate_Hz)) if gnss else (OF_UWB, 1.0)
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))
@@ -96,7 +98,7 @@ class MotionMonitor(Monitor[MotionState]):
         at_ns, cycle = state.cycle
         if message.t_ns == at_ns:
             return replace(state, cycle=(at_ns, (*cycle, min(message.d2, CAP)))), NOTHING
-        total = max(0.0, state.sum + median(cycle) - SLACK) if cycle else state.sum
+        total = max(0.0, state.sum + self._weight * (median(cycle) - SLACK)) if cycle else state.sum
         return replace(state, sum=min(total, 2 * LIMIT), cycle=(message.t_ns, (min(message.d2, CAP),))), NOTHING
 
     def on_tick(self, state: MotionState, view: TickView) -> tuple[MotionState, MonitorReport]:

@@ -93,6 +93,10 @@ class GnssFix(Measured, frozen=True, kw_only=True):
     v_acc_m_s: float | None = None
 
 
+MEASUREMENTS: tuple[type[Measured], ...] = (ImuSample, Attitude, UwbRanges, UwbPosition, GnssFix)
+"""Every message of a sensor; all of them are `INPUTS`."""
+
+
 # --- inputs: autopilot and links -------------------------------------------------------------------
 
 

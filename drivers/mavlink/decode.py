@@ -53,8 +53,8 @@ STAMPS: dict[str, tuple[str, int, int | None]] = {
 }
 """Message type -> (field of the autopilot's clock since boot, its unit [ns], where it wraps [ns])."""
 MAX_AGES_NS = {"GPS_RAW_INT": 2_000_000_000}
-"""Stamps that may be older than others: a fix waits for its turn in a stream of 5 Hz, and one taken for newer than it is
-lies astern by the way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
+"""Stamps that may be older than others: a fix waits for its turn in a stream of 5 Hz, and one taken for newer than it
+is lies astern by the way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
 
 _NO_VEHICLES = frozenset(
     (

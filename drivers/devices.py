@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 from companion.core.configuration.sensors import Sensors
 from companion.core.messages import Message
+from drivers.dvl import DvlCodec, encode_report
 from drivers.uwb import uwb_codec
 
 
@@ -39,7 +40,7 @@ class Wire(NamedTuple):
     encode: Callable[[Any], bytes] | None = None
 
 
-DEVICES: dict[str, Wire] = {"uwb": Wire(_uwb)}
+DEVICES: dict[str, Wire] = {"uwb": Wire(_uwb), "dvl": Wire(lambda sensors, name: DvlCodec(), encode_report)}
 """Key of `[sensors.*]` -> wire."""
 
 

@@ -84,12 +84,27 @@ class Gnss(SourcedTable, frozen=True, kw_only=True):
     fix: Literal["3d", "dgps", "float", "fixed"] = "3d"
 
 
+class Dvl(SourcedTable, frozen=True, kw_only=True):
+    """Doppler velocity log on a wire of its own. Lever arm [m]; `azimuth_deg`: of its x axis, clockwise from ahead;
+    `velocity_sigma_m_s`: white noise of a component; `latency_s`: beyond what its own stamps account for.
+    """
+
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)] = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.1, le=50)]
+    velocity_sigma_m_s: Annotated[float, msgspec.Meta(ge=1e-3, le=5)]
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.0
+
+
 class Sensors(Table, frozen=True, kw_only=True):
-    """What the boat measures with: an IMU, and one sensor of positions, UWB or GNSS."""
+    """What the boat measures with: an IMU, one sensor of positions, UWB or GNSS, and perhaps a DVL."""
 
     imu: Imu
     uwb: Uwb | None = None
     gnss: Gnss | None = None
+    dvl: Dvl | None = None
 
     @property
     def position(self) -> Uwb | Gnss:

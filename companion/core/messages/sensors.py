@@ -93,7 +93,20 @@ class GnssFix(Measured, frozen=True, kw_only=True):
     v_acc_m_s: float | None = None
 
 
-MEASUREMENTS: tuple[type[Measured], ...] = (ImuSample, Attitude, UwbRanges, UwbPosition, GnssFix)
+class DvlVelocity(Measured, frozen=True, kw_only=True):
+    """Velocity over ground of a Doppler velocity log, in its own axes: x ahead, y to starboard [m/s].
+
+    `valid`: it sees the bottom; `altitude_m`: above it; `fom_m_s`: its own word on the error.
+    """
+
+    x_m_s: float
+    y_m_s: float
+    valid: bool
+    altitude_m: float | None = None
+    fom_m_s: float | None = None
+
+
+MEASUREMENTS: tuple[type[Measured], ...] = (ImuSample, Attitude, UwbRanges, UwbPosition, GnssFix, DvlVelocity)
 """Every message of a sensor; all of them are `INPUTS`."""
 
 

@@ -14,12 +14,13 @@ from companion.core.configuration.sensors import Sensors
 from companion.core.configuration.site_file import Site
 from companion.core.geometry.frames import Origin
 from companion.core.messages import Measured, Message
+from companion.core.sensors.dvl import DopplerLog
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.inertial import AttitudeSensor, InertialSensor
 from companion.core.sensors.sensor import PositionHealth, Sensor
 from companion.core.sensors.uwb import RangingSensor
 
-KINDS: tuple[type[Sensor], ...] = (InertialSensor, AttitudeSensor, RangingSensor, GnssReceiver)
+KINDS: tuple[type[Sensor], ...] = (InertialSensor, AttitudeSensor, RangingSensor, GnssReceiver, DopplerLog)
 KIND_OF: dict[type[Message], type[Sensor]] = {message: kind for kind in KINDS for message in kind.messages}
 SENSED: tuple[type[Measured], ...] = tuple(message for kind in KINDS for message in kind.messages)
 """Every message of a sensor."""
@@ -46,6 +47,8 @@ def sensors_of(sensors: Sensors, site: Site) -> SensorTable:
         each.append(RangingSensor(sensors.uwb, len(site.anchors)))
     if sensors.gnss:
         each.append(GnssReceiver(sensors.gnss, origin_of(site)))
+    if sensors.dvl:
+        each.append(DopplerLog(sensors.dvl))
     return SensorTable(tuple(each))
 
 

@@ -16,7 +16,6 @@ from companion.core.configuration.site_file import Site
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import (
-    GnssFix,
     GroundTruth,
     GuidanceReference,
     Innovation,
@@ -29,6 +28,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.table import origin_of
 from companion.logs.configuration import site_in, thrusters_in

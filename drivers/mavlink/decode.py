@@ -22,7 +22,6 @@ from companion.core.messages import (
     AutopilotInfo,
     Battery,
     CommandAck,
-    GnssFix,
     Heartbeat,
     ImuSample,
     Message,
@@ -31,6 +30,7 @@ from companion.core.messages import (
     RcChannels,
     TimeSync,
 )
+from companion.core.messages.sensors import GnssFix
 
 MILLI = 1e-3
 UINT16_MAX = 65535

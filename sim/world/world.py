@@ -23,7 +23,8 @@ import numpy as np
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
-from companion.core.messages import GnssFix, GroundTruth, Measured
+from companion.core.messages import GroundTruth, Measured
+from companion.core.messages.sensors import GnssFix
 from companion.core.model.loads import values
 from companion.core.sensors.table import sensors_of
 from drivers.devices import DEVICES

@@ -60,7 +60,7 @@ def device(text: str) -> tuple[str, str]:
     """NAME=URL of `--device`. Raises ArgumentTypeError."""
     name, equals, url = text.partition("=")
     if not (name and equals and url):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=URL, for example dvl=tcp:192.168.2.95:16171")
+        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=URL, for example NAME=tcp:192.168.2.95:16171")
     return name, url
 
 

@@ -44,7 +44,6 @@ from companion.core.messages.sensors import (
     AutopilotInfo,
     Battery,
     CommandAck,
-    GnssFix,
     Heartbeat,
     ImuSample,
     LinkState,
@@ -64,7 +63,7 @@ from companion.core.messages.sensors import (
 
 __all__ = [
     "INPUTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo", "Battery", "CommandAck",
-    "ExcitationStatus", "GnssFix", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
+    "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample", "Innovation",
     "InterlockTrip", "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message", "MissionPoint",
     "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease", "ParamValue",
     "PlanDeadline", "PlanResult", "ProcessStats", "RcChannels", "ServoOutput", "SolveRequest", "StateEstimate",

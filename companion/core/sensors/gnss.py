@@ -18,7 +18,7 @@ from typing import Any
 
 from companion.core.configuration.sensors import FIX_TYPES, Gnss
 from companion.core.geometry.frames import Origin, geodetic_from_site, rotate, site_from_geodetic, unrotate
-from companion.core.messages import GnssFix
+from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.sensor import (
     Channel,
     Check,
@@ -26,6 +26,7 @@ from companion.core.sensors.sensor import (
     GateRule,
     Motion,
     PositionHealth,
+    PositionWords,
     Reading,
     Sensor,
     place_of,
@@ -49,6 +50,7 @@ class GnssReceiver(Sensor):
     """The receiver of a vessel file at a site with this origin."""
 
     key, label, messages = "gnss", "GNSS", (GnssFix,)
+    words = PositionWords("GNSS led astray (reflections, jamming)", "GNSS", "GNSS positions", by_the_second=True)
 
     def __init__(self, spec: Gnss, origin: Origin):
         self._spec, self._origin = spec, origin

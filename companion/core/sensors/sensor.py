@@ -82,6 +82,17 @@ class PositionHealth(NamedTuple):
     lost_sigma_m: float
 
 
+class PositionWords(NamedTuple):
+    """How alerts speak of a sensor of positions that contradicts the motion: what may be wrong with it, its parts, and
+    what it says. `by_the_second`: contradictions count by the second, not one by one (`pilot.trust.motion_check`).
+    """
+
+    astray: str
+    source: str
+    readings: str
+    by_the_second: bool = False
+
+
 class Check(NamedTuple):
     """A row of the pre-flight table (`preflight.rows.Row`), without its area."""
 
@@ -105,6 +116,7 @@ class Sensor:
     label: ClassVar[str]
     messages: ClassVar[tuple[type[Measured], ...]]
     aids: ClassVar[bool] = True
+    words: ClassVar[PositionWords] = PositionWords("a sensor that errs", "sensors", "readings")
     rate_Hz: float
     latency_s: float = 0.0
     channels: tuple[Channel, ...] = ()

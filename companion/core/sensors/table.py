@@ -40,6 +40,11 @@ def screen(m: Any) -> tuple[Any | None, str]:
     return KIND_OF[type(m)].screen(m)
 
 
+def position_kind(sensors: Sensors) -> type[Sensor]:
+    """Kind of the boat's sensor of positions."""
+    return next(kind for kind in KINDS if getattr(sensors, kind.key) is sensors.position)
+
+
 def sensors_of(sensors: Sensors, site: Site) -> SensorTable:
     """The sensors that a vessel file names, at a site."""
     each: list[Sensor] = [InertialSensor(sensors.imu), AttitudeSensor(sensors.imu)]

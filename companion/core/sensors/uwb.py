@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from companion.core.configuration.sensors import Uwb
 from companion.core.messages import Measured, UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import correct_uwb_scale, measurement_time_ns
-from companion.core.sensors.sensor import ErrorState, PositionHealth, Sensor, verdict, within
+from companion.core.sensors.sensor import ErrorState, PositionHealth, PositionWords, Sensor, verdict, within
 
 MAX_DISTANCE_M = 2000.0
 """Beyond any UWB; assumed."""
@@ -24,6 +24,7 @@ class RangingSensor(Sensor):
     """The tag of a vessel file, among `anchors` of the site: one bias each."""
 
     key, label, messages, health = "uwb", "UWB", (UwbRanges, UwbPosition), HEALTH
+    words = PositionWords("anchors elsewhere than in the site file", "anchors", "UWB ranges")
 
     def __init__(self, uwb: Uwb, anchors: int):
         self._uwb, self.rate_Hz = uwb, uwb.rate_Hz

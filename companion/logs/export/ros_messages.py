@@ -34,7 +34,6 @@ from companion.core.messages import (
     Alert,
     Attitude,
     Battery,
-    GnssFix,
     GroundTruth,
     GuidanceReference,
     ImuSample,
@@ -51,6 +50,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.messages.sensors import GnssFix
 from companion.logs.series import KNOWN
 
 MAP, BODY, IMU = "map", "base_link", "imu"

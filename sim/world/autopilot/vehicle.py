@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import msgspec
 
 from companion.core.constants import GRAVITY_M_S2
-from companion.core.messages import GnssFix
+from companion.core.messages.sensors import GnssFix
 from sim.world.autopilot.arming import PreArmReport, in_full, pre_arm_faults, stick_faults
 from sim.world.autopilot.failsafe import Failsafe
 from sim.world.autopilot.firmware import Firmware

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from statistics import fmean
 from typing import Any
 
@@ -27,6 +28,7 @@ from tests.support.lake_fixture import (
     nees_band,
 )
 
+ROOT = Path(__file__).resolve().parents[3]
 SEEDS = (101, 102, 103, 104, 105)
 FAULT_SEED = 106
 
@@ -101,4 +103,20 @@ def gnss_frozen(full: bool) -> Iterator[Line]:
     yield at_least("degraded then", float(run.run(lambda r: not healthy(r), 5.0)), 1)
 
 
-GNSS_PARTS = (gnss_missions, gnss_lost, gnss_frozen)
+def _named(word: str, *folders: str) -> list[str]:
+    """Product modules that name a sensor."""
+    modules = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+    return [str(path.relative_to(ROOT)) for path in modules if word in path.read_text(encoding="utf-8").lower()]
+
+
+def gnss_files(full: bool) -> Iterator[Line]:
+    """In how many product files a sensor is named"""
+    dvl = _named("dvl", "companion", "drivers", "sim")
+    yield at_most("DVL, all of the product", len(dvl), 6, note=", ".join(dvl))
+    gnss = _named("gnss", "companion/core", "companion/boat", "companion/cli", "drivers")
+    yield at_most("GNSS, what runs on the boat", len(gnss), 8, note=", ".join(gnss))
+    more = _named("gnss", "companion/logs", "sim/world")
+    yield information("GNSS, plots and foreign logs, simulated autopilot", len(more), note=", ".join(more))
+
+
+GNSS_PARTS = (gnss_missions, gnss_lost, gnss_frozen, gnss_files)

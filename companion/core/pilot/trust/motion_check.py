@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +25,8 @@ from companion.core.model.manoeuvring import coefficients, damping_force
 from companion.core.model.thrusters import configuration_matrix, force_limits
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding
+from companion.core.sensors.sensor import PositionWords
+from companion.core.sensors.table import position_kind
 
 BEGINS_NS = 3_000_000_000
 """After a start, or a gap in all sensors, the filter finds its speed; assumed."""
@@ -37,21 +38,9 @@ FLOW_M_S, TURN_RAD_S, THRUST_SHARE = 0.5, 0.5, 0.1
 FORCE_TICKS = 15
 CAP, SLACK, LIMIT = 12.0, 2.5, 24.0
 """Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed.
-Fixes of GNSS, which follow one another faster, count by the second."""
+Positions that follow one another faster than once a second may count by it (`PositionWords`)."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
-
-
-class PositionWords(NamedTuple):
-    """How alerts speak of the sensor of positions."""
-
-    astray: str
-    source: str
-    readings: str
-
-
-OF_UWB = PositionWords("anchors elsewhere than in the site file", "anchors", "UWB ranges")
-OF_GNSS = PositionWords("GNSS led astray (reflections, jamming)", "GNSS positions", "GNSS positions")
 
 
 @dataclass(frozen=True)
@@ -80,8 +69,9 @@ class MotionMonitor(Monitor[MotionState]):
     initial = MotionState()
 
     def __init__(self, vessel: VesselFile):
-        gnss = vessel.sensors.gnss
-        self._words, self._weight = (OF_GNSS, min(1.0, 1.0 / gnss.rate_Hz)) if gnss else (OF_UWB, 1.0)
+        kind, rate_Hz = position_kind(vessel.sensors), vessel.sensors.position.rate_Hz
+        self._words = kind.words
+        self._weight = min(1.0, 1.0 / rate_Hz) if kind.words.by_the_second else 1.0
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))

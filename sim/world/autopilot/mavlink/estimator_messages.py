@@ -6,7 +6,7 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from companion.core.messages import GnssFix
+from companion.core.messages.sensors import GnssFix
 from sim.world.autopilot.vehicle import SimulatedVehicle
 
 _ATTITUDE_ONLY = wire.EKF_ATTITUDE | wire.EKF_VELOCITY_VERT | wire.EKF_POS_VERT_ABS | wire.EKF_CONST_POS_MODE

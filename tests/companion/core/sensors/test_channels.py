@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core.configuration.sensors import Dvl
 from companion.core.estimation.channel_fusion import channel_function
-from companion.core.messages import GnssFix
+from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.dvl import DopplerLog
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.sensor import Motion

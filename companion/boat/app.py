@@ -54,10 +54,7 @@ HOUSEKEEPING_NS = 100_000_000
 
 
 class App:
-    """One run. `watch` sees every message and output as it happens (progress display, telemetry).
-
-    `devices`: wire of each sensor that has one of its own, by its key in the vessel file.
-    """
+    """One run. `watch` sees every message and output as it happens; `devices`: wires of sensors, by their keys."""
 
     def __init__(
         self,
@@ -81,10 +78,10 @@ class App:
         settings, codec = pilot.settings, mavlink[1]
         self._session = MavlinkSession(codec, wanted_hz(settings.vessel.sensors))
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
-        rates = {sensor.key: sensor.rate_Hz for sensor in pilot.sensors}
+        timing = {sensor.key: device_timing(sensor.rate_Hz) for sensor in pilot.sensors}
         self._devices = tuple(
-            SensorDevice(name, self._link(name, *wire, rng, device_timing(rates[name])), wire[1], recorder)
-            for name, wire in devices.items()
+            SensorDevice(name, self._link(name, port, codec, rng, timing[name]), codec, recorder)
+            for name, (port, codec) in devices.items()
         )
         position = PositionFeed(vision_hz, settings.site, settings.vessel, codec) if vision_hz else None
         self._autopilot = AutopilotCommands(
@@ -103,8 +100,8 @@ class App:
         """Until `stop`; ends with neutral, disarm and a release. Raises what was raised inside, after neutral."""
         try:
             async with asyncio.TaskGroup() as group:
-                keep = self._faults.keep
-                links = [group.create_task(keep(link.run, self._pause)) for link in self._wires]
+                wires = (self._mavlink, *(device.link for device in self._devices))
+                links = [group.create_task(self._faults.keep(link.run, self._pause)) for link in wires]
                 if self._forward:
                     station = self._forward.run(self._autopilot.pass_on, self._note, self._is_disarmed)
                     links.append(group.create_task(self._faults.task(station)))
@@ -228,10 +225,6 @@ class App:
         return not armed and is_alive(autopilot.heartbeat_ns, self._clock.now_ns())
 
     # --- devices -----------------------------------------------------------------------------------
-
-    @property
-    def _wires(self) -> tuple[DeviceLink, ...]:
-        return (self._mavlink, *(device.link for device in self._devices))
 
     def _link(self, name: str, port: Port, codec: Any, rng: random.Random, timing: LinkTiming) -> DeviceLink:
         take = self._hear_autopilot if name == "mavlink" else self._think

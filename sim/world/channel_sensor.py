@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from companion.core.messages import Measured
-from companion.core.sensors.sensor import Motion, Sensor
+from companion.core.sensors.sensor import BodyMotion, Sensor
 from sim.world.environment import Moment
-from sim.world.plant import Motion as PlantMotion
+from sim.world.plant import Motion
 from sim.world.sensors import body_rates
 
 
@@ -25,7 +25,7 @@ class ChannelSensor:
         self._due_ns, self._period_ns = begin_ns, round(1e9 / sensor.rate_Hz)
         self._under_way: list[tuple[int, Measured]] = []
 
-    def step(self, motion: PlantMotion, moment: Moment, t_ns: int) -> list[Measured]:
+    def step(self, motion: Motion, moment: Moment, t_ns: int) -> list[Measured]:
         """Measure when due; the messages that arrive now, `latency_s` after they were measured."""
         if t_ns >= self._due_ns:
             self._due_ns += self._period_ns
@@ -35,7 +35,7 @@ class ChannelSensor:
         self._under_way = [each for each in self._under_way if each[0] > t_ns]
         return ready
 
-    def measure(self, motion: PlantMotion, moment: Moment, stamp_ns: int) -> Measured:
+    def measure(self, motion: Motion, moment: Moment, stamp_ns: int) -> Measured:
         """One message, a period after the last."""
         dt_s, rng = self._period_ns * 1e-9, self._rng
         for i, e in enumerate(self.sensor.error_states):
@@ -44,7 +44,7 @@ class ChannelSensor:
             self.errors[i] = decay * self.errors[i] + sigma * float(rng.normal())
         x = motion.x
         p, q, _ = body_rates(float(x[5]), moment)
-        at = Motion(x[:3], x[3:6], (moment.phi_rad, moment.theta_rad), (p, q))
+        at = BodyMotion(x[:3], x[3:6], (moment.phi_rad, moment.theta_rad), (p, q))
         values = {
             c.name: tuple(float(h) + float(rng.normal(0.0, c.sigma)) for h in c.expected(at, self.errors))
             for c in self.sensor.channels

@@ -4,8 +4,8 @@ import pytest
 from msgspec.structs import replace
 
 from companion.core.messages import OperatorCommand, StateEstimate
+from tests.closed_loop.lake_fixture import LIMIT_S, alarms, arrived, lake_figures, lake_voyage
 from tests.support.drive_fixture import driving, healthy
-from tests.support.lake_fixture import LIMIT_S, alarms, arrived, lake_figures, lake_voyage
 
 NORTH_10_M = 9e-5
 """Degrees of latitude."""

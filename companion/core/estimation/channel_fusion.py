@@ -27,7 +27,7 @@ from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, VELOCITY_SIGMA_M_S, decorrelate, inflate
 from companion.core.messages import Measured
 from companion.core.model.integrate import BufferedStep
-from companion.core.sensors.sensor import Channel, Motion, Sensor
+from companion.core.sensors.sensor import BodyMotion, Channel, Sensor
 
 MOVING = (0, 1, 2, 3, 4, 5, TILT.start, TILT.start + 1)
 """States that h depends on, beside the sensor's own errors."""
@@ -93,6 +93,6 @@ def channel_function(channel: Channel, errors: int) -> ca.Function:
     """CasADi function ([x y psi u v r phi theta e], [p q]) -> vec[h, Jacobian]."""
     s, rates = ca.SX.sym("s", len(MOVING) + errors), ca.SX.sym("rates", 2)
     e = [s[len(MOVING) + i] for i in range(errors)]
-    h = ca.vertcat(*channel.expected(Motion(s[:3], s[3:6], (s[6], s[7]), (rates[0], rates[1])), e))
+    h = ca.vertcat(*channel.expected(BodyMotion(s[:3], s[3:6], (s[6], s[7]), (rates[0], rates[1])), e))
     packed = ca.densify(ca.vec(ca.horzcat(h, ca.jacobian(h, s))))
     return ca.Function("channel", [s, rates], [packed])

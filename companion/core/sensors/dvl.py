@@ -13,12 +13,12 @@ from companion.core.configuration.sensors import Dvl
 from companion.core.geometry.frames import unrotate
 from companion.core.messages.sensors import DvlVelocity
 from companion.core.sensors.sensor import (
+    BodyMotion,
     Channel,
-    Check,
+    ChannelReading,
     GateRule,
-    Motion,
-    Reading,
     Sensor,
+    SensorCheck,
     velocity_of,
     verdict,
     within,
@@ -45,7 +45,7 @@ class DopplerLog(Sensor):
         )  # fmt: skip
         self.channels = (Channel("speed", ("ahead", "starboard"), "velocity", self._speed, sigma, rule),)
 
-    def _speed(self, motion: Motion, errors: Sequence[Any]) -> tuple[Any, ...]:
+    def _speed(self, motion: BodyMotion, errors: Sequence[Any]) -> tuple[Any, ...]:
         return unrotate(self._azimuth_rad, *velocity_of(motion, self._arm_m))
 
     @staticmethod
@@ -60,9 +60,9 @@ class DopplerLog(Sensor):
         """Both components, while it sees the bottom."""
         return ("DVL", (m.x_m_s, m.y_m_s)) if m.valid else None
 
-    def readings(self, m: DvlVelocity) -> tuple[Reading, ...]:
+    def readings(self, m: DvlVelocity) -> tuple[ChannelReading, ...]:
         """The velocity."""
-        return (Reading("speed", (m.x_m_s, m.y_m_s)),)
+        return (ChannelReading("speed", (m.x_m_s, m.y_m_s)),)
 
     def message(self, values: Mapping[str, Sequence[float]], t_ns: int) -> DvlVelocity:
         """A report over ground three metres below (assumed)."""
@@ -74,13 +74,15 @@ class DopplerLog(Sensor):
         depth = "" if m.altitude_m is None else f", {m.altitude_m:.1f} m above it"
         return f"sees the bottom{depth}" if m.valid else "does not see the bottom"
 
-    def checks(self, heard: Sequence[DvlVelocity], rate_Hz: float) -> Iterator[Check]:
+    def checks(self, heard: Sequence[DvlVelocity], rate_Hz: float) -> Iterator[SensorCheck]:
         """Bottom in sight, and how often it reports. The boat drives without it, by its position alone."""
         seen = sum(m.valid for m in heard) > len(heard) / 2
         found = self.figure(heard[-1]) if heard else "no report"
         fix = "" if seen else "devices.dvl.url of the run file, power; deep enough water, no air below the transducers"
-        yield Check("ok" if seen else "warning", "bottom", found, "the bottom in sight", "it holds the speed", fix)
+        yield SensorCheck(
+            "ok" if seen else "warning", "bottom", found, "the bottom in sight", "it holds the speed", fix
+        )
         enough = rate_Hz >= ENOUGH * self.rate_Hz
         fix = "" if enough else "its own settings (range mode); sensors.dvl.rate_Hz of the vessel file"
-        yield Check("ok" if enough else "warning", "rate", f"{rate_Hz:.1f} Hz", f"{self.rate_Hz:g} Hz",
+        yield SensorCheck("ok" if enough else "warning", "rate", f"{rate_Hz:.1f} Hz", f"{self.rate_Hz:g} Hz",
                     "how often the speed is renewed", fix)  # fmt: skip

@@ -20,15 +20,15 @@ from companion.core.configuration.sensors import FIX_TYPES, Gnss
 from companion.core.geometry.frames import Origin, geodetic_from_site, rotate, site_from_geodetic, unrotate
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.sensor import (
+    BodyMotion,
     Channel,
-    Check,
+    ChannelReading,
     ErrorState,
     GateRule,
-    Motion,
     PositionHealth,
     PositionWords,
-    Reading,
     Sensor,
+    SensorCheck,
     place_of,
     velocity_of,
     within,
@@ -75,11 +75,11 @@ class GnssReceiver(Sensor):
         )
         self.health = PositionHealth("GNSS position", 3.0, max(0.5, 2 * total_m), max(3.0, 4 * total_m))
 
-    def _position(self, motion: Motion, errors: Sequence[Any]) -> tuple[Any, ...]:
+    def _position(self, motion: BodyMotion, errors: Sequence[Any]) -> tuple[Any, ...]:
         north, east = place_of(motion, self._arm_m)
         return (north + errors[0], east + errors[1]) if errors else (north, east)
 
-    def _velocity(self, motion: Motion, errors: Sequence[Any]) -> tuple[Any, ...]:
+    def _velocity(self, motion: BodyMotion, errors: Sequence[Any]) -> tuple[Any, ...]:
         return rotate(motion.eta[2], *velocity_of(motion, self._arm_m))
 
     @staticmethod
@@ -111,12 +111,12 @@ class GnssReceiver(Sensor):
         parts += [] if m.h_acc_m is None else [f"{m.h_acc_m:.2f} m by its own word"]
         return ", ".join(parts)
 
-    def readings(self, m: GnssFix) -> tuple[Reading, ...]:
+    def readings(self, m: GnssFix) -> tuple[ChannelReading, ...]:
         """Position and velocity, as far as they are fit to be fused."""
         at, north, east = self.place(m), m.v_north_m_s, m.v_east_m_s
-        readings = [Reading("position", at)] if at else []
+        readings = [ChannelReading("position", at)] if at else []
         if north is not None and east is not None and within(FASTEST_M_S, north, east):
-            readings.append(Reading("velocity", unrotate(self._origin.rotation_rad, north, east)))
+            readings.append(ChannelReading("velocity", unrotate(self._origin.rotation_rad, north, east)))
         return tuple(readings)
 
     def message(self, values: Mapping[str, Sequence[float]], t_ns: int) -> GnssFix:
@@ -130,28 +130,27 @@ class GnssReceiver(Sensor):
             v_east_m_s=v_e, satellites=14, h_acc_m=accuracy_m, v_acc_m_s=spec.velocity_sigma_m_s,
         )  # fmt: skip
 
-    def checks(self, heard: Sequence[GnssFix], rate_Hz: float) -> Iterator[Check]:
+    def checks(self, heard: Sequence[GnssFix], rate_Hz: float) -> Iterator[SensorCheck]:
         """Fix, how far the antenna is from the site, how often fixes come."""
         needed, why = self._spec.fix, "there is no other position"
         if not heard:
             fix = "GPS1_TYPE of the autopilot, the receiver's cable and power; see docs/autopilot.md"
-            yield Check("refuse", "fix", "no GPS_RAW_INT with a receiver", needed, why, fix)
+            yield SensorCheck("refuse", "fix", "no GPS_RAW_INT with a receiver", needed, why, fix)
             return
         found = self.figure(heard[-1])
         good = [m for m in heard if self.screen(m)[0] and self.place(m)]
-        fix = (
-            "" if good else "open sky and time; corrections for RTK; sensors.gnss.fix and its sigmas in the vessel file"
-        )
-        yield Check("ok" if good else "refuse", "fix", found, f"{needed}, at most {self._worst_m:.2f} m", why, fix)
+        fix = "" if good else "open sky, time, corrections for RTK; sensors.gnss (fix, sigmas) of the vessel file"
+        needed = f"{needed}, at most {self._worst_m:.2f} m"
+        yield SensorCheck("ok" if good else "refuse", "fix", found, needed, why, fix)
         if good:
             north, east = (median(axis) for axis in zip(*(self.place(m) or () for m in good), strict=True))
             near = math.hypot(north, east) <= FAR_M
-            yield Check(
+            yield SensorCheck(
                 "ok" if near else "refuse", "place", f"north {north:.1f} m, east {east:.1f} m",
                 f"within {FAR_M:g} m of the site's origin", "fence and mission are drawn about lat_deg, lon_deg",
                 "" if near else "lat_deg and lon_deg of the site file: this is another water",
             )  # fmt: skip
         enough = rate_Hz >= ENOUGH * self.rate_Hz
         fix = "" if enough else "GPS_RATE_MS of the autopilot; sensors.gnss.rate_Hz of the vessel file"
-        yield Check("ok" if enough else "warning", "rate", f"{rate_Hz:.1f} Hz", f"{self.rate_Hz:g} Hz",
+        yield SensorCheck("ok" if enough else "warning", "rate", f"{rate_Hz:.1f} Hz", f"{self.rate_Hz:g} Hz",
                     "how often the position is renewed", fix)  # fmt: skip

@@ -31,7 +31,7 @@ class GateRule(Table, frozen=True, kw_only=True):
     agreement: float
 
 
-class Motion(NamedTuple):
+class BodyMotion(NamedTuple):
     """Of the body origin: eta = [x y psi], nu = [u v r], tilt = [phi theta] [rad], roll_rates = [p q] [rad/s]."""
 
     eta: Any
@@ -61,12 +61,12 @@ class Channel(NamedTuple):
     name: str
     axes: tuple[str, ...]
     about: Literal["position", "velocity"]
-    expected: Callable[[Motion, Sequence[Any]], tuple[Any, ...]]
+    expected: Callable[[BodyMotion, Sequence[Any]], tuple[Any, ...]]
     sigma: float
     rule: GateRule
 
 
-class Reading(NamedTuple):
+class ChannelReading(NamedTuple):
     """Values z of one channel."""
 
     channel: str
@@ -93,7 +93,7 @@ class PositionWords(NamedTuple):
     by_the_second: bool = False
 
 
-class Check(NamedTuple):
+class SensorCheck(NamedTuple):
     """A row of the pre-flight table (`preflight.rows.Row`), without its area."""
 
     level: Literal["ok", "warning", "refuse"]
@@ -145,7 +145,7 @@ class Sensor:
         """What the sensor says of its own quality, for people; empty: nothing."""
         return ""
 
-    def readings(self, m: Any) -> tuple[Reading, ...]:
+    def readings(self, m: Any) -> tuple[ChannelReading, ...]:
         """What a message says of each channel."""
         return ()
 
@@ -157,7 +157,7 @@ class Sensor:
         """North and east of the sensor [m], site axes, by this message alone; None: it does not say."""
         return None
 
-    def checks(self, heard: Sequence[Any], rate_Hz: float) -> Iterator[Check]:
+    def checks(self, heard: Sequence[Any], rate_Hz: float) -> Iterator[SensorCheck]:
         """Rows of the pre-flight table, from what was heard at `rate_Hz`."""
         yield from ()
 
@@ -172,13 +172,13 @@ def verdict(m: Any, good: bool, kind: str) -> tuple[Any | None, str]:
     return (m, "") if good else (None, f"{kind}: not finite or absurd")
 
 
-def place_of(motion: Motion, arm_m: tuple[float, float, float]) -> tuple[Any, Any]:
+def place_of(motion: BodyMotion, arm_m: tuple[float, float, float]) -> tuple[Any, Any]:
     """North and east of a point of the hull [m], by its lever arm in body axes [m]; roll and pitch included."""
     x, y, _ = to_level(motion.tilt[0], motion.tilt[1], *arm_m)
     return point_position(motion.eta, (x, y))
 
 
-def velocity_of(motion: Motion, arm_m: tuple[float, float, float]) -> tuple[Any, Any]:
+def velocity_of(motion: BodyMotion, arm_m: tuple[float, float, float]) -> tuple[Any, Any]:
     """Its velocity over ground in level axes that keep the heading, ahead and to starboard [m/s]; small angles.
 
     nu + omega x l:   u + q l_z - r l_y,   v + r l_x - p l_z

@@ -16,9 +16,7 @@ from msgspec.structs import replace
 
 from companion.core.messages import OperatorCommand, StateEstimate
 from sim.world.stepped import SteppedRun
-from tests.evidence.line import Line, at_least, at_most, between, exactly, information
-from tests.support.drive_fixture import driving, healthy
-from tests.support.lake_fixture import (
+from tests.closed_loop.lake_fixture import (
     LIMIT_S,
     ROUGH,
     alarms,
@@ -27,6 +25,8 @@ from tests.support.lake_fixture import (
     lake_voyage,
     nees_band,
 )
+from tests.evidence.line import Line, at_least, at_most, between, exactly, information
+from tests.support.drive_fixture import driving, healthy
 
 ROOT = Path(__file__).resolve().parents[3]
 SEEDS = (101, 102, 103, 104, 105)

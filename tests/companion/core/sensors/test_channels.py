@@ -12,7 +12,7 @@ from companion.core.estimation.channel_fusion import channel_function
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.dvl import DopplerLog
 from companion.core.sensors.gnss import GnssReceiver
-from companion.core.sensors.sensor import Motion
+from companion.core.sensors.sensor import BodyMotion
 from companion.core.sensors.table import origin_of
 
 LAKE = load_setup(EXAMPLES / "lake.toml").pilot
@@ -50,7 +50,7 @@ def test_h_and_its_jacobian(sensor, x, rates, errors):
     expected = oracle(sensor, np.array(x), rates, np.array(errors))
     s = np.array([*x, *errors])
     for channel in sensor.channels:
-        h = channel.expected(Motion(x[:3], x[3:6], x[6:8], rates), errors)
+        h = channel.expected(BodyMotion(x[:3], x[3:6], x[6:8], rates), errors)
         assert np.allclose(h, expected[channel.name], atol=1e-9)
         function = FUNCTIONS[sensor][channel.name]
         packed = np.array(function(s, rates)).ravel()

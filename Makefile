@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 OUT ?= out/demo
 NAME ?= main-job
 
-.PHONY: demo install test long matrix check evidence lock clean
+.PHONY: demo install test long matrix check evidence docs lock clean
 
 demo: $(VENV)/demo
 	$(BIN)/aritra demo --out $(OUT)
@@ -27,6 +27,9 @@ check: $(VENV)/dev
 
 evidence: $(VENV)/dev
 	$(BIN)/python scripts/evidence $(NAME)
+
+docs: $(VENV)/dev
+	$(BIN)/python scripts/docs
 
 $(VENV)/%: requirements-%.lock pyproject.toml
 	PYTHON=$(PYTHON) scripts/install $*

@@ -11,7 +11,7 @@ classifiers = pytest.importorskip(
     "trove_classifiers", reason="trove-classifiers is not installed: requirements-dev.lock"
 )
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text())
 ROOT_KEYS = {"abstract", "authors", "cff-version", "keywords", "license", "message", "title", "type", "version"}

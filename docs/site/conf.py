@@ -43,7 +43,7 @@ html_theme_options = {"navigation_with_keys": True}
 
 _DIAGRAM = re.compile(r"^```mermaid\n(.*?)^```$", re.M | re.S)
 GROUPS = {
-    "On the boat": "service run-file vessel-file autopilot check ground-station modes trust sitl",
+    "On the boat": "service container run-file vessel-file autopilot check ground-station modes trust sitl",
     "On shore": "shore telemetry",
     "Logs": "logs run-format",
     "Models": "excite identify wiring diagnose campaign simulate method cse1 paper bench",

@@ -76,6 +76,12 @@ def test_search_works_from_a_folder(site):
         assert asked and [url for url in asked if not url.startswith(("file:", "data:"))] == []
 
 
+def test_a_folder_with_other_things_is_left_alone(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("years")
+    assert runpy.run_path(str(ROOT / "scripts/docs"))["main"]([str(tmp_path)]) == 2
+    assert (tmp_path / "thesis.tex").read_text() == "years" and "must be new" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("lines", "wanted"),
     [

@@ -10,9 +10,13 @@ assumed. Roll and pitch follow the same sinusoids.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.effects.current import direction_deg
+from companion.core.model.loads import values
 
 GUST_TIME_S = 10.0  # assumed
 WAVE_FORCE_N_M = np.array([60.0, 90.0, 15.0])  # amplitude of X, Y [N/m], N [N m/m] per metre of H_s; assumed
@@ -31,6 +35,15 @@ class Weather:
     gustiness: float = 0.0
     H_s_m: float = 0.0
     T_p_s: float = 2.0
+
+
+def with_terms_of(weather: Weather, vessel: VesselFile) -> Weather:
+    """The weather asked for; where it has no current or no wind, that of the vessel file's own terms."""
+    for name, keys in (("current", ("V_c_m_s", "beta_c_deg", "turn_deg_s")), ("wind", ("V_w_m_s", "beta_w_deg"))):
+        if name in vessel.terms and not getattr(weather, keys[0]):
+            own = values(name, vessel.terms[name])
+            weather = replace(weather, **{key: own[key] for key in keys})
+    return weather
 
 
 @dataclass(frozen=True)
@@ -73,7 +86,7 @@ class Environment:
             tilt = WAVE_TILT_RAD_M * w.H_s_m * np.array([elevation[3:], *self._slopes(t_s)])
         return Moment(
             w.V_c_m_s,
-            w.beta_c_deg + w.turn_deg_s * t_s,
+            direction_deg(w.beta_c_deg, w.turn_deg_s, t_s),
             max(0.0, w.V_w_m_s * (1 + self._gust)),
             w.beta_w_deg,
             waves,

@@ -13,7 +13,7 @@ incoming bytes give the same outgoing bytes.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,12 +21,11 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import GroundTruth
-from companion.core.model.loads import values
 from sim.world.ahrs import Ahrs
 from sim.world.autopilot import SensorFrame
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
 from sim.world.autopilot.rover import Rover
-from sim.world.environment import Environment, Moment, Weather
+from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Plant, perturbed
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
 from sim.world.uwb_tag import UwbTag
@@ -75,7 +74,7 @@ class Afloat:
         self.vessel = vessel
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
-        self._environment = Environment(_weather(setup), draws["weather"])
+        self._environment = Environment(with_terms_of(setup.weather, setup.vessel), draws["weather"])
         self.imu = ImuSensor(vessel.sensors.imu, draws["imu"])
         self.uwb_sensor = UwbSensor(vessel.sensors.tag, setup.site.anchors, setup.faults, draws["uwb"])
         places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
@@ -177,13 +176,3 @@ def _channels(vessel: VesselFile) -> tuple[int, ...]:
 def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, float]:
     """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster."""
     return {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}
-
-
-def _weather(setup: WorldSetup) -> Weather:
-    """The weather asked for; where none is, current and wind of the vessel file's own terms."""
-    weather, terms = setup.weather, setup.vessel.terms
-    for name, keys in (("current", ("V_c_m_s", "beta_c_deg")), ("wind", ("V_w_m_s", "beta_w_deg"))):
-        if name in terms and not getattr(weather, keys[0]):
-            parameters = values(name, terms[name])
-            weather = replace(weather, **{key: parameters[key] for key in keys})
-    return weather

@@ -81,7 +81,12 @@ def arrival_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
 def measurement_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
     """Instant [ns] of the measurement that arrived at `t_ns`."""
     since = t_ns - zero_ns - round(uwb.latency_s * 1e9)
-    return zero_ns + since - round(since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s))
+    return zero_ns + since - round(drifted(uwb.clock_drift_s_s, since))
+
+
+def drifted(drift_s_s: float, since: Any) -> Any:
+    """How much older than its latency what arrives is, `since` after t_0 by the stamps less latency; in that unit."""
+    return since * drift_s_s / (1 + drift_s_s)
 
 
 Sensed = ImuSample | Attitude | UwbRanges | UwbPosition

@@ -9,9 +9,10 @@ from msgspec.structs import replace
 
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Wash
+from companion.core.model.effects.wash import jet_sign
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses, jet_sign
+from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses
 from tests.support.vessel_fixtures import BOATS, boat
 
 BASE = boat("aritra")

@@ -1,0 +1,166 @@
+"""The model that a diagnosis fits against the vessel file that it writes, for every effect of the catalogue.
+
+Integrators of windows and of the boat differ by construction. So accelerations and readings are compared at the same
+random states (under the log's own commands), and trajectories by the same Runge-Kutta from there under constant forces.
+A fouled thruster is compared a minute after its onset: a file has it as a gain. Only a clock knows how far a current
+has turned: filter and NMPC are compared at the beginning, the simulators for all of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.sensors import Gnss, Sensors
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.load_vessel import load_vessel
+from sim.fitting.diagnose.catalogue import stochastic
+from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.vessel_edits.edits import NotInVesselFileError
+from sim.fitting.diagnose.vessel_edits.extend import extended
+from sim.fitting.diagnose.vessel_edits.public_form import family
+from sim.fitting.identify.vessel_out import vessel_toml
+from sim.studies.boats.draw import in_still_air
+from sim.world.teleop_log import teleop_run
+from tests.evidence.line import Line, at_most, exactly
+from tests.evidence.one_truth.draws import draw, families
+from tests.evidence.one_truth.fitted import Engine
+from tests.evidence.one_truth.written import Models
+from tests.support.vessel_fixtures import boat
+
+SEEDS, MANY = 3, 12
+LOG_S = 20.0
+STEPS, STEP_S = 20, 0.05
+GOAL = 1e-9
+AFTER_ONSET_S = 60.0
+UWB = in_still_air(boat("aritra"))
+TAG = UWB.sensors.tag
+GNSS = Gnss(
+    x_m=TAG.x_m, y_m=TAG.y_m, z_m=TAG.z_m, rate_Hz=5.0, position_sigma_m=0.07, latency_s=TAG.latency_s, source="assumed"
+)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Relative differences of one cause: accelerations, trajectories by program, readings."""
+
+    acceleration: float
+    trajectory: dict[str, float]
+    readings: float
+
+    @property
+    def worst(self) -> float:
+        return max(self.acceleration, self.readings, *self.trajectory.values())
+
+
+def relative(found: np.ndarray, expected: np.ndarray) -> float:
+    """Largest difference over the largest size, of the last axis's component where that is worst."""
+    size = np.abs(expected).reshape(-1, expected.shape[-1]).max(axis=0)
+    off = np.abs(found - expected).reshape(-1, expected.shape[-1]).max(axis=0)
+    return float((off / np.where(size > 0, size, 1.0)).max())
+
+
+def compared(engine: Engine, effect: Effect, values: np.ndarray) -> Difference:
+    """One cause: written, loaded again, and held against the fit's own physics.
+
+    NotInVesselFileError where a file has no key for it.
+    """
+    new = extended(engine.vessel, engine.cause(effect, values))
+    written = Models(load_vessel(vessel_toml(new), name="extended.toml"))
+    start_s = values[1] + effect.origin["onset_s"] + AFTER_ONSET_S if "onset_s" in effect.origin else 0.0
+    x, f = engine.x, engine.forces_of(new)
+    rows, pushed = x.reshape(-1, 6), f.reshape(-1, f.shape[-1])
+    nu_dot = engine.nu_dot(effect, values, x, start_s)
+    acceleration = relative(written.nu_dot(rows, pushed, 0.0), nu_dot.reshape(-1, 3))
+    trajectory = {}
+    turning = family(effect.name) == "turning_current"
+    moved = {turns: _trajectory(engine, effect, values, start_s, turns) for turns in {turning, False}}
+    for name, found in written.trajectories(rows, pushed, STEPS, STEP_S).items():
+        expected = moved[turning and name in ("simulator", "trajectories")]
+        trajectory[name] = max(
+            relative(found[..., part] - base, expected[..., part] - base)
+            for part, base in ((slice(0, 3), rows[:, None, :3]), (slice(3, 6), 0.0))
+        )
+    return Difference(acceleration, trajectory, _readings(engine, written, effect, values, nu_dot, f))
+
+
+def _trajectory(engine: Engine, effect: Effect, values: np.ndarray, start_s: float, turns: bool) -> np.ndarray:
+    """States (m, STEPS + 1, 6) of the fitted model; the clock goes on where it `turns`."""
+    x = [engine.x]
+    for k in range(STEPS):
+        x.append(engine.step(effect, values, x[-1], start_s + turns * k * STEP_S, STEP_S))
+    return np.stack([each.reshape(-1, 6) for each in x], axis=1)
+
+
+def _readings(
+    engine: Engine, written: Models, effect: Effect, values: np.ndarray, nu_dot: np.ndarray, f: np.ndarray
+) -> float:
+    """Worst of heading, gyro, accelerometers and positions in simulator and filter."""
+    K = engine.physics.windows.size[1]
+    rows, a = engine.x[:, :K].reshape(-1, 6), nu_dot[:, :K].reshape(-1, 3)
+    fitted = engine.imu(effect, values, nu_dot).reshape(-1, 4)
+    taken = written.corrected(fitted)
+    expected = written.expected(rows, f[:, :K].reshape(-1, f.shape[-1]))
+    tag = engine.tag(effect, values, nu_dot)
+    return max(
+        relative(written.imu(rows, a), fitted),
+        relative(taken[:, 2:], expected),
+        relative(taken[:, :2], rows[:, [2, 5]]),
+        relative(written.tag(engine, engine.x, nu_dot), tag),
+    )
+
+
+def engines(seed: int) -> Iterator[Engine]:
+    """A boat with UWB and the same with GNSS, each on a log of its own."""
+    for k, vessel in enumerate((UWB, replace(UWB, sensors=Sensors(imu=UWB.sensors.imu, gnss=GNSS)))):
+        rng = np.random.default_rng([seed, k])
+        run = teleop_run(UWB, 100 + seed, LOG_S, uwb_hz=5.0, sigma_m=0.07)
+        yield Engine(vessel, run, rng)
+
+
+def differences(seed: int) -> Iterator[tuple[str, Difference | str]]:
+    """By family, the difference of one draw or why a file has no key for it; of the GNSS boat what only that has."""
+    seen: set[str] = set()
+    for engine in engines(seed):
+        for name, entries in families(engine.catalogue).items():
+            if name in seen:
+                continue
+            seen.add(name)
+            effect, values = draw(entries, np.random.default_rng([seed, len(seen)]))
+            try:
+                yield name, compared(engine, effect, values)
+            except NotInVesselFileError as error:
+                yield name, str(error)
+
+
+def effects(full: bool) -> Iterator[Line]:
+    """An effect is one equation: the fitted model against the file that is written, for every effect"""
+    worst: dict[str, list[Difference]] = {}
+    missing: dict[str, str] = {}
+    seeds = MANY if full else SEEDS
+    for seed in range(seeds):
+        for name, found in differences(seed):
+            if isinstance(found, str):
+                missing[name] = found
+            else:
+                worst.setdefault(name, []).append(found)
+    for name, each in worst.items():
+        by = {k: max(d.trajectory[k] for d in each) for k in each[0].trajectory}
+        note = f"accelerations {max(d.acceleration for d in each):.1g}, readings {max(d.readings for d in each):.1g}, "
+        note += ", ".join(f"{k} {v:.1g}" for k, v in by.items())
+        yield at_most(name, max(d.worst for d in each), GOAL, "", note)
+    yield exactly("effects whose force no file has a key for", len(missing), 0, "", "; ".join(missing))
+    chance = [e.name for e in stochastic.effects() if not has_key(e)]
+    yield exactly("effects by chance that no file has a key for", len(chance), 0, "", ", ".join(chance))
+
+
+def has_key(effect: Effect) -> bool:
+    """Whether a file can hold a stochastic effect: its own parameters, not only its mean."""
+    return False
+
+
+def vessel() -> VesselFile:
+    return UWB

@@ -32,7 +32,7 @@ from tests.evidence.one_truth.written import Models
 from tests.support.vessel_fixtures import boat
 
 SEEDS, MANY = 3, 12
-LOG_S = 20.0
+LOG_S = 35.0  # an onset is looked for every minute from half a minute on
 STEPS, STEP_S = 20, 0.05
 GOAL = 1e-9
 AFTER_ONSET_S = 60.0

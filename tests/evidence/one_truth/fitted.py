@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace as replace_fields
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import rotate
@@ -12,7 +13,7 @@ from companion.core.model.integrate import rk4_step
 from companion.logs.runs.decimate import decimated
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.diagnose.posterior.thrust import WindowThrust
@@ -44,9 +45,15 @@ class Engine:
         return CauseValues(effect, effect.by_name(map(float, values)), public_values(effect, values, place), "drawn")
 
     def forces_of(self, vessel: VesselFile) -> np.ndarray:
-        """Thruster forces (W, K+1, n) [N] of a vessel file under the log's commands."""
-        thrust = WindowThrust(self._runs, vessel, self.physics.windows, [self._width_s])
-        return thrust.forces((), {}).f
+        """Thruster forces (W, K+1, n) [N] of a vessel file under the log's commands.
+
+        The voltage between its samples is part of the log: by lag and dead time of the base, for fit and file alike.
+        """
+        as_in_base = replace_fields(vessel, propulsion=self.vessel.propulsion)
+        thrust = WindowThrust(self._runs, as_in_base, self.physics.windows, [self._width_s])
+        own = Effect("own", "base", "", "", (EffectParameter("there", "1", 1.0, 1.0, 1.0),),
+                     {"maps": lambda _, v: replace_fields(v, propulsion=vessel.propulsion)})  # fmt: skip
+        return thrust.forces([own], {"own": np.ones(1)}).f
 
     def nu_dot(self, effect: Effect, values: np.ndarray, x: np.ndarray, clock_s: float) -> np.ndarray:
         """Accelerations (W, K+1, 3) at states x, whose forces may depend on them: a fixed point."""

@@ -224,6 +224,7 @@ class TagKinematics:
     psi_rad, r_rad_s                 (m,) heading and yaw rate of the boat
     place_m, velocity_m_s, acceleration_m_s2   (m, 2) of the tag, north and east
     centre_m                         (2,) mean of all position samples
+    carried                          displacement (m, 2) of a point further ahead and to starboard by x, y [m]
     """
 
     t_s: np.ndarray
@@ -234,6 +235,7 @@ class TagKinematics:
     velocity_m_s: np.ndarray
     acceleration_m_s2: np.ndarray
     centre_m: np.ndarray
+    carried: Callable[[float, float], np.ndarray]
 
 
 def parameter_slices(effects: Sequence[Effect]) -> dict[str, slice]:

@@ -10,7 +10,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import point_acceleration, unrotate
 from companion.core.model.sensor_errors import drifted
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, TagKinematics, Values
-from sim.fitting.diagnose.catalogue.parts import body_to_ned, scalar_parameter, vector_parameters
+from sim.fitting.diagnose.catalogue.parts import scalar_parameter, vector_parameters
 
 PSI, RATE, SURGE, SWAY = range(4)
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
@@ -181,7 +181,7 @@ def _positions(uwb: bool) -> Iterator[Effect]:
         "p + R l",
         "positions circle when the boat turns on the spot",
         vector_parameters("x_m", "y_m", "m", 0.15, 0.03),
-        lambda p, tag, place: place + np.stack(body_to_ned(tag.psi_rad, p["x_m"], p["y_m"]), axis=1),
+        lambda p, tag, place: place + tag.carried(p["x_m"], p["y_m"]),
     )
     if uwb:
         yield _of_positions(

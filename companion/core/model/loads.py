@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from companion.core.model.effects import cross_flow, current, shallow_zone, tether, wind, yaw_moments
+from companion.core.model.effects import cross_flow, current, shallow_zone, tether, waves, wind, yaw_moments
 from companion.core.model.effects.term import Term
 
 REGISTRY: dict[str, Term] = {
@@ -18,6 +18,7 @@ REGISTRY: dict[str, Term] = {
     for term in (
         current.TERM,
         wind.TERM,
+        waves.TERM,
         yaw_moments.SPEED_DAMPING,
         yaw_moments.MUNK_MOMENT,
         cross_flow.TERM,

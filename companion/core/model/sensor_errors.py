@@ -8,6 +8,8 @@ IMU      [a_x a_y] = R(m)^T a + b      m: `misalignment_rad`, by which its axes 
          r         = (1 + `gyro_scale`) r + `gyro_bias_rad_s`
 heading  psi       = psi + `heading_offset_rad` + `hard_iron_cos_rad` cos psi + `hard_iron_sin_rad` sin psi
 place    p         = (1 + `scale`) p   of the tag, horizontal, about the site's origin; ranges as measured from there
+sight    p         = p + extra e       in `nlos_share` of measurements, e away from `nlos_anchor`, horizontal, extra
+                                       exponential of mean `nlos_extra_m`: drawn, and not corrected; a gate's matter
 stamp    t         = t + `latency_s` + `clock_drift_s_s` (t - t_0)      t_0: the first UWB message
 
 Heading in the axes of the site. A constant heading offset and UWB anchors surveyed in a frame that is turned the other
@@ -65,6 +67,13 @@ def correct_heading(imu: Imu, psi_measured: Any) -> Any:
 def apply_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
     """Position of the tag as its ranges make it appear [m]."""
     return (1 + uwb.scale) * north, (1 + uwb.scale) * east
+
+
+def out_of_sight(anchor_m: tuple[float, float], north: Any, east: Any, extra_m: Any) -> tuple[Any, Any]:
+    """Position [m] at which a tag appears that is measured `extra_m` too far from an anchor (north, east)."""
+    dn, de = north - anchor_m[0], east - anchor_m[1]
+    far = np.hypot(dn, de) + 1e-9
+    return north + extra_m * dn / far, east + extra_m * de / far
 
 
 def correct_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:

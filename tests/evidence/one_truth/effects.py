@@ -3,7 +3,8 @@
 Integrators of windows and of the boat differ by construction. So accelerations and readings are compared at the same
 random states (under the log's own commands), and trajectories by the same Runge-Kutta from there under constant forces.
 A fouled thruster is compared a minute after its onset: a file has it as a gain. Only a clock knows how far a current
-has turned: filter and NMPC are compared at the beginning, the simulators for all of the time.
+has turned: filter and NMPC are compared at the beginning, the simulators for all of the time. What pushes by chance is
+drawn by the world alone: its parameters there are compared with those that were found.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from sim.fitting.diagnose.catalogue import stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.vessel_edits.edits import NotInVesselFileError
-from sim.fitting.diagnose.vessel_edits.extend import extended
+from sim.fitting.diagnose.vessel_edits.edits import CauseValues, NotInVesselFileError
+from sim.fitting.diagnose.vessel_edits.extend import extended, with_causes
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.boats.draw import in_still_air
-from sim.world.teleop_log import teleop_run
+from sim.world.environment import Weather, with_terms_of
+from sim.world.sensors import hidden_anchor
+from sim.world.teleop_log import corner_anchors, teleop_run
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.one_truth.draws import draw, families
 from tests.evidence.one_truth.fitted import Engine
@@ -152,15 +155,38 @@ def effects(full: bool) -> Iterator[Line]:
         note = f"accelerations {max(d.acceleration for d in each):.1g}, readings {max(d.readings for d in each):.1g}, "
         note += ", ".join(f"{k} {v:.1g}" for k, v in by.items())
         yield at_most(name, max(d.worst for d in each), GOAL, "", note)
-    yield exactly("effects whose force no file has a key for", len(missing), 0, "", "; ".join(missing))
-    chance = [e.name for e in stochastic.effects() if not has_key(e)]
-    yield exactly("effects by chance that no file has a key for", len(chance), 0, "", ", ".join(chance))
+    for name, off in by_chance(seeds):
+        if off is None:
+            missing[name] = "by chance"
+        else:
+            yield at_most(f"{name}: its parameters as the world draws it", off, GOAL)
+    yield exactly("effects that no file has a key for", len(missing), 0, "", "; ".join(missing))
 
 
-def has_key(effect: Effect) -> bool:
-    """Whether a file can hold a stochastic effect: its own parameters, not only its mean."""
-    return False
+def by_chance(seeds: int) -> Iterator[tuple[str, float | None]]:
+    """By stochastic effect, the largest relative difference between its parameters as found and as drawn by the file."""
+    for effect in stochastic.effects():
+        worst: float | None = 0.0
+        for seed in range(seeds):
+            rng = np.random.default_rng([seed, len(effect.name)])
+            own = {p.name: float(rng.uniform(0.5, 2.0) * min(p.prior, 180.0)) for p in effect.parameters}
+            own |= {"anchor": float(rng.integers(4))} if "anchor" in own else {}
+            new, left = with_causes(UWB, [CauseValues(effect, own, own, "drawn")])
+            if left or worst is None:
+                worst = None
+                continue
+            found = drawn_in_world(load_vessel(vessel_toml(new), name="extended.toml"))
+            off = [
+                abs((found[k] - v + 180) % 360 - 180 if k.startswith("beta") else found[k] - v) for k, v in own.items()
+            ]
+            worst = max(worst, *(d / max(abs(v), 1.0) for d, v in zip(off, own.values(), strict=True)))
+        yield effect.name, worst
 
 
-def vessel() -> VesselFile:
-    return UWB
+def drawn_in_world(vessel: VesselFile) -> dict[str, float]:
+    """Parameters by which the simulated world draws gusts, waves, and fixes without line of sight of a vessel file."""
+    weather, uwb = with_terms_of(Weather(), vessel), vessel.sensors.tag
+    of_air = {k: getattr(weather, k) for k in ("V_w_m_s", "beta_w_deg", "gustiness", "gust_time_s")}
+    hidden = hidden_anchor(uwb, corner_anchors())
+    of_uwb = {"share": uwb.nlos_share, "extra_m": uwb.nlos_extra_m, "anchor": float(hidden.id) if hidden else np.nan}
+    return of_air | dict(weather.waves or {}) | of_uwb

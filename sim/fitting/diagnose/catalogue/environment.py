@@ -12,7 +12,7 @@ from companion.core.model.effects import shallow_zone
 from companion.core.model.effects.current import turned
 from companion.core.model.effects.shallow_zone import EDGE_M
 from companion.core.model.effects.tether import spring
-from companion.core.model.effects.wind import RHO_AIR
+from companion.core.model.effects.wind import RHO_AIR, steady_speed
 from companion.core.model.loads import values
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import (
@@ -117,9 +117,9 @@ def _air_of_file(vessel: VesselFile, scene: Scene) -> Any:
 
 
 def beside_file(vessel: VesselFile, north_Pa: float, east_Pa: float) -> tuple[float, float]:
-    """Speed [m/s] and direction [deg] of the wind of the file with a dynamic pressure vector added to its own."""
+    """Speed [m/s] and direction [deg] of the file's steady wind with a dynamic pressure vector added to its own."""
     now = values("wind", vessel.terms.get("wind", {}))
-    own, angle = RHO_AIR / 2 * now["V_w_m_s"] ** 2, np.radians(now["beta_w_deg"])
+    own, angle = RHO_AIR / 2 * steady_speed(now) ** 2, np.radians(now["beta_w_deg"])
     north, east = north_Pa - own * np.cos(angle), east_Pa - own * np.sin(angle)
     speed = float(np.sqrt(2 * np.hypot(north, east) / RHO_AIR))
     return speed, float(np.degrees(np.arctan2(-east, -north))) if speed else now["beta_w_deg"]

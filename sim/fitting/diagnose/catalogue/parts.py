@@ -70,7 +70,8 @@ def water_on_hull(vessel: VesselFile, term: Term, **keys: str) -> dict[str, Hook
 def air_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
     """Force (W, k, 3) [N, N, N m] of air with speed V_w from beta_w [deg] on the moving boat (Fossen 2011, 8.1)."""
     eta, nu, _ = moving(scene)
-    p = values("wind", vessel.terms.get("wind", {})) | {"V_w_m_s": V_w_m_s, "beta_w_deg": beta_w_deg}
+    own = values("wind", vessel.terms.get("wind", {}))
+    p = own | {"V_w_m_s": V_w_m_s, "beta_w_deg": beta_w_deg, "gustiness": 0.0}
     return stacked(wind.force(p, vessel, eta, nu))
 
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import Thruster, VesselFile, Wash
 from companion.core.model.effects.current import water_velocity
 from companion.core.model.effects.wash import jets
-from companion.core.model.effects.wind import RHO_AIR
+from companion.core.model.effects.wind import RHO_AIR, steady_speed
 from companion.core.model.loads import values
 from companion.core.model.sensor_errors import apply_imu_errors
 from sim.fitting.diagnose.catalogue.effect import Effect
@@ -101,10 +101,19 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
     return place
 
 
-def _sensed(vessel: VesselFile, cause: CauseValues, table: str, **keys: float) -> VesselFile:
+def _sensed(vessel: VesselFile, cause: CauseValues, table: str, **keys: float | str) -> VesselFile:
     now = getattr(vessel.sensors, table)
     new = replace(now, **keys, source=append_note(now.source, cause.note))
     return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
+
+
+def _nlos(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+    """One anchor out of sight, which a file has one of."""
+    p, now = cause.public, vessel.sensors.tag
+    if now.nlos_share:
+        raise NotInVesselFileError("the file has an anchor out of sight already")
+    keys = {"nlos_share": p["share"], "nlos_extra_m": p["extra_m"], "nlos_anchor": f"{p['anchor']:.0f}"}
+    return _sensed(vessel, cause, "uwb", **keys)
 
 
 def _bias(vessel: VesselFile, cause: CauseValues) -> VesselFile:
@@ -181,7 +190,9 @@ def _new(name: str, size: str, **keys: str | float) -> Callable[[VesselFile, Cau
 
     def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
         if values(name, vessel.terms.get(name, {}))[size]:
-            raise NotInVesselFileError(f"the file has a {name.replace('_', ' ')} already")
+            raise NotInVesselFileError(
+                f"the file has {'' if name == 'waves' else 'a '}{name.replace('_', ' ')} already"
+            )
         numbers = {k: cause.public[v] if isinstance(v, str) else v for k, v in keys.items()}
         return _term(vessel, name, cause, **numbers)
 
@@ -198,18 +209,21 @@ def _current(vessel: VesselFile, cause: CauseValues) -> VesselFile:
     return _term(vessel, "current", cause, V_c_m_s=np.hypot(north, east), beta_c_deg=direction, turn_deg_s=0.0)
 
 
-def _wind(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+def _wind(vessel: VesselFile, cause: CauseValues, **gusts: float) -> VesselFile:
     """Wind added to that of the file by vectors of dynamic pressure, as in the fit."""
     speed, direction = beside_file(vessel, cause.engine["north_Pa"], cause.engine["east_Pa"])
-    return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=direction)
+    gustiness = (gusts or values("wind", vessel.terms.get("wind", {})))["gustiness"]
+    mean = speed / steady_speed({"V_w_m_s": 1.0, "gustiness": gustiness})
+    return _term(vessel, "wind", cause, V_w_m_s=mean, beta_w_deg=direction, **gusts)
 
 
 def _gusty(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """The steady wind of the same mean force; gusts have no key in the file."""
+    """As the wind of the same mean force, with gusts."""
     p = cause.public
-    pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
+    pressure, angle = RHO_AIR / 2 * steady_speed(p) ** 2, np.radians(p["beta_w_deg"])
     own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
-    return _wind(vessel, CauseValues(cause.effect, own, p, cause.note))
+    gusts = {key: p[key] for key in ("gustiness", "gust_time_s")}
+    return _wind(vessel, CauseValues(cause.effect, own, p, cause.note), **gusts)
 
 
 def _zone(vessel: VesselFile, cause: CauseValues) -> VesselFile:
@@ -224,6 +238,7 @@ EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "wind": _wind,
     "gusty_wind": _gusty,
     "turning_current": _new("current", "V_c_m_s", V_c_m_s="V_c_m_s", beta_c_deg="beta_c_deg", turn_deg_s="turn_deg_s"),
+    "waves": _new("waves", "F_w_N", F_w_N="F_w_N", T_p_s="T_p_s", beta_wave_deg="beta_wave_deg"),
     "tether": _new(
         "tether",
         "stiffness_N_m",
@@ -257,6 +272,7 @@ EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "gnss_latency": _sensor("gnss", latency_s="latency_s"),
     "gnss_lever_arm": _sensor("gnss", x_m="x_m", y_m="y_m"),
     "uwb_scale": _scale("uwb", "scale"),
+    "nlos": _nlos,
     "clock_drift": _sensor("uwb", clock_drift_s_s="drift"),
 }
 """By family. Other effects are written by their hook (hull coefficients, force maps), or have no key."""

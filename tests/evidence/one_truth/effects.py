@@ -164,7 +164,7 @@ def effects(full: bool) -> Iterator[Line]:
 
 
 def by_chance(seeds: int) -> Iterator[tuple[str, float | None]]:
-    """By stochastic effect, the largest relative difference between its parameters as found and as drawn by the file."""
+    """By stochastic effect, the largest relative difference of its parameters as found and as drawn by the file."""
     for effect in stochastic.effects():
         worst: float | None = 0.0
         for seed in range(seeds):

@@ -134,7 +134,7 @@ class UwbSensor:
         tag, rng, faults = self.tag_position(motion.x), self._rng, self.faults
         if self._hidden and rng.uniform() < self._uwb.nlos_share:
             anchor, extra_m = (self._hidden.north_m, self._hidden.east_m), rng.exponential(self._uwb.nlos_extra_m)
-            tag[:2] = out_of_sight(anchor, *tag[:2], extra_m)
+            tag[:2] = out_of_sight(anchor, tag[0], tag[1], extra_m)
         noise = rng.normal(0, self._uwb.range_sigma_m, len(self._anchors))
         silent = rng.uniform(size=len(self._anchors)) < faults.dropout
         far = rng.uniform(size=len(self._anchors)) < faults.nlos

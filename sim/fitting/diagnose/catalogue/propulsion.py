@@ -238,11 +238,11 @@ def _flow(vessel: VesselFile) -> Iterator[Effect]:
 
     def advance(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         nu_r = moving(scene)[2]
-        return np.stack(advanced(np.moveaxis(f, -1, 0), vessel.positions, nu_r, p["loss_s_m"]), axis=-1)
+        return np.stack(advanced(list(np.moveaxis(f, -1, 0)), vessel.positions, nu_r, p["loss_s_m"]), axis=-1)
 
     def wash(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
         blowing = [Jet(*pair, p["loss"] / WASH_N) for pair in pairs]
-        return np.stack(washed(np.moveaxis(f, -1, 0), blowing), axis=-1)
+        return np.stack(washed(list(np.moveaxis(f, -1, 0)), blowing), axis=-1)
 
     if pairs:
         yield Effect(

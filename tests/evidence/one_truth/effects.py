@@ -21,7 +21,7 @@ from companion.core.model.load_vessel import load_vessel
 from sim.fitting.diagnose.catalogue import stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.vessel_edits.edits import CauseValues, NotInVesselFileError
-from sim.fitting.diagnose.vessel_edits.extend import extended, with_causes
+from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.boats.draw import in_still_air
@@ -30,11 +30,18 @@ from sim.world.sensors import hidden_anchor
 from sim.world.teleop_log import corner_anchors, teleop_run
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.one_truth.draws import draw, families
-from tests.evidence.one_truth.fitted import Engine
+from tests.evidence.one_truth.fitted import Causes, Engine
 from tests.evidence.one_truth.written import Models
 from tests.support.vessel_fixtures import boat
 
 SEEDS, MANY = 3, 12
+FEW_PAIRS, PAIRS = 20, 200
+NOT_TOGETHER = (
+    {"current", "turning_current"},  # one of them is the other
+    {"uwb_latency", "uwb_lever_arm"},  # a delay moves the tag along its own path: to half a millimetre
+    {"clock_drift", "uwb_lever_arm"},
+    {"payload", "cg_shift"},  # of the base's mass in the fit, of the loaded boat's in the file: some per cent
+)
 LOG_S = 35.0  # an onset is looked for every minute from half a minute on
 STEPS, STEP_S = 20, 0.05
 GOAL = 1e-9
@@ -66,48 +73,49 @@ def relative(found: np.ndarray, expected: np.ndarray) -> float:
     return float((off / np.where(size > 0, size, 1.0)).max())
 
 
-def compared(engine: Engine, effect: Effect, values: np.ndarray) -> Difference:
-    """One cause: written, loaded again, and held against the fit's own physics.
+def compared(engine: Engine, *causes: tuple[Effect, np.ndarray]) -> Difference:
+    """Causes: written, loaded again, and held against the fit's own physics.
 
-    NotInVesselFileError where a file has no key for it.
+    NotInVesselFileError where a file has no key for one.
     """
-    new = extended(engine.vessel, engine.cause(effect, values))
+    new, left = with_causes(engine.vessel, [engine.cause(*one) for one in causes])
+    if left:
+        raise NotInVesselFileError("; ".join(left.values()))
     written = Models(load_vessel(vessel_toml(new), name="extended.toml"))
-    start_s = values[1] + effect.origin["onset_s"] + AFTER_ONSET_S if "onset_s" in effect.origin else 0.0
+    started = [values[1] + e.origin["onset_s"] + AFTER_ONSET_S for e, values in causes if "onset_s" in e.origin]
+    start_s = max(started, default=0.0)
     x, f = engine.x, engine.forces_of(new)
     rows, pushed = x.reshape(-1, 6), f.reshape(-1, f.shape[-1])
-    nu_dot = engine.nu_dot(effect, values, x, start_s)
+    nu_dot = engine.nu_dot(causes, x, start_s)
     acceleration = relative(written.nu_dot(rows, pushed, 0.0), nu_dot.reshape(-1, 3))
     trajectory = {}
-    turning = family(effect.name) == "turning_current"
-    moved = {turns: _trajectory(engine, effect, values, start_s, turns) for turns in {turning, False}}
+    turning = any(family(e.name) == "turning_current" for e, _ in causes)
+    moved = {turns: _trajectory(engine, causes, start_s, turns) for turns in {turning, False}}
     for name, found in written.trajectories(rows, pushed, STEPS, STEP_S).items():
         expected = moved[turning and name in ("simulator", "trajectories")]
         trajectory[name] = max(
             relative(found[..., part] - base, expected[..., part] - base)
             for part, base in ((slice(0, 3), rows[:, None, :3]), (slice(3, 6), 0.0))
         )
-    return Difference(acceleration, trajectory, _readings(engine, written, effect, values, nu_dot, f))
+    return Difference(acceleration, trajectory, _readings(engine, written, causes, nu_dot, f))
 
 
-def _trajectory(engine: Engine, effect: Effect, values: np.ndarray, start_s: float, turns: bool) -> np.ndarray:
+def _trajectory(engine: Engine, causes: Causes, start_s: float, turns: bool) -> np.ndarray:
     """States (m, STEPS + 1, 6) of the fitted model; the clock goes on where it `turns`."""
     x = [engine.x]
     for k in range(STEPS):
-        x.append(engine.step(effect, values, x[-1], start_s + turns * k * STEP_S, STEP_S))
+        x.append(engine.step(causes, x[-1], start_s + turns * k * STEP_S, STEP_S))
     return np.stack([each.reshape(-1, 6) for each in x], axis=1)
 
 
-def _readings(
-    engine: Engine, written: Models, effect: Effect, values: np.ndarray, nu_dot: np.ndarray, f: np.ndarray
-) -> float:
+def _readings(engine: Engine, written: Models, causes: Causes, nu_dot: np.ndarray, f: np.ndarray) -> float:
     """Worst of heading, gyro, accelerometers and positions in simulator and filter."""
     K = engine.physics.windows.size[1]
     rows, a = engine.x[:, :K].reshape(-1, 6), nu_dot[:, :K].reshape(-1, 3)
-    fitted = engine.imu(effect, values, nu_dot).reshape(-1, 4)
+    fitted = engine.imu(causes, nu_dot).reshape(-1, 4)
     taken = written.corrected(fitted)
     expected = written.expected(rows, f[:, :K].reshape(-1, f.shape[-1]))
-    tag = engine.tag(effect, values, nu_dot)
+    tag = engine.tag(causes, nu_dot)
     return max(
         relative(written.imu(rows, a), fitted),
         relative(taken[:, 2:], expected),
@@ -134,7 +142,7 @@ def differences(seed: int) -> Iterator[tuple[str, Difference | str]]:
             seen.add(name)
             effect, values = draw(entries, np.random.default_rng([seed, len(seen)]))
             try:
-                yield name, compared(engine, effect, values)
+                yield name, compared(engine, (effect, values))
             except NotInVesselFileError as error:
                 yield name, str(error)
 
@@ -161,6 +169,22 @@ def effects(full: bool) -> Iterator[Line]:
         else:
             yield at_most(f"{name}: its parameters as the world draws it", off, GOAL)
     yield exactly("effects that no file has a key for", len(missing), 0, "", "; ".join(missing))
+
+
+def pairs(full: bool) -> Iterator[Line]:
+    """Two effects at once: drawn pairs, the fitted model against the file that is written"""
+    engine = next(engines(0))
+    entries, rng = families(engine.catalogue), np.random.default_rng(0)
+    worst: list[tuple[float, str]] = []
+    while len(worst) < (PAIRS if full else FEW_PAIRS):
+        two = [str(name) for name in rng.choice(list(entries), 2, replace=False)]
+        if any({*two} <= each for each in NOT_TOGETHER):
+            continue
+        found = compared(engine, *(draw(entries[name], rng) for name in two))
+        worst.append((found.worst, " + ".join(two)))
+    worst.sort(reverse=True)
+    note = ", ".join(f"{name} {off:.1g}" for off, name in worst[:3])
+    yield at_most(f"worst of {len(worst)} pairs", worst[0][0], GOAL, "", note)
 
 
 def by_chance(seeds: int) -> Iterator[tuple[str, float | None]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,8 @@ from sim.fitting.diagnose.vessel_edits.public_form import public_values
 from sim.fitting.diagnose.vessel_edits.public_table import LogReference
 from sim.fitting.engine.noise import L
 
+Causes = Sequence[tuple[Effect, np.ndarray]]
+"""Effects with the values of their parameters."""
 STILL, MOST = 1e-14, 60
 """Change [m/s^2] below which accelerations on which hooks depend are found, and passes for it."""
 
@@ -44,6 +47,11 @@ class Engine:
         place = LogReference(self.physics.centre_m, self.physics.middle_s)
         return CauseValues(effect, effect.by_name(map(float, values)), public_values(effect, values, place), "drawn")
 
+    def _in_order(self, causes: Causes) -> tuple[list[Effect], dict[str, np.ndarray]]:
+        """Effects as the catalogue orders them, in which their hooks are called, and values by id."""
+        theta = {effect.id: values for effect, values in causes}
+        return [e for e in self.catalogue if e.id in theta], theta
+
     def forces_of(self, vessel: VesselFile) -> np.ndarray:
         """Thruster forces (W, K+1, n) [N] of a vessel file under the log's commands.
 
@@ -55,36 +63,36 @@ class Engine:
                      {"maps": lambda _, v: replace_fields(v, propulsion=vessel.propulsion)})  # fmt: skip
         return thrust.forces([own], {"own": np.ones(1)}).f
 
-    def nu_dot(self, effect: Effect, values: np.ndarray, x: np.ndarray, clock_s: float) -> np.ndarray:
+    def nu_dot(self, causes: Causes, x: np.ndarray, clock_s: float) -> np.ndarray:
         """Accelerations (W, K+1, 3) at states x, whose forces may depend on them: a fixed point."""
-        theta, none = {effect.id: values}, np.zeros((len(x), 3))
+        (effects, theta), none = self._in_order(causes), np.zeros((len(x), 3))
         self.physics.clock_s = np.full(x.shape[:2], clock_s)
         now = np.zeros((*x.shape[:2], 3))
         for _ in range(MOST):
             state = replace(self._state, x=x, nu_dot=now)
-            missing = self.physics.remainder([effect], theta, state, none).nodes
+            missing = self.physics.remainder(effects, theta, state, none).nodes
             now = now - missing
             if np.abs(missing).max() < STILL:
                 break
         return now
 
-    def step(self, effect: Effect, values: np.ndarray, x: np.ndarray, clock_s: float, h_s: float) -> np.ndarray:
+    def step(self, causes: Causes, x: np.ndarray, clock_s: float, h_s: float) -> np.ndarray:
         """States after h_s under constant thruster forces, by Runge-Kutta; water as it is at the start."""
 
         def rate(x: np.ndarray, _: None) -> np.ndarray:
             north, east = rotate(x[..., 2], x[..., 3], x[..., 4])
             return np.concatenate(
-                [np.stack([north, east, x[..., 5]], axis=-1), self.nu_dot(effect, values, x, clock_s)], axis=-1
+                [np.stack([north, east, x[..., 5]], axis=-1), self.nu_dot(causes, x, clock_s)], axis=-1
             )
 
         return rk4_step(rate, x, h_s, (None, None, None))
 
-    def imu(self, effect: Effect, values: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
+    def imu(self, causes: Causes, nu_dot: np.ndarray) -> np.ndarray:
         """Readings psi, r, a_x, a_y (W, K, 4) at the states."""
         state = replace(self._state, x=self.x, nu_dot=nu_dot)
-        return self.readings.imu([effect], {effect.id: values}, state)
+        return self.readings.imu(*self._in_order(causes), state)
 
-    def tag(self, effect: Effect, values: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
+    def tag(self, causes: Causes, nu_dot: np.ndarray) -> np.ndarray:
         """Position samples (m, 2) [m] at the states."""
         state = replace(self._state, x=self.x, nu_dot=nu_dot)
-        return self.readings.tag([effect], {effect.id: values}, state)
+        return self.readings.tag(*self._in_order(causes), state)

@@ -22,7 +22,7 @@ RHO_AIR = 1.225  # kg/m^3, ISA at sea level and 15 C
 
 def steady_speed(p: Values) -> Any:
     """Speed [m/s] of the steady wind that pushes as this one does in the mean."""
-    g = p["gustiness"]
+    g = p.get("gustiness", 0.0)
     return p["V_w_m_s"] if isinstance(g, int | float) and not g else p["V_w_m_s"] * library(g).sqrt(1 + g**2)
 
 

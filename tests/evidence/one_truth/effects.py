@@ -42,8 +42,8 @@ NOT_TOGETHER = (
     {"clock_drift", "uwb_lever_arm"},
     {"payload", "cg_shift"},  # of the base's mass in the fit, of the loaded boat's in the file: some per cent
 )
-LOG_S = 35.0  # an onset is looked for every minute from half a minute on
-STEPS, STEP_S = 20, 0.05
+LOG_S = 31.0  # an onset is looked for every minute from half a minute on
+STEPS, STEP_S = 10, 0.1
 GOAL = 1e-9
 AFTER_ONSET_S = 60.0
 UWB = in_still_air(boat("aritra"))

@@ -39,8 +39,17 @@ def test_that_is_every_effect():
     assert set(families(engine().catalogue)) == {*TWO_EQUATIONS, *OTHERS}
 
 
-@pytest.mark.parametrize("names", [("wash", "advance_loss"), ("hull_fouling", "shallow_zone"), ("hull_fouling", "cg_shift"),
-                                   ("gyro_bias", "gyro_scale"), ("accel_bias", "imu_misalignment")])  # fmt: skip
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("wash", "advance_loss"),
+        ("hull_fouling", "shallow_zone"),
+        pytest.param(("hull_fouling", "cg_shift"), marks=pytest.mark.long),
+        pytest.param(("gyro_bias", "gyro_scale"), marks=pytest.mark.long),
+        pytest.param(("accel_bias", "imu_misalignment"), marks=pytest.mark.long),
+    ],
+    ids="+".join,
+)
 def test_of_two_that_meet_the_file_is_the_fitted_model(names):
     assert compared(engine(), *map(drawn, names)).worst < GOAL
 

@@ -50,11 +50,14 @@ OWN_WEATHER = {
 
 
 def with_terms_of(weather: Weather, vessel: VesselFile) -> Weather:
-    """The weather asked for; where it has no current, wind or waves, those of the vessel file's own terms."""
+    """The weather asked for; where it has no current, wind or waves, those of the vessel file's own terms.
+
+    Turn and gusts that are asked for without a speed are those of the file's current and wind, where it states none.
+    """
     for name, keys in OWN_WEATHER.items():
         if name in vessel.terms and not getattr(weather, keys[0]):
             own = values(name, vessel.terms[name])
-            weather = replace(weather, **{key: own[key] for key in keys})
+            weather = replace(weather, **{key: own[key] or getattr(weather, key) for key in keys})
     if "waves" in vessel.terms and not weather.H_s_m:
         weather = replace(weather, waves=values("waves", vessel.terms["waves"]))
     return weather

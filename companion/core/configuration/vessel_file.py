@@ -119,10 +119,7 @@ ForceMap = RotorMap | LinearMap | PitchMap
 
 
 class Wash(Table, frozen=True, kw_only=True):
-    """The jet of thruster `ahead` takes `share` of the thrust of `behind` when `ahead` gives `at_N`, by default all it
-
-    can.
-    """
+    """The jet of thruster `ahead` takes `share` of the thrust of `behind` when it gives `at_N`; None: all it can."""
 
     behind: str
     ahead: str

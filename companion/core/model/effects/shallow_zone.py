@@ -12,10 +12,7 @@ EDGE_M = 0.5
 
 
 def damping_factor(p: Values, eta: Any) -> Any:
-    """1 + share w at eta, w from 1 inside to 0 outside; the logistic function as (1 + tanh(x / 2)) / 2, which cannot
-
-    overflow.
-    """
+    """1 + share w at eta, w from 1 inside to 0 outside: 1 / (1 + exp(-x)) as (1 + tanh(x / 2)) / 2 cannot overflow."""
     lib = library(eta[0], *p.values())
     d = lib.sqrt((eta[0] - p["north_m"]) ** 2 + (eta[1] - p["east_m"]) ** 2 + 1e-12)
     return 1 + p["share"] * (1 + lib.tanh((p["radius_m"] - d) / (2 * p["edge_m"]))) / 2

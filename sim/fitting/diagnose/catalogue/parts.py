@@ -76,8 +76,5 @@ def air_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: floa
 
 
 def hull_damping(vessel: VesselFile, scene: Scene) -> np.ndarray:
-    """D(nu_r) nu_r along the motion, (W, k, 3) [N, N, N m], as the scene's coefficients have it; the force is its
-
-    negative.
-    """
+    """D(nu_r) nu_r by the scene's coefficients, (W, k, 3) [N, N, N m]; the force is its negative."""
     return -stacked(hull_drag(scene.hull or coefficients(vessel), moving(scene)[2]))

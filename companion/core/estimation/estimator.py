@@ -57,6 +57,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.model.actuators.propulsion import channels_of, common
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.sensor_errors import correct_message, is_exact, measurement_time_ns
 
@@ -88,6 +89,7 @@ class Estimator:
         self.tuning = tuning or EstimatorTuning(model_error=vessel.model_error)
         self.vessel, self.anchors = vessel, tuple(a.id for a in site.anchors)
         model = StructuredModel.of(vessel)
+        self._dead_time_s = common([c.dead_time_s for c in channels_of(vessel)])
         sensors = vessel.sensors
         self._exact = is_exact(sensors)
         process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
@@ -99,14 +101,14 @@ class Estimator:
 
     def initial(self) -> EstimatorState:
         """State before any message; no force commanded yet."""
-        neutral = TimedCommand(-(1 << 62), np.zeros(len(self.vessel.thrusters)))
+        neutral = TimedCommand(-(1 << 62), np.zeros(len(self.vessel.controls)))
         return EstimatorState(self._starter.initial(), (neutral,))
 
     def command(self, state: EstimatorState, t_ns: int, f_command_n: tuple[float, ...]) -> EstimatorState:
-        """State after thruster forces [N], in the vessel file's order, were commanded at t_ns."""
+        """State after a command at t_ns: forces [N] and angles [rad] in the order of `vessel.controls`."""
         if not all(map(math.isfinite, f_command_n)):
             return _refuse(state, "command: not finite")
-        commands = insert_command(state.commands, t_ns, f_command_n, self.vessel.propulsion)
+        commands = insert_command(state.commands, t_ns, f_command_n, self._dead_time_s)
         return replace(state, commands=commands if state.history else drop_expired(commands, t_ns))
 
     def step(self, state: EstimatorState, message: Message) -> tuple[EstimatorState, tuple[Innovation, ...]]:

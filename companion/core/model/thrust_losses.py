@@ -31,11 +31,11 @@ def has_thrust_losses(vessel: VesselFile) -> bool:
 
 
 def apply_thrust_losses(vessel: VesselFile, nu_r: Any, f: Any) -> Any:
-    """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions."""
-    out = [f[i] for i in range(len(vessel.thrusters))]
+    """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions. Angles stay as they are."""
+    out = [f[i] for i in range(len(vessel.controls))]
     if k := vessel.propulsion.advance_loss_sqrt_N_s_m:
         x, y, a = vessel.positions.T
-        for i, force in enumerate(out):
+        for i, force in enumerate(out[: len(x)]):
             u_a = (nu_r[0] - y[i] * nu_r[2]) * np.cos(a[i]) + (nu_r[1] + x[i] * nu_r[2]) * np.sin(a[i])
             out[i] = force - k * force**2 / (force**2 + SMOOTH_N**2) ** 0.75 * u_a
     number = {t.name: i for i, t in enumerate(vessel.thrusters)}

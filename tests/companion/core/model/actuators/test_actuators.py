@@ -143,7 +143,7 @@ def test_a_channel_may_have_its_own_lag_and_dead_time():
     model = StructuredModel.of(own)
     np.testing.assert_array_equal(model.lag_s, [0.4, *[X_BOAT.propulsion.lag_s] * 3])
     assert [c.dead_time_s for c in channels_of(own)] == [0.3, *[X_BOAT.propulsion.dead_time_s] * 3]
-    with pytest.raises(ConfigError, match="boat.toml: thrusters\\[0\\]: fits know one lag"):
+    with pytest.raises(ConfigError, match=r"boat\.toml: thrusters\[0\]: fits know one lag"):
         only_fixed(own, "boat.toml", "fits")
     with pytest.raises(ConfigError, match="fits are for boats of fixed thrusters so far; rudder has servos"):
         only_fixed(RUDDER, "boat.toml", "fits")

@@ -7,11 +7,12 @@ import pytest
 from msgspec.structs import replace
 
 from companion.core.constants import NEUTRAL_US
-from companion.core.messages import Alert, ManualInput, OperatorCommand, OverrideLease, PlanResult, Tick
+from companion.core.messages import Alert, ManualInput, OperatorCommand, OverrideLease, Tick
 from companion.core.pilot.thrust_command import DRIFTS
 from sim.world.environment import Weather
-from sim.world.stepped import PEER
-from tests.support.drive_fixture import CORNER, driving, figures, settled, voyage
+from sim.world.stepped import PEER, SteppedRun
+from sim.world.world import World, WorldSetup
+from tests.support.drive_fixture import CORNER, START, driving, figures, nmpc, pilot, settled, setup, voyage
 
 ROUGH = {"weather": Weather(V_c_m_s=0.1, beta_c_deg=70.0, V_w_m_s=3.0, beta_w_deg=200.0, gustiness=0.2),
          "mismatch": 0.1}  # fmt: skip
@@ -106,9 +107,16 @@ def test_by_hand_the_yaw_stick_is_the_rudder_and_surge_the_propeller():
 
 @pytest.mark.parametrize("name", BOATS)
 def test_without_plans_the_fallback_keeps_to_the_path(name):
-    run = voyage(4, vessel=name)
+    failing = list[bool]()
+
+    def solve(request, warm):
+        plan, warm = nmpc(vessel=name).solve(request, warm)
+        return (replace(plan, status="failed"), None) if failing else (plan, warm)
+
+    told = setup(CORNER, name).pilot
+    run = SteppedRun(World(WorldSetup(told.vessel, told.site, start=START), 4), pilot(CORNER, name), solve)
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 2.0, 40.0)
-    run._solve = lambda request, warm: (replace(run.of(PlanResult)[-1], index=request.index, status="failed"), None)
+    failing.append(True)
     run.run(lambda r: False, 4.5)
     assert run.of(OverrideLease)[-1].source == "pd" and run.state.guidance.s_m > 3.5
     last = run.state.estimate

@@ -166,9 +166,9 @@ def warnings(setup: RunSetup) -> list[str]:
 
 
 def _beyond(pilot: PilotSettings) -> Iterator[str]:
-    """Waypoints beyond the fence of site and mission, and corners that the boat cannot round. A log may hold such: they
+    """Waypoints beyond the fence of site and mission, and corners that the boat cannot round.
 
-    were only warned of once.
+    Not asked of a log, whose mission may hold such: waypoints were only warned of once.
     """
     for i, w in enumerate(pilot.mission.path.waypoints):
         if (room_m := pilot.fence.clearance(w.north_m, w.east_m)) < 0:

@@ -1,6 +1,4 @@
-"""A thruster that a servo turns: two channels, thrust T and angle delta beyond the azimuth a; components along a and
-
-across it.
+"""A thruster that a servo turns: two channels, thrust T and angle delta beyond its azimuth a.
 
     e = [T cos delta, T sin delta]        D: directions a and a + 90 deg
 

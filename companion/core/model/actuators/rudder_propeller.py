@@ -1,13 +1,11 @@
-"""A propeller with a rudder in its race: two channels, thrust T and rudder angle delta; components along x at the
+"""A propeller with a rudder in its race: two channels, thrust T and rudder angle delta.
 
-propeller's side of the boat, and along y at the rudder's place.
-
-    e = [T - F sin delta, -F cos delta]        F: normal force on the rudder [N]
+    e = [T - F sin delta, -F cos delta]        D: along x at the propeller's y, along y at the rudder's x
     F = 1/2 rho A f_a U (u_R sin delta - v_R cos delta),  U^2 = u_R^2 + v_R^2,  f_a = 6.13 L / (L + 2.25)
     u_R^2 = eta u_P^2 + (1 - eta) u^2,    u_P = u + kappa (sqrt(u^2 + 2 T / (rho A_P)) - u)
     v_R = -gamma (v + x r)
 
-u, v, r: velocity through the water; A: `area_m2`, L: `aspect_ratio`, A_P: disc of the propeller, eta, kappa, gamma:
+F: normal force on the rudder [N]; u, v, r: velocity through the water; A: `area_m2`, L: `aspect_ratio`, A_P: disc of the propeller, eta, kappa, gamma:
 `race_share`, `race_gain`, `straightening`. u and T count only where they drive water over the rudder from ahead: a boat
 that goes astern, or lies still without thrust, is not steered.
 Sources: MMG standard method, Yasukawa and Yoshimura (2015), J. Mar. Sci. Technol. 20, 37-52 (F, f_a by Fujii, u_R;

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from companion.core.constants import NEUTRAL_US
-from companion.core.messages import Alert, ManualInput, OperatorCommand, OverrideLease, Tick
+from companion.core.messages import Alert, ManualInput, MissionPoint, NewMission, OperatorCommand, OverrideLease, Tick
 from companion.core.pilot.thrust_command import DRIFTS
 from sim.world.environment import Weather
 from sim.world.stepped import PEER, SteppedRun
@@ -84,6 +84,14 @@ def test_hold_is_refused_in_words_by_a_boat_that_cannot():
     run.feed([OperatorCommand(t_ns=run.world.t_ns, command="start")])
     run.run(lambda r: False, 2.0)
     assert run.of(OverrideLease)[-1].source == "plan", "and it goes on where it was left"
+
+
+def test_a_mission_that_it_cannot_turn_for_is_not_loaded_under_way():
+    run = voyage(2, vessel="rudder", begin=None)
+    points = tuple(MissionPoint(north_m=n, east_m=e) for n, e in ((9.0, 9.0), (15.0, 9.0), (9.0, 9.2)))
+    run.feed([NewMission(t_ns=run.world.t_ns, name="there and back", waypoints=points)])
+    (told,) = (a.text for a in run.of(Alert))
+    assert "there and back with 3 waypoints not loaded: waypoint 1" in told and run.state.mission is None
 
 
 def test_by_hand_the_yaw_stick_is_the_rudder_and_surge_the_propeller():

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import ssa
 from companion.core.guidance.course import LEG_SHARE, STRAIGHT_RAD
@@ -50,7 +51,7 @@ def guidance_for(vessel: VesselFile, base: GuidanceSettings | None = None) -> Gu
 
 
 def turning_radius_m(vessel: VesselFile, speed_m_s: float) -> float:
-    """R_min above [m] of a boat with rudders, in still water."""
+    """R_min above [m] of a boat with rudders, in still water. ConfigError where the model runs away."""
     model, channels = StructuredModel.of(vessel), ActuatorSet.of(vessel).channels
     step = step_function(model, STEP_S)
     # 1. the thrust that holds the speed straight ahead, shared by all thrusters
@@ -62,6 +63,8 @@ def turning_radius_m(vessel: VesselFile, speed_m_s: float) -> float:
     x[3], x[FORCES] = speed_m_s, f
     for _ in range(round(TURN_S / STEP_S)):
         x = np.array(step(x, f, np.zeros(3))).ravel()
+    if not np.isfinite(x).all():
+        raise ConfigError(f"{vessel.name}: its model runs away in a turn: look at damping and rudder")
     return float(SPARE * math.hypot(x[3], x[4]) / max(abs(x[5]), 1e-3))
 
 

@@ -5,9 +5,9 @@
     u_R^2 = eta u_P^2 + (1 - eta) u^2,    u_P = u + kappa (sqrt(u^2 + 2 T / (rho A_P)) - u)
     v_R = -gamma (v + x r)
 
-F: normal force on the rudder [N]; u, v, r: velocity through the water; A: `area_m2`, L: `aspect_ratio`, A_P: disc of the
-propeller, eta, kappa, gamma: `race_share`, `race_gain`, `straightening`. u and T count only where they drive water over
-the rudder from ahead: a boat that goes astern, or lies still without thrust, is not steered.
+F: normal force on the rudder [N]; u, v, r: velocity through the water; A: `area_m2`, L: `aspect_ratio`, A_P: disc of
+the propeller; eta, kappa, gamma: `race_share`, `race_gain`, `straightening`. u and T count only where they drive water
+over the rudder from ahead: a boat that goes astern, or lies still without thrust, is not steered.
 Sources: MMG standard method, Yasukawa and Yoshimura (2015), J. Mar. Sci. Technol. 20, 37-52 (F, f_a by Fujii, u_R;
 without interaction with the hull: t_R = a_H = 0); race: momentum theory of the actuator disc; Fossen (2021), 9.5.
 """

@@ -15,7 +15,7 @@ incoming bytes give the same outgoing bytes.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import GroundTruth, Measured
 from companion.core.messages.sensors import GnssFix
-from companion.core.model.loads import values
 from companion.core.sensors.table import sensors_of
 from drivers.devices import DEVICES
 from sim.world.ahrs import Ahrs
@@ -33,7 +32,7 @@ from sim.world.autopilot import SensorFrame
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
 from sim.world.autopilot.rover import Rover
 from sim.world.channel_sensor import ChannelSensor
-from sim.world.environment import Environment, Moment, Weather
+from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Plant, perturbed
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
 from sim.world.uwb_tag import UwbTag
@@ -83,7 +82,7 @@ class Afloat:
         self.vessel = vessel
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
-        self._environment = Environment(_weather(setup), draws["weather"])
+        self._environment = Environment(with_terms_of(setup.weather, setup.vessel), draws["weather"])
         self.imu = ImuSensor(vessel.sensors.imu, draws["imu"])
         self.uwb_sensor, self.tag = None, tag
         if uwb := vessel.sensors.uwb:
@@ -101,9 +100,9 @@ class Afloat:
     def advance(self, outputs_us: Sequence[int], step_ns: int = STEP_NS) -> Moment:
         """One step on with these outputs of the autopilot; what the environment was.
 
-        Outputs 1..n go to the thrusters in the vessel file's order; 0 is no pulse.
+        Outputs 1..n go to thrusters and servos in the order of `vessel.controls`; 0 is no pulse.
         """
-        pulses = outputs_us[: len(self.vessel.thrusters)]
+        pulses = outputs_us[: len(self.vessel.controls)]
         self.plant.command(self.t_ns, tuple(float(p) if p else float(NEUTRAL_US) for p in pulses))
         moment = self._environment.step(self.t_ns * 1e-9, step_ns * 1e-9)
         self.plant.step(moment, step_ns)
@@ -206,20 +205,10 @@ def _draws(seed: int) -> dict[str, np.random.Generator]:
 
 
 def _channels(vessel: VesselFile) -> tuple[int, ...]:
-    return tuple(t.channel for t in vessel.thrusters)
+    return tuple(control.channel for control in vessel.controls)
 
 
 def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster, and a GNSS receiver or none."""
-    wired = {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}
+    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster or servo, and GNSS or none."""
+    wired = {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.controls) + 1)}, **parameters}
     return {**wired, "GPS1_TYPE": 1.0} if vessel.sensors.gnss else wired
-
-
-def _weather(setup: WorldSetup) -> Weather:
-    """The weather asked for; where none is, current and wind of the vessel file's own terms."""
-    weather, terms = setup.weather, setup.vessel.terms
-    for name, keys in (("current", ("V_c_m_s", "beta_c_deg")), ("wind", ("V_w_m_s", "beta_w_deg"))):
-        if name in terms and not getattr(weather, keys[0]):
-            parameters = values(name, terms[name])
-            weather = replace(weather, **{key: parameters[key] for key in keys})
-    return weather

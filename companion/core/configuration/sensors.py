@@ -45,7 +45,8 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
 
 class Uwb(SourcedTable, frozen=True, kw_only=True):
     """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
-    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `sensor_errors`.
+    since the first of them; `scale`: how much too far from the site's origin it appears; `nlos_*`: of which part of the
+    measurements an anchor is out of sight. Equations in `sensor_errors`.
     """
 
     x_m: Arm = 0.0
@@ -57,6 +58,9 @@ class Uwb(SourcedTable, frozen=True, kw_only=True):
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
     clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
     scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    nlos_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
+    nlos_extra_m: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    nlos_anchor: str = ""
     wire_format: str
 
 

@@ -1,7 +1,7 @@
-"""Evidence for one truth: each effect and each sensor is stated once."""
+"""Evidence for one truth: what is found is what is written, and what is written is what moves the boat."""
 
-from __future__ import annotations
-
+from tests.evidence.one_truth.actuators import actuators
+from tests.evidence.one_truth.effects import effects, pairs
 from tests.evidence.one_truth.gnss import GNSS_PARTS
 
-PARTS = (*GNSS_PARTS,)
+PARTS = (effects, pairs, *GNSS_PARTS, actuators)

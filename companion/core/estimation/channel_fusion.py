@@ -27,7 +27,7 @@ from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, VELOCITY_SIGMA_M_S, decorrelate, inflate
 from companion.core.messages import Measured
 from companion.core.model.integrate import BufferedStep
-from companion.core.sensors.sensor import BodyMotion, Channel, Sensor
+from companion.core.sensors.sensor import BodyMotion, Sensor, SensorChannel
 
 MOVING = (0, 1, 2, 3, 4, 5, TILT.start, TILT.start + 1)
 """States that h depends on, beside the sensor's own errors."""
@@ -78,7 +78,7 @@ class ChannelFusion:
         H[0, self._states] = packed[rows:].reshape((rows, len(self._states)), order="F")[axis]
         return float(packed[axis]), H
 
-    def _reopen(self, channel: Channel, axis: int, P: np.ndarray, jump: float) -> np.ndarray:
+    def _reopen(self, channel: SensorChannel, axis: int, P: np.ndarray, jump: float) -> np.ndarray:
         """P once a lasting innovation of `jump` has opened a gate."""
         if channel.about == "velocity":
             return inflate(P, LAYOUT.velocity, jump)
@@ -89,7 +89,7 @@ class ChannelFusion:
         return inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
 
 
-def channel_function(channel: Channel, errors: int) -> ca.Function:
+def channel_function(channel: SensorChannel, errors: int) -> ca.Function:
     """CasADi function ([x y psi u v r phi theta e], [p q]) -> vec[h, Jacobian]."""
     s, rates = ca.SX.sym("s", len(MOVING) + errors), ca.SX.sym("rates", 2)
     e = [s[len(MOVING) + i] for i in range(errors)]

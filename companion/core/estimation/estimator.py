@@ -60,7 +60,7 @@ from companion.core.messages import (
 )
 from companion.core.model.actuators.propulsion import channels_of, common
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.sensors.sensor import PositionHealth, Sensor
+from companion.core.sensors.sensor import PositionHealth
 from companion.core.sensors.table import SensorTable, sensors_of
 
 Fusion = Callable[[FilterState, Any], Result]
@@ -152,15 +152,10 @@ class Estimator:
 
     def instant_ns(self, m: Measured, zero_ns: int | None = None) -> int:
         """When a message of these sensors was measured; `zero_ns`: as in EstimatorState, None: it is the first."""
-        return self._sensor(m).measured_ns(m, zero_ns)
-
-    def _sensor(self, m: Measured) -> Sensor:
-        sensor = self.sensors.of(m)
-        assert sensor is not None
-        return sensor
+        return self.sensors[m].measured_ns(m, zero_ns)
 
     def _aids(self, m: Measured) -> bool:
-        return self._sensor(m).aids
+        return self.sensors[m].aids
 
     def estimate(self, state: EstimatorState, t_ns: int, belief: FilterState | None = None) -> StateEstimate:
         """Pose of the body origin, velocities, biases, disturbance and health at t_ns; `belief`: then, if at hand."""

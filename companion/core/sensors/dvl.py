@@ -14,10 +14,10 @@ from companion.core.geometry.frames import unrotate
 from companion.core.messages.sensors import DvlVelocity
 from companion.core.sensors.sensor import (
     BodyMotion,
-    Channel,
     ChannelReading,
     GateRule,
     Sensor,
+    SensorChannel,
     SensorCheck,
     velocity_of,
     verdict,
@@ -43,7 +43,7 @@ class DopplerLog(Sensor):
             limit=3.72, floor=sigma, ceiling=max(0.3, 4 * sigma), reopen_count=8, reopen_span_s=3.0,
             agreement=max(0.3, 6 * sigma),
         )  # fmt: skip
-        self.channels = (Channel("speed", ("ahead", "starboard"), "velocity", self._speed, sigma, rule),)
+        self.channels = (SensorChannel("speed", ("ahead", "starboard"), "velocity", self._speed, sigma, rule),)
 
     def _speed(self, motion: BodyMotion, errors: Sequence[Any]) -> tuple[Any, ...]:
         return unrotate(self._azimuth_rad, *velocity_of(motion, self._arm_m))

@@ -21,13 +21,13 @@ from companion.core.geometry.frames import Origin, geodetic_from_site, rotate, s
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.sensor import (
     BodyMotion,
-    Channel,
     ChannelReading,
     ErrorState,
     GateRule,
     PositionHealth,
     PositionWords,
     Sensor,
+    SensorChannel,
     SensorCheck,
     place_of,
     velocity_of,
@@ -70,8 +70,8 @@ class GnssReceiver(Sensor):
             agreement=max(0.3, 6 * speed),
         )  # fmt: skip
         self.channels = (
-            Channel("position", ("north", "east"), "position", self._position, white, place),
-            Channel("velocity", ("north", "east"), "velocity", self._velocity, speed, doppler),
+            SensorChannel("position", ("north", "east"), "position", self._position, white, place),
+            SensorChannel("velocity", ("north", "east"), "velocity", self._velocity, speed, doppler),
         )
         self.health = PositionHealth("GNSS position", 3.0, max(0.5, 2 * total_m), max(3.0, 4 * total_m))
 

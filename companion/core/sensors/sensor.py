@@ -1,6 +1,6 @@
 """What a sensor is: one object that knows its message, its equation, its noise and its limits.
 
-A sensor whose measurement is a function of the motion states that function once, as `Channel`s:
+A sensor whose measurement is a function of the motion states that function once, as `SensorChannel`s:
 
     z = h(motion, e) + w,   w ~ N(0, sigma^2)      e: slow errors of the sensor, states of the filter (`ErrorState`)
 
@@ -52,7 +52,7 @@ class ErrorState(NamedTuple):
     walk: float = 0.0
 
 
-class Channel(NamedTuple):
+class SensorChannel(NamedTuple):
     """One vector that a sensor measures. `expected(motion, errors)`: h, one component for each of `axes`.
 
     `about`: what is uncertain again when its gate re-opens; `sigma`: white noise of a component [its unit].
@@ -119,7 +119,7 @@ class Sensor:
     words: ClassVar[PositionWords] = PositionWords("a sensor that errs", "sensors", "readings")
     rate_Hz: float
     latency_s: float = 0.0
-    channels: tuple[Channel, ...] = ()
+    channels: tuple[SensorChannel, ...] = ()
     error_states: tuple[ErrorState, ...] = ()
     health: PositionHealth | None = None
 

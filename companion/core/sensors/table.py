@@ -71,6 +71,10 @@ class SensorTable:
         """The sensor that a message comes from; None: no sensor of this boat."""
         return self._by_message.get(type(m))
 
+    def __getitem__(self, m: object) -> Sensor:
+        """The same, of a message that comes from one."""
+        return self._by_message[type(m)]
+
     @property
     def position(self) -> Sensor:
         """The sensor of positions, of which a vessel file has one."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from companion.core.messages import Measured, Message
-from companion.core.sensors.sensor import Channel, Sensor
+from companion.core.sensors.sensor import Sensor, SensorChannel
 from companion.logs.readers.join import Stream
 
 
@@ -35,7 +35,7 @@ def channel_streams(
     return streams, sources
 
 
-def columns_of(sensor: Sensor, channel: Channel) -> tuple[str, ...]:
+def columns_of(sensor: Sensor, channel: SensorChannel) -> tuple[str, ...]:
     """Columns of a run that hold a channel."""
     if channel.about == "position":
         return "north_m", "east_m"

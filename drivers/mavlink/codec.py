@@ -23,7 +23,16 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, StatusText, TimeSync
-from drivers.mavlink.decode import DECODERS, MAX_AGES_NS, STAMPS, gyro_drift, is_autopilot, motor_outputs, pulses
+from drivers.mavlink.decode import (
+    DECODERS,
+    FIX_AGE_NS,
+    FIX_STAMPS,
+    STAMPS,
+    gyro_drift,
+    is_autopilot,
+    motor_outputs,
+    pulses,
+)
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
@@ -150,11 +159,11 @@ class MavlinkCodec:
 
     def _decode(self, m: Any, t_rx_ns: int) -> list[Message]:
         name, t_ns = m.get_type(), t_rx_ns
-        if name in STAMPS:
-            source, unit_ns, wrap_ns = STAMPS[name]
+        if stamp := STAMPS.get(name) or FIX_STAMPS.get(name):
+            source, unit_ns, wrap_ns = stamp
             if name in SENSED and self._repeats(name, getattr(m, source)):
                 return []
-            oldest_ns = MAX_AGES_NS.get(name, MAX_AGE_NS)
+            oldest_ns = MAX_AGE_NS if name in STAMPS else FIX_AGE_NS
             t_ns = self.clock.to_companion(name, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
         if name == "STATUSTEXT":
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)

@@ -40,7 +40,6 @@ Decoder = Callable[[Any, int, int], Message | None]
 
 _US, _MS = 1_000, 1_000_000
 STAMPS: dict[str, tuple[str, int, int | None]] = {
-    "GPS_RAW_INT": ("time_usec", _US, None),  # of the fix, since boot (ArduPilot)
     "ATTITUDE": ("time_boot_ms", _MS, 2**32 * _MS),
     "RAW_IMU": ("time_usec", _US, None),
     "SCALED_IMU": ("time_boot_ms", _MS, 2**32 * _MS),
@@ -52,9 +51,11 @@ STAMPS: dict[str, tuple[str, int, int | None]] = {
     "SYSTEM_TIME": ("time_boot_ms", _MS, 2**32 * _MS),
 }
 """Message type -> (field of the autopilot's clock since boot, its unit [ns], where it wraps [ns])."""
-MAX_AGES_NS = {"GPS_RAW_INT": 2_000_000_000}
-"""Stamps that may be older than others: a fix waits for its turn in a stream of 5 Hz, and one taken for newer than it
-is lies astern by the way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
+FIX_STAMPS: dict[str, tuple[str, int, int | None]] = {"GPS_RAW_INT": ("time_usec", _US, None)}
+"""The same of a fix: since boot with ArduPilot, Unix time with others, so that no clock can be made of them."""
+FIX_AGE_NS = 2_000_000_000
+"""A fix may be so old: it waits for its turn in a stream of 5 Hz, and one taken for newer than it is lies astern by the
+way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
 
 _NO_VEHICLES = frozenset(
     (

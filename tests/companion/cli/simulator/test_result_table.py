@@ -41,7 +41,7 @@ def test_a_busy_computer_is_named(more, said):
 
 
 def test_earlier_results_are_put_away_and_never_overwritten(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(demo, "drive", lambda args, boats, wires: ["it failed"])
+    monkeypatch.setattr(demo, "drive", lambda args, boats, wires, keys: ["it failed"])
     for number in (0, 1, 2):
         for name in ("run.mcap", "truth.mcap", "run.part1.mcap", "picture.png", "summary.json"):
             (tmp_path / name).write_text(f"of demo {number}")

@@ -1,11 +1,12 @@
 """The model that a diagnosis fits against the vessel file that it writes, for every effect of the catalogue.
 
 Integrators of windows and of the boat differ by construction. So accelerations and readings are compared at the same
-random states (under the log's own commands), and trajectories by the same Runge-Kutta from there under constant forces.
-A fouled thruster is compared a minute after its onset: a file has it as a gain. A scale of UWB goes about the middle of
-the positions in a fit and about the site's origin in a file: the same but for a shift of all places, which is taken out. Only a clock knows how far a current
-has turned: filter and NMPC are compared at the beginning, the simulators for all of the time. What pushes by chance is
-drawn by the world alone: its parameters there are compared with those that were found.
+random states (under the log's own commands), and trajectories by the same Runge-Kutta from there under constant
+forces. A fouled thruster is compared a minute after its onset: a file has it as a gain. A scale of UWB goes about the
+middle of the positions in a fit and about the site's origin in a file: the same but for a shift of all places, which
+is taken out. Only a clock knows how far a current has turned: filter and NMPC are compared at the beginning, the
+simulators for all of the time. What pushes by chance is drawn by the world alone: its parameters there are compared
+with those that were found.
 """
 
 from __future__ import annotations

@@ -10,20 +10,21 @@ import numpy as np
 
 import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
-from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError, digest
-from companion.core.configuration.vessel_file import VesselFile
+from companion.core.configuration.vessel_file import Thruster, VesselFile
 from companion.core.constants import PACK_SHARES
 from companion.core.excitation.file import load_excitation
 from companion.core.excitation.flight import Flight
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
+from companion.core.guidance.steerage import corner_problems, guidance_for
+from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.load_vessel import load_vessel
 from companion.core.pilot.pilot import PilotSettings
 from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
-from drivers.uwb import uwb_codec
+from drivers.devices import DEVICES, devices_of
 
 EXAMPLES = Path(deploy.__file__).parent
 """The boats, sites, missions and the run file that come with the package."""
@@ -86,6 +87,7 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
             site,
             mission,
             run.control,
+            guidance_for(vessel),
             excitation=excitation,
             battery=run.battery,
             system_id=run.mavlink.system_id,
@@ -98,9 +100,10 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     """What no single file can know to be wrong."""
     of_run, of_vessel, control = names["run.toml"], names["vessel.toml"], run.control
     still = control.neutral_channels
-    for thruster in vessel.thrusters:
-        if thruster.channel in still:
-            both = f"channel {thruster.channel} drives thruster {thruster.name} of {of_vessel}"
+    for one in vessel.controls:
+        if one.channel in still:
+            what = "thruster" if isinstance(one, Thruster) else "servo"
+            both = f"channel {one.channel} drives {what} {one.name} of {of_vessel}"
             yield f"{of_run}: control.neutral_channels: {both}"
     if run.log.quota_MB and run.log.folder is None:
         yield f"{of_run}: log.quota_MB: needs log.folder: nothing is deleted from the current folder"
@@ -120,26 +123,36 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     if 8 in still:
         yield f"{of_run}: control.neutral_channels: channel 8 is the autopilot's mode channel: leave it alone"
     for i, thruster in enumerate(vessel.thrusters):
-        if why := UNFIT_CHANNELS.get(thruster.channel):
-            yield f"{of_vessel}: thrusters[{i}].channel: {thruster.channel} {why}; 9 to 16 are free"
-    yield from _tag_problems(run, vessel.sensors.uwb, of_vessel)
+        for one, where in ((thruster, ""), (thruster.steering, ".steering"), (thruster.rudder, ".rudder")):
+            if one and (why := UNFIT_CHANNELS.get(one.channel)):
+                yield f"{of_vessel}: thrusters[{i}]{where}.channel: {one.channel} {why}; 9 to 16 are free"
+    yield from _device_problems(run, vessel, of_run, of_vessel)
 
 
-def _tag_problems(run: RunFile, uwb: Uwb | None, of_vessel: str) -> Iterator[str]:
-    if uwb is None:
-        why = "to be driven or simulated a boat needs UWB: the estimator takes no GNSS yet; identify and diagnose do"
-        yield f"{of_vessel}: sensors.uwb: missing table: {why}"
-        return
-    try:
-        uwb_codec(uwb.wire_format, run.uwb.tag, uwb.rate_Hz)
-    except ValueError as error:
-        yield f"{of_vessel}: sensors.uwb (wire_format, rate_Hz): {error}"
+def _device_problems(run: RunFile, vessel: VesselFile, of_run: str, of_vessel: str) -> Iterator[str]:
+    """Sensors without a wire, wires without a sensor, wires that cannot be read."""
+    keys = devices_of(vessel.sensors)
+    for key in keys:
+        table = "uwb" if key == "uwb" else f"devices.{key}"
+        if run.wire(key) is None:
+            yield f"{of_run}: {table}: missing table: sensors.{key} of {of_vessel} has a wire of its own: state its url"
+            continue
+        try:
+            DEVICES[key].codec(vessel.sensors, run.device_name(key))
+        except ValueError as error:
+            yield f"{of_vessel}: sensors.{key} (wire_format, rate_Hz): {error}"
+    for key in ("uwb",) * (run.uwb is not None) + tuple(run.devices):
+        if key not in keys:
+            there = f"{of_vessel} has no table sensors.{key}" + ("" if key in DEVICES else ", and no wire is read so")
+            yield f"{of_run}: {key if key == 'uwb' else f'devices.{key}'}: {there}: leave it out"
+    if run.vision and vessel.sensors.gnss:
+        yield f"{of_run}: vision: with sensors.gnss the autopilot has a position of its own: leave the table out"
 
 
 def warnings(setup: RunSetup) -> list[str]:
     """What is allowed, but a person should know before the boat moves."""
     fence, margin_m = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m
-    texts = list(_geometry(setup.pilot.site))
+    texts = list(_geometry(setup.pilot.site)) if setup.pilot.vessel.sensors.uwb else []
     for i, w in enumerate(setup.pilot.mission.path.waypoints):
         room_m = fence.clearance(w.north_m, w.east_m)
         if room_m < margin_m:
@@ -147,17 +160,29 @@ def warnings(setup: RunSetup) -> list[str]:
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
+    if setup.pilot.guidance.end == "drift":
+        end = " and the heading at the end of the mission is not kept" if setup.pilot.mission.end_heading_rad else ""
+        texts.append(
+            f"{setup.pilot.vessel.name} is steered only while it makes way: it cannot keep station; "
+            f"hold and the end of a mission leave it drifting with its thrust off{end}"
+        )
+    if is_steered(setup.pilot.vessel):
+        texts.append("whether thrusters and servos do as they are told is not judged: so far only of fixed thrusters")
     if setup.run.battery == BatteryLimits():
         texts.append("no [battery] limits in the run file: an empty battery will not stop the boat")
     return texts
 
 
 def _beyond(pilot: PilotSettings) -> Iterator[str]:
-    """Waypoints beyond the fence of site and mission. A log may hold such: they were only warned of once."""
+    """Waypoints beyond the fence of site and mission, and corners that the boat cannot round.
+
+    Not asked of a log, whose mission may hold such: waypoints were only warned of once.
+    """
     for i, w in enumerate(pilot.mission.path.waypoints):
         if (room_m := pilot.fence.clearance(w.north_m, w.east_m)) < 0:
             where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
             yield f"{where} lies {-room_m:.1f} m beyond the fence: move it, or the fence of the site or the mission"
+    yield from corner_problems(pilot.mission.path, pilot.guidance)
 
 
 def _geometry(site: Site) -> Iterator[str]:

@@ -21,11 +21,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Imu, Sensors, Uwb
-from companion.core.geometry.frames import rotate, ssa, unrotate
-from companion.core.messages import Attitude, ImuSample, UwbPosition, UwbRanges
+from companion.core.geometry.frames import rotate, unrotate
 
 NEWTON_STEPS = 8
 """Newton steps of the heading with hard iron; amplitudes of 0.5 rad need six to reach rounding."""
@@ -98,7 +96,6 @@ def drifted(drift_s_s: float, since: Any) -> Any:
     return since * drift_s_s / (1 + drift_s_s)
 
 
-Sensed = ImuSample | Attitude | UwbRanges | UwbPosition
 IMU_KEYS = (
     "accel_bias_x_m_s2",
     "accel_bias_y_m_s2",
@@ -111,22 +108,11 @@ IMU_KEYS = (
 )
 
 
+def knows_imu_errors(imu: Imu) -> bool:
+    """Whether the file states an error of IMU or compass."""
+    return any(getattr(imu, key) for key in IMU_KEYS)
+
+
 def is_exact(sensors: Sensors) -> bool:
-    """Whether the file has no error that `correct_message` removes."""
-    scale = sensors.uwb.scale if sensors.uwb else 0.0
-    return not (scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
-
-
-def correct_message(sensors: Sensors, m: Sensed) -> Sensed:
-    """A sensor's message as a perfect one would have sent it; ranges and stamps are left to the filter's equations."""
-    imu = sensors.imu
-    if isinstance(m, ImuSample):
-        a_x, a_y, r = correct_imu(imu, m.ax_m_s2, m.ay_m_s2, m.r_rad_s)
-        return replace(m, ax_m_s2=float(a_x), ay_m_s2=float(a_y), r_rad_s=float(r))
-    if isinstance(m, Attitude):
-        psi, r = correct_heading(imu, m.psi_rad), correct_yaw_rate(imu, m.r_rad_s)
-        return replace(m, psi_rad=ssa(float(psi)), r_rad_s=float(r))
-    if isinstance(m, UwbPosition):
-        north, east = correct_uwb_scale(sensors.tag, m.y_m, m.x_m)
-        return replace(m, y_m=float(north), x_m=float(east))
-    return m
+    """Whether the file has no error that can be corrected message by message."""
+    return not ((sensors.uwb and sensors.uwb.scale) or knows_imu_errors(sensors.imu))

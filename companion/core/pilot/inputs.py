@@ -22,21 +22,20 @@ from companion.core.estimation.estimator import Estimator
 from companion.core.geometry.frames import ssa
 from companion.core.guidance.missions.mission import Mission
 from companion.core.guidance.path import Path, Waypoint
+from companion.core.guidance.steerage import corner_problems
 from companion.core.messages import (
     Alert,
     Attitude,
-    ImuSample,
     InterlockTrip,
     LinkStatus,
     Message,
     NewMission,
     OperatorCommand,
-    UwbPosition,
-    UwbRanges,
 )
 from companion.core.pilot import transitions
 from companion.core.pilot.modes import WANTED
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+from companion.core.sensors.table import SENSED
 
 Handler = Callable[[PilotState, Any, int], tuple[PilotState, Outputs]]
 
@@ -50,10 +49,7 @@ class InputHandler:
     def handlers(self) -> Mapping[type[Message], Handler]:
         """The handler of each type of message."""
         return {
-            ImuSample: self._sense,
-            Attitude: self._sense,
-            UwbRanges: self._sense,
-            UwbPosition: self._sense,
+            **dict.fromkeys(SENSED, self._sense),
             LinkStatus: self._link,
             OperatorCommand: self._operator,
             InterlockTrip: self._trip,
@@ -90,5 +86,7 @@ class InputHandler:
             return state, [Alert(t_ns=t_ns, level="warning", text=f"{text} not loaded: hold or stop first")]
         points = tuple(Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m) for w in message.waypoints)
         mission = Mission(message.name, Path(points), message.end_heading_rad)
+        if problems := corner_problems(mission.path, self.settings.guidance):
+            return state, [Alert(t_ns=t_ns, level="warning", text=f"{text} not loaded: {problems[0]}")]
         alert = Alert(t_ns=t_ns, level="info", text=f"{text} loaded: start begins it")
         return replace(state, mission=mission, passed=()), [alert]

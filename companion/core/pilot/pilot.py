@@ -30,6 +30,7 @@ from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.verdict import Finding, vet
+from companion.core.sensors.table import SensorTable
 
 __all__ = ["Pilot", "PilotSettings", "PilotState"]
 
@@ -40,7 +41,7 @@ class Pilot:
     def __init__(self, settings: PilotSettings):
         self.settings = settings
         vessel = settings.vessel
-        self.channels = (*(t.channel for t in vessel.thrusters), *settings.control.neutral_channels)
+        self.channels = (*(control.channel for control in vessel.controls), *settings.control.neutral_channels)
         self._estimator = Estimator(vessel, settings.site)
         self._monitors = monitors_of(settings, self.channels, self._estimator.anchors)
         self._motion = ModelMotion(vessel, settings.control.period_s)
@@ -53,12 +54,17 @@ class Pilot:
             PlanDeadline: self._driving.deadline,
         }
 
+    @property
+    def sensors(self) -> SensorTable:
+        """The boat's sensors."""
+        return self._estimator.sensors
+
     def initial(self, t_ns: int) -> PilotState:
         """State at switch-on: nothing known, thrusters at rest."""
         return PilotState(
             estimator=self._estimator.initial(),
             monitors=self._monitors.initial(),
-            f_command_n=(0.0,) * len(self.settings.vessel.thrusters),
+            f_command_n=(0.0,) * len(self.settings.vessel.controls),
         )
 
     def step(self, state: PilotState, inputs: Sequence[Message], t_ns: int) -> tuple[PilotState, Outputs]:

@@ -189,6 +189,6 @@ def _positions(uwb: bool) -> Iterator[Effect]:
             "(1 + scale) p",
             "distances over ground too long or too short against speed and inertial sensors",
             scalar_parameter("scale", "1", 0.05, 0.01),
-            lambda p, tag, place: place + p["scale"] * place,
+            lambda p, tag, place: place + p["scale"] * (place - tag.centre_m),
             scales="place",
         )

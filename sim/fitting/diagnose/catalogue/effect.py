@@ -150,6 +150,7 @@ class Scene:
     centre_m        (2,) mean of all position samples, north and east [m]
     middle_s        middle of the shared clock [s]
     water           (W, k, 2) velocity of the water over ground, north and east [m/s]; None: at rest
+    level           (W, k or k - 1, 2) gravity that was taken out of a_x, a_y by logged roll and pitch [m/s^2]
     """
 
     t_s: np.ndarray
@@ -160,12 +161,13 @@ class Scene:
     centre_m: np.ndarray
     middle_s: float
     water: np.ndarray | None = None
+    level: np.ndarray | None = None
 
     def part(self, steps: int) -> Scene:
         """The same of the first `steps` instants of each window."""
         t, clock, x, nu_dot = (a[:, :steps] for a in (self.t_s, self.clock_s, self.x, self.nu_dot))
         water = None if self.water is None else self.water[:, :steps]
-        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water)
+        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water, self.level)
 
     @property
     def north_m(self) -> np.ndarray:

@@ -1,42 +1,47 @@
 # Two commands for a newcomer: `make demo` drives the mission in the loopback, `make test` passes the tests.
-# Needs python3 >= 3.11 with venv, pip and make; everything else is installed from the lock into .venv.
+# Needs python3 >= 3.11 with venv, pip and make; each installs what it needs into .venv, from its lock file.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 NAME ?= main-job
 
-.PHONY: demo test long matrix check evidence lock clean
+.PHONY: demo install test long matrix check evidence docs lock clean
 
-demo: $(VENV)/installed
+demo: $(VENV)/demo
 	$(BIN)/aritra demo --out $(OUT)
 
-test: $(VENV)/installed
+install: $(VENV)/dev
+
+test: $(VENV)/dev
 	scripts/test
 
-long: $(VENV)/installed
+long: $(VENV)/dev
 	scripts/test long
 
-matrix: $(VENV)/installed
+matrix: $(VENV)/dev
 	scripts/test -m matrix
 
-check: $(VENV)/installed
+check: $(VENV)/dev
 	scripts/check
 
-evidence: $(VENV)/installed
+evidence: $(VENV)/dev
 	$(BIN)/python scripts/evidence $(NAME)
 
-$(VENV)/installed: requirements.lock pyproject.toml
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "aritra needs Python 3.11 or newer: make PYTHON=python3.12")'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	touch $@
+docs: $(VENV)/dev
+	$(BIN)/python scripts/docs
+
+$(VENV)/%: requirements-%.lock pyproject.toml
+	PYTHON=$(PYTHON) scripts/install $*
+
+COMPILE = $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header \
+	--no-emit-index-url --group build pyproject.toml
 
 lock:
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --universal --generate-hashes --all-extras --python-version 3.11 \
-		--no-header --no-emit-index-url pyproject.toml -o requirements.lock
+	$(COMPILE) --all-extras -o requirements-dev.lock
+	$(COMPILE) --extra demo -c requirements-dev.lock -o requirements-demo.lock
+	$(COMPILE) -c requirements-dev.lock -o requirements.lock
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .ruff_cache .hypothesis

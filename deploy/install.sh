@@ -79,16 +79,22 @@ offer() { # offer SOURCE TARGET: only where there is none; what a person edited 
 }
 
 find_python() {
-    local candidate
+    local candidate place
     for candidate in ${python:-python3 python3.13 python3.12 python3.11}; do
         if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
             "$candidate" -c 'import ensurepip, venv' 2>/dev/null ||
                 die "$candidate has no venv: install its venv package (Debian, Ubuntu: $candidate-venv)"
+            place=$("$candidate" -c 'import sys; print(sys.base_prefix)')
+            case $root:$place in
+                :/home/* | :/root/*)
+                    die "$candidate lies in $place, which the service may not read; take one from /usr or /opt: --python" ;;
+            esac
             python=$candidate
             return
         fi
     done
-    die "no Python 3.11 or newer found${python:+: $python is none}; install one and say --python"
+    die "no Python 3.11 or newer found${python:+: $python is none}. Ubuntu 22.04, JetPack 6: apt install python3.11 python3.11-venv;
+elsewhere: UV_PYTHON_INSTALL_DIR=/opt/python uv python install 3.12, and say --python (docs/service.md)"
 }
 
 # --- the three jobs ---------------------------------------------------------------------------------

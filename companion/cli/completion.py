@@ -1,4 +1,4 @@
-"""`aritra completion bash`: commands, options and values of this version, as a script for the shell.
+"""`aritra completion bash|zsh|fish`: commands, options and values of this version, as a script for the shell.
 
 The script holds all words, so that a TAB starts no Python and the start of a command costs nothing.
 """
@@ -9,26 +9,36 @@ import argparse
 import sys
 from collections.abc import Iterator
 
+from companion.cli.fish_completion import fish_script
 from companion.cli.options.parser import Parser
 
-USE = "source <(aritra completion bash)  # for every shell: put this line into ~/.bashrc"
-SCRIPT = """# Completion of aritra {version} for bash: {use}
-_aritra() {{
-  local word=${{COMP_WORDS[COMP_CWORD]}} last=${{COMP_WORDS[COMP_CWORD-1]}} path= words= i
+USE = {
+    "bash": "source <(aritra completion bash)  # for every shell: put this line into ~/.bashrc",
+    "zsh": "source <(aritra completion zsh)  # for every shell: put this line into ~/.zshrc, after compinit",
+    "fish": "aritra completion fish > ~/.config/fish/completions/aritra.fish",
+}
+ZSH = """autoload -Uz compinit bashcompinit
+(( $+functions[compdef] )) || compinit
+bashcompinit
+"""
+"""zsh's own way to take completions of bash."""
+SCRIPT = """# Completion of aritra {version} for {shell}: {use}
+{before}_aritra() {{
+  local word=${{COMP_WORDS[COMP_CWORD]}} last=${{COMP_WORDS[COMP_CWORD-1]}} at= few= i
   for ((i = 1; i < COMP_CWORD; i++)); do
-    case "$path ${{COMP_WORDS[i]}}" in
-{paths}) path="$path ${{COMP_WORDS[i]}}" ;;
+    case "$at ${{COMP_WORDS[i]}}" in
+{paths}) at="$at ${{COMP_WORDS[i]}}" ;;
     esac
   done
-  case "$path:$last" in
+  case "$at:$last" in
 {values}
   esac
-  if [[ -z $words ]]; then
-    case "$path:$word" in
+  if [[ -z $few ]]; then
+    case "$at:$word" in
 {words}
     esac
   fi
-  COMPREPLY=($(compgen -W "$words" -- "$word"))
+  COMPREPLY=($(compgen -W "$few" -- "$word"))
 }}
 complete -o default -F _aritra aritra"""
 
@@ -37,11 +47,11 @@ def add_parser(commands) -> None:
     """Add `completion` to the command line."""
     p = commands.add_parser(
         "completion",
-        help="completion of commands and options with TAB, for bash",
-        description=f"Prints a script for the shell. {USE}. Exit code 0: done; 2: bad input.",
+        help="completion of commands and options with TAB, for bash, zsh and fish",
+        description="Prints a script for the shell, with how to use it. Exit code 0: done; 2: bad input.",
         example="aritra completion bash > ~/.local/share/bash-completion/completions/aritra",
     )
-    p.add_argument("shell", choices=("bash",), help="the shell")
+    p.add_argument("shell", choices=tuple(USE), help="the shell")
     p.set_defaults(function=completion)
 
 
@@ -51,12 +61,16 @@ def completion(args: argparse.Namespace) -> int:
 
     from companion.__main__ import parser
 
-    found = list(_parsers(parser(), ""))
+    found, use = list(_parsers(parser(), "")), USE[args.shell]
+    if args.shell == "fish":
+        print(fish_script(found, version("aritra"), use))
+        return 0
     paths = "|".join(f'"{path}"' for path, _ in found if path)
     values = [line for path, one in found for line in _values(path, one)]
     words = [line for path, one in found for line in _words(path, one)]
+    before = ZSH if args.shell == "zsh" else ""
     text = SCRIPT.format(
-        version=version("aritra"), use=USE, paths=f"      {paths}",
+        version=version("aritra"), shell=args.shell, use=use, before=before, paths=f"      {paths}",
         values="\n".join(f"    {line}" for line in values), words="\n".join(f"      {line}" for line in words),
     )  # fmt: skip
     sys.stdout.write(text + "\n")
@@ -76,7 +90,7 @@ def _values(path: str, parser: Parser) -> Iterator[str]:
         if action.option_strings and action.nargs in (None, 1, "?"):
             names = "|".join(f'"{path}:{name}"' for name in action.option_strings)
             if action.choices:
-                yield f'{names}) words="{" ".join(map(str, action.choices))}" ;;'
+                yield f'{names}) few="{" ".join(map(str, action.choices))}" ;;'
             elif action.nargs is None:
                 yield f"{names}) return ;;"
 
@@ -84,7 +98,7 @@ def _values(path: str, parser: Parser) -> Iterator[str]:
 def _words(path: str, parser: Parser) -> Iterator[str]:
     """What may stand at a place: options where it begins with a dash; else commands, or one of a few values."""
     options = [name for action in parser.arguments for name in action.option_strings]
-    yield f'"{path}:-"*) words="{" ".join(["--help", *options])}" ;;'
+    yield f'"{path}:-"*) few="{" ".join(["--help", *options])}" ;;'
     few = [str(name) for a in parser.arguments if not a.option_strings for name in a.choices or ()]
     if others := " ".join([*parser.commands, *few]):
-        yield f'"{path}:"*) words="{others}" ;;'
+        yield f'"{path}:"*) few="{others}" ;;'

@@ -15,6 +15,7 @@ SCRIPT = ROOT / "deploy" / "install.sh"
 PYTHON = """#!/bin/sh
 echo "$@" >> "{notes}"
 case "$1 $2" in
+  "-c import sys; print(sys.base_prefix)") echo /usr ;;
   "-c import sys"*) exec {python} "$@" ;;
   "-m venv") mkdir -p "$4/bin"; cp "$0" "$4/bin/python"; touch "$4/pyvenv.cfg" ;;
   "-m pip") [ ! -e "{notes}.fail" ] || exit 1 ;;
@@ -241,6 +242,23 @@ def test_an_old_python_is_refused(bench):
     bench.python = bench.stub("python-old", "exit 1")
     done = bench.run()
     assert done.returncode == 2 and "is none" in done.stderr and not bench.root.exists()
+
+
+def test_where_python_is_too_old_it_says_what_to_do(bench):
+    for name in ("python3", "python3.11", "python3.12", "python3.13"):
+        bench.stub(name, "exit 1")
+    done = bench.run(python=False)
+    assert done.returncode == 2 and not bench.root.exists()
+    assert "apt install python3.11 python3.11-venv" in done.stderr and "uv python install" in done.stderr
+
+
+@pytest.mark.parametrize("home", ["/home/somebody/.local", "/root/.pyenv"])
+def test_a_python_in_a_home_is_refused_where_it_would_serve(bench, home):
+    """The unit has ProtectHome=yes: it would install, and never start."""
+    bench.systemctl("inactive")
+    bench.python = bench.stub("python-home", f'case "$2" in *base_prefix*) echo {home};; esac')
+    done = bench.run("--dry-run", root=False)
+    assert done.returncode == 2 and f"lies in {home}, which the service may not read" in done.stderr
 
 
 def test_the_script_is_sound_shell():

@@ -18,7 +18,7 @@ from drivers.uwb import CODECS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "SECURITY.md", *DOCS.rglob("*.md")])
 ADRS = sorted((DOCS / "adr").glob("*.md"))
 SECTIONS = ["Decision", "Why", "Alternatives", "Consequence"]
 

@@ -15,7 +15,7 @@ from companion.core.pilot.modes import MODES, THRUSTERS
 ROOT = Path(__file__).resolve().parents[2]
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 TOPS = ("companion", "drivers", "sim", "deploy", "scripts", "tests")
-PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *(ROOT / "docs").rglob("*.md")])
 
 
 def section(title: str) -> str:

@@ -102,7 +102,7 @@ def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
     try:
         from companion.cli.simulator import picture
     except ImportError as error:
-        console.print(f"no picture: {error}; `pip install aritra[analysis]` brings what draws it", markup=False)
+        console.print(f"no picture: {error}; `pip install aritra[demo]` brings what draws it", markup=False)
     else:
         if len(score.track.t_s):
             picture.draw(score, setup.pilot, boat.folder / "picture.png")

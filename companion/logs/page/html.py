@@ -16,14 +16,14 @@ from importlib.resources import files
 
 from companion.shore.console.assets import assets
 
-STYLES = ("/vendor/leaflet.css", "/vendor/uPlot.css", "/web/theme.css", "/web/map.css", "/web/panels.css")
-LIBRARIES = ("/vendor/leaflet.js", "/vendor/uPlot.js")
+STYLES = ("/web/vendor/leaflet.css", "/web/vendor/uPlot.css", "/web/theme.css", "/web/map.css", "/web/panels.css")
+LIBRARIES = ("/web/vendor/leaflet.js", "/web/vendor/uPlot.js")
 _IMPORT = re.compile(r"""(\bfrom\s*|\bimport\s*)(["'])(?:\./|/web/)([\w.-]+\.js)\2""")
 _MAP_COMMENT = re.compile(r"^\s*//# sourceMappingURL=.*$", re.MULTILINE)
 
 
 def page(title: str, data: bytes) -> bytes:
-    """The file. `data`: JSON for `log.js`. Raises ConfigError where a library is not installed."""
+    """The file. `data`: JSON for `log.js`."""
     own = {
         file.name: file.read_text(encoding="utf-8")
         for file in files("companion.logs.page").joinpath("web").iterdir()

@@ -4,6 +4,7 @@
     speeds against thruster forces  places and signs of thrusters; axes of         all fitted logs together
                                     heading and positions
     accelerations against positions axes of the IMU                                each log by itself
+    course against heading          hard iron at the compass                       all fitted logs together
 
 What is found for certain is put right: thrusters in the vessel file, columns in the logs. What is in doubt is told.
 """
@@ -19,6 +20,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog
+from sim.fitting.wiring.compass import compass_finding
 from sim.fitting.wiring.correction import Correction
 from sim.fitting.wiring.evidence import Connection, Evidence, candidates, evidence
 from sim.fitting.wiring.record import SURE_NATS, WiringFinding, WiringReport
@@ -84,6 +86,8 @@ def checked(
     imu = _each(imu_fault, runs)
     _apply(imu, runs)
     findings += findings_by_log(gyro, imu, runs)
+    # 4. The compass, as everything else is right now.
+    findings += compass_finding({log.name: runs[log.name] for log in logs if log.name in runs}, vessel)
     left_out = tuple(log.name for log in reference if best and best.way and log.name not in alike)
     wiring = WiringReport(
         findings=tuple(findings),

@@ -19,6 +19,7 @@ class WiringFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     certain     it is put right; else it is told only
     rivals      what these logs hardly tell from it; `against`: logs that say otherwise
     thrusters   a matter of the vessel file, not of a log's columns
+    advice      what to do about it, where nothing is put right
     """
 
     name: str
@@ -29,6 +30,7 @@ class WiringFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     rivals: tuple[str, ...] = ()
     against: tuple[str, ...] = ()
     thrusters: bool = False
+    advice: str = ""
 
 
 class WiringReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -73,6 +75,8 @@ class WiringReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     def _sentence(self, f: WiringFinding) -> str:
         by = f" ({f.nats:g} nats over the file as it is)" if f.nats is not None else f", in {', '.join(f.logs)}"
+        if f.advice:
+            return f"{HEAD} {f.text}{by}. Left as it is: {f.advice}."
         rivals = f" These logs hardly tell it from: {_listed(f.rivals)}." if f.rivals else ""
         if not f.certain and f.rivals and not f.against and (f.nats or 0.0) >= SURE_NATS:
             return (

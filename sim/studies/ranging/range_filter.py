@@ -5,6 +5,9 @@
 Start: every position that explains the first ranges (`multilaterate`) becomes a hypothesis with its own
 filter. All filters are updated; one whose log-likelihood falls too far behind the best is dropped. So later ranges rule
 out the mirror image behind anchors that stand almost in a line; with anchors exactly in a line they cannot.
+
+Restart: after a silence in which the position has become less certain than a fix is, a range says where the tag is only
+by its distance, and linearised about a place metres away it says so wrongly; the bank starts from fixes again.
 """
 
 from __future__ import annotations
@@ -101,6 +104,8 @@ class RangeFilter:
         """State after one range of anchor number `anchor`, in order of time; nonsense is counted."""
         if not 0 < range_m <= FARTHEST_M or t_ns < state.t_ns:
             return replace(state, refused=state.refused + 1)
+        if state.bank and self._is_lost(state, t_ns):
+            state = replace(state, bank=(), latest=self.initial().latest)
         latest = tuple(AnchorHistory(t_ns, range_m) if i == anchor else old for i, old in enumerate(state.latest))
         if not state.bank:
             return RangeState(t_ns, latest, self._start(latest, t_ns), state.refused, state.rejected)
@@ -111,6 +116,14 @@ class RangeFilter:
         rejected = state.rejected + bool(bank[0].gates[anchor].rejections)
         kept = tuple(h for h in bank if h.log_likelihood >= least)
         return RangeState(t_ns, latest, kept, state.refused, rejected)
+
+    def _is_lost(self, state: RangeState, t_ns: int) -> bool:
+        """Whether no range has come for so long that a fix knows more of the position than the filter does."""
+        best, dt_s = state.bank[0], (t_ns - state.t_ns) * 1e-9
+        if dt_s <= self.tuning.window_s:
+            return False
+        _, P = self._predict(best.x, best.P, dt_s)
+        return bool(np.linalg.eigvalsh(P[:2, :2])[-1] > PLACE_SIGMA_M**2)
 
     def _start(self, latest: tuple[AnchorHistory | None, ...], t_ns: int) -> tuple[Hypothesis, ...]:
         """One hypothesis per place that explains the ranges at hand; none before the window has passed."""

@@ -1,5 +1,5 @@
-"""Evidence for the first hour: the page on the bank, and logs that open where people look at them."""
+"""Evidence for the first hour: installation, the page on the bank, logs that open where people look at them."""
 
-from tests.evidence.friendly import commands, console, logs_out
+from tests.evidence.friendly import commands, console, install, logs_out
 
-PARTS = (*console.PARTS, *logs_out.PARTS, *commands.PARTS)
+PARTS = (*install.PARTS, *console.PARTS, *logs_out.PARTS, *commands.PARTS)

@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 
-pytest.importorskip("uplot", reason="the extra `shore` is not installed")
-
 from companion.boat.load_run import EXAMPLES
 from companion.cli import log
 from companion.core.messages import GroundTruth, StateEstimate

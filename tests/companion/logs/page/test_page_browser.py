@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("uplot", reason="the extra `shore` is not installed")
-
 from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES
 from tests.companion.logs.page.page_logs import page_log

@@ -50,7 +50,7 @@ def _following(sense: Sense, track: Track) -> np.ndarray:
     state, rate = track.state, track.rate
     a_x, a_y = rate[:, 3] - state[:, 4] * state[:, 5], rate[:, 4] + state[:, 3] * state[:, 5]
     share = 1 - np.exp(-1 / (sense.imu_hz * sense.ahrs_s))
-    return lfilter([share], [1, share - 1], np.column_stack([-a_y, a_x]) / G, axis=0)
+    return np.asarray(lfilter([share], [1, share - 1], np.column_stack([-a_y, a_x]) / G, axis=0))
 
 
 def imu_clean(world: World, t: np.ndarray, state: np.ndarray, rate: np.ndarray, heel: np.ndarray) -> np.ndarray:

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from msgspec.structs import replace
 
 from companion.boat.clock import Clock
 from companion.boat.devices.autopilot_commands import NEUTRAL_PERIOD_S, AutopilotCommands
-from companion.boat.devices.uwb_tag import UwbTagLink, uwb_timing
+from companion.boat.devices.sensor_device import SensorDevice, device_timing
 from companion.boat.fault_barrier import FaultBarrier, GuardedCodec
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
@@ -43,17 +43,18 @@ from companion.core.messages import (
 )
 from companion.core.pilot.autopilot_state import AutopilotState, is_alive
 from companion.core.pilot.pilot import Pilot, PilotState
+from drivers.devices import DeviceCodec
 from drivers.link import DeviceLink, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.streams import wanted_hz
 from drivers.ports.port import Port
-from drivers.uwb import UwbCodec
 
 HOUSEKEEPING_NS = 100_000_000
 
 
 class App:
-    """One run. `watch` sees every message and output as it happens (progress display, telemetry)."""
+    """One run. `watch` sees every message and output as it happens; `devices`: wires of sensors, by their keys."""
 
     def __init__(
         self,
@@ -61,7 +62,7 @@ class App:
         solver: Solver,
         *,
         mavlink: tuple[Port, MavlinkCodec],
-        uwb: tuple[Port, UwbCodec],
+        devices: Mapping[str, tuple[Port, DeviceCodec]],
         clock: Clock,
         recorder: Recorder,
         rng: random.Random,
@@ -75,10 +76,13 @@ class App:
         self._control = pilot.settings.control
         self._stop, self._faults = asyncio.Event(), FaultBarrier(self._fail)
         settings, codec = pilot.settings, mavlink[1]
-        self._session = MavlinkSession(codec)
+        self._session = MavlinkSession(codec, wanted_hz(settings.vessel.sensors))
         self._mavlink = self._link("mavlink", *mavlink, rng, LinkTiming())
-        self._uwb = self._link("uwb", *uwb, rng, uwb_timing(settings.vessel.sensors.tag.rate_Hz))
-        self._tag = UwbTagLink(self._uwb, uwb[1], recorder)
+        timing = {sensor.key: device_timing(sensor.rate_Hz) for sensor in pilot.sensors}
+        self._devices = tuple(
+            SensorDevice(name, self._link(name, port, codec, rng, timing[name]), codec, recorder)
+            for name, (port, codec) in devices.items()
+        )
         position = PositionFeed(vision_hz, settings.site, settings.vessel, codec) if vision_hz else None
         self._autopilot = AutopilotCommands(
             self._mavlink, codec, pilot.channels, recorder, forward=forward, position=position
@@ -96,8 +100,8 @@ class App:
         """Until `stop`; ends with neutral, disarm and a release. Raises what was raised inside, after neutral."""
         try:
             async with asyncio.TaskGroup() as group:
-                keep = self._faults.keep
-                links = [group.create_task(keep(link.run, self._pause)) for link in (self._mavlink, self._uwb)]
+                wires = (self._mavlink, *(device.link for device in self._devices))
+                links = [group.create_task(self._faults.keep(link.run, self._pause)) for link in wires]
                 if self._forward:
                     station = self._forward.run(self._autopilot.pass_on, self._note, self._is_disarmed)
                     links.append(group.create_task(self._faults.task(station)))
@@ -252,7 +256,7 @@ class App:
             self._step([message], t_ns)
 
     async def _housekeeping(self) -> None:
-        """What goes on in silence: neutral after a lease, the session, the tag's shell, figures, the log."""
+        """What goes on in silence: neutral after a lease, the session, words to the sensors, figures, the log."""
         meter = ProcessMeter(self._clock.now_ns())
         problem: str | None = None
         while True:
@@ -260,7 +264,8 @@ class App:
             if now >= self._lease_end_ns:
                 self._autopilot.neutral()
             self._talk((), now)
-            self._tag.step(now)
+            for device in self._devices:
+                device.step(now)
             if stats := meter.step(now):
                 self._note(stats)
             if self._recorder.problem and self._recorder.problem != problem:

@@ -10,7 +10,6 @@ import numpy as np
 
 import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
-from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError, digest
 from companion.core.configuration.vessel_file import VesselFile
@@ -23,7 +22,7 @@ from companion.core.guidance.missions.mission import Mission, MissionErrors, kin
 from companion.core.model.load_vessel import load_vessel
 from companion.core.pilot.pilot import PilotSettings
 from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
-from drivers.uwb import uwb_codec
+from drivers.devices import DEVICES, devices_of
 
 EXAMPLES = Path(deploy.__file__).parent
 """The boats, sites, missions and the run file that come with the package."""
@@ -122,24 +121,33 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     for i, thruster in enumerate(vessel.thrusters):
         if why := UNFIT_CHANNELS.get(thruster.channel):
             yield f"{of_vessel}: thrusters[{i}].channel: {thruster.channel} {why}; 9 to 16 are free"
-    yield from _tag_problems(run, vessel.sensors.uwb, of_vessel)
+    yield from _device_problems(run, vessel, of_run, of_vessel)
 
 
-def _tag_problems(run: RunFile, uwb: Uwb | None, of_vessel: str) -> Iterator[str]:
-    if uwb is None:
-        why = "to be driven or simulated a boat needs UWB: the estimator takes no GNSS yet; identify and diagnose do"
-        yield f"{of_vessel}: sensors.uwb: missing table: {why}"
-        return
-    try:
-        uwb_codec(uwb.wire_format, run.uwb.tag, uwb.rate_Hz)
-    except ValueError as error:
-        yield f"{of_vessel}: sensors.uwb (wire_format, rate_Hz): {error}"
+def _device_problems(run: RunFile, vessel: VesselFile, of_run: str, of_vessel: str) -> Iterator[str]:
+    """Sensors without a wire, wires without a sensor, wires that cannot be read."""
+    keys = devices_of(vessel.sensors)
+    for key in keys:
+        table = "uwb" if key == "uwb" else f"devices.{key}"
+        if run.wire(key) is None:
+            yield f"{of_run}: {table}: missing table: sensors.{key} of {of_vessel} has a wire of its own: state its url"
+            continue
+        try:
+            DEVICES[key].codec(vessel.sensors, run.device_name(key))
+        except ValueError as error:
+            yield f"{of_vessel}: sensors.{key} (wire_format, rate_Hz): {error}"
+    for key in ("uwb",) * (run.uwb is not None) + tuple(run.devices):
+        if key not in keys:
+            there = f"{of_vessel} has no table sensors.{key}" + ("" if key in DEVICES else ", and no wire is read so")
+            yield f"{of_run}: {key if key == 'uwb' else f'devices.{key}'}: {there}: leave it out"
+    if run.vision and vessel.sensors.gnss:
+        yield f"{of_run}: vision: with sensors.gnss the autopilot has a position of its own: leave the table out"
 
 
 def warnings(setup: RunSetup) -> list[str]:
     """What is allowed, but a person should know before the boat moves."""
     fence, margin_m = setup.pilot.fence, setup.pilot.nmpc.fence_margin_m
-    texts = list(_geometry(setup.pilot.site))
+    texts = list(_geometry(setup.pilot.site)) if setup.pilot.vessel.sensors.uwb else []
     for i, w in enumerate(setup.pilot.mission.path.waypoints):
         room_m = fence.clearance(w.north_m, w.east_m)
         if room_m < margin_m:

@@ -12,14 +12,14 @@ import os
 import random
 import shutil
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace as struct_replace
 
 from companion.boat.clock import Clock
-from companion.boat.devices.uwb_tag import uwb_timing
+from companion.boat.devices.sensor_device import device_timing
 from companion.boat.load_run import RunSetup, warnings
 from companion.boat.log_quota import MB, NAME
 from companion.boat.start_interlock import companion_of
@@ -41,17 +41,19 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
-from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
+from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, sensor_rows
 from companion.core.preflight.link import PRE_ARM, arming_complaints, link_rows, rest_rows
 from companion.core.preflight.observations import Disk, Observations, RoundTrip
 from companion.core.preflight.rows import ParameterSet, Row
+from companion.core.sensors.table import AIDING
+from companion.core.sensors.uwb import RangingSensor
+from drivers.devices import DeviceCodec
 from drivers.link import DeviceLink, LinkTiming
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.streams import WANTED_HZ
+from drivers.mavlink.streams import wanted_hz
 from drivers.ports.port import Port
-from drivers.uwb import UwbCodec
 
 STEP_NS = 50_000_000
 SETTLE_S = 1.0
@@ -79,7 +81,7 @@ def all_rows(setup: RunSetup, observed: Observations, parameters: ParameterSet) 
         *asked,
         *rest_rows(observed, parameters, companion),
         *estimator_rows(observed),
-        *uwb_rows(observed, setup.pilot.site, vessel),
+        *sensor_rows(observed, setup.pilot.site, vessel),
         *battery_rows(observed, vessel.propulsion.nominal_voltage_V, setup.run.battery),
         *disk_rows(observed),
     ]
@@ -93,34 +95,38 @@ class Listener:
         setup: RunSetup,
         *,
         mavlink: tuple[Port, MavlinkCodec],
-        uwb: tuple[Port, UwbCodec],
+        devices: Mapping[str, tuple[Port, DeviceCodec]],
         clock: Clock,
         say: Callable[[str], None],
     ) -> None:
         self._setup, self._clock, self._say = setup, clock, say
-        self._codec, self._uwb_codec = mavlink[1], uwb[1]
-        self._session = MavlinkSession(self._codec)
+        self._codec, sensors = mavlink[1], setup.pilot.vessel.sensors
+        self._wanted_hz = wanted_hz(sensors)
+        self._session = MavlinkSession(self._codec, self._wanted_hz)
         self._reader = ParameterReader(self._codec.encoder)
         self._estimator = Estimator(setup.pilot.vessel, setup.pilot.site)
         self._state: EstimatorState = self._estimator.initial()
         self._rotation_rad = math.radians(setup.pilot.site.rotation_deg)
         self._latest: dict[type[Message], Any] = {}
         self._links: dict[str, LinkStatus] = {}
-        self._kept: dict[type[Message], list[Any]] = {k: [] for k in (StatusText, UwbRanges, UwbPosition)}
+        self._kept: dict[type[Message], list[Any]] = {k: [] for k in (StatusText, *AIDING)}
         self._innovations: list[Innovation] = []
         self._round_trips: list[RoundTrip] = []
         self._mavlink = self._link("mavlink", *mavlink, LinkTiming(), self._hear)
-        timing = uwb_timing(setup.pilot.vessel.sensors.tag.rate_Hz)
-        self._uwb = self._link("uwb", *uwb, timing, self._take)
-        self._uwb_open = False
+        rates = {sensor.key: sensor.rate_Hz for sensor in self._estimator.sensors}
+        self._devices = {
+            name: (self._link(name, *wire, device_timing(rates[name]), self._take), wire[1])
+            for name, wire in devices.items()
+        }
+        self._open: set[str] = set()
 
     async def run(self, listen_s: float, disk: Disk) -> tuple[Observations, ParameterSet]:
         """Listen for `listen_s` [s] from the first heartbeat on, then read the autopilot's parameters."""
-        tasks = [asyncio.create_task(work) for work in (self._mavlink.run(), self._uwb.run(), self._talk())]
+        tasks = [asyncio.create_task(work) for work in (*(link.run() for link in self._links_of()), self._talk())]
         try:
-            self._say("waiting for autopilot and UWB tag")
+            self._say(f"waiting for autopilot and {self._estimator.sensors.position.label}")
             await self._until(lambda: Heartbeat in self._latest, max(listen_s, HEARTBEAT_WAIT_S))
-            await self._until(lambda: bool(self._cycles()) or not self._uwb.is_open, TAG_S)
+            await self._until(self._position_is_heard, TAG_S)
             await self._wait(SETTLE_S)
             if Heartbeat in self._latest:
                 self._ask_arming_checks()
@@ -171,13 +177,15 @@ class Listener:
             await self._clock.sleep_until(self._clock.now_ns() + STEP_NS)
 
     async def _talk(self) -> None:
-        """What is sent without being asked: heartbeats, repeated requests, the tag's shell."""
+        """What is sent without being asked: heartbeats, repeated requests, words to the sensors."""
         while True:
             now_ns = self._clock.now_ns()
             self._answer((), now_ns)
-            opened, self._uwb_open = self._uwb.is_open and not self._uwb_open, self._uwb.is_open
-            for data in (self._uwb_codec.start_bytes() if opened else []) + self._uwb_codec.step(now_ns):
-                self._uwb.send(data)
+            was_open, self._open = self._open, {name for name, (link, _) in self._devices.items() if link.is_open}
+            for name, (link, codec) in self._devices.items():
+                begins = name in self._open - was_open
+                for data in (codec.start_bytes() if begins else []) + codec.step(now_ns):
+                    link.send(data)
             await self._clock.sleep_until(now_ns + STEP_NS)
 
     # --- messages ----------------------------------------------------------------------------------
@@ -221,13 +229,28 @@ class Listener:
     # --- observations ------------------------------------------------------------------------------
 
     def _counts(self) -> dict[str, int]:
-        return {name: self._codec.counters.from_target(name) for name in WANTED_HZ}
+        return {name: self._codec.counters.from_target(name) for name in self._wanted_hz}
 
-    def _cycles(self) -> int:
-        return len(self._kept[UwbRanges]) + len(self._kept[UwbPosition])
+    def _heard(self) -> dict[str, list[Any]]:
+        """Messages of each sensor that aids the inertial ones."""
+        sensors = [sensor for sensor in self._estimator.sensors if sensor.aids]
+        return {sensor.key: [m for kind in sensor.messages for m in self._kept[kind]] for sensor in sensors}
 
-    def _observations(self, listened_s: float, then: tuple[dict[str, int], int], disk: Disk) -> Observations:
+    def _cycles(self) -> dict[str, int]:
+        return {key: len(messages) for key, messages in self._heard().items()}
+
+    def _position_is_heard(self) -> bool:
+        """Whether the sensor of positions has spoken, or cannot: its own wire is not open."""
+        key = self._estimator.sensors.position.key
+        silent = key in self._devices and not self._devices[key][0].is_open
+        return silent or self._cycles()[key] > 0
+
+    def _links_of(self) -> tuple[DeviceLink, ...]:
+        return (self._mavlink, *(link for link, _ in self._devices.values()))
+
+    def _observations(self, listened_s: float, then: tuple[dict[str, int], dict[str, int]], disk: Disk) -> Observations:
         before, after, counters = then[0], self._counts(), self._codec.counters
+        sensor_hz = {key: (count - then[1][key]) / listened_s for key, count in self._cycles().items()}
 
         def latest(kind):
             return self._latest.get(kind)
@@ -235,7 +258,7 @@ class Listener:
         return Observations(
             listened_s=listened_s, disk=disk, wall_s=time.time(), mavlink=self._links.get("mavlink"),
             uwb=self._links.get("uwb"), heartbeat=latest(Heartbeat), info=latest(AutopilotInfo),
-            rates_hz={name: (after[name] - before[name]) / listened_s for name in WANTED_HZ}, wanted_hz=WANTED_HZ,
+            rates_hz={name: (after[name] - before[name]) / listened_s for name in after}, wanted_hz=self._wanted_hz,
             deaf=self._session.is_deaf, autopilot=self._setup.run.mavlink.autopilot_system_id,
             strangers=tuple(sorted(self._codec.strangers)),
             received=counters.received.total(), lost=counters.lost.total(), round_trips=tuple(self._round_trips),
@@ -245,7 +268,8 @@ class Listener:
             innovations=tuple(self._innovations),
             ranges=tuple(self._kept[UwbRanges]),
             positions=tuple(self._kept[UwbPosition]),
-            uwb_hz=(self._cycles() - then[1]) / listened_s, notes=tuple(warnings(self._setup)),
+            heard={key: tuple(messages) for key, messages in self._heard().items()}, sensor_hz=sensor_hz,
+            uwb_hz=sensor_hz.get(RangingSensor.key, 0.0), notes=tuple(warnings(self._setup)),
         )  # fmt: skip
 
 

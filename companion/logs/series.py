@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.ranging.multilateration import multilaterate
+from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import (
     GroundTruth,
     GuidanceReference,
@@ -27,6 +28,9 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.messages.sensors import GnssFix
+from companion.core.sensors.gnss import GnssReceiver
+from companion.core.sensors.table import origin_of
 from companion.logs.configuration import site_in, thrusters_in
 from companion.logs.log_file import LogFile
 
@@ -64,7 +68,8 @@ class Series:
     """All that a plot needs. `pwm_us`: (n, thrusters), of the names `thrusters`.
 
     `innovations`: sensor -> (t_s, sqrt(d2), accepted).
-    `uwb_ne_m`: (n, 2) north, east of the tag by UWB alone. `site` is None where the log does not hold it.
+    `uwb_ne_m`, `gnss_ne_m`: (n, 2) north, east of the tag by UWB alone, of the antenna by GNSS. `site` is None where
+    the log does not hold it.
     """
 
     columns: dict[type[Message], TopicColumns]
@@ -75,6 +80,7 @@ class Series:
     phases: list[str]
     innovations: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     uwb_ne_m: np.ndarray
+    gnss_ne_m: np.ndarray
     site: Site | None
     duration_s: float
 
@@ -84,18 +90,21 @@ class Series:
 
 @dataclass
 class _Rows:
+    origin: Origin | None = None
     scalars: dict[type[Message], list[tuple[Any, ...]]] = field(default_factory=lambda: defaultdict(list))
     leases: list[OverrideLease] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
     innovations: dict[str, list[tuple[int, float, bool]]] = field(default_factory=lambda: defaultdict(list))
     positions: list[tuple[float, float]] = field(default_factory=list)
     ranges: list[UwbRanges] = field(default_factory=list)
+    antenna: list[tuple[float, float]] = field(default_factory=list)
 
 
 def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     """One pass over `log`; ground truth also from `truth`, the simulator's log of the same run."""
-    rows, zero_ns, last_ns = _Rows(), None, 0
-    for message in log.messages(*_SCALARS, OverrideLease, Innovation, UwbPosition, UwbRanges):
+    site = site_in(log)
+    rows, zero_ns, last_ns = _Rows(origin=origin_of(site) if site else None), None, 0
+    for message in log.messages(*_SCALARS, OverrideLease, Innovation, UwbPosition, UwbRanges, GnssFix):
         zero_ns = message.t_ns if zero_ns is None else zero_ns
         last_ns = max(last_ns, message.t_ns)
         _add(rows, message)
@@ -103,7 +112,7 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     for message in truth.messages(GroundTruth) if truth else ():
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)
-    return _arrays(rows, zero_ns, last_ns, site_in(log), thrusters_in(log))
+    return _arrays(rows, zero_ns, last_ns, site, thrusters_in(log))
 
 
 def _add(rows: _Rows, message: Message) -> None:
@@ -116,6 +125,9 @@ def _add(rows: _Rows, message: Message) -> None:
             rows.positions.append((message.y_m, message.x_m))
         case UwbRanges():
             rows.ranges.append(message)
+        case GnssFix():
+            if rows.origin and GnssReceiver.screen(message)[0]:
+                rows.antenna.append(site_from_geodetic(rows.origin, message.lat_deg, message.lon_deg))
         case _:
             names = _SCALARS[type(message)]
             values = tuple(getattr(message, name) for name in names)
@@ -149,6 +161,7 @@ def _arrays(rows: _Rows, zero_ns: int, last_ns: int, site: Site | None, thruster
         phases=rows.phases,
         innovations=innovations,
         uwb_ne_m=np.array([*rows.positions, *_fixes(rows.ranges, site)]).reshape(-1, 2),
+        gnss_ne_m=np.array(rows.antenna).reshape(-1, 2),
         site=site,
         duration_s=max((last_ns - zero_ns) / 1e9, 0.0),
     )

@@ -23,13 +23,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, StatusText, TimeSync
-from drivers.mavlink.decode import DECODERS, STAMPS, gyro_drift, is_autopilot, motor_outputs, pulses
+from drivers.mavlink.decode import DECODERS, MAX_AGES_NS, STAMPS, gyro_drift, is_autopilot, motor_outputs, pulses
 from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
 from drivers.mavlink.signing import Signing, is_signed
 from drivers.mavlink.statustext import ChunkJoiner, Text
-from drivers.mavlink.timesync import ClockOffset
+from drivers.mavlink.timesync import MAX_AGE_NS, ClockOffset
 
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
@@ -154,7 +154,8 @@ class MavlinkCodec:
             source, unit_ns, wrap_ns = STAMPS[name]
             if name in SENSED and self._repeats(name, getattr(m, source)):
                 return []
-            t_ns = self.clock.to_companion(name, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns)
+            oldest_ns = MAX_AGES_NS.get(name, MAX_AGE_NS)
+            t_ns = self.clock.to_companion(name, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
         if name == "STATUSTEXT":
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)
         if name == "SERVO_OUTPUT_RAW":

@@ -10,6 +10,7 @@ https://mavlink.io/en/messages/common.html
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -29,6 +30,7 @@ from companion.core.messages import (
     RcChannels,
     TimeSync,
 )
+from companion.core.messages.sensors import GnssFix
 
 MILLI = 1e-3
 UINT16_MAX = 65535
@@ -38,6 +40,7 @@ Decoder = Callable[[Any, int, int], Message | None]
 
 _US, _MS = 1_000, 1_000_000
 STAMPS: dict[str, tuple[str, int, int | None]] = {
+    "GPS_RAW_INT": ("time_usec", _US, None),  # of the fix, since boot (ArduPilot)
     "ATTITUDE": ("time_boot_ms", _MS, 2**32 * _MS),
     "RAW_IMU": ("time_usec", _US, None),
     "SCALED_IMU": ("time_boot_ms", _MS, 2**32 * _MS),
@@ -49,6 +52,9 @@ STAMPS: dict[str, tuple[str, int, int | None]] = {
     "SYSTEM_TIME": ("time_boot_ms", _MS, 2**32 * _MS),
 }
 """Message type -> (field of the autopilot's clock since boot, its unit [ns], where it wraps [ns])."""
+MAX_AGES_NS = {"GPS_RAW_INT": 2_000_000_000}
+"""Stamps that may be older than others: a fix waits for its turn in a stream of 5 Hz, and one taken for newer than it
+is lies astern by the way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
 
 _NO_VEHICLES = frozenset(
     (
@@ -136,6 +142,29 @@ def _highres_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:
     return _imu(m, t_ns, t_rx_ns, 1.0, 1.0)
 
 
+def _gps_raw_int(m: Any, t_ns: int, t_rx_ns: int) -> GnssFix | None:
+    """The receiver's own fix, before any filter of the autopilot's; without a receiver (fix type 0) nothing.
+
+    Velocity comes as speed and course over ground; accuracies of 0 are those of MAVLink 1, which has none.
+    """
+    if m.fix_type == dialect.GPS_FIX_TYPE_NO_GPS:
+        return None
+    speed = None if UINT16_MAX in (m.vel, m.cog) else m.vel * 1e-2
+    course_rad = math.radians(m.cog * 1e-2)
+    return GnssFix(
+        t_ns=t_ns,
+        t_rx_ns=t_rx_ns,
+        fix_type=m.fix_type,
+        lat_deg=m.lat * 1e-7,
+        lon_deg=m.lon * 1e-7,
+        v_north_m_s=None if speed is None else speed * math.cos(course_rad),
+        v_east_m_s=None if speed is None else speed * math.sin(course_rad),
+        satellites=None if m.satellites_visible == UINT8_MAX else m.satellites_visible,
+        h_acc_m=m.h_acc * MILLI or None,
+        v_acc_m_s=m.vel_acc * MILLI or None,
+    )
+
+
 def _sys_status(m: Any, t_ns: int, _: int) -> Battery | None:
     if m.voltage_battery == UINT16_MAX:
         return None
@@ -202,6 +231,7 @@ DECODERS: dict[str, Decoder] = {
     "SCALED_IMU2": _scaled_imu,
     "SCALED_IMU3": _scaled_imu,
     "HIGHRES_IMU": _highres_imu,
+    "GPS_RAW_INT": _gps_raw_int,
     "SYS_STATUS": _sys_status,
     "BATTERY_STATUS": _battery_status,
     "RC_CHANNELS": _rc_channels,

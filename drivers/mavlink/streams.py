@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.core.configuration.sensors import Sensors
+
 WANTED_HZ: dict[str, float] = {
     "ATTITUDE": 50.0,
     "RAW_IMU": 50.0,
@@ -21,6 +23,13 @@ WANTED_HZ: dict[str, float] = {
     "SYS_STATUS": 2.0,
 }
 """Message type -> rate that the companion lives on (architecture: estimator at 30-50 Hz)."""
+
+
+def wanted_hz(sensors: Sensors) -> dict[str, float]:
+    """`WANTED_HZ`, and what the sensors behind the autopilot of this boat need."""
+    return {**WANTED_HZ, **({"GPS_RAW_INT": sensors.gnss.rate_Hz} if sensors.gnss else {})}
+
+
 LOOP_SHARE = 0.8
 ENOUGH = 0.65
 """Share of the wanted rate that is good enough: a parameter download slows 50 to 34 Hz (observed)."""

@@ -89,13 +89,15 @@ class ClockOffset:
         self.offset_ns = self._estimate()
         return True
 
-    def to_companion(self, stream: str, device_ns: int, t_rx_ns: int, wrap_ns: int | None = None) -> int:
+    def to_companion(
+        self, stream: str, device_ns: int, t_rx_ns: int, wrap_ns: int | None = None, max_age_ns: int = MAX_AGE_NS
+    ) -> int:
         """Companion time [ns] of a device stamp that arrived at `t_rx_ns`; the latter before the first
         answer.
 
         `stream`: name of the counter, to see it go back; `wrap_ns`: where it starts again from 0 (None:
-        never). The result is never later than `t_rx_ns`, nor older by more than 0.5 s (then the stamp is not
-        believed).
+        never). The result is never later than `t_rx_ns`, nor older by more than `max_age_ns` (then the stamp is
+        not believed).
         """
         self._notice_reboot(stream, device_ns, wrap_ns)
         if self.offset_ns is None:
@@ -103,7 +105,7 @@ class ClockOffset:
         age_ns = t_rx_ns - self.offset_ns - device_ns
         if wrap_ns is not None:
             age_ns = (age_ns + wrap_ns // 2) % wrap_ns - wrap_ns // 2
-        return t_rx_ns - age_ns if 0 <= age_ns <= MAX_AGE_NS else t_rx_ns
+        return t_rx_ns - age_ns if 0 <= age_ns <= max_age_ns else t_rx_ns
 
     def _estimate(self) -> int:
         best = sorted(self._samples)[:BEST]

@@ -70,6 +70,8 @@ def task(
     ):
         if speed[1] is not None:
             columns[name] = np.concatenate(np.broadcast_arrays(_column(*speed, k), _column(*direction, k)), axis=2)
+    if around.V_c_m_s is None and _turns(vessel, free):
+        columns["t_s"] = _column("t_s", dt_s * np.arange(k), k)
     if around.force_n is not None:
         columns["force_n"] = _rows("force_n", around.force_n, k, 3)
     _known(vessel, free)
@@ -150,6 +152,12 @@ def _seconds(dt_s: float) -> float:
     if not (np.isfinite(dt_s) and dt_s >= 1e-9):
         raise ValueError(f"dt_s: expected seconds above 0, found {dt_s}")
     return float(dt_s)
+
+
+def _turns(vessel: VesselFile, free: Mapping[str, Any]) -> bool:
+    """Whether the file's own current turns, or may."""
+    own = vessel.terms.get("current", {})
+    return bool(own.get("turn_deg_s")) or "terms.current.turn_deg_s" in free
 
 
 def _known(vessel: VesselFile, free: Mapping[str, Any]) -> None:

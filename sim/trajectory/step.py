@@ -79,7 +79,7 @@ def step_function(vessel: VesselFile, kind: StepKind) -> ca.Function:
     symbols: dict[str, Any] = {name: ca.SX.sym(name, width) for name, width, _ in kind.given}
     free = {name: ca.SX.sym("q") for name in kind.parameters}
     boat = replace_fields(vessel, thrusters=tuple(replace_fields(t, gain=1.0) for t in vessel.thrusters))
-    model = in_weather(_model(vessel, free), symbols.get("current"), symbols.get("wind"))
+    model = in_weather(_model(vessel, free, symbols.get("t_s")), symbols.get("current"), symbols.get("wind"))
     f_cmd = symbols["drive"]
     if kind.drive != "force":
         volts = symbols["voltage_v"]
@@ -98,8 +98,8 @@ def step_function(vessel: VesselFile, kind: StepKind) -> ca.Function:
     return ca.Function("sample", [x, constants, *series], [after, after])
 
 
-def _model(vessel: VesselFile, free: Mapping[str, Any]) -> StructuredModel:
-    """The vessel file's model with symbols where `free` has them."""
+def _model(vessel: VesselFile, free: Mapping[str, Any], t_s: Any) -> StructuredModel:
+    """The vessel file's model with symbols where `free` has them, at t_s [s]; None: no clock."""
     base = StructuredModel.of(vessel)
     tables = {k: name for name in ("inertia", "damping") for k in getattr(vessel, name).__struct_fields__}
     c = {k: free.get(f"{tables[k]}.{k}", value) for k, value in coefficients(vessel).items()}
@@ -107,7 +107,7 @@ def _model(vessel: VesselFile, free: Mapping[str, Any]) -> StructuredModel:
         name: {p: free.get(f"terms.{name}.{p}", value) for p, value in given.items()}
         for name, given in base.term_values.items()
     }
-    return _Boat(vessel, c, terms, free.get("propulsion.lag_s", vessel.propulsion.lag_s))
+    return _Boat(vessel, c, terms, t_s, lag=free.get("propulsion.lag_s", vessel.propulsion.lag_s))
 
 
 def _sag(f: Any, open_v: Any) -> Any:

@@ -80,7 +80,7 @@ class Ahrs:
         return SensorFrame(
             accel_m_s2=accel, gyro_rad_s=(p, q, r), phi_rad=phi, theta_rad=theta, psi_rad=ssa(raw.psi_rad),
             p_rad_s=p + self._I[0], q_rad_s=q + self._I[1], r_rad_s=r, gyro_drift_rad_s=(self._I[0], self._I[1], 0.0),
-            voltage_v=raw.voltage_v, current_a=raw.current_a, receiver_us=raw.receiver_us,
+            voltage_v=raw.voltage_v, current_a=raw.current_a, receiver_us=raw.receiver_us, gnss=raw.gnss,
         )  # fmt: skip
 
     def _carry_on(self, accel: Vec3, gyro: Vec3) -> tuple[float, float]:

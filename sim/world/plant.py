@@ -17,6 +17,7 @@ from msgspec.structs import replace as replace_fields
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
+from companion.core.model.effects.waves import pattern
 from companion.core.model.integrate import FORCES, BufferedStep, DelayLine, rk4, state_rate
 from companion.core.model.loads import values
 from companion.core.model.manoeuvring import StructuredModel
@@ -71,8 +72,12 @@ class Plant:
             force_from_pwm(t, vessel.force_maps[t.force_map], pwm, self.voltage_v)
             for t, pwm in zip(vessel.thrusters, self._pwm.at(t_ns), strict=True)
         ]
+        waves_n = moment.wave_n
+        if moment.along_waves_n:
+            q = np.radians(moment.beta_wave_deg) + np.pi - self.motion.x[2]
+            waves_n = waves_n + moment.along_waves_n * np.array(pattern(q))
         air_and_water = (moment.V_c_m_s, moment.beta_c_deg, moment.V_w_m_s, moment.beta_w_deg)
-        out = self._step(self.motion.x, f_cmd, moment.wave_n, air_and_water, step_ns * 1e-9)
+        out = self._step(self.motion.x, f_cmd, waves_n, air_and_water, step_ns * 1e-9)
         self.motion = Motion(t_ns + step_ns, out[:-3], out[-3:])
         self.voltage_v = self._open_v - R_BATTERY_OHM * self.current_a
         return self.motion
@@ -88,7 +93,7 @@ def in_weather(model: StructuredModel, current: Any = None, wind: Any = None) ->
         sky["current"] = {"V_c_m_s": current[0], "beta_c_deg": current[1]}
     if wind is not None:
         shape = values("wind", model.vessel.terms.get("wind", {}))
-        sky["wind"] = shape | {"V_w_m_s": wind[0], "beta_w_deg": wind[1]}
+        sky["wind"] = shape | {"V_w_m_s": wind[0], "beta_w_deg": wind[1], "gustiness": 0.0}
     return replace(model, term_values=sky)
 
 

@@ -25,6 +25,7 @@ from companion.core.model.sensor_errors import (
     apply_imu_errors,
     apply_uwb_scale,
     arrival_time_ns,
+    out_of_sight,
 )
 from sim.world.environment import Moment
 from sim.world.plant import Motion
@@ -115,10 +116,11 @@ class UwbSensor:
     def __init__(self, uwb: Uwb, anchors: Sequence[Anchor], faults: UwbFaults, rng: np.random.Generator):
         self._uwb, self._anchors, self.faults, self._rng = uwb, anchors, faults, rng
         self._zero_ns: int | None = None
+        self._hidden = hidden_anchor(uwb, anchors)
         self._bias = rng.normal(0, uwb.range_bias_sigma_m, len(anchors))
 
     def tag_position(self, x: np.ndarray) -> np.ndarray:
-        """Where the tag appears to be in NED [m], shape (3,): its place, but for the file's `scale`."""
+        """Where the tag appears to be in NED [m], (3,): its place, but for the file's `scale`."""
         uwb = self._uwb
         return np.array([*apply_uwb_scale(uwb, *point_position(x, (uwb.x_m, uwb.y_m))), uwb.z_m])
 
@@ -130,6 +132,9 @@ class UwbSensor:
     def measure(self, motion: Motion) -> dict[str, float | None]:
         """Range [m] by anchor; None where the anchor stayed silent."""
         tag, rng, faults = self.tag_position(motion.x), self._rng, self.faults
+        if self._hidden and rng.uniform() < self._uwb.nlos_share:
+            anchor, extra_m = (self._hidden.north_m, self._hidden.east_m), rng.exponential(self._uwb.nlos_extra_m)
+            tag[:2] = out_of_sight(anchor, tag[0], tag[1], extra_m)
         noise = rng.normal(0, self._uwb.range_sigma_m, len(self._anchors))
         silent = rng.uniform(size=len(self._anchors)) < faults.dropout
         far = rng.uniform(size=len(self._anchors)) < faults.nlos
@@ -158,3 +163,11 @@ class UwbSensor:
             distance = np.sqrt((away**2).sum(axis=1) + height2)
             p = p + np.linalg.lstsq(away / distance[:, None], measured - distance, rcond=None)[0]
         return float(p[1]), float(p[0]), -self._uwb.z_m
+
+
+def hidden_anchor(uwb: Uwb, anchors: Sequence[Anchor]) -> Anchor | None:
+    """The anchor out of sight: by its id, else by its number among them; None where the file or the site has none."""
+    if not uwb.nlos_share:
+        return None
+    named = {str(i): a for i, a in enumerate(anchors)} | {a.id: a for a in anchors}
+    return named.get(uwb.nlos_anchor)

@@ -25,9 +25,10 @@ from companion.core.messages import (
     VehicleRequest,
 )
 from companion.core.pilot.pilot import Pilot
+from drivers.devices import DEVICES, devices_of
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.session import MavlinkSession
-from drivers.uwb import uwb_codec
+from drivers.mavlink.streams import wanted_hz
 from sim.world.world import STEP_NS, Outgoing
 
 PEER = "companion"
@@ -83,8 +84,9 @@ class SteppedRun:
         self.state = pilot.initial(world.t_ns)
         self._solve, self._warm = solve, None
         self._codec = MavlinkCodec()
-        self._session = MavlinkSession(self._codec)
-        self._tag = uwb_codec(sensors.tag.wire_format, "tag", sensors.tag.rate_Hz)
+        self._session = MavlinkSession(self._codec, wanted_hz(sensors))
+        names = {"uwb": "tag"}
+        self._devices = {key: DEVICES[key].codec(sensors, names.get(key, key)) for key in devices_of(sensors)}
         self._period_ns = round(pilot.settings.control.period_s * 1e9)
         self._deadline_ns = round(pilot.settings.control.plan_deadline_s * 1e9)
         self._tick = -1
@@ -92,8 +94,8 @@ class SteppedRun:
         self._plans: list[PlanResult] = []
         self._deadline: PlanDeadline | None = None
         world.add_peer(PEER)
-        for data in self._tag.start_bytes():
-            self._hear_tag(world.uwb(data))
+        for key, codec in self._devices.items():
+            self._say(key, codec.start_bytes())
         if begin:
             self.feed([OperatorCommand(t_ns=world.t_ns, command=begin)])
 
@@ -113,11 +115,12 @@ class SteppedRun:
         for peer, data in outgoing.mavlink:
             if peer == PEER:
                 self._hear_autopilot(data)
-        self._hear_tag(outgoing.uwb)
+        for key, data in {"uwb": outgoing.uwb, **outgoing.devices}.items():
+            self._hear_device(key, data)
         if (t_ns // STEP_NS) % SESSION_STEPS == 0:
             self._send_all(self._session.step((), t_ns))
-            for data in self._tag.step(t_ns):
-                self._hear_tag(self.world.uwb(data))
+            for key, codec in self._devices.items():
+                self._say(key, codec.step(t_ns))
         if t_ns >= self._tick_due_ns:
             self._begin_tick(t_ns)
         self._end_tick(t_ns)
@@ -125,13 +128,15 @@ class SteppedRun:
     def stall(self, seconds: float) -> None:
         """The companion stands still for so long; then all that has queued up meanwhile arrives at once."""
         end_ns = self.world.t_ns + round(seconds * 1e9)
-        mavlink, uwb = b"", b""
+        mavlink, devices = b"", dict.fromkeys(self._devices, b"")
         while self.world.t_ns < end_ns:
             outgoing = self.world.step()
             mavlink += b"".join(data for peer, data in outgoing.mavlink if peer == PEER)
-            uwb += outgoing.uwb
+            for key, data in {"uwb": outgoing.uwb, **outgoing.devices}.items():
+                devices[key] = devices.get(key, b"") + data
         self._hear_autopilot(mavlink)
-        self._hear_tag(uwb)
+        for key, data in devices.items():
+            self._hear_device(key, data)
         self._tick_due_ns = self.world.t_ns
 
     def feed(self, inputs: Sequence[Message]) -> None:
@@ -186,6 +191,11 @@ class SteppedRun:
             self.feed(messages)
         self._send_all(frames)
 
-    def _hear_tag(self, data: bytes) -> None:
-        if data and (messages := self._tag.feed(data, self.world.t_ns)):
+    def _say(self, key: str, words: Sequence[bytes]) -> None:
+        """Bytes to a device; only the tag answers."""
+        for data in words:
+            self._hear_device(key, self.world.uwb(data) if key == "uwb" else b"")
+
+    def _hear_device(self, key: str, data: bytes) -> None:
+        if data and (messages := self._devices[key].feed(data, self.world.t_ns)):
             self.feed(messages)

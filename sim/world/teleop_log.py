@@ -20,7 +20,7 @@ from companion.core.constants import NEUTRAL_US
 from companion.core.control.allocation import allocate, pulse_widths
 from companion.core.geometry.frames import unrotate
 from companion.logs.runs.run import Run, RunMeta
-from sim.world.environment import Environment, Moment, Weather
+from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Motion, Plant
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
 
@@ -213,10 +213,7 @@ def teleop_logs(true: VesselFile, believed: VesselFile, seeds: Sequence[int], du
 
     UWB at the rate and noise of the true file.
     """
-    steady = {k: v for name in ("current", "wind") for k, v in true.terms.get(name, {}).items()}
-    weather = Weather(
-        **{k: float(steady[k]) for k in ("V_c_m_s", "beta_c_deg", "V_w_m_s", "beta_w_deg") if k in steady}
-    )
+    weather = with_terms_of(Weather(), true)
     uwb, out = true.sensors.tag, []
     for seed in seeds:
         run = teleop_run(true, seed, duration_s, uwb_hz=uwb.rate_Hz, sigma_m=uwb.range_sigma_m, weather=weather,

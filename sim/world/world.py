@@ -4,6 +4,8 @@
     mavlink(data, peer)         bytes from a MAVLink peer; what is answered at once
     uwb(data)                   bytes from the companion to the tag; what is answered at once
 
+`tamper`, by key of a sensor: what a fault makes of its messages, None: nothing arrives.
+
 `Afloat` is the world without an autopilot, for a firmware that is not ours (`sim.world.sitl`).
 
 It has no clock: real time (`loopback`) and stepped tests call the same `step`. The same setup, seed and
@@ -12,21 +14,25 @@ incoming bytes give the same outgoing bytes.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
-from companion.core.messages import GroundTruth
-from companion.core.model.loads import values
+from companion.core.messages import GroundTruth, Measured
+from companion.core.messages.sensors import GnssFix
+from companion.core.sensors.table import sensors_of
+from drivers.devices import DEVICES
 from sim.world.ahrs import Ahrs
 from sim.world.autopilot import SensorFrame
 from sim.world.autopilot.parameter_table import BOAT_PARAMETERS
 from sim.world.autopilot.rover import Rover
-from sim.world.environment import Environment, Moment, Weather
+from sim.world.channel_sensor import ChannelSensor
+from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Plant, perturbed
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
 from sim.world.uwb_tag import UwbTag
@@ -59,10 +65,11 @@ class WorldSetup:
 
 @dataclass(frozen=True)
 class Outgoing:
-    """Bytes that leave the simulated devices in one step."""
+    """Bytes that leave the simulated devices in one step. `devices`: of other sensors with a wire, by their keys."""
 
     mavlink: list[tuple[Hashable, bytes]]
     uwb: bytes
+    devices: Mapping[str, bytes] = field(default_factory=dict)
 
 
 class Afloat:
@@ -75,11 +82,17 @@ class Afloat:
         self.vessel = vessel
         x0 = np.array([*setup.start, 0.0, 0.0, 0.0])
         self.plant = Plant(vessel, x0, step_ns=STEP_NS, voltage_v=setup.voltage_v, t_ns=setup.boot_ns)
-        self._environment = Environment(_weather(setup), draws["weather"])
+        self._environment = Environment(with_terms_of(setup.weather, setup.vessel), draws["weather"])
         self.imu = ImuSensor(vessel.sensors.imu, draws["imu"])
-        self.uwb_sensor = UwbSensor(vessel.sensors.tag, setup.site.anchors, setup.faults, draws["uwb"])
-        places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
-        self.tag = tag or UwbTag(vessel.sensors.tag.wire_format, anchors=places, rate_hz=vessel.sensors.tag.rate_Hz)
+        self.uwb_sensor, self.tag = None, tag
+        if uwb := vessel.sensors.uwb:
+            self.uwb_sensor = UwbSensor(uwb, setup.site.anchors, setup.faults, draws["uwb"])
+            places = {a.id: (a.east_m, a.north_m, -a.down_m) for a in setup.site.anchors}
+            self.tag = tag or UwbTag(uwb.wire_format, anchors=places, rate_hz=uwb.rate_Hz)
+        self.tamper: dict[str, Callable[[Any], Measured | None]] = {}
+        chosen = [sensor for sensor in sensors_of(vessel.sensors, setup.site) if sensor.channels]
+        rngs = draws["more"].spawn(len(chosen))
+        self.channel_sensors = [ChannelSensor(*each, setup.boot_ns) for each in zip(chosen, rngs, strict=True)]
         self._uwb_due_ns = setup.boot_ns
         self.in_flight: list[tuple[int, bytes]] = []
         self.silent_uwb = False
@@ -97,7 +110,9 @@ class Afloat:
         return moment
 
     def tag_bytes(self) -> bytes:
-        """Measure when due; hand out what has been under way for the tag's latency."""
+        """Measure when due; hand out what has been under way for the tag's latency; nothing without a tag."""
+        if self.tag is None or self.uwb_sensor is None:
+            return b""
         if self.t_ns >= self._uwb_due_ns:
             self._uwb_due_ns += round(1e9 / self.tag.rate_hz)
             ranges = self.uwb_sensor.measure(self.plant.motion)
@@ -108,9 +123,19 @@ class Afloat:
         self.in_flight = [(ready_ns, data) for ready_ns, data in self.in_flight if ready_ns > self.t_ns]
         return due
 
+    def sensed(self, moment: Moment) -> list[tuple[str, Measured]]:
+        """Messages of the other sensors that arrive now, with the sensors' keys."""
+        arrived = [
+            (each.sensor.key, m)
+            for each in self.channel_sensors
+            for m in each.step(self.plant.motion, moment, self.t_ns)
+        ]
+        sent = [(key, self.tamper[key](m) if key in self.tamper else m) for key, m in arrived]
+        return [(key, m) for key, m in sent if m is not None]
+
     def uwb(self, data: bytes) -> bytes:
         """Bytes from the companion to the UWB tag now; its answer."""
-        return self.tag.receive(data, self.t_ns)
+        return self.tag.receive(data, self.t_ns) if self.tag else b""
 
     def truth(self) -> GroundTruth:
         """What really is."""
@@ -137,11 +162,19 @@ class World(Afloat):
         self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
         self.receiver_us = setup.receiver_us
         self._ahrs = Ahrs(STEP_NS * 1e-9)
+        self._fix: GnssFix | None = None
 
     def step(self) -> Outgoing:
         """Advance the world by `STEP_NS`."""
-        frame = self._sense(self.advance(self.rover.outputs_us))
-        return Outgoing(self.rover.step(self.t_ns, frame), self.tag_bytes())
+        moment = self.advance(self.rover.outputs_us)
+        devices: dict[str, bytes] = {}
+        for key, m in self.sensed(moment):
+            if isinstance(m, GnssFix):  # its receiver is the autopilot's
+                self._fix = m
+            elif encode := DEVICES[key].encode:
+                devices[key] = devices.get(key, b"") + encode(m)
+        frame = self._sense(moment)
+        return Outgoing(self.rover.step(self.t_ns, frame), self.tag_bytes(), devices)
 
     def add_peer(self, peer: Hashable) -> None:
         """A MAVLink peer is there: what the autopilot streams goes to it from now on."""
@@ -159,6 +192,7 @@ class World(Afloat):
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,
             theta_rad=reading.theta_rad, psi_rad=reading.psi_rad, p_rad_s=p, q_rad_s=q, r_rad_s=r,
             voltage_v=self.plant.voltage_v, current_a=self.plant.current_a, receiver_us=self.receiver_us,
+            gnss=self._fix,
         )  # fmt: skip
         parameters = self.rover.vehicle.parameters
         return self._ahrs.advance(raw, parameters["INS_GYRO_FILTER"], parameters["INS_ACCEL_FILTER"])
@@ -167,7 +201,7 @@ class World(Afloat):
 def _draws(seed: int) -> dict[str, np.random.Generator]:
     """A generator for each source of chance, from the seed alone."""
     made = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5))
-    return dict(zip(("vessel", "weather", "imu", "uwb", "spare"), made, strict=True))
+    return dict(zip(("vessel", "weather", "imu", "uwb", "more"), made, strict=True))
 
 
 def _channels(vessel: VesselFile) -> tuple[int, ...]:
@@ -175,15 +209,6 @@ def _channels(vessel: VesselFile) -> tuple[int, ...]:
 
 
 def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster."""
-    return {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}
-
-
-def _weather(setup: WorldSetup) -> Weather:
-    """The weather asked for; where none is, current and wind of the vessel file's own terms."""
-    weather, terms = setup.weather, setup.vessel.terms
-    for name, keys in (("current", ("V_c_m_s", "beta_c_deg")), ("wind", ("V_w_m_s", "beta_w_deg"))):
-        if name in terms and not getattr(weather, keys[0]):
-            parameters = values(name, terms[name])
-            weather = replace(weather, **{key: parameters[key] for key in keys})
-    return weather
+    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster, and a GNSS receiver or none."""
+    wired = {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}
+    return {**wired, "GPS1_TYPE": 1.0} if vessel.sensors.gnss else wired

@@ -17,12 +17,12 @@ from companion.boat.clock import BoatClock
 from companion.boat.load_run import RunSetup, load_setup
 from companion.boat.preflight import Listener, all_rows, disk_state
 from companion.boat.signing_key import STAMP_FILE
-from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.cli.boat.wires import add_config, add_wires, devices_of_run, port_of, signing_of
 from companion.cli.options.values import seconds
 from companion.core.preflight.rows import Level, Row, worst
+from drivers.devices import DeviceCodec
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.ports.port import Port
-from drivers.uwb import uwb_codec
 
 FINE, REFUSED = 0, 1
 LISTEN_S = 5.0
@@ -52,9 +52,9 @@ def check(args: argparse.Namespace, console: Console | None = None) -> int:
     """Listen, judge and print; the exit code."""
     setup = load_setup(args.config)
     mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
-    uwb = port_of(args, "uwb", setup.run.uwb.url)
+    devices = devices_of_run(args, setup)
     console, errors = console or Console(), Console(stderr=True)
-    rows = asyncio.run(_look(args, setup, mavlink, uwb, errors))
+    rows = asyncio.run(_look(args, setup, mavlink, devices, errors))
     level = worst(rows)
     if args.json:
         report = {"verdict": level, "rows": msgspec.to_builtins(rows)}
@@ -64,9 +64,15 @@ def check(args: argparse.Namespace, console: Console | None = None) -> int:
     return REFUSED if level == "refuse" else FINE
 
 
-async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: Port, errors: Console) -> list[Row]:
+async def _look(
+    args: argparse.Namespace,
+    setup: RunSetup,
+    mavlink: Port,
+    devices: dict[str, tuple[Port, DeviceCodec]],
+    errors: Console,
+) -> list[Row]:
     folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
-    sensor, link = setup.pilot.vessel.sensors.tag, setup.run.mavlink
+    link = setup.run.mavlink
     signing = signing_of(args, setup, folder / STAMP_FILE)
     ours = link.autopilot_system_id
     codec = MavlinkCodec(link.system_id, link.component_id, target_system=ours, signing=signing)
@@ -74,7 +80,7 @@ async def _look(args: argparse.Namespace, setup: RunSetup, mavlink: Port, uwb: P
         listener = Listener(
             setup,
             mavlink=(mavlink, codec),
-            uwb=(uwb, uwb_codec(sensor.wire_format, setup.run.uwb.tag, sensor.rate_Hz)),
+            devices=devices,
             clock=BoatClock(),
             say=status.update,
         )

@@ -28,7 +28,7 @@ from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
 from companion.cli.boat.run_console import RunConsole
 from companion.cli.boat.run_end import RunEnd
-from companion.cli.boat.wires import add_config, add_wires, port_of, signing_of
+from companion.cli.boat.wires import add_config, add_wires, devices_of_run, port_of, signing_of
 from companion.cli.options.files import excitation_file, mission_file
 from companion.cli.options.outputs import output, reason
 from companion.cli.options.values import seconds
@@ -40,12 +40,12 @@ from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
 from companion.jit import CodeStore, compile_loops
 from companion.logs.metadata import log_metadata
+from drivers.devices import DeviceCodec
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.gcs_firewall import GcsFirewall
 from drivers.mavlink.signing import Signing
 from drivers.ports.port import Port
 from drivers.ports.url import PortUrlError, open_port_from_url
-from drivers.uwb import uwb_codec
 
 RUN_FILES = Path()
 """`--excite` without a file."""
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
     if args.excite and setup.pilot.excitation is None:
         raise ConfigError(f"{args.config}: excitation: missing key: --excite needs one, or a FILE")
     mavlink = port_of(args, "mavlink", setup.run.mavlink.url)
-    uwb = port_of(args, "uwb", setup.run.uwb.url)
+    devices = devices_of_run(args, setup)
     station = _station(args, setup)
     shore = shore_of(setup, args.config)
     try:
@@ -134,7 +134,9 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
         print(f"error: {recorder.problem}; it runs without a recording until then", flush=True)
     with recorder, Service(SdNotify(os.environ, os.getpid())) as service:
         service.starting(f"building the controller of {vessel}")
-        code = asyncio.run(_drive(setup, mavlink, uwb, station, shore, signing, recorder, service, look, args, desk))
+        code = asyncio.run(
+            _drive(setup, mavlink, devices, station, shore, signing, recorder, service, look, args, desk)
+        )
     print(f"log: {log}", flush=True)
     return code
 
@@ -174,7 +176,7 @@ def _station(args: argparse.Namespace, setup: RunSetup) -> Port | None:
 async def _drive(
     setup: RunSetup,
     mavlink: Port,
-    uwb: Port,
+    devices: dict[str, tuple[Port, DeviceCodec]],
     station: Port | None,
     shore: Shore,
     signing: Signing | None,
@@ -184,7 +186,7 @@ async def _drive(
     args: argparse.Namespace,
     desk: RunConsole | None,
 ) -> int:
-    clock, vessel = BoatClock(), setup.pilot.vessel
+    clock = BoatClock()
     progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
     finish = RunEnd(args.end_after)
 
@@ -216,10 +218,7 @@ async def _drive(
         Pilot(setup.pilot),
         _controller(setup, tell),
         mavlink=(mavlink, codec),
-        uwb=(
-            uwb,
-            uwb_codec(vessel.sensors.tag.wire_format, setup.run.uwb.tag, vessel.sensors.tag.rate_Hz),
-        ),
+        devices=devices,
         clock=clock,
         recorder=recorder,
         rng=random.Random(),

@@ -10,20 +10,58 @@ from companion.boat.load_run import EXAMPLES, RunSetup
 from companion.boat.signing_key import load_key, load_timestamp
 from companion.cli.options.files import run_file
 from companion.core.configuration.tables import ConfigError
+from drivers.devices import DEVICES, DeviceCodec, devices_of
 from drivers.mavlink.signing import Signing
 from drivers.ports.port import Port
 from drivers.ports.url import PortUrlError, open_port_from_url
 
 
 def add_wires(p: argparse.ArgumentParser) -> None:
-    """`--mavlink` and `--uwb`, which stand in for the run file's."""
+    """`--mavlink`, `--uwb` and `--device`, which stand in for the run file's."""
     p.add_argument("--mavlink", metavar="URL", help="wire to the autopilot instead of the run file's")
     p.add_argument("--uwb", metavar="URL", help="wire to the UWB tag instead of the run file's")
+    p.add_argument(
+        "--device", type=device, action="append", default=[], metavar="NAME=URL",
+        help="wire to another sensor of its own instead of the run file's",
+    )  # fmt: skip
 
 
 def add_config(p: argparse.ArgumentParser) -> None:
     """`--config`, the run file."""
     p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+
+
+def devices_of_run(args: argparse.Namespace, setup: RunSetup) -> dict[str, tuple[Port, DeviceCodec]]:
+    """Port and codec of each sensor that has a wire of its own. Raises ConfigError."""
+    run, sensors, given = setup.run, setup.pilot.vessel.sensors, dict(args.device)
+    keys = devices_of(sensors)
+    for key in given:
+        if key not in keys or key == "uwb":
+            others = ", ".join(k for k in keys if k != "uwb") or "none"
+            raise ConfigError(f"--device: {key}: no such sensor with a wire of its own; the boat has {others}")
+    if args.uwb and "uwb" not in keys:
+        raise ConfigError(f"--uwb: {setup.pilot.vessel.name} has no UWB tag: leave it out")
+    wires: dict[str, tuple[Port, DeviceCodec]] = {}
+    for key in keys:
+        option = args.uwb if key == "uwb" else given.get(key)
+        try:
+            port = open_port_from_url(option or run.wire(key) or "")
+        except PortUrlError as error:
+            file_key = "uwb.url" if key == "uwb" else f"devices.{key}.url"
+            where = (
+                f"--{key}" if option and key == "uwb" else f"--device {key}" if option else f"{args.config}: {file_key}"
+            )
+            raise ConfigError(f"{where}: {error}") from None
+        wires[key] = port, DEVICES[key].codec(sensors, run.device_name(key))
+    return wires
+
+
+def device(text: str) -> tuple[str, str]:
+    """NAME=URL of `--device`. Raises ArgumentTypeError."""
+    name, equals, url = text.partition("=")
+    if not (name and equals and url):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=URL, for example NAME=tcp:192.168.2.95:16171")
+    return name, url
 
 
 def port_of(args: argparse.Namespace, link: str, url: str) -> Port:

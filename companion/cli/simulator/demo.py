@@ -27,6 +27,7 @@ from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
 from companion.cli.simulator.world_options import add_world_arguments, check_start, world_arguments
 from companion.logs.log_file import LogError
 from companion.python_child import aritra
+from drivers.devices import devices_of
 
 STATION_S = 5.0
 """How long the boat keeps station after the mission before the demo ends."""
@@ -41,8 +42,8 @@ def add_parser(commands) -> None:
     p = commands.add_parser(
         "demo",
         help="drive a mission in the simulator, no boat needed",
-        description="Starts a simulated boat and the companion, two processes that talk MAVLink over UDP and UWB "
-        "bytes over a pty, and drives a mission. Writes summary.json, picture.png, run.mcap and truth.mcap. "
+        description="Starts a simulated boat and the companion, two processes that talk MAVLink over UDP and the "
+        "bytes of sensors over ptys, and drives a mission. Writes summary.json, picture.png, run.mcap and truth.mcap. "
         "With --boats several pairs, each with results of its own in OUT/NAME. "
         "Exit code 0: every waypoint passed; 1: not; 2: bad input.",
         example="aritra demo --wind 4 270 --mismatch 0.1 --seed 3",
@@ -69,7 +70,7 @@ def demo(args: argparse.Namespace) -> int:
         print(f"aritra demo: {args.out}: {error.strerror}", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory(prefix="aritra-") as wires:
-        failures = drive(args, boats, Path(wires))
+        failures = drive(args, boats, Path(wires), devices_of(setup.pilot.vessel.sensors))
     passed = [_score(boat, setup, failure) for boat, failure in zip(boats, failures, strict=True)]
     return 0 if all(passed) else 1
 
@@ -143,15 +144,20 @@ class _Pair:
         self._stack.close()
 
 
-def drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) -> list[str | None]:
-    """All boats, one started after the other, until each is done; what went wrong, or None, for each."""
+def drive(
+    args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path, keys: Sequence[str] = ("uwb",)
+) -> list[str | None]:
+    """All boats, one started after the other, until each is done; what went wrong, or None, for each.
+
+    `keys`: sensors with a wire of their own.
+    """
     pairs: list[_Pair] = []
     with contextlib.ExitStack() as stack:
         under_way, next_s = list[_Pair](), time.monotonic()
         while under_way or len(pairs) < len(boats):
             if len(pairs) < len(boats) and time.monotonic() >= next_s:
                 next_s += args.stagger
-                pairs.append(_start(args, boats, len(pairs), wires))
+                pairs.append(_start(args, boats, len(pairs), wires, keys))
                 stack.callback(pairs[-1].close)
                 under_way.append(pairs[-1])
             under_way = [pair for pair in under_way if pair.goes_on()]
@@ -159,16 +165,25 @@ def drive(args: argparse.Namespace, boats: Sequence[FleetBoat], wires: Path) -> 
     return [pair.failure for pair in pairs]
 
 
-def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: Path) -> _Pair:
+def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: Path, keys: Sequence[str]) -> _Pair:
     """Both processes of boat k, in a world with a seed of its own."""
     boat, port, uwb = boats[k], free_port(), wires / f"uwb-{k}"
     program = aritra()
     config = ["--config", str(boat.config)]
     own = world_arguments(argparse.Namespace(**vars(args) | {"seed": args.seed + k}))
     world = ["--udp-to", f"127.0.0.1:{port}", "--uwb", str(uwb), "--truth", str(_truth_log(boat))]
-    urls = ["--mavlink", f"udpin:127.0.0.1:{port}", "--uwb", f"serial:{uwb}:115200", "--log", str(_run_log(boat))]
+    urls = ["--mavlink", f"udpin:127.0.0.1:{port}", *device_options(keys, str(uwb)), "--log", str(_run_log(boat))]
     drive = [*program, "run", *config, *urls, "--start", "--end-after", str(STATION_S)]
     return _Pair(boat, [*program, "sim", *config, *world, *own], drive, boat.name if len(boats) > 1 else "")
+
+
+def device_options(keys: Sequence[str], uwb_path: str) -> list[str]:
+    """The simulated sensors' wires as options of `aritra run`."""
+    from sim.world.loopback import device_path
+
+    urls = {key: f"serial:{device_path(uwb_path, key)}:115200" for key in keys}
+    options = [("--uwb", url) if key == "uwb" else ("--device", f"{key}={url}") for key, url in urls.items()]
+    return [word for option in options for word in option]
 
 
 def _run_log(boat: FleetBoat) -> Path:

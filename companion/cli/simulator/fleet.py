@@ -93,7 +93,9 @@ def _boat(
     run = absolute(run, config.parent)
     telemetry = _telemetry(run.telemetry, name, shore, where=str(config))
     if wires:
-        run = replace(run, mavlink=replace(run.mavlink, url=wires.mavlink), uwb=replace(run.uwb, url=wires.uwb))
+        run = replace(
+            run, mavlink=replace(run.mavlink, url=wires.mavlink), uwb=run.uwb and replace(run.uwb, url=wires.uwb)
+        )
     run = replace(run, telemetry=telemetry, log=replace(run.log, folder=str(folder.resolve())))
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -60,7 +60,8 @@ def _track(ax: Any, score: DemoScore, settings: PilotSettings) -> None:
         ax.add_patch(Polygon(hull + (y, x), closed=True, fill=False, ec=FAINT, lw=0.6))
     for anchor in settings.site.anchors:
         ax.plot(anchor.east_m, anchor.north_m, marker="^", color="#009e73", ms=7, clip_on=False)
-    ax.plot([], [], marker="^", ls="", color="#009e73", label="UWB anchor")
+    if settings.site.anchors:
+        ax.plot([], [], marker="^", ls="", color="#009e73", label="UWB anchor")
     ax.set_aspect("equal")
     ax.set_xlabel("east [m]")
     ax.set_ylabel("north [m]")

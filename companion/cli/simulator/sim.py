@@ -53,7 +53,12 @@ def add_parser(commands) -> None:
     p.add_argument(
         "--tcp", type=address, metavar="HOST:PORT", help="also serve MAVLink over TCP (for MAVProxy, MAVSDK, QGC)"
     )
-    p.add_argument("--uwb", default="/tmp/aritra-uwb", metavar="PATH", help="where the UWB tag appears")
+    p.add_argument(
+        "--uwb",
+        default="/tmp/aritra-uwb",
+        metavar="PATH",
+        help="where the UWB tag appears; other sensors with a wire beside it",
+    )
     p.add_argument("--truth", type=outputs.output, metavar="LOG", help="MCAP log of what really happened")
     add_world_arguments(p)
     outputs.add_out(p, "DIR", "folder for run files that --boats, --shore make", default=Path("out/sim"))

@@ -77,6 +77,12 @@ class UwbLink(Table, frozen=True, kw_only=True):
     tag: str = "tag"
 
 
+class SensorWire(Table, frozen=True, kw_only=True):
+    """Wire to another sensor that has one of its own; the table's name is that of the vessel file's `[sensors.*]`."""
+
+    url: str
+
+
 class Control(Table, frozen=True, kw_only=True):
     """Timing of the control loop [s].
 
@@ -120,7 +126,10 @@ class LogFolder(Table, frozen=True, kw_only=True):
 
 
 class RunFile(Table, frozen=True, kw_only=True):
-    """One run. `excitation`: what `aritra run --excite` flies instead of the mission."""
+    """One run. `excitation`: what `aritra run --excite` flies instead of the mission.
+
+    `uwb`: needed by a boat with a tag; `devices`: wires of its other sensors that have one.
+    """
 
     FILE: ClassVar = file_kinds.RUN
     vessel: str
@@ -128,13 +137,24 @@ class RunFile(Table, frozen=True, kw_only=True):
     mission: str
     excitation: str | None = None
     mavlink: MavlinkLink
-    uwb: UwbLink
+    uwb: UwbLink | None = None
+    devices: dict[str, SensorWire] = msgspec.field(default_factory=dict)
     forward: ForwardLink | None = None
     vision: VisionTable | None = None
     telemetry: TelemetryLink | None = None
     control: Control = Control()
     battery: BatteryLimits = BatteryLimits()
     log: LogFolder = LogFolder()
+
+    def wire(self, key: str) -> str | None:
+        """Address of a sensor's own wire, by its key in the vessel file; None: not stated."""
+        if key == "uwb":
+            return self.uwb.url if self.uwb else None
+        return self.devices[key].url if key in self.devices else None
+
+    def device_name(self, key: str) -> str:
+        """Name of a sensor in messages and logs."""
+        return self.uwb.tag if key == "uwb" and self.uwb else key
 
 
 def load_run(text: str, *, name: str) -> RunFile:

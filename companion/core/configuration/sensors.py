@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec.structs import replace
@@ -44,7 +45,8 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
 
 class Uwb(SourcedTable, frozen=True, kw_only=True):
     """UWB tag. Lever arm [m]; `latency_s` from measuring to the arrival of the bytes, growing by `clock_drift_s_s`
-    since the first of them; `scale`: how much too far from the site's origin it appears. Equations in `sensor_errors`.
+    since the first of them; `scale`: how much too far from the site's origin it appears; `nlos_*`: of which part of the
+    measurements an anchor is out of sight. Equations in `sensor_errors`.
     """
 
     x_m: Arm = 0.0
@@ -56,12 +58,22 @@ class Uwb(SourcedTable, frozen=True, kw_only=True):
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
     clock_drift_s_s: Annotated[float, msgspec.Meta(ge=-0.05, le=0.05)] = 0.0
     scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    nlos_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
+    nlos_extra_m: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    nlos_anchor: str = ""
     wire_format: str
 
 
+FIX_TYPES = {"3d": 3, "dgps": 4, "float": 5, "fixed": 6}
+"""Least quality of a fix by name -> GPS_FIX_TYPE of MAVLink."""
+
+
 class Gnss(SourcedTable, frozen=True, kw_only=True):
-    """GNSS receiver (GPS). Lever arm of its antenna [m]; `position_sigma_m`: noise of one coordinate of a fix;
-    `latency_s`: how much older a fix is than its stamp.
+    """GNSS receiver behind the autopilot. Lever arm of its antenna [m]; equations in `core.sensors.gnss`.
+
+    `position_sigma_m`: white noise of one coordinate of a fix; `position_wander_sigma_m`: error that wanders, with
+    correlation time `position_wander_time_s`; `velocity_sigma_m_s`: white noise of a component of the velocity;
+    `latency_s`: how much older a fix is than its stamp; `fix`: least quality of a position that is used.
     """
 
     x_m: Arm = 0.0
@@ -69,15 +81,34 @@ class Gnss(SourcedTable, frozen=True, kw_only=True):
     z_m: Arm = 0.0
     rate_Hz: Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
     position_sigma_m: Annotated[float, msgspec.Meta(ge=1e-5, le=20)]
+    position_wander_sigma_m: Annotated[float, msgspec.Meta(ge=0, le=20)] = 0.0
+    position_wander_time_s: Annotated[float, msgspec.Meta(ge=1, le=1e6)] = 120.0
+    velocity_sigma_m_s: Annotated[float, msgspec.Meta(ge=1e-3, le=5)] = 0.05
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)]
+    fix: Literal["3d", "dgps", "float", "fixed"] = "3d"
+
+
+class Dvl(SourcedTable, frozen=True, kw_only=True):
+    """Doppler velocity log on a wire of its own. Lever arm [m]; `azimuth_deg`: of its x axis, clockwise from ahead;
+    `velocity_sigma_m_s`: white noise of a component; `latency_s`: beyond what its own stamps account for.
+    """
+
+    x_m: Arm = 0.0
+    y_m: Arm = 0.0
+    z_m: Arm = 0.0
+    azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)] = 0.0
+    rate_Hz: Annotated[float, msgspec.Meta(ge=0.1, le=50)]
+    velocity_sigma_m_s: Annotated[float, msgspec.Meta(ge=1e-3, le=5)]
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.0
 
 
 class Sensors(Table, frozen=True, kw_only=True):
-    """What the boat measures with: an IMU, and one sensor of positions, UWB or GNSS."""
+    """What the boat measures with: an IMU, one sensor of positions, UWB or GNSS, and perhaps a DVL."""
 
     imu: Imu
     uwb: Uwb | None = None
     gnss: Gnss | None = None
+    dvl: Dvl | None = None
 
     @property
     def position(self) -> Uwb | Gnss:
@@ -96,8 +127,12 @@ class Sensors(Table, frozen=True, kw_only=True):
 
     @property
     def position_sigma_m(self) -> float:
-        """Noise of one coordinate of a position; of UWB the noise of a range stands for it (assumed)."""
-        return self.position.range_sigma_m if isinstance(self.position, Uwb) else self.position.position_sigma_m
+        """Error of one coordinate of a position; of UWB the noise of a range stands for it (assumed). That a fix of
+        GNSS wanders slowly is left out of account: the whole of its error counts in each of them.
+        """
+        if isinstance(self.position, Uwb):
+            return self.position.range_sigma_m
+        return math.hypot(self.position.position_sigma_m, self.position.position_wander_sigma_m)
 
     @property
     def position_bias_sigma_m(self) -> float:

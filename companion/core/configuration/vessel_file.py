@@ -119,18 +119,20 @@ ForceMap = RotorMap | LinearMap | PitchMap
 
 
 class Wash(Table, frozen=True, kw_only=True):
-    """The jet of thruster `ahead` takes `share` of the thrust of `behind` when `ahead` gives all it can."""
+    """The jet of thruster `ahead` takes `share` of the thrust of `behind` when it gives `at_N`; None: all it can."""
 
     behind: str
     ahead: str
     share: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    at_N: Force | None = None
 
 
 class Propulsion(SourcedTable, frozen=True, kw_only=True):
     """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force.
 
     `rate_limit_N_s`: what control asks for at most; `slew_N_s`: what the thrusters can do (None: the lag alone).
-    `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations in `thrust_losses`.
+    `advance_loss_s_m`, `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations
+    in `companion.core.model.effects`.
     """
 
     dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
@@ -138,6 +140,7 @@ class Propulsion(SourcedTable, frozen=True, kw_only=True):
     nominal_voltage_V: Voltage
     rate_limit_N_s: ForceRate
     slew_N_s: ForceRate | None = None
+    advance_loss_s_m: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
     advance_loss_sqrt_N_s_m: Annotated[float, msgspec.Meta(ge=-5, le=5)] = 0.0
     wash: tuple[Wash, ...] = ()
 

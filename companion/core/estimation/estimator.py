@@ -1,6 +1,6 @@
 """The boat's extended Kalman filter: sensor messages in, StateEstimate out; pure in its state.
 
-    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | b_1 .. b_m]
+    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | e_1 .. e_k]
 
 The vessel model, driven by the thruster forces that the commands produce, predicts; what it leaves out (wind,
 current, wrong coefficients) is the latent body force d. Every measurement is fused at its own stamp: one that
@@ -16,7 +16,8 @@ arrives late is inserted among the messages of the last second, and those after 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,6 +25,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.channel_fusion import ChannelFusion
 from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command
 from companion.core.estimation.filter_state import (
     B_ACCEL,
@@ -33,14 +35,12 @@ from companion.core.estimation.filter_state import (
     NU_INDICES,
     BufferedMeasurement,
     FilterState,
-    Fusible,
     Result,
 )
 from companion.core.estimation.health import assess, is_settled
 from companion.core.estimation.inertial import Inertial
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.model_confidence import update_confidence
-from companion.core.estimation.plausibility import screen
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.ranges import decorrelate, inflate
@@ -52,14 +52,17 @@ from companion.core.messages import (
     Attitude,
     ImuSample,
     Innovation,
+    Measured,
     Message,
     StateEstimate,
     UwbPosition,
     UwbRanges,
 )
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.sensor_errors import correct_message, is_exact, measurement_time_ns
+from companion.core.sensors.sensor import PositionHealth, Sensor
+from companion.core.sensors.table import SensorTable, sensors_of
 
+Fusion = Callable[[FilterState, Any], Result]
 UNKNOWN_VARIANCE = 1e6
 """Diagonal of the covariance reported before the filter runs: nothing is known."""
 
@@ -69,7 +72,7 @@ class EstimatorState(msgspec.Struct, frozen=True):
 
     `history`: messages of the last second with the filter after each, oldest first; empty before the start.
     `refused`: number of messages not fused, by reason. `restarts`, `restart_reason`: re-initialisations.
-    `uwb_zero_ns`: arrival of the first UWB message, from which a drifting stamp drifts.
+    `zero_ns`: arrival of the first message of each aiding sensor, by its key; from it a drifting stamp drifts.
     """
 
     start: FilterStart
@@ -78,24 +81,37 @@ class EstimatorState(msgspec.Struct, frozen=True):
     refused: Mapping[str, int] = msgspec.field(default_factory=dict)
     restarts: int = 0
     restart_reason: str = ""
-    uwb_zero_ns: int | None = None
+    zero_ns: Mapping[str, int] = msgspec.field(default_factory=dict)
 
 
 class Estimator:
     """Constant parts of the filter for one vessel at one site. Methods are pure in the state they get."""
 
-    def __init__(self, vessel: VesselFile, site: Site, tuning: EstimatorTuning | None = None):
+    def __init__(
+        self,
+        vessel: VesselFile,
+        site: Site,
+        tuning: EstimatorTuning | None = None,
+        limits: PositionHealth | None = None,
+    ):
+        """`limits`: of health, instead of those of the sensor of positions."""
         self.tuning = tuning or EstimatorTuning(model_error=vessel.model_error)
-        self.vessel, self.anchors = vessel, tuple(a.id for a in site.anchors)
-        model = StructuredModel.of(vessel)
-        sensors = vessel.sensors
-        self._exact = is_exact(sensors)
+        sensors, model = vessel.sensors, StructuredModel.of(vessel)
+        self.vessel, self.anchors = vessel, tuple(a.id for a in site.anchors) if sensors.uwb else ()
+        self.sensors = sensors_of(sensors, site)
+        self._limits = limits or self.sensors.limits
+        errors = [error for sensor in self.sensors for error in sensor.error_states]
         process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
-        algebra = KalmanEquations(B_RANGE + len(self.anchors))
-        self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, len(self.anchors))
-        self._inertial = Inertial(process, sensors.imu, self.tuning, algebra)
-        self._uwb = UwbFusion(site, sensors.tag, self.tuning, algebra)
-        self._starter = Starter(site, sensors, self.tuning)
+        algebra = KalmanEquations(B_RANGE + len(errors))
+        self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, errors)
+        self._starter = Starter(site, sensors, self.tuning, self.sensors)
+        inertial = Inertial(process, sensors.imu, self.tuning, algebra)
+        self._fusions: dict[type[Message], Fusion] = {
+            ImuSample: inertial.fuse_imu, Attitude: inertial.fuse_attitude, **_channels(self.sensors, algebra)
+        }  # fmt: skip
+        if sensors.uwb:
+            uwb = UwbFusion(site, sensors.uwb, self.tuning, algebra)
+            self._fusions |= {UwbRanges: uwb.fuse_ranges, UwbPosition: uwb.fuse_position}
 
     def initial(self) -> EstimatorState:
         """State before any message; no force commanded yet."""
@@ -114,18 +130,17 @@ class Estimator:
 
         Never raises on what a sensor may send: what is not finite, a duplicate or too late is counted.
         """
-        if not isinstance(message, (ImuSample, Attitude, UwbRanges, UwbPosition)):
+        if (sensor := self.sensors.of(message)) is None:
             return state, ()
-        good, problem = screen(message)
+        good, problem = sensor.screen(message)
         if problem:
             state = _refuse(state, problem)
         if good is None:
             return state, ()
-        if not self._exact:
-            good = correct_message(self.vessel.sensors, good)
-        if _is_uwb(good) and state.uwb_zero_ns is None:
-            state = replace(state, uwb_zero_ns=good.t_ns)
-        t_ns = self.instant_ns(good, state.uwb_zero_ns)
+        good = sensor.correct(good)
+        if sensor.aids and sensor.key not in state.zero_ns:
+            state = replace(state, zero_ns={**state.zero_ns, sensor.key: good.t_ns})
+        t_ns = self.instant_ns(good, state.zero_ns.get(sensor.key))
         if state.history and t_ns - state.history[-1].t_ns > self.tuning.restart_gap_s * 1e9:
             silence_s = (t_ns - state.history[-1].t_ns) * 1e-9
             state = self._restart(state, f"no sensor message for {silence_s:.0f} s")
@@ -133,28 +148,30 @@ class Estimator:
             return self._begin(state, t_ns, good)
         return self._insert(state, t_ns, good)
 
-    def instant_ns(self, m: Fusible, uwb_zero_ns: int | None = None) -> int:
-        """When a message was measured: never after its arrival; UWB tags stamp nothing, hence the latency.
+    def instant_ns(self, m: Measured, zero_ns: int | None = None) -> int:
+        """When a message of these sensors was measured; `zero_ns`: as in EstimatorState, None: it is the first."""
+        return self._sensor(m).measured_ns(m, zero_ns)
 
-        `uwb_zero_ns`: as in EstimatorState; None: this is the first UWB message.
-        """
-        t_ns = min(m.t_ns, m.t_rx_ns)
-        if not _is_uwb(m):
-            return t_ns
-        return measurement_time_ns(self.vessel.sensors.tag, t_ns, t_ns if uwb_zero_ns is None else uwb_zero_ns)
+    def _sensor(self, m: Measured) -> Sensor:
+        sensor = self.sensors.of(m)
+        assert sensor is not None
+        return sensor
+
+    def _aids(self, m: Measured) -> bool:
+        return self._sensor(m).aids
 
     def estimate(self, state: EstimatorState, t_ns: int, belief: FilterState | None = None) -> StateEstimate:
         """Pose of the body origin, velocities, biases, disturbance and health at t_ns; `belief`: then, if at hand."""
         belief = belief or self.belief(state, t_ns)
         if belief is None:
             return self._nothing(state, t_ns)
-        x, (health, reason) = belief.x, assess(belief, t_ns, self.tuning)
+        x, (health, reason) = belief.x, assess(belief, t_ns, self.tuning, self._limits)
         return StateEstimate(
             t_ns=t_ns, north_m=float(x[0]), east_m=float(x[1]), psi_rad=ssa(float(x[2])),
             u_m_s=float(x[3]), v_m_s=float(x[4]), r_rad_s=float(x[5]),
             covariance=tuple(belief.P[:6, :6].ravel().tolist()), accel_bias_m_s2=tuple(x[B_ACCEL].tolist()),
             gyro_bias_rad_s=float(x[B_GYRO]),
-            anchor_bias_m=dict(zip(self.anchors, x[B_RANGE:].tolist(), strict=True)),
+            anchor_bias_m=dict(zip(self.anchors, x[B_RANGE:].tolist(), strict=False)),
             disturbance_n=belief.lasting, health=health, reason=reason,
         )  # fmt: skip
 
@@ -166,7 +183,7 @@ class Estimator:
         horizon_ns = entry.t_ns + round(self.tuning.restart_gap_s * 1e9)
         return self._predictor.to(entry.belief, min(t_ns, horizon_ns), state.commands)
 
-    def _begin(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+    def _begin(self, state: EstimatorState, t_ns: int, m: Measured) -> tuple[EstimatorState, tuple[Innovation, ...]]:
         """Initialise by one message; the first filter state is the first entry of the history."""
         start, belief = self._starter.take(state.start, t_ns, m, active_command(state.commands, t_ns)[0])
         state = replace(state, start=start)
@@ -175,11 +192,11 @@ class Estimator:
         belief, innovations = self._fuse(belief, m)
         return replace(state, history=(BufferedMeasurement(t_ns, m, belief),)), innovations
 
-    def _insert(self, state: EstimatorState, t_ns: int, m: Fusible) -> tuple[EstimatorState, tuple[Innovation, ...]]:
-        """Fuse at t_ns (UWB after all else of that instant), then fuse again what comes after it."""
+    def _insert(self, state: EstimatorState, t_ns: int, m: Measured) -> tuple[EstimatorState, tuple[Innovation, ...]]:
+        """Fuse at t_ns (what aids after all else of that instant), then fuse again what comes after it."""
         old = state.history
-        place = len(old)
-        while place > 0 and (old[place - 1].t_ns, _is_uwb(old[place - 1].message)) > (t_ns, _is_uwb(m)):
+        place, aids = len(old), self._aids(m)
+        while place > 0 and (old[place - 1].t_ns, self._aids(old[place - 1].message)) > (t_ns, aids):
             place -= 1
         if place == 0:
             return _refuse(state, "too late"), ()
@@ -195,7 +212,7 @@ class Estimator:
         return replace(state, history=history, commands=drop_expired(state.commands, history[0].t_ns)), innovations
 
     def _replay(
-        self, belief: FilterState, messages: Sequence[tuple[int, Fusible]], state: EstimatorState
+        self, belief: FilterState, messages: Sequence[tuple[int, Measured]], state: EstimatorState
     ) -> tuple[tuple[BufferedMeasurement, ...], tuple[Innovation, ...]]:
         """Entries for messages in order of time, and the innovations of the first."""
         entries, first = [], None
@@ -207,19 +224,13 @@ class Estimator:
             first = innovations if first is None else first
         return tuple(entries), first or ()
 
-    def _fuse(self, belief: FilterState, m: Fusible) -> Result:
+    def _fuse(self, belief: FilterState, m: Measured) -> Result:
         """Measurement update by a message of the filter state's own instant."""
-        match m:
-            case ImuSample():
-                return self._inertial.fuse_imu(belief, m)
-            case Attitude():
-                return self._inertial.fuse_attitude(belief, m)
-            case UwbRanges():
-                belief, innovations = self._uwb.fuse_ranges(belief, m)
-            case UwbPosition():
-                belief, innovations = self._uwb.fuse_position(belief, m)
+        belief, innovations = self._fusions[type(m)](belief, m)
+        if not self._aids(m):
+            return belief, innovations
         belief = update_confidence(belief, innovations, self.tuning)
-        belief = replace(belief, fixes=belief.fixes + (belief.uwb_ns == belief.t_ns))
+        belief = replace(belief, fixes=belief.fixes + (belief.position_ns == belief.t_ns))
         return replace(belief, settled=is_settled(belief, self.tuning)), innovations
 
     def _after_gap(self, belief: FilterState) -> FilterState:
@@ -240,7 +251,7 @@ class Estimator:
     def _restart(self, state: EstimatorState, reason: str) -> EstimatorState:
         """State to initialise from afresh; commands and counts are kept."""
         begun, count = self._starter.initial(), state.restarts + 1
-        return EstimatorState(begun, state.commands, (), state.refused, count, reason, state.uwb_zero_ns)
+        return EstimatorState(begun, state.commands, (), state.refused, count, reason, state.zero_ns)
 
     def _nothing(self, state: EstimatorState, t_ns: int) -> StateEstimate:
         """The estimate before the start: zeros that say they mean nothing."""
@@ -263,12 +274,18 @@ def _refuse(state: EstimatorState, reason: str) -> EstimatorState:
     return replace(state, refused={**state.refused, reason: state.refused.get(reason, 0) + 1})
 
 
-def _is_uwb(m: Fusible) -> bool:
-    """Whether a message comes from the UWB tag."""
-    return isinstance(m, (UwbRanges, UwbPosition))
+def _channels(sensors: SensorTable, algebra: KalmanEquations) -> dict[type[Message], Fusion]:
+    """How messages of sensors that have channels are fused."""
+    fusions: dict[type[Message], Fusion] = {}
+    first = B_RANGE
+    for sensor in sensors:
+        if sensor.channels:
+            fusions |= dict.fromkeys(sensor.messages, ChannelFusion(sensor, first, algebra).fuse)
+        first += len(sensor.error_states)
+    return fusions
 
 
-def _known(history: tuple[BufferedMeasurement, ...], t_ns: int, m: Fusible) -> bool:
+def _known(history: tuple[BufferedMeasurement, ...], t_ns: int, m: Measured) -> bool:
     """Whether a message of the same kind and origin already stands at this instant."""
     for entry in reversed(history):
         if entry.t_ns < t_ns:
@@ -278,6 +295,6 @@ def _known(history: tuple[BufferedMeasurement, ...], t_ns: int, m: Fusible) -> b
     return False
 
 
-def _origin(m: Fusible) -> str:
+def _origin(m: Measured) -> str:
     """Which device of its kind a message comes from."""
     return m.source if isinstance(m, ImuSample) else getattr(m, "tag", "")

@@ -1,10 +1,13 @@
 """The filter at one instant, as a value: state, covariance, thruster forces, gates.
 
-x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | b_1 .. b_m]
+x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | e_1 .. e_k]
+
+e: slow errors of the other sensors (`Sensor.error_states`), in the order of the boat's table; of UWB a bias an anchor.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import msgspec
@@ -13,7 +16,7 @@ import numpy as np
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.latent_activity import CALM, Activity
 from companion.core.estimation.ranging.ranges import AnchorHistory, RangeLayout
-from companion.core.messages import Attitude, ImuSample, Innovation, UwbPosition, UwbRanges
+from companion.core.messages import Innovation, Measured
 
 ETA, NU, LATENT = slice(0, 3), slice(3, 6), slice(6, 9)
 DYNAMIC = slice(0, 9)
@@ -25,7 +28,6 @@ LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
 
 Rates = tuple[float, float, float]
 """p, q, r."""
-Fusible = ImuSample | Attitude | UwbRanges | UwbPosition
 
 
 class Tilt(NamedTuple):
@@ -36,13 +38,13 @@ class Tilt(NamedTuple):
 
 
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
-    """State x (17 + m,) with covariance P at t_ns; arrays are never changed in place.
+    """State x (17 + k,) with covariance P at t_ns; arrays are never changed in place.
 
     `f_n`: thruster forces delivered now [N]. `rates_rad_s`, `rates_ns`: p, q, r of the last attitude, and when;
-    `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `imu_ns`, `uwb_ns`, `ranges_ns`: the last
-    sample of each kind. `since_ns`: the start, or the end of the last gap in all sensors; `fixes`: UWB messages
-    accepted since then; `settled`: speed is known since then. `doubt`: the cumulative sum of `model_confidence`;
-    `activity`: of the latent force, see `latent_activity`;
+    `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `gates`: of components of channels, by name.
+    `imu_ns`, `position_ns`, `ranges_ns`: the last IMU sample, accepted position, ranges. `since_ns`: the start, or the
+    end of the last gap in all sensors; `fixes`: positions accepted since then; `settled`: speed is known since then.
+    `doubt`: the cumulative sum of `model_confidence`; `activity`: of the latent force, see `latent_activity`;
     `lasting`: its mean over a time that grows with it, what a controller can plan against [N, N, N m].
     """
 
@@ -56,9 +58,10 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     anchor_gates: tuple[Gate, ...]
     heading_gate: Gate
     position_gates: tuple[Gate, ...]
+    gates: Mapping[str, Gate] = msgspec.field(default_factory=dict)
     latest: tuple[AnchorHistory | None, ...]
     imu_ns: int | None
-    uwb_ns: int
+    position_ns: int
     ranges_ns: int | None
     since_ns: int
     fixes: int = 0
@@ -77,7 +80,7 @@ class BufferedMeasurement(NamedTuple):
     """One message at the instant when it was measured, and the filter after it."""
 
     t_ns: int
-    message: Fusible
+    message: Measured
     belief: FilterState
 
 

@@ -12,20 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from companion.core.configuration.tables import Table
+from companion.core.sensors.sensor import GateRule
 
 Verdict = Literal["accepted", "rejected", "reopened"]
-
-
-class GateRule(Table, frozen=True, kw_only=True):
-    """Limits of one kind of measurement; `floor`, `ceiling` and `agreement` in its own unit."""
-
-    limit: float
-    floor: float
-    ceiling: float
-    reopen_count: int
-    reopen_span_s: float
-    agreement: float
 
 
 class Rejection(NamedTuple):

@@ -1,7 +1,7 @@
 """Health of the estimate, with the reason as text for the operator.
 
 lost       position sigma above the limit along its worst axis
-degraded   no UWB, IMU or heading for too long (the filter dead-reckons), position sigma raised,
+degraded   no position, IMU or heading for too long (the filter dead-reckons), position sigma raised,
            or a start or a gap too short a time ago
 """
 
@@ -12,6 +12,7 @@ import numpy as np
 from companion.core.estimation.filter_state import LAYOUT, FilterState
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Health
+from companion.core.sensors.sensor import PositionHealth
 
 SETTLES = "it settles: speed is not known well yet"
 
@@ -31,23 +32,26 @@ def is_settled(belief: FilterState, tuning: EstimatorTuning) -> bool:
     return max(belief.P[i, i] for i in LAYOUT.velocity) <= tuning.settled_velocity_sigma_m_s**2
 
 
-def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning) -> tuple[Health, str]:
-    """Health and reason of a filter state at t_ns; one that could not be predicted so far is lost."""
+def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: PositionHealth) -> tuple[Health, str]:
+    """Health and reason of a filter state at t_ns; one that could not be predicted so far is lost.
+
+    `position`: limits of the boat's sensor of positions.
+    """
     if t_ns > belief.t_ns:
         return "lost", "no sensor message for too long to carry the estimate on"
-    uwb_s = (t_ns - belief.uwb_ns) * 1e-9
+    position_s = (t_ns - belief.position_ns) * 1e-9
     imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
     heading_s = belief.heading_gate.starved_s(t_ns)
     sigma_m = position_sigma_m(belief.P)
     reasons = [] if belief.settled or t_ns - belief.since_ns > tuning.settle_most_s * 1e9 else [SETTLES]
-    if uwb_s > tuning.uwb_timeout_s:
-        reasons.append(f"no UWB accepted for {uwb_s:.1f} s, dead reckoning")
+    if position_s > position.timeout_s:
+        reasons.append(f"no {position.label} accepted for {position_s:.1f} s, dead reckoning")
     if imu_s > tuning.imu_timeout_s:
         reasons.append("no IMU" if imu_s == float("inf") else f"no IMU for {imu_s:.1f} s")
     if heading_s > tuning.imu_timeout_s:
         reasons.append("no heading accepted" + (f" for {heading_s:.1f} s" if heading_s < 1e9 else ""))
-    if sigma_m > tuning.degraded_position_sigma_m:
+    if sigma_m > position.degraded_sigma_m:
         reasons.append(f"position sigma {sigma_m:.2f} m")
-    if sigma_m > tuning.lost_position_sigma_m:
+    if sigma_m > position.lost_sigma_m:
         return "lost", "; ".join(reasons)
     return ("degraded", "; ".join(reasons)) if reasons else ("healthy", "")

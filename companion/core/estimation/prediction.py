@@ -1,13 +1,14 @@
 """The time update of the filter: vessel model, thruster lag, process noise.
 
 latent force, heading wander: first-order Gauss-Markov, d' = d exp(-dt / T), stationary sigma
-biases: random walk; roll and pitch: `tilt`;  u v r: white acceleration on top of the latent force
+biases: random walk; errors of the other sensors: as their `Sensor.error_states` say; roll and pitch: `tilt`
+u v r: white acceleration on top of the latent force
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from msgspec.structs import replace
@@ -34,16 +35,17 @@ from companion.core.estimation.tilt import advance_tilt
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.integrate import VesselModel
 from companion.core.model.thrust_lag import lagged
+from companion.core.sensors.sensor import ErrorState
 
 Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
-def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool = False) -> Noise:
-    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (17 + m,).
+def noise_model(imu: Imu, tuning: EstimatorTuning, errors: Sequence[ErrorState], *, wary: bool = False) -> Noise:
+    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (17 + k,).
 
     `wary`: with the latent force of `wary_latent_sigma`, once innovations contradict the file's `model_error`.
     """
-    n = B_RANGE + anchors
+    n = B_RANGE + len(errors)
     time_s = np.full(n, np.inf)
     time_s[LATENT], time_s[B_PSI] = tuning.latent_time_s, imu.heading_wander_time_s
     stationary, walk = np.zeros(n), np.zeros(n)
@@ -53,7 +55,8 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, anchors: int, *, wary: bool =
     walk[B_ACCEL] = imu.accel_bias_walk_m_s2_sqrt_s
     walk[B_GYRO] = walk[B_TILT] = math.hypot(imu.gyro_bias_walk_rad_s_sqrt_s, tuning.gyro_drift_rad_s_sqrt_s)
     walk[TILT] = imu.gyro_sigma_rad_s / np.sqrt(imu.rate_Hz)
-    walk[B_RANGE:] = tuning.range_bias_walk_m_sqrt_s
+    for i, error in enumerate(errors, B_RANGE):
+        time_s[i], stationary[i], walk[i] = error.time_s, error.stationary, error.walk
 
     def noise(dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         decay = np.exp(-dt_s / time_s)
@@ -72,11 +75,11 @@ class Predictor:
         imu: Imu,
         tuning: EstimatorTuning,
         algebra: KalmanEquations,
-        anchors: int,
+        errors: Sequence[ErrorState],
     ):
         self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
         self._tuning, self._algebra = tuning, algebra
-        self._noise, self._wary = (noise_model(imu, tuning, anchors, wary=w) for w in (False, True))
+        self._noise, self._wary = (noise_model(imu, tuning, errors, wary=w) for w in (False, True))
 
     def to(self, belief: FilterState, t_ns: int, commands: tuple[TimedCommand, ...]) -> FilterState:
         """Belief at t_ns; an earlier t_ns leaves it as it is. Steps end where a command takes over."""

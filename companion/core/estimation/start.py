@@ -1,4 +1,5 @@
-"""Initialisation of the filter: heading from the autopilot, position by multilateration of the first ranges.
+"""Initialisation of the filter: heading from the autopilot; position from the boat's sensor of positions, of ranges by
+multilateration.
 
 Two consecutive fixes must agree, so that one outlier starts nothing. Where anchors on a line leave two positions, the
 one within the fence is taken; where that does not decide, the filter waits and gives the reason.
@@ -22,7 +23,6 @@ from companion.core.estimation.filter_state import (
     LATENT,
     TILT,
     FilterState,
-    Fusible,
     Tilt,
 )
 from companion.core.estimation.gates import Gate
@@ -31,8 +31,9 @@ from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistor
 from companion.core.estimation.tilt import to_level_axes
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position
-from companion.core.messages import Attitude, UwbPosition, UwbRanges
+from companion.core.messages import Attitude, Measured, UwbRanges
 from companion.core.model.sensor_errors import correct_uwb_scale
+from companion.core.sensors.table import SensorTable
 
 MIRROR_COST = 6.0
 """A second position that costs so much more than the best is discarded; assumed (log of weights)."""
@@ -45,23 +46,25 @@ class FilterStart:
     latest: tuple[AnchorHistory | None, ...]
     heading: Attitude | None = None
     fix: tuple[int, float, float] | None = None
-    reason: str = "waiting for heading and UWB"
+    reason: str = ""
 
 
 class Starter:
     """Constant parts of the start; `take` is pure."""
 
-    def __init__(self, site: Site, sensors: Sensors, tuning: EstimatorTuning):
-        self._site, self._sensors, self._tuning = site, sensors, tuning
+    def __init__(self, site: Site, sensors: Sensors, tuning: EstimatorTuning, table: SensorTable):
+        self._site, self._sensors, self._tuning, self._table = site, sensors, tuning, table
+        self._errors = [error for sensor in table for error in sensor.error_states]
+        self._label = table.position.label
         self._number = {a.id: i for i, a in enumerate(site.anchors)}
         self._anchors_m = site.anchors_m
 
     def initial(self) -> FilterStart:
         """Nothing known."""
-        return FilterStart((None,) * len(self._number))
+        return FilterStart((None,) * len(self._number), reason=f"waiting for heading and {self._label}")
 
     def take(
-        self, start: FilterStart, t_ns: int, m: Fusible, f_n: np.ndarray
+        self, start: FilterStart, t_ns: int, m: Measured, f_n: np.ndarray
     ) -> tuple[FilterStart, FilterState | None]:
         """What is known after a message, and the first belief once there is enough."""
         if isinstance(m, Attitude):
@@ -73,8 +76,9 @@ class Starter:
                     latest[self._number[r.anchor]] = AnchorHistory(t_ns, r.range_m)
             start = replace(start, latest=tuple(latest))
             return self._judge(start, t_ns, self._place(start, t_ns), f_n)
-        if isinstance(m, UwbPosition) and not any(start.latest):
-            return self._judge(start, t_ns, (m.y_m, m.x_m), f_n)
+        place = sensor.place(m) if (sensor := self._table.of(m)) else None
+        if place and not any(start.latest):
+            return self._judge(start, t_ns, place, f_n)
         return start, None
 
     def _place(self, start: FilterStart, t_ns: int) -> tuple[float, float] | str:
@@ -102,35 +106,36 @@ class Starter:
             return replace(start, reason="no heading from the autopilot yet"), None
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
-        u, tilt = self._sensors.tag, Tilt(heading.phi_rad, heading.theta_rad)
+        u, tilt = self._sensors.position, Tilt(heading.phi_rad, heading.theta_rad)
         arm = to_level_axes(tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
         before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
         if before is None or t_ns <= before[0]:
             return start, None
         if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
-            return replace(start, reason="two UWB fixes in a row disagree"), None
+            return replace(start, reason=f"two fixes of {self._label} in a row disagree"), None
         return start, self._belief(t_ns, (north, east), heading, tilt, f_n)
 
     def _belief(
         self, t_ns: int, origin_m: tuple[float, float], heading: Attitude, tilt: Tilt, f_n: np.ndarray
     ) -> FilterState:
         """First belief: at the fix, at rest; heading and its wander correlated as one reading leaves them."""
-        imu, uwb, tuning = self._sensors.imu, self._sensors.tag, self._tuning
-        m = len(self._number)
-        x, sigma = np.zeros(B_RANGE + m), np.zeros(B_RANGE + m)
+        imu, tuning, m = self._sensors.imu, self._tuning, len(self._number)
+        errors = np.array([error.sigma for error in self._errors])
+        x, sigma = np.zeros(B_RANGE + len(errors)), np.zeros(B_RANGE + len(errors))
         x[:2], x[2], x[5], x[TILT] = origin_m, heading.psi_rad, heading.r_rad_s, tilt
-        sigma[:2], sigma[2] = PLACE_SIGMA_M, np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
+        sigma[:2] = max(PLACE_SIGMA_M, 2 * errors.max(initial=0.0))
+        sigma[2] = np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
         sigma[3:5], sigma[5] = tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
         sigma[LATENT] = tuning.latent_sigma
         sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
         sigma[TILT], sigma[B_TILT] = tuning.start_tilt_sigma_rad, imu.gyro_bias_sigma_rad_s
-        sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, uwb.range_bias_sigma_m
+        sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, errors
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)
         rates = (heading.p_rad_s, heading.q_rad_s, heading.r_rad_s)
         return FilterState(
             t_ns=t_ns, x=x, P=P, f_n=f_n, rates_rad_s=rates, rates_ns=t_ns, anchor_gates=(Gate(),) * m,
-            heading_gate=Gate(), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, uwb_ns=t_ns,
+            heading_gate=Gate(), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, position_ns=t_ns,
             ranges_ns=None, since_ns=t_ns,
         )  # fmt: skip

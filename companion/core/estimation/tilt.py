@@ -15,14 +15,12 @@ import math
 import numpy as np
 
 from companion.core.estimation.filter_state import B_TILT, TILT, R, Tilt
+from companion.core.geometry.frames import to_level
 
 
 def to_level_axes(tilt: Tilt, x: float, y: float, z: float) -> tuple[float, float, float]:
     """R_y(theta) R_x(phi) [x y z]: body components to level axes that keep the heading."""
-    cp, sp = math.cos(tilt.phi_rad), math.sin(tilt.phi_rad)
-    ct, st = math.cos(tilt.theta_rad), math.sin(tilt.theta_rad)
-    down = sp * y + cp * z
-    return ct * x + st * down, cp * y - sp * z, ct * down - st * x
+    return to_level(tilt.phi_rad, tilt.theta_rad, x, y, z)
 
 
 def level_jacobian(tilt: Tilt, x: float, y: float, z: float) -> np.ndarray:

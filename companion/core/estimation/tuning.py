@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from companion.core.configuration.tables import Table
 from companion.core.configuration.vessel_file import ModelError
-from companion.core.estimation.gates import GateRule
+from companion.core.sensors.sensor import GateRule
 
 RANGE_GATE = GateRule(limit=3.29, floor=0.10, ceiling=0.50, reopen_count=3, reopen_span_s=1.5, agreement=1.0)
 """Ranges [m]. 3.29 sigma: 99.9 % of a Gaussian. Ceiling and agreement: assumed (outliers of 0.5-46 m)."""
@@ -48,8 +48,6 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Roll and pitch rate are held so long after the last attitude; assumed: a tenth of a wave's period."""
     unseen_tilt_rad_sqrt_s: float = 0.05
     """Random walk of roll and pitch without rates; assumed: a wave of 4 degrees in half its period."""
-    range_bias_walk_m_sqrt_s: float = 0.0005
-    """Random walk of an anchor's bias; assumed."""
     imu_limit: float = 5.0
     """An IMU axis off by more than this many sigma is trusted less, in proportion; assumed."""
     range_gate: GateRule = RANGE_GATE
@@ -76,21 +74,15 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     doubt_limit: float = 40.0
     """Cumulative sum of the ranges' surprise at which the file's word is no longer taken (`trust`). Assumed: by chance
     once in ten hours at four ranges a second, within 7 s where d2 has a mean of 3."""
-    uwb_timeout_s: float = 3.0
-    """No UWB accepted for so long: degraded. Three cycles at 1 Hz."""
     imu_timeout_s: float = 0.5
     """No IMU or no heading for so long: degraded; assumed."""
     settle_s: float = 3.0
     """After a start, or a gap in all sensors of more than `imu_timeout_s`, the estimate is degraded for so long, until
-    `settle_fixes` UWB messages have been accepted, and until the sigma of u and v is below `settled_velocity_sigma_m_s`
+    `settle_fixes` positions have been accepted, and until the sigma of u and v is below `settled_velocity_sigma_m_s`
     at one of them: speed is known to 0.2 m/s then. `settle_most_s` ends it in any case. Assumed."""
     settle_fixes: int = 4
     settled_velocity_sigma_m_s: float = 0.045
     settle_most_s: float = 12.0
-    degraded_position_sigma_m: float = 0.5
-    """Position sigma along its worst axis above which the estimate is degraded; assumed."""
-    lost_position_sigma_m: float = 3.0
-    """The same for lost; assumed: a tenth of the basin."""
 
     @property
     def latent_sigma(self) -> tuple[float, float, float]:

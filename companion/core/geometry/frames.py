@@ -63,6 +63,13 @@ def unrotate(psi_rad: Any, x: Any, y: Any) -> tuple[Any, Any]:
     return c * x + s * y, c * y - s * x
 
 
+def to_level(phi_rad: Any, theta_rad: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    """R_y(theta) R_x(phi) [x y z]: body components to level axes that keep the heading."""
+    (cp, sp), (ct, st) = cos_sin(phi_rad), cos_sin(theta_rad)
+    down = sp * y + cp * z
+    return ct * x + st * down, cp * y - sp * z, ct * down - st * x
+
+
 def point_position(eta: Any, arm_m: Any) -> tuple[Any, Any]:
     """Where a sensor is, in NED: eta = [x y psi] of the body origin, `arm_m` = [forward, starboard] to the sensor."""
     dx, dy = rotate(eta[2], arm_m[0], arm_m[1])

@@ -38,6 +38,7 @@ from companion.core.messages.control import (
     VehicleRequest,
 )
 from companion.core.messages.sensors import (
+    MEASUREMENTS,
     AnchorRange,
     Attitude,
     AutopilotInfo,
@@ -70,7 +71,7 @@ __all__ = [
 ]  # fmt: skip
 
 INPUTS: tuple[type[Message], ...] = (
-    ImuSample, Attitude, UwbRanges, UwbPosition, Heartbeat, Battery, ServoOutput, MotorOutputs, RcChannels,
+    *MEASUREMENTS, Heartbeat, Battery, ServoOutput, MotorOutputs, RcChannels,
     CommandAck, ParamValue, TimeSync, StatusText, AutopilotInfo, LinkStatus, Tick, PlanDeadline, OperatorCommand,
     InterlockTrip, ManualInput, NewMission, PlanResult,
 )  # fmt: skip

@@ -76,6 +76,40 @@ class UwbPosition(Measured, frozen=True, kw_only=True):
     quality: int | None = None
 
 
+class GnssFix(Measured, frozen=True, kw_only=True):
+    """What a GNSS receiver says of its antenna: latitude and longitude (WGS84), velocity over ground, north and east.
+
+    `fix_type` as MAVLink's GPS_FIX_TYPE: below 3 no position; 3 alone, 4 with corrections, 5 RTK float, 6 RTK fixed.
+    `h_acc_m`, `v_acc_m_s`: the receiver's own word on its errors.
+    """
+
+    fix_type: int
+    lat_deg: float
+    lon_deg: float
+    v_north_m_s: float | None = None
+    v_east_m_s: float | None = None
+    satellites: int | None = None
+    h_acc_m: float | None = None
+    v_acc_m_s: float | None = None
+
+
+class DvlVelocity(Measured, frozen=True, kw_only=True):
+    """Velocity over ground of a Doppler velocity log, in its own axes: x ahead, y to starboard [m/s].
+
+    `valid`: it sees the bottom; `altitude_m`: above it; `fom_m_s`: its own word on the error.
+    """
+
+    x_m_s: float
+    y_m_s: float
+    valid: bool
+    altitude_m: float | None = None
+    fom_m_s: float | None = None
+
+
+MEASUREMENTS: tuple[type[Measured], ...] = (ImuSample, Attitude, UwbRanges, UwbPosition, GnssFix, DvlVelocity)
+"""Every message of a sensor; all of them are `INPUTS`."""
+
+
 # --- inputs: autopilot and links -------------------------------------------------------------------
 
 

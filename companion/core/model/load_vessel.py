@@ -11,6 +11,7 @@ from companion.core.configuration.vessel_file import Damping, PitchMap, RotorMap
 from companion.core.constants import NEUTRAL_US
 from companion.core.model import loads
 from companion.core.model import manoeuvring as model
+from companion.core.model.effects.cross_flow import most_negative_C_d
 
 
 def load_vessel(text: str, *, name: str) -> VesselFile:
@@ -40,6 +41,7 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
     yield from loads.problems(vessel.terms)
     yield from _wash_problems(vessel)
     yield from _munk_problems(vessel)
+    yield from _cross_flow_problems(vessel)
 
 
 def _thruster_problems(vessel: VesselFile) -> Iterator[str]:
@@ -111,3 +113,9 @@ def _munk_problems(vessel: VesselFile) -> Iterator[str]:
     k, most = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0), munk_limit_kg(vessel.damping)
     if isinstance(k, int | float) and abs(k) > most:
         yield f"terms.munk_moment.k_kg: feeds energy into the hull; this damping holds at most {most:.3g} kg"
+
+
+def _cross_flow_problems(vessel: VesselFile) -> Iterator[str]:
+    C_d = vessel.terms.get("cross_flow", {}).get("C_d", 0.0)
+    if isinstance(C_d, int | float) and C_d < 0 and C_d < (least := most_negative_C_d(vessel)):
+        yield f"terms.cross_flow.C_d: feeds energy into the hull; this damping holds {least:.3g} at the lowest"

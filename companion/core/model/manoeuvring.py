@@ -53,17 +53,32 @@ def linear_damping(vessel: VesselFile) -> np.ndarray:
 
 def coriolis_force(c: Coefficients, nu: Any) -> Any:
     """C(nu) nu, shape (3,): from the momentum p = M nu; nu^T C nu = 0 for every nu."""
-    p = ca.mtimes(_matrix(_mass_rows(c)), nu)
-    return ca.vertcat(-p[1] * nu[2], p[0] * nu[2], p[1] * nu[0] - p[0] * nu[1])
+    return ca.vertcat(*_coriolis(ca.mtimes(_matrix(_mass_rows(c)), nu), nu))
+
+
+def _coriolis(p: Any, nu: Any) -> tuple[Any, Any, Any]:
+    return -p[1] * nu[2], p[0] * nu[2], p[1] * nu[0] - p[0] * nu[1]
+
+
+def inertial_force(M: np.ndarray, nu: Any, nu_dot: Any) -> tuple[Any, Any, Any]:
+    """M nu_dot + C(nu) nu of a constant M (3, 3), as its components: numbers, arrays or expressions."""
+    p, p_dot = ([sum(m * v for m, v in zip(row, of, strict=True)) for row in M] for of in (nu, nu_dot))
+    X, Y, N = _coriolis(p, nu)
+    return p_dot[0] + X, p_dot[1] + Y, p_dot[2] + N
 
 
 def damping_force(c: Coefficients, nu: Any) -> Any:
     """D(nu) nu, shape (3,) [N, N, N m]: linear with yaw-sway coupling, plus quadratic."""
+    return -ca.vertcat(*hull_drag(c, nu))
+
+
+def hull_drag(c: Coefficients, nu: Any) -> tuple[Any, Any, Any]:
+    """-D(nu) nu as its components, numbers, arrays or expressions: the force of the water on the hull."""
     u, v, r = nu[0], nu[1], nu[2]
-    return -ca.vertcat(
-        c["X_u_N_s_m"] * u + c["X_uu_N_s2_m2"] * ca.fabs(u) * u,
-        c["Y_v_N_s_m"] * v + c["Y_r_N_s"] * r + c["Y_vv_N_s2_m2"] * ca.fabs(v) * v,
-        c["N_v_N_s"] * v + c["N_r_N_m_s"] * r + c["N_rr_N_m_s2"] * ca.fabs(r) * r,
+    return (
+        c["X_u_N_s_m"] * u + c["X_uu_N_s2_m2"] * abs(u) * u,
+        c["Y_v_N_s_m"] * v + c["Y_r_N_s"] * r + c["Y_vv_N_s2_m2"] * abs(v) * v,
+        c["N_v_N_s"] * v + c["N_r_N_m_s"] * r + c["N_rr_N_m_s2"] * abs(r) * r,
     )
 
 
@@ -74,11 +89,15 @@ def _matrix(rows: list[list[Any]]) -> Any:
 
 @dataclass(frozen=True)
 class StructuredModel:
-    """The model above for one vessel. `c` and `term_values` may hold symbols where a fit wants them."""
+    """The model above for one vessel. `c` and `term_values` may hold symbols where a fit wants them.
+
+    `t_s`: time since the beginning, for water that turns; None, where no clock is known: as at the beginning.
+    """
 
     vessel: VesselFile
     c: Coefficients = field(default_factory=dict)
     term_values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    t_s: Any = None
 
     @classmethod
     def of(cls, vessel: VesselFile) -> StructuredModel:
@@ -111,7 +130,7 @@ class StructuredModel:
         north = east = 0.0
         for name, p in self.term_values.items():
             if flow := term_registry.REGISTRY[name].water_velocity:
-                dn, de = flow(p, eta)
+                dn, de = flow(p, self.t_s)
                 north, east = north + dn, east + de
         return ca.vertcat(*unrotate(eta[2], north, east), 0.0)
 
@@ -128,7 +147,7 @@ class StructuredModel:
         total = ca.vertcat(0.0, 0.0, 0.0)
         for name, p in self.term_values.items():
             if force := term_registry.REGISTRY[name].hull_force:
-                total += ca.vertcat(*force(p, nu_r))
+                total += ca.vertcat(*force(p, self.vessel, nu_r))
         return total
 
     def damping(self, eta: Any, nu_r: Any) -> Any:

@@ -8,6 +8,8 @@ IMU      [a_x a_y] = R(m)^T a + b      m: `misalignment_rad`, by which its axes 
          r         = (1 + `gyro_scale`) r + `gyro_bias_rad_s`
 heading  psi       = psi + `heading_offset_rad` + `hard_iron_cos_rad` cos psi + `hard_iron_sin_rad` sin psi
 place    p         = (1 + `scale`) p   of the tag, horizontal, about the site's origin; ranges as measured from there
+sight    p         = p + extra e       in `nlos_share` of measurements, e away from `nlos_anchor`, horizontal, extra
+                                       exponential of mean `nlos_extra_m`: drawn, and not corrected; a gate's matter
 stamp    t         = t + `latency_s` + `clock_drift_s_s` (t - t_0)      t_0: the first UWB message
 
 Heading in the axes of the site. A constant heading offset and UWB anchors surveyed in a frame that is turned the other
@@ -19,11 +21,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Imu, Sensors, Uwb
-from companion.core.geometry.frames import rotate, ssa, unrotate
-from companion.core.messages import Attitude, ImuSample, UwbPosition, UwbRanges
+from companion.core.geometry.frames import rotate, unrotate
 
 NEWTON_STEPS = 8
 """Newton steps of the heading with hard iron; amplitudes of 0.5 rad need six to reach rounding."""
@@ -67,6 +67,13 @@ def apply_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
     return (1 + uwb.scale) * north, (1 + uwb.scale) * east
 
 
+def out_of_sight(anchor_m: tuple[float, float], north: Any, east: Any, extra_m: Any) -> tuple[Any, Any]:
+    """Position [m] at which a tag appears that is measured `extra_m` too far from an anchor (north, east)."""
+    dn, de = north - anchor_m[0], east - anchor_m[1]
+    far = np.hypot(dn, de) + 1e-9
+    return north + extra_m * dn / far, east + extra_m * de / far
+
+
 def correct_uwb_scale(uwb: Uwb, north: Any, east: Any) -> tuple[Any, Any]:
     """Position of the tag [m] that appears at a place."""
     return north / (1 + uwb.scale), east / (1 + uwb.scale)
@@ -81,10 +88,14 @@ def arrival_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
 def measurement_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
     """Instant [ns] of the measurement that arrived at `t_ns`."""
     since = t_ns - zero_ns - round(uwb.latency_s * 1e9)
-    return zero_ns + since - round(since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s))
+    return zero_ns + since - round(drifted(uwb.clock_drift_s_s, since))
 
 
-Sensed = ImuSample | Attitude | UwbRanges | UwbPosition
+def drifted(drift_s_s: float, since: Any) -> Any:
+    """How much older than its latency what arrives is, `since` after t_0 by the stamps less latency; in that unit."""
+    return since * drift_s_s / (1 + drift_s_s)
+
+
 IMU_KEYS = (
     "accel_bias_x_m_s2",
     "accel_bias_y_m_s2",
@@ -97,22 +108,11 @@ IMU_KEYS = (
 )
 
 
+def knows_imu_errors(imu: Imu) -> bool:
+    """Whether the file states an error of IMU or compass."""
+    return any(getattr(imu, key) for key in IMU_KEYS)
+
+
 def is_exact(sensors: Sensors) -> bool:
-    """Whether the file has no error that `correct_message` removes."""
-    scale = sensors.uwb.scale if sensors.uwb else 0.0
-    return not (scale or any(getattr(sensors.imu, key) for key in IMU_KEYS))
-
-
-def correct_message(sensors: Sensors, m: Sensed) -> Sensed:
-    """A sensor's message as a perfect one would have sent it; ranges and stamps are left to the filter's equations."""
-    imu = sensors.imu
-    if isinstance(m, ImuSample):
-        a_x, a_y, r = correct_imu(imu, m.ax_m_s2, m.ay_m_s2, m.r_rad_s)
-        return replace(m, ax_m_s2=float(a_x), ay_m_s2=float(a_y), r_rad_s=float(r))
-    if isinstance(m, Attitude):
-        psi, r = correct_heading(imu, m.psi_rad), correct_yaw_rate(imu, m.r_rad_s)
-        return replace(m, psi_rad=ssa(float(psi)), r_rad_s=float(r))
-    if isinstance(m, UwbPosition):
-        north, east = correct_uwb_scale(sensors.tag, m.y_m, m.x_m)
-        return replace(m, y_m=float(north), x_m=float(east))
-    return m
+    """Whether the file has no error that can be corrected message by message."""
+    return not ((sensors.uwb and sensors.uwb.scale) or knows_imu_errors(sensors.imu))

@@ -25,18 +25,16 @@ from companion.core.guidance.path import Path, Waypoint
 from companion.core.messages import (
     Alert,
     Attitude,
-    ImuSample,
     InterlockTrip,
     LinkStatus,
     Message,
     NewMission,
     OperatorCommand,
-    UwbPosition,
-    UwbRanges,
 )
 from companion.core.pilot import transitions
 from companion.core.pilot.modes import WANTED
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+from companion.core.sensors.table import SENSED
 
 Handler = Callable[[PilotState, Any, int], tuple[PilotState, Outputs]]
 
@@ -50,10 +48,7 @@ class InputHandler:
     def handlers(self) -> Mapping[type[Message], Handler]:
         """The handler of each type of message."""
         return {
-            ImuSample: self._sense,
-            Attitude: self._sense,
-            UwbRanges: self._sense,
-            UwbPosition: self._sense,
+            **dict.fromkeys(SENSED, self._sense),
             LinkStatus: self._link,
             OperatorCommand: self._operator,
             InterlockTrip: self._trip,

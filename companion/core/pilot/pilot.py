@@ -30,6 +30,7 @@ from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.verdict import Finding, vet
+from companion.core.sensors.table import SensorTable
 
 __all__ = ["Pilot", "PilotSettings", "PilotState"]
 
@@ -52,6 +53,11 @@ class Pilot:
             PlanResult: self._driving.planned,
             PlanDeadline: self._driving.deadline,
         }
+
+    @property
+    def sensors(self) -> SensorTable:
+        """The boat's sensors."""
+        return self._estimator.sensors
 
     def initial(self, t_ns: int) -> PilotState:
         """State at switch-on: nothing known, thrusters at rest."""

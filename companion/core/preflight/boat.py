@@ -21,6 +21,8 @@ from companion.core.geometry.anchors import hdop
 from companion.core.messages import Innovation
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, Row
+from companion.core.sensors.table import sensors_of
+from companion.core.sensors.uwb import RangingSensor
 
 START_ANCHORS = 3
 """The filter starts with three."""
@@ -53,7 +55,7 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
     yield Row(
         area="estimator", name="state", level=level, found=found, needed=f"healthy after {observed.listened_s:.0f} s",
         why="without it the boat does not know where it is",
-        fix="" if level == "ok" else "see the rows on UWB and streams; listen longer (--listen-s 30)",
+        fix="" if level == "ok" else "see the rows on sensors and streams; listen longer (--listen-s 30)",
     )  # fmt: skip
     groups: dict[str, list[Innovation]] = {}
     for i in observed.innovations:
@@ -69,6 +71,19 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
             why="what the sensor says fits what the filter expects",
             fix="" if fine else "noise, lever arms, offsets of the vessel file; anchors of the site file",
         )  # fmt: skip
+
+
+# --- sensors of position and speed ------------------------------------------------------------------
+
+
+def sensor_rows(observed: Observations, site: Site, vessel: VesselFile) -> Iterator[Row]:
+    """UWB, and what the other sensors' own objects have to say."""
+    for sensor in sensors_of(vessel.sensors, site):
+        if vessel.sensors.uwb and sensor.key == RangingSensor.key:
+            yield from uwb_rows(observed, site, vessel)
+        heard, rate_Hz = observed.heard.get(sensor.key, ()), observed.sensor_hz.get(sensor.key, 0.0)
+        for check in sensor.checks(heard, rate_Hz):
+            yield Row(area=sensor.key, **check._asdict())
 
 
 # --- UWB -------------------------------------------------------------------------------------------

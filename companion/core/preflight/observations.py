@@ -12,6 +12,7 @@ from companion.core.messages import (
     Heartbeat,
     Innovation,
     LinkStatus,
+    Measured,
     RcChannels,
     ServoOutput,
     StateEstimate,
@@ -49,7 +50,8 @@ class Observations:
     `estimate`, `innovations`: what the boat's own filter made of it; `notes`: warnings of the configuration;
     `deaf`: the autopilot signs what it says and answers nothing of ours, who have no key; `uwb_hz`: cycles of the tag;
     `autopilot`: system of the autopilot that the run file names, `strangers`: those of other autopilots;
-    `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link.
+    `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link; `heard`,
+    `sensor_hz`: messages of the sensors that are not inertial by their keys, and how often they came.
     """
 
     listened_s: float
@@ -73,6 +75,8 @@ class Observations:
     texts: tuple[StatusText, ...] = ()
     estimate: StateEstimate | None = None
     innovations: tuple[Innovation, ...] = ()
+    heard: Mapping[str, tuple[Measured, ...]] = field(default_factory=dict)
+    sensor_hz: Mapping[str, float] = field(default_factory=dict)
     ranges: tuple[UwbRanges, ...] = ()
     positions: tuple[UwbPosition, ...] = ()
     uwb_hz: float = 0.0

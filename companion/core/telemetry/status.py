@@ -74,10 +74,13 @@ class LinkNow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LinksNow(ShoreMessage, frozen=True, kw_only=True):
-    """Topic `links`, once a second. `ages_s`: since the last heartbeat, imu, attitude and uwb; null: never."""
+    """Topic `links`, once a second. `ages_s`: since the last heartbeat, imu, attitude and word of each other sensor by
+    its key; null: never. `figures`: what a sensor says of its own quality, by its name.
+    """
 
     links: tuple[LinkNow, ...]
     ages_s: dict[str, float | None]
+    figures: dict[str, str] = msgspec.field(default_factory=dict)
 
 
 class BatteryNow(ShoreMessage, frozen=True, kw_only=True):

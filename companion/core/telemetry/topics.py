@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from companion.core.guidance.missions.mission import Mission
 from companion.core.messages import (
@@ -17,8 +17,10 @@ from companion.core.messages import (
     ExcitationStatus,
     GuidanceReference,
     Heartbeat,
+    ImuSample,
     Innovation,
     LinkStatus,
+    Message,
     MissionPoint,
     ModeStatus,
     NewMission,
@@ -30,9 +32,17 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.pilot.state import PilotSettings
+from companion.core.sensors.sensor import Sensor
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.rounding import angle, centimetres, cut, metres, triangle
+from companion.core.telemetry.rounding import age_s, angle, centimetres, cut, metres, triangle
 from companion.core.telemetry.status import LinkNow
+
+AGED: dict[str, tuple[type[Message], ...]] = {
+    "heartbeat": (Heartbeat,),
+    "imu": (ImuSample,),
+    "attitude": (Attitude,),
+}
+"""Whose age is told beside that of the other sensors."""
 
 
 class Who(NamedTuple):
@@ -212,10 +222,16 @@ def mode(run: str, message: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow
     )
 
 
-def links(run: str, statuses: Iterable[LinkStatus], ages_s: Mapping[str, float | None], t_ns: int) -> shore.LinksNow:
-    """Devices, and how old their last words are."""
+def links(
+    run: str, statuses: Iterable[LinkStatus], sensors: Sequence[Sensor], last: Mapping[type[Message], Any], t_ns: int
+) -> shore.LinksNow:
+    """Devices, how old the `last` message of each kind is, and what `sensors` (not inertial) say of their quality."""
+    aged = {**AGED, **{sensor.key: sensor.messages for sensor in sensors}}
+    ages_s = {name: age_s(t_ns, [last.get(kind) for kind in kinds]) for name, kinds in aged.items()}
+    latest = [(sensor, m) for sensor in sensors for kind in sensor.messages if (m := last.get(kind))]
+    figures = {sensor.label: text for sensor, m in latest if (text := sensor.figure(m))}
     each = tuple(LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in statuses)
-    return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=dict(ages_s))
+    return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=ages_s, figures=figures)
 
 
 def battery(run: str, b: Battery, t_ns: int) -> shore.BatteryNow:

@@ -34,14 +34,14 @@ from companion.core.messages import (
     ServoOutput,
     SolveRequest,
     StateEstimate,
-    UwbPosition,
     UwbRanges,
 )
 from companion.core.pilot.state import PilotSettings
 from companion.core.preflight.rows import Row, worst
+from companion.core.sensors.table import AIDING, sensors_of
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry import topics
-from companion.core.telemetry.rounding import age_s, cut, spread
+from companion.core.telemetry.rounding import cut, spread
 from companion.core.telemetry.topics import Who
 
 S = 1_000_000_000
@@ -68,6 +68,7 @@ class TelemetryView:
         """Orders from shore that were refused; sent likewise."""
         self._settings, self._who = settings, who
         self._n = len(settings.vessel.thrusters)
+        self._sensors = [sensor for sensor in sensors_of(settings.vessel.sensors, settings.site) if sensor.aids]
         self._periods_ns = {kind: round(share * S / rate_hz) for kind, share in _RATED.items()}
         self._periods_ns |= dict.fromkeys(_SLOW, S) | dict.fromkeys(_HALF_SECOND, S // 2)
         self._due_ns: dict[type, int] = {}
@@ -230,8 +231,7 @@ class TelemetryView:
         )
 
     def _links_now(self, t_ns: int) -> shore.LinksNow:
-        ages = {name: age_s(t_ns, [self._last.get(kind) for kind in kinds]) for name, kinds in _AGED.items()}
-        return topics.links(self._who.run, self._links.values(), ages, t_ns)
+        return topics.links(self._who.run, self._links.values(), self._sensors, self._last, t_ns)
 
     def _battery(self, t_ns: int) -> shore.BatteryNow | None:
         b: Battery | None = self._last.get(Battery)
@@ -249,12 +249,6 @@ class _Second:
         self.leases: Counter[str] = Counter()
 
 
-_AGED: dict[str, tuple[type[Message], ...]] = {
-    "heartbeat": (Heartbeat,),
-    "imu": (ImuSample,),
-    "attitude": (Attitude,),
-    "uwb": (UwbRanges, UwbPosition),
-}
 _RATED: dict[type[shore.ShoreMessage], int] = {
     shore.StateNow: 1,
     shore.ThrustersNow: 1,
@@ -282,7 +276,7 @@ _SEE: dict[type[Message], Callable[[TelemetryView, Any], list[shore.ShoreMessage
     **dict.fromkeys(
         (
             Attitude, Battery, ExcitationStatus, GuidanceReference, Heartbeat, ImuSample, ProcessStats,
-            ServoOutput, StateEstimate, UwbPosition,
+            ServoOutput, StateEstimate, *AIDING,
         ),
         TelemetryView._keep,
     ),

@@ -113,14 +113,18 @@ def _title(log: LogFile, series: Series) -> str:
 
 
 def track(axes: Axes, series: Series) -> None:
-    """North over east: fence, anchors, tag by UWB alone, reference, truth, estimate with some headings."""
+    """North over east: fence, anchors, tag by UWB or antenna by GNSS, reference, truth, estimate with some headings."""
     axes.set(title="Track", xlabel="east [m]", ylabel="north [m]")
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     if series.site:
         fence = np.array([*series.site.fence, series.site.fence[0]])
         axes.plot(fence[:, 1], fence[:, 0], color=GREY, lw=1.0, label="fence")
         anchors = np.array([(a.north_m, a.east_m) for a in series.site.anchors]).reshape(-1, 2)
-        axes.plot(anchors[:, 1], anchors[:, 0], "^", color=PURPLE, ms=7, label="UWB anchor")
+        if len(anchors):
+            axes.plot(anchors[:, 1], anchors[:, 0], "^", color=PURPLE, ms=7, label="UWB anchor")
+    if len(series.gnss_ne_m):
+        north, east = series.gnss_ne_m.T
+        axes.plot(east, north, "o", ms=2.5, color=ORANGE, alpha=0.6, mew=0, label="antenna, by GNSS alone")
     if len(series.uwb_ne_m):
         north, east = series.uwb_ne_m.T
         axes.plot(east, north, "o", ms=2.5, color=ORANGE, alpha=0.6, mew=0, label="tag, by UWB alone")

@@ -10,7 +10,7 @@
     /disturbance   geometry_msgs/WrenchStamped  as estimated
     /pwm, /servo_output, /rc_channels        std_msgs/UInt16MultiArray [us]
     /battery       sensor_msgs/BatteryState
-    /uwb/range_ID  std_msgs/Float64 [m];  /uwb/position  geometry_msgs/PointStamped
+    /uwb/range_ID  std_msgs/Float64 [m];  /uwb/position  geometry_msgs/PointStamped;  /gnss/fix  sensor_msgs/NavSatFix
     /mode          std_msgs/String;  /rosout  rcl_interfaces/Log;  /diagnostics  diagnostic_msgs/DiagnosticArray: links
 
 A covariance of zeros says "unknown", one that begins with -1 "not measured", as the messages' definitions have it.
@@ -50,6 +50,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.messages.sensors import GnssFix
 from companion.logs.series import KNOWN
 
 MAP, BODY, IMU = "map", "base_link", "imu"
@@ -199,6 +200,17 @@ class RosMessages:
         point = self._point(m.y_m, m.x_m, m.z_m)  # the tag's own axes: x east, y north of the site
         yield "/uwb/position", ros.geometry_msgs__msg__PointStamped(self._header(m.t_ns, MAP), point)
 
+    def _gnss(self, m: GnssFix) -> Told:
+        fixed = m.fix_type >= 3  # status 2: with ground-based corrections; service 1: GPS, at least
+        status = ros.sensor_msgs__msg__NavSatStatus((2 if m.fix_type >= 4 else 0) if fixed else -1, 1)
+        variance, kind = (m.h_acc_m or 0.0) ** 2, 1 if m.h_acc_m else 0  # approximated, or unknown
+        covariance = np.diag([variance, variance, 0.0]).ravel()
+        head = self._header(m.t_ns, BODY)
+        yield (
+            "/gnss/fix",
+            ros.sensor_msgs__msg__NavSatFix(head, status, m.lat_deg, m.lon_deg, math.nan, covariance, kind),
+        )
+
     def _mode(self, m: ModeStatus) -> Told:
         yield "/mode", ros.std_msgs__msg__String(m.mode)
 
@@ -231,6 +243,7 @@ _SEE: dict[type[Message], Callable[[RosMessages, Any], Told]] = {
     Battery: RosMessages._battery,
     UwbRanges: RosMessages._ranges,
     UwbPosition: RosMessages._position,
+    GnssFix: RosMessages._gnss,
     ModeStatus: RosMessages._mode,
     Alert: RosMessages._alert,
     StatusText: RosMessages._status_text,

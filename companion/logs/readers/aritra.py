@@ -31,7 +31,9 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.model.load_vessel import load_vessel
+from companion.core.sensors.table import SENSED, sensors_of
 from companion.logs.log_file import LogFile, open_truth
+from companion.logs.readers.channels import channel_streams
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.uwb import uwb_streams
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -40,7 +42,7 @@ OBEY_S = 0.6
 """An output follows a lease within this: 0.5 s of override timeout, and the latency of its telemetry (observed)."""
 OBEY_US = 10.0  # assumed
 _TRUTH = ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
-_WANTED = (ImuSample, Attitude, Battery, OverrideLease, ServoOutput, UwbRanges, UwbPosition, GroundTruth)
+_WANTED = (*SENSED, Battery, OverrideLease, ServoOutput, GroundTruth)
 
 
 def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: Path | None) -> Run:
@@ -66,11 +68,18 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     names = thruster_names(vessel, found[OverrideLease])
     down_m = vessel.sensors.position.z_m if vessel else 0.0
     tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
+    others, sources = channel_streams(sensors_of(vessel.sensors, site) if vessel and site else (), found)
+    places |= sources
     streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude])]
     streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
-    last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag) if len(s.t_ns)), default=0)
+    last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag, *others) if len(s.t_ns)), default=0)
     link_ns = _link_ns(log)
-    streams += [_commands(found[OverrideLease], names, last_ns, link_ns), *tag, _truth(found[GroundTruth], names)]
+    streams += [
+        _commands(found[OverrideLease], names, last_ns, link_ns),
+        *tag,
+        *others,
+        _truth(found[GroundTruth], names),
+    ]
     # 3. Joined into one run.
     meta = RunMeta(
         vessel=vessel.name if vessel else log.metadata.get("vessel", "not stated"),

@@ -12,7 +12,7 @@ import polars as pl
 
 from companion.core.configuration.sensors import Imu, Uwb
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.sensor_errors import correct_heading, correct_imu, correct_uwb_scale, is_exact
+from companion.core.model.sensor_errors import correct_heading, correct_imu, correct_uwb_scale, drifted, is_exact
 from companion.logs.runs.columns import HELD
 from companion.logs.runs.run import Run
 
@@ -55,7 +55,7 @@ def _in_time(table: pl.DataFrame, uwb: Uwb, zero_s: float) -> pl.DataFrame:
     placed = table.select("t_s", *PLACE).drop_nulls()
     t = placed["t_s"].to_numpy()
     since = t - zero_s - uwb.latency_s
-    placed = placed.with_columns(t_s=pl.Series(t - since * uwb.clock_drift_s_s / (1 + uwb.clock_drift_s_s)))
+    placed = placed.with_columns(t_s=pl.Series(t - drifted(uwb.clock_drift_s_s, since)))
     held = [name for name in table.columns if name.startswith(HELD)]
     both = table.drop(PLACE).join(placed, on="t_s", how="full", coalesce=True).sort("t_s")
     return both.with_columns(pl.col(held).forward_fill().backward_fill()).select(table.columns)

@@ -30,7 +30,8 @@ import casadi as ca
 import numpy as np
 
 from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
-from companion.core.model.loads import REGISTRY, LoadParameter
+from companion.core.model.effects.term import LoadParameter
+from companion.core.model.loads import REGISTRY
 from companion.core.model.loads import values as term_values
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
 

@@ -13,6 +13,7 @@ from sim.fitting.engine.parameters import DAMPING, Parameters, fitted_terms
 from sim.fitting.identify.result import FitResult
 
 DIGITS = 6  # significant digits of fitted numbers
+FITTED_INERTIA = ("mass_kg", "I_z_kg_m2", "X_udot_kg", "Y_vdot_kg", "Y_rdot_kg_m", "N_rdot_kg_m2")
 TRIM_US = 200  # as the vessel file's bounds
 ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass; of a limit, too
 
@@ -37,9 +38,10 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
         y_m=_round(q["tag_y_m"]),
         source=f"{vessel.sensors.position.source}; latency and place {source}",
     )
+    inertia = inertia_of(vessel.inertia, q, source)
     return replace(
         vessel,
-        inertia=inertia_of(vessel.inertia, q, source),
+        inertia=replace(inertia, **{k: _round(getattr(inertia, k)) for k in FITTED_INERTIA}),
         damping=Damping(**{name: _round(q[name]) for name in DAMPING}, source=source),
         propulsion=replace(
             vessel.propulsion,
@@ -129,14 +131,14 @@ def inertia_of(base: Inertia, q: Mapping[str, float], source: str) -> Inertia:
         else ("only M is determined: mass or I_z lowered so that added mass keeps its sign")
     )
     return Inertia(
-        mass_kg=_round(mass),
-        I_z_kg_m2=_round(I_z),
+        mass_kg=mass,
+        I_z_kg_m2=I_z,
         x_g_m=base.x_g_m,
         y_g_m=y_g,
-        X_udot_kg=_round(mass - M11),
-        Y_vdot_kg=_round(mass - M22),
-        Y_rdot_kg_m=_round(mass * base.x_g_m - M23),
-        N_rdot_kg_m2=_round(I_z + at_origin - M33),
+        X_udot_kg=mass - M11,
+        Y_vdot_kg=mass - M22,
+        Y_rdot_kg_m=mass * base.x_g_m - M23,
+        N_rdot_kg_m2=I_z + at_origin - M33,
         source=f"{source}; {kept}",
     )
 

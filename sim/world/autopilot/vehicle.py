@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import msgspec
 
 from companion.core.constants import GRAVITY_M_S2
+from companion.core.messages.sensors import GnssFix
 from sim.world.autopilot.arming import PreArmReport, in_full, pre_arm_faults, stick_faults
 from sim.world.autopilot.failsafe import Failsafe
 from sim.world.autopilot.firmware import Firmware
@@ -28,7 +29,8 @@ class SensorFrame(msgspec.Struct, frozen=True, kw_only=True):
 
     `accel_m_s2`: specific force, body FRD (at rest z = -9.81); `gyro_rad_s`: body rates as the gyro gives
     them; phi, theta, psi: the attitude it reports, p, q, r: the rates it reports with it; `gyro_drift_rad_s`: its own
-    correction that they contain; `receiver_us`: pulse widths of an RC receiver, empty without one.
+    correction that they contain; `receiver_us`: pulse widths of an RC receiver, empty without one; `gnss`: the latest
+    fix, stamped as it came, None: no receiver.
     """
 
     accel_m_s2: Vec3
@@ -43,6 +45,7 @@ class SensorFrame(msgspec.Struct, frozen=True, kw_only=True):
     current_a: float
     gyro_drift_rad_s: Vec3 = (0.0, 0.0, 0.0)
     receiver_us: tuple[int, ...] = ()
+    gnss: GnssFix | None = None
 
 
 AT_REST = SensorFrame(
@@ -97,7 +100,11 @@ class SimulatedVehicle:
     @property
     def clock_us(self) -> int:
         """The autopilot's own clock: microseconds since its boot."""
-        return int((self.t_ns - self._boot_ns) * self._rate) // 1000
+        return self.clock_us_at(self.t_ns)
+
+    def clock_us_at(self, t_ns: int) -> int:
+        """The same at another instant."""
+        return int((t_ns - self._boot_ns) * self._rate) // 1000
 
     @property
     def clock_ms(self) -> int:

@@ -47,8 +47,9 @@ class Bench:
         self.codec = codec or MavlinkCodec()
         self.tag_codec = uwb_codec(uwb.wire_format, "tag", uwb.rate_Hz)
         self.app = App(
-            self.mind, solver or nmpc(), mavlink=(near, self.codec), uwb=(tag, self.tag_codec), clock=self.clock,
-            recorder=self.recorder, rng=random.Random(3), watch=self._watch,
+            self.mind, solver or nmpc(), mavlink=(near, self.codec),
+            devices={"uwb": (tag, self.tag_codec)}, clock=self.clock, recorder=self.recorder, rng=random.Random(3),
+            watch=self._watch,
             forward=station and station(self.clock), vision_hz=vision_hz,
             guard=guard and guard(self.codec),
         )  # fmt: skip

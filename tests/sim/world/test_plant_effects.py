@@ -71,7 +71,7 @@ def by_hand(seconds, *, gains=(1, 1, 1, 1), k_munk=0.0, tether=None, zone=None, 
                          d.N_v_N_s * v + d.N_r_N_m_s * r + d.N_rr_N_m_s2 * abs(r) * r])  # fmt: skip
         if zone:
             far = np.hypot(n - zone[0], e - zone[1])
-            drag *= 1 + zone[3] * 0.5 * (1 - np.tanh(10 * (far / zone[2] - 1)))
+            drag *= 1 + zone[3] / (1 + np.exp((far - zone[2]) / 0.5))
         nu_dot = np.linalg.solve(M, tau + drag - [-p[1] * r, p[0] * r, p[1] * u - p[0] * v])
         f_dot = np.clip((asked - f) / BASE.propulsion.lag_s, -slew, slew)
         return np.concatenate([[c * u - s * v, s * u + c * v, r], nu_dot, f_dot])

@@ -34,6 +34,7 @@ from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate
 from companion.core.messages import UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import apply_uwb_scale, correct_uwb_scale
+from companion.core.sensors.uwb import HEALTH
 
 
 class UwbFusion:
@@ -56,18 +57,18 @@ class UwbFusion:
         for i, r in known:
             latest[i] = AnchorHistory(belief.t_ns, r.range_m)
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
-        uwb_ns = belief.uwb_ns
+        position_ns = belief.position_ns
         arm = self.arm(belief)
         for i, r in known:
             model, find = partial(self.range_model, i, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
             fused = self._ranges.fuse(x, P, gates, RangeMeasurement(i, r.range_m, model, find), belief.t_ns)
             x, P, gates[i] = fused.x, fused.P, fused.gate
             accepted = fused.verdict != "rejected"
-            uwb_ns = belief.t_ns if accepted else uwb_ns
+            position_ns = belief.t_ns if accepted else position_ns
             nu, S = np.array([fused.innovation]), np.array([[fused.S]])
             innovations.append(innovation_message(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
         after = replace(
-            belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), uwb_ns=uwb_ns,
+            belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), position_ns=position_ns,
             ranges_ns=belief.t_ns if known else belief.ranges_ns,
         )  # fmt: skip
         return after, tuple(innovations)
@@ -98,11 +99,11 @@ class UwbFusion:
 
     def fuse_position(self, belief: FilterState, m: UwbPosition) -> Result:
         """The tag's own position, site ENU; left out while ranges arrive, from which the tag computed it."""
-        silent_ns = round(self._tuning.uwb_timeout_s * 1e9)
+        silent_ns = round(HEALTH.timeout_s * 1e9)
         if belief.ranges_ns is not None and belief.t_ns - belief.ranges_ns < silent_ns:
             return belief, ()
         arm = self.arm(belief)
-        x, P, gates, innovations, uwb_ns = belief.x, belief.P, list(belief.position_gates), [], belief.uwb_ns
+        x, P, gates, innovations, position_ns = belief.x, belief.P, list(belief.position_gates), [], belief.position_ns
         R = np.array([[self._uwb.range_sigma_m**2]])
         for axis, (name, z) in enumerate((("north", m.y_m), ("east", m.x_m))):
             dx, dy = rotate(x[2], arm[0], arm[1])
@@ -119,5 +120,5 @@ class UwbFusion:
                 P = inflate(decorrelate(P, (axis,)), (axis,), max(PLACE_SIGMA_M, abs(float(nu[0]))))
                 P = inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
             x, P = self._algebra.update(x, P, nu, H, R)
-            uwb_ns = belief.t_ns
-        return replace(belief, x=x, P=P, position_gates=tuple(gates), uwb_ns=uwb_ns), tuple(innovations)
+            position_ns = belief.t_ns
+        return replace(belief, x=x, P=P, position_gates=tuple(gates), position_ns=position_ns), tuple(innovations)

@@ -1,8 +1,8 @@
 """Sensors that say the same again and again though the boat moves: stuck, though their stamps may well go on.
 
 A boat at rest may read the same for minutes: the autopilot filters its sensors and sends whole milli-g and mrad/s.
-So a reading that repeats is stuck only where something else says that it should have changed: the rates of the other
-inertial sensor, or the pulses of the thrusters. It is left out from then on, so that the filter misses it as it
+So a reading that repeats is stuck only where something else says that it should have changed: the rates of (other)
+inertial sensors, or the pulses of the thrusters. It is left out from then on, so that the filter misses it as it
 misses a sensor that has fallen silent.
 """
 
@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from companion.core.messages import Alert, Attitude, ImuSample, OverrideLease
+from companion.core.messages import Alert, Attitude, ImuSample, Measured, OverrideLease
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
+from companion.core.sensors.table import KIND_OF, REPEATABLE
 
 STUCK_NS, LEAST = 1_000_000_000, 5
 """So long, and so many readings; assumed."""
@@ -42,7 +43,7 @@ NOTHING_READ = Repeats()
 
 @dataclass(frozen=True)
 class SensorRepeats:
-    """`by_type`: repeats of each inertial sensor, by the type of its message."""
+    """`by_type`: repeats of each sensor, by the type of its message."""
 
     by_type: Mapping[str, Repeats] = field(default_factory=dict)
 
@@ -50,29 +51,31 @@ class SensorRepeats:
 class StuckSensorMonitor(Monitor[SensorRepeats]):
     """Withholds readings of a stuck sensor from the estimator; alerts as that begins and ends."""
 
-    hears = (ImuSample, Attitude, OverrideLease)
+    hears = (*REPEATABLE, OverrideLease)
     screens = True
     initial = SensorRepeats()
 
     def on_message(
-        self, state: SensorRepeats, message: ImuSample | Attitude | OverrideLease, t_ns: int
+        self, state: SensorRepeats, message: Measured | OverrideLease, t_ns: int
     ) -> tuple[SensorRepeats, MonitorReport]:
         """One more reading, or new pulses."""
         kind = type(message).__name__
+        others = {k: r for k, r in state.by_type.items() if k != kind}
         if isinstance(message, OverrideLease):
-            says, limit = tuple(map(float, message.pwm_us)), MOVED_US
-        else:
-            says, limit = (message.p_rad_s, message.q_rad_s, message.r_rad_s), MOVED_RAD_S
-        others = {k: _testify(r, kind, says, limit, t_ns) for k, r in state.by_type.items() if k != kind}
-        if isinstance(message, OverrideLease):
+            says = tuple(map(float, message.pwm_us))
+            return SensorRepeats({k: _testify(r, kind, says, MOVED_US, t_ns) for k, r in others.items()}), NOTHING
+        if isinstance(message, (ImuSample, Attitude)):
+            rates = (message.p_rad_s, message.q_rad_s, message.r_rad_s)
+            others = {k: _testify(r, kind, rates, MOVED_RAD_S, t_ns) for k, r in others.items()}
+        if KIND_OF[type(message)].repeatable(message) is None:
             return SensorRepeats(others), NOTHING
         now, alerts = next_reading(state.by_type.get(kind, NOTHING_READ), message, t_ns)
         return SensorRepeats({**others, kind: now}), MonitorReport(alerts=alerts, withhold=now.stuck)
 
 
-def next_reading(before: Repeats, message: ImuSample | Attitude, t_ns: int) -> tuple[Repeats, tuple[Alert, ...]]:
+def next_reading(before: Repeats, message: Measured, t_ns: int) -> tuple[Repeats, tuple[Alert, ...]]:
     """One more reading of one sensor at `t_ns` [ns]."""
-    reading, name = _reading(message)
+    name, reading = KIND_OF[type(message)].repeatable(message) or ("", ())
     if reading != before.reading:
         alert = Alert(t_ns=t_ns, level="info", text=f"{name}: readings change again")
         return Repeats(reading, t_ns, 1), (alert,) if before.stuck else ()
@@ -95,10 +98,3 @@ def _testify(repeats: Repeats, kind: str, says: Sequence[float], limit: float, t
         return replace(repeats, witness={**repeats.witness, kind: tuple(says)})
     moved = any(abs(a - b) >= limit for a, b in zip(first, says, strict=False))
     return replace(repeats, moved_ns=t_ns) if moved else repeats
-
-
-def _reading(message: ImuSample | Attitude) -> tuple[tuple[float, ...], str]:
-    rates = (message.p_rad_s, message.q_rad_s, message.r_rad_s)
-    if isinstance(message, ImuSample):
-        return (message.ax_m_s2, message.ay_m_s2, message.az_m_s2, *rates), f"IMU ({message.source})"
-    return (message.phi_rad, message.theta_rad, message.psi_rad, *rates), "attitude"

@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 from msgspec.structs import replace as struct_replace
 
 from companion.core.configuration.sensors import Sensors
 from companion.core.estimation.filter_state import Tilt
-from companion.core.estimation.plausibility import screen
 from companion.core.estimation.tilt import yaw_rate
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Alert, Attitude, OperatorCommand
-from companion.core.model.sensor_errors import correct_message
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding
+from companion.core.sensors.inertial import AttitudeSensor
 
 LIMIT_RAD, SHARE = 0.12, 0.05
 """Four sigma of heading noise (0.005) and wander (0.012 rad) and a yaw reset of 3 degrees; a gyro's gain. Assumed."""
@@ -65,7 +63,7 @@ class HeadingMonitor(Monitor[HeadingState]):
 
     def __init__(self, sensors: Sensors, rotation_rad: float):
         """`rotation_rad`: of the site's axes, in which what the file knows of the compass counts."""
-        self._sensors, self._rotation_rad = sensors, rotation_rad
+        self._sensor, self._rotation_rad = AttitudeSensor(sensors.imu), rotation_rad
 
     def on_message(
         self, state: HeadingState, message: Attitude | OperatorCommand, t_ns: int
@@ -73,11 +71,11 @@ class HeadingMonitor(Monitor[HeadingState]):
         """Add up one attitude; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
             return (HeadingState() if state.findings and message.command != "stop" else state), NOTHING
-        if screen(message)[0] is None or math.isnan(message.psi_rad):
+        if self._sensor.screen(message)[0] is None or math.isnan(message.psi_rad):
             return state, NOTHING
         before, alerts = state.now, ()
         in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
-        sensed: Any = correct_message(self._sensors, in_site)  # what the file knows of the sensors contradicts nothing
+        sensed = self._sensor.correct(in_site)  # what the file knows of the sensors contradicts nothing
         if before is None or sensed.t_ns - before.t_ns > GAP_NS or sensed.t_ns <= before.t_ns:
             return replace(state, now=Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0), past=(), contradicted=0), NOTHING
         dt_s = (sensed.t_ns - before.t_ns) * 1e-9

@@ -25,6 +25,8 @@ from companion.core.model.manoeuvring import coefficients, damping_force
 from companion.core.model.thrusters import configuration_matrix, force_limits
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding
+from companion.core.sensors.sensor import PositionWords
+from companion.core.sensors.table import position_kind
 
 BEGINS_NS = 3_000_000_000
 """After a start, or a gap in all sensors, the filter finds its speed; assumed."""
@@ -35,7 +37,8 @@ FLOW_M_S, TURN_RAD_S, THRUST_SHARE = 0.5, 0.5, 0.1
 """The latent force may be the drag of so much flow and turn, and so much of full thrust; assumed."""
 FORCE_TICKS = 15
 CAP, SLACK, LIMIT = 12.0, 2.5, 24.0
-"""Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed."""
+"""Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed.
+Positions that follow one another faster than once a second may count by it (`PositionWords`)."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
 
@@ -66,6 +69,9 @@ class MotionMonitor(Monitor[MotionState]):
     initial = MotionState()
 
     def __init__(self, vessel: VesselFile):
+        kind, rate_Hz = position_kind(vessel.sensors), vessel.sensors.position.rate_Hz
+        self._words = kind.words
+        self._weight = min(1.0, 1.0 / rate_Hz) if kind.words.by_the_second else 1.0
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))
@@ -82,7 +88,7 @@ class MotionMonitor(Monitor[MotionState]):
         at_ns, cycle = state.cycle
         if message.t_ns == at_ns:
             return replace(state, cycle=(at_ns, (*cycle, min(message.d2, CAP)))), NOTHING
-        total = max(0.0, state.sum + median(cycle) - SLACK) if cycle else state.sum
+        total = max(0.0, state.sum + self._weight * (median(cycle) - SLACK)) if cycle else state.sum
         return replace(state, sum=min(total, 2 * LIMIT), cycle=(message.t_ns, (min(message.d2, CAP),))), NOTHING
 
     def on_tick(self, state: MotionState, view: TickView) -> tuple[MotionState, MonitorReport]:
@@ -100,28 +106,28 @@ class MotionMonitor(Monitor[MotionState]):
         state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
         if state.findings:
             return state, _report(state)
-        if not (text := _sentence(state, belief.lasting)):
+        if not (text := _sentence(state, belief.lasting, self._words)):
             return state, NOTHING
         state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
         return state, MonitorReport(_report(state).events, (Alert(t_ns=view.t_ns, level="error", text=text),))
 
 
-def _sentence(state: MotionState, lasting: tuple[float, float, float]) -> str:
+def _sentence(state: MotionState, lasting: tuple[float, float, float], words: PositionWords) -> str:
     """What is wrong; empty: nothing."""
     if state.beyond >= SLIP_TICKS:
         speed = math.hypot(*state.slip_m_s)
         return (
-            f"the boat moves by {speed:.1f} m/s otherwise than it is driven: anchors elsewhere than in the site file, a"
+            f"the boat moves by {speed:.1f} m/s otherwise than it is driven: {words.astray}, a"
             " compass that is off, thrusters that do not obey, or a current"
         )
     if state.forced >= FORCE_TICKS:
         X, Y, N = lasting
         return (
             f"a force that nothing explains ({X:.0f} N ahead, {Y:.0f} N to starboard, {N:.0f} N m): compass,"
-            " accelerometer or anchors are wrong, thrusters do not obey, or the boat is held"
+            f" accelerometer or {words.source} are wrong, thrusters do not obey, or the boat is held"
         )
     if state.sum >= LIMIT:
-        return "UWB ranges contradict the motion of the boat: ranges, heading or accelerometer are wrong"
+        return f"{words.readings} contradict the motion of the boat: they, heading or accelerometer are wrong"
     return ""
 
 

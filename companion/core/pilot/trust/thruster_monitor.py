@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import FilterState
-from companion.core.estimation.plausibility import screen
 from companion.core.messages import Alert, Attitude, ImuSample, OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
-from companion.core.model.sensor_errors import correct_message
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.force_balance import ForceBalance
 from companion.core.pilot.trust.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
 from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
 from companion.core.pilot.trust.verdict import Finding
+from companion.core.sensors.inertial import AttitudeSensor, InertialSensor
+from companion.core.sensors.sensor import Sensor
 
 SURE_NATS, AHEAD_NATS = 15.0, 5.0
 """So much for a hypothesis against `sound`, and against the next one; assumed: beyond 1 in a million by chance."""
@@ -68,6 +67,8 @@ class ThrusterMonitor(Monitor[ThrusterState]):
 
     def __init__(self, vessel: VesselFile):
         self._vessel, n = vessel, len(vessel.thrusters)
+        imu = vessel.sensors.imu
+        self._sensors: dict[type, Sensor] = {ImuSample: InertialSensor(imu), Attitude: AttitudeSensor(imu)}
         self._names = [t.name for t in vessel.thrusters]
         self._bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
         self._balance = ForceBalance(vessel)
@@ -81,9 +82,10 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             if message.command == "stop" or not (state.hopeless or state.accel_off or state.doubted):
                 return state, NOTHING
             return replace(state, hopeless="", accel_off=False, doubted=False, bank=self._bank.initial()), NOTHING
-        if screen(message)[0] is None:
+        sensor = self._sensors[type(message)]
+        if sensor.screen(message)[0] is None:
             return state, NOTHING
-        sensed: Any = correct_message(self._vessel.sensors, message)
+        sensed = sensor.correct(message)
         if isinstance(sensed, Attitude):
             return replace(state, rate=(sensed.t_ns, sensed.r_rad_s)), NOTHING
         x, y, z = state.force

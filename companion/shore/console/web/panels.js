@@ -137,6 +137,7 @@ export function showChecks(element, checks) {
 export function showLinks(element, links, timing) {
   const rows = (links?.links ?? []).map((l) => [l.link, l.state + (l.reason ? `: ${l.reason}` : ""), l.state === "online" ? "ok" : "warning"]);
   for (const [name, seconds] of Object.entries(links?.ages_s ?? {})) rows.push([`last ${name}`, seconds === null ? "never" : `${age(seconds)} ago`, seconds !== null && seconds < 3 ? "" : "warning"]);
+  for (const [name, text] of Object.entries(links?.figures ?? {})) rows.push([name, text]);
   if (timing) {
     rows.push(["IMU to override", `${figure(timing.imu_to_override.median_ms, 1)} / ${figure(timing.imu_to_override.max_ms, 1, "ms")}`]);
     rows.push(["processor, memory", `${figure(timing.cpu_percent, 0, "%")}, ${figure(timing.rss_mb, 0, "MB")}`]);

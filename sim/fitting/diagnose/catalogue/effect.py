@@ -150,6 +150,7 @@ class Scene:
     centre_m        (2,) mean of all position samples, north and east [m]
     middle_s        middle of the shared clock [s]
     water           (W, k, 2) velocity of the water over ground, north and east [m/s]; None: at rest
+    hull            coefficients of the hull by name with their effects applied; None: as in the vessel file
     level           (W, k or k - 1, 2) gravity that was taken out of a_x, a_y by logged roll and pitch [m/s^2]
     """
 
@@ -161,13 +162,14 @@ class Scene:
     centre_m: np.ndarray
     middle_s: float
     water: np.ndarray | None = None
+    hull: Mapping[str, float] | None = None
     level: np.ndarray | None = None
 
     def part(self, steps: int) -> Scene:
         """The same of the first `steps` instants of each window."""
         t, clock, x, nu_dot = (a[:, :steps] for a in (self.t_s, self.clock_s, self.x, self.nu_dot))
         water = None if self.water is None else self.water[:, :steps]
-        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water, self.level)
+        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water, self.hull, self.level)
 
     @property
     def north_m(self) -> np.ndarray:
@@ -209,6 +211,12 @@ class Scene:
         through.flags.writeable = False  # it is handed out again
         return through
 
+    @property
+    def nu_r_dot(self) -> np.ndarray:
+        """Acceleration through the water, (W, k, 3): nu_dot less that of water which turns in body axes."""
+        u_c, v_c = (self.x[..., 3 + i] - self.nu_r[..., i] for i in (0, 1))
+        return self.nu_dot - np.stack([self.r_rad_s * v_c, -self.r_rad_s * u_c, 0 * u_c], axis=-1)
+
 
 @dataclass(frozen=True)
 class TagKinematics:
@@ -218,6 +226,7 @@ class TagKinematics:
     psi_rad, r_rad_s                 (m,) heading and yaw rate of the boat
     place_m, velocity_m_s, acceleration_m_s2   (m, 2) of the tag, north and east
     centre_m                         (2,) mean of all position samples
+    carried                          displacement (m, 2) of a point further ahead and to starboard by x, y [m]
     """
 
     t_s: np.ndarray
@@ -228,6 +237,7 @@ class TagKinematics:
     velocity_m_s: np.ndarray
     acceleration_m_s2: np.ndarray
     centre_m: np.ndarray
+    carried: Callable[[float, float], np.ndarray]
 
 
 def parameter_slices(effects: Sequence[Effect]) -> dict[str, slice]:

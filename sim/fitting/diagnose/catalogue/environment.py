@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.loads import RHO_AIR
+from companion.core.model.effects import shallow_zone
+from companion.core.model.effects.current import turned
+from companion.core.model.effects.shallow_zone import EDGE_M
+from companion.core.model.effects.tether import spring
+from companion.core.model.effects.wind import RHO_AIR, steady_speed
+from companion.core.model.loads import values
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import (
     air_force,
     hull_damping,
-    ned_to_body,
+    moving,
     scalar_parameter,
+    stacked,
     vector_parameters,
-    wind_force,
-    zone_weight,
 )
 
 FASTEST_DEG_S = 1.2  # largest turn rate of a current from which the search starts; assumed
@@ -24,6 +29,7 @@ PHASE_RAD = 1.0  # difference of neighbouring starts at the ends of the logs
 PRESSURE = RHO_AIR / 2  # dynamic pressure of a wind of 1 m/s [Pa]
 PULL_N = 0.75  # smallest pull worth a name at the middle of the positions: the smallest stiffness at 15 m; assumed
 ZONE_RADIUS_M = 4.0  # radius from which the search for a shallow zone starts; assumed
+LEAST_RADIUS_M = 1.0  # of a zone; assumed
 
 
 def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span_s: float) -> Iterator[Effect]:
@@ -34,7 +40,7 @@ def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span
         "nu_r = nu - R^T V_c",
         "drifts the same way over ground whatever the heading, also with thrusters at rest",
         vector_parameters("north_m_s", "east_m_s", "m/s", 0.15, 0.02),
-        {"water": lambda p, scene: _steady(scene, p["north_m_s"], p["east_m_s"])},
+        {"water": lambda p, scene: np.broadcast_to([p["north_m_s"], p["east_m_s"]], (*scene.t_s.shape, 2))},
         vector=True,
     )
     step = 2 * np.degrees(PHASE_RAD) / span_s
@@ -56,17 +62,12 @@ def effects(vessel: VesselFile, centres_m: tuple[tuple[float, float], ...], span
         yield _shallow(vessel, i, centre)
 
 
-def _steady(scene: Scene, north: float, east: float) -> np.ndarray:
-    return np.broadcast_to(np.array([north, east]), (*scene.t_s.shape, 2))
-
-
 def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
     """A current that turns at start_deg_s + turn_deg_s about the middle of the clock, its direction there."""
 
     def water(p: Values, scene: Scene) -> np.ndarray:
-        angle = np.radians(start_deg_s + p["turn_deg_s"]) * (scene.clock_s - scene.middle_s)
-        c, s = np.cos(angle), np.sin(angle)
-        return np.stack([c * p["north_m_s"] - s * p["east_m_s"], s * p["north_m_s"] + c * p["east_m_s"]], axis=-1)
+        turn_deg_s, since_s = start_deg_s + p["turn_deg_s"], scene.clock_s - scene.middle_s
+        return np.stack(turned(p["north_m_s"], p["east_m_s"], turn_deg_s, since_s), axis=-1)
 
     return Effect(
         f"turning_current@{start_deg_s:.3f}",
@@ -88,20 +89,19 @@ def _turning(start_deg_s: float, around_deg_s: float) -> Effect:
 def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
     """Wind force (W, k, 3) by the dynamic pressure vector q = rho/2 V^2 [cos, sin](direction it blows towards) [Pa].
 
-    On a boat at rest the force is linear in q, whereas V = sqrt(2 q / rho) has an infinite slope at zero. On a moving
-    boat light air is not linear in q either, so below `PRESSURE` the force is blended into
+    It is that of the term of the vessel file, with q added to the wind of the file. On a boat at rest the force is
+    linear in q, whereas V = sqrt(2 q / rho) has an infinite slope at zero. On a moving boat light air is not linear in
+    q either, so below `PRESSURE` the force is blended into
 
         q_N / PRESSURE (F(1 m/s from S) - F(1 m/s from N)) / 2, and the same for east,
 
     the central difference of 1 m/s along each axis: smooth through zero, without the drag of the boat's own speed.
     """
     north, east = p["north_Pa"], p["east_Pa"]
-    pressure = float(np.hypot(north, east))
-    whole = float(np.clip(2 * pressure / PRESSURE - 1, 0.0, 1.0)) ** 2
+    whole = float(np.clip(2 * np.hypot(north, east) / PRESSURE - 1, 0.0, 1.0)) ** 2
     force = np.zeros((*scene.t_s.shape, 3))
     if whole > 0:
-        beta = float(np.degrees(np.arctan2(-east, -north)))
-        force += whole * wind_force(vessel, scene, float(np.sqrt(2 * pressure / RHO_AIR)), beta)
+        force += whole * (air_force(vessel, scene, *beside_file(vessel, north, east)) - _air_of_file(vessel, scene))
     if whole < 1:
         for along, beta in ((north, 180.0), (east, 270.0)):
             if along:
@@ -110,16 +110,27 @@ def _wind(vessel: VesselFile, scene: Scene, p: Values) -> np.ndarray:
     return force
 
 
+def _air_of_file(vessel: VesselFile, scene: Scene) -> Any:
+    """Force of the air that the model of the file has already: none without the term."""
+    now = vessel.terms.get("wind")
+    return 0.0 if now is None else air_force(vessel, scene, *beside_file(vessel, 0.0, 0.0))
+
+
+def beside_file(vessel: VesselFile, north_Pa: float, east_Pa: float) -> tuple[float, float]:
+    """Speed [m/s] and direction [deg] of the file's steady wind with a dynamic pressure vector added to its own."""
+    now = values("wind", vessel.terms.get("wind", {}))
+    own, angle = RHO_AIR / 2 * steady_speed(now) ** 2, np.radians(now["beta_w_deg"])
+    north, east = north_Pa - own * np.cos(angle), east_Pa - own * np.sin(angle)
+    speed = float(np.sqrt(2 * np.hypot(north, east) / RHO_AIR))
+    return speed, float(np.degrees(np.arctan2(-east, -north))) if speed else now["beta_w_deg"]
+
+
 def _tether(arm_m: float, around_m: float) -> Effect:
     """A linear spring f_0 - k p at `arm_m` on the centreline, p from the centre of the positions."""
 
     def force(p: Values, scene: Scene) -> np.ndarray:
-        arm = arm_m + p["arm_m"]
-        at_north = scene.north_m + arm * np.cos(scene.psi_rad) - scene.centre_m[0]
-        at_east = scene.east_m + arm * np.sin(scene.psi_rad) - scene.centre_m[1]
-        north, east = p["north_N"] - p["k_N_m"] * at_north, p["east_N"] - p["k_N_m"] * at_east
-        X, Y = ned_to_body(scene.psi_rad, north, east)
-        return np.stack([X, Y, arm * Y], axis=-1)
+        seen = (scene.north_m - scene.centre_m[0], scene.east_m - scene.centre_m[1], scene.psi_rad)
+        return stacked(spring((p["north_N"], p["east_N"]), p["k_N_m"], arm_m + p["arm_m"], seen))
 
     return Effect(
         f"tether@{arm_m:+.1f}",
@@ -139,12 +150,13 @@ def _tether(arm_m: float, around_m: float) -> Effect:
 
 
 def _shallow(vessel: VesselFile, i: int, centre: tuple[float, float]) -> Effect:
-    """A circle round `centre` in which all damping is (1 + share) times the file's."""
+    """A circle round `centre` in which all damping is (1 + share) times that of the hull."""
 
     def force(p: Values, scene: Scene) -> np.ndarray:
-        at = (centre[0] + p["north_m"], centre[1] + p["east_m"])
-        inside = zone_weight(scene.north_m, scene.east_m, at, max(ZONE_RADIUS_M + p["radius_m"], 1.0))
-        return -p["share"] * inside[..., None] * hull_damping(vessel, scene)
+        zone = {"north_m": centre[0] + p["north_m"], "east_m": centre[1] + p["east_m"], "share": p["share"],
+                "radius_m": max(ZONE_RADIUS_M + p["radius_m"], LEAST_RADIUS_M), "edge_m": EDGE_M}  # fmt: skip
+        more = shallow_zone.damping_factor(zone, moving(scene)[0]) - 1
+        return -more[..., None] * hull_damping(vessel, scene)
 
     where = (EffectParameter(name, "m", 2.0, np.inf, 0.5) for name in ("north_m", "east_m", "radius_m"))
     return Effect(

@@ -9,11 +9,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.effects import cross_flow
+from companion.core.model.effects.yaw_moments import MUNK_MOMENT
+from companion.core.model.manoeuvring import inertial_force, mass_matrix
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
-from sim.fitting.diagnose.catalogue.parts import scalar_parameter, share_parameter, vector_parameters
+from sim.fitting.diagnose.catalogue.parts import (
+    moving,
+    scalar_parameter,
+    share_parameter,
+    stacked,
+    vector_parameters,
+    water_on_hull,
+)
 from sim.fitting.engine.parameters import HULL
 
 BASE_SIGMA = 0.025  # relative sigma of each coefficient of the vessel file; assumed
@@ -24,8 +34,6 @@ COUPLED = {
     "Y_r_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
     "N_v_N_s": ("Y_v_N_s_m", "N_r_N_m_s"),
 }
-RHO_WATER = 1000.0  # kg/m^3, fresh water
-STRIPS = 12
 DAMPING = ("X_u_N_s_m", "Y_v_N_s_m", "N_r_N_m_s", "X_uu_N_s2_m2", "Y_vv_N_s2_m2", "N_rr_N_m_s2")
 Coefficients = dict[str, float]
 HullHook = Callable[[Values, Coefficients], Coefficients]
@@ -69,8 +77,10 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
     ) -> Effect:
         return Effect(id, "hull", equation, signature, parameters, {"hull": hook})
 
-    def moved(id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hook: Hook) -> Effect:
-        return Effect(id, "hull", equation, signature, parameters, {"force": hook}, vector=len(parameters) > 1)
+    def moved(
+        id: str, equation: str, signature: str, parameters: tuple[EffectParameter, ...], hooks: dict[str, Hook]
+    ) -> Effect:
+        return Effect(id, "hull", equation, signature, parameters, hooks, vector=len(parameters) > 1)
 
     yield entry(
         "hull_fouling",
@@ -84,7 +94,7 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
         "M + m at the centre of gravity",
         "slower to start and to stop, same top speed",
         scalar_parameter("mass_kg", "kg", 0.3 * inertia.mass_kg, 0.06 * inertia.mass_kg, -0.8 * inertia.mass_kg),
-        lambda p, c: c | _payload(c, p["mass_kg"], inertia.x_g_m),
+        lambda p, c: c | _payload(c, p["mass_kg"], inertia.x_g_m, inertia.y_g_m),
     )
     yield entry(
         "added_mass",
@@ -105,14 +115,14 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
         "x_g + x, y_g + y",
         "turns when it only ought to surge or sway, and the other way round",
         vector_parameters("x_g_m", "y_g_m", "m", 0.1, 0.02),
-        lambda p, scene: _shifted(p, scene, inertia.mass_kg),
+        {"force": lambda p, scene: _shifted(p, scene, vessel)},
     )
     yield moved(
         "cross_flow",
         "dY = -rho/2 C_d 1.5 T |v_r + x r| (v_r + x r) dx",
         "more drag in fast sway and fast turns only",
         scalar_parameter("C_d", "1", 0.6, 0.15),
-        lambda p, scene: _cross_flow(p, scene, vessel),
+        water_on_hull(vessel, cross_flow.TERM, C_d="C_d"),
     )
     yield Effect(
         "yaw_sway_coupling",
@@ -128,42 +138,22 @@ def effects(vessel: VesselFile) -> Iterator[Effect]:
         "N += k u_r v_r",
         "turns broadside while it drifts at speed",
         scalar_parameter("N_uv_kg", "kg", 20.0, 4.0),
-        _munk,
+        water_on_hull(vessel, MUNK_MOMENT, k_kg="N_uv_kg"),
     )
 
 
-def _payload(c: Coefficients, m: float, x_g: float) -> Coefficients:
+def _payload(c: Coefficients, m: float, x_g: float, y_g: float) -> Coefficients:
     return {
         "M11_kg": c["M11_kg"] + m,
         "M22_kg": c["M22_kg"] + m,
         "M23_kg_m": c["M23_kg_m"] + m * x_g,
-        "M33_kg_m2": c["M33_kg_m2"] + m * x_g**2,
+        "M33_kg_m2": c["M33_kg_m2"] + m * (x_g**2 + y_g**2),
     }
 
 
-def _shifted(p: Values, scene: Scene, mass_kg: float) -> np.ndarray:
-    """Force of a shift (x, y) of the centre of gravity: its terms of M nu_dot + C nu (Fossen 2011, 3.3), negated."""
-    u, v, r = scene.u_m_s, scene.v_m_s, scene.r_rad_s
-    u_dot, v_dot, r_dot = (scene.nu_dot[..., i] for i in range(3))
-    x, y = p["x_g_m"], p["y_g_m"]
-    X, Y = x * r**2 + y * r_dot, y * r**2 - x * r_dot
-    return mass_kg * np.stack([X, Y, y * (u_dot - v * r) - x * (v_dot + u * r)], axis=-1)
-
-
-def _cross_flow(p: Values, scene: Scene, vessel: VesselFile) -> np.ndarray:
-    """Cross-flow drag summed over `STRIPS` strips along the hull; two hulls count 1.5 (assumed)."""
-    x = (np.arange(STRIPS) + 0.5) / STRIPS * vessel.hull.length_m - vessel.hull.length_m / 2
-    nu_r = scene.nu_r
-    across = nu_r[..., 1:2] + x * nu_r[..., 2:]
-    scale = -0.5 * RHO_WATER * p["C_d"] * 1.5 * vessel.hull.draft_m * vessel.hull.length_m / STRIPS
-    strips = scale * np.abs(across) * across
-    out = np.zeros((*scene.t_s.shape, 3))
-    out[..., 1], out[..., 2] = strips.sum(axis=-1), strips @ x
-    return out
-
-
-def _munk(p: Values, scene: Scene) -> np.ndarray:
-    out = np.zeros((*scene.t_s.shape, 3))
-    nu_r = scene.nu_r
-    out[..., 2] = p["N_uv_kg"] * nu_r[..., 0] * nu_r[..., 1]
-    return out
+def _shifted(p: Values, scene: Scene, vessel: VesselFile) -> np.ndarray:
+    """Force of a shift (x, y) of the centre of gravity: what M nu_dot + C(nu) nu has more of it, negated."""
+    i = vessel.inertia
+    moved = replace(i, x_g_m=i.x_g_m + p["x_g_m"], y_g_m=i.y_g_m + p["y_g_m"])
+    M = mass_matrix(replace(vessel, inertia=moved)) - mass_matrix(vessel)
+    return -stacked(inertial_force(M, moving(scene)[2], np.moveaxis(scene.nu_r_dot, -1, 0)))

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import rotate, unrotate
-from companion.core.model.loads import REGISTRY, values
-from companion.core.model.manoeuvring import damping_force
-from sim.fitting.diagnose.catalogue.effect import EffectParameter, Scene
-from sim.fitting.engine.batched import Batch
-from sim.fitting.engine.parameters import HULL
+from companion.core.model.effects import wind
+from companion.core.model.effects.term import Term
+from companion.core.model.loads import values
+from companion.core.model.manoeuvring import coefficients, hull_drag
+from sim.fitting.diagnose.catalogue.effect import EffectParameter, Hook, Scene, Values
 
 REACH = 0.3  # step of a secant over the smallest size worth a name
 
@@ -46,53 +45,36 @@ def body_to_ned(psi_rad: np.ndarray, ahead: Any, starboard: Any) -> tuple[np.nda
     return rotate(psi_rad, ahead, starboard)
 
 
-def zone_weight(north_m: np.ndarray, east_m: np.ndarray, centre: tuple[float, float], radius_m: float) -> np.ndarray:
-    """Weight 1 inside a circle, 0 outside; logistic edge of half a metre (assumed)."""
-    inside = radius_m - np.hypot(north_m - centre[0], east_m - centre[1])
-    return 1 / (1 + np.exp(-np.clip(inside / 0.5, -50, 50)))
+def moving(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """eta, nu and nu_r of a scene, components first, (3, W, k) each, as equations of `companion.core.model` take."""
+    eta, nu, nu_r = (np.moveaxis(a, -1, 0) for a in (scene.x[..., :3], scene.x[..., 3:], scene.nu_r))
+    return eta, nu, nu_r
 
 
-@lru_cache(maxsize=8)
-def _wind(coefficients: tuple[tuple[str, Any], ...], hull: Any, count: int) -> Batch:
-    V, beta, eta, nu = ca.SX.sym("V"), ca.SX.sym("beta"), ca.SX.sym("eta", 3), ca.SX.sym("nu", 3)
-    p = values("wind", dict(coefficients)) | {"V_w_m_s": V, "beta_w_deg": beta}
-    force = REGISTRY["wind"].force
+def stacked(force: Sequence[Any]) -> np.ndarray:
+    """Components [N, N, N m] of a force, arrays or numbers, as (W, k, 3)."""
+    return np.stack(np.broadcast_arrays(*force), axis=-1)
+
+
+def water_on_hull(vessel: VesselFile, term: Term, **keys: str) -> dict[str, Hook]:
+    """Hook of a term's force of the water on the hull; `keys`: parameter of the term = parameter of the effect."""
+    force = term.hull_force
     assert force is not None
-    out = ca.vertcat(*force(p, _Hull(hull), eta, nu))
-    return Batch(ca.Function("wind", [V, beta, eta, nu], [ca.densify(out)]), count)
 
+    def hook(p: Values, scene: Scene) -> np.ndarray:
+        return stacked(force({key: p[own] for key, own in keys.items()}, vessel, moving(scene)[2]))
 
-class _Hull:
-    """Stand-in for a vessel file where a load term reads its hull only."""
-
-    def __init__(self, hull: Any):
-        self.hull = hull
-
-
-def wind_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
-    """Wind force (W, k, 3) [N, N, N m] of speed V_w from beta_w [deg], less that of still air on the moving boat."""
-    return air_force(vessel, scene, V_w_m_s, beta_w_deg) - air_force(vessel, scene, 0.0, beta_w_deg)
+    return {"force": hook}
 
 
 def air_force(vessel: VesselFile, scene: Scene, V_w_m_s: float, beta_w_deg: float) -> np.ndarray:
     """Force (W, k, 3) [N, N, N m] of air with speed V_w from beta_w [deg] on the moving boat (Fossen 2011, 8.1)."""
-    count, x = scene.t_s.size, scene.x.reshape(-1, 6)
-    given = tuple(sorted((k, v) for k, v in vessel.terms.get("wind", {}).items() if k.startswith("c_")))
-    function = _wind(given, vessel.hull, count)
-    (out,) = function(np.full((count, 1), V_w_m_s), np.full((count, 1), beta_w_deg), x[:, :3], x[:, 3:])
-    return out.reshape(*scene.t_s.shape, 3).copy()
-
-
-@lru_cache(maxsize=4)
-def _damping(count: int) -> Batch:
-    c, nu = ca.SX.sym("c", len(HULL)), ca.SX.sym("nu", 3)
-    out = damping_force(dict(zip(HULL, ca.vertsplit(c), strict=True)), nu)
-    return Batch(ca.Function("damping", [c, nu], [ca.densify(out)]), count)
+    eta, nu, _ = moving(scene)
+    own = values("wind", vessel.terms.get("wind", {}))
+    p = own | {"V_w_m_s": V_w_m_s, "beta_w_deg": beta_w_deg, "gustiness": 0.0}
+    return stacked(wind.force(p, vessel, eta, nu))
 
 
 def hull_damping(vessel: VesselFile, scene: Scene) -> np.ndarray:
-    """D(nu_r) nu_r of the vessel file along the motion, (W, k, 3) [N, N, N m]; the force is its negative."""
-    count = scene.t_s.size
-    coefficients = np.array([getattr(vessel.damping, name, 0.0) for name in HULL])
-    (out,) = _damping(count)(np.tile(coefficients, (count, 1)), scene.nu_r.reshape(count, 3))
-    return out.reshape(*scene.t_s.shape, 3).copy()
+    """D(nu_r) nu_r by the scene's coefficients, (W, k, 3) [N, N, N m]; the force is its negative."""
+    return -stacked(hull_drag(scene.hull or coefficients(vessel), moving(scene)[2]))

@@ -10,14 +10,15 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import RotorMap, VesselFile
-from companion.core.model.thrust_losses import jet_sign
+from companion.core.model.effects.advance_loss import advanced
+from companion.core.model.effects.wash import Jet, jet_sign, washed
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
-from sim.fitting.diagnose.catalogue.parts import scalar_parameter, share_parameter
+from sim.fitting.diagnose.catalogue.parts import moving, scalar_parameter, share_parameter
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral; assumed
 WHOLE = 0.02  # sigma of the share of commands that two swapped thrusters exchange, of mean 1; assumed
 STARTS = 13  # onsets between one entry's neighbours from which a fit may start; assumed
-WASH_N = 30.0  # thrust of the thruster ahead at which the loss is stated
+WASH_N = 30.0  # thrust of the thruster ahead at which the loss is stated; assumed
 Onset = tuple[float, float]
 """Start of the search for an onset on the shared clock, and half the width of the interval round it [s]."""
 
@@ -232,31 +233,17 @@ def _limited(p: Values, vessel: VesselFile) -> VesselFile:
 
 
 def _flow(vessel: VesselFile) -> Iterator[Effect]:
-    """Effects of the flow on thrust: loss with advance speed, wash."""
-    x, y, azimuth = vessel.positions.T
-    fore = [int(i) for i in np.argsort(-x)]
-    behind_one = [(i, j) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]
-    pairs = [(i, j, jet_sign(vessel.thrusters[i], vessel.thrusters[j])) for i, j in behind_one]
+    """Effects of the flow on thrust: wash, then loss with advance speed, in the order of the model."""
+    pairs = washed_pairs(vessel)
 
     def advance(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
-        u, v, r = np.split(scene.nu_r, 3, axis=-1)
-        along = (u - r * y) * np.cos(azimuth) + (v + r * x) * np.sin(azimuth)
-        return f - p["loss_s_m"] * np.abs(f) * along
+        nu_r = moving(scene)[2]
+        return np.stack(advanced(list(np.moveaxis(f, -1, 0)), vessel.positions, nu_r, p["loss_s_m"]), axis=-1)
 
     def wash(p: Values, scene: Scene, f: np.ndarray) -> np.ndarray:
-        out = f.copy()
-        for ahead, behind, sign in pairs:
-            out[..., behind] *= 1 - p["loss"] * np.maximum(sign * f[..., ahead], 0.0) / WASH_N
-        return out
+        blowing = [Jet(*pair, p["loss"] / WASH_N) for pair in pairs]
+        return np.stack(washed(list(np.moveaxis(f, -1, 0)), blowing), axis=-1)
 
-    yield Effect(
-        "advance_loss",
-        "propulsion",
-        "f_i - loss |f_i| u_a,i (T_nu |n| u_a: Fossen 2011, 9.2)",
-        "thrust falls with speed through the water along the thruster",
-        scalar_parameter("loss_s_m", "s/m", 0.4, 0.05),
-        {"thrust": advance},
-    )
     if pairs:
         yield Effect(
             "wash",
@@ -266,3 +253,19 @@ def _flow(vessel: VesselFile) -> Iterator[Effect]:
             scalar_parameter("loss", "1", 0.5, 0.10, -0.5, 2.0),
             {"thrust": wash},
         )
+    yield Effect(
+        "advance_loss",
+        "propulsion",
+        "f_i - loss |f_i| u_a,i (T_nu |n| u_a: Fossen 2011, 9.2)",
+        "thrust falls with speed through the water along the thruster",
+        scalar_parameter("loss_s_m", "s/m", 0.4, 0.05),
+        {"thrust": advance},
+    )
+
+
+def washed_pairs(vessel: VesselFile) -> list[tuple[int, int, int]]:
+    """(behind, ahead, sign of the force ahead that blows at the one behind) of each pair in line on one side."""
+    x, y, _ = vessel.positions.T
+    fore = [int(i) for i in np.argsort(-x)]
+    pairs = [(j, i) for i in fore for j in fore if x[i] > x[j] and np.sign(y[i]) == np.sign(y[j])]
+    return [(j, i, jet_sign(vessel.thrusters[i], vessel.thrusters[j])) for j, i in pairs]

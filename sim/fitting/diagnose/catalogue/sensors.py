@@ -8,8 +8,9 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import point_acceleration, unrotate
+from companion.core.model.sensor_errors import drifted
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene, TagKinematics, Values
-from sim.fitting.diagnose.catalogue.parts import body_to_ned, scalar_parameter, vector_parameters
+from sim.fitting.diagnose.catalogue.parts import scalar_parameter, vector_parameters
 
 PSI, RATE, SURGE, SWAY = range(4)
 LEAN = 0.4
@@ -218,14 +219,14 @@ def _positions(uwb: bool) -> Iterator[Effect]:
             "p(t - drift t)",
             "positions lag more and more",
             scalar_parameter("drift", "s/s", 1.5e-3, 3e-4),
-            lambda p, tag, place: place + _late(tag, p["drift"] * tag.t_s),
+            lambda p, tag, place: place + _late(tag, drifted(p["drift"], tag.t_s)),
         )
     yield _of_positions(
         f"{sensor}_lever_arm",
         "p + R l",
         "positions circle when the boat turns on the spot",
         vector_parameters("x_m", "y_m", "m", 0.15, 0.03),
-        lambda p, tag, place: place + np.stack(body_to_ned(tag.psi_rad, p["x_m"], p["y_m"]), axis=1),
+        lambda p, tag, place: place + tag.carried(p["x_m"], p["y_m"]),
     )
     if uwb:
         yield _of_positions(
@@ -233,6 +234,6 @@ def _positions(uwb: bool) -> Iterator[Effect]:
             "(1 + scale) p",
             "distances over ground too long or too short against speed and inertial sensors",
             scalar_parameter("scale", "1", 0.05, 0.01),
-            lambda p, tag, place: place + p["scale"] * (place - tag.centre_m),
+            lambda p, tag, place: place + p["scale"] * place,
             scales="place",
         )

@@ -58,7 +58,7 @@ def compile_windows(vessel: VesselFile, steps: int, windows: int) -> CompiledWin
     x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("d", 3)
     water = ca.SX.sym("water", 2)
     base = symbolic_model(vessel, p)
-    model = MovingWaterModel(base.vessel, base.c, base.term_values, water)
+    model = MovingWaterModel(base.vessel, base.c, base.term_values, flow=water)
     pushed, f = tau[:3], tau[3:]
     if f.numel():
         pushed += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)

@@ -18,6 +18,8 @@ import casadi as ca
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.effects.current import water_velocity
+from companion.core.model.loads import values
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrust_losses import has_thrust_losses
 from companion.core.model.thrusters import configuration_matrix
@@ -27,12 +29,7 @@ from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene, Values
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.posterior.compiled import compile_windows
-from sim.fitting.diagnose.posterior.parameter_values import (
-    ParameterValues,
-    including,
-    secant_steps,
-    values_by_name,
-)
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, including, secant_steps, values_by_name
 from sim.fitting.diagnose.posterior.state import Accelerations, Feedback, WindowTrajectories
 from sim.fitting.diagnose.posterior.thrust import WindowThrust
 from sim.fitting.engine.jacobian_rows import side_by_side
@@ -43,7 +40,8 @@ from sim.fitting.engine.windows import Windows, cut_windows, reads_lean
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 WATER, THRUST = frozenset({"water"}), frozenset({"thrust"})  # stages of hooks
-PUSHES = THRUST | {"force"}  # stages whose hooks give forces
+FORCE = frozenset({"force"})
+PUSHES = THRUST | FORCE  # stages whose hooks give forces
 NUDGES = (0.05, 0.05, *(7 * (0.01,)))  # difference steps of x y psi u v r u_dot v_dot r_dot for slopes of forces
 
 
@@ -58,7 +56,7 @@ class EffectPhysics:
         self.parameters = Parameters(vessel)
         self.q = file_values(vessel)
         self.B, self._weakened = configuration_matrix(vessel), has_thrust_losses(vessel)
-        self.flow = np.array(ca.DM(StructuredModel.of(vessel).water_velocity(ca.DM.zeros(3))))[:2, 0]  # everywhere
+        self.flow = np.array(ca.DM(StructuredModel.of(vessel).water_velocity(ca.DM.zeros(3))))[:2, 0]  # at first
         W, K = self.windows.size
         self._rollout, self._rates, self._slopes, self._M_inv = compile_windows(vessel, K, W)
         self.clock = clock or LogClock.of(runs)
@@ -66,13 +64,14 @@ class EffectPhysics:
         self.clock_s = self.windows.t_s + ahead_s[self.windows.run][:, None]
         self.fix_clock_s = self.windows.fixes.t_s + ahead_s[self.windows.fixes.run]
         self.first_fix_s = np.array([first_fix_s(run) for run in runs])[self.windows.fixes.run]
+        self._turning = turning_flow(vessel, self.clock_s)
         self.middle_s = float(self.clock_s.min() + self.clock_s.max()) / 2
         self.centre_m = self.windows.fixes.place_m.mean(axis=0)
         self.thrusters = WindowThrust(self.runs, vessel, self.windows, [each.width_s for each in fewer])
 
     def hull(self, effects: Sequence[Effect], theta: ParameterValues) -> np.ndarray:
         """Hull coefficients (N_HULL,) in the order of HULL with the effects applied."""
-        c: Values = dict(zip(HULL, map(float, self.q[:N_HULL]), strict=True))
+        c: Values = _named(self.q[:N_HULL])
         for effect, p in values_by_name(effects, theta, "hull"):
             c = effect.hooks["hull"](p, c)
         return np.array([c[name] for name in HULL])
@@ -123,11 +122,11 @@ class EffectPhysics:
         # 1. Thruster forces without hooks, hull coefficients.
         W, K = self.windows.size
         forces, hull = self.thrusters.forces(effects, theta), self.hull(effects, theta)
-        tau, water = self.drive(forces.f), np.zeros((W, K + 1, 2))
+        tau, water = self.drive(forces.f), self._turning
         tau_mid = self.drive(forces.middle)
         # 2. Hook forces and water along the motion before, imposed accelerations as forces M a.
         if before is not None:
-            extra = self.hook_forces(effects, theta, self.scene(before), forces.f)
+            extra = self.hook_forces(effects, theta, self.scene(before, hull), forces.f)
             more = extra[0]
             if imposed is not None:
                 M = np.linalg.inv(before.M_inv)
@@ -159,8 +158,9 @@ class EffectPhysics:
             return state.external
         W, K = self.windows.size
         forces = self.thrusters.forces(effects, theta)
-        more, water = self.hook_forces(effects, theta, self.scene(state), forces.f)
-        drive = self._flat(state.x, self.hull(effects, theta), self.drive(forces.f) + more, water)
+        hull = self.hull(effects, theta)
+        more, water = self.hook_forces(effects, theta, self.scene(state, hull), forces.f)
+        drive = self._flat(state.x, hull, self.drive(forces.f) + more, water)
         _, _, nu_dot = self._rates(*drive, np.repeat(d, K + 1, axis=0))
         bump = state.forces.minus(forces).mid_excess() @ self.B.T @ state.M_inv.T
         if state.external is not None:
@@ -184,9 +184,9 @@ class EffectPhysics:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What hooks add along `scene`: tau as by `drive` (W, K+1, 3 or 3 + n), water velocity (W, K+1, 2) [m/s].
 
-        f (W, K+1, n): thruster forces before hooks [N]. The water is beyond that of the file; hooks see the sum.
+        f (W, K+1, n): thruster forces before hooks [N]. The water is beyond the file's at first; hooks see the sum.
         """
-        hooked, water = f, np.zeros((*f.shape[:2], 2))
+        hooked, water = f, self._turning.copy()
         tau = np.zeros((*f.shape[:2], 3 + self._weakened * f.shape[2]))
         flows = values_by_name(effects, theta, "water")
         for effect, p in flows:
@@ -201,11 +201,12 @@ class EffectPhysics:
             tau[..., :3] += effect.hooks["force"](p, scene)
         return tau, water
 
-    def scene(self, state: WindowTrajectories) -> Scene:
-        """The motion `state` as hooks see it."""
+    def scene(self, state: WindowTrajectories, hull: np.ndarray | None = None) -> Scene:
+        """The motion `state` as hooks see it; `hull`: coefficients (N_HULL,) in place of the state's."""
         w = self.windows
-        water = state.water + self.flow
-        return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, water, w.level)
+        water, c = state.water + self.flow, _named(state.hull if hull is None else hull)
+        motion = (w.t_s, self.clock_s, state.x, state.nu_dot, w.run)
+        return Scene(*motion, self.centre_m, self.middle_s, water, c, w.level)
 
     def accelerations(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]
@@ -223,9 +224,10 @@ class EffectPhysics:
         react = np.eye(3) if state.feedback is None else state.feedback.mass_ratio
         nodes, bump = np.zeros((P, flat, 3)), np.zeros((P, W * K, 3))
         hooked = nameable(with_hooks(effects, theta, THRUST), theta)
+        of_hull = nameable(with_hooks(effects, theta, FORCE), theta)  # their forces may go with the damping
         others = {"water": {e.id for e in _in_water(effects, theta)}, "thrust": {e.id for e in hooked}}
         f = state.forces.f
-        changed = self.hook_forces(hooked, theta, scene, f)[0]
+        changed, damped = (self.hook_forces(pushing, theta, scene, f)[0] for pushing in (hooked, of_hull))
 
         def nu_dot_of(push: np.ndarray) -> np.ndarray:  # nu_dot of a change of tau
             by = push.reshape(flat, -1)
@@ -253,10 +255,25 @@ class EffectPhysics:
                 if "hull" in hooks:
                     hull = self.hull(every, stepped)
                     nodes[at] += _times(hull - state.hull, G_hull) @ scale
+                    if of_hull:
+                        moved = dataclass_replace(scene, hull=_named(hull))
+                        nodes[at] += nu_dot_of(self.hook_forces(of_hull, theta, moved, f)[0] - damped) @ scale
                     M_inv_change = (np.asarray(self._M_inv(hull)) - state.M_inv).T
                     if M_inv_change.any():
                         bump[at] += pushed.reshape(W * K, 3) @ (M_inv_change @ scale)
         return Accelerations(side_by_side(nodes).reshape(W, K + 1, 3, P), side_by_side(bump).reshape(W, K, 3, P))
+
+
+def _named(hull: np.ndarray) -> dict[str, float]:
+    return dict(zip(HULL, hull.tolist(), strict=True))
+
+
+def turning_flow(vessel: VesselFile, clock_s: np.ndarray) -> np.ndarray:
+    """Velocity of the file's own current at `clock_s` less that at first, north and east, (*clock_s.shape, 2) [m/s]."""
+    own = values("current", vessel.terms.get("current", {}))
+    if not own["turn_deg_s"]:
+        return np.zeros((*clock_s.shape, 2))
+    return np.stack(water_velocity(own, clock_s), axis=-1) - water_velocity(own)
 
 
 def with_hooks(effects: Sequence[Effect], theta: ParameterValues, stages: frozenset[str]) -> list[Effect]:

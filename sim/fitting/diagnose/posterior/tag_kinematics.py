@@ -20,11 +20,19 @@ def tag_kinematics(
     `when` (m,): time of the samples [s], for the clock since the first fix.
     """
     r, half = x[:, 5], delta_s**2 / 2
-    u, v = point_velocity(x[:, 3:].T, arm)
-    u_dot, v_dot = point_acceleration(x[:, 3:].T, nu_dot.T, arm)
+    nu, a = x[:, 3:].T, nu_dot.T
+    u, v = point_velocity(nu, arm)
+    u_dot, v_dot = point_acceleration(nu, a, arm)
 
     def turned(ahead: np.ndarray, across: np.ndarray) -> np.ndarray:
         return np.stack(rotate(x[:, 2], ahead, across), axis=1)
+
+    def carried(x_m: float, y_m: float) -> np.ndarray:
+        """R(psi) (l + delta v + delta^2 / 2 a) of the turn alone: the place above is linear in its lever arm."""
+        still, arm = np.zeros_like(r), (x_m, y_m)
+        du, dv = point_velocity((still, still, r), arm)
+        da, db = point_acceleration((still, still, r), (still, still, a[2]), arm)
+        return turned(x_m + delta_s * du + half * da, y_m + delta_s * dv + half * db)
 
     return TagKinematics(
         when - physics.first_fix_s,
@@ -35,4 +43,5 @@ def tag_kinematics(
         turned(u + delta_s * u_dot, v + delta_s * v_dot),
         turned(u_dot, v_dot),
         physics.centre_m,
+        carried,
     )

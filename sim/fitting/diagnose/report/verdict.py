@@ -14,7 +14,6 @@ from sim.fitting.diagnose.selection.adequacy import AdequacyJudgement
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.held_out import HeldOutScore
 from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
-from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import SearchResult
 from sim.fitting.diagnose.vessel_edits.public_form import public_form, smallest_size
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, cause_of, log_reference
@@ -146,7 +145,7 @@ def _reported(fit: PosteriorFit, result: SearchResult, seed: int) -> tuple[Repor
         )
         values = ", ".join(f"{k} {n.value:.4g}" for k, n in numbers.items())
         note = f"{effect.name}{f' ({values})' if values else ''} found by aritra diagnose"
-        cause = replace(cause_of(fit, effect, candidate.values, note), forces_n=_forces(result.selection.final))
+        cause = cause_of(fit, effect, candidate.values, note)
         out.append(
             ReportedCause(candidate, effect, numbers, smallest_size(effect), cause, one.fitted, one.form_doubtful)
         )
@@ -157,8 +156,3 @@ def _with_form_doubt(effect: Effect, covariance: np.ndarray) -> np.ndarray:
     """`covariance` plus the variance of the form error, `FORM_DOUBT` times the smallest sizes."""
     smallest_sizes = [p.smallest if np.isfinite(p.smallest) else 0.0 for p in effect.parameters]
     return covariance + np.diag((FORM_DOUBT * np.array(smallest_sizes)) ** 2)
-
-
-def _forces(model: CandidateModel) -> np.ndarray:
-    f = model.point.state.forces.f
-    return f.reshape(-1, f.shape[2])

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core.model.loads import RHO_AIR
+from companion.core.model.effects.wind import RHO_AIR
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene
-from sim.fitting.diagnose.catalogue.parts import wind_force
+from sim.fitting.diagnose.catalogue.parts import air_force
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, Z95, Candidate
@@ -140,7 +140,8 @@ def _wind_along(fit: PosteriorFit, data: ResidualAcceleration, speed: float, bet
     T, _, B = data.x.shape
     none = np.zeros((T, B))
     scene = Scene(none, none, data.x.transpose(0, 2, 1), np.zeros((T, B, 3)), np.zeros(T), np.zeros(2), 0.0)
-    return wind_force(fit.physics.vessel, scene, speed, beta_deg).transpose(0, 2, 1)
+    force = air_force(fit.physics.vessel, scene, speed, beta_deg) - air_force(fit.physics.vessel, scene, 0.0, beta_deg)
+    return force.transpose(0, 2, 1)
 
 
 def _candidate(effect: Effect, nats: float, values: np.ndarray, covariance: np.ndarray) -> Candidate:

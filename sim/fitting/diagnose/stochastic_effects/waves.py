@@ -1,8 +1,6 @@
 """Waves: a narrow band of force along one direction over ground, by a pattern in body axes.
 
-    X = a cos q,  Y = 1.5 a sin q,  N = 0.25 m a sin 2q,   q = beta_wave + pi - psi
-
-a has rms F_w and a spectral peak at 1 / T_p of relative half width `width`.
+Equation: `companion.core.model.effects.waves`; a has rms F_w, a spectral peak at 1 / T_p, relative half width `width`.
 
 1. Screening: residual accelerations are projected on the pattern of each direction (|pattern| never vanishes), and one
    band of the periodogram is compared with its neighbours (Whittle: k ordinates whose mean is R times the background
@@ -17,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.core.model.effects.waves import WIDTH, pattern
 from sim.fitting.diagnose.stochastic_effects.ambient import SCALE as NUISANCE_SCALE
 from sim.fitting.diagnose.stochastic_effects.ambient import fit_ambient, initial_noise, nats_over, with_noise_prior
 from sim.fitting.diagnose.stochastic_effects.estimate import PosteriorPeak, fit_peak, maximise, normal_log_density
@@ -24,9 +23,7 @@ from sim.fitting.diagnose.stochastic_effects.process import NUISANCE, log_likeli
 from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration
 
 STEP_S, BLOCK_S = 0.2, 30.0
-SWAY_SHARE, YAW_ARM_M = 1.5, 0.25  # of a small catamaran; assumed
 SMALLEST_N = 0.4
-WIDTH = 0.04  # relative half width of the band at half its height
 BROAD = 0.12  # width beyond which the form is in doubt; assumed
 MOST_WIDTH = 0.4  # width beyond which it is no band but sudden forces, such as gusts; assumed
 PERIODS_S = (0.9, 8.0)  # within which a small boat's waves lie; assumed
@@ -82,7 +79,7 @@ class WaveEstimate:
 
 def wave_force(q: np.ndarray) -> np.ndarray:
     """Body force (T, 3, n) of a = 1 N at angles q (T, n)."""
-    return np.stack([np.cos(q), SWAY_SHARE * np.sin(q), YAW_ARM_M * np.sin(2 * q)], axis=1)
+    return np.stack(pattern(q), axis=1)
 
 
 def screen_waves(data: ResidualAcceleration) -> WaveScreening:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Thruster, VesselFile, Wash
-from companion.core.model.loads import RHO_AIR, values
+from companion.core.model.effects.current import water_velocity
+from companion.core.model.effects.wash import jets
+from companion.core.model.effects.wind import RHO_AIR, steady_speed
+from companion.core.model.loads import values
 from companion.core.model.sensor_errors import apply_imu_errors
 from sim.fitting.diagnose.catalogue.effect import Effect
-from sim.fitting.diagnose.catalogue.hull import RHO_WATER
-from sim.fitting.diagnose.catalogue.propulsion import WASH_N
+from sim.fitting.diagnose.catalogue.environment import LEAST_RADIUS_M, beside_file
+from sim.fitting.diagnose.catalogue.propulsion import WASH_N, washed_pairs
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.wiring.thrusters import append_note, exchanged
 
@@ -31,14 +34,12 @@ class CauseValues:
     engine      the fit's values by parameter name, origin added
     public      values by public name, as in findings
     note        text for `source` of the tables that it changes
-    forces_n    (k, n) thruster forces of the logs [N]
     """
 
     effect: Effect
     engine: Mapping[str, float]
     public: Mapping[str, float]
     note: str
-    forces_n: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def kind(self) -> str:
@@ -100,16 +101,37 @@ def _sensor(table: str, scale: float = 1.0, /, **keys: str) -> Callable[[VesselF
     return place
 
 
-def _sensed(vessel: VesselFile, cause: CauseValues, table: str, **keys: float) -> VesselFile:
+def _sensed(vessel: VesselFile, cause: CauseValues, table: str, **keys: float | str) -> VesselFile:
     now = getattr(vessel.sensors, table)
     new = replace(now, **keys, source=append_note(now.source, cause.note))
     return replace(vessel, sensors=replace(vessel.sensors, **{table: new}))
 
 
-def _accel_bias(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """Bias in body axes, turned into the axes of the IMU, which the file uses."""
-    x, y, _ = apply_imu_errors(vessel.sensors.imu, cause.public["b_x_m_s2"], cause.public["b_y_m_s2"], 0.0)
-    return _sensed(vessel, cause, "imu", accel_bias_x_m_s2=float(x), accel_bias_y_m_s2=float(y))
+def _nlos(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+    """One anchor out of sight, which a file has one of."""
+    p, now = cause.public, vessel.sensors.tag
+    if now.nlos_share:
+        raise NotInVesselFileError("the file has an anchor out of sight already")
+    keys = {"nlos_share": p["share"], "nlos_extra_m": p["extra_m"], "nlos_anchor": f"{p['anchor']:.0f}"}
+    return _sensed(vessel, cause, "uwb", **keys)
+
+
+def _bias(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+    """Biases of what the file's errors leave, in body axes; a file has them in the axes and the scale of the IMU."""
+    p = {"b_x_m_s2": 0.0, "b_y_m_s2": 0.0, "b_r_rad_s": 0.0} | dict(cause.public)
+    x, y, r = apply_imu_errors(vessel.sensors.imu, *p.values())
+    keys = {"accel_bias_x_m_s2": x, "accel_bias_y_m_s2": y, "gyro_bias_rad_s": r}
+    return _sensed(vessel, cause, "imu", **{k: float(v) for k, v in keys.items()})
+
+
+def _scale(table: str, key: str) -> Callable[[VesselFile, CauseValues], VesselFile]:
+    """A scale times the one that the file knows of."""
+
+    def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+        now = getattr(getattr(vessel.sensors, table), key)
+        return _sensed(vessel, cause, table, **{key: (1 + now) * (1 + cause.public["scale"]) - 1})
+
+    return place
 
 
 def _iron(vessel: VesselFile, cause: CauseValues) -> VesselFile:
@@ -130,101 +152,84 @@ def _slew(vessel: VesselFile, cause: CauseValues) -> VesselFile:
 
 
 def _advance(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """k sqrt|f| u of the file for loss |f| u: k = loss sum |f|^1.5 / sum |f|, least squares over the logs' forces."""
-    f = np.abs(cause.forces_n)
-    if not f.any():
-        raise NotInVesselFileError("no thrust in the logs to compare with")
-    k = cause.public["loss_s_m"] * float((f**1.5).sum() / f.sum())
-    return _propulsion(vessel, cause, advance_loss_sqrt_N_s_m=vessel.propulsion.advance_loss_sqrt_N_s_m + k)
+    return _propulsion(vessel, cause, advance_loss_s_m=vessel.propulsion.advance_loss_s_m + cause.public["loss_s_m"])
 
 
 def _wash(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """Wash of each pair one behind the other on a side, added to the shares of the file."""
-    shares = {(w.behind, w.ahead): w.share for w in vessel.propulsion.wash}
-    blown = False
-    for ahead in vessel.thrusters:
-        for behind in vessel.thrusters:
-            if ahead.x_m > behind.x_m and np.sign(ahead.y_m) == np.sign(behind.y_m):
-                share = cause.public["loss"] * max(ahead.force_max_N, -ahead.force_min_N) / WASH_N
-                pair, blown = (behind.name, ahead.name), True
-                shares[pair] = shares.get(pair, 0.0) + share
-    if not blown or min(shares.values()) < 0:
-        raise NotInVesselFileError("no thruster lies in another's jet, or the loss is negative")
-    return _propulsion(vessel, cause, wash=tuple(Wash(behind=b, ahead=a, share=s) for (b, a), s in shares.items()))
-
-
-def _cross_flow(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """Strips in pure sway and in pure yaw as Y_vv and N_rr; their interaction has no key in the file."""
-    h, d = vessel.hull, vessel.damping
-    per_m = RHO_WATER / 2 * cause.public["C_d"] * 1.5 * h.draft_m
-    more = {
-        "Y_vv_N_s2_m2": d.Y_vv_N_s2_m2 - per_m * h.length_m,
-        "N_rr_N_m_s2": d.N_rr_N_m_s2 - per_m * h.length_m**4 / 32,
-    }
-    return replace(vessel, damping=replace(d, **more, source=append_note(d.source, cause.note)))
+    """Wash of each pair in line on one side, added to the share of the file."""
+    names, loss = [t.name for t in vessel.thrusters], cause.public["loss"]
+    blowing = {(w.behind, w.ahead): w for w in vessel.propulsion.wash}
+    known = {(names[jet.behind], names[jet.ahead]): jet.per_N for jet in jets(vessel)}
+    for behind, ahead, _ in washed_pairs(vessel):
+        pair = names[behind], names[ahead]
+        share = loss + WASH_N * known.get(pair, 0.0)
+        blowing[pair] = Wash(behind=pair[0], ahead=pair[1], share=share, at_N=WASH_N)
+    if any(w.share < 0 for w in blowing.values()):
+        raise NotInVesselFileError("a jet that adds to the thrust of another")
+    return _propulsion(vessel, cause, wash=tuple(blowing.values()))
 
 
 def _term(vessel: VesselFile, name: str, cause: CauseValues, **numbers: float) -> VesselFile:
-    table = {k: float(v) for k, v in numbers.items()} | {"source": cause.note}
-    return replace(vessel, terms=vessel.terms | {name: table})
+    """The term `name` of the file with these of its parameters."""
+    table = values(name, vessel.terms.get(name, {})) | {k: float(v) for k, v in numbers.items()}
+    return replace(vessel, terms=vessel.terms | {name: table | {"source": cause.note}})
+
+
+def _added(name: str, key: str, public: str) -> Callable[[VesselFile, CauseValues], VesselFile]:
+    """The public number `public` added to the parameter `key` of the term `name`."""
+
+    def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+        now = values(name, vessel.terms.get(name, {}))[key]
+        return _term(vessel, name, cause, **{key: now + cause.public[public]})
+
+    return place
+
+
+def _new(name: str, size: str, **keys: str | float) -> Callable[[VesselFile, CauseValues], VesselFile]:
+    """A term of which a file has one at most: key = public name, or a number. `size`: 0 where the file has none."""
+
+    def place(vessel: VesselFile, cause: CauseValues) -> VesselFile:
+        if values(name, vessel.terms.get(name, {}))[size]:
+            raise NotInVesselFileError(
+                f"the file has {'' if name == 'waves' else 'a '}{name.replace('_', ' ')} already"
+            )
+        numbers = {k: cause.public[v] if isinstance(v, str) else v for k, v in keys.items()}
+        return _term(vessel, name, cause, **numbers)
+
+    return place
 
 
 def _current(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """Current added as a vector to that of the file."""
+    """A steady current added as a vector to that of the file."""
     now = values("current", vessel.terms.get("current", {}))
-    angle = np.radians(now["beta_c_deg"])
-    north, east = (
-        now["V_c_m_s"] * f(angle) + cause.engine[k] for f, k in ((np.cos, "north_m_s"), (np.sin, "east_m_s"))
-    )
-    return _term(
-        vessel, "current", cause, V_c_m_s=np.hypot(north, east), beta_c_deg=np.degrees(np.arctan2(east, north))
-    )
+    if now["turn_deg_s"] and now["V_c_m_s"]:
+        raise NotInVesselFileError("the file has a current that turns already")
+    north, east = (a + cause.engine[k] for a, k in zip(water_velocity(now), ("north_m_s", "east_m_s"), strict=True))
+    direction = np.degrees(np.arctan2(east, north))
+    return _term(vessel, "current", cause, V_c_m_s=np.hypot(north, east), beta_c_deg=direction, turn_deg_s=0.0)
 
 
-def _wind(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """Wind added to that of the file by vectors of dynamic pressure, which is right for light winds."""
-    now = values("wind", vessel.terms.get("wind", {}))
-    angle = np.radians(now["beta_w_deg"])
-    pressure = RHO_AIR / 2 * now["V_w_m_s"] ** 2
-    north, east = (-pressure * f(angle) + cause.engine[k] for f, k in ((np.cos, "north_Pa"), (np.sin, "east_Pa")))
-    speed = float(np.sqrt(2 * np.hypot(north, east) / RHO_AIR))
-    own = {k: now[k] for k in ("c_x", "c_y", "c_n")}
-    return _term(vessel, "wind", cause, V_w_m_s=speed, beta_w_deg=np.degrees(np.arctan2(-east, -north)), **own)
+def _wind(vessel: VesselFile, cause: CauseValues, **gusts: float) -> VesselFile:
+    """Wind added to that of the file by vectors of dynamic pressure, as in the fit."""
+    speed, direction = beside_file(vessel, cause.engine["north_Pa"], cause.engine["east_Pa"])
+    gustiness = (gusts or values("wind", vessel.terms.get("wind", {})))["gustiness"]
+    mean = speed / steady_speed({"V_w_m_s": 1.0, "gustiness": gustiness})
+    return _term(vessel, "wind", cause, V_w_m_s=mean, beta_w_deg=direction, **gusts)
 
 
 def _gusty(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """The steady wind of the same mean force; gusts have no key in the file."""
+    """As the wind of the same mean force, with gusts."""
     p = cause.public
-    pressure, angle = RHO_AIR / 2 * p["V_w_m_s"] ** 2 * (1 + p["gustiness"] ** 2), np.radians(p["beta_w_deg"])
+    pressure, angle = RHO_AIR / 2 * steady_speed(p) ** 2, np.radians(p["beta_w_deg"])
     own = {"north_Pa": -pressure * np.cos(angle), "east_Pa": -pressure * np.sin(angle)}
-    return _wind(vessel, CauseValues(cause.effect, own, p, cause.note))
-
-
-def _tether(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    """Tether at the body origin; the moment of a line fastened elsewhere has no key in the file.
-
-    Two springs without slack act as one of k = k_1 + k_2 anchored at the weighted mean of their anchors.
-    """
-    p, now = cause.public, values("tether", vessel.terms.get("tether", {}))
-    k = now["stiffness_N_m"] + p["k_N_m"]
-    if now["stiffness_N_m"] and now["slack_m"]:
-        raise NotInVesselFileError("the file has a tether with slack already")
-    share = p["k_N_m"] / k if now["stiffness_N_m"] else 1.0
-    place = {f"{at}_m": (1 - share) * now[f"{at}_m"] + share * p[f"anchor_{at}_m"] for at in ("north", "east")}
-    return _term(vessel, "tether", cause, **place, stiffness_N_m=k)
+    gusts = {key: p[key] for key in ("gustiness", "gust_time_s")}
+    return _wind(vessel, CauseValues(cause.effect, own, p, cause.note), **gusts)
 
 
 def _zone(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    p = cause.public
-    if values("shallow_zone", vessel.terms.get("shallow_zone", {}))["share"]:
-        raise NotInVesselFileError("the file has a shallow zone already")
-    where = {k: p[k] for k in ("north_m", "east_m")}
-    return _term(vessel, "shallow_zone", cause, **where, radius_m=max(p["radius_m"], 0.01), share=p["gain"] - 1)
-
-
-def _munk(vessel: VesselFile, cause: CauseValues) -> VesselFile:
-    now = values("munk_moment", vessel.terms.get("munk_moment", {}))
-    return _term(vessel, "munk_moment", cause, k_kg=now["k_kg"] + cause.public["N_uv_kg"])
+    share, radius_m = cause.public["gain"] - 1, max(cause.public["radius_m"], LEAST_RADIUS_M)
+    place = _new("shallow_zone", "share", north_m="north_m", east_m="east_m", radius_m=radius_m, share=share)
+    return place(vessel, cause)
 
 
 RAD = float(np.pi / 180)
@@ -232,7 +237,16 @@ EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "current": _current,
     "wind": _wind,
     "gusty_wind": _gusty,
-    "tether": _tether,
+    "turning_current": _new("current", "V_c_m_s", V_c_m_s="V_c_m_s", beta_c_deg="beta_c_deg", turn_deg_s="turn_deg_s"),
+    "waves": _new("waves", "F_w_N", F_w_N="F_w_N", T_p_s="T_p_s", beta_wave_deg="beta_wave_deg"),
+    "tether": _new(
+        "tether",
+        "stiffness_N_m",
+        north_m="anchor_north_m",
+        east_m="anchor_east_m",
+        stiffness_N_m="k_N_m",
+        x_t_m="x_t_m",
+    ),
     "shallow_zone": _zone,
     "thruster_gain": lambda vessel, cause: _gain(vessel, cause, cause.tail),
     "thruster_fouling": lambda vessel, cause: _gain(vessel, cause, cause.tail),
@@ -244,11 +258,11 @@ EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "payload": _inertia("mass_kg"),
     "yaw_inertia": _inertia("I_z_kg_m2"),
     "cg_shift": _cg,
-    "cross_flow": _cross_flow,
-    "munk_moment": _munk,
-    "accel_bias": _accel_bias,
-    "gyro_bias": _sensor("imu", gyro_bias_rad_s="b_r_rad_s"),
-    "gyro_scale": _sensor("imu", gyro_scale="scale"),
+    "cross_flow": _added("cross_flow", "C_d", "C_d"),
+    "munk_moment": _added("munk_moment", "k_kg", "N_uv_kg"),
+    "accel_bias": _bias,
+    "gyro_bias": _bias,
+    "gyro_scale": _scale("imu", "gyro_scale"),
     "heading_offset": _sensor("imu", RAD, heading_offset_rad="offset_deg"),
     "hard_iron": _iron,
     "imu_misalignment": _sensor("imu", RAD, misalignment_rad="yaw_deg"),
@@ -257,7 +271,8 @@ EDITS: dict[str, Callable[[VesselFile, CauseValues], VesselFile]] = {
     "uwb_lever_arm": _sensor("uwb", x_m="x_m", y_m="y_m"),
     "gnss_latency": _sensor("gnss", latency_s="latency_s"),
     "gnss_lever_arm": _sensor("gnss", x_m="x_m", y_m="y_m"),
-    "uwb_scale": _sensor("uwb", scale="scale"),
+    "uwb_scale": _scale("uwb", "scale"),
+    "nlos": _nlos,
     "clock_drift": _sensor("uwb", clock_drift_s_s="drift"),
 }
 """By family. Other effects are written by their hook (hull coefficients, force maps), or have no key."""

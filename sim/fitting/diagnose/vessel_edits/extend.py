@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace as dataclass_replace
 
 import numpy as np
 from msgspec.structs import replace
@@ -41,8 +40,8 @@ IN_SAMPLE = 2.0
 """Factor on the latent force of the fitted logs: bands absorbed part of it, and conditions vary; assumed."""
 LEAST_SHARE = 0.2
 """Least model error over the filter's own tuning: effects below their smallest sizes: 0.8 N and 0.3 N m; assumed."""
-LAST = ("swapped_pair", "accel_bias")
-"""Causes written after all others: swapped pairs change names, and a bias refers to the final axes of the IMU."""
+LAST = ("swapped_pair", "accel_bias", "gyro_bias")
+"""Causes written last: swapped pairs change names, and biases refer to the final axes and scale of the IMU."""
 COUPLINGS = ("M23_kg_m", "Y_r_N_s", "N_v_N_s")
 
 
@@ -100,26 +99,12 @@ def extended(vessel: VesselFile, cause: CauseValues) -> VesselFile:
 def with_causes(vessel: VesselFile, causes: Sequence[CauseValues]) -> tuple[VesselFile, dict[str, str]]:
     """`vessel` with all causes that it has keys for, and by name of the others the reason."""
     left: dict[str, str] = {}
-    for cause in sorted(_of_the_fouled(causes), key=lambda c: c.kind in LAST):
+    for cause in sorted(causes, key=lambda c: c.kind in LAST):
         try:
             vessel = extended(vessel, cause)
         except NotInVesselFileError as error:
             left[cause.effect.name] = str(error)
     return vessel, left
-
-
-def _of_the_fouled(causes: Sequence[CauseValues]) -> list[CauseValues]:
-    """`causes` with the gain of a shallow zone relative to the fouled hull's damping, as in a file.
-
-    A fit has both relative to the damping of the base.
-    """
-    fouled = math.prod(c.public["gain"] for c in causes if c.kind == "hull_fouling")
-    return [
-        dataclass_replace(c, public={**c.public, "gain": 1 + (c.public["gain"] - 1) / fouled})
-        if c.kind == "shallow_zone"
-        else c
-        for c in causes
-    ]
 
 
 def base_numbers(folded: VesselFile, full: VesselFile, causes: Sequence[CauseValues]) -> VesselFile:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.core.model.loads import RHO_AIR
+from companion.core.model.effects.wind import RHO_AIR
 
 DIRECTIONS = ("beta_c_deg", "beta_w_deg", "beta_wave_deg", "phase_deg")
 """Public names of directions: values from 0 to 360 deg, intervals may reach beyond."""

@@ -53,8 +53,16 @@ def system_time(v: SimulatedVehicle) -> wire.MAVLink_message:
 
 
 def gps_raw_int(v: SimulatedVehicle) -> wire.MAVLink_message:
-    """No receiver: fix type 0, unknown accuracy."""
-    return wire.MAVLink_gps_raw_int_message(v.clock_us, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
+    """The receiver's fix, stamped as it came, in whole ms; no receiver: fix type 0, unknown accuracy."""
+    fix = v.sensors.gnss
+    if fix is None:
+        return wire.MAVLink_gps_raw_int_message(v.clock_us, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
+    north, east = fix.v_north_m_s or 0.0, fix.v_east_m_s or 0.0
+    return wire.MAVLink_gps_raw_int_message(
+        v.clock_us_at(fix.t_ns) // 1000 * 1000, fix.fix_type, round(fix.lat_deg * 1e7), round(fix.lon_deg * 1e7), 0,
+        65535, 65535, round(math.hypot(north, east) * 100), round(math.degrees(math.atan2(east, north)) % 360.0 * 100),
+        fix.satellites or 0, h_acc=round((fix.h_acc_m or 0.0) * 1e3), vel_acc=round((fix.v_acc_m_s or 0.0) * 1e3),
+    )  # fmt: skip
 
 
 def raw_imu(v: SimulatedVehicle) -> wire.MAVLink_message:

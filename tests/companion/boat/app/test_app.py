@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from companion.boat.devices.uwb_tag import uwb_timing
+from companion.boat.devices.sensor_device import device_timing
 from companion.core.messages import (
     LoopTiming,
     ManualInput,
@@ -134,5 +134,5 @@ def test_by_hand_over_the_wire_and_neutral_when_the_hands_are_gone(path):
 
 @pytest.mark.parametrize(("rate_hz", "stale_s", "lost_s"), [(1.0, 2.5, 20.0), (10.0, 1.5, 20.0), (0.1, 25.0, 50.0)])
 def test_a_slow_tag_is_given_its_time(rate_hz, stale_s, lost_s):
-    timing = uwb_timing(rate_hz)
+    timing = device_timing(rate_hz)
     assert (timing.stale_after_s, timing.lost_after_s) == (stale_s, lost_s)

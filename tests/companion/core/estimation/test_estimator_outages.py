@@ -13,14 +13,14 @@ from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
+from companion.core.sensors.uwb import HEALTH
 from tests.companion.core.estimation.changed_runs import S, between, changed
 from tests.companion.core.estimation.estimator_world import basin, estimate, step_all, without
 from tests.support.vessel_fixtures import boat
 
 
 def test_outage_degrades_then_is_lost_then_recovers(run, estimator) -> None:
-    tuning = msgspec.structs.replace(estimator.tuning, lost_position_sigma_m=0.5)
-    strict = Estimator(boat("aritra"), basin(), tuning)
+    strict = Estimator(boat("aritra"), basin(), limits=HEALTH._replace(lost_sigma_m=0.5))
     gap = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 12, 32))
     score = estimate(gap, strict, settle_s=38.0)
     health = {round(e.t_ns / S, 1): e for e in score.estimates}

@@ -17,7 +17,6 @@ from companion.core.estimation.gates import Gate, GateRule, judge
 from companion.core.estimation.health import position_sigma_m
 from companion.core.estimation.inertial import to_level_axes
 from companion.core.estimation.kalman import KalmanEquations
-from companion.core.estimation.plausibility import screen
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
@@ -25,6 +24,7 @@ from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
 from companion.core.messages import AnchorRange, UwbRanges
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrust_lag import lagged
+from companion.core.sensors.table import screen
 from tests.companion.core.estimation.estimator_world import basin
 from tests.support.vessel_fixtures import boat
 

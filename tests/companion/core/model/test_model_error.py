@@ -29,7 +29,7 @@ def test_without_it_the_filter_goes_by_its_own_tuning():
 
 @pytest.mark.parametrize("dt_s", [0.02, 1.0])
 def test_the_latent_force_settles_at_what_is_stated(dt_s):
-    decay, q = noise_model(SURE.sensors.imu, Estimator(SURE, basin()).tuning, 4)(dt_s)
+    decay, q = noise_model(SURE.sensors.imu, Estimator(SURE, basin()).tuning, ())(dt_s)
     assert q[LATENT] / (1 - decay[LATENT] ** 2) == pytest.approx(np.square([0.8, 0.6, 0.3]))
 
 
@@ -73,7 +73,7 @@ def belief() -> FilterState:
     n = 17
     return FilterState(
         t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), rates_rad_s=(0.0, 0.0, 0.0), rates_ns=0, anchor_gates=(),
-        heading_gate=Gate(), position_gates=(), latest=(), imu_ns=None, uwb_ns=0, ranges_ns=None, since_ns=0,
+        heading_gate=Gate(), position_gates=(), latest=(), imu_ns=None, position_ns=0, ranges_ns=None, since_ns=0,
     )  # fmt: skip
 
 

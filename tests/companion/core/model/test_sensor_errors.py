@@ -13,6 +13,8 @@ from companion.core.estimation.estimator import Estimator
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
 from companion.core.model import sensor_errors as cal
 from companion.core.model.load_vessel import load_vessel
+from companion.core.sensors.inertial import AttitudeSensor
+from companion.core.sensors.uwb import RangingSensor
 from tests.companion.core.estimation.estimator_world import basin, estimate, simulate
 from tests.support.vessel_fixtures import BOATS, boat
 
@@ -154,12 +156,13 @@ def test_the_filter_that_does_not_know_them_is_led_astray(wrong):
 
 def test_positions_from_the_tag_and_attitudes_are_corrected_too():
     at = UwbPosition(t_ns=0, t_rx_ns=0, tag="t", x_m=-10.3, y_m=20.6, z_m=1.0)
-    assert cal.correct_message(KNOWN.sensors, at) == replace(at, x_m=-10.3 / 1.03, y_m=20.6 / 1.03)
+    tag = RangingSensor(KNOWN.sensors.tag, 4)
+    assert tag.correct(at) == replace(at, x_m=-10.3 / 1.03, y_m=20.6 / 1.03)
     none = UwbRanges(t_ns=0, t_rx_ns=0, tag="t", ranges=())
-    assert cal.correct_message(KNOWN.sensors, none) is none
+    assert tag.correct(none) is none
     turned = Attitude(t_ns=0, t_rx_ns=0, phi_rad=0.1, theta_rad=0.2, psi_rad=-3.1, p_rad_s=0, q_rad_s=0, r_rad_s=0.57)
-    got = cal.correct_message(KNOWN.sensors, turned)
-    assert isinstance(got, Attitude) and -np.pi <= got.psi_rad < np.pi
+    got = AttitudeSensor(KNOWN.sensors.imu).correct(turned)
+    assert -np.pi <= got.psi_rad < np.pi
     assert got.r_rad_s == pytest.approx(0.5) and (got.phi_rad, got.theta_rad) == (0.1, 0.2)
 
 

@@ -9,9 +9,10 @@ from msgspec.structs import replace
 
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Wash
+from companion.core.model.effects.wash import jet_sign
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses, jet_sign
+from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses
 from tests.support.vessel_fixtures import BOATS, boat
 
 BASE = boat("aritra")
@@ -21,9 +22,10 @@ force = st.floats(-30, 38)
 velocity = st.tuples(st.floats(-1.5, 1.5), st.floats(-0.8, 0.8), st.floats(-1, 1))
 
 
-def having(advance=0.0, *wash):
-    pairs = tuple(Wash(behind=NAMES[b], ahead=NAMES[a], share=s) for b, a, s in wash)
-    return replace(BASE, propulsion=replace(BASE.propulsion, advance_loss_sqrt_N_s_m=advance, wash=pairs))
+def having(advance=0.0, *wash, share_s_m=0.0, at_N=None):
+    pairs = tuple(Wash(behind=NAMES[b], ahead=NAMES[a], share=s, at_N=at_N) for b, a, s in wash)
+    lost = {"advance_loss_sqrt_N_s_m": advance, "advance_loss_s_m": share_s_m}
+    return replace(BASE, propulsion=replace(BASE.propulsion, **lost, wash=pairs))
 
 
 def lost(vessel, nu_r, f):
@@ -52,9 +54,28 @@ def test_advance_loss_is_that_of_a_propeller_with_t_nn_and_t_nu(nu_r, f):
         assert lost(having(k), nu_r, f)[i] == pytest.approx(T, abs=0.02 + 0.2 * (abs(f[i]) < 1))
 
 
+@settings(max_examples=60, deadline=None)
+@given(velocity, st.lists(force, min_size=4, max_size=4))
+def test_a_share_of_thrust_is_lost_with_each_metre_per_second(nu_r, f):
+    """Oracle: f (1 - k u_i), u_i the speed along the way that the thruster pushes; the hidden cases' equation."""
+    for i, t in enumerate(BASE.thrusters):
+        a = np.deg2rad(t.azimuth_deg)
+        at = np.array(nu_r)[:2] + np.cross([0, 0, nu_r[2]], [t.x_m, t.y_m, 0])[:2]
+        along = np.sign(f[i]) * (at @ [np.cos(a), np.sin(a)])
+        assert lost(having(share_s_m=0.3), nu_r, f)[i] == pytest.approx(f[i] * (1 - 0.3 * along), abs=0.05)
+
+
+def test_a_wash_may_be_stated_at_another_thrust():
+    told = [19.0, 10.0, 8.0, 6.0]
+    stated = having(0.0, (REAR_PORT, FRONT_PORT, 0.4 * 30 / 38), at_N=30.0)
+    assert lost(stated, (0, 0, 0), told) == pytest.approx(
+        lost(having(0.0, (REAR_PORT, FRONT_PORT, 0.4)), (0, 0, 0), told)
+    )
+
+
 def test_at_rest_and_without_force_nothing_is_lost():
     vessel = having(0.7, (REAR_PORT, FRONT_PORT, 0.4))
-    assert lost(having(0.7), (0, 0, 0), (5, -5, 20, 1)) == pytest.approx((5, -5, 20, 1))
+    assert lost(having(0.7, share_s_m=0.3), (0, 0, 0), (5, -5, 20, 1)) == pytest.approx((5, -5, 20, 1))
     assert not lost(vessel, (1.0, 0.5, 0.5), (0, 0, 0, 0)).any()
 
 
@@ -73,8 +94,9 @@ def test_wash_never_turns_a_thruster_round():
     assert lost(vessel, (0, 0, 0), (60, 60, 8, 6))[REAR_PORT] == 0.0
 
 
-def test_jacobians_are_finite_everywhere():
-    vessel = having(2.0, (REAR_PORT, FRONT_PORT, 0.9))
+@pytest.mark.parametrize("k", [{"advance": 2.0}, {"share_s_m": 0.35}], ids=str)
+def test_jacobians_are_finite_everywhere(k):
+    vessel = having(k.get("advance", 0.0), (REAR_PORT, FRONT_PORT, 0.9), share_s_m=k.get("share_s_m", 0.0))
     nu, f = ca.SX.sym("nu", 3), ca.SX.sym("f", 4)
     J = ca.Function("J", [nu, f], [ca.jacobian(apply_thrust_losses(vessel, nu, f), ca.vertcat(nu, f))])
     for at in ((0, 0, 0, 0), (1e-9, 0, -1e-9, 0), (0.05, -0.05, 38, -30)):

@@ -3,18 +3,18 @@
 Teleoperation logs of 60 s, seed 5. The engine knows the base file only, and a single effect that may be there.
 """
 
-import casadi as ca
+from dataclasses import replace as replace_state
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from companion.core.model.load_vessel import load_vessel
-from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.sensor_errors import apply_imu_errors, correct_imu
 from companion.core.model.thrust_losses import apply_thrust_losses
 from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.catalogue import catalogue
-from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene
+from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
@@ -41,9 +41,7 @@ long = pytest.mark.long
 def cause(id: str, *values: float) -> CauseValues:
     effect = EFFECTS[id]
     own = {p.name: v + effect.origin.get(p.name, 0.0) for p, v in zip(effect.parameters, values, strict=True)}
-    return CauseValues(
-        effect, own, public_values(effect, np.array(values), PLACE), "test", np.full((9, 4), 18.0)
-    )  # about what the pilot asks for
+    return CauseValues(effect, own, public_values(effect, np.array(values), PLACE), "test")
 
 
 def seen(vessel, effect: Effect) -> np.ndarray:
@@ -100,11 +98,11 @@ def test_wash_blows_where_the_thruster_ahead_pushes_its_water_whichever_way_it_i
     vessel = replace(VESSEL, thrusters=turned)
     effect = next(e for e in catalogue(vessel, [RUN]) if e.id == "wash")
     told = public_values(effect, np.array([0.3]), PLACE)
-    washed = extended(vessel, CauseValues(effect, {"loss": 0.3}, told, "test", np.ones((1, 4))))
+    washed = extended(vessel, CauseValues(effect, {"loss": 0.3}, told, "test"))
     for f in ([20.0, 0, 20, 0], [-20.0, 0, 20, 0], [0, 20.0, 0, 20], [0, -20.0, 0, 20]):
         expected = np.array(apply_thrust_losses(washed, np.zeros(3), np.array(f, dtype=float))).ravel()
         found = effect.hooks["thrust"]({"loss": 0.3}, None, np.array([[f]], dtype=float))[0, 0]
-        np.testing.assert_allclose(found, expected, atol=0.01)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():
@@ -121,24 +119,14 @@ def test_in_an_open_loop_a_strong_tether_moves_the_boat_as_in_the_plant():
     assert len(off_m) and off_m.max() < 0.05
 
 
-def test_cross_flow_of_the_file_is_that_of_the_strips_in_pure_sway_and_pure_yaw():
-    one = cause("cross_flow", 0.6)
-    new, old = extended(VESSEL, one).damping, VESSEL.damping
-    for i, nu, more in ((1, (0.0, 0.4, 0.0), new.Y_vv_N_s2_m2 - old.Y_vv_N_s2_m2),
-                        (2, (0.0, 0.0, 0.5), new.N_rr_N_m_s2 - old.N_rr_N_m_s2)):  # fmt: skip
-        x, t = np.array([[[0.0, 0.0, 0.0, *nu]]]), np.zeros((1, 1))
-        scene = Scene(t, t, x, np.zeros((1, 1, 3)), np.zeros(1), np.zeros(2), 0.0)
-        force = one.effect.hooks["force"](one.engine, scene)[0, 0]
-        assert force[i] == pytest.approx(more * nu[i] ** 2, rel=0.02)
-
-
+TURNING = next(i for i in EFFECTS if i.startswith("turning_current"))
 SAYABLE = [
     cause("common_loss", 0.1), cause("payload", 5.0), cause("yaw_inertia", 1.0), cause("cg_shift", 0.05, -0.03),
     cause("added_mass", 0.4), cause("voltage_exponent", 0.7), cause("wash", 0.3), cause("gyro_bias", 0.01),
     cause("heading_offset", 4.0), cause("imu_lever_arm", 0.1, 0.0), cause("uwb_scale", 0.03),
     cause("clock_drift", 1e-3),
     cause("astern_asymmetry", -0.2), cause("yaw_sway_coupling", 0.5, 0.3), cause("tether@+0.0", 0.3, 1.0, 2.0, 0.0),
-    cause("shallow_zone@0", 0.5, 0.0, 0.0, 0.0),
+    cause("shallow_zone@0", 0.5, 0.0, 0.0, 0.0), cause("cross_flow", 0.6), cause(TURNING, 0.1, 0.0, 0.0),
     cause("thruster_fouling:rear_port@30", -0.3, 0.0),
 ]  # fmt: skip
 
@@ -166,20 +154,19 @@ def test_all_at_once_load_and_a_pair_that_changed_places_comes_last():
 
 
 def test_what_a_file_cannot_say_is_left_out_and_said():
-    turning = next(i for i in EFFECTS if i.startswith("turning_current"))
     mine = Effect(
         "bent_skeg", "hull", "", "", (EffectParameter("k", "1", 1.0, 1.0, 0.3),), {"force": lambda p, scene: 0.0}
     )
     causes = [
-        cause(turning, 0.1, 0.0, 0.0),
+        cause("cross_flow", -2.0),
         CauseValues(mine, {"k": 1.0}, {"k": 1.0}, "test"),
         cause("munk_moment", 400.0),
     ]
     vessel, left = with_causes(VESSEL, causes)
-    assert vessel == VESSEL and set(left) == {"turning_current", "bent_skeg", "munk_moment"}
-    assert "feeds energy" in left["munk_moment"]
+    assert vessel == VESSEL and set(left) == {"cross_flow", "bent_skeg", "munk_moment"}
+    assert "feeds energy" in left["munk_moment"] and "feeds energy" in left["cross_flow"]
     with pytest.raises(NotInVesselFileError, match="no key of a vessel file stands for it"):
-        extended(VESSEL, causes[0])
+        extended(VESSEL, causes[1])
 
 
 def test_currents_and_winds_add_to_those_of_the_file():
@@ -196,7 +183,7 @@ def test_losses_to_moving_water_add_to_those_of_the_file():
     twice = extended(replace(VESSEL, propulsion=once), cause("wash", 0.1))
     twice = extended(twice, cause("advance_loss", 0.05)).propulsion
     assert [w.share for w in twice.wash] == pytest.approx([1.5 * w.share for w in once.wash])
-    assert twice.advance_loss_sqrt_N_s_m == pytest.approx(1.5 * once.advance_loss_sqrt_N_s_m)
+    assert twice.advance_loss_s_m == pytest.approx(1.5 * once.advance_loss_s_m) == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize("m_rad", [0.0, -0.4])
@@ -212,38 +199,34 @@ def test_a_bias_beside_a_turned_imu_is_what_the_engine_has(m_rad):
     assert correct_imu(imu, *apply_imu_errors(there, 0.7, -0.4, 0.1))[:2] == pytest.approx(y[0, 0, 2:], abs=1e-12)
 
 
-def test_a_second_tether_pulls_as_the_engine_has_both():
-    first, second = cause("tether@+0.0", 0.3, 1.0, 2.0, 0.0), cause("tether@+0.0", 0.1, -1.5, 0.5, 0.0)
-    once = extended(VESSEL, first)
-    eta, nu = np.array([11.0, 17.0, 0.4]), np.zeros(3)
-    scene = Scene(np.zeros((1, 1)), np.zeros((1, 1)), np.array([[[*eta, *nu]]]), np.zeros((1, 1, 3)), np.zeros(1),
-                  PLACE.centre_m, 0.0)  # fmt: skip
-    both = sum(one.effect.hooks["force"]({**one.engine, "arm_m": 0.0}, scene)[0, 0] for one in (first, second))
-    found = StructuredModel.of(extended(once, second)).term_force(eta, nu)
-    assert np.array(ca.DM(found))[:, 0] == pytest.approx(both, abs=1e-9)
-    slack = replace(once, terms={"tether": once.terms["tether"] | {"slack_m": 1.0}})
-    assert with_causes(slack, [second]) == (slack, {"tether": "the file has a tether with slack already"})
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        (["tether@+0.0", 0.3, 1.0, 2.0, 0.0], ["tether@+0.0", 0.1, -1.5, 0.5, 0.0], "tether"),
+        (["shallow_zone@0", 0.5, 0.0, 0.0, 0.0], ["shallow_zone@4", 0.8, 0.0, 0.0, 0.0], "shallow zone"),
+        (["current", 0.1, 0.0], [TURNING, 0.1, 0.0, 0.0], "current"),
+        ([TURNING, 0.1, 0.0, 0.0], ["current", 0.1, 0.0], "current that turns"),
+    ],
+)
+def test_what_a_file_has_one_of_is_not_replaced(first, second, said):
+    once, other = extended(VESSEL, cause(*first)), cause(*second)
+    assert with_causes(once, [other]) == (once, {other.effect.name: f"the file has a {said} already"})
 
 
 def test_a_zone_beside_fouling_damps_as_the_engine_has_both():
-    """In the middle of the zone, where its edge does not matter."""
     zone, fouling = cause("shallow_zone@0", 0.6, 0.0, 0.0, 6.0), cause("hull_fouling", 0.5)
-    there = np.array([zone.public["north_m"], zone.public["east_m"], 0.3])
-    nu = np.array([0.5, -0.2, 0.3])
-    scene = Scene(np.zeros((1, 1)), np.zeros((1, 1)), np.array([[[*there, *nu]]]), np.zeros((1, 1, 3)), np.zeros(1),
-                  PLACE.centre_m, 0.0)  # fmt: skip
-    own = {**zone.engine, "north_m": 0.0, "east_m": 0.0, "radius_m": 6.0}
-    fouled = StructuredModel.of(extended(VESSEL, fouling)).damping(there, nu)
-    both = np.array(ca.DM(fouled))[:, 0] - zone.effect.hooks["force"](own, scene)[0, 0]
-    for causes in ((zone, fouling), (fouling, zone)):
-        found = StructuredModel.of(with_causes(VESSEL, causes)[0]).damping(there, nu)
-        assert np.array(ca.DM(found))[:, 0] == pytest.approx(both, rel=1e-6)
-
-
-def test_a_second_zone_does_not_take_the_place_of_the_first():
-    once = extended(VESSEL, cause("shallow_zone@0", 0.5, 0.0, 0.0, 0.0))
-    vessel, left = with_causes(once, [cause("shallow_zone@4", 0.8, 0.0, 0.0, 0.0)])
-    assert vessel == once and left == {"shallow_zone": "the file has a shallow zone already"}
+    run = teleop_run(VESSEL, 5, 20.0)
+    found = []
+    for vessel, causes in ((VESSEL, (zone, fouling)), (with_causes(VESSEL, (zone, fouling))[0], ())):
+        physics = EffectPhysics([run], vessel, 1.0)
+        z = np.zeros((len(physics.windows.t_s), L))
+        z[:, 3:6], z[:, :2] = (0.5, -0.2, 0.3), (zone.public["north_m"] + 5.0, zone.public["east_m"])
+        state = physics.one_pass((), {}, z, None)
+        theta = {c.effect.id: np.array([v - c.effect.origin.get(k, 0.0) for k, v in c.engine.items()]) for c in causes}
+        none = np.zeros((len(z), 3))
+        rest = physics.remainder([c.effect for c in causes], theta, replace_state(state, nu_dot=0 * state.nu_dot), none)
+        found.append((state.x, rest.nodes))
+    np.testing.assert_allclose(found[0][1][:, 0], found[1][1][:, 0], rtol=1e-12)
 
 
 def test_a_refitted_base_holds_numbers_and_nothing_else():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.model.loads import RHO_AIR
+from companion.core.model.effects.wind import RHO_AIR
 from sim.fitting.diagnose.catalogue import catalogue, stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.vessel_edits.public_form import (

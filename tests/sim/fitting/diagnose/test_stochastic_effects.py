@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.stochastic_effects import gusts, nlos, waves
 from sim.fitting.diagnose.stochastic_effects.ambient import fit_ambient, initial_noise
 from sim.fitting.diagnose.stochastic_effects.process import log_likelihood
 from sim.fitting.diagnose.stochastic_effects.residual_acceleration import ResidualAcceleration, residual_acceleration
-from sim.fitting.diagnose.vessel_edits.edits import CauseValues
-from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.engine.noise import LATENT
 from sim.fitting.engine.windows import SURGE
 from tests.support.vessel_fixtures import boat
@@ -243,14 +240,3 @@ def test_anchors_are_the_logs_or_else_corners_round_the_positions():
     assert nlos.anchors_of([run], places) == {"a": (1.0, 2.0)}  # type: ignore[list-item]  # stand-in
     corners = nlos.anchors_of([bare], places)  # type: ignore[list-item]  # stand-in
     assert corners["south-west"] == (-5.0, -5.0) and corners["north-east"] == (25.0, 15.0)
-
-
-def test_a_file_carries_the_mean_force_of_gusts_and_says_what_it_cannot():
-    told = {"V_w_m_s": 4.0, "beta_w_deg": 50.0, "gustiness": 0.3, "gust_time_s": 9.0}
-    gusty = CauseValues(GUSTY_WIND, told, told, "found")
-    vessel, left = with_causes(
-        boat("aritra"), [gusty, CauseValues(WAVES, {}, {}, "found"), CauseValues(NLOS, {}, {}, "found")]
-    )
-    assert vessel.terms["wind"]["V_w_m_s"] == pytest.approx(4.0 * np.sqrt(1.09))
-    assert vessel.terms["wind"]["beta_w_deg"] % 360 == pytest.approx(50.0)
-    assert set(left) == {"waves", "nlos"}

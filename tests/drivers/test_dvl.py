@@ -1,0 +1,55 @@
+"""Reports of a Water Linked DVL: a line as its documentation has it, ages, lost bottom, and any bytes."""
+
+import msgspec
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.core.messages.sensors import DvlVelocity
+from drivers.dvl import DvlCodec, encode_report
+
+LINE = (
+    b'{"time":106.39,"vx":-0.37,"vy":0.55,"vz":0.01,"fom":0.0016,"covariance":[[1e-6,0,0],[0,1e-6,0],[0,0,1e-6]],'
+    b'"altitude":0.4949,"transducers":[{"id":0,"velocity":0.01,"distance":0.5,"rssi":-30,"nsd":-88,"beam_valid":true}],'
+    b'"velocity_valid":true,"status":0,"format":"json_v3.1","type":"velocity","time_of_validity":1638191471563017,'
+    b'"time_of_transmission":1638191471752336}\r\n'
+)
+T = 5_000_000_000
+
+
+def one(line: bytes) -> DvlVelocity:
+    (message,) = DvlCodec().feed(line, T)
+    assert isinstance(message, DvlVelocity)
+    return message
+
+
+def test_a_report_with_its_own_age():
+    m = one(LINE)
+    assert (m.x_m_s, m.y_m_s, m.valid, m.altitude_m, m.fom_m_s) == (-0.37, 0.55, True, 0.4949, 0.0016)
+    assert (m.t_rx_ns, m.t_ns) == (T, T - 189_319_000)
+
+
+def test_an_age_that_cannot_be_counts_as_of_the_arrival():
+    assert one(LINE.replace(b"1638191471752336", b"1638191471563016")).t_ns == T
+    assert one(LINE.replace(b"1638191471752336", b"1638191473563017")).t_ns == T
+
+
+def test_lost_bottom_is_told_and_other_reports_are_ignored():
+    assert not one(LINE.replace(b'"velocity_valid":true', b'"velocity_valid":false')).valid
+    codec = DvlCodec()
+    assert codec.feed(b'{"type":"position_local","x":1.0}\r\n{"vx":1}\n{"type":"velocity","vx":null}\n', T) == []
+    assert codec.counters == {"ignored": 1, "garbage": 2}
+
+
+@given(st.floats(-10, 10), st.floats(-10, 10), st.booleans(), st.integers(0, 10**6))
+def test_what_is_encoded_comes_back(x, y, valid, age_us):
+    sent = DvlVelocity(t_ns=T - 1000 * age_us, t_rx_ns=T, x_m_s=x, y_m_s=y, valid=valid, altitude_m=2.0, fom_m_s=0.01)
+    assert one(encode_report(sent)) == sent
+
+
+@given(st.binary(max_size=200), st.integers(1, 60))
+def test_no_bytes_raise_and_chunks_do_not_matter(noise, size):
+    whole, parts = DvlCodec(), DvlCodec()
+    data = noise + b"\n" + LINE
+    chunks = [data[i : i + size] for i in range(0, len(data), size)]
+    assert whole.feed(data, T) == [m for chunk in chunks for m in parts.feed(chunk, T)]
+    assert msgspec.structs.replace(one(LINE)) in whole.feed(LINE, T)

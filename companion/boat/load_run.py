@@ -12,13 +12,15 @@ import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError, digest
-from companion.core.configuration.vessel_file import VesselFile
+from companion.core.configuration.vessel_file import Thruster, VesselFile
 from companion.core.constants import PACK_SHARES
 from companion.core.excitation.file import load_excitation
 from companion.core.excitation.flight import Flight
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
+from companion.core.guidance.steerage import corner_problems, guidance_for
+from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.load_vessel import load_vessel
 from companion.core.pilot.pilot import PilotSettings
 from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
@@ -85,6 +87,7 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
             site,
             mission,
             run.control,
+            guidance_for(vessel),
             excitation=excitation,
             battery=run.battery,
             system_id=run.mavlink.system_id,
@@ -97,9 +100,10 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     """What no single file can know to be wrong."""
     of_run, of_vessel, control = names["run.toml"], names["vessel.toml"], run.control
     still = control.neutral_channels
-    for thruster in vessel.thrusters:
-        if thruster.channel in still:
-            both = f"channel {thruster.channel} drives thruster {thruster.name} of {of_vessel}"
+    for one in vessel.controls:
+        if one.channel in still:
+            what = "thruster" if isinstance(one, Thruster) else "servo"
+            both = f"channel {one.channel} drives {what} {one.name} of {of_vessel}"
             yield f"{of_run}: control.neutral_channels: {both}"
     if run.log.quota_MB and run.log.folder is None:
         yield f"{of_run}: log.quota_MB: needs log.folder: nothing is deleted from the current folder"
@@ -119,8 +123,9 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     if 8 in still:
         yield f"{of_run}: control.neutral_channels: channel 8 is the autopilot's mode channel: leave it alone"
     for i, thruster in enumerate(vessel.thrusters):
-        if why := UNFIT_CHANNELS.get(thruster.channel):
-            yield f"{of_vessel}: thrusters[{i}].channel: {thruster.channel} {why}; 9 to 16 are free"
+        for one, where in ((thruster, ""), (thruster.steering, ".steering"), (thruster.rudder, ".rudder")):
+            if one and (why := UNFIT_CHANNELS.get(one.channel)):
+                yield f"{of_vessel}: thrusters[{i}]{where}.channel: {one.channel} {why}; 9 to 16 are free"
     yield from _device_problems(run, vessel, of_run, of_vessel)
 
 
@@ -155,17 +160,29 @@ def warnings(setup: RunSetup) -> list[str]:
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
+    if setup.pilot.guidance.end == "drift":
+        end = " and the heading at the end of the mission is not kept" if setup.pilot.mission.end_heading_rad else ""
+        texts.append(
+            f"{setup.pilot.vessel.name} is steered only while it makes way: it cannot keep station; "
+            f"hold and the end of a mission leave it drifting with its thrust off{end}"
+        )
+    if is_steered(setup.pilot.vessel):
+        texts.append("whether thrusters and servos do as they are told is not judged: so far only of fixed thrusters")
     if setup.run.battery == BatteryLimits():
         texts.append("no [battery] limits in the run file: an empty battery will not stop the boat")
     return texts
 
 
 def _beyond(pilot: PilotSettings) -> Iterator[str]:
-    """Waypoints beyond the fence of site and mission. A log may hold such: they were only warned of once."""
+    """Waypoints beyond the fence of site and mission, and corners that the boat cannot round.
+
+    Not asked of a log, whose mission may hold such: waypoints were only warned of once.
+    """
     for i, w in enumerate(pilot.mission.path.waypoints):
         if (room_m := pilot.fence.clearance(w.north_m, w.east_m)) < 0:
             where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
             yield f"{where} lies {-room_m:.1f} m beyond the fence: move it, or the fence of the site or the mission"
+    yield from corner_problems(pilot.mission.path, pilot.guidance)
 
 
 def _geometry(site: Site) -> Iterator[str]:

@@ -189,7 +189,7 @@ def companion_of(setup: RunSetup) -> Companion:
     """What the configured companion overrides."""
     control = setup.run.control
     return Companion(
-        thrusters=tuple((t.name, t.channel) for t in setup.pilot.vessel.thrusters),
+        thrusters=tuple((c.name, c.channel) for c in setup.pilot.vessel.controls),
         still=control.neutral_channels,
         system_id=setup.run.mavlink.system_id,
         lease_s=control.lease_s,

@@ -19,6 +19,7 @@ from companion.cli.options.outputs import new_in_folder
 from companion.cli.options.parser import BAD_INPUT
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.actuators.propulsion import only_fixed
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.log_file import LogError
 from companion.logs.metadata import log_metadata
@@ -43,6 +44,7 @@ def opened(args: argparse.Namespace, logs: Sequence[Path], outputs: Sequence[str
     """`--vessel` and `--site`, checked: logs, and that `--out` has none of `outputs`. Raises ConfigError."""
     text = text_of(args.vessel)
     vessel = load_vessel(text, name=str(args.vessel))
+    only_fixed(vessel, str(args.vessel), "identification and diagnosis")
     site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
     for path in logs:
         path.stat()

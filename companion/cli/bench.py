@@ -16,6 +16,7 @@ from companion.cli.options.files import text_of, vessel_file
 from companion.cli.options.outputs import new_file, output, picture
 from companion.cli.options.values import seed, whole
 from companion.core.configuration.tables import ConfigError
+from companion.core.model.actuators.propulsion import only_fixed
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.metadata import log_metadata
 
@@ -63,6 +64,7 @@ def bench(args: argparse.Namespace) -> int:
 
     try:
         vessel = load_vessel(text_of(args.vessel), name=str(args.vessel))
+        only_fixed(vessel, str(args.vessel), "benchmarks")
         if not run.chosen(args.only, args.growth):
             raise ConfigError(f"--only {args.only}: no such part")
         for path in (args.json, args.picture):

@@ -22,6 +22,7 @@ from companion.cli.simulator.world_options import add_world_arguments
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Excitation, excitation_toml, load_excitation
 from companion.core.excitation.pen import Pen
+from companion.core.model.actuators.propulsion import only_fixed
 from companion.logs.log_file import LogError
 
 if TYPE_CHECKING:
@@ -237,7 +238,9 @@ def _setup(args: argparse.Namespace, plan: Path | None = None) -> RunSetup:
     for role, path in (("vessel.toml", args.vessel), ("site.toml", args.site), ("excitation.toml", plan)):
         if path:
             texts[role], names[role] = text_of(path), str(path)
-    return setup_of(texts, names)
+    setup = setup_of(texts, names)
+    only_fixed(setup.pilot.vessel, names["vessel.toml"], "excitations")
+    return setup
 
 
 def _planned(setup: RunSetup) -> Excitation:

@@ -6,3 +6,5 @@ NEUTRAL_US = 1500
 """Pulse width [us] at which a thruster stands still: the middle of ArduPilot's RC and servo outputs."""
 PACK_SHARES = (0.5, 1.5)
 """Voltages outside these shares of the nominal one are no pack's (0 V: no battery monitor); assumed."""
+WATER_KG_M3 = 1025.0
+"""Density of sea water (Fossen 2021)."""

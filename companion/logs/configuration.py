@@ -30,9 +30,11 @@ def site_in(log: LogFile) -> Site | None:
 
 
 def thrusters_in(log: LogFile) -> tuple[str, ...]:
-    """Names of the thrusters in the log's vessel file, of whatever version; empty where it does not hold one."""
+    """Names of thrusters, then of servos, in the log's vessel file of whatever version; empty without a file."""
     try:
-        return tuple(str(t["name"]) for t in tomllib.loads(log.metadata["config/vessel.toml"])["thrusters"])
+        thrusters = tomllib.loads(log.metadata["config/vessel.toml"])["thrusters"]
+        servos = [t[key] for t in thrusters for key in ("steering", "rudder") if key in t]
+        return tuple(str(one["name"]) for one in (*thrusters, *servos))
     except (KeyError, TypeError, tomllib.TOMLDecodeError):
         return ()
 

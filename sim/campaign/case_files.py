@@ -13,6 +13,7 @@ import tomli_w
 from companion.boat.load_run import RunSetup, setup_of
 from companion.core.configuration.tables import ConfigError, Table
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.actuators.propulsion import only_fixed
 from companion.core.model.load_vessel import load_vessel
 from sim.campaign.dotted_keys import applied, of_head
 from sim.campaign.runners.job import Work
@@ -63,7 +64,9 @@ def case_setup(work: Work) -> CaseSetup:
     truth = vessel if truth_text == texts["vessel"] else load_vessel(truth_text, name=truth_name)
     if [t.name for t in truth.thrusters] != [t.name for t in vessel.thrusters]:
         raise ConfigError(f"{truth_name}: thrusters: expected those of {work.names['vessel']}, in their order")
-    if work.kind == "missions":
+    if work.kind != "missions":
+        only_fixed(vessel, work.names["vessel"], "campaigns of fits")
+    else:
         setup = _setup(work, texts)
     return CaseSetup(
         setup,

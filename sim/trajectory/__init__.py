@@ -1,7 +1,7 @@
 """Whole trajectories of a boat, one or many at once, from the model of its vessel file.
 
     simulate(vessel, x0, pwm_us, dt_s)            pulse widths, through dead time, battery and force map
-    simulate_forces(vessel, x0, f_cmd_n, dt_s)    commanded thruster forces, through the lag
+    simulate_forces(vessel, x0, f_cmd_n, dt_s)    commanded thruster forces and angles of servos, through the lag
 
 Reference: docs/simulate.md.
 """
@@ -26,8 +26,9 @@ __all__ = ["Surroundings", "Trajectory", "parameters_of", "simulate", "simulate_
 class Trajectory:
     """x = [x y psi | u v r | f_1 .. f_n] at `t_s` (k + 1,): (k + 1, 6 + n), or (m, k + 1, 6 + n) of several.
 
-    NED pose [m, m, rad], psi not wrapped; body velocities [m/s, m/s, rad/s]; thruster forces [N]. NaN from where a
-    trajectory has run away (1000 m/s or rad/s, a million rad). `why_interpreted`: empty where machine code ran.
+    NED pose [m, m, rad], psi not wrapped; body velocities [m/s, m/s, rad/s]; thruster forces [N], then angles of servos
+    [rad]. NaN from where a trajectory has run away (1000 m/s or rad/s, a million rad). `why_interpreted`: empty where
+    machine code ran.
     """
 
     t_s: np.ndarray
@@ -46,7 +47,7 @@ class Trajectory:
 
     @property
     def f(self) -> np.ndarray:
-        """Thruster forces [N], (..., k + 1, n)."""
+        """Thruster forces [N], angles of servos [rad], (..., k + 1, n)."""
         return self.x[..., 6:]
 
 
@@ -67,7 +68,8 @@ def simulate(
     """Move a boat by pulse widths [us], each held for `dt_s`: what `sim.world.plant.Plant` does, all steps at once.
 
     x0          [x y psi u v r] or [x y psi u v r f_1 .. f_n] (forces 0): one, or (m, .)
-    pwm_us      (k, n) or (m, k, n), thrusters in the vessel file's order, limited to what the ESC knows
+    pwm_us      (k, n) or (m, k, n), all thrusters, then all servos, in the vessel file's order; limited to what an ESC
+                knows
     before_us   what was sent before, (b, n) or (m, b, n), for the dead time (rounded up to samples); None: 1500
     voltage_v   number, (k,), (m, 1) or (m, k); None: the file's nominal one. Without load, unless `loaded`: as it
                 reaches the ESCs

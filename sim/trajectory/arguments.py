@@ -10,6 +10,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
+from companion.core.model.actuators.propulsion import channels_of
 from sim.trajectory.step import GONE, TURNED, Drive, StepKind, parameters_of
 
 STABLE = 2.5
@@ -58,7 +59,7 @@ def task(
 ) -> Task:
     """Everything checked. `drive` (k, n) or (m, k, n) as it acts on the boat. Raises ValueError."""
     around, free = around or Surroundings(), dict(parameters or {})
-    start, n, k = _start(x0, len(vessel.thrusters)), len(vessel.thrusters), drive.shape[-2]
+    start, n, k = _start(x0, len(vessel.controls)), len(vessel.controls), drive.shape[-2]
     columns: dict[str, np.ndarray] = {"drive": drive if drive.ndim == 3 else drive[None]}
     if drive_kind != "force":
         columns["voltage_v"] = _column("voltage_v", voltage_v, k)
@@ -99,17 +100,25 @@ def task(
 def delayed(vessel: VesselFile, pwm_us: Any, before_us: Any, dt_s: float) -> np.ndarray:
     """Pulse widths as they act after the dead time, (k, n) or (m, k, n). Raises ValueError."""
     pwm = _drive(vessel, "pwm_us", pwm_us)
-    late = -(-round(vessel.propulsion.dead_time_s * 1e9) // max(1, round(_seconds(dt_s) * 1e9)))
+    before = None if before_us is None else _drive(vessel, "before_us", before_us)
+    if pwm.ndim == 3 and before is not None and before.ndim == 3 and len(pwm) != len(before):
+        raise ValueError(f"before_us: expected as many trajectories as pwm_us, {len(pwm)}; found {len(before)}")
+    sample_ns = max(1, round(_seconds(dt_s) * 1e9))
+    late = [-(-round(c.dead_time_s * 1e9) // sample_ns) for c in channels_of(vessel)]
+    if len(set(late)) == 1:
+        return _later(pwm, before, late[0])
+    columns = [_later(pwm[..., [i]], None if before is None else before[..., [i]], k) for i, k in enumerate(late)]
+    return np.concatenate(np.broadcast_arrays(*columns), axis=-1)
+
+
+def _later(pwm: np.ndarray, before: np.ndarray | None, late: int) -> np.ndarray:
+    """Pulse widths `late` samples later."""
     if not late:
         return pwm
-    if before_us is None:
+    if before is None:
         before = np.full((late, pwm.shape[-1]), float(NEUTRAL_US))
-    else:
-        before = _drive(vessel, "before_us", before_us)
-        if before.shape[-2] < late:
-            raise ValueError(f"before_us: the dead time needs {late} samples, found {before.shape[-2]}")
-    if pwm.ndim == before.ndim == 3 and len(pwm) != len(before):
-        raise ValueError(f"before_us: expected as many trajectories as pwm_us, {len(pwm)}; found {len(before)}")
+    elif before.shape[-2] < late:
+        raise ValueError(f"before_us: the dead time needs {late} samples, found {before.shape[-2]}")
     out = np.empty((*max(pwm.shape[:-2], before.shape[:-2]), *pwm.shape[-2:]))
     early = min(late, pwm.shape[-2])
     out[..., :early, :] = before[..., before.shape[-2] - late :, :][..., :early, :]
@@ -118,15 +127,16 @@ def delayed(vessel: VesselFile, pwm_us: Any, before_us: Any, dt_s: float) -> np.
 
 
 def forces(vessel: VesselFile, f_cmd_n: Any) -> np.ndarray:
-    """Commanded forces, (k, n) or (m, k, n). Raises ValueError."""
+    """Commands [N; angles rad], (k, n) or (m, k, n). Raises ValueError."""
     return _drive(vessel, "f_cmd_n", f_cmd_n)
 
 
 def _drive(vessel: VesselFile, name: str, value: Any) -> np.ndarray:
-    n = len(vessel.thrusters)
+    n = len(vessel.controls)
     array = _numbers(name, value)
     if array.ndim not in (2, 3) or array.shape[-1] != n or array.shape[-2] < 1:
-        raise ValueError(f"{name}: expected (k, {n}) or (m, k, {n}), k > 0: {n} thrusters; found {array.shape}")
+        what = f"{len(vessel.thrusters)} thrusters" + (f", {len(vessel.servos)} servos" if vessel.servos else "")
+        raise ValueError(f"{name}: expected (k, {n}) or (m, k, {n}), k > 0: {what}; found {array.shape}")
     return array
 
 
@@ -143,7 +153,8 @@ def _start(x0: Any, n: int) -> np.ndarray:
 def _step(vessel: VesselFile, dt_s: float, substeps: int, numbers: Mapping[str, np.ndarray]) -> None:
     if substeps < 1 or substeps != int(substeps):
         raise ValueError(f"substeps: expected a whole number above 0, found {substeps}")
-    lag = float(numbers.get("propulsion.lag_s", np.array(vessel.propulsion.lag_s)).min())
+    own = [one.lag_s for one in vessel.controls if one.lag_s is not None]
+    lag = min([float(numbers.get("propulsion.lag_s", np.array(vessel.propulsion.lag_s)).min()), *own])
     if lag <= 0 or _seconds(dt_s) / substeps > STABLE * lag:
         raise ValueError(f"dt_s / substeps: expected at most {STABLE:g} x lag_s = {STABLE * lag:g} s; more substeps")
 

@@ -1,10 +1,10 @@
 """One sample of a trajectory as a CasADi function: the plant's own equations, with what is wanted of them as inputs.
 
     V     = V_open - R_i I(f)         or V as measured
-    F     = force map(pwm, V)         with dead band, trim and gain, held over the sample
+    F     = force map(pwm, V)         with dead band, trim and gain, held over the sample; angle of a servo by its pulse
     dx/dt = state_rate(model, x, F, force_n)       `substeps` of Runge-Kutta; current and wind held over the sample
 
-Nothing of the model is written here: `manoeuvring`, `integrate` and `thrusters` of `companion.core.model` have it.
+Nothing of the model is written here: `manoeuvring`, `integrate` and `actuators` of `companion.core.model` have it.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 from msgspec.structs import replace as replace_fields
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.integrate import FORCES, rk4, state_rate
+from companion.core.model.actuators.propulsion import channels_of
+from companion.core.model.integrate import rk4, state_rate
 from companion.core.model.manoeuvring import StructuredModel, coefficients
-from companion.core.model.thrusters import steady_forces
 from sim.world.plant import R_BATTERY_OHM, battery_current, in_weather
 
 GONE = 1e3
@@ -73,7 +73,7 @@ def step_function(vessel: VesselFile, kind: StepKind) -> ca.Function:
 
     constants: sample length [s], what of `given` is constant, `parameters`.
     """
-    n = len(vessel.thrusters)
+    n, thrusts = len(vessel.controls), slice(6, 6 + len(vessel.thrusters))
     x = ca.SX.sym("x", 6 + n)
     h: Any = ca.SX.sym("h")
     symbols: dict[str, Any] = {name: ca.SX.sym(name, width) for name, width, _ in kind.given}
@@ -84,9 +84,11 @@ def step_function(vessel: VesselFile, kind: StepKind) -> ca.Function:
     if kind.drive != "force":
         volts = symbols["voltage_v"]
         if kind.drive == "pwm":
-            volts = ca.fmax(volts - _sag(x[FORCES], volts), 0.0)
-        gains = ca.vertcat(*(free.get(f"thrusters.{t.name}.gain", t.gain) for t in vessel.thrusters))
-        f_cmd = gains * ca.vertcat(*steady_forces(boat, f_cmd, volts))
+            volts = ca.fmax(volts - _sag(x[thrusts], volts), 0.0)
+        gains = ca.vertcat(
+            *(free.get(f"thrusters.{t.name}.gain", t.gain) for t in vessel.thrusters), *(1.0 for _ in vessel.servos)
+        )
+        f_cmd = gains * ca.vertcat(*(c.expression(f_cmd[i], volts) for i, c in enumerate(channels_of(boat))))
     tau_ext = symbols.get("force_n", ca.SX.zeros(3))
     after = rk4(lambda s: state_rate(model, s, f_cmd, tau_ext), x, h, kind.substeps)
     small = ca.vertcat(ca.fabs(after[2]) / TURNED, ca.fabs(after[3:6]) / GONE)
@@ -107,7 +109,10 @@ def _model(vessel: VesselFile, free: Mapping[str, Any], t_s: Any) -> StructuredM
         name: {p: free.get(f"terms.{name}.{p}", value) for p, value in given.items()}
         for name, given in base.term_values.items()
     }
-    return _Boat(vessel, c, terms, t_s, lag=free.get("propulsion.lag_s", vessel.propulsion.lag_s))
+    lag, own = free.get("propulsion.lag_s", vessel.propulsion.lag_s), [one.lag_s for one in vessel.controls]
+    if any(value is not None for value in own):
+        lag = ca.vertcat(*(lag if value is None else value for value in own))
+    return _Boat(vessel, c, terms, t_s, lag=lag)
 
 
 def _sag(f: Any, open_v: Any) -> Any:

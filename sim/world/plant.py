@@ -1,6 +1,6 @@
-"""The hull and its thrusters: pulse widths in, motion out, by the one model of `companion.core`.
+"""The hull and its actuators: pulse widths in, motion out, by the one model of `companion.core`.
 
-    f_cmd = F(pwm(t - dead time), V);   dx/dt = state_rate(model, x, f_cmd, waves)
+    f_cmd = F(pwm(t - dead time), V) of each channel;   dx/dt = state_rate(model, x, f_cmd, waves)
 
 at 100 Hz by Runge-Kutta. Current and wind enter as the model's own terms, with values that may change at
 every step. Battery: V = V_open - R_i I with the current of the bollard table's power law.
@@ -17,11 +17,11 @@ from msgspec.structs import replace as replace_fields
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
+from companion.core.model.actuators.propulsion import channels_of
 from companion.core.model.effects.waves import pattern
-from companion.core.model.integrate import FORCES, BufferedStep, DelayLine, rk4, state_rate
+from companion.core.model.integrate import BufferedStep, DelayLine, rk4, state_rate
 from companion.core.model.loads import values
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrusters import force_from_pwm
 from sim.world.environment import Moment
 
 R_BATTERY_OHM = 0.05  # assumed: 4S pack with leads
@@ -47,31 +47,30 @@ class Plant:
     """One boat in the water."""
 
     def __init__(self, vessel: VesselFile, x0: np.ndarray, *, step_ns: int, voltage_v: float, t_ns: int = 0):
-        n = len(vessel.thrusters)
-        self._vessel, self.step_ns = vessel, step_ns
+        self.step_ns, self._thrusts = step_ns, slice(6, 6 + len(vessel.thrusters))
+        self._channels = channels = channels_of(vessel)
+        n = len(channels)
         self._open_v = self.voltage_v = voltage_v
         self.function = _plant_function(vessel)
         self._step = BufferedStep(self.function)
-        self._pwm = DelayLine(round(vessel.propulsion.dead_time_s * 1e9), (float(NEUTRAL_US),) * n)
+        self._pwm = [DelayLine(round(c.dead_time_s * 1e9), (float(NEUTRAL_US),)) for c in channels]
         self.motion = Motion(t_ns, np.concatenate([np.asarray(x0, dtype=float)[:6], np.zeros(n)]), np.zeros(3))
 
     @property
     def current_a(self) -> float:
         """Battery current [A]."""
-        return float(battery_current((np.abs(self.motion.x[FORCES]) ** 1.5).sum(), self._open_v))
+        return float(battery_current((np.abs(self.motion.x[self._thrusts]) ** 1.5).sum(), self._open_v))
 
     def command(self, t_ns: int, pwm_us: tuple[float, ...]) -> None:
-        """Pulse widths [us] that reach the ESCs' inputs from `t_ns` on, in the vessel file's order."""
-        self._pwm.push(t_ns, pwm_us)
+        """Pulse widths [us] that reach ESCs and servos from `t_ns` on, in the order of `vessel.controls`."""
+        for line, pulse in zip(self._pwm, pwm_us, strict=True):
+            line.push(t_ns, (pulse,))
 
     def step(self, moment: Moment, step_ns: int | None = None) -> Motion:
         """Advance by one step (`step_ns` long where given) in the given environment."""
         t_ns, step_ns = self.motion.t_ns, step_ns or self.step_ns
-        vessel = self._vessel
-        f_cmd = [
-            force_from_pwm(t, vessel.force_maps[t.force_map], pwm, self.voltage_v)
-            for t, pwm in zip(vessel.thrusters, self._pwm.at(t_ns), strict=True)
-        ]
+        pulses = (line.at(t_ns)[0] for line in self._pwm)
+        f_cmd = [c.value(pwm, self.voltage_v) for c, pwm in zip(self._channels, pulses, strict=True)]
         waves_n = moment.wave_n
         if moment.along_waves_n:
             q = np.radians(moment.beta_wave_deg) + np.pi - self.motion.x[2]
@@ -102,7 +101,7 @@ def _plant_function(vessel: VesselFile) -> ca.Function:
     weather = ca.SX.sym("weather", 4)
     h: Any = ca.SX.sym("h")
     model = in_weather(StructuredModel.of(vessel), weather[:2], weather[2:])
-    n = len(vessel.thrusters)
+    n = len(vessel.controls)
     x, f_cmd, wave = ca.SX.sym("x", 6 + n), ca.SX.sym("f_cmd", n), ca.SX.sym("wave", 3)
     x_next = rk4(lambda s: state_rate(model, s, f_cmd, wave), x, h)
     nu_dot = state_rate(model, x_next, f_cmd, wave)[3:6]

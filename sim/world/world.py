@@ -100,9 +100,9 @@ class Afloat:
     def advance(self, outputs_us: Sequence[int], step_ns: int = STEP_NS) -> Moment:
         """One step on with these outputs of the autopilot; what the environment was.
 
-        Outputs 1..n go to the thrusters in the vessel file's order; 0 is no pulse.
+        Outputs 1..n go to thrusters and servos in the order of `vessel.controls`; 0 is no pulse.
         """
-        pulses = outputs_us[: len(self.vessel.thrusters)]
+        pulses = outputs_us[: len(self.vessel.controls)]
         self.plant.command(self.t_ns, tuple(float(p) if p else float(NEUTRAL_US) for p in pulses))
         moment = self._environment.step(self.t_ns * 1e-9, step_ns * 1e-9)
         self.plant.step(moment, step_ns)
@@ -205,10 +205,10 @@ def _draws(seed: int) -> dict[str, np.random.Generator]:
 
 
 def _channels(vessel: VesselFile) -> tuple[int, ...]:
-    return tuple(t.channel for t in vessel.thrusters)
+    return tuple(control.channel for control in vessel.controls)
 
 
 def _wired(vessel: VesselFile, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster, and a GNSS receiver or none."""
-    wired = {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.thrusters) + 1)}, **parameters}
+    """Parameters with outputs 1..n given to the Lua gate's Script1..n, one a thruster or servo, and GNSS or none."""
+    wired = {**{f"SERVO{n}_FUNCTION": 93.0 + n for n in range(1, len(vessel.controls) + 1)}, **parameters}
     return {**wired, "GPS1_TYPE": 1.0} if vessel.sensors.gnss else wired

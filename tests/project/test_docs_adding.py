@@ -1,4 +1,4 @@
-"""docs/adding.md followed to the letter where that is cheap: a vessel, a message, an effect of one's own."""
+"""docs/adding.md followed to the letter where that is cheap: a vessel, a message, an actuator, an own effect."""
 
 import re
 import tomllib
@@ -12,6 +12,7 @@ import pytest
 from companion.boat.load_run import EXAMPLES, setup_of
 from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import GroundTruth, Message, OverrideLease, topic
+from companion.core.model.actuators.propulsion import ActuatorSet
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
@@ -88,3 +89,22 @@ def test_an_effect_of_ones_own_is_picked_up(tmp_path):
     assert (effect.hooks["imu"]({"amplitude_deg": 0.0}, scene, y) == y).all()
     changed = effect.hooks["imu"]({"amplitude_deg": 2.0}, scene, y)
     assert changed[0, 2, 0] == pytest.approx(1 + np.radians(2.0) * np.sin(1.6)) and (changed[..., 1:] == 1).all()
+
+
+def test_a_new_actuator_is_an_object_of_channels_and_components_and_a_line_of_the_set():
+    """The page's object, and one of the same two channels that pushes twice as hard, in a set of its own."""
+    made: dict = {}
+    exec(block("adding.md", "An actuator", "python"), made)
+    one, vessel = made["one"], made["vessel"]
+    assert (made["thrust"], made["angle"]) == pytest.approx((10.0, 0.5))
+
+    class Double(type(one)):
+        def components(self, nu_r, f):
+            return [2 * e for e in super().components(nu_r, f)]
+
+    bow = vessel.thrusters[0]
+    other = Double(bow, bow.steering, vessel.force_maps[bow.force_map], vessel.propulsion)
+    both = ActuatorSet((one, other), ((0, 2), (1, 3)))
+    e = np.array(both.components(np.zeros(3), np.array([10.0, 10.0, 0.5, 0.5]))).ravel()
+    np.testing.assert_allclose(e[2:], 2 * e[:2])
+    assert [c.unit for c in both.channels] == ["N", "N", "rad", "rad"] and both.directions.shape == (3, 4)

@@ -36,35 +36,39 @@ def mission_text(points=CORNER) -> str:
 
 
 @cache
-def setup(points=CORNER) -> RunSetup:
-    """The example run with a mission of these points; None: the square that comes with it."""
+def setup(points=CORNER, vessel=None) -> RunSetup:
+    """The example run with a mission of these points (None: the square beside it), and another boat of deploy/boats."""
     square = load_setup(EXAMPLES / "aritra.toml")
-    if points is None:
+    if points is None and vessel is None:
         return square
-    texts = {**square.files, "mission.toml": mission_text(points)}
+    texts = {**square.files}
+    if points is not None:
+        texts["mission.toml"] = mission_text(points)
+    if vessel is not None:
+        texts["vessel.toml"] = (EXAMPLES / "boats" / f"{vessel}.toml").read_text()
     return setup_of(texts, {name: name for name in texts})
 
 
 @cache
-def pilot(points=CORNER) -> Pilot:
-    return Pilot(setup(points).pilot)
+def pilot(points=CORNER, vessel=None) -> Pilot:
+    return Pilot(setup(points, vessel).pilot)
 
 
 @cache
-def nmpc(points=CORNER) -> Nmpc:
+def nmpc(points=CORNER, vessel=None) -> Nmpc:
     """The NMPC without wall time: it measures none, and its rescue ends by iterations alone."""
-    told = setup(points).pilot
+    told = setup(points, vessel).pilot
     patient = msgspec.structs.replace(told.nmpc, rescue_time_s=60.0)
     return Nmpc(
         StructuredModel.of(told.vessel), Actuation.of(told.vessel), patient, lambda: 0.0, told.fence, compile_loops
     )
 
 
-def voyage(seed: int, points=CORNER, wrap=lambda pilot: pilot, **world) -> SteppedRun:
-    """A run about to begin; `world`: fields of WorldSetup; `wrap`: what to put round the pilot."""
-    told = setup(points).pilot
+def voyage(seed: int, points=CORNER, wrap=lambda pilot: pilot, vessel=None, begin="start", **world) -> SteppedRun:
+    """A run about to begin. `world`: fields of WorldSetup; `wrap`: put round the pilot; `vessel`: see `setup`."""
+    told = setup(points, vessel).pilot
     chosen = WorldSetup(told.vessel, told.site, **{"start": START, **world})
-    return SteppedRun(World(chosen, seed), wrap(pilot(points)), nmpc().solve)
+    return SteppedRun(World(chosen, seed), wrap(pilot(points, vessel)), nmpc(vessel=vessel).solve, begin)
 
 
 def settled(seconds: float):

@@ -104,7 +104,7 @@ class TeleopConsole:
         self, app: App, setup: RunSetup, clock: Clock, tell: Callable[[Alert], None], end: Callable[[], None]
     ) -> None:
         """Read keys and sticks until cancelled. Whatever ends it ends the run, in neutral."""
-        self._seen.thrusters = tuple(t.name for t in setup.pilot.vessel.thrusters)
+        self._seen.thrusters = tuple(c.name for c in setup.pilot.vessel.controls)
         self._view.start()
         pad, reading = None, None
         if self._gamepad:

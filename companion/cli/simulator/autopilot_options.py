@@ -45,7 +45,7 @@ def autopilot(args: argparse.Namespace, vessel: VesselFile) -> dict[str, Any]:
 
     parameters = BOAT_PARAMETERS
     if args.wiring:
-        channels = tuple(t.channel for t in vessel.thrusters)
+        channels = tuple(control.channel for control in vessel.controls)
         if channels != WIRED_CHANNELS:
             raise ConfigError(f"--wiring: for thrusters on channels {WIRED_CHANNELS}, the vessel's are on {channels}")
         parameters = {**BOARD_PARAMETERS, **parse_parameters(wirings()[args.wiring], name=f"{args.wiring}.param")}

@@ -53,7 +53,8 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
     figures: dict[str, float | int] = {"waypoints_total": len(points), "waypoints_passed": passed}
     if len(track.t_s):
         pose = (*points[-1], end_heading(settings))
-        figures |= tracking(track, points) | station(track, pose) | estimation(track)
+        kept = station(track, pose) if settings.guidance.end == "station" else {}
+        figures |= tracking(track, points) | kept | estimation(track)
     figures |= _timing(messages) | {"simulator_stall_ms": _longest_gap_ms(truths)}
     return DemoScore(figures, track, messages, truths)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from companion.core.configuration import file_kinds
 from companion.core.configuration.sensors import Arm, Sensors
+from companion.core.configuration.servos import DeadTime, Lag, Pulse, RcChannel, Rudder, Servo, Steering, Trim
 from companion.core.configuration.tables import SourcedTable, Table
 
 Area = Annotated[float, msgspec.Meta(ge=0, le=500)]
@@ -25,7 +26,6 @@ Force = Annotated[float, msgspec.Meta(ge=0.001, le=50_000)]
 """What one thruster can give [N]."""
 ForceRate = Annotated[float, msgspec.Meta(ge=0.001, le=1e6)]
 Voltage = Annotated[float, msgspec.Meta(ge=1, le=1000)]
-Pulse = Annotated[int, msgspec.Meta(ge=1100, le=1900)]
 
 
 class Hull(SourcedTable, frozen=True, kw_only=True):
@@ -128,15 +128,15 @@ class Wash(Table, frozen=True, kw_only=True):
 
 
 class Propulsion(SourcedTable, frozen=True, kw_only=True):
-    """Dynamics common to all thrusters: dead time from command to ESC, then a first-order lag on force.
+    """Dynamics of all thrusters without their own: dead time from command to ESC, then a first-order lag on force.
 
     `rate_limit_N_s`: what control asks for at most; `slew_N_s`: what the thrusters can do (None: the lag alone).
     `advance_loss_s_m`, `advance_loss_sqrt_N_s_m`, `wash`: how water that moves past a thruster weakens it; equations
     in `companion.core.model.effects`.
     """
 
-    dead_time_s: Annotated[float, msgspec.Meta(ge=0, le=2.0)]
-    lag_s: Annotated[float, msgspec.Meta(ge=0.001, le=5.0)]
+    dead_time_s: DeadTime
+    lag_s: Lag
     nominal_voltage_V: Voltage
     rate_limit_N_s: ForceRate
     slew_N_s: ForceRate | None = None
@@ -146,28 +146,39 @@ class Propulsion(SourcedTable, frozen=True, kw_only=True):
 
 
 class Thruster(SourcedTable, frozen=True, kw_only=True):
-    """One fixed thruster. `azimuth_deg`: direction of positive thrust, from x towards y.
+    """One thruster. `azimuth_deg`: direction of positive thrust, from x towards y; of one that is steered, at 1500 us.
 
     `gain`: 0 is a dead thruster, below 0 one that is wired or turned the wrong way round.
     `mirrored`: its pulses are mirrored about neutral, 1100 us is ahead; unlike with a gain of -1, the map's curve ahead
     stays that of its thrust ahead.
     `gain_sigma`: how well `gain` is known, as a share; None: as fits assume of thrusters of one make.
+    `lag_s`, `dead_time_s`: its own; None: those of `propulsion`. `steering`: the servo that turns it; `rudder`: one in
+    its race.
     """
 
     name: str
     x_m: Arm
     y_m: Arm
     azimuth_deg: Annotated[float, msgspec.Meta(ge=-360, le=360)]
-    channel: Annotated[int, msgspec.Meta(ge=1, le=16)]
+    channel: RcChannel
     force_map: str
     gain: Annotated[float, msgspec.Meta(ge=-10, le=10)] = 1.0
     gain_sigma: Annotated[float, msgspec.Meta(ge=0, le=2)] | None = None
-    trim_us: Annotated[int, msgspec.Meta(ge=-200, le=200)] = 0
+    trim_us: Trim = 0
     mirrored: bool = False
     pwm_min_us: Pulse = 1100
     pwm_max_us: Pulse = 1900
     force_min_N: Annotated[float, msgspec.Meta(ge=-50_000, le=0)]
     force_max_N: Force
+    lag_s: Lag | None = None
+    dead_time_s: DeadTime | None = None
+    steering: Steering | None = None
+    rudder: Rudder | None = None
+
+    @property
+    def servos(self) -> tuple[Servo, ...]:
+        """Its servo, if it has one."""
+        return tuple(servo for servo in (self.steering, self.rudder) if servo is not None)
 
 
 class ModelError(SourcedTable, frozen=True, kw_only=True):
@@ -202,6 +213,16 @@ class VesselFile(Table, frozen=True, kw_only=True):
         """Settings that the force maps name, each with its nominal value."""
         maps = [m for m in self.force_maps.values() if isinstance(m, PitchMap)]
         return {m.setting: m.nominal_setting for m in maps}
+
+    @property
+    def servos(self) -> tuple[Servo, ...]:
+        """Servos of all thrusters, in their order."""
+        return tuple(servo for t in self.thrusters for servo in t.servos)
+
+    @property
+    def controls(self) -> tuple[Thruster | Servo, ...]:
+        """Everything that a pulse width commands, in the order used everywhere: all thrusters, then all servos."""
+        return (*self.thrusters, *self.servos)
 
     @property
     def positions(self) -> np.ndarray:

@@ -1,9 +1,12 @@
-"""From a wanted body force to bounded thruster forces, and from forces to pulse widths.
+"""From a wanted body force to bounded commands, and from commands to pulse widths.
 
-    f = argmin |W (B f - tau)|^2 + eps |f|^2   subject to  f_min <= f <= f_max
+    e = argmin |W (D e - tau)|^2 + eps |e|^2   subject to  e_min <= e <= e_max
 
 with W falling by a factor of 30 from yaw to surge to sway, so that what is out of reach is given up in that
-order: sway first, yaw last. Where tau is within reach B f = tau (to 1e-3), and of all such f the smallest.
+order: sway first, yaw last. Where tau is within reach D e = tau (to 1e-3), and of all such e the smallest.
+
+Fixed thrusters: D = B, e = f, the thrusts. Others: e are the components of `actuators`, each within what it reaches at
+the present velocity, and each actuator says what to command for its own.
 """
 
 from __future__ import annotations
@@ -12,39 +15,49 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.thrusters import configuration_matrix, force_limits, pwm_from_force
+from companion.core.model.actuators.propulsion import ActuatorSet, channels_of, is_steered
+from companion.core.model.thrusters import configuration_matrix, force_limits
 
-_PRIORITY = np.array([30.0, 1.0, 900.0])  # X, Y, N: yaw before surge before sway
+PRIORITY = np.array([30.0, 1.0, 900.0])
+"""Of X, Y, N: yaw before surge before sway."""
 _EFFORT = 1e-2  # sqrt(eps): small beside the least weight, so that effort never buys force
 
 
-def allocate(tau: np.ndarray, vessel: VesselFile) -> np.ndarray:
-    """Thruster forces [N], shape (n,), for tau = [X N, Y N, N N m]; within limits whatever tau is.
+def allocate(
+    tau: np.ndarray, vessel: VesselFile, *, nu_r: np.ndarray | None = None, now: np.ndarray | None = None
+) -> np.ndarray:
+    """Commands (n,) [N; angles rad] for tau = [X N, Y N, N N m]; within limits whatever tau is.
 
-    A tau that is not finite gives zero forces.
+    `nu_r`: velocity through the water, None: not known; `now`: what is commanded already, None: 0. A boat of fixed
+    thrusters needs neither. A tau that is not finite gives zeros.
     """
-    B = configuration_matrix(vessel)
-    n = B.shape[1]
+    n = len(vessel.controls)
     if not np.all(np.isfinite(tau)):
         return np.zeros(n)
-    lower, upper = force_limits(vessel)
-    able, f = lower < upper, np.zeros(n)  # a dead thruster gets nothing
-    A = np.vstack([_PRIORITY[:, None] * B, _EFFORT * np.eye(n)])[:, able]
-    b = np.concatenate([_PRIORITY * np.asarray(tau, dtype=float), np.zeros(n)])
+    if not is_steered(vessel):
+        return _smallest(tau, configuration_matrix(vessel), *force_limits(vessel))
+    actuators = ActuatorSet.of(vessel)
+    e = _smallest(tau, actuators.directions, *actuators.limits(nu_r))
+    return actuators.controls(e, nu_r, np.zeros(n) if now is None else now)
+
+
+def _smallest(tau: np.ndarray, D: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """e above, shape (m,)."""
+    able, e = lower < upper, np.zeros(D.shape[1])  # a dead thruster gets nothing
+    A = np.vstack([PRIORITY[:, None] * D, _EFFORT * np.eye(len(e))])[:, able]
+    b = np.concatenate([PRIORITY * np.asarray(tau, dtype=float), np.zeros(len(e))])
     if able.any():
-        f[able] = lsq_linear(A, b, bounds=(lower[able], upper[able]), method="bvls").x
-    return np.clip(f, lower, upper)
+        e[able] = lsq_linear(A, b, bounds=(lower[able], upper[able]), method="bvls").x
+    return np.clip(e, lower, upper)
 
 
-def pulse_widths(f_n: np.ndarray, vessel: VesselFile, voltage_v: float) -> tuple[int, ...]:
-    """Pulse widths [us] in the vessel file's order for forces [N] at a battery voltage [V].
+def pulse_widths(f: np.ndarray, vessel: VesselFile, voltage_v: float) -> tuple[int, ...]:
+    """Pulse widths [us] in the order of f, for commands at a battery voltage [V].
 
-    Forces are clamped to the limits first; a force that is not finite becomes neutral.
+    Commands are clamped to the limits first; one that is not finite becomes neutral.
     """
-    lower, upper = force_limits(vessel)
-    finite = np.where(np.isfinite(f_n), f_n, 0.0)
-    bounded = np.clip(finite, lower, upper)
+    channels = channels_of(vessel)
+    wanted = np.where(np.isfinite(f), f, 0.0)
     return tuple(
-        pwm_from_force(t, vessel.force_maps[t.force_map], float(f), voltage_v)
-        for t, f in zip(vessel.thrusters, bounded, strict=True)
+        c.pulse(float(np.clip(value, c.lower, c.upper)), voltage_v) for c, value in zip(channels, wanted, strict=True)
     )

@@ -1,4 +1,4 @@
-"""The fallback ladder: which thruster forces to command when the plan is late, old or missing.
+"""The fallback ladder: what to command the actuators when the plan is late, old or missing.
 
     plan          an ok plan no older than `plan_age_s`
     shifted_plan  the same plan, further along itself, up to `shifted_age_s`
@@ -22,10 +22,11 @@ import numpy as np
 
 from companion.core.configuration.tables import Positive, Table
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.control.allocation import allocate, force_limits
+from companion.core.control.allocation import allocate
 from companion.core.geometry.frames import ssa, unrotate
 from companion.core.guidance.reference_row import Column
 from companion.core.messages import PlanResult, StateEstimate
+from companion.core.model.actuators.propulsion import control_limits
 from companion.core.model.manoeuvring import mass_matrix
 
 LARGEST = 1e6
@@ -50,7 +51,7 @@ class FallbackSettings(Table, frozen=True, kw_only=True):
 
 
 class FallbackCommand(NamedTuple):
-    """Thruster forces [N], shape (n,), the rung they come from, and why no higher one."""
+    """Commands [N; angles rad], shape (n,), the rung they come from, and why no higher one."""
 
     f_n: np.ndarray
     source: Source
@@ -66,14 +67,16 @@ def command(
     *,
     step_s: float,
     settings: FallbackSettings,
+    now: Sequence[float] | None = None,
 ) -> FallbackCommand:
-    """What to command now. `plan_age_s`: time since the instant that the plan's first state speaks of;
-    `reference`: the row for now (`columns`); `step_s`: step of the plan. Never NaN, always within limits.
+    """What to command next. `plan_age_s`: time since the instant that the plan's first state speaks of;
+    `reference`: the row for now (`columns`); `step_s`: step of the plan; `now`: what is commanded, for actuators that
+    turn. Never NaN, always within limits.
     """
     f, why = _from_plan(plan, plan_age_s, step_s, vessel, settings)
     if f is not None:
         return FallbackCommand(f, "plan" if plan_age_s <= settings.plan_age_s else "shifted_plan", why)
-    zero = np.zeros(len(vessel.thrusters))
+    zero = np.zeros(len(vessel.controls))
     if estimate is None or estimate.health in ("initialising", "lost"):
         return FallbackCommand(zero, "neutral", f"{why}; no usable estimate")
     if reference is None:
@@ -82,13 +85,17 @@ def command(
     numbers = (*pose, estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s, *estimate.disturbance_n, *reference)
     if not (np.abs(numbers) <= LARGEST).all():
         return FallbackCommand(zero, "neutral", f"{why}; estimate or reference not finite, or beyond {LARGEST:g}")
-    return FallbackCommand(allocate(pd_force(estimate, reference, vessel, settings), vessel), "pd", why)
+    tau, nu = (
+        pd_force(estimate, reference, vessel, settings),
+        np.array([estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s]),
+    )
+    return FallbackCommand(allocate(tau, vessel, nu_r=nu, now=None if now is None else np.array(now)), "pd", why)
 
 
 def _from_plan(
     plan: PlanResult | None, age_s: float, step_s: float, vessel: VesselFile, settings: FallbackSettings
 ) -> tuple[np.ndarray | None, str]:
-    """Forces of the plan at its age, or None; and the reason."""
+    """Commands of the plan at its age, or None; and the reason."""
     if plan is None:
         return None, "no plan"
     if plan.status != "ok":
@@ -96,12 +103,12 @@ def _from_plan(
     if not 0.0 <= age_s <= settings.shifted_age_s:
         return None, f"plan is {age_s:.2f} s old"
     stage = math.floor(age_s / step_s + 1e-9)
-    if stage >= len(plan.f_n) or len(plan.f_n[stage]) != len(vessel.thrusters):
+    if stage >= len(plan.f_n) or len(plan.f_n[stage]) != len(vessel.controls):
         return None, "plan has no such stage"
     f = np.array(plan.f_n[stage], dtype=float)
     if not np.isfinite(f).all():
         return None, "plan is not finite"
-    return np.clip(f, *force_limits(vessel)), f"plan is {age_s:.2f} s old"
+    return np.clip(f, *control_limits(vessel)), f"plan is {age_s:.2f} s old"
 
 
 def pd_force(

@@ -58,6 +58,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
+from companion.core.model.actuators.propulsion import channels_of, common
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.sensors.sensor import PositionHealth, Sensor
 from companion.core.sensors.table import SensorTable, sensors_of
@@ -101,6 +102,7 @@ class Estimator:
         self.sensors = sensors_of(sensors, site)
         self._limits = limits or self.sensors.limits
         errors = [error for sensor in self.sensors for error in sensor.error_states]
+        self._dead_time_s = common([c.dead_time_s for c in channels_of(vessel)])
         process = Process(model, (sensors.imu.x_m, sensors.imu.y_m))
         algebra = KalmanEquations(B_RANGE + len(errors))
         self._predictor = Predictor(process, model, sensors.imu, self.tuning, algebra, errors)
@@ -115,14 +117,14 @@ class Estimator:
 
     def initial(self) -> EstimatorState:
         """State before any message; no force commanded yet."""
-        neutral = TimedCommand(-(1 << 62), np.zeros(len(self.vessel.thrusters)))
+        neutral = TimedCommand(-(1 << 62), np.zeros(len(self.vessel.controls)))
         return EstimatorState(self._starter.initial(), (neutral,))
 
     def command(self, state: EstimatorState, t_ns: int, f_command_n: tuple[float, ...]) -> EstimatorState:
-        """State after thruster forces [N], in the vessel file's order, were commanded at t_ns."""
+        """State after a command at t_ns: forces [N] and angles [rad] in the order of `vessel.controls`."""
         if not all(map(math.isfinite, f_command_n)):
             return _refuse(state, "command: not finite")
-        commands = insert_command(state.commands, t_ns, f_command_n, self.vessel.propulsion)
+        commands = insert_command(state.commands, t_ns, f_command_n, self._dead_time_s)
         return replace(state, commands=commands if state.history else drop_expired(commands, t_ns))
 
     def step(self, state: EstimatorState, message: Message) -> tuple[EstimatorState, tuple[Innovation, ...]]:

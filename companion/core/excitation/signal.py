@@ -33,6 +33,7 @@ from companion.core.excitation.file import (
     axes_count,
     harmonics_count,
 )
+from companion.core.model.actuators.propulsion import only_fixed
 from companion.core.model.thrusters import configuration_matrix
 
 GRID = 2048
@@ -86,6 +87,7 @@ def cancelling(vessel: VesselFile) -> np.ndarray:
 
 def signals(excitation: Excitation, vessel: VesselFile, *, name: str) -> tuple[Signal, ...]:
     """Every segment for this vessel. Raises ConfigError naming file and key where it asks for what it cannot give."""
+    only_fixed(vessel, name, "excitations")
     return tuple(signal(s, vessel, where=f"{name}: segments[{i}]") for i, s in enumerate(excitation.segments))
 
 

@@ -3,11 +3,12 @@
 A corner of turn angle theta becomes an arc that leaves the leg a distance d before the waypoint:
 
     R = d / tan(|theta| / 2)       cut = d tan(|theta| / 4)     radius; distance of arc and corner
-    d = min(reach, cut_max / tan(|theta| / 4), 0.45 of either leg)
+    d = min(reach, cut_max / tan(|theta| / 4), 0.45 of either leg)       at least R_min tan(|theta| / 2) if that fits
     v_corner = min(sqrt(a_lat R), r_max R)
     v(s)^2 <= v_j^2 + 2 a |s - s_j|  for every slower stretch j before (acceleration) and after (deceleration)
 
-so that a sharper turn is a smaller, slower arc, and a reversal is a stop. Lengths m, speeds m/s, angles rad.
+so that a sharper turn is a smaller, slower arc, and a reversal is a stop; a boat that cannot turn on the spot has a
+least radius R_min (`turning_radius_m`). Lengths m, speeds m/s, angles rad.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ SMALLEST_RADIUS_M = 0.02
 """A tighter arc is a corner to turn on the spot (assumed)."""
 STRAIGHT_RAD = 1e-3
 """A smaller turn angle is no corner (assumed)."""
+LEG_SHARE = 0.45
+"""Share of a leg that the rounding of a corner may take (assumed): two fit on it."""
 
 
 class PathLimits(Table, frozen=True, kw_only=True):
     """How the boat may be driven along a path. Speed: paper, section 5.1; all other defaults assumed.
 
-    Raises ValueError where one is not a positive number.
+    `turning_radius_m`: least radius of an arc, 0 for a boat that turns on the spot. Raises ValueError where another one
+    is not a positive number.
     """
 
     cruise_m_s: float = 0.5
@@ -42,11 +46,12 @@ class PathLimits(Table, frozen=True, kw_only=True):
     corner_reach_m: float = 0.5
     corner_cut_m: float = 0.2
     acceptance_m: float = 0.5
+    turning_radius_m: float = 0.0
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
+            if not (math.isfinite(value) and (value > 0 or (name == "turning_radius_m" and value == 0))):
                 raise ValueError(f"{name} must be a positive number, not {value}")
 
 
@@ -158,12 +163,10 @@ def _corner(path: Path, i: int, limits: PathLimits) -> _Corner:
     if abs(turn) < STRAIGHT_RAD:
         return _Corner(0.0, math.inf, turn)
     cut = min(limits.corner_cut_m, 0.5 * (path.waypoints[i].acceptance_m or limits.acceptance_m))
-    reach = min(
-        limits.corner_reach_m,
-        cut / math.tan(abs(turn) / 4),
-        0.45 * path.lengths_m[i - 1],
-        0.45 * path.lengths_m[i],
-    )
+    room = LEG_SHARE * min(path.lengths_m[i - 1], path.lengths_m[i])
+    reach = min(limits.corner_reach_m, cut / math.tan(abs(turn) / 4), room)
+    if limits.turning_radius_m:
+        reach = min(max(reach, limits.turning_radius_m * math.tan(abs(turn) / 2)), room)
     radius = reach / math.tan(abs(turn) / 2)
     return _Corner(reach, radius, turn) if radius >= SMALLEST_RADIUS_M else _Corner(0.0, 0.0, turn)
 

@@ -6,7 +6,8 @@
 are pure. A waypoint is passed by its circle of acceptance or by along-track passage (x_e beyond its leg, or
 the course rounded beyond its corner), so it may be missed but is never waited for or skipped: each Passage
 says how and by how much. Station keeping starts when the last waypoint is passed: the reference runs out to
-the end of the course by itself, slows to a stop, and stays; `done` goes on holding.
+the end of the course by itself, slows to a stop, and stays; `done` goes on holding. A boat that cannot keep station
+(`GuidanceSettings.end` is `drift`) is done when the last waypoint is passed.
 """
 
 from __future__ import annotations

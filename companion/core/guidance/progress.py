@@ -64,6 +64,8 @@ def pass_waypoint(state: GuidanceState, settings: GuidanceSettings, eta: Sequenc
     state = replace(state, passed=passed, closest_m=math.inf, y_int_m=0.0)
     if state.target < len(points) - 1:
         return replace(state, target=state.target + 1)
+    if settings.end == "drift":
+        return replace(state, phase="done", settled_ns=state.t_ns)
     if settings.steering == "los":
         state = replace(state, course=hold_point(*points[-1], state.end_psi_rad, settings.limits), s_m=0.0)
     return replace(state, phase="station")

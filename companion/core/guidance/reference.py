@@ -3,6 +3,7 @@
     psi_d   = pi(s) - (1 - w) atan((y_e + kappa y_int) / Delta) - beta     w: station weight, 1 at the end
     psi_ref -> psi_d, no faster than r_max
     u_ref   = min(v(s) max(0, cos(psi_d - psi_ref)), u_ref + a dt)         turn first, then go
+                                                                         never below what steers the boat
     s'      = u_ref cos(pi(s) - psi_ref),   y_e' = -y_e u_ref / Delta      prediction over the horizon
 
 pi(s), v(s): tangent and speed limit of the course; see `path` for the LOS law. At the end of the course psi_d
@@ -32,6 +33,8 @@ class GuidanceSettings(Table, frozen=True, kw_only=True):
     heading constant over the horizon. `kappa` > 0 makes LOS ILOS; `crab` aims the course, not the heading.
     `station_ramp_m`: stretch before the end over which the station weight rises; `lag_rad`: how far the
     heading reference may lead the boat; within `settle_m` and `settle_deg` of the end for `settle_s` is done.
+    `steerage_m_s`: speed below which the boat cannot be steered, and is not asked to turn; 0: it turns on the spot.
+    `end`: what follows the last waypoint, `station` keeping, or thrust off and `drift`.
     """
 
     steering: Literal["course", "los"] = "course"
@@ -43,13 +46,15 @@ class GuidanceSettings(Table, frozen=True, kw_only=True):
     settle_m: float = 0.3
     settle_deg: float = 5.0
     settle_s: float = 3.0
+    steerage_m_s: float = 0.0
+    end: Literal["station", "drift"] = "station"
     limits: PathLimits = PathLimits()
 
     def __post_init__(self) -> None:
         for name in ("lookahead_m", "station_ramp_m", "lag_rad", "settle_m", "settle_deg"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be a positive number, not {getattr(self, name)}")
-        for name in ("kappa", "settle_s"):
+        for name in ("kappa", "settle_s", "steerage_m_s"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, but is {getattr(self, name)}")
 
@@ -65,7 +70,9 @@ class ReferenceTrack:
     beta_rad: float = 0.0
 
     def station_weight(self, s_m: float) -> float:
-        """0 on the way, rising to 1 over the last `station_ramp_m` of the course."""
+        """0 on the way, rising to 1 over the last `station_ramp_m` of the course; 0 for a boat that drifts there."""
+        if self.settings.end == "drift":
+            return 0.0
         return max(0.0, 1.0 - (self.course.length_m - s_m) / self.settings.station_ramp_m)
 
     def cross_track(self, s_m: float, north_m: float, east_m: float) -> float:
@@ -97,7 +104,8 @@ def turn(track: ReferenceTrack, walker: Walker, dt_s: float) -> Walker:
     psi_d = track.heading(walker.s_m, walker.y_e_m)
     most = limits.yaw_rate_rad_s * dt_s
     psi = walker.psi_rad + max(-most, min(most, ssa(psi_d - walker.psi_rad)))
-    speed = track.course.speed_at(walker.s_m) * max(0.0, math.cos(psi_d - psi))
+    allowed = track.course.speed_at(walker.s_m)
+    speed = max(allowed * max(0.0, math.cos(psi_d - psi)), min(allowed, track.settings.steerage_m_s))
     u = min(speed, walker.u_m_s + limits.acceleration_m_s2 * dt_s)
     return walker._replace(psi_rad=psi, u_m_s=u)
 

@@ -64,8 +64,8 @@ class NewMission(Message, frozen=True, kw_only=True):
 class PlanResult(Message, frozen=True, kw_only=True):
     """What the solver made of a SolveRequest. A result with a status, never an exception.
 
-    `status`: ok | not_converged | failed. `f_n`: planned thruster force commands [N], N rows of n
-    thrusters; `x`: planned states, N + 1 rows. Empty where the status is failed.
+    `status`: ok | not_converged | failed. `f_n`: planned commands, N rows of n channels: thrusts [N], then angles of
+    servos [rad]; `x`: planned states, N + 1 rows. Empty where the status is failed.
     """
 
     index: int
@@ -158,8 +158,8 @@ class SolveRequest(Message, frozen=True, kw_only=True):
 class OverrideLease(Message, frozen=True, kw_only=True):
     """PWM for a stated time, then neutral. Exactly one ends every tick.
 
-    `pwm_us`: pulse widths of the thrusters in the vessel file's order, then of channels that are held at
-    neutral; `channels`: the RC channel (1-based) of each.
+    `pwm_us`: pulse widths of the thrusters in the vessel file's order, of the servos, then of channels that are held at
+    neutral; `channels`: the RC channel (1-based) of each. `f_command_n`: thrusts [N], then angles of servos [rad].
     `source`: which step of the fallback ladder made it: plan | shifted_plan | pd | neutral; or the excitation,
     or the sticks (manual).
     """
@@ -240,7 +240,9 @@ class ProcessStats(Message, frozen=True, kw_only=True):
 
 
 class GroundTruth(Message, frozen=True, kw_only=True):
-    """The simulated world's own state: NED pose, body velocities over ground, thruster forces [N]."""
+    """The simulated world's own state: NED pose, body velocities over ground, thruster forces [N], then
+    angles of servos [rad].
+    """
 
     north_m: float
     east_m: float

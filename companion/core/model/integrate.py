@@ -1,10 +1,10 @@
 """From a model of nu_dot to a state that can be integrated: kinematics, thruster lag, Runge-Kutta.
 
-    x = [x y psi | u v r | f_1 .. f_n]          NED pose [m, m, rad], body velocities, thruster forces [N]
+    x = [x y psi | u v r | f_1 .. f_n]          NED pose [m, m, rad], body velocities, forces [N], angles [rad]
     eta_dot = R(psi) nu,   f_dot = (f_cmd - f) / T_lag
 
-|f_dot| <= slew where the model has such a limit. The dead time of the thrusters is not a state: callers delay
-f_cmd (`DelayLine`). `manoeuvring.StructuredModel` and `abkowitz.AbkowitzModel` are such models.
+|f_dot| <= slew where the model has such a limit. f: thrusts, then angles of servos (`actuators`). Dead time is not a
+state: callers delay f_cmd (`DelayLine`). `manoeuvring.StructuredModel` and `abkowitz.AbkowitzModel` are such models.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.geometry.frames import rotate
+from companion.core.model.actuators.propulsion import ActuatorSet
 
 ETA, NU, FORCES = slice(0, 3), slice(3, 6), slice(6, None)
 
@@ -25,17 +26,17 @@ class VesselModel(Protocol):
 
     @property
     def B(self) -> np.ndarray:
-        """Thruster configuration matrix, shape (3, n)."""
+        """Thruster configuration matrix, shape (3, n); columns of servos, which turn thrust, are 0."""
         ...
 
     @property
-    def lag_s(self) -> float:
-        """First-order lag of thruster force [s]."""
+    def lag_s(self) -> float | np.ndarray:
+        """First-order lag of f [s]: one number, or (n,)."""
         ...
 
     @property
-    def slew_N_s(self) -> float | None:
-        """Limit on the rate of thruster force [N/s], or None."""
+    def slew_N_s(self) -> float | np.ndarray | None:
+        """Limit on the rate of f [N/s, rad/s]: one number, (n,), or None."""
         ...
 
     @property
@@ -43,8 +44,13 @@ class VesselModel(Protocol):
         """Whether `thrust` is B f whatever the pose and velocity."""
         ...
 
+    @property
+    def actuators(self) -> ActuatorSet | None:
+        """Its actuators, where any of them is steered; None: fixed thrusters, tau = B f."""
+        ...
+
     def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
-        """Body force, shape (3,), of thruster forces f (n,)."""
+        """Body force, shape (3,), of the actuators' states f (n,)."""
         ...
 
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:

@@ -6,12 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from companion.core.configuration.servos import Rudder, Servo
 from companion.core.configuration.tables import ConfigError, parse_toml
-from companion.core.configuration.vessel_file import Damping, PitchMap, RotorMap, VesselFile
-from companion.core.constants import NEUTRAL_US
+from companion.core.configuration.vessel_file import Damping, PitchMap, RotorMap, Thruster, VesselFile
+from companion.core.constants import NEUTRAL_US, WATER_KG_M3
 from companion.core.model import loads
 from companion.core.model import manoeuvring as model
 from companion.core.model.effects.cross_flow import most_negative_C_d
+from companion.core.model.thrusters import SPAN_US
 
 
 def load_vessel(text: str, *, name: str) -> VesselFile:
@@ -58,10 +60,47 @@ def _thruster_problems(vessel: VesselFile) -> Iterator[str]:
             yield f"{at}.trim_us: expected less than the dead band of {fmap.dead_band_us:g} us: 1500 us must be neutral"
         if isinstance(fmap, PitchMap) and t.mirrored:
             yield f"{at}.mirrored: only with an ESC; turn azimuth_deg of a pitch propeller by 180 instead"
-        if t.name in [other.name for other in vessel.thrusters[:i]]:
-            yield f"{at}.name: {t.name!r} is there twice"
-        if t.channel in [other.channel for other in vessel.thrusters[:i]]:
-            yield f"{at}.channel: channel {t.channel} is there twice"
+    yield from _servo_problems(vessel)
+    before = list[Thruster | Servo]()
+    for at, one in _controls(vessel):
+        if one.name in [other.name for other in before]:
+            yield f"{at}.name: {one.name!r} is there twice"
+        if one.channel in [other.channel for other in before]:
+            yield f"{at}.channel: channel {one.channel} is there twice"
+        before.append(one)
+
+
+def _controls(vessel: VesselFile) -> Iterator[tuple[str, Thruster | Servo]]:
+    """Thrusters and servos, each with its place in the file."""
+    for i, t in enumerate(vessel.thrusters):
+        yield f"thrusters[{i}]", t
+        for key in ("steering", "rudder"):
+            if servo := getattr(t, key):
+                yield f"thrusters[{i}].{key}", servo
+
+
+def _servo_problems(vessel: VesselFile) -> Iterator[str]:
+    for at, servo in _controls(vessel):
+        if not isinstance(servo, Servo):
+            continue
+        if not servo.pwm_min_us < NEUTRAL_US < servo.pwm_max_us:
+            yield f"{at}.pwm_min_us: expected pwm_min_us < 1500 < pwm_max_us"
+        least = min(servo.pwm_max_us - NEUTRAL_US - servo.trim_us, NEUTRAL_US + servo.trim_us - servo.pwm_min_us)
+        reached = servo.full_angle_deg * least / SPAN_US
+        if servo.angle_max_deg > reached + 1e-9:
+            yield f"{at}.angle_max_deg: pulses reach {reached:.3g} deg either way, found {servo.angle_max_deg:g}"
+        if isinstance(servo, Rudder) and servo.angle_max_deg > MOST_RUDDER_DEG:
+            yield f"{at}.angle_max_deg: expected at most {MOST_RUDDER_DEG:g}: beyond that a rudder stalls"
+    washed = {name for w in vessel.propulsion.wash for name in (w.behind, w.ahead)}
+    for i, t in enumerate(vessel.thrusters):
+        if t.steering and t.rudder:
+            yield f"thrusters[{i}]: has steering and a rudder; leave one out"
+        if t.rudder and t.azimuth_deg:
+            yield f"thrusters[{i}].azimuth_deg: a rudder's propeller pushes ahead: expected 0, found {t.azimuth_deg:g}"
+        if t.steering and t.name in washed:
+            yield f"thrusters[{i}].steering: propulsion.wash is for thrusters that do not turn"
+        if t.steering and vessel.propulsion.advance_loss_sqrt_N_s_m:
+            yield f"thrusters[{i}].steering: propulsion.advance_loss_sqrt_N_s_m is for thrusters that do not turn"
 
 
 def _wash_problems(vessel: VesselFile) -> Iterator[str]:
@@ -74,8 +113,8 @@ def _wash_problems(vessel: VesselFile) -> Iterator[str]:
             yield f"propulsion.wash[{i}].ahead: a thruster does not lie in its own jet"
 
 
-WATER_KG_M3 = 1025.0
-"""Sea water (Fossen 2021)."""
+MOST_RUDDER_DEG = 45.0
+"""Beyond this the equation of the rudder's force has nothing to do with rudders; assumed."""
 MASS_SHARES = (0.01, 3.0)
 """Of what the box around the hull displaces: one that floats has less than 1 (example boats 0.4 to 0.5), but beam and
 draft are often guessed; assumed."""

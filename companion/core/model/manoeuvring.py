@@ -1,11 +1,11 @@
 """The 3-DOF manoeuvring model, written once in CasADi for plant, filter, NMPC and fits.
 
-    M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r = B f + tau_terms + tau_ext
+    M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r = tau(nu_r, f) + tau_terms + tau_ext
     nu = nu_r + R(psi)^T V_c,   eta_dot = R(psi) nu
 
-in body axes (x forward, y starboard, z down) about the body origin, which need not be the CG. M is
-symmetric (N_vdot = Y_rdot); C does no work; D + D^T >= 0 is checked on loading: without thrust, in still
-water, T = nu^T M nu / 2 can only fall.   Source: Fossen (2011), chapters 6 and 8.
+tau = B f of fixed thrusters; other actuators: `actuators`. In body axes (x forward, y starboard, z down) about the body
+origin, which need not be the CG. M is symmetric (N_vdot = Y_rdot); C does no work; D + D^T >= 0 is checked on loading:
+without thrust, in still water, T = nu^T M nu / 2 can only fall.   Source: Fossen (2011), chapters 6 and 8.
 """
 
 from __future__ import annotations
@@ -20,10 +20,13 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import unrotate
 from companion.core.model import loads as term_registry
+from companion.core.model.actuators.propulsion import ActuatorSet, channels_of, common, is_steered
 from companion.core.model.thrust_losses import apply_thrust_losses, has_thrust_losses
 from companion.core.model.thrusters import configuration_matrix
 
 Coefficients = Mapping[str, Any]
+NO_LIMIT = 1e9
+"""Rate [1/s] of a channel that has no limit, beside others that have one."""
 
 
 def coefficients(vessel: VesselFile) -> dict[str, float]:
@@ -111,19 +114,27 @@ class StructuredModel:
         return configuration_matrix(self.vessel)
 
     @property
-    def lag_s(self) -> float:
-        """First-order lag of thruster force [s]."""
-        return self.vessel.propulsion.lag_s
+    def lag_s(self) -> float | np.ndarray:
+        """First-order lag of f [s]: of all channels, or (n,) where they differ."""
+        return common([c.lag_s for c in channels_of(self.vessel)])
 
     @property
-    def slew_N_s(self) -> float | None:
-        """How fast thruster force can change at most [N/s]; None: as fast as the lag lets it."""
-        return self.vessel.propulsion.slew_N_s
+    def slew_N_s(self) -> float | np.ndarray | None:
+        """How fast f can change at most [N/s, rad/s], of all channels or (n,); None: as fast as the lag lets it."""
+        slews = [c.slew for c in channels_of(self.vessel)]
+        if not any(slews):
+            return None
+        return common([NO_LIMIT if slew is None else slew for slew in slews])
 
     @property
     def is_linear_in_f(self) -> bool:
-        """Whether tau = B f: water that moves past the thrusters does not weaken them."""
-        return not has_thrust_losses(self.vessel)
+        """Whether tau = B f: nothing turns, and water that moves past the thrusters does not weaken them."""
+        return not (has_thrust_losses(self.vessel) or is_steered(self.vessel))
+
+    @property
+    def actuators(self) -> ActuatorSet | None:
+        """Its actuators, where any of them is steered."""
+        return ActuatorSet.of(self.vessel) if is_steered(self.vessel) else None
 
     def water_velocity(self, eta: Any) -> Any:
         """nu_c in body axes, shape (3,): the current of the terms."""
@@ -159,10 +170,15 @@ class StructuredModel:
         return force
 
     def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
-        """tau [N, N, N m] of thruster forces f (n,) [N] on the boat as it moves: B f', f' by `thrust_losses`."""
+        """tau [N, N, N m] of the actuators' states f (n,) on the boat as it moves; f less `thrust_losses`."""
         if self.is_linear_in_f:
             return ca.mtimes(ca.DM(self.B), f)
-        return ca.mtimes(ca.DM(self.B), apply_thrust_losses(self.vessel, nu - self.water_velocity(eta), f))
+        nu_r = nu - self.water_velocity(eta)
+        if has_thrust_losses(self.vessel):
+            f = apply_thrust_losses(self.vessel, nu_r, f)
+        if (actuators := self.actuators) is None:
+            return ca.mtimes(ca.DM(self.B), f)
+        return ca.mtimes(ca.DM(actuators.directions), actuators.components(nu_r, f))
 
     def nu_dot(self, eta: Any, nu: Any, tau: Any) -> Any:
         """Acceleration of the body velocities over ground, shape (3,) [m/s^2, m/s^2, rad/s^2]."""

@@ -22,9 +22,10 @@ def has_thrust_losses(vessel: VesselFile) -> bool:
 
 
 def apply_thrust_losses(vessel: VesselFile, nu_r: Any, f: Any) -> Any:
-    """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions."""
-    p = vessel.propulsion
-    out = washed([f[i] for i in range(len(vessel.thrusters))], jets(vessel))
+    """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions. Angles stay as they are."""
+    p, n = vessel.propulsion, len(vessel.thrusters)
+    out = washed([f[i] for i in range(n)], jets(vessel))
     if p.advance_loss_s_m or p.advance_loss_sqrt_N_s_m:
         out = advanced(out, vessel.positions, nu_r, p.advance_loss_s_m, p.advance_loss_sqrt_N_s_m)
+    out += [f[i] for i in range(n, len(vessel.controls))]
     return ca.vertcat(*out)

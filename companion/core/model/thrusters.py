@@ -125,11 +125,12 @@ def steady_forces(vessel: VesselFile, pwm_us: Any, voltage_v: Any) -> list[Any]:
     The curve is chosen by sign before it is evaluated, which halves the powers; it has no slope at 0.
     """
     return [
-        _steady_force(t, vessel.force_maps[t.force_map], pwm_us[i], voltage_v) for i, t in enumerate(vessel.thrusters)
+        steady_force(t, vessel.force_maps[t.force_map], pwm_us[i], voltage_v) for i, t in enumerate(vessel.thrusters)
     ]
 
 
-def _steady_force(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any) -> Any:
+def steady_force(thruster: Thruster, fmap: ForceMap, pwm_us: Any, voltage_v: Any) -> Any:
+    """`force_from_pwm` as a CasADi expression."""
     c = ca.fmax(ca.fmin(_command(thruster, pwm_us), 1.0), -1.0)
     force = force_size(fmap, ca.fabs(c), voltage_v, partial(_by_sign, c >= 0))
     return ca.if_else(c >= 0, 1.0, -1.0) * (thruster.gain * force)
@@ -171,15 +172,22 @@ def force_limits(vessel: VesselFile) -> tuple[np.ndarray, np.ndarray]:
     The file's limits are what the map reaches at a gain of 1. A thruster that gives less can be asked for less, a dead
     one for nothing; one that is the wrong way round reaches astern what the map reaches ahead.
     """
-    limits = []
-    for t in vessel.thrusters:
-        share = min(max(t.gain, -1.0), 1.0)
-        limits.append(sorted((share * t.force_min_N, share * t.force_max_N)))
-    lower, upper = (np.array(side) + 0.0 for side in zip(*limits, strict=True))  # + 0.0: no negative zero
+    lower, upper = (np.array(side) for side in zip(*map(force_reach, vessel.thrusters), strict=True))
     return lower, upper
 
 
+def force_reach(t: Thruster) -> tuple[float, float]:
+    """Lower and upper force of one thruster [N], as in `force_limits`."""
+    share = min(max(t.gain, -1.0), 1.0)
+    lower, upper = sorted((share * t.force_min_N, share * t.force_max_N))
+    return lower + 0.0, upper + 0.0  # + 0.0: no negative zero
+
+
 def configuration_matrix(vessel: VesselFile) -> np.ndarray:
-    """B, shape (3, n): tau = B f with rows X [N], Y [N], N [N m]; N = x sin(a) - y cos(a)."""
+    """B, shape (3, n): tau = B f with rows X [N], Y [N], N [N m]; N = x sin(a) - y cos(a).
+
+    Columns of servos, which follow those of the thrusters, are 0: B is that of centred servos.
+    """
     x, y, a = vessel.positions.T
-    return np.vstack([np.cos(a), np.sin(a), x * np.sin(a) - y * np.cos(a)])
+    B = np.vstack([np.cos(a), np.sin(a), x * np.sin(a) - y * np.cos(a)])
+    return np.hstack([B, np.zeros((3, len(vessel.servos)))])

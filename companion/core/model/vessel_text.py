@@ -24,7 +24,7 @@ def vessel_toml(vessel: VesselFile, comment: str = "") -> str:
 
 
 def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
-    """Lines of one TOML table: its own keys, then its tables, then its arrays of tables."""
+    """Lines of one TOML table: its own keys, then its tables, then its arrays of tables, each with its tables."""
     plain = {k: v for k, v in data.items() if v is not None and not isinstance(v, dict | list | tuple)}
     lists = {k: v for k, v in data.items() if isinstance(v, list | tuple)}
     lines = [f"\n[{'.'.join(path)}]"] if path and plain else []
@@ -35,7 +35,9 @@ def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
     for key, items in lists.items():
         for item in items:
             lines.append(f"\n[[{'.'.join((*path, key))}]]")
-            lines += [f"{k} = {_value(v)}" for k, v in item.items() if v is not None]
+            lines += [f"{k} = {_value(v)}" for k, v in item.items() if v is not None and not isinstance(v, dict)]
+            for name, inner in item.items():
+                lines += _table((*path, key, name), inner) if isinstance(inner, dict) else []
     return lines
 
 

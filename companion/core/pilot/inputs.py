@@ -22,6 +22,7 @@ from companion.core.estimation.estimator import Estimator
 from companion.core.geometry.frames import ssa
 from companion.core.guidance.missions.mission import Mission
 from companion.core.guidance.path import Path, Waypoint
+from companion.core.guidance.steerage import corner_problems
 from companion.core.messages import (
     Alert,
     Attitude,
@@ -85,5 +86,7 @@ class InputHandler:
             return state, [Alert(t_ns=t_ns, level="warning", text=f"{text} not loaded: hold or stop first")]
         points = tuple(Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m) for w in message.waypoints)
         mission = Mission(message.name, Path(points), message.end_heading_rad)
+        if problems := corner_problems(mission.path, self.settings.guidance):
+            return state, [Alert(t_ns=t_ns, level="warning", text=f"{text} not loaded: {problems[0]}")]
         alert = Alert(t_ns=t_ns, level="info", text=f"{text} loaded: start begins it")
         return replace(state, mission=mission, passed=()), [alert]

@@ -4,7 +4,8 @@ Sticks count while they are fresh. When they are silent for `manual_timeout_s`, 
 is `locked`: neutral, until all three have been at rest. So a stick that is held, or a client that comes back, never
 moves the boat by itself.
 
-    tau_i = share_i * reach_i(sign of share_i)       reach: force along the axis alone, from the thrusters' limits
+    tau_i = share_i * reach_i(sign of share_i)       reach: force along the axis alone, from the thrusters' limits;
+                                                     of a boat with servos: the most along it whatever else comes
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.control.allocation import allocate
 from companion.core.excitation.signal import axis_reach
 from companion.core.messages import ManualInput
+from companion.core.model.actuators.propulsion import ActuatorSet, is_steered
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
 
 AT_REST = 0.05
@@ -84,15 +87,27 @@ def locked(sticks: Sticks) -> Sticks:
 
 
 class StickForce:
-    """From sticks to tau [N, N, N m] of one vessel."""
+    """From sticks to tau [N, N, N m] of one vessel, and to commands."""
 
     def __init__(self, vessel: VesselFile):
-        self._reach = axis_reach(vessel)
+        self._vessel = vessel
+        self._reach = _most(vessel) if is_steered(vessel) else axis_reach(vessel)
+
+    def commands(self, sticks: Sticks, now: np.ndarray) -> np.ndarray:
+        """Commands (n,) [N; angles rad], whatever the boat's speed; `now`: what is commanded already."""
+        return allocate(self.tau(sticks), self._vessel, now=now)
 
     def tau(self, sticks: Sticks) -> np.ndarray:
         """Force asked for, shape (3,)."""
         shares = np.array(_shares(sticks.last) if sticks.last else (0.0, 0.0, 0.0))
         return shares * np.where(shares >= 0, self._reach[:, 0], self._reach[:, 1])
+
+
+def _most(vessel: VesselFile) -> np.ndarray:
+    """Largest force along each axis, shape (3, 2), ahead and astern, both positive."""
+    actuators = ActuatorSet.of(vessel)
+    lower, upper = (side * actuators.directions for side in actuators.limits(None))
+    return np.column_stack([np.maximum(lower, upper).sum(axis=1), -np.minimum(lower, upper).sum(axis=1)])
 
 
 def _shares(message: ManualInput) -> tuple[float, float, float]:

@@ -41,7 +41,7 @@ class Pilot:
     def __init__(self, settings: PilotSettings):
         self.settings = settings
         vessel = settings.vessel
-        self.channels = (*(t.channel for t in vessel.thrusters), *settings.control.neutral_channels)
+        self.channels = (*(control.channel for control in vessel.controls), *settings.control.neutral_channels)
         self._estimator = Estimator(vessel, settings.site)
         self._monitors = monitors_of(settings, self.channels, self._estimator.anchors)
         self._motion = ModelMotion(vessel, settings.control.period_s)
@@ -64,7 +64,7 @@ class Pilot:
         return PilotState(
             estimator=self._estimator.initial(),
             monitors=self._monitors.initial(),
-            f_command_n=(0.0,) * len(self.settings.vessel.thrusters),
+            f_command_n=(0.0,) * len(self.settings.vessel.controls),
         )
 
     def step(self, state: PilotState, inputs: Sequence[Message], t_ns: int) -> tuple[PilotState, Outputs]:

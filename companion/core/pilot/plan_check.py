@@ -1,13 +1,13 @@
 """Whether a plan can be meant: what the solver is asked to keep to, checked once more by somebody else.
 
-    finite       rows of one force for each thruster
+    finite       rows of one command for each channel: forces [N], angles [rad]
     limits       f_min <= c_k <= f_max
     steep        |c_k+1 - c_k| <= 2 R max(T_lag, step)     the problem's |c_k - f_k| <= R T_lag, with f_k+1 between both
     alternating  the first row does not turn about by more than R T / 2 in `MOST_TURNS` ticks in a row
 
-R: rate limit, T: control period. What passes is sent within the rate limit, see `within_rate`. A controller that keeps
-to its own problem never meets any of these: in calm, rough and high seas none of its first rows turned about twice in a
-row by 3 N, and none of its rows was half as steep (stepped runs, aritra.toml).
+R: rate limit of the channel, T: control period. What passes is sent within the rate limit, see `within_rate`. A
+controller that keeps to its own problem never meets any of these: in calm, rough and high seas none of its first rows
+turned about twice in a row by 3 N, and none of its rows was half as steep (stepped runs, aritra.toml).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import PlanResult
-from companion.core.model.thrusters import force_limits
+from companion.core.model.actuators.propulsion import channels_of, control_limits
 
 SLACK = 0.01
 """Share by which solvers may miss limits that they keep to; assumed. What is sent is clipped."""
@@ -53,11 +53,13 @@ class PlanCheck:
     """Limits of one vessel; `step_s`: of its plans, `period_s`: of its ticks."""
 
     def __init__(self, vessel: VesselFile, *, step_s: float, period_s: float):
-        p = vessel.propulsion
-        self._n, (self._least, self._most) = len(vessel.thrusters), force_limits(vessel)
-        self._room = SLACK * float((self._most - self._least).max())  # one for all: a dead thruster has no range
-        self._steep_n = (1 + SLACK) * 2 * p.rate_limit_N_s * max(p.lag_s, step_s)
-        self._tick_n = p.rate_limit_N_s * period_s
+        self._channels = channels = channels_of(vessel)
+        self._n, (self._least, self._most) = len(channels), control_limits(vessel)
+        range_of = self._most - self._least
+        same_unit = np.array([[c.unit == other.unit for other in channels] for c in channels])
+        self._room = SLACK * (same_unit * range_of).max(axis=1)  # one for all of a kind: a dead thruster has no range
+        self._steep_n = np.array([(1 + SLACK) * 2 * c.rate * max(c.lag_s, step_s) for c in channels])
+        self._tick_n = np.array([c.rate * period_s for c in channels])
 
     def judge(self, before: Proposals, plan: PlanResult) -> PlanVerdict:
         """One plan that came; `before`: what was proposed until now."""
@@ -79,13 +81,16 @@ class PlanCheck:
         beyond = np.maximum(f - self._most, self._least - f) > self._room
         if beyond.any():
             _, thruster = np.argwhere(beyond)[0]
-            limits = f"{self._least[thruster]:g} to {self._most[thruster]:g} N"
+            what, unit = "thruster" if self._channels[thruster].unit == "N" else "servo", self._channels[thruster].unit
+            limits = f"{self._least[thruster]:g} to {self._most[thruster]:g} {unit}"
             found = f[:, thruster][beyond[:, thruster]][0]
-            return f"{found:.3g} N of thruster {thruster + 1}, which has {limits}"
+            return f"{found:.3g} {unit} of {what} {thruster + 1}, which has {limits}"
         steps = np.abs(np.diff(f, axis=0))
-        if steps.size and steps.max() > self._steep_n:
-            most = f"{self._steep_n:.3g} N"
-            return f"it jumps by {steps.max():.3g} N between stages, at most {most} can be"
+        if steps.size and (steps > self._steep_n).any():
+            worst = int((steps.max(axis=0) / self._steep_n).argmax())
+            unit = self._channels[worst].unit
+            most = f"{self._steep_n[worst]:.3g} {unit}"
+            return f"it jumps by {steps[:, worst].max():.3g} {unit} between stages, at most {most} can be"
         return None
 
     def _following(self, before: Proposals, first: np.ndarray) -> Proposals:

@@ -17,7 +17,6 @@ from dataclasses import replace
 import numpy as np
 
 from companion.core.constants import NEUTRAL_US
-from companion.core.control.allocation import allocate, force_limits
 from companion.core.control.fallback import FallbackSettings, command
 from companion.core.estimation.estimator import Estimator
 from companion.core.excitation.flight import BEGINNING, Flight
@@ -31,6 +30,7 @@ from companion.core.messages import (
     SolveRequest,
     StateEstimate,
 )
+from companion.core.model.actuators.propulsion import channels_of, control_limits
 from companion.core.pilot import manual_control, transitions
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import THRUSTERS
@@ -43,6 +43,7 @@ from companion.core.pilot.trust.thruster_monitor import ThrusterState
 
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""
+DRIFTS = "this boat cannot keep station: its thrust is off and it drifts"
 REMEMBERED_TICKS = 20
 """Latest requests whose plans are still taken: twice what the oldest usable plan needs at 10 Hz; assumed."""
 
@@ -55,14 +56,14 @@ class ThrustCommander:
     ):
         self.settings, self._estimator, self._channels, self._monitors = settings, estimator, channels, monitors
         vessel = settings.vessel
-        self._n = len(vessel.thrusters)
+        self._n = len(vessel.controls)
         self._still = (NEUTRAL_US,) * (len(channels) - self._n)
         self._flight: Flight | None = None
         if excitation := settings.excitation:
             self._flight = Flight(excitation, vessel, settings.site, name=excitation.name)
-        self._sticks, self._limits = manual_control.StickForce(vessel), force_limits(vessel)
+        self._sticks, self._limits = manual_control.StickForce(vessel), control_limits(vessel)
         self._latency_ns = round(settings.control.latency_s * 1e9)
-        self._ahead_ns = self._latency_ns + round(vessel.propulsion.dead_time_s * 1e9)
+        self._ahead_ns = self._latency_ns + round(max(c.dead_time_s for c in channels_of(vessel)) * 1e9)
         self._remaining = RemainingThrust(vessel)
         self._ladder = FallbackSettings(plan_age_s=settings.control.plan_deadline_s)
         self._check = PlanCheck(vessel, step_s=settings.nmpc.step_s, period_s=settings.control.period_s)
@@ -77,18 +78,24 @@ class ThrustCommander:
             return self._by_hand(state, t_ns)
         if thrusters != "controller" or state.open_tick is None:
             return self.choose(state, t_ns, "")
-        eta, nu = _pose(estimate), _velocity(estimate)
+        eta, nu, drifted = _pose(estimate), _velocity(estimate), self._drifts(state)
         state = self._begin(state, eta, nu, t_ns)
         state, reference = self._guide(state, eta, nu, t_ns)
         assert state.open_tick is not None
         request = self._request(state, estimate, state.open_tick, t_ns)
         asked = (*state.asked, (state.open_tick, t_ns))[-REMEMBERED_TICKS:]
-        return replace(state, asked=asked, row=request.reference[0]), [reference, request]
+        begins = self._drifts(state) and not drifted
+        alerts = [Alert(t_ns=t_ns, level="warning", text=DRIFTS)] if begins else []
+        return replace(state, asked=asked, row=request.reference[0]), [reference, request, *alerts]
+
+    def _drifts(self, state: PilotState) -> bool:
+        """Whether station should be kept by a boat that cannot: its thrust is off."""
+        return self.settings.guidance.end == "drift" and state.guidance.phase in ("station", "done")
 
     def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
         """Forces of the sticks, with the thrusters' rate limit."""
         sticks = state.monitor(Sticks)
-        wanted = allocate(self._sticks.tau(sticks), self.settings.vessel)
+        wanted = self._sticks.commands(sticks, np.array(state.f_command_n))
         f = np.clip(self._check.within_rate(np.array(state.f_command_n), wanted), *self._limits)
         source = sticks.last.source if sticks.last else ""
         return self._lease(state, f, "manual", source, t_ns)
@@ -172,6 +179,8 @@ class ThrustCommander:
         """
         if THRUSTERS[state.helm.mode] != "controller":
             return self._lease(state, np.zeros(self._n), "neutral", state.helm.why, t_ns)
+        if self._drifts(state):
+            return self._lease(state, np.zeros(self._n), "neutral", DRIFTS, t_ns)
         age_s = (t_ns - state.plan_ns) * 1e-9
         f, source, why = command(
             state.plan,
@@ -181,6 +190,7 @@ class ThrustCommander:
             self.settings.vessel,
             step_s=self.settings.nmpc.step_s,
             settings=self._ladder,
+            now=state.f_command_n,
         )
         return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
 

@@ -123,7 +123,7 @@ def thrusters(run: str, lease: OverrideLease, output: ServoOutput | None, n: int
         run=run,
         t_ns=lease.t_ns,
         pwm_us=lease.pwm_us[:n],
-        force_n=tuple(map(metres, lease.f_command_n)),
+        force_n=tuple(map(metres, lease.f_command_n[:n])),
         source=lease.source,
         reason=cut(lease.reason),
         output_us=output.pwm_us[:n] if output else None,

@@ -63,7 +63,8 @@ def _all(log: LogFile, truth: LogFile | None) -> Iterator[tuple[int, Told]]:
         settings = setup_in(log).pilot
     except (LogError, ValueError):
         settings = None
-    turned = RosMessages(log.wall_offset_ns, origin, configuration_matrix(settings.vessel) if settings else None)
+    B = configuration_matrix(settings.vessel) if settings and not settings.vessel.servos else None
+    turned = RosMessages(log.wall_offset_ns, origin, B)
     if settings:
         yield begin_ns + log.wall_offset_ns, turned.path(settings.mission.path.waypoints, begin_ns)
     for message in log.messages():

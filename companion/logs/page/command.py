@@ -12,6 +12,7 @@ from companion.cli.options.files import aritra_log, text_of, truth_log, vessel_f
 from companion.cli.options.outputs import add_out, new_file
 from companion.cli.options.values import number, seconds
 from companion.core.configuration.tables import ConfigError
+from companion.core.model.actuators.propulsion import only_fixed
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.configuration import setup_in
 from companion.logs.log_file import LogError, LogFile
@@ -101,6 +102,7 @@ def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float],
     try:
         own = setup_in(log).pilot.vessel
         base = load_vessel(text_of(args.vessel), name=str(args.vessel)) if args.vessel else own
+        only_fixed(base, str(args.vessel or log.path), "ghosts (leave them out with --no-ghosts)")
         GhostModel.of(str(args.vessel), base, own)
         models = [GhostModel.of("simulated (base)", base, base)]
         if args.extended:

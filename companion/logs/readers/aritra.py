@@ -103,7 +103,7 @@ def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
     if vessel:
         tag = vessel.sensors.position
         fields["latency_s"], fields["tag_arm_m"] = tag.latency_s, (tag.x_m, tag.y_m)
-        fields["pwm_limits_us"] = {t.name: (float(t.pwm_min_us), float(t.pwm_max_us)) for t in vessel.thrusters}
+        fields["pwm_limits_us"] = {c.name: (float(c.pwm_min_us), float(c.pwm_max_us)) for c in vessel.controls}
     if site:
         fields["site"] = site.name
         fields["anchors_m"] = {a.id: (a.north_m, a.east_m, a.down_m) for a in site.anchors}
@@ -111,9 +111,9 @@ def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
 
 
 def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tuple[str, ...]:
-    """Names of the thrusters by the vessel file; without one ch<channel>, as many as the leases have forces."""
+    """Names of thrusters and servos by the vessel file; without one ch<channel>, as many as the leases have forces."""
     if vessel:
-        return tuple(t.name for t in vessel.thrusters)
+        return tuple(control.name for control in vessel.controls)
     widest = max(leases, key=lambda lease: len(lease.f_command_n))
     return tuple(f"ch{channel}" for channel in widest.channels[: len(widest.f_command_n) or None])
 

@@ -142,6 +142,12 @@ def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem
     return Stream(s.name, s.t_ns[inside], columns, s.held, s.near, s.outside)
 
 
+def _counts(t_ns: np.ndarray) -> np.ndarray:
+    """How often each stamp occurs, shape of `t_ns`."""
+    _, where, counts = np.unique(t_ns, return_inverse=True, return_counts=True)
+    return counts[where]
+
+
 def _moved(s: Stream, to: Stream) -> Stream:
     """The stream with the stamps of `to` where these are within 1 ms, each used once."""
     if not len(to.t_ns) or not len(s.t_ns):
@@ -151,6 +157,8 @@ def _moved(s: Stream, to: Stream) -> Stream:
     t_ns = np.where(np.abs(to.t_ns[nearest] - s.t_ns) <= NEAR_NS, to.t_ns[nearest], s.t_ns)
     again = np.append(False, np.diff(t_ns) == 0)
     t_ns = np.where(again, s.t_ns, t_ns)
+    while (clash := (_counts(t_ns) > 1) & (t_ns != s.t_ns)).any():  # one that stands there by itself stays
+        t_ns = np.where(clash, s.t_ns, t_ns)
     order = np.argsort(t_ns, kind="stable")
     columns = {name: values[order] for name, values in s.columns.items()}
     return Stream(s.name, t_ns[order], columns, s.held, s.near, s.outside)

@@ -60,7 +60,8 @@ class Nlp:
         free = np.full(n, np.inf)
         self.low = np.concatenate([np.tile(np.r_[-free, ocp.c_min], N), -free])
         self.high = np.concatenate([np.tile(np.r_[free, ocp.c_max], N), free])
-        self.slack = np.where(self.equal, 0.0, ocp.rate_n)
+        self.slack = np.zeros(self.equal.size)
+        self.slack[~self.equal] = np.tile(np.broadcast_to(ocp.rate_n, m), N if ocp.forces is not None else 0)
         self._rows = rows
 
     def call(self, solver: ca.Function, w: np.ndarray, x0: np.ndarray, p: np.ndarray, q: np.ndarray) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
-from companion.core.model.load_vessel import WATER_KG_M3
+from companion.core.constants import WATER_KG_M3
 
 SIZE_UNKNOWN = 1.5
 """Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""

@@ -85,6 +85,7 @@ class AbkowitzModel:
     coefficients: np.ndarray = field(default_factory=C.copy)
     slew_N_s: float | None = None
     is_linear_in_f: bool = field(default=True, init=False)
+    actuators: None = field(default=None, init=False)
 
     def thrust(self, eta: Any, nu: Any, f: Any) -> Any:
         """tau = B f, shape (3,) [N, N, N m]."""

@@ -117,6 +117,25 @@ def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(fo
     assert "no [battery] limits" in battery
 
 
+def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
+    (folder / VESSEL).write_text((EXAMPLES / "boats" / "rudder.toml").read_text())
+    setup = load_setup(folder / RUN)
+    drifts, unjudged = warnings(setup)
+    assert (
+        "rudder is steered only while it makes way: it cannot keep station" in drifts
+        and setup.pilot.guidance.end == "drift"
+    )
+    assert "whether thrusters and servos do as they are told is not judged" in unjudged
+    (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 9.0), (15.0, 10.5))))
+    with pytest.raises(
+        ConfigError, match=r"square\.toml: waypoint 1: the turn of 90 deg needs .* cannot turn on the spot"
+    ):
+        load_setup(folder / RUN)
+    change(folder, VESSEL, "channel = 10", "channel = 3")
+    with pytest.raises(ConfigError, match="channel 3 drives servo rudder of"):
+        load_setup(folder / RUN)
+
+
 def test_waypoints_beyond_the_fence_are_refused_by_file_and_number_whatever_their_format(folder):
     (folder / MISSION).write_text(mission_text(((15.0, 15.0), (31.0, 15.0))))
     where = rf"{re.escape(str(folder / MISSION))}: waypoint 1 at north 31, east 15 m lies 1\.5 m beyond the fence"

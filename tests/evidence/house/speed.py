@@ -19,7 +19,12 @@ WHAT = ("NMPC over the states of a mission", "structured fit of a 60 s log", "60
 
 def speed(full: bool) -> Iterator[Line]:
     """Speed: processor time here over that at the base commit, median of five rounds in turn"""
-    with base_tree() as base, tempfile.TemporaryDirectory() as folder:
+    yield from ratios_to(BASE)
+
+
+def ratios_to(commit: str) -> Iterator[Line]:
+    """The three computations here over those at a commit."""
+    with base_tree(commit) as base, tempfile.TemporaryDirectory() as folder:
         children = [start(tree, ["rounds"], Path(folder) / str(i)) for i, tree in enumerate((base, ROOT))]
         try:
             for child in children:
@@ -34,7 +39,9 @@ def speed(full: bool) -> Iterator[Line]:
     ratios = seconds[:, 1] / seconds[:, 0]
     for k, what in enumerate(WHAT):
         before, now = np.median(seconds[:, :, k], axis=0)
-        note = f"{before:.3f} s at {BASE}, {now:.3f} s now; ratios {ratios[:, k].min():.3f} to {ratios[:, k].max():.3f}"
+        note = (
+            f"{before:.3f} s at {commit}, {now:.3f} s now; ratios {ratios[:, k].min():.3f} to {ratios[:, k].max():.3f}"
+        )
         yield at_most(f"{what}: now / before", float(np.median(ratios[:, k])), GOAL, "", note)
 
 

@@ -23,23 +23,24 @@ def git(*words: str, root: Path = ROOT) -> str:
     return done.stdout
 
 
-def base_is_here() -> bool:
+def base_is_here(base: str | None = None) -> bool:
     """Whether the base commit is in this clone."""
     if not shutil.which("git"):
         return False
-    words = ["git", "-C", str(ROOT), "cat-file", "-e", f"{BASE}^{{commit}}"]
+    words = ["git", "-C", str(ROOT), "cat-file", "-e", f"{base or BASE}^{{commit}}"]
     return subprocess.run(words, check=False, capture_output=True).returncode == 0
 
 
 @contextmanager
-def base_tree() -> Iterator[Path]:
-    """A worktree of the base commit in a temporary folder; LookupError where this clone lacks the commit."""
-    if not base_is_here():
-        raise LookupError(f"commit {BASE} is not in this clone: fetch it, or name another one in ARITRA_BASE")
+def base_tree(base: str | None = None) -> Iterator[Path]:
+    """A worktree of a commit (None: BASE) in a temporary folder; LookupError where this clone lacks the commit."""
+    base = base or BASE
+    if not base_is_here(base):
+        raise LookupError(f"commit {base} is not in this clone: fetch it, or name another one in ARITRA_BASE")
     with tempfile.TemporaryDirectory(prefix="aritra-base-") as folder:
         tree = Path(folder) / "tree"
         git("worktree", "prune")
-        git("worktree", "add", "--detach", "--quiet", str(tree), BASE)
+        git("worktree", "add", "--detach", "--quiet", str(tree), base)
         try:
             yield tree
         finally:

@@ -32,12 +32,12 @@ def by_plant(vessel, pwm, moments, voltage_v=15.6):
     return np.array(x)
 
 
-@pytest.mark.parametrize("name", ["aritra", "twin", "cse1", "extended"])
+@pytest.mark.parametrize("name", ["aritra", "twin", "cse1", "extended", "rudder", "azimuth"])
 @pytest.mark.parametrize("rough", [False, True])
 def test_it_is_the_plant_all_steps_at_once(name, rough):
     """20 s, seeds 1 and 3: dead time, dead band, battery sag, lag, slew, terms; current, gusts and waves."""
     vessel = extended() if name == "extended" else boat(name)
-    pwm = pulses(2000, len(vessel.thrusters))
+    pwm = pulses(2000, len(vessel.controls))
     weather = Weather(0.2, 200.0, 1.0, 6.0, 75.0, 0.3, 0.1) if rough else Weather()
     sky = Environment(weather, np.random.default_rng(3))
     moments = [sky.step(k * DT, DT) for k in range(2000)]

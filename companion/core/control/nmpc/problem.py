@@ -20,8 +20,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from companion.core.control.nmpc.effort import control_residual
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
-from companion.core.control.nmpc.stage import advance, control_residual, state_residual
+from companion.core.control.nmpc.stage import advance, state_residual
 from companion.core.geometry.fence import Fence, Level
 from companion.core.guidance.reference_row import COLUMNS
 from companion.core.model.integrate import VesselModel
@@ -67,7 +68,7 @@ def _stage_functions(
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
     z = ca.vertcat(x, c)
     x_next = ca.cse(advance(model, x, c, d, s.step_s))
-    residual = ca.vertcat(state_residual(s, x, row, levels), control_residual(s, model, model.B * able, x, c, row, d))
+    residual = ca.vertcat(state_residual(s, x, row, levels), control_residual(s, model, able, x, c, row, d))
     J = ca.jacobian(residual, z)
     linear = ca.Function(
         "stage",

@@ -5,15 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from companion.core.control.nmpc.effort import control_residual
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
-from companion.core.control.nmpc.stage import advance, advance_jacobian, control_residual, state_residual
+from companion.core.control.nmpc.stage import advance, advance_jacobian, state_residual
 from companion.core.control.ocp import Ocp
 from companion.core.geometry.fence import Fence
 from companion.core.guidance.reference_row import COLUMNS
 from companion.core.model.integrate import FORCES, VesselModel
-
-FORCE_SCALE_N = 10.0
-"""A gap of this force [N] counts like 1 m, 1 rad, 1 m/s or 1 rad/s; assumed."""
 
 
 def production(model: VesselModel, actuation: Actuation, s: NmpcSettings, fence: Fence | None = None) -> Ocp:
@@ -24,7 +22,7 @@ def production(model: VesselModel, actuation: Actuation, s: NmpcSettings, fence:
     x, c = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n)
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
     following = ca.cse(advance(model, x, c, d, s.step_s))
-    controls = control_residual(s, model, model.B * able, x, c, row, d)
+    controls = control_residual(s, model, able, x, c, row, d)
     return Ocp(
         s.stages, x, c, row, d,
         following=following,
@@ -33,7 +31,7 @@ def production(model: VesselModel, actuation: Actuation, s: NmpcSettings, fence:
         last=np.sqrt(s.terminal) * state_residual(s, x, row, levels),
         c_min=actuation.force_min_n,
         c_max=actuation.force_max_n,
-        scale=np.r_[np.ones(6), np.full(n, FORCE_SCALE_N)],
+        scale=np.r_[np.ones(6), np.full(n, actuation.equal_change)],
         forces=FORCES.start,
         rate_n=actuation.rate_limit_n_s * model.lag_s,
     )  # fmt: skip

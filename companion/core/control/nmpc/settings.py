@@ -20,7 +20,8 @@ import numpy as np
 
 from companion.core.configuration.tables import NonNegative, Positive, Table
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.thrusters import force_limits
+from companion.core.model.actuators.channel import EQUAL_CHANGE
+from companion.core.model.actuators.propulsion import channels_of, common, control_limits
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=200)]
 
@@ -85,14 +86,19 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Actuation:
-    """Limits of the thrusters: force, shape (n,) [N], and rate [N/s]. Equal force limits: a dead thruster."""
+    """Limits of the commands, shape (n,) [N, rad], and of their rate, one number or (n,) [N/s, rad/s].
+
+    Equal limits: a dead thruster. `equal_change`: changes that count alike (`channel.EQUAL_CHANGE`), one or (n,).
+    """
 
     force_min_n: np.ndarray
     force_max_n: np.ndarray
-    rate_limit_n_s: float
+    rate_limit_n_s: float | np.ndarray
+    equal_change: float | np.ndarray = EQUAL_CHANGE["N"]
 
     @classmethod
     def of(cls, vessel: VesselFile) -> Actuation:
-        """Limits from a vessel file. The plan stays within what the thrusters can do, so the lag is exact."""
-        p = vessel.propulsion
-        return cls(*force_limits(vessel), min(p.rate_limit_N_s, p.slew_N_s or p.rate_limit_N_s))
+        """Limits from a vessel file. The plan stays within what the actuators can do, so the lag is exact."""
+        channels = channels_of(vessel)
+        rates = common([min(c.rate, c.slew or c.rate) for c in channels])
+        return cls(*control_limits(vessel), rates, common([EQUAL_CHANGE[c.unit] for c in channels]))

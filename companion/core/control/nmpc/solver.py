@@ -20,7 +20,6 @@ import numpy as np
 
 from companion.core.control.nmpc.hpipm_step import QpStep, Step
 from companion.core.control.nmpc.problem import NmpcProblem, build
-from companion.core.control.nmpc.production import FORCE_SCALE_N
 from companion.core.control.nmpc.real_time import RealTimeSolver, Solution
 from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.control.nmpc.warm_start import LARGEST, PSI, WarmStart, rolled_out, shifted
@@ -62,7 +61,7 @@ class Nmpc:
         kernel = settings.method != "hpipm"
         self._real_time = RealTimeSolver(self.problem, model, actuation, fence, compiler) if kernel else None
         self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))
-        self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, FORCE_SCALE_N)])
+        self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, actuation.equal_change)])
 
     def solve(self, request: SolveRequest, warm: WarmStart | None) -> tuple[PlanResult, WarmStart | None]:
         """Plan for `request`, and the warm start of the next. Never raises, never returns NaN."""
@@ -176,7 +175,7 @@ class Nmpc:
         rates = step.g.reshape(p.stages, p.nx + p.nu)[:, p.nx :]
         _, c = p.split(step.w)
         low, high = self._actuation.force_min_n - c, c - self._actuation.force_max_n
-        return float(max(low.max(), high.max(), np.abs(rates).max() - p.g_max[-1]))
+        return float(max(low.max(), high.max(), (np.abs(rates) - p.g_max[-p.nu :]).max()))
 
     def _finish(
         self, request: SolveRequest, query: PlanQuery, solution: Solution, reason: str, started: float, steps: int

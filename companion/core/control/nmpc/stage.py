@@ -1,6 +1,6 @@
 """One stage of the optimal control problem: dynamics over one step, and the residuals of the cost.
 
-    x = [x y psi | u v r | f_1..f_n],  c = [c_1..c_n] thruster force commands [N], constant over the step
+    x = [x y psi | u v r | f_1..f_n],  c = [c_1..c_n] commands [N, rad], constant over the step
     f(t) = c + (f - c) exp(-t / T_lag)                       exact
     [eta, nu](t): Runge-Kutta of order 4 with tau(t) = B f(t) + d       B f: `VesselModel.thrust`
 
@@ -48,7 +48,8 @@ def advance_jacobian(model: VesselModel, x: Any, c: Any, d: Any, h: float) -> An
 
     def force(t: float) -> tuple[Any, Any]:
         left = first_order_lag(1.0, 0.0, t, model.lag_s)
-        return first_order_lag(x[FORCES], c, t, model.lag_s), ca.horzcat(ca.SX(n, 6), left * unit, (1 - left) * unit)
+        by_f, by_c = (ca.diag(left), ca.diag(1 - left)) if np.ndim(left) else (left * unit, (1 - left) * unit)
+        return first_order_lag(x[FORCES], c, t, model.lag_s), ca.horzcat(ca.SX(n, 6), by_f, by_c)
 
     def variational(state: Any, t: float) -> Any:
         """d/dt [y, Y], Y = dy/d[x c]:   y_dot = g(y, f),   Y_dot = g_y Y + g_f df/d[x c]."""
@@ -82,32 +83,3 @@ def state_residual(s: NmpcSettings, x: Any, row: Any, levels: Sequence[Level] = 
         weighted.append((s.soft, _excess(x[5], s.yaw_rate_limit_rad_s)))
     weighted += [(s.fence, ca.fmax(s.fence_margin_m - level(x[0], x[1]), 0.0)) for level in levels]
     return ca.vertcat(*(np.sqrt(w) * residual for w, residual in weighted))
-
-
-def steady_force(model: VesselModel, B: np.ndarray, row: Any, d: Any) -> Any:
-    """c_ss, shape (n,) [N]: smallest thrust that holds the reference velocity at the reference heading.
-
-    nu_dot is affine in tau with a constant slope S, so tau_ss = -S^+ nu_dot(eta_ref, nu_ref, d) and c_ss = B^+ tau_ss.
-    `B`: columns of dead thrusters are 0. Where thrust depends on the motion, one fixed-point step is added:
-    c_ss += B^+ (tau_ss - thrust(c_ss)).
-    """
-    eta, nu, tau = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("tau", 3)
-    slope_of = ca.Function("slope", [eta, nu, tau], [ca.jacobian(model.nu_dot(eta, nu, tau), tau)])
-    slope = np.array(slope_of(0, 0, 0))
-    eta_ref = ca.vertcat(row[ref.NORTH], row[ref.EAST], row[ref.PSI])
-    nu_ref = ca.vertcat(row[ref.U], row[ref.V], row[ref.R])
-    tau_ss = -ca.mtimes(ca.DM(np.linalg.pinv(slope)), model.nu_dot(eta_ref, nu_ref, d))
-    B_plus = ca.DM(np.linalg.pinv(B))
-    c_ss = ca.mtimes(B_plus, tau_ss)
-    return c_ss if model.is_linear_in_f else c_ss + ca.mtimes(B_plus, tau_ss - model.thrust(eta_ref, nu_ref, c_ss))
-
-
-def control_residual(s: NmpcSettings, model: VesselModel, B: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
-    """Weighted residuals of the command: c - c_ss, null space of B, c - f. `B` as in `steady_force`."""
-    n = B.shape[1]
-    projector = ca.DM(np.eye(n) - np.linalg.pinv(B) @ B)
-    return ca.vertcat(
-        np.sqrt(s.effort) * (c - steady_force(model, B, row, d)),
-        np.sqrt(s.null_space) * ca.mtimes(projector, c),
-        np.sqrt(s.rate) * (c - x[FORCES]),
-    )

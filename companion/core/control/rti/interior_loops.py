@@ -74,10 +74,12 @@ class InteriorPointLoops:
         c, f, low, high = (ca.SX.sym(s) for s in ("c", "f", "low", "high"))
         with_f = ocp.forces is not None
         symbols = {s: ca.SX.sym(s, j if s in ("s", "z") else 1) for s in extra}
-        limits = interior_point.limits(c, f if with_f else None, low, high, ocp.rate_n)
+        own = [ca.SX.sym("rate")] if isinstance(ocp.rate_n, np.ndarray) else []
+        rate = own[0] if own else float(ocp.rate_n)
+        limits = interior_point.limits(c, f if with_f else None, low, high, rate)
         outputs = make(limits, **symbols)
-        inputs = [c, *([f] if with_f else []), low, high, *symbols.values()]
-        names = ["C", *(["X"] if with_f else []), "c_min", "c_max", *extra]
+        inputs = [c, *([f] if with_f else []), low, high, *own, *symbols.values()]
+        names = ["C", *(["X"] if with_f else []), "c_min", "c_max", *(["rate"] if own else []), *extra]
         function = ca.Function(name, inputs, [ca.densify(e) for e in outputs.values()])
         return Kernel(function, [self._place(s) for s in names], [self._place(s) for s in outputs], ocp.nu)
 

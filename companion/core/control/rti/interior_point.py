@@ -42,7 +42,7 @@ class BoundPair(NamedTuple):
     df: tuple[int, ...]
 
 
-def limits(c: ca.SX, f: ca.SX | None, low: ca.SX, high: ca.SX, rate: float) -> BoundPair:
+def limits(c: ca.SX, f: ca.SX | None, low: ca.SX, high: ca.SX, rate: float | ca.SX) -> BoundPair:
     """The limits of one control about the guess."""
     bounds = [high - c, c - low]
     if f is None:

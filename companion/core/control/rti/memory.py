@@ -31,7 +31,7 @@ class Memory:
             "AB": (N, n, wide), "Hg": (N, n + m, wide), "end": (n, wide), "P": (n, wide), "Q": (n + m, wide),
             "law": (3, m), "L": (m, m), "inverse": (m,), "K": (N, m, wide), "W": (N, m, wide),
             "one": (wide,), "force": (m, wide), "gap": (N, n), "cost": (N + 1,),
-            "barred": (N, n + m, wide), "dead": (m,), "alive": (m,), "c_min": (m,), "c_max": (m,),
+            "barred": (N, n + m, wide), "dead": (m,), "alive": (m,), "c_min": (m,), "c_max": (m,), "rate": (m,),
             "s": (N, 4, m), "z": (N, 4, m), "mu": (1,), "share_s": (m,), "share_z": (m,), "sz": (m,), "open": (1,),
         }  # fmt: skip
         self.base: dict[str, int] = {}
@@ -52,7 +52,7 @@ class Memory:
         v["one"][n + m] = 1.0
         if ocp.forces is not None:
             v["force"][np.arange(m), ocp.forces + np.arange(m)] = 1.0
-        v["c_min"][:], v["c_max"][:] = ocp.c_min, ocp.c_max
+        v["c_min"][:], v["c_max"][:], v["rate"][:] = ocp.c_min, ocp.c_max, ocp.rate_n
         v["dead"][:] = ocp.c_min >= ocp.c_max
         v["alive"][:] = 1.0 - v["dead"]
 

@@ -58,7 +58,7 @@ def active_law(ocp: Ocp, code: ca.SX, x: ca.SX, c: ca.SX) -> ActiveLaw:
     if ocp.forces is None:
         return ActiveLaw(code != 0, ca.SX.zeros(ocp.nu), alpha)
     f = x[ocp.forces : ocp.forces + ocp.nu]
-    off = f + ca.if_else(up, ocp.rate_n, -ocp.rate_n) - c
+    off = f + ca.if_else(up, ocp.rate, -ocp.rate) - c
     return ActiveLaw(code != 0, rate, ca.if_else(rate, off, alpha))
 
 
@@ -133,9 +133,9 @@ def roll_out_stage(
     if ocp.forces is not None:
         span = slice(ocp.forces, ocp.forces + ocp.nu)
         f = x[span] + dx[span]
-        low_code = ca.if_else(f - ocp.rate_n > low, -2, -1)
-        high_code = ca.if_else(f + ocp.rate_n < high, 2, 1)
-        low, high = ca.fmax(low, f - ocp.rate_n), ca.fmin(high, f + ocp.rate_n)
+        low_code = ca.if_else(f - ocp.rate > low, -2, -1)
+        high_code = ca.if_else(f + ocp.rate < high, 2, 1)
+        low, high = ca.fmax(low, f - ocp.rate), ca.fmin(high, f + ocp.rate)
     # 3. primal-dual active set
     over, under = new > high + ACTIVATE_N, new < low - ACTIVATE_N
     release = ca.logic_or(ca.logic_and(code > 0, gradient > RELEASE), ca.logic_and(code < 0, gradient < -RELEASE))

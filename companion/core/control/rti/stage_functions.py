@@ -96,7 +96,7 @@ def accumulated(ocp: Ocp, sums: ca.SX, gap: ca.SX, cost: ca.SX, x: ca.SX, c: ca.
     gaps = ca.fabs(gap) / ca.DM(ocp.scale)
     excess = ca.fmax(c - ca.DM(ocp.c_max), ca.DM(ocp.c_min) - c)
     if ocp.forces is not None:
-        excess = ca.fmax(excess, ca.fabs(c - x[ocp.forces : ocp.forces + ocp.nu]) - ocp.rate_n)
+        excess = ca.fmax(excess, ca.fabs(c - x[ocp.forces : ocp.forces + ocp.nu]) - ocp.rate)
     return ca.vertcat(
         sums[0] + cost, ca.fmax(sums[1], ca.mmax(gaps)), ca.fmax(sums[2], ca.mmax(excess)), sums[3] + ca.sumsqr(gap)
     )

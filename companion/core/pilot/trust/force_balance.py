@@ -24,7 +24,7 @@ class ForceBalance:
 
     def __init__(self, vessel: VesselFile):
         model, imu = StructuredModel.of(vessel), vessel.sensors.imu
-        eta, nu, f = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("f", len(vessel.thrusters))
+        eta, nu, f = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("f", len(vessel.controls))
         rate = model.nu_dot(eta, nu, model.thrust(eta, nu, f))
         self._rate = BufferedStep(ca.Function("nu_dot", [eta, nu, f], [ca.densify(rate)]))
         self._arm_m, self._M = (imu.x_m, imu.y_m), mass_matrix(vessel)

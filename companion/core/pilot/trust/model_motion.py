@@ -24,7 +24,7 @@ class ModelMotion:
 
     def __init__(self, vessel: VesselFile, period_s: float):
         model = StructuredModel.of(vessel)
-        eta, nu, f = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("f", len(vessel.thrusters))
+        eta, nu, f = ca.SX.sym("eta", 3), ca.SX.sym("nu", 3), ca.SX.sym("f", len(vessel.controls))
         after = rk4(lambda v: model.nu_dot(eta, v, model.thrust(eta, v, f)), nu, period_s)
         self._step = BufferedStep(ca.Function("motion", [eta, nu, f], [ca.densify(after)]))
 

@@ -21,8 +21,8 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import rotate
 from companion.core.messages import Alert, Innovation, OperatorCommand
+from companion.core.model.actuators.propulsion import ActuatorSet
 from companion.core.model.manoeuvring import coefficients, damping_force
-from companion.core.model.thrusters import configuration_matrix, force_limits
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding
 from companion.core.sensors.sensor import PositionWords
@@ -74,7 +74,8 @@ class MotionMonitor(Monitor[MotionState]):
         self._weight = min(1.0, 1.0 / rate_Hz) if kind.words.by_the_second else 1.0
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
-        most = np.abs(configuration_matrix(vessel)) @ np.maximum(*np.abs(force_limits(vessel)))
+        actuators = ActuatorSet.of(vessel)
+        most = np.abs(actuators.directions) @ np.maximum(*np.abs(actuators.limits(None)))
         self._force_n = np.array(flow) + THRUST_SHARE * most
 
     def on_message(

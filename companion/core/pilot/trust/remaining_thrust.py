@@ -19,6 +19,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.allocation import allocate, pulse_widths
+from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.thrusters import configuration_matrix
 
 
@@ -53,7 +54,9 @@ class RemainingThrust:
         self._left = lru_cache(maxsize=8)(self._without)
         _, size, V = np.linalg.svd(self._B)
         null = V[int((size > 1e-9 * size.max()).sum()) :]
-        self._probe_n = PROBE_N * null[0] / np.abs(null[0]).max() if len(null) else np.zeros(len(vessel.thrusters))
+        if is_steered(vessel):
+            null = null[:0]  # nothing is asked of servos
+        self._probe_n = PROBE_N * null[0] / np.abs(null[0]).max() if len(null) else np.zeros(len(vessel.controls))
 
     def _without(self, health: ThrusterHealth) -> VesselFile:
         """The vessel with what is left; one that is stuck cannot be commanded."""

@@ -9,6 +9,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import FilterState
 from companion.core.messages import Alert, Attitude, ImuSample, OperatorCommand
+from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
@@ -60,13 +61,16 @@ class ThrusterState:
 
 
 class ThrusterMonitor(Monitor[ThrusterState]):
-    """Condition `crippled` where thrusters can no longer drive the boat; alerts of what was found."""
+    """Condition `crippled` where thrusters can no longer drive the boat; alerts of what was found.
+
+    Its hypotheses are about fixed thrusters: a boat with servos it does not judge.
+    """
 
     hears = (ImuSample, Attitude, OperatorCommand)
     screens = True
 
     def __init__(self, vessel: VesselFile):
-        self._vessel, n = vessel, len(vessel.thrusters)
+        self._vessel, n, self._steered = vessel, len(vessel.thrusters), is_steered(vessel)
         imu = vessel.sensors.imu
         self._sensors: dict[type, Sensor] = {ImuSample: InertialSensor(imu), Attitude: AttitudeSensor(imu)}
         self._names = [t.name for t in vessel.thrusters]
@@ -97,7 +101,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         before, now = state.before, view.belief
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now)
         report = _report(state)
-        if not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
+        if self._steered or not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
             return replace(after, bank=self._bank.initial()), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
             return after, report

@@ -15,14 +15,14 @@ from sim.bench.controller.nlp import Nlp
 from tests.companion.core.control.rti_fixture import WAYS, anywhere, boat, near_the_leg
 
 
-def linear_ocp(seed: int, stages: int, rate: bool) -> Ocp:
+def linear_ocp(seed: int, stages: int, rate: float | np.ndarray | None) -> Ocp:
     """A random linear problem, 3 controls, with or without forces as states: one iteration must solve it exactly."""
     rng = np.random.default_rng(seed)
-    n, m = (6, 3) if rate else (4, 3)
+    n, m = (4, 3) if rate is None else (6, 3)
     x, c, p = ca.SX.sym("x", n), ca.SX.sym("c", m), ca.SX.sym("p", 1)
     A, B = rng.normal(size=(n, n)), rng.normal(size=(n, m))
     A *= 0.95 / np.abs(np.linalg.eigvals(A)).max()
-    if rate:
+    if rate is not None:
         A[3:], B[3:] = np.hstack([np.zeros((3, 3)), np.eye(3) * 0.2]), np.eye(3) * 0.8
     following = ca.DM(A) @ x + ca.DM(B) @ c + p * ca.DM(rng.normal(size=n) * 0.1)
     weight = rng.normal(size=(n, n))
@@ -31,7 +31,7 @@ def linear_ocp(seed: int, stages: int, rate: bool) -> Ocp:
         stages, x, c, p, ca.SX.sym("q", 0), following, J,
         residual=ca.vertcat(ca.DM(weight) @ x - 0.3, 0.3 * (c - 0.1)), last=2 * ca.DM(weight) @ x,
         c_min=np.full(m, -1.0), c_max=np.array([1.0, 0.5, 1.5]), scale=np.ones(n),
-        forces=3 if rate else None, rate_n=0.4 if rate else np.inf,
+        forces=None if rate is None else 3, rate_n=np.inf if rate is None else rate,
     )  # fmt: skip
 
 
@@ -44,7 +44,9 @@ def dense_optimum(ocp: Ocp, x0, p):
     return float(answer["f"]), nlp.split(np.array(answer["x"]).ravel())[1]
 
 
-@pytest.mark.parametrize("rate", [False, True], ids=["bounds", "bounds and rates"])
+@pytest.mark.parametrize(
+    "rate", [None, 0.4, np.array([0.4, 0.15, 0.8])], ids=["bounds", "bounds and rates", "bounds and a rate for each"]
+)
 @pytest.mark.parametrize("seeds", [(1, 2), pytest.param((3, 4, 5, 6), marks=pytest.mark.long)])
 @pytest.mark.parametrize("compiler", WAYS)
 def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiler, seeds, rate):
@@ -55,10 +57,10 @@ def test_a_linear_problem_is_solved_exactly_in_one_iteration(compiler, seeds, ra
         rti = Rti(ocp, compiler=compiler)
         for _ in range(5):
             x0, p = rng.normal(size=ocp.nx) * 2, rng.normal(size=(ocp.stages + 1, 1))
-            if rate:
+            if rate is not None:
                 x0[3:] = rng.uniform(ocp.c_min, ocp.c_max)
             rti.X[:], rti.C[:], rti.active[:] = x0, 0.0, 0.0
-            rti.C[:] = x0[3:] if rate else 0.0
+            rti.C[:] = 0.0 if rate is None else x0[3:]
             rti.x0[:], rti.p[:] = x0, p
             rti.iterate()
             info = rti.info()

@@ -104,15 +104,15 @@ def test_lag_is_exact_and_its_mean_is_the_mean() -> None:
 def test_commands_act_after_the_dead_time_and_the_past_is_forgotten() -> None:
     p = boat("aritra").propulsion
     line = (TimedCommand(-(1 << 62), np.zeros(4)),)
-    line = insert_command(line, 0, (1.0,) * 4, p)
-    line = insert_command(line, S, (2.0,) * 4, p)
+    line = insert_command(line, 0, (1.0,) * 4, p.dead_time_s)
+    line = insert_command(line, S, (2.0,) * 4, p.dead_time_s)
     act = round(p.dead_time_s * 1e9)
     assert active_command(line, act - 1)[0][0] == 0.0
     assert active_command(line, act)[0][0] == 1.0
     assert active_command(line, act)[1] == S + act
     assert active_command(line, 5 * S) == (line[-1].f_n, None)
     assert len(drop_expired(line, act)) == 2
-    assert len(insert_command(line, 0, (3.0,) * 4, p)) == 2
+    assert len(insert_command(line, 0, (3.0,) * 4, p.dead_time_s)) == 2
 
 
 def test_gate_lets_no_spike_pass_however_wide_the_filter_is() -> None:

@@ -64,6 +64,16 @@ def test_two_attitudes_near_one_sample_are_both_kept():
     assert len(one.samples("psi_rad")[1]) == 4
 
 
+@given(st.lists(st.integers(0, 12), min_size=2, max_size=12, unique=True))
+def test_attitudes_in_a_burst_keep_a_row_of_their_own(quarters):
+    """Stamps a quarter of a millisecond apart, as they come after a stall, beside inertial samples 1 ms apart."""
+    t_ns = np.sort(np.array(quarters)) * 250_000
+    near = Stream("attitude", t_ns, {"psi_rad": np.arange(len(t_ns)) / 20}, near="IMU")
+    run = join([imu([0, 1, 2, 3]), near, commands()], RunMeta())
+    assert run.table["t_s"].is_unique().all()
+    assert run.table["psi_rad"].drop_nulls().len() == len(t_ns)
+
+
 def notes(run) -> list[tuple[str, float | None]]:
     return [(p.kind, p.t_s) for p in run.meta.notes]
 

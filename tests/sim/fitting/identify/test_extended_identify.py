@@ -50,3 +50,8 @@ def test_every_new_key_survives_being_written():
     more = {"slew_N_s": 30.0, "advance_loss_sqrt_N_s_m": 0.5, "wash": wash}
     full = replace(extended(0.0, 1.0, -1.0, 1.0), propulsion=replace(BASE.propulsion, **more))
     assert load_vessel(vessel_toml(full), name="full.toml") == full
+
+
+@pytest.mark.parametrize("name", ["rudder", "azimuth", "aritra"])
+def test_a_vessel_with_servos_is_written_as_it_was_read(name):
+    assert load_vessel(vessel_toml(boat(name)), name=f"{name}.toml") == boat(name)

@@ -20,12 +20,12 @@ from msgspec.structs import replace
 from companion.core.configuration.sensors import Gnss, Sensors
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.catalogue import stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.vessel_edits.edits import CauseValues, NotInVesselFileError
 from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.diagnose.vessel_edits.public_form import family
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.boats.draw import in_still_air
 from sim.world.environment import Weather, with_terms_of
 from sim.world.sensors import hidden_anchor

@@ -14,6 +14,7 @@ from tests.hidden.effects.imperfections import add_imperfections
 from tests.hidden.effects.outside import OUTSIDE
 from tests.hidden.names import FAMILIES
 from tests.hidden.plant.boats import boat
+from tests.hidden.plant.foreign import add_foreign, passable_names
 from tests.hidden.plant.pilot import PILOTS
 from tests.hidden.plant.world import World
 
@@ -57,6 +58,7 @@ class Case:
     other_s: float
     with_reference: bool
     as_csv: bool
+    passable: list[str]
     seed: np.random.SeedSequence = field(repr=False)
 
     def open_rng(self) -> np.random.Generator:
@@ -92,8 +94,12 @@ def _dealt(nonce: str, kind: str, turn: int, cards: list) -> Any:
 
 
 def draw(nonce: str, index: int, *, kind: str | None = None, uwb_hz: int | None = None, family: str | None = None,
-         train_s: float | None = None, medium: tuple[float, float] = MEDIUM) -> Case:  # fmt: skip
-    """Case `index` of `nonce`. `kind`, `family` and `uwb_hz` fix what would be drawn. Raises KeyError."""
+         train_s: float | None = None, medium: tuple[float, float] = MEDIUM,
+         foreign: bool = False) -> Case:  # fmt: skip
+    """Case `index` of `nonce`. `kind`, `family` and `uwb_hz` fix what would be drawn. Raises KeyError.
+
+    `foreign`: the same case on a plant of another structure (plant/foreign.py).
+    """
     chosen = kind or kind_of(nonce, index)
     turn = _turn(nonce, index, chosen, kind is not None)
     rng = rng_of(nonce, index, chosen)
@@ -105,7 +111,10 @@ def draw(nonce: str, index: int, *, kind: str | None = None, uwb_hz: int | None 
     elif chosen in ("two", "three"):
         causes = _several(2 if chosen == "two" else 3, rng, base)
     world = base.copy()
-    imperfections = add_imperfections(world, rng, [(c.family, c.params) for c in causes])
+    believed = [(c.family, c.params) for c in causes]
+    imperfections = add_imperfections(world, rng, believed)
+    if foreign:
+        add_foreign(world, rng_of(nonce, index, "foreign"), believed)
     calm = world.copy()
     for cause in causes:
         effect = CATALOGUE[cause.family]
@@ -130,6 +139,7 @@ def draw(nonce: str, index: int, *, kind: str | None = None, uwb_hz: int | None 
         other_s=OTHER_S if train_s is None else min(OTHER_S, train_s),
         with_reference=bool(rng.uniform() < 0.5),
         as_csv=bool(rng.uniform() < 0.25),
+        passable=passable_names(base, calm) if foreign else [],
         seed=_seed(nonce, index, chosen, "logs"),
     )
 

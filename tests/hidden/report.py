@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,7 @@ def goals(results: Sequence[Result]) -> list[tuple[str, str, str]]:
         ("three medium causes, exact set", ">= 75 %", share(of["three"], exact)),
         ("nothing hidden: any name", "<= 2 %", share(of["none"], lambda r: bool(r["named"]))),
         ("  false unknown", "<= 3 %", share(of["none"], lambda r: r["outcome"] == "false_unknown")),
+        *_by_tilt(of, exact),
         ("outside: not falsely confirmed", ">= 95 %", share(of["outside"], lambda r: not r.get("falsely_confirmed"))),
         ("  right dependency first", ">= 85 %", share(of["outside"], lambda r: bool(r.get("dependency_right")))),
         ("other form: family named", ">= 85 %", share(of["variant"], lambda r: bool(r["hits"]))),
@@ -73,6 +74,25 @@ def goals(results: Sequence[Result]) -> list[tuple[str, str, str]]:
         ("failures (no findings.json)", "0", share(results, lambda r: r["outcome"] == "failure")),
         ("points per case", "", f"{np.mean([r['points'] for r in results]):.3f}" if results else "no cases"),
     ]
+
+
+def _by_tilt(of: Mapping[str, list[Result]], exact: Callable[[Result], bool]) -> list[tuple[str, str, str]]:
+    """Lines for cases with and without roll and pitch in their logs, where there are both."""
+    tilted = {bool(r.get("tilt", True)) for results in of.values() for r in results}
+    return [
+        line
+        for told, words in ((True, "with"), (False, "without"))
+        if len(tilted) == 2
+        for line in (
+            (f"{words} roll and pitch: one medium cause", ">= 92 %", share(_told(of["medium"], told), exact)),
+            ("  wrong or false extra name", "<= 3 %", share(_told(of["medium"], told), lambda r: bool(r["wrong"]))),
+            ("  nothing hidden: any name", "<= 3 %", share(_told(of["none"], told), lambda r: bool(r["named"]))),
+        )
+    ]
+
+
+def _told(results: Sequence[Result], tilt: bool) -> list[Result]:
+    return [r for r in results if bool(r.get("tilt", True)) == tilt]
 
 
 def worst_family(results: Sequence[Result]) -> str:

@@ -50,6 +50,7 @@ class Options:
     keep: bool
     train_s: float | None
     threads: str | None
+    foreign: bool
 
 
 def run_case(options: Options, index: int) -> dict[str, Any]:
@@ -61,6 +62,7 @@ def run_case(options: Options, index: int) -> dict[str, Any]:
         family=options.family,
         uwb_hz=options.uwb_hz,
         train_s=options.train_s,
+        foreign=options.foreign,
     )
     folder = options.out / "cases" / f"case_{index:04d}"
     shutil.rmtree(folder, ignore_errors=True)
@@ -88,7 +90,7 @@ def scored(case: Case, truth: dict, findings: dict | None, folder: Path, why: st
         result = judge(truth, findings)
     except MalformedError as error:
         result, why, findings = judge(truth, None), f"malformed: {error}", None
-    if findings is not None and truth["causes"]:
+    if findings is not None and truth["causes"] and case.world.afloat is None:
         result["gain"] = relative_gain(case, truth, findings, folder)
         result["held_out"] = findings.get("held_out")
     return result | ({"why": why} if why else {})
@@ -183,6 +185,7 @@ def main(arguments: list[str] | None = None) -> int:
         keep=args.keep,
         train_s=args.seconds,
         threads="1" if args.jobs > 1 else None,
+        foreign=args.plant == "foreign",
     )
     options.out.mkdir(parents=True, exist_ok=True)
     try:
@@ -216,7 +219,7 @@ def _results(options: Options, numbers: Sequence[int], jobs: int) -> Iterator[di
 
 def _head(args: argparse.Namespace) -> dict[str, Any]:
     """What cases are drawn from."""
-    return {"nonce": args.nonce, "kind": args.kind or "as drawn", "UWB": args.uwb or "as drawn"}
+    return {"nonce": args.nonce, "kind": args.kind or "as drawn", "UWB": args.uwb or "as drawn", "plant": args.plant}
 
 
 def _kept(out: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
@@ -259,6 +262,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--kind", choices=KINDS, help="only this kind")
     p.add_argument("--family", choices=(*FAMILIES, *(o.name for o in OUTSIDE)), help="only this effect (with --kind)")
     p.add_argument("--uwb", type=int, choices=(1, 5, 10), help="UWB rate in Hz; drawn if not given")
+    p.add_argument("--plant", choices=("own", "foreign"), default="own", help="structure of the true boat")
     p.add_argument("--seconds", type=float, help="length of the training logs; about 300 if not given")
     p.add_argument("--jobs", type=int, default=2, help="cases at once")
     p.add_argument("--timeout", type=float, default=300.0, help="seconds after which a case has failed")

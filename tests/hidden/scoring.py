@@ -24,7 +24,7 @@ def judge(truth: Mapping[str, Any], findings: Findings | None) -> dict[str, Any]
     """Outcome of one case. `findings` None: the program gave none. Raises MalformedError."""
     causes = {canonical(c["id"]): c for c in truth["causes"]}
     shell = {"kind": truth["kind"], "truth": sorted(causes), "uwb_hz": truth["uwb_hz"],
-             "outside": (truth["outside"] or {}).get("name")}  # fmt: skip
+             "tilt": truth.get("tilt_told", True), "outside": (truth["outside"] or {}).get("name")}  # fmt: skip
     if findings is None:
         return shell | {"outcome": "failure", "verdict": "failure", "named": [], "wrong": [], "points": 0.0,
                         "exact": False, "hits": [], "parameters": []}  # fmt: skip
@@ -32,7 +32,10 @@ def judge(truth: Mapping[str, Any], findings: Findings | None) -> dict[str, Any]
     if verdict not in VERDICTS:
         raise MalformedError(f"verdict {verdict!r}: expected one of {', '.join(VERDICTS)}")
     listed = {canonical(_text(c, "name")): c for c in _list(findings, "causes")}
-    named = set(listed) if verdict in ("named", "partial") else set()
+    passable = set(truth.get("passable", ())) - set(causes)
+    named = set(listed) - passable if verdict in ("named", "partial") else set()
+    if verdict == "named" and listed.keys() <= passable and passable:
+        verdict = "none"  # what it names is so; it was not asked for
     hits = sorted(named & set(causes))
     result = shell | {
         "verdict": verdict,

@@ -97,6 +97,8 @@ def log_table(names: list[str], track: Track, said: Readings) -> pl.DataFrame:
     values = [pl.col(c).drop_nulls().first() for c in table.columns if c != "t_s"]
     table = table.with_columns(pl.col("t_s").round(9)).group_by("t_s").agg(values).sort("t_s")
     held = [c for c in table.columns if c.startswith("pwm_") or c == "battery_v"]
+    if not said.tilt_told:
+        table = table.drop("phi_rad", "theta_rad")
     return table.with_columns(pl.col(held).forward_fill()).select(
         "t_s", *held, *(c for c in table.columns if c not in held and c != "t_s")
     )
@@ -115,6 +117,8 @@ def _truth(case: Case, logs: dict[str, Any]) -> dict[str, Any]:
         "causes": [asdict(c) for c in named_truth(case)],
         "outside": case.outside,
         "imperfections": case.imperfections,
+        "passable": case.passable,
+        "tilt_told": case.world.sense.tilt_told,
         "uwb_hz": case.base.sense.uwb_hz,
         "imu_hz": case.base.sense.imu_hz,
         "logs": logs,

@@ -25,12 +25,20 @@ from sim.fitting.diagnose.preparation.gaps import intervals_as_runs, split_at_pa
 from sim.fitting.diagnose.preparation.subsampling import subsample
 from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns, strange_scale
 from sim.fitting.diagnose.report import findings as record
-from sim.fitting.diagnose.report.verdict import Adequate, conclude, held_out_objection, without_causes
+from sim.fitting.diagnose.report.verdict import (
+    Adequate,
+    conclude,
+    held_out_objection,
+    without_causes,
+    without_some,
+)
 from sim.fitting.diagnose.selection.adequacy import adequacy
 from sim.fitting.diagnose.selection.detectability import detection_limits
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability
+from sim.fitting.diagnose.selection.false_tilt import tilt_is_false, tilt_problems
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
+from sim.fitting.diagnose.selection.held_out_support import unsupported
 from sim.fitting.diagnose.selection.search import search_causes
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
@@ -42,6 +50,7 @@ from sim.fitting.wiring.thrusters import restored
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """Steps that `diagnose` reports, in this order; shares run from 0 to 1 within each."""
 WINDOW_S = 1.0
+TILT = ("phi_rad", "theta_rad")
 Progress = Callable[[str, str, float], None]
 """Report of progress: step, text, share done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
@@ -56,6 +65,14 @@ class Data:
     fitted: list[Run]
     held_out: list[Run]
     clock: LogClock
+
+    def without_tilt(self) -> Data:
+        """The same without roll and pitch in any log."""
+        fitted, held_out = (
+            [Run(run.table.drop(TILT, strict=False), run.meta, run.whole) for run in runs]
+            for runs in (self.fitted, self.held_out)
+        )
+        return replace(self, fitted=fitted, held_out=held_out)
 
 
 @dataclass(frozen=True)
@@ -141,17 +158,33 @@ def diagnose(
     begun = clock()
     data = data_of(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
-    entries = without_effects(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
-    fit = PosteriorFit(
-        EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock), entries, _stated(vessel, data.fitted, ambient)
-    )
-    # 2. Base refitted, causes by evidence.
-    search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
+
+    def fit_of(runs: Sequence[Run]) -> PosteriorFit:
+        entries = without_effects(catalogue(vessel, runs, tuple(more(vessel)), data.clock), without)
+        return PosteriorFit(EffectPhysics(runs, vessel, WINDOW_S, data.clock), entries, _stated(vessel, runs, ambient))
+
+    fit = fit_of(data.fitted)
+    # 2. Base refitted, causes by evidence. Roll and pitch that follow the acceleration are left out.
+    say(STEPS[1], "base", 0.0)
+    base = Selector(fit).base()
+    found_false = tilt_is_false(fit, base, stated_noise(vessel, data.fitted))
+    if found_false:
+        data = data.without_tilt()
+        fit, base = fit_of(data.fitted), None
+    search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)), base)
     say(STEPS[1], "", 1.0)
     # 3. Verdict by the fitted logs, vessel files.
     say(STEPS[2], "refitted base", 0.0)
     refitted_base, refitted_point = refit(fit, search_result.selection.base)
     verdict = conclude(fit, search_result, ambient, adequacy, seed, bool(known))
+
+    def compared(one: ModelUnderTest, other: ModelUnderTest) -> HeldOutScore:
+        pair = {"base": refitted_base, "refit": one, "extended": other}
+        return score(data.held_out, vessel, fit.effects, pair, fit.physics, seed)
+
+    gone = frozenset() if known else unsupported(fit, verdict.selection, compared)
+    if gone:
+        verdict = without_some(fit, search_result, verdict, gone, ambient, adequacy, seed)
     files_and_model = vessel_with_causes(fit, refitted_base, verdict.selection.final, verdict.causes)
     say(STEPS[2], "", 1.0)
     # 4. Held-out score of the three models; harmful causes are withdrawn.
@@ -188,7 +221,14 @@ def diagnose(
         files=files_and_model.files,
         held_out=held_out_score,
         visible=detection_limits(fit, verdict.selection.final),
-        problems={used.log.name: [*strange_scale(used.log.run), *problems(used.log.run)] for used in data.split.used},
+        problems={
+            used.log.name: [
+                *tilt_problems(used.log.run, found_false),
+                *strange_scale(used.log.run),
+                *problems(used.log.run),
+            ]
+            for used in data.split.used
+        },
         seed=seed,
         runtime_s=clock() - begun,
     )

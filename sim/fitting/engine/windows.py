@@ -59,6 +59,7 @@ class Windows:
     t_s       (W, K + 1) stamps of the steps [s], on the clock of the run
     h_s       (W, K) step lengths [s], 0 beyond the end of a short window
     y         (W, K, 4) measurements in the order of `CHANNELS`, NaN where nothing was measured
+    level     (W, K, 2) gravity by roll and pitch that was taken out of a_x, a_y [m/s^2], 0 where neither was logged
     run       (W,) index of the run
     first     (W,) whether the window opens a run (then its node has a prior instead of a predecessor)
 
@@ -74,6 +75,7 @@ class Windows:
     t_s: np.ndarray
     h_s: np.ndarray
     y: np.ndarray
+    level: np.ndarray
     run: np.ndarray
     first: np.ndarray
     fixes: Fixes
@@ -147,7 +149,7 @@ def cut_windows(
 
     # 2. All windows have as many steps as the longest; beyond its end a shorter one repeats its last stamp (h = 0).
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
-    t_all, y_all, owner, first, spans, around = [], [], [], [], [], []
+    t_all, y_all, level, owner, first, spans, around = [], [], [], [], [], [], []
     for i, (t, y, starts) in enumerate(pieces):
         ends = np.append(starts[1:], len(t) - 1)
         index = np.minimum(starts[:, None] + np.arange(K + 1), ends[:, None])
@@ -157,6 +159,7 @@ def cut_windows(
         t_all.append(t[index])
         around.append(_around(t, means[i // len(offsets_s)] if means else None)[index])
         y_all.append(values)
+        level.append(np.stack(_gravity(runs[i], t), axis=1)[index[:, :K]])
         owner += [i] * len(starts)
         first += [True] + [not tied] * (len(starts) - 1)
     t_s = np.concatenate(t_all)
@@ -164,6 +167,7 @@ def cut_windows(
         t_s=t_s,
         h_s=np.diff(t_s, axis=1),
         y=np.concatenate(y_all),
+        level=np.concatenate(level),
         run=np.array(owner),
         first=np.array(first),
         fixes=_fixes(laid),
@@ -215,24 +219,38 @@ def _gaps(t: np.ndarray, most_s: float) -> list[tuple[float, float]]:
 
 
 def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Specific force with the share of gravity removed that roll and pitch turn into its axes, where both were logged.
-
-        a_x - g sin(theta),   a_y + g sin(phi)
+    """Specific force without the share of gravity that roll and pitch turn into its axes, where both were logged.
 
     A boat heels with its own acceleration, so that this is no constant bias.
     """
-    if not (run.known("phi_rad") and run.known("theta_rad")):
-        return channels
+    out = list(channels)
+    for axis, i in enumerate((SURGE, SWAY)):
+        t, a = channels[i]
+        out[i] = (t, a - _gravity(run, t)[axis])
+    return out
+
+
+def _gravity(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gravity in a_x and a_y at `t_s` [m/s^2], g sin(theta) and -g sin(phi); 0 where these were not logged."""
+    if not is_levelled(run):
+        return np.zeros_like(t_s), np.zeros_like(t_s)
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow to import, and few logs hold roll and pitch
 
     t_tilt, tilt = run.samples("phi_rad", "theta_rad")
     across = max(1, round(LEVEL_S / float(np.median(np.diff(t_tilt)))))
     tilt = uniform_filter1d(tilt, across, axis=0, mode="nearest")
-    out = list(channels)
-    for i, sign, column in ((SURGE, -1.0, 1), (SWAY, 1.0, 0)):
-        t, a = channels[i]
-        out[i] = (t, a + sign * GRAVITY_M_S2 * np.sin(np.interp(t, t_tilt, tilt[:, column])))
-    return out
+    phi, theta = (np.interp(t_s, t_tilt, each) for each in tilt.T)
+    return GRAVITY_M_S2 * np.sin(theta), -GRAVITY_M_S2 * np.sin(phi)
+
+
+def is_levelled(run: Run) -> bool:
+    """Whether roll and pitch were logged, by which specific force is levelled."""
+    return run.known("phi_rad") and run.known("theta_rad")
+
+
+def reads_lean(run: Run) -> bool:
+    """Whether specific force was logged without roll and pitch: a boat that leans reads gravity as acceleration."""
+    return run.known(CHANNELS[SURGE]) and not is_levelled(run)
 
 
 def _fixes(laid: Sequence[tuple[Run, float]]) -> Fixes:

@@ -20,10 +20,10 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import GroundTruth, GuidanceReference, StateEstimate
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from companion.core.pilot.pilot import PilotSettings
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.job import Diagnosis, diagnose
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.driving.identified import LIMIT_S, BelievedModel, driven_runs
 from sim.world.plant import perturbed
 from sim.world.score import TrueTrack, estimation, track_of, tracking

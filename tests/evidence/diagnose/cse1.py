@@ -9,9 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from companion.python_child import aritra
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
+from sim.fitting.identify.vessel_out import identified_vessel
 from sim.studies.cse1.study import DATE, RUNS, crude, recording
 from tests.evidence.line import Line, at_most, information
 

@@ -1,10 +1,12 @@
 """The model that a diagnosis fits against the vessel file that it writes, for every effect of the catalogue.
 
 Integrators of windows and of the boat differ by construction. So accelerations and readings are compared at the same
-random states (under the log's own commands), and trajectories by the same Runge-Kutta from there under constant forces.
-A fouled thruster is compared a minute after its onset: a file has it as a gain. Only a clock knows how far a current
-has turned: filter and NMPC are compared at the beginning, the simulators for all of the time. What pushes by chance is
-drawn by the world alone: its parameters there are compared with those that were found.
+random states (under the log's own commands), and trajectories by the same Runge-Kutta from there under constant
+forces. A fouled thruster is compared a minute after its onset: a file has it as a gain. A scale of UWB goes about the
+middle of the positions in a fit and about the site's origin in a file: the same but for a shift of all places, which
+is taken out. Only a clock knows how far a current has turned: filter and NMPC are compared at the beginning, the
+simulators for all of the time. What pushes by chance is drawn by the world alone: its parameters there are compared
+with those that were found.
 """
 
 from __future__ import annotations
@@ -18,12 +20,12 @@ from msgspec.structs import replace
 from companion.core.configuration.sensors import Gnss, Sensors
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.catalogue import stochastic
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.vessel_edits.edits import CauseValues, NotInVesselFileError
 from sim.fitting.diagnose.vessel_edits.extend import with_causes
 from sim.fitting.diagnose.vessel_edits.public_form import family
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.boats.draw import in_still_air
 from sim.world.environment import Weather, with_terms_of
 from sim.world.sensors import hidden_anchor
@@ -40,6 +42,9 @@ NOT_TOGETHER = (
     {"current", "turning_current"},  # one of them is the other
     {"uwb_latency", "uwb_lever_arm"},  # a delay moves the tag along its own path: to half a millimetre
     {"clock_drift", "uwb_lever_arm"},
+    {"clock_drift", "uwb_latency"},
+    {"uwb_scale", "tether"},  # places are off by the shift between middle and origin times the scale
+    {"uwb_scale", "shallow_zone"},
     {"payload", "cg_shift"},  # of the base's mass in the fit, of the loaded boat's in the file: some per cent
 )
 LOG_S = 31.0  # an onset is looked for every minute from half a minute on
@@ -120,8 +125,16 @@ def _readings(engine: Engine, written: Models, causes: Causes, nu_dot: np.ndarra
         relative(written.imu(rows, a), fitted),
         relative(taken[:, 2:], expected),
         relative(taken[:, :2], rows[:, [2, 5]]),
-        relative(written.tag(engine, engine.x, nu_dot), tag),
+        relative(written.tag(engine, _about_origin(engine, written), nu_dot), tag),
     )
+
+
+def _about_origin(engine: Engine, written: Models) -> np.ndarray:
+    """States that a file's scale takes where the fit's takes those of the engine: it goes about the site's origin."""
+    uwb, x = written.vessel.sensors.uwb, engine.x.copy()
+    if uwb is not None:
+        x[..., :2] -= uwb.scale / (1 + uwb.scale) * engine.physics.centre_m
+    return x
 
 
 def engines(seed: int) -> Iterator[Engine]:

@@ -13,9 +13,9 @@ import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.vessel_text import vessel_toml
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run, RunMeta
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.fitting.wiring.compass import compass_finding, hard_iron
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.evidence.real_logs.recordings import held_out_scores, mean

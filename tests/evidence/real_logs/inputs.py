@@ -11,11 +11,11 @@ import polars as pl
 
 from companion.__main__ import main
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue
 from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns, strange_scale
-from sim.fitting.identify.vessel_out import vessel_toml
 from tests.companion.logs.readers.run_logs import dataflash
 from tests.evidence.line import Line, at_most, exactly
 from tests.sim.fitting.test_ardupilot_log import records

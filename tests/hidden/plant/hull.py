@@ -35,24 +35,31 @@ class HullMotion:
         share = 0.5 * RHO * h.cross_flow * h.draft * HULLS_SEEN
         self.strips = [(x, share * w * (h.cross_flow_aft if x < 0 else 1.0)) for x, w in nodes]
 
+    def begin(self, start: tuple) -> tuple:
+        """The state in which a log begins."""
+        return start
+
+    def at_imu(self, s: tuple, rate: tuple) -> tuple:
+        """Rates that an IMU sees."""
+        return rate
+
+    def under_tag(self, s: tuple) -> tuple:
+        """State from which the tag's place follows."""
+        return s
+
     def energy(self, u: float, v: float, r: float) -> float:
         """Kinetic energy [J] of hull and added mass in still water."""
         return 0.5 * (self.m11 * u * u + self.m22 * v * v + self.m33 * r * r) + (self.m13 * u + self.m23 * v) * r
 
     def rate(self, s: tuple, tau: tuple, v_c: tuple, d: float) -> tuple:
         """d/dt of s = (north, east, psi, u, v, r); tau [N, N, N m], water (north, east) [m/s], damping times d."""
-        h = self.h
         _, _, psi, u, v, r = s
         c, sn = cos(psi), sin(psi)
         uc, vc = c * v_c[0] + sn * v_c[1], c * v_c[1] - sn * v_c[0]
         ur, vr = u - uc, v - vc
         p1, p2 = self.m11 * ur + self.m13 * r, self.m22 * vr + self.m23 * r
-        fx = tau[0] + p2 * r + d * (h.X_u + h.X_uu * abs(ur)) * ur
-        fy = tau[1] - p1 * r + d * ((h.Y_v + h.Y_vv * abs(vr)) * vr + h.Y_r * r)
-        fn = tau[2] + p1 * vr - p2 * ur + d * ((h.N_r + h.N_rr * abs(r)) * r + h.N_v * vr)
-        if not self.plain:
-            ex, ey, en = self._extra(ur, vr, r)
-            fx, fy, fn = fx + ex, fy + ey, fn + en
+        dx, dy, dn = self.damping(ur, vr, r, d)
+        fx, fy, fn = tau[0] + p2 * r + dx, tau[1] - p1 * r + dy, tau[2] + p1 * vr - p2 * ur + dn
         i11, i12, i13, i22, i23, i33 = self.inverse
         return (
             c * u - sn * v,
@@ -62,6 +69,17 @@ class HullMotion:
             i12 * fx + i22 * fy + i23 * fn - r * uc,
             i13 * fx + i23 * fy + i33 * fn,
         )
+
+    def damping(self, u: float, v: float, r: float, d: float) -> tuple[float, float, float]:
+        """Force and moment [N, N, N m] of the water at u, v, r through it; the file's damping times d."""
+        h = self.h
+        x = d * (h.X_u + h.X_uu * abs(u)) * u
+        y = d * ((h.Y_v + h.Y_vv * abs(v)) * v + h.Y_r * r)
+        n = d * ((h.N_r + h.N_rr * abs(r)) * r + h.N_v * v)
+        if self.plain:
+            return x, y, n
+        more = self._extra(u, v, r)
+        return x + more[0], y + more[1], n + more[2]
 
     def _extra(self, u: float, v: float, r: float) -> tuple[float, float, float]:
         """Cross-flow strips, Munk moment, the hull-fouling variant."""

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from tests.hidden.plant.hull import HullMotion
+from tests.hidden.plant.six_dof import PLANE, SixDof
 from tests.hidden.plant.surroundings import Surroundings, tilt
 from tests.hidden.plant.thrusters import Propulsion
 from tests.hidden.plant.world import STEP_S, STEPS_HZ, World
@@ -43,14 +44,14 @@ class Track:
 def sail(world: World, pilot: Pilot, seconds: float, t0: float, start: tuple, rngs: list[np.random.Generator]) -> Track:
     """Sail for `seconds` from state `start`; `rngs`: one for the thrusters, one for the surroundings."""
     steps = round(seconds * STEPS_HZ)
-    propulsion, hull = Propulsion(world, rngs[0]), HullMotion(world)
+    propulsion, hull = Propulsion(world, rngs[0]), SixDof(world) if world.afloat else HullMotion(world)
     around = Surroundings(world, steps, t0, rngs[1])
     imu_every, fix_every = STEPS_HZ // round(world.sense.imu_hz), STEPS_HZ // round(world.sense.uwb_hz)
-    s = tuple(float(x) for x in start)
+    s = hull.begin(tuple(float(x) for x in start))
     pwm, battery, states, rates, fixes = [], [], [], [], []
     for k in range(steps):
         if k % PILOT_STEPS == 0:
-            wanted = pilot.pwm(k * STEP_S, s)
+            wanted = pilot.pwm(k * STEP_S, s[:PLANE])
             if wanted is not None:
                 propulsion.command(k, wanted)
                 pwm.append((k, wanted))
@@ -60,13 +61,17 @@ def sail(world: World, pilot: Pilot, seconds: float, t0: float, start: tuple, rn
         taus, d = _forces(propulsion, around, k, t0 + k * STEP_S, s, v_c)
         if k % imu_every == 0:
             states.append(s)
-            rates.append(hull.rate(s, taus[0], v_c, d))
+            rates.append(hull.at_imu(s, hull.rate(s, taus[0], v_c, d)))
         if k % fix_every == 0:
-            fixes.append(s)
+            fixes.append(hull.under_tag(s))
         s = hull.step(s, taus, v_c, d, STEP_S)
-    imu_step, state, rate = np.arange(0, steps, imu_every), np.array(states), np.array(rates)
+    imu_step, all_states, rate = np.arange(0, steps, imu_every), np.array(states), np.array(rates)
+    state = all_states[:, :PLANE]
     accel = rate[:, 3:5] + np.stack([-state[:, 4], state[:, 3]], 1) * state[:, 5:]
-    heel = np.stack(tilt(world, around, imu_step, state[:, 2], accel), 1)
+    leaning = accel * (world.afloat is None)  # in six degrees of freedom the boat leans by itself
+    heel = np.stack(tilt(world, around, imu_step, state[:, 2], leaning), 1)
+    if world.afloat:
+        heel = heel + all_states[:, PLANE + 1 : PLANE + 3]
     return Track(t0, steps, pwm, battery, imu_step, state, rate, heel,
                  np.arange(0, steps, fix_every), np.array(fixes))  # fmt: skip
 
@@ -74,6 +79,7 @@ def sail(world: World, pilot: Pilot, seconds: float, t0: float, start: tuple, rn
 def _forces(
     propulsion: Propulsion, around: Surroundings, k: int, t: float, s: tuple, v_c: tuple, V: float | None = None
 ) -> tuple:
+    s = s[:PLANE]
     c, sn = cos(s[2]), sin(s[2])
     nu_r = (s[3] - c * v_c[0] - sn * v_c[1], s[4] - c * v_c[1] + sn * v_c[0], s[5])
     begin, middle, end = propulsion.advance(k, t, nu_r, V)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from tests.hidden.plant.sail import Track
 from tests.hidden.plant.world import BASIN_M, STEP_S, G, Sense, World
@@ -24,6 +25,7 @@ class Readings:
 
     imu: np.ndarray
     fixes: np.ndarray
+    tilt_told: bool
 
 
 def readings(world: World, track: Track, rng: np.random.Generator) -> Readings:
@@ -37,8 +39,18 @@ def readings(world: World, track: Track, rng: np.random.Generator) -> Readings:
     out = clean + noise
     out[:, 0] += sense.wander * _slow(n, 1 / (sense.imu_hz * sense.wander_time), rng)
     out[:, 0] = (out[:, 0] + np.pi) % (2 * np.pi) - np.pi
+    if sense.ahrs_s:
+        out[:, 4:] += _following(sense, track)
     imu = np.column_stack([track.imu_step * STEP_S, out])
-    return Readings(imu, _fixes(world, track, rng))
+    return Readings(imu, _fixes(world, track, rng), sense.tilt_told)
+
+
+def _following(sense: Sense, track: Track) -> np.ndarray:
+    """Error of roll and pitch [rad], shape (n, 2), of an AHRS that takes the specific force for gravity's, slowly."""
+    state, rate = track.state, track.rate
+    a_x, a_y = rate[:, 3] - state[:, 4] * state[:, 5], rate[:, 4] + state[:, 3] * state[:, 5]
+    share = 1 - np.exp(-1 / (sense.imu_hz * sense.ahrs_s))
+    return np.asarray(lfilter([share], [1, share - 1], np.column_stack([-a_y, a_x]) / G, axis=0))
 
 
 def imu_clean(world: World, t: np.ndarray, state: np.ndarray, rate: np.ndarray, heel: np.ndarray) -> np.ndarray:
@@ -94,11 +106,18 @@ def _fixes(world: World, track: Track, rng: np.random.Generator) -> np.ndarray:
     fix = fix + sense.warp_m * np.sin(2 * np.pi / 9.0 * state[:, 1::-1] + phase)
     fix = fix + sense.uwb_sigma * rng.standard_normal((n, 2))
     fix = fix + _blocked(sense, state, rng)
+    if sense.slow_fix_m:
+        step = 1 / (sense.uwb_hz * sense.slow_fix_s)
+        fix = fix + sense.slow_fix_m * np.column_stack([_slow(n, step, rng), _slow(n, step, rng)])
     odd = (rng.uniform(size=n) < sense.odd_fixes) * rng.uniform(0.3, 1.2, n)
     angle = rng.uniform(0, 2 * np.pi, n)
     fix = fix + odd[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     stamp = t + stamp_delay(sense, t)
     keep = (rng.uniform(size=n) >= sense.lost_fixes) & (stamp >= 0) & (stamp < track.steps * STEP_S)
+    if sense.outage[0]:
+        begins = np.flatnonzero(rng.uniform(size=n) < sense.outage[0])
+        ends = t[begins] + rng.exponential(sense.outage[1], len(begins))
+        keep &= ~((t >= t[begins, None]) & (t < ends[:, None])).any(axis=0)
     return np.column_stack([stamp, fix])[keep]
 
 

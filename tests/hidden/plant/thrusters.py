@@ -14,6 +14,8 @@ FORCE_OF_WASH_N = 30.0
 
 def bollard(d: Drive, t: Thruster, pwm: float, V: float) -> float:
     """Steady force [N] of thruster t alone at pulse width `pwm` [us] and battery V, without what varies in time."""
+    if d.quantum_us:
+        pwm = round(pwm / d.quantum_us) * d.quantum_us
     c = min(max((pwm - t.trim_us - 1500.0) / 400.0, -1.0), 1.0)
     e = abs(c) - d.dead_band_us / 400.0
     if d.soft_us:
@@ -21,6 +23,7 @@ def bollard(d: Drive, t: Thruster, pwm: float, V: float) -> float:
         e = (e + sqrt(e * e + w * w)) / 2 - 0.5 * (sqrt((d.dead_band_us / 400.0) ** 2 + w * w) - d.dead_band_us / 400.0)
     if e <= 0.0:
         return 0.0
+    e *= 1 + (d.bend[0] if c > 0 else d.bend[1]) * (1 - e)
     curve: Curve = d.ahead if c > 0 else d.astern
     n = (V / d.V_ref) ** (curve.a0 + curve.a1 * e) * (curve.c1 * e**curve.q + curve.c2 * e * e)
     gain = t.gain if t.gain_small is None else t.gain_small + (t.gain - t.gain_small) * e

@@ -105,6 +105,8 @@ class Drive:
     astern_bend: float = 0.0  # variant: loss grows with command
     voltage_exponent: float = 0.0
     soft_us: float = 0.0  # variant: rounded dead band
+    bend: tuple[float, float] = (0.0, 0.0)  # foreign: share more of a small command, ahead and astern
+    quantum_us: float = 0.0  # foreign: steps in which the ESC reads a pulse
     lag_2: float = 0.0  # variant: a second lag
     jitter: float = 0.0  # variant: dead time of each command varies by this share of `dead_time`
     rate: float = math.inf
@@ -193,6 +195,27 @@ class Sense:
     odd_fixes: float = 0.0
     lost_fixes: float = 0.0
     tilt_sigma: float = 0.0007
+    tilt_told: bool = True  # foreign: False where logs have no roll and pitch
+    ahrs_s: float = 0.0  # foreign: time constant with which roll and pitch follow the specific force
+    slow_fix_m: float = 0.0  # foreign: part of a fix's error that lasts `slow_fix_s`
+    slow_fix_s: float = 1.0
+    outage: tuple[float, float] = (0.0, 0.0)  # foreign: chance that one begins at a fix, mean length [s]
+
+
+@dataclass
+class Afloat:
+    """Foreign: what a hull needs beside `Hull` to heave, roll and pitch. z down from the waterline."""
+
+    z_g: float
+    GM_T: float
+    GM_L: float
+    k_x: float  # radius of gyration in roll, added inertia in it
+    k_y: float
+    heave_N_m: float
+    zeta: float  # damping over critical damping, of all three
+    thrust_z: float
+    drag_z: float
+    sensor_z: tuple[float, float]  # IMU, tag
 
 
 @dataclass
@@ -219,6 +242,7 @@ class World:
     sense: Sense
     water: Water = field(default_factory=Water)
     odd: Odd = field(default_factory=Odd)
+    afloat: Afloat | None = None  # None: motion in the horizontal plane
 
     def copy(self) -> World:
         """An independent copy."""

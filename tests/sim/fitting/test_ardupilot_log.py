@@ -8,9 +8,9 @@ import pytest
 
 from companion.__main__ import main
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import Run
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.fitting.validate import study
 from tests.companion.logs.readers.run_logs import dataflash
 from tests.sim.fitting.test_gnss_boat import BOAT, GNSS, UWB, drive

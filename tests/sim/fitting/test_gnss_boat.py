@@ -11,12 +11,13 @@ from companion.boat.load_run import EXAMPLES, setup_of
 from companion.core.configuration.sensors import Gnss, Sensors
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue import catalogue
 from sim.fitting.diagnose.report.findings import Findings
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
+from sim.fitting.identify.vessel_out import identified_vessel
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 

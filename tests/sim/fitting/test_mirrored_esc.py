@@ -11,8 +11,8 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import PitchMap
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.thrusters import force_from_pwm, force_limits, forces_from_pwm, pwm_from_force, steady_forces
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 

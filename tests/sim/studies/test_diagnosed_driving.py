@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.vessel_edits.extend import with_model_error
 from sim.fitting.identify.structured_fit import with_latent
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.driving.diagnosed import (
     GOALS,
     TRUTH,

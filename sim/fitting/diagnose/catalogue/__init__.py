@@ -15,6 +15,7 @@ from sim.fitting.diagnose.catalogue import environment, hull, propulsion, sensor
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.propulsion import STARTS, Onset
 from sim.fitting.diagnose.posterior.clock import LogClock
+from sim.fitting.engine.windows import reads_lean
 
 ONSET_STEP_S = 60.0  # interval between the starts of the search for an onset; assumed
 LONG_S = 1200.0
@@ -41,7 +42,7 @@ def catalogue(
     onsets = _onsets(begins, lengths, start, end)
     entries = (
         *hull.base(vessel),
-        *sensors.base(),
+        *sensors.accelerometers(vessel, levelled=not any(reads_lean(run) for run in runs)),
         *propulsion.base(vessel),
         *hull.effects(vessel),
         *propulsion.effects(vessel, onsets),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -13,17 +13,62 @@ from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Scene
 from sim.fitting.diagnose.catalogue.parts import scalar_parameter, vector_parameters
 
 PSI, RATE, SURGE, SWAY = range(4)
+LEAN = 0.4
+"""Sigma of the share of its own acceleration that a leaning boat adds, where roll and pitch are not logged; assumed."""
+SECANT = 0.02  # largest step of a secant of these shares
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
 ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale: ICM-42688-P data sheet, +-0.5 %, uncalibrated
 
 
-def base() -> Iterator[Effect]:
-    """Scales of the two accelerometers: free in every fit, never named."""
-    for name, channel in (("x", SURGE), ("y", SWAY)):
-        parameter = EffectParameter("share", "1", ACCEL_SCALE, ACCEL_SCALE, ACCEL_SCALE)
-        hook = _scaled(channel)
-        text = f"a_{name} (1 + share)"
-        yield Effect(f"base:accel_{name}", "base", text, "", (parameter,), {"imu": hook}, scaled_reading=f"a{name}")
+def accelerometers(vessel: VesselFile, levelled: bool) -> Iterator[Effect]:
+    """Scales of the two accelerometers, and where roll and pitch are not logged, lean: free in every fit, never named.
+
+    Thrust, drag and weight act at different heights, so that a boat leans in proportion to its acceleration, to the
+    drag of its hull, and to its turning (added mass differs ahead and across). Where roll and pitch are not logged
+    (`levelled`: they are), g sin(lean) is read as acceleration.
+    """
+    sigma = ACCEL_SCALE if levelled else LEAN
+    for axis, (name, channel) in enumerate((("x", SURGE), ("y", SWAY))):
+        yield _entry(f"accel_{name}", f"a_{name} (1 + share)", _scaled(channel), {"share": sigma}, f"a{name}")
+        if not levelled:
+            text = f"a_{name} + drag of the hull / m + turning"
+            yield _entry(f"lean_{name}", text, _leaning(vessel, channel, axis), {"drag": LEAN, "turning": LEAN})
+
+
+def false_tilt() -> Iterator[Effect]:
+    """How much of logged roll and pitch is no tilt, as of an AHRS that follows the boat's own acceleration."""
+    for axis, (name, channel) in enumerate((("x", SURGE), ("y", SWAY))):
+        text = f"a_{name} - share g sin(tilt), of the tilt that was logged"
+        yield _entry(f"level_{name}", text, _unlevelled(channel, axis), {"share": 1.0})
+
+
+def _entry(id: str, equation: str, hook: ImuHook, sigmas: Mapping[str, float], scales: str = "") -> Effect:
+    parameters = tuple(EffectParameter(name, "1", s, s, min(s, SECANT)) for name, s in sigmas.items())
+    return Effect(f"base:{id}", "base", equation, "", parameters, {"imu": hook}, scaled_reading=scales)
+
+
+def _leaning(vessel: VesselFile, channel: int, axis: int) -> ImuHook:
+    d, mass_kg = vessel.damping, vessel.inertia.mass_kg
+    linear, quadratic = ((d.X_u_N_s_m, d.X_uu_N_s2_m2), (d.Y_v_N_s_m, d.Y_vv_N_s2_m2))[axis]
+
+    def hook(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
+        out, along = y.copy(), scene.nu_r[..., axis]
+        turning = scene.r_rad_s * (-scene.v_m_s, scene.u_m_s)[axis]
+        drag = (linear + quadratic * np.abs(along)) * along / mass_kg
+        out[..., channel] += p["drag"] * drag + p["turning"] * turning
+        return out
+
+    return hook
+
+
+def _unlevelled(channel: int, axis: int) -> ImuHook:
+    def hook(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
+        out = y.copy()
+        if scene.level is not None:
+            out[..., channel] -= p["share"] * scene.level[..., axis].mean(axis=1, keepdims=True)  # not of its noise
+        return out
+
+    return hook
 
 
 def _scaled(channel: int) -> ImuHook:
@@ -189,6 +234,6 @@ def _positions(uwb: bool) -> Iterator[Effect]:
             "(1 + scale) p",
             "distances over ground too long or too short against speed and inertial sensors",
             scalar_parameter("scale", "1", 0.05, 0.01),
-            lambda p, tag, place: place + p["scale"] * place,
+            lambda p, tag, place: place + p["scale"] * (place - tag.centre_m),
             scales="place",
         )

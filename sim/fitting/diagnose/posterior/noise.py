@@ -12,6 +12,7 @@ from companion.logs.runs.run import Run
 from companion.logs.runs.splits import source_runs
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
+from sim.fitting.engine.linearise import HUBER
 from sim.fitting.engine.noise import Noise, noise_of
 from sim.fitting.identify.structured_fit import with_latent
 
@@ -22,6 +23,8 @@ FLOOR = (5e-4, 5e-4, 5e-4)  # least latent acceleration [same units]; assumed
 LATENTS = (1.0, 0.3, 0.1)  # scales tried for a candidate, which takes over part of the latent acceleration; assumed
 REACH = 1.0  # half width of the first parabola, of the logarithm
 SWEEPS, SETTLED = 5, 0.15
+UNKNOWN_LEAN = 0.4  # m/s^2 of a boat that rolls and pitches by 2 degrees that nobody knows; assumed
+LAGS, COLOURED = 100, 0.1  # lags of an autocorrelation at most; value from which it counts; assumed
 OFFSET_RAD = 0.002  # sigma of the heading's offset between logs; assumed
 SLACK = 5.0  # a fifth of a usual latent acceleration, 0.02 m/s^2, over a second
 
@@ -48,21 +51,46 @@ def latent_scales(noise: Noise) -> list[Noise]:
 
 
 def estimated_white_noise(noise: Noise, point: LinearisationPoint, stated: Noise) -> Noise:
-    """`noise` with white noise from the 90 % quantiles of the residuals at `point`, which outliers hardly move."""
+    """`noise` with white noise from the 90 % quantiles of the residuals at `point`, which outliers hardly move.
+
+    n fixes whose errors hang together carry the information of n / (1 + 2 sum of their autocorrelations) independent
+    ones (effective sample size): their sigma is enlarged to match.
+    """
     white = [
         _bounded(now, point.residuals[..., c], said)
         for c, (now, said) in enumerate(zip(noise.white, stated.white, strict=True))
     ]
-    fix = _bounded(noise.fix_m, point.fix_residuals, stated.fix_m)
+    fix = _bounded(noise.fix_m, point.fix_residuals, stated.fix_m, float(np.sqrt(dependence(point.fix_residuals))))
     return replace(noise, white=(white[0], white[1], white[2], white[3]), fix_m=fix)
 
 
-def _bounded(sigma: float, residuals: np.ndarray, stated: float) -> float:
-    """sigma times the 90 % quantile of |residuals| over that of a unit normal, within `WITHIN` of `stated`."""
+def with_unknown_lean(noise: Noise) -> Noise:
+    """`noise` for logs whose roll and pitch are missing or false: accelerometers count for little beyond a bias."""
+    psi, r, a_x, a_y = noise.white
+    return replace(noise, white=(psi, r, max(a_x, UNKNOWN_LEAN), max(a_y, UNKNOWN_LEAN)))
+
+
+def _bounded(sigma: float, residuals: np.ndarray, stated: float, share: float = 1.0) -> float:
+    """sigma times `share` and the 90 % quantile of |residuals| over a unit normal's, within `WITHIN` of `stated`."""
     known = np.abs(residuals[np.isfinite(residuals)])
     if not len(known):
         return sigma
-    return float(np.clip(sigma * np.quantile(known, 0.9) / Q90, WITHIN[0] * stated, WITHIN[1] * stated))
+    return float(np.clip(sigma * share * np.quantile(known, 0.9) / Q90, WITHIN[0] * stated, WITHIN[1] * stated))
+
+
+def dependence(residuals: np.ndarray) -> float:
+    """1 + 2 sum of the autocorrelations of residuals (m, 2) in order of time: m over its effective size.
+
+    The sum ends at the first autocorrelation that is not clearly above chance, `LAGS` at most.
+    """
+    known = np.clip(residuals[np.isfinite(residuals).all(axis=1)], -HUBER, HUBER)
+    power, total = float((known**2).sum()), 0.0
+    for lag in range(1, min(LAGS, len(known) // 4)):
+        rho = float((known[lag:] * known[:-lag]).sum()) / max(power, 1e-12)
+        if rho < max(COLOURED, 2 / np.sqrt(known.size)):
+            break
+        total += rho
+    return 1 + 2 * total
 
 
 def estimated_latent(fit: PosteriorFit, point: LinearisationPoint) -> Noise:

@@ -29,19 +29,14 @@ from companion.logs.runs.run import Run
 from sim.fitting.diagnose.catalogue.effect import Effect, Scene, Values
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.posterior.compiled import compile_windows
-from sim.fitting.diagnose.posterior.parameter_values import (
-    ParameterValues,
-    including,
-    secant_steps,
-    values_by_name,
-)
+from sim.fitting.diagnose.posterior.parameter_values import ParameterValues, including, secant_steps, values_by_name
 from sim.fitting.diagnose.posterior.state import Accelerations, Feedback, WindowTrajectories
 from sim.fitting.diagnose.posterior.thrust import WindowThrust
 from sim.fitting.engine.jacobian_rows import side_by_side
 from sim.fitting.engine.model import N_HULL
 from sim.fitting.engine.noise import LATENT, STATE
 from sim.fitting.engine.parameters import HULL, Parameters, file_values
-from sim.fitting.engine.windows import Windows, cut_windows
+from sim.fitting.engine.windows import Windows, cut_windows, reads_lean
 
 MAX_STEP_S = 0.1  # of integration: yaw has a time constant of about 2 s, and thrust is the mean over a step
 WATER, THRUST = frozenset({"water"}), frozenset({"thrust"})  # stages of hooks
@@ -57,6 +52,7 @@ class EffectPhysics:
         fewer = [decimated(run) for run in runs]
         self.runs, self.vessel = tuple(each.run for each in fewer), vessel
         self.windows: Windows = cut_windows(self.runs, vessel, window_s, max_step_s=MAX_STEP_S)
+        self.levelled = not any(reads_lean(run) for run in self.runs)
         self.parameters = Parameters(vessel)
         self.q = file_values(vessel)
         self.B, self._weakened = configuration_matrix(vessel), has_thrust_losses(vessel)
@@ -209,7 +205,8 @@ class EffectPhysics:
         """The motion `state` as hooks see it; `hull`: coefficients (N_HULL,) in place of the state's."""
         w = self.windows
         water, c = state.water + self.flow, _named(state.hull if hull is None else hull)
-        return Scene(w.t_s, self.clock_s, state.x, state.nu_dot, w.run, self.centre_m, self.middle_s, water, c)
+        motion = (w.t_s, self.clock_s, state.x, state.nu_dot, w.run)
+        return Scene(*motion, self.centre_m, self.middle_s, water, c, w.level)
 
     def accelerations(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.report import findings as form
 from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.fitting.wiring import record as wiring_record
 
 RANKED = 12

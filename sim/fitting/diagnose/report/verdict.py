@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ OUTDONE = "one kind of function of another nature explains more than all causes 
 FALLEN = "too small, or too unsure, beside the causes that are left"
 HARMFUL = "readings of the held-out logs become worse"
 UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
+UNSUPPORTED = "held-out logs are predicted as well without it"
 Adequate = Callable[[PosteriorFit, Selection, Noise | None, Masking, bool], AdequacyJudgement]
 """Adequacy check: of the fit, the selection, the reference log's noise, the masking, whether causes are known."""
 
@@ -88,6 +89,23 @@ def withdraw_unsupported(
         withdrawn |= gone
         if FALLEN not in gone.values() and Masking.of(names) == masking:
             return judgement, result, withdrawn
+
+
+def without_some(
+    fit: PosteriorFit,
+    result: SearchResult,
+    verdict: DiagnosisVerdict,
+    gone: Collection[str],
+    ambient: Noise | None,
+    adequate: Adequate | None,
+    seed: int,
+) -> DiagnosisVerdict:
+    """`verdict` of `result` concluded anew without the causes `gone` (ids): held-out readings do not support them."""
+    left = {c.id for c in verdict.selection.causes} - set(gone)
+    others = {c.id for c in result.selection.causes} - left
+    names = {c.effect.name for c in result.causes if c.fitted in gone}
+    again = conclude(fit, result.without(fit, others), ambient, adequate, seed, False)
+    return replace(again, withdrawn=verdict.withdrawn | dict.fromkeys(sorted(names), UNSUPPORTED) | again.withdrawn)
 
 
 def without_causes(

@@ -14,7 +14,7 @@ from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.evidence import ReducedNormalEquations
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.noise import START, estimated_latent, estimated_white_noise
+from sim.fitting.diagnose.posterior.noise import START, estimated_latent, estimated_white_noise, with_unknown_lean
 from sim.fitting.diagnose.selection.candidate_score import Candidate, score_candidate
 from sim.fitting.engine.noise import Noise
 from sim.fitting.identify.structured_fit import with_latent
@@ -65,6 +65,8 @@ class Refitter:
         for steps in (2, 1, 2):
             point = fit.solve(point.theta, point.z, free, none, steps=steps, before=point)
             fit.noise = estimated_white_noise(fit.noise, point, stated)
+            if not fit.physics.levelled:
+                fit.noise = with_unknown_lean(fit.noise)
             fit.noise = estimated_latent(fit, point)
             fit.count_degrees_of_freedom(point)
         return self._finish(frozenset(), point, free)

@@ -23,10 +23,11 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import Damping, ModelError, RotorMap, VesselFile
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.vessel_edits.edits import EDITS, CauseValues, NotInVesselFileError
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.parameters import DAMPING, HULL, file_values
-from sim.fitting.identify.vessel_out import inertia_of, vessel_toml
+from sim.fitting.identify.vessel_out import inertia_of
 from sim.fitting.wiring.thrusters import append_note
 
 REFITTED_WITH_BASE = (

@@ -14,7 +14,7 @@ from companion.core.estimation.prediction import noise_model
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Innovation
 from companion.core.model.load_vessel import load_vessel
-from sim.fitting.identify.vessel_out import vessel_toml
+from companion.core.model.vessel_text import vessel_toml
 from tests.companion.core.estimation.estimator_world import basin, estimate, simulate
 from tests.support.vessel_fixtures import boat
 

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.sensor_errors import apply_imu_errors, correct_imu
 from companion.core.model.thrust_losses import apply_thrust_losses
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.catalogue import catalogue
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
 from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
@@ -25,7 +26,6 @@ from sim.fitting.diagnose.vessel_edits.public_form import public_values
 from sim.fitting.diagnose.vessel_edits.public_table import LogReference
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.excite.information import true_nodes
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat

@@ -5,8 +5,9 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Wash
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
+from sim.fitting.identify.vessel_out import identified_vessel
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 

@@ -10,13 +10,14 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.windows import StructuredFitError
 from sim.fitting.identify.horizon import HorizonFit, horizon_target, with_tag_fixed
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.identify.vessel_out import identified_vessel, vessel_toml
+from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.protocol import STEP_S, Commands
 from sim.world.teleop_log import teleop_run

@@ -7,9 +7,9 @@ from msgspec.structs import replace
 
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.thrusters import configuration_matrix
+from companion.core.model.vessel_text import vessel_toml
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.fitting.wiring.check import Checked, checked
 from sim.world.teleop_log import teleop_run
 from tests.sim.fitting.wiring.miswired import BESIDE, BOAT, FAULTS, FP, FS, IMU_DEG, RP, RS, changed, drive, miswired

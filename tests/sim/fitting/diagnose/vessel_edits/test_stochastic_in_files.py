@@ -7,10 +7,10 @@ from msgspec.structs import replace
 
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import StructuredModel
+from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.vessel_edits.edits import CauseValues
 from sim.fitting.diagnose.vessel_edits.extend import with_causes
-from sim.fitting.identify.vessel_out import vessel_toml
 from sim.studies.boats.draw import in_still_air
 from sim.world.environment import Environment, Weather, with_terms_of
 from sim.world.plant import Motion

@@ -28,6 +28,8 @@ HEADS = {
 """What a dotted key may begin with."""
 FILES_OF_RUN = ("vessel", "site", "mission", "excitation")
 """Keys of a run file that name files: a campaign varies `files.ROLE` instead."""
+OF_THE_VESSEL = ("waves",)
+"""What the weather has by the vessel file's terms: `truth.terms.waves.KEY` instead."""
 T = TypeVar("T")
 
 
@@ -105,7 +107,7 @@ def _text(work: Work, head: str, text: str) -> str:
 def _plain(work: Work, head: str, kind: type[T]) -> T:
     """A dataclass from the case's values below `head`."""
     values = of_head(work.values, head)
-    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    known = [f.name for f in fields(kind) if f.name not in OF_THE_VESSEL]  # type: ignore[arg-type]
     for key in values:
         if key not in known:
             raise ConfigError(f"{head}.{key}: unknown key; there are {', '.join(known)}")

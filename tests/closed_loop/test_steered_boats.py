@@ -113,6 +113,20 @@ def test_by_hand_the_yaw_stick_is_the_rudder_and_surge_the_propeller():
     assert set(stick(0.0, 0.0, 1.0).pwm_us) == {NEUTRAL_US}
 
 
+def test_by_hand_no_azimuth_thruster_pushes_before_its_servo_points_there():
+    told = setup(CORNER, "azimuth").pilot
+    world = World(WorldSetup(told.vessel, told.site, start=START), 3)
+    run = SteppedRun(world, pilot(CORNER, "azimuth"), lambda request, warm: (None, warm), None)
+    run.feed([OperatorCommand(t_ns=run.world.t_ns, command="manual")])
+    for sway in (0.0,) * 30 + (0.5,) * 10:
+        run.feed([ManualInput(t_ns=run.world.t_ns, surge=0.0, sway=sway, yaw=0.0, source="test")])
+        run.run(lambda r: False, 0.1)
+    f = np.array([lease.f_command_n for lease in run.of(OverrideLease)])
+    thrusts, angles = np.abs(f[:, :2]), np.abs(f[:, 2:])
+    np.testing.assert_allclose(angles[-1], np.pi / 2, atol=0.02)
+    assert thrusts[-1].min() > 10 and (thrusts <= thrusts[-1] * np.sin(angles) + 0.5).all(), "its share to starboard"
+
+
 @pytest.mark.parametrize("name", BOATS)
 def test_without_plans_the_fallback_keeps_to_the_path(name):
     failing = list[bool]()

@@ -93,8 +93,8 @@ def _servo_problems(vessel: VesselFile) -> Iterator[str]:
             yield f"{at}.angle_max_deg: expected at most {MOST_RUDDER_DEG:g}: beyond that a rudder stalls"
         if isinstance(servo, Steering) and servo.angle_max_deg < LEAST_STEERING_DEG:
             yield (
-                f"{at}.angle_max_deg: expected at least {LEAST_STEERING_DEG:g}, found {servo.angle_max_deg:g}: a thruster "
-                "that turns by less, as an outboard, cannot push to the side, and is not driven yet"
+                f"{at}.angle_max_deg: expected at least {LEAST_STEERING_DEG:g}, found {servo.angle_max_deg:g}: "
+                "a thruster that turns by less, as an outboard, cannot push to the side, and is not driven yet"
             )
     washed = {name for w in vessel.propulsion.wash for name in (w.behind, w.ahead)}
     for i, t in enumerate(vessel.thrusters):

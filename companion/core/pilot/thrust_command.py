@@ -95,7 +95,7 @@ class ThrustCommander:
     def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
         """Forces of the sticks, with the thrusters' rate limit."""
         sticks = state.monitor(Sticks)
-        wanted = self._sticks.commands(sticks, np.array(state.f_command_n))
+        wanted = self._sticks.commands(sticks, np.array(state.f_command_n), self.settings.control.period_s)
         f = np.clip(self._check.within_rate(np.array(state.f_command_n), wanted), *self._limits)
         source = sticks.last.source if sticks.last else ""
         return self._lease(state, f, "manual", source, t_ns)
@@ -191,6 +191,7 @@ class ThrustCommander:
             step_s=self.settings.nmpc.step_s,
             settings=self._ladder,
             now=state.f_command_n,
+            within_s=self.settings.control.period_s,
         )
         return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
 

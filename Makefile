@@ -37,7 +37,7 @@ $(VENV)/%: requirements-%.lock pyproject.toml
 COMPILE = $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header \
 	--no-emit-index-url --group build pyproject.toml
 
-lock:
+lock: $(VENV)/dev
 	$(BIN)/python -m pip install --quiet uv
 	$(COMPILE) --all-extras -o requirements-dev.lock
 	$(COMPILE) --extra demo -c requirements-dev.lock -o requirements-demo.lock

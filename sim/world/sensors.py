@@ -166,8 +166,12 @@ class UwbSensor:
 
 
 def hidden_anchor(uwb: Uwb, anchors: Sequence[Anchor]) -> Anchor | None:
-    """The anchor out of sight: by its id, else by its number among them; None where the file or the site has none."""
+    """The anchor out of sight: by its id, with or without leading zeros, else by its number among them.
+
+    None where the file or the site has none.
+    """
     if not uwb.nlos_share:
         return None
-    named = {str(i): a for i, a in enumerate(anchors)} | {a.id: a for a in anchors}
+    named = {str(i): a for i, a in enumerate(anchors)}
+    named |= {a.id.lstrip("0"): a for a in anchors} | {a.id: a for a in anchors}
     return named.get(uwb.nlos_anchor)

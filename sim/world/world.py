@@ -73,10 +73,14 @@ class Outgoing:
 
 
 class Afloat:
-    """One simulated boat in its basin, without an autopilot. `tag`: one that is switched on already."""
+    """One simulated boat in its basin, without an autopilot. `tag`: one that is switched on already.
 
-    def __init__(self, setup: WorldSetup, seed: int, tag: UwbTag | None = None):
+    `zero_ns`: instant from which current and waves count their time; None: the boat's start.
+    """
+
+    def __init__(self, setup: WorldSetup, seed: int, tag: UwbTag | None = None, zero_ns: int | None = None):
         draws = _draws(seed)
+        self.zero_ns = setup.boot_ns if zero_ns is None else zero_ns
         vessel = perturbed(setup.vessel, draws["vessel"], setup.mismatch) if setup.mismatch else setup.vessel
         self.t_ns = setup.boot_ns
         self.vessel = vessel
@@ -104,7 +108,7 @@ class Afloat:
         """
         pulses = outputs_us[: len(self.vessel.controls)]
         self.plant.command(self.t_ns, tuple(float(p) if p else float(NEUTRAL_US) for p in pulses))
-        moment = self._environment.step(self.t_ns * 1e-9, step_ns * 1e-9)
+        moment = self._environment.step((self.t_ns - self.zero_ns) * 1e-9, step_ns * 1e-9)
         self.plant.step(moment, step_ns)
         self.t_ns += step_ns
         return moment

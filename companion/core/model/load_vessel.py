@@ -104,8 +104,9 @@ def _servo_problems(vessel: VesselFile) -> Iterator[str]:
             yield f"thrusters[{i}].azimuth_deg: a rudder's propeller pushes ahead: expected 0, found {t.azimuth_deg:g}"
         if t.steering and t.name in washed:
             yield f"thrusters[{i}].steering: propulsion.wash is for thrusters that do not turn"
-        if t.steering and vessel.propulsion.advance_loss_sqrt_N_s_m:
-            yield f"thrusters[{i}].steering: propulsion.advance_loss_sqrt_N_s_m is for thrusters that do not turn"
+        for key in ("advance_loss_s_m", "advance_loss_sqrt_N_s_m"):
+            if t.steering and getattr(vessel.propulsion, key):
+                yield f"thrusters[{i}].steering: propulsion.{key} is for thrusters that do not turn"
 
 
 def _wash_problems(vessel: VesselFile) -> Iterator[str]:

@@ -18,6 +18,7 @@ import numpy as np
 import polars as pl
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.run import Run
 from sim.fitting.engine.linearise import HUBER
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
@@ -73,7 +74,9 @@ def compass_finding(runs: Mapping[str, Run], vessel: VesselFile) -> list[WiringF
     if iron is None or not iron.is_clear:
         return []
     amplitude, sigma = np.degrees([iron.amplitude_rad, iron.sigma_rad])
-    keys = f"hard_iron_cos_rad = {iron.a:.3f}, hard_iron_sin_rad = {iron.b:.3f}"
+    imu = vessel.sensors.imu
+    a, b = imu.hard_iron_cos_rad + iron.a, imu.hard_iron_sin_rad + iron.b
+    keys = f"hard_iron_cos_rad = {a:.3f}, hard_iron_sin_rad = {b:.3f}"
     finding = WiringFinding(
         name="compass:hard_iron",
         text=f"the heading errs by up to {amplitude:.0f} (+- {2 * sigma:.0f}) degrees, by how the boat is turned",
@@ -118,15 +121,25 @@ def hard_iron(runs: list[Run], vessel: VesselFile) -> HardIron | None:
 
 
 def _rows(run: Run, vessel: VesselFile) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Columns of k_0 k_1 k_2 c a b (m, 6) and of the log's current (m, 2), v / u (m,), block (m,)."""
+    """Columns of k_0 k_1 k_2 c a b (m, 6) and of the log's current (m, 2), v / u (m,), block (m,).
+
+    Heading without the errors that the file states.
+    """
+    if np.ptp(run.measured_s()) < BLOCK_S:
+        return np.zeros((0, 6)), np.zeros((0, 2)), np.zeros(0), np.zeros(0)
     blank = dict.fromkeys(INERTIAL, pl.lit(None, pl.Float64))  # an accelerometer's lean looks as sway
     noise = SmootherNoise.of(vessel)
-    motion = smooth(Run(run.table.with_columns(**blank), run.meta), noise, 1 / STEP_S)
-    t_fix = run.samples("north_m", "east_m")[0] - noise.latency_s
-    known = np.abs(t_fix[np.searchsorted(t_fix, motion.t_s).clip(0, len(t_fix) - 1)] - motion.t_s) < BLOCK_S / 4
+    motion = smooth(calibrated(Run(run.table.with_columns(**blank), run.meta), vessel), noise, 1 / STEP_S)
+    known = _is_near(motion.t_s, run.samples("north_m", "east_m")[0] - noise.latency_s)
+    known &= _is_near(motion.t_s, run.samples("psi_rad")[0])
     u, v, r = motion.nu.T
     use = known & (np.abs(u) > LEAST_M_S) & (np.abs(v) < STEEPEST * np.abs(u))
     t_s, u, v, r, psi = (x[use] for x in (motion.t_s, u, v, r, motion.eta[:, 2]))
     c, s = np.cos(psi), np.sin(psi)
     shared = np.column_stack([r, r / u, 1 / u, -np.ones_like(u), -c, -s])
     return shared, np.column_stack([-s / u, c / u]), v / u, np.floor(t_s / BLOCK_S)
+
+
+def _is_near(t_s: np.ndarray, samples_s: np.ndarray) -> np.ndarray:
+    """Whether the next sample after each of `t_s` is near, (k,)."""
+    return np.abs(samples_s[np.searchsorted(samples_s, t_s).clip(0, len(samples_s) - 1)] - t_s) < BLOCK_S / 4

@@ -33,7 +33,8 @@ class SitlPhysics:
     def restart(self) -> None:
         """The same boat at its start, the timestamp at 0; the tag stays switched on, its time and the waves go on."""
         self._start_ns = self.world.t_ns
-        self.world = Afloat(replace(self._setup, boot_ns=self._start_ns), self._seed, self.world.tag)
+        later = replace(self._setup, boot_ns=self._start_ns)
+        self.world = Afloat(later, self._seed, self.world.tag, self.world.zero_ns)
 
     def advance(self, outputs_us: Sequence[int], frame_ns: int) -> tuple[PhysicsState, bytes]:
         """One frame on with these outputs, in steps of `STEP_NS` or less: the state then, and the tag's bytes."""

@@ -14,7 +14,7 @@ from drivers.mavlink.encode import MavlinkEncoder
 from drivers.uwb import uwb_codec
 from sim.world.environment import Moment, Weather
 from sim.world.sensors import UwbFaults
-from sim.world.world import STEP_NS, World, WorldSetup
+from sim.world.world import STEP_NS, Afloat, World, WorldSetup
 from tests.support.drive_fixture import START, setup
 from tests.support.vessel_fixtures import boat
 
@@ -158,3 +158,10 @@ def test_time_flies(seconds):
         made.step()
     print(f"{seconds} s of world in {time.perf_counter() - started:.1f} s")
     assert made.t_ns == seconds * 10**9 and np.isfinite(made.plant.motion.x).all()
+
+
+def test_a_current_turns_from_the_start_of_the_boat_on_whatever_the_clock_says() -> None:
+    turning = Weather(V_c_m_s=0.1, beta_c_deg=90.0, turn_deg_s=0.3)
+    made = [WorldSetup(boat("aritra"), SITE, start=START, weather=turning, boot_ns=boot_ns) for boot_ns in (0, 10**13)]
+    early, late = (Afloat(one, 1) for one in made)
+    assert early.advance((1500,) * 4).beta_c_deg == late.advance((1500,) * 4).beta_c_deg == 90.0

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import polars as pl
 import pytest
+from msgspec.structs import replace
 
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.wiring.compass import compass_finding, hard_iron
@@ -72,3 +75,20 @@ def test_an_error_of_half_the_worst_is_within_its_interval() -> None:
 
 def test_a_boat_that_hardly_moves_says_nothing() -> None:
     assert hard_iron([track(3, lambda psi: 0.14 * np.cos(psi), speed=0.2)], BOAT) is None
+
+
+def test_what_the_file_states_already_is_not_told_again() -> None:
+    imu = replace(BOAT.sensors.imu, hard_iron_cos_rad=0.14)
+    stated = replace(BOAT, sensors=replace(BOAT.sensors, imu=imu))
+    run = track(1, lambda psi: 0.14 * np.cos(psi))
+    assert not compass_finding({"log": run}, stated)
+    more = track(2, lambda psi: 0.14 * np.cos(psi) - 0.14 * np.sin(psi))
+    (finding,) = compass_finding({"log": more}, stated)
+    cos, sin = (float(x) for x in re.findall(r"rad = (-?[0-9.]+)", finding.advice))
+    assert (cos, sin) == pytest.approx((0.14, -0.14), abs=0.05)
+
+
+def test_a_log_of_an_instant_says_nothing() -> None:
+    short = track(5, seconds=0.4, fixes_hz=10.0)
+    assert hard_iron([short], BOAT) is None
+    assert compass_finding({"long": track(6), "short": short}, BOAT) == []

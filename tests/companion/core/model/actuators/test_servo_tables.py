@@ -48,3 +48,11 @@ def test_a_thruster_is_steered_or_has_a_rudder_and_what_turns_has_no_wash():
     data["thrusters"][0]["rudder"] = {**rudder, "channel": 13}
     with pytest.raises(ConfigError, match="has steering and a rudder"):
         load_vessel(tomli_w.dumps(data), name="boat.toml")
+
+
+@pytest.mark.parametrize("key", ["advance_loss_s_m", "advance_loss_sqrt_N_s_m"])
+def test_what_turns_has_no_advance_loss(key: str) -> None:
+    data = tomllib.loads((BOATS / "azimuth.toml").read_text())
+    data["propulsion"][key] = 0.1
+    with pytest.raises(ConfigError, match=f"{key} is for thrusters that do not turn"):
+        load_vessel(tomli_w.dumps(data), name="boat.toml")

@@ -76,3 +76,5 @@ def test_the_simulated_tag_lies_too_far_from_the_anchor_out_of_sight():
     assert (along > 0.001).mean() == pytest.approx(0.3, abs=0.03) and np.abs(across).max() < 1e-3
     assert along[along > 0.001].mean() == pytest.approx(0.8, rel=0.1) and along.min() > -1e-3
     assert hidden_anchor(replace(uwb, nlos_anchor="elsewhere"), anchors) is None
+    zeros = [replace(anchor, id=f"00{i + 51}") for i, anchor in enumerate(anchors)]
+    assert hidden_anchor(replace(uwb, nlos_anchor="52"), zeros) is zeros[1]

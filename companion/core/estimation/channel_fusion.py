@@ -23,7 +23,7 @@ from companion.core.estimation.filter_state import (
     Result,
     innovation_message,
 )
-from companion.core.estimation.gates import Gate, judge
+from companion.core.estimation.gates import Gate, all_accepted_ns, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, VELOCITY_SIGMA_M_S, decorrelate, inflate
 from companion.core.messages import Measured
@@ -61,8 +61,9 @@ class ChannelFusion:
                 innovations.append(innovation_message(belief.t_ns, sensor, nu, S, verdict != "rejected"))
                 if verdict != "rejected":
                     belief = self._update(channel, axis, z, belief, jumped=verdict == "reopened")
-                    position_ns = belief.t_ns if channel.about == "position" else belief.position_ns
-                    belief = replace(belief, position_ns=position_ns)
+            if channel.about == "position":
+                mine = [gates[f"{self._sensor.key} {channel.name} {name}"] for name in channel.axes]
+                belief = replace(belief, position_ns=all_accepted_ns(mine, belief.position_ns))
         return replace(belief, gates=gates), tuple(innovations)
 
     def _innovation(

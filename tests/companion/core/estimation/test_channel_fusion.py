@@ -1,4 +1,4 @@
-"""GNSS in the filter of a boat at rest: fixes that drift or step away from the motion."""
+"""GNSS in the filter of a boat at rest: fixes that drift or step away from the motion, and one axis that fails."""
 
 import random
 
@@ -56,3 +56,11 @@ def test_a_slow_error_is_never_beyond_four_sigma_and_the_operator_is_told(north_
     told = [t for t, e in seen if e.health == "degraded" and ANEW in e.reason]
     assert 9 <= len(told) <= 45, "10 s each time, less than control.blind_s"
     assert all(abs(e.east_m - 5.0) < 1.0 for _, e in seen)
+
+
+def test_one_axis_that_fails_is_no_position():
+    """North is garbage of 5 to 20 m from 20 s on, east stays good."""
+    rng = random.Random(2)
+    seen = at_rest(lambda t: (5.0 + (t >= 20) * rng.choice([-1, 1]) * rng.uniform(5, 20), 5.0), 30, plain=False)
+    assert seen[18][1].health == "healthy"
+    assert "no GNSS position accepted for" in seen[26][1].reason

@@ -1,6 +1,7 @@
 """GNSS in the filter of a boat at rest: fixes that drift or step away from the motion, and one axis that fails."""
 
 import random
+from typing import Any
 
 import pytest
 
@@ -20,11 +21,12 @@ def at_rest(place, seconds: int, *, plain: bool = True) -> list[tuple[float, Sta
     settings, rng, seen = lake(plain=plain), random.Random(1), []
     estimator = Estimator(settings.vessel, settings.site)
     origin, state, spec = origin_of(settings.site), estimator.initial(), settings.vessel.sensors.gnss
-    fixed = {"fix_type": 3 if plain else 6, "h_acc_m": 1.5 if plain else 0.02}
+    assert spec
+    fixed: dict[str, Any] = {"fix_type": 3 if plain else 6, "h_acc_m": 1.5 if plain else 0.02}
     for k in range(50 * seconds):
         t_s, t_ns = k / 50, 10 * S + k * S // 50
-        stamp = {"t_ns": t_ns, "t_rx_ns": t_ns}
-        still = {"p_rad_s": 0.0, "q_rad_s": 0.0, "r_rad_s": rng.gauss(0, 0.002)}
+        stamp: dict[str, Any] = {"t_ns": t_ns, "t_rx_ns": t_ns}
+        still: dict[str, Any] = {"p_rad_s": 0.0, "q_rad_s": 0.0, "r_rad_s": rng.gauss(0, 0.002)}
         messages = [
             Attitude(**stamp, phi_rad=0.0, theta_rad=0.0, psi_rad=rng.gauss(0, 0.001), **still),
             ImuSample(
@@ -49,12 +51,12 @@ def at_rest(place, seconds: int, *, plain: bool = True) -> list[tuple[float, Sta
     ids=["15 m off that converge at 0.3 m/s", "steps of 5 m"],
 )
 def test_a_slow_error_is_never_beyond_four_sigma_and_the_operator_is_told(north_m):
-    seen = at_rest(lambda t: (north_m(t), 5.0), 90)
+    seen = at_rest(lambda t: (north_m(t), 5.0), 60)
     for t, e in seen:
         recent = any(abs(north_m(t) - north_m(t - back)) > 4.0 for back in (1, 2, 3, 4))  # the gate waits for 3 s
         assert recent or abs(e.north_m - north_m(t)) < 4 * PLAIN["position_wander_sigma_m"] + 0.6, t
     told = [t for t, e in seen if e.health == "degraded" and ANEW in e.reason]
-    assert 9 <= len(told) <= 45, "10 s each time, less than control.blind_s"
+    assert 9 <= len(told) <= 30, "10 s each time, less than control.blind_s"
     assert all(abs(e.east_m - 5.0) < 1.0 for _, e in seen)
 
 

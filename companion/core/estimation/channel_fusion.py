@@ -33,7 +33,7 @@ from companion.core.sensors.sensor import BodyMotion, Sensor, SensorChannel
 MOVING = (0, 1, 2, 3, 4, 5, TILT.start, TILT.start + 1)
 """States that h depends on, beside the sensor's own errors."""
 ERROR_SIGMAS = 4.0
-"""A slow error of a sensor is within so many sigma of zero; assumed."""
+"""A slow error that is stationary is within so many sigma of zero; assumed."""
 
 
 class ChannelFusion:
@@ -80,7 +80,7 @@ class ChannelFusion:
         """Belief after a component that passed its gate; `jumped`: by a lasting innovation."""
         (nu, H), R = self._innovation(channel, axis, z, belief), np.array([[channel.sigma**2]])
         own = self._errors[axis : axis + 1] if channel.about == "position" else ()
-        limit = ERROR_SIGMAS * self._sensor.error_states[axis].stationary if own else 0.0
+        limit = ERROR_SIGMAS * (self._sensor.error_states[axis].stationary or math.inf) if own else 0.0
         x, P = belief.x, belief.P
         moved = jumped and channel.about == "position" and not (own and abs(x[own[0]] + nu[0]) <= limit)
         if not moved:

@@ -38,7 +38,7 @@ class Gate:
 
 
 def all_accepted_ns(gates: Iterable[Gate], since_ns: int) -> int:
-    """Since when not all of these gates have accepted anew; `since_ns`: known before."""
+    """When the gate that has waited longest accepted last, or `since_ns` if that is later."""
     return max(since_ns, min(since_ns if gate.accepted_ns is None else gate.accepted_ns for gate in gates))
 
 

@@ -161,7 +161,11 @@ def warnings(setup: RunSetup) -> list[str]:
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
     if setup.pilot.guidance.end == "drift":
-        end = " and the heading at the end of the mission is not kept" if setup.pilot.mission.end_heading_rad else ""
+        end = (
+            " and the heading at the end of the mission is not kept"
+            if setup.pilot.mission.end_heading_rad is not None
+            else ""
+        )
         texts.append(
             f"{setup.pilot.vessel.name} is steered only while it makes way: it cannot keep station; "
             f"hold and the end of a mission leave it drifting with its thrust off{end}"

@@ -7,7 +7,16 @@ import pytest
 from msgspec.structs import replace
 
 from companion.core.constants import NEUTRAL_US
-from companion.core.messages import Alert, ManualInput, MissionPoint, NewMission, OperatorCommand, OverrideLease, Tick
+from companion.core.messages import (
+    Alert,
+    ManualInput,
+    MissionPoint,
+    NewMission,
+    OperatorCommand,
+    OverrideLease,
+    PlanResult,
+    Tick,
+)
 from companion.core.pilot.thrust_command import DRIFTS
 from sim.world.environment import Weather
 from sim.world.stepped import PEER, SteppedRun
@@ -19,6 +28,12 @@ ROUGH = {"weather": Weather(V_c_m_s=0.1, beta_c_deg=70.0, V_w_m_s=3.0, beta_w_de
 CROSS_M = 0.3
 """Largest cross-track error, RMS on straight parts, in calm water."""
 BOATS = ["rudder", pytest.param("azimuth", marks=pytest.mark.long)]
+
+
+def no_plan(request, warm):
+    """A solver that fails."""
+    return PlanResult(t_ns=request.t_ns, index=request.index, status="failed", reason="test", solve_time_s=0.0,
+                      iterations=0, cost=0.0, f_n=(), x=()), warm  # fmt: skip
 
 
 @cache
@@ -86,6 +101,21 @@ def test_hold_is_refused_in_words_by_a_boat_that_cannot():
     assert run.of(OverrideLease)[-1].source == "plan", "and it goes on where it was left"
 
 
+def told_at_the_start(start):
+    """Warnings of a rudder boat that begins a mission there, with plans that fail."""
+    told = setup(CORNER, "rudder").pilot
+    run = SteppedRun(World(WorldSetup(told.vessel, told.site, start=start), 4), pilot(CORNER, "rudder"), no_plan)
+    assert run.run(driving, 40.0)
+    run.run(lambda r: False, 0.5)
+    return [a.text for a in run.of(Alert) if a.level == "warning" and "on the way from here" in a.text]
+
+
+def test_a_start_from_where_it_cannot_turn_into_the_mission_is_warned_of():
+    assert told_at_the_start(START) == []
+    (text,) = told_at_the_start((9.8, 9.4, 0.0))
+    assert "waypoint 0: the turn of" in text and "start from farther away" in text
+
+
 def test_a_mission_that_it_cannot_turn_for_is_not_loaded_under_way():
     run = voyage(2, vessel="rudder", begin=None)
     points = tuple(MissionPoint(north_m=n, east_m=e) for n, e in ((9.0, 9.0), (15.0, 9.0), (9.0, 9.2)))
@@ -111,6 +141,20 @@ def test_by_hand_the_yaw_stick_is_the_rudder_and_surge_the_propeller():
     assert 0.35 < half.f_command_n[1] / full.f_command_n[1] < 0.6 and full.f_command_n[0] > 3.0
     assert run.world.plant.motion.x[5] > 0.1, "it turns to starboard"
     assert set(stick(0.0, 0.0, 1.0).pwm_us) == {NEUTRAL_US}
+
+
+def test_by_hand_no_azimuth_thruster_pushes_before_its_servo_points_there():
+    told = setup(CORNER, "azimuth").pilot
+    world = World(WorldSetup(told.vessel, told.site, start=START), 3)
+    run = SteppedRun(world, pilot(CORNER, "azimuth"), no_plan, None)
+    run.feed([OperatorCommand(t_ns=run.world.t_ns, command="manual")])
+    for sway in (0.0,) * 30 + (0.5,) * 10:
+        run.feed([ManualInput(t_ns=run.world.t_ns, surge=0.0, sway=sway, yaw=0.0, source="test")])
+        run.run(lambda r: False, 0.1)
+    f = np.array([lease.f_command_n for lease in run.of(OverrideLease)])
+    thrusts, angles = np.abs(f[:, :2]), np.abs(f[:, 2:])
+    np.testing.assert_allclose(angles[-1], np.pi / 2, atol=0.02)
+    assert thrusts[-1].min() > 10 and (thrusts <= thrusts[-1] * np.sin(angles) + 0.5).all(), "its share to starboard"
 
 
 @pytest.mark.parametrize("name", BOATS)

@@ -11,6 +11,8 @@ the present velocity, and each actuator says what to command for its own.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.optimize import lsq_linear
 
@@ -24,12 +26,18 @@ _EFFORT = 1e-2  # sqrt(eps): small beside the least weight, so that effort never
 
 
 def allocate(
-    tau: np.ndarray, vessel: VesselFile, *, nu_r: np.ndarray | None = None, now: np.ndarray | None = None
+    tau: np.ndarray,
+    vessel: VesselFile,
+    *,
+    nu_r: np.ndarray | None = None,
+    now: np.ndarray | None = None,
+    within_s: float = math.inf,
 ) -> np.ndarray:
     """Commands (n,) [N; angles rad] for tau = [X N, Y N, N N m]; within limits whatever tau is.
 
-    `nu_r`: velocity through the water, None: not known; `now`: what is commanded already, None: 0. A boat of fixed
-    thrusters needs neither. A tau that is not finite gives zeros.
+    `nu_r`: velocity through the water, None: not known; `now`: what is commanded already, None: 0; `within_s`: until
+    the next command, see `Actuator.controls`. A boat of fixed thrusters needs none of them. A tau that is not finite
+    gives zeros.
     """
     n = len(vessel.controls)
     if not np.all(np.isfinite(tau)):
@@ -38,7 +46,7 @@ def allocate(
         return _smallest(tau, configuration_matrix(vessel), *force_limits(vessel))
     actuators = ActuatorSet.of(vessel)
     e = _smallest(tau, actuators.directions, *actuators.limits(nu_r))
-    return actuators.controls(e, nu_r, np.zeros(n) if now is None else now)
+    return actuators.controls(e, nu_r, np.zeros(n) if now is None else now, within_s)
 
 
 def _smallest(tau: np.ndarray, D: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

@@ -68,10 +68,11 @@ def command(
     step_s: float,
     settings: FallbackSettings,
     now: Sequence[float] | None = None,
+    within_s: float = math.inf,
 ) -> FallbackCommand:
     """What to command next. `plan_age_s`: time since the instant that the plan's first state speaks of;
-    `reference`: the row for now (`columns`); `step_s`: step of the plan; `now`: what is commanded, for actuators that
-    turn. Never NaN, always within limits.
+    `reference`: the row for now (`columns`); `step_s`: step of the plan; `now`: what is commanded, `within_s`: until
+    the next command, for actuators that turn. Never NaN, always within limits.
     """
     f, why = _from_plan(plan, plan_age_s, step_s, vessel, settings)
     if f is not None:
@@ -89,7 +90,8 @@ def command(
         pd_force(estimate, reference, vessel, settings),
         np.array([estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s]),
     )
-    return FallbackCommand(allocate(tau, vessel, nu_r=nu, now=None if now is None else np.array(now)), "pd", why)
+    f = allocate(tau, vessel, nu_r=nu, now=None if now is None else np.array(now), within_s=within_s)
+    return FallbackCommand(f, "pd", why)
 
 
 def _from_plan(

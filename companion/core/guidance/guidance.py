@@ -7,7 +7,7 @@ are pure. A waypoint is passed by its circle of acceptance or by along-track pas
 the course rounded beyond its corner), so it may be missed but is never waited for or skipped: each Passage
 says how and by how much. Station keeping starts when the last waypoint is passed: the reference runs out to
 the end of the course by itself, slows to a stop, and stays; `done` goes on holding. A boat that cannot keep station
-(`GuidanceSettings.end` is `drift`) is done when the last waypoint is passed.
+(`GuidanceSettings.end` is `drift`) is done when the last waypoint is passed, at the start as well.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ def start(
     route = Path(ahead or path.waypoints[-1:])
     angles = route.angles_rad or path.angles_rad
     end_psi = end_heading_rad if end_heading_rad is not None else angles[-1] if angles else eta[2]
-    limits = settings.limits
+    limits, at_end = settings.limits, "done" if settings.end == "drift" else "station"
     return GuidanceState(
-        phase="leg" if route.lengths_m else "station",
+        phase="leg" if route.lengths_m else at_end,
         t_ns=t_ns,
         route=route,
         course=plan_course(route, limits) if route.lengths_m else hold_point(*route.points[0], end_psi, limits),
@@ -65,6 +65,7 @@ def start(
         end_psi_rad=end_psi,
         psi_ref_rad=eta[2],
         u_ref_m_s=max(nu[0], 0.0),
+        settled_ns=None if route.lengths_m or at_end == "station" else t_ns,
     )
 
 

@@ -68,8 +68,11 @@ def turning_radius_m(vessel: VesselFile, speed_m_s: float) -> float:
     return float(SPARE * math.hypot(x[3], x[4]) / max(abs(x[5]), 1e-3))
 
 
-def corner_problems(path: Path, settings: GuidanceSettings) -> list[str]:
-    """Corners of a path that this boat cannot round, in words; none for one that turns on the spot."""
+def corner_problems(path: Path, settings: GuidanceSettings, first: int = 0) -> list[str]:
+    """Corners of a path that this boat cannot round, in words; none for one that turns on the spot.
+
+    `first`: number in the mission of the path's first point.
+    """
     radius = settings.limits.turning_radius_m
     if not radius:
         return []
@@ -82,7 +85,8 @@ def corner_problems(path: Path, settings: GuidanceSettings) -> list[str]:
         room = LEG_SHARE * min(path.lengths_m[i - 1], path.lengths_m[i])
         if needed > room:
             problems.append(
-                f"waypoint {i}: the turn of {math.degrees(turn):.0f} deg needs {needed:.1f} m of either leg, there is "
-                f"room for {room:.1f} m: this boat turns with a radius of {radius:.1f} m and cannot turn on the spot"
+                f"waypoint {first + i}: the turn of {math.degrees(turn):.0f} deg needs {needed:.1f} m of either leg, "
+                f"there is room for {room:.1f} m: this boat turns with a radius of {radius:.1f} m and "
+                "cannot turn on the spot"
             )
     return problems

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.core.configuration.servos import Rudder, Servo
+from companion.core.configuration.servos import Rudder, Servo, Steering
 from companion.core.configuration.tables import ConfigError, parse_toml
 from companion.core.configuration.vessel_file import Damping, PitchMap, RotorMap, Thruster, VesselFile
 from companion.core.constants import NEUTRAL_US, WATER_KG_M3
@@ -91,6 +91,11 @@ def _servo_problems(vessel: VesselFile) -> Iterator[str]:
             yield f"{at}.angle_max_deg: pulses reach {reached:.3g} deg either way, found {servo.angle_max_deg:g}"
         if isinstance(servo, Rudder) and servo.angle_max_deg > MOST_RUDDER_DEG:
             yield f"{at}.angle_max_deg: expected at most {MOST_RUDDER_DEG:g}: beyond that a rudder stalls"
+        if isinstance(servo, Steering) and servo.angle_max_deg < LEAST_STEERING_DEG:
+            yield (
+                f"{at}.angle_max_deg: expected at least {LEAST_STEERING_DEG:g}, found {servo.angle_max_deg:g}: "
+                "a thruster that turns by less, as an outboard, cannot push to the side, and is not driven yet"
+            )
     washed = {name for w in vessel.propulsion.wash for name in (w.behind, w.ahead)}
     for i, t in enumerate(vessel.thrusters):
         if t.steering and t.rudder:
@@ -115,6 +120,8 @@ def _wash_problems(vessel: VesselFile) -> Iterator[str]:
 
 MOST_RUDDER_DEG = 45.0
 """Beyond this the equation of the rudder's force has nothing to do with rudders; assumed."""
+LEAST_STEERING_DEG = 90.0
+"""With less a thruster reaches no force across its azimuth alone, which allocation and guidance take for granted."""
 MASS_SHARES = (0.01, 3.0)
 """Of what the box around the hull displaces: one that floats has less than 1 (example boats 0.4 to 0.5), but beam and
 draft are often guessed; assumed."""

@@ -93,9 +93,9 @@ class StickForce:
         self._vessel = vessel
         self._reach = _most(vessel) if is_steered(vessel) else axis_reach(vessel)
 
-    def commands(self, sticks: Sticks, now: np.ndarray) -> np.ndarray:
-        """Commands (n,) [N; angles rad], whatever the boat's speed; `now`: what is commanded already."""
-        return allocate(self.tau(sticks), self._vessel, now=now)
+    def commands(self, sticks: Sticks, now: np.ndarray, within_s: float = math.inf) -> np.ndarray:
+        """Commands (n,) [N; angles rad], whatever the boat's speed; `now`, `within_s`: as in `allocate`."""
+        return allocate(self.tau(sticks), self._vessel, now=now, within_s=within_s)
 
     def tau(self, sticks: Sticks) -> np.ndarray:
         """Force asked for, shape (3,)."""

@@ -21,6 +21,7 @@ from companion.core.control.fallback import FallbackSettings, command
 from companion.core.estimation.estimator import Estimator
 from companion.core.excitation.flight import BEGINNING, Flight
 from companion.core.guidance import guidance
+from companion.core.guidance.steerage import corner_problems
 from companion.core.messages import (
     Alert,
     GuidanceReference,
@@ -79,14 +80,21 @@ class ThrustCommander:
         if thrusters != "controller" or state.open_tick is None:
             return self.choose(state, t_ns, "")
         eta, nu, drifted = _pose(estimate), _velocity(estimate), self._drifts(state)
-        state = self._begin(state, eta, nu, t_ns)
+        idle, state = state.guidance.phase == "idle", self._begin(state, eta, nu, t_ns)
+        sharp = self._sharp_corners(state) if idle else []
         state, reference = self._guide(state, eta, nu, t_ns)
         assert state.open_tick is not None
         request = self._request(state, estimate, state.open_tick, t_ns)
         asked = (*state.asked, (state.open_tick, t_ns))[-REMEMBERED_TICKS:]
         begins = self._drifts(state) and not drifted
-        alerts = [Alert(t_ns=t_ns, level="warning", text=DRIFTS)] if begins else []
+        alerts = [Alert(t_ns=t_ns, level="warning", text=text) for text in [*sharp, *[DRIFTS] * begins]]
         return replace(state, asked=asked, row=request.reference[0]), [reference, request, *alerts]
+
+    def _sharp_corners(self, state: PilotState) -> list[str]:
+        """Corners of the way from where the boat is that it cannot round: those of the mission itself are refused."""
+        route, first = state.guidance.route, len(state.guidance.passed) - 1
+        problems = corner_problems(route, self.settings.guidance, first) if route else []
+        return [f"on the way from here, {problem}; it will swing wide: start from farther away" for problem in problems]
 
     def _drifts(self, state: PilotState) -> bool:
         """Whether station should be kept by a boat that cannot: its thrust is off."""
@@ -95,7 +103,7 @@ class ThrustCommander:
     def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
         """Forces of the sticks, with the thrusters' rate limit."""
         sticks = state.monitor(Sticks)
-        wanted = self._sticks.commands(sticks, np.array(state.f_command_n))
+        wanted = self._sticks.commands(sticks, np.array(state.f_command_n), self.settings.control.period_s)
         f = np.clip(self._check.within_rate(np.array(state.f_command_n), wanted), *self._limits)
         source = sticks.last.source if sticks.last else ""
         return self._lease(state, f, "manual", source, t_ns)
@@ -191,6 +199,7 @@ class ThrustCommander:
             step_s=self.settings.nmpc.step_s,
             settings=self._ladder,
             now=state.f_command_n,
+            within_s=self.settings.control.period_s,
         )
         return self._lease(state, f, source, "" if source == "plan" else f"{reason}; {why}", t_ns)
 

@@ -126,6 +126,9 @@ def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
         and setup.pilot.guidance.end == "drift"
     )
     assert "whether thrusters and servos do as they are told is not judged" in unjudged
+    assert "heading at the end" not in drifts
+    (folder / MISSION).write_text("end_heading_deg = 0\n" + mission_text())
+    assert "the heading at the end of the mission is not kept" in warnings(load_setup(folder / RUN))[0]
     (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 9.0), (15.0, 10.5))))
     with pytest.raises(
         ConfigError, match=r"square\.toml: waypoint 1: the turn of 90 deg needs .* cannot turn on the spot"

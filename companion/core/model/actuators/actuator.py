@@ -9,6 +9,7 @@ components, which are forces, and `controls` says what to command for them.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import casadi as ca
@@ -43,10 +44,12 @@ class Actuator(Protocol):
         """Least and largest of each component [N], shapes (m,), at this velocity; None: at rest."""
         ...
 
-    def controls(self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray) -> np.ndarray:
+    def controls(
+        self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray, within_s: float = math.inf
+    ) -> np.ndarray:
         """Commands for components e (m,) [N] as near as its limits let it; `nu_r` None: not known.
 
-        `now`: what is commanded already.
+        `now`: what is commanded already; `within_s`: until the next command, in which a servo turns so far only.
         """
         ...
 

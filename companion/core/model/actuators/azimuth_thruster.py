@@ -46,8 +46,14 @@ class AzimuthThruster:
             ahead, astern = max(ahead, -astern), -max(ahead, -astern)
         return np.array([astern, -across]), np.array([ahead, across])
 
-    def controls(self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray) -> np.ndarray:
-        """Angle and thrust: of the two angles (thrust ahead or astern) the one nearer to the present one."""
+    def controls(
+        self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray, within_s: float = math.inf
+    ) -> np.ndarray:
+        """Angle and thrust: of the two angles (thrust ahead or astern) the one nearer to the present one.
+
+        The angle is what the servo reaches `within_s`, and the thrust what of e lies along that: none is given while it
+        still points elsewhere.
+        """
         thrust, angle = self.channels
         size, delta = math.hypot(*e), float(now[1])
         if size > IDLE_N:
@@ -55,6 +61,7 @@ class AzimuthThruster:
             ways = [ahead + k * math.pi for k in (-2, -1, 0, 1, 2)]
             within = [way for way in ways if angle.lower - 1e-9 <= way <= angle.upper + 1e-9]
             delta = min(within or ways, key=lambda way: abs(way - float(now[1])))
-        delta = min(max(delta, angle.lower), angle.upper)
+        turn = angle.rate * within_s
+        delta = min(max(delta, angle.lower, now[1] - turn), angle.upper, now[1] + turn)
         along = e[0] * math.cos(delta) + e[1] * math.sin(delta)
         return np.array([min(max(along, thrust.lower), thrust.upper), delta])

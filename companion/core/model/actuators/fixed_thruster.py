@@ -5,6 +5,7 @@ e = f        D = [cos a, sin a, x sin a - y cos a]'
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ class FixedThruster:
         (thrust,) = self.channels
         return np.array([thrust.lower]), np.array([thrust.upper])
 
-    def controls(self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray) -> np.ndarray:
+    def controls(
+        self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray, within_s: float = math.inf
+    ) -> np.ndarray:
         """The force itself, within limits."""
         return np.clip(e, *self.limits(nu_r))

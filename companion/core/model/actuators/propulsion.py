@@ -8,6 +8,7 @@ A boat of fixed thrusters has e = f and D = B; for it nothing here is evaluated 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -83,12 +84,14 @@ class ActuatorSet:
         lower, upper = zip(*(a.limits(nu_r) for a in self.actuators), strict=True)
         return np.concatenate(lower), np.concatenate(upper)
 
-    def controls(self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray) -> np.ndarray:
+    def controls(
+        self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray, within_s: float = math.inf
+    ) -> np.ndarray:
         """Commands (n,) for components e (m,), see `Actuator.controls`."""
         f, first = np.zeros(len(self.channels)), 0
         for a, place in self._each():
             m = a.directions.shape[1]
-            f[list(place)] = a.controls(e[first : first + m], nu_r, now[list(place)])
+            f[list(place)] = a.controls(e[first : first + m], nu_r, now[list(place)], within_s)
             first += m
         return f
 

@@ -73,7 +73,9 @@ class RudderPropeller:
         side = [force for _, force in self._side_forces(nu_r, thrust.upper)]
         return np.array([thrust.lower, min(side)]), np.array([thrust.upper, max(side)])
 
-    def controls(self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray) -> np.ndarray:
+    def controls(
+        self, e: np.ndarray, nu_r: np.ndarray | None, now: np.ndarray, within_s: float = math.inf
+    ) -> np.ndarray:
         """Thrust as it is wanted; the angle that gives the side force at the inflow of this thrust.
 
         Where the velocity is not known, or there is no flow, the angle that gives it to a boat at rest at full thrust.

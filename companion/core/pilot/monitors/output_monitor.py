@@ -5,6 +5,7 @@
     still   no thruster turns though every lease that may explain the echo asks for it: the gate is shut or its script
             has stopped, at whatever cause; or the autopilot says so of its scripts; event `outputs_still`
 
+Servos are not looked at: a trimmed one is not at 1500 us when nothing turns, and a rudder that moves drives nothing.
 Both messages are looked at: a board with an IO processor need not show in SERVO_OUTPUT_RAW what its safety switch does,
 for it reads those pulses back from the processor, while the bit is the switch itself (source: AP_IOMCU, GCS.cpp).
 """
@@ -54,13 +55,16 @@ class OutputState(SentPulses):
 
 
 class OutputMonitor(Monitor[OutputState]):
-    """Condition `outputs_cut`, event `outputs_still`. `channels`: RC channels of the thrusters, in order."""
+    """Condition `outputs_cut`, event `outputs_still`.
+
+    `channels`: RC channels of the `thrusters`, in order, then those of servos.
+    """
 
     hears = (OverrideLease, ServoOutput, MotorOutputs, ParamValue, StatusText)
     initial = OutputState()
 
-    def __init__(self, channels: tuple[int, ...]):
-        self._channels = channels
+    def __init__(self, channels: tuple[int, ...], thrusters: int):
+        self._channels, self._thrusters = channels, thrusters
 
     def on_message(self, state: OutputState, message: Any, t_ns: int) -> tuple[OutputState, MonitorReport]:
         """What was sent, an echo, the safety switch, a parameter, or a text."""
@@ -89,7 +93,7 @@ class OutputMonitor(Monitor[OutputState]):
         return state, NOTHING
 
     def _at_echo(self, state: OutputState, echo: ServoOutput) -> tuple[OutputState, dict[Event, str]]:
-        numbers = outputs_of(state, len(self._channels))
+        numbers = outputs_of(state, self._thrusters)
         pulses_us = {n: echo.pwm_us[n - 1] if n <= len(echo.pwm_us) else 0 for n in numbers}
         dead = not any(pulses_us.values())
         dead_ns = (echo.t_ns if state.dead_ns is None else state.dead_ns) if dead else None
@@ -103,7 +107,7 @@ class OutputMonitor(Monitor[OutputState]):
         return state, {"outputs_still": still_hint(pulses_us)}
 
     def _at_text(self, state: OutputState, message: StatusText) -> dict[Event, str]:
-        """Scripts that stopped, where one writes a thruster's output, or where it is not known which writes what."""
+        """Scripts that stopped, where one writes one of our outputs, or where it is not known which writes what."""
         numbers = outputs_of(state, len(self._channels))
         if not message.text.startswith(SCRIPTS_STOPPED) or not any(state.scripted.get(n, True) for n in numbers):
             return {}

@@ -46,7 +46,7 @@ from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
 def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tuple[str, ...]) -> MonitorTable:
     """The monitors of one run, in the order in which they report.
 
-    `channels`: RC channels of the thrusters, then those held still; `anchors`: names that the estimator knows.
+    `channels`: RC channels of thrusters and servos, then those held still; `anchors`: names that the estimator knows.
     """
     vessel, control = settings.vessel, settings.control
     return MonitorTable(
@@ -64,7 +64,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             PlanGapMonitor(),
             LoopLagMonitor(control.period_s),
             OverrideMonitor(channels, len(vessel.controls), settings.system_id),
-            OutputMonitor(channels[: len(vessel.controls)]),
+            OutputMonitor(channels[: len(vessel.controls)], len(vessel.thrusters)),
             LinkLatencyMonitor(),
             StickMonitor(control.manual_timeout_s),
             MotionMonitor(vessel),

@@ -14,6 +14,7 @@ from companion.core.model.integrate import BufferedStep, step_function
 from companion.core.model.manoeuvring import StructuredModel, mass_matrix
 from tests.support.vessel_fixtures import boat
 
+AZIMUTH = boat("azimuth")
 VESSEL, STEP_S, S = boat("aritra"), 0.2, FallbackSettings()
 ROW = (0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
 STATION = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -46,6 +47,14 @@ def ask(plan_, age_s, estimate_, row=ROW):
 def test_a_plan_is_used_at_its_age(age_s, source, stage):
     got = ask(plan(), age_s, estimate())
     assert got.source == source and np.array_equal(got.f_n, np.full(4, stage))
+
+
+def test_no_azimuth_thruster_pushes_before_its_servo_points_there():
+    aside = estimate((0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+    got = command(None, 0.0, aside, STATION, AZIMUTH, step_s=STEP_S, settings=S, now=(0.0,) * 4, within_s=0.05)
+    tau = pd_force(aside, STATION, AZIMUTH, S)
+    assert got.source == "pd" and tau[1] < -5 and (np.abs(np.abs(got.f_n[2:]) - 0.15) < 0.02).all()
+    assert (np.abs(got.f_n[:2]) <= abs(tau[1]) * np.sin(np.abs(got.f_n[2:]))).all()
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from companion.core.guidance import guidance
 from companion.core.guidance.course import PathLimits, plan_course
 from companion.core.guidance.path import Path, Waypoint
+from companion.core.guidance.progress import Passage
 from companion.core.guidance.reference import GuidanceSettings
 from companion.core.guidance.reference_row import Column
 from companion.core.guidance.steerage import corner_problems, guidance_for, needs_way, turning_radius_m
@@ -82,3 +83,14 @@ def test_past_the_last_waypoint_it_is_done_and_no_station_is_asked_for():
             rows = guidance.horizon(state, RUDDER, (float(x), 0.0, 0.0), (0.5, 0, 0), TIMES)
             assert (rows[:, Column.STATION] == 0).all()
     assert state.phase == "done" and [p.waypoint for p in state.passed] == [0, 1]
+
+
+@pytest.mark.parametrize("passed", [(), (Passage(0, "circle", 0.1, 0),)])
+def test_within_the_circle_of_its_last_waypoint_it_is_done_at_the_start(passed):
+    points = [(0, 0), (12, 0)][1 - len(passed) :]
+    state = guidance.start(path(*points), RUDDER, (11.9, 0.0, 0.0), (0.0, 0, 0), 7, passed=passed)
+    assert (
+        state.phase == "done" and state.settled_ns == 7 and [p.waypoint for p in state.passed] == [*range(len(points))]
+    )
+    there = guidance.start(path(*points), GuidanceSettings(), (11.9, 0.0, 0.0), (0.0, 0, 0), 7, passed=passed)
+    assert there.phase == "station" and there.settled_ns is None

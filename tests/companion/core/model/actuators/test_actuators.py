@@ -137,6 +137,19 @@ def test_an_azimuth_thruster_pushes_astern_rather_than_flip():
     np.testing.assert_array_equal(actuators.controls(np.full(4, 0.01), None, ahead)[2:], ahead[2:])
 
 
+def test_no_thrust_is_given_before_the_servo_points_there():
+    """From rest to starboard: ticks of 0.1 s; never more surge than the servo's way through it costs."""
+    now, tau_n = np.zeros(4), np.array([0.0, 8.0, 0.0])
+    rate = channels_of(AZIMUTH)[2].rate
+    for _ in range(round(math.pi / 2 / rate / 0.1) + 2):
+        f = allocate(tau_n, AZIMUTH, now=now, within_s=0.1)
+        assert (np.abs(f[2:] - now[2:]) <= rate * 0.1 + 1e-9).all()
+        X, Y, _ = tau(AZIMUTH, (0, 0, 0), f)
+        assert abs(X) <= 4.1 and -1e-9 <= Y <= 8.0 + 0.01, "half of 8 N at most: sin cos"
+        now = f
+    np.testing.assert_allclose(tau(AZIMUTH, (0, 0, 0), now), tau_n, atol=0.05)
+
+
 def test_a_channel_may_have_its_own_lag_and_dead_time():
     one, *rest = X_BOAT.thrusters
     own = replace(X_BOAT, thrusters=(replace(one, lag_s=0.4, dead_time_s=0.3), *rest))

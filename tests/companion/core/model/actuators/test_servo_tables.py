@@ -20,6 +20,11 @@ CASES = [
     ("rudder", (None, "azimuth_deg", 5.0), r"thrusters\[0\].azimuth_deg: a rudder's propeller pushes ahead"),
     ("azimuth", ("steering", "area", 1.0), r"thrusters\[0\].steering.area: unknown key"),
     ("azimuth", ("steering", "angle_max_deg", 181.0), r"angle_max_deg: expected 1 to 180"),
+    (
+        "azimuth",
+        ("steering", "angle_max_deg", 89.0),
+        r"thrusters\[0\].steering.angle_max_deg: expected at least 90, found",
+    ),
 ]
 
 

@@ -9,15 +9,17 @@ from companion.core.pilot.monitors.output_monitor import LOADS_NS, OutputMonitor
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.companion.core.pilot.monitors.override_fixture import MS, NEUTRAL, lease, servo
 
-MONITOR = OutputMonitor((9, 10))
+MONITOR = OutputMonitor((9, 10), 2)
+RUDDER = OutputMonitor((9, 10), 1)
+"""A thruster and the servo of its rudder."""
 TURNING = (1620, 1380, 1500)
 
 
-def told(state, *messages):
+def told(state, *messages, monitor=MONITOR):
     """The state after these messages, and the events of each."""
     events = []
     for message in messages:
-        state, report = MONITOR.on_message(state, message, message.t_ns)
+        state, report = monitor.on_message(state, message, message.t_ns)
         events.append(dict(report.events))
     return state, events
 
@@ -83,6 +85,35 @@ def test_thrusters_elsewhere_are_looked_at_where_they_are():
     assert still == []
     state, still = echoes(state, (1900, 1100, 1500, 1500), range(4000, 4200, 100))
     assert still == [4100]
+
+
+def beside_a_servo(sent, shown):
+    """A boat with a rudder over three seconds: events of all echoes, and the condition after them."""
+    echoes = (servo(t + 5, *(shown if t else sent)) for t in range(0, 3000, 100))
+    messages = (m for echo in echoes for m in (lease(echo.t_ns // MS - 5, (*sent, 1500)), echo))
+    state, events = told(RUDDER.initial, *messages, monitor=RUDDER)
+    return set().union(*events), set(condition(state, 3010))
+
+
+def test_a_trimmed_servo_asks_no_thruster_to_turn():
+    assert beside_a_servo((1500, 1540), (1500, 1500)) == (set(), set())
+
+
+@pytest.mark.parametrize(
+    ("shown", "found"),
+    [
+        ((1500, 1620), ({"outputs_still"}, set())),
+        ((0, 1620), (set(), {"outputs_cut"})),
+        ((1700, 1500), (set(), set())),
+    ],
+)
+def test_a_rudder_that_is_over_does_not_hide_its_thruster(shown, found):
+    assert beside_a_servo((1700, 1620), shown) == found
+
+
+def test_a_script_that_stops_matters_where_it_writes_a_servo():
+    state, _ = told(RUDDER.initial, function(1, 148), function(2, 95), monitor=RUDDER)
+    assert "outputs_still" in told(state, STOPPED, monitor=RUDDER)[1][0]
 
 
 STOPPED = StatusText(t_ns=5, severity=2, text="Scripting: stopped")

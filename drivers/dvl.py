@@ -83,8 +83,9 @@ def _message(report: DvlReport, t_rx_ns: int) -> DvlVelocity:
 
 def _number(value: object) -> float | None:
     """A number of JSON that is not beyond all measure; times in us are exact until the year 2255."""
-    number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 2**63
-    return float(value) if number else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) >= 2**63:
+        return None
+    return float(value)
 
 
 def encode_report(m: DvlVelocity) -> bytes:

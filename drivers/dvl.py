@@ -11,6 +11,7 @@ https://docs.waterlinked.com/dvl/dvl-protocol
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import msgspec
 
@@ -25,16 +26,16 @@ LINE_LIMIT = 4096
 
 
 class DvlReport(msgspec.Struct):
-    """What is read of a report."""
+    """What is read of a report; a value may be of any type, as null where there is none."""
 
     type: str
-    vx: float = 0.0
-    vy: float = 0.0
-    fom: float | None = None
-    altitude: float | None = None
-    velocity_valid: bool = False
-    time_of_validity: int = 0
-    time_of_transmission: int = 0
+    vx: Any = None
+    vy: Any = None
+    fom: Any = None
+    altitude: Any = None
+    velocity_valid: Any = False
+    time_of_validity: Any = 0
+    time_of_transmission: Any = 0
 
 
 class DvlCodec:
@@ -69,11 +70,22 @@ class DvlCodec:
 
 
 def _message(report: DvlReport, t_rx_ns: int) -> DvlVelocity:
-    age_us = report.time_of_transmission - report.time_of_validity
+    sent_us, valid_us = _number(report.time_of_transmission), _number(report.time_of_validity)
+    age_us = 0.0 if sent_us is None or valid_us is None else sent_us - valid_us
+    x_m_s, y_m_s = _number(report.vx), _number(report.vy)
     return DvlVelocity(
-        t_ns=t_rx_ns - 1000 * age_us if 0 <= age_us <= MAX_AGE_US else t_rx_ns, t_rx_ns=t_rx_ns, x_m_s=report.vx,
-        y_m_s=report.vy, valid=report.velocity_valid, altitude_m=report.altitude, fom_m_s=report.fom,
+        t_ns=t_rx_ns - round(1000 * age_us) if 0 <= age_us <= MAX_AGE_US else t_rx_ns, t_rx_ns=t_rx_ns,
+        x_m_s=x_m_s or 0.0, y_m_s=y_m_s or 0.0,
+        valid=report.velocity_valid is True and x_m_s is not None and y_m_s is not None,
+        altitude_m=_number(report.altitude), fom_m_s=_number(report.fom),
     )  # fmt: skip
+
+
+def _number(value: object) -> float | None:
+    """A number of JSON that is not beyond all measure; times in us are exact until the year 2255."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) >= 2**63:
+        return None
+    return float(value)
 
 
 def encode_report(m: DvlVelocity) -> bytes:

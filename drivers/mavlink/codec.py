@@ -163,8 +163,8 @@ class MavlinkCodec:
             source, unit_ns, wrap_ns = stamp
             if name in SENSED and self._repeats(name, getattr(m, source)):
                 return []
-            oldest_ns = MAX_AGE_NS if name in STAMPS else FIX_AGE_NS
-            t_ns = self.clock.to_companion(name, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
+            clock, oldest_ns = (name, MAX_AGE_NS) if name in STAMPS else (None, FIX_AGE_NS)
+            t_ns = self.clock.to_companion(clock, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
         if name == "STATUSTEXT":
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)
         if name == "SERVO_OUTPUT_RAW":

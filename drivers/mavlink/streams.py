@@ -77,7 +77,8 @@ class Streams:
                 requests.append(Request(name, s.wanted_hz))
             else:
                 elapsed_s = elapsed_ns * 1e-9
-                if count - s.count + 1 >= ENOUGH * s.wanted_hz * elapsed_s:  # 1: of a slow stream one is on its way
+                enough = ENOUGH * s.wanted_hz * elapsed_s - 1  # of a slow stream one is on its way
+                if count - s.count >= max(1, enough):
                     s.asked, s.window_ns = 1, WINDOW_NS
                 else:
                     if s.asked > 1:

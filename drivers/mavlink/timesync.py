@@ -90,16 +90,17 @@ class ClockOffset:
         return True
 
     def to_companion(
-        self, stream: str, device_ns: int, t_rx_ns: int, wrap_ns: int | None = None, max_age_ns: int = MAX_AGE_NS
+        self, stream: str | None, device_ns: int, t_rx_ns: int, wrap_ns: int | None = None, max_age_ns: int = MAX_AGE_NS
     ) -> int:
         """Companion time [ns] of a device stamp that arrived at `t_rx_ns`; the latter before the first
         answer.
 
-        `stream`: name of the counter, to see it go back; `wrap_ns`: where it starts again from 0 (None:
-        never). The result is never later than `t_rx_ns`, nor older by more than `max_age_ns` (then the stamp is
-        not believed).
+        `stream`: name of the counter, to see it go back (None: it may be of another clock); `wrap_ns`: where it starts
+        again from 0 (None: never). The result is never later than `t_rx_ns`, nor older by more than `max_age_ns` (then
+        the stamp is not believed).
         """
-        self._notice_reboot(stream, device_ns, wrap_ns)
+        if stream is not None:
+            self._notice_reboot(stream, device_ns, wrap_ns)
         if self.offset_ns is None:
             return t_rx_ns
         age_ns = t_rx_ns - self.offset_ns - device_ns

@@ -1,6 +1,7 @@
 """Reports of a Water Linked DVL: a line as its documentation has it, ages, lost bottom, and any bytes."""
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,8 +37,17 @@ def test_an_age_that_cannot_be_counts_as_of_the_arrival():
 def test_lost_bottom_is_told_and_other_reports_are_ignored():
     assert not one(LINE.replace(b'"velocity_valid":true', b'"velocity_valid":false')).valid
     codec = DvlCodec()
-    assert codec.feed(b'{"type":"position_local","x":1.0}\r\n{"vx":1}\n{"type":"velocity","vx":null}\n', T) == []
+    assert codec.feed(b'{"type":"position_local","x":1.0}\r\n{"vx":1}\n{"type":"velocity","vx":1e400}\n', T) == []
     assert codec.counters == {"ignored": 1, "garbage": 2}
+
+
+@pytest.mark.parametrize("value", [b"null", b'"a"', b"[]", b"true", b"9" * 400])
+def test_a_speed_that_is_no_number_is_a_lost_bottom_and_no_garbage(value):
+    for old in (b"-0.37", b"0.55"):
+        m = one(LINE.replace(old, value))
+        assert not m.valid and {m.x_m_s, m.y_m_s} <= {-0.37, 0.55, 0.0}
+    m = one(LINE.replace(b"0.4949", value).replace(b"0.0016", value).replace(b"1638191471752336", value))
+    assert (m.x_m_s, m.valid, m.altitude_m, m.fom_m_s, m.t_ns) == (-0.37, True, None, None, T)
 
 
 @given(st.floats(-10, 10), st.floats(-10, 10), st.booleans(), st.integers(0, 10**6))

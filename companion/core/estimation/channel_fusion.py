@@ -3,7 +3,8 @@
     z = h(motion, e) + w        H = dh/d[x y psi u v r phi theta e], exact, by CasADi
 
 Each component has a gate of its own. One that re-opens says that something jumped: first the sensor's own slow error,
-where it has one and the jump is within four sigma of it; else what the channel is about.
+where it has one that is within four sigma of zero after the jump too; else what the channel is about. A slow error that
+drifts beyond four sigma is none: the position is taken anew from the fix, and the error begins at zero again.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from companion.core.estimation.filter_state import (
     Result,
     innovation_message,
 )
-from companion.core.estimation.gates import Gate, judge
+from companion.core.estimation.gates import Gate, all_accepted_ns, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, VELOCITY_SIGMA_M_S, decorrelate, inflate
 from companion.core.messages import Measured
@@ -32,7 +33,7 @@ from companion.core.sensors.sensor import BodyMotion, Sensor, SensorChannel
 MOVING = (0, 1, 2, 3, 4, 5, TILT.start, TILT.start + 1)
 """States that h depends on, beside the sensor's own errors."""
 ERROR_SIGMAS = 4.0
-"""A jump within so many sigma of the sensor's slow error is one of it; assumed."""
+"""A slow error that is stationary is within so many sigma of zero; assumed."""
 
 
 class ChannelFusion:
@@ -46,47 +47,61 @@ class ChannelFusion:
 
     def fuse(self, belief: FilterState, m: Measured) -> Result:
         """All channels that a message speaks of."""
-        x, P, gates, innovations, position_ns = belief.x, belief.P, dict(belief.gates), [], belief.position_ns
+        gates, innovations = dict(belief.gates), []
         for reading in self._sensor.readings(m):
-            channel, function = self._channels[reading.channel]
-            R = np.array([[channel.sigma**2]])
+            channel, _ = self._channels[reading.channel]
             for axis, (name, z) in enumerate(zip(channel.axes, reading.z, strict=True)):
-                h, H = self._predict(function, len(channel.axes), axis, x, belief)
-                nu = np.array([z - h])
-                S = H @ P @ H.T + R
+                nu, H = self._innovation(channel, axis, z, belief)
+                S = H @ belief.P @ H.T + channel.sigma**2
                 key = f"{self._sensor.key} {channel.name} {name}"
                 verdict, gates[key] = judge(
                     gates.get(key, Gate()), channel.rule, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0])
                 )
                 sensor = f"{channel.name} {name}"
                 innovations.append(innovation_message(belief.t_ns, sensor, nu, S, verdict != "rejected"))
-                if verdict == "rejected":
-                    continue
-                if verdict == "reopened":
-                    P = self._reopen(channel, axis, P, abs(float(nu[0])))
-                x, P = self._algebra.update(x, P, nu, H, R)
-                position_ns = belief.t_ns if channel.about == "position" else position_ns
-        return replace(belief, x=x, P=P, gates=gates, position_ns=position_ns), tuple(innovations)
+                if verdict != "rejected":
+                    belief = self._update(channel, axis, z, belief, jumped=verdict == "reopened")
+            if channel.about == "position":
+                mine = [gates[f"{self._sensor.key} {channel.name} {name}"] for name in channel.axes]
+                belief = replace(belief, position_ns=all_accepted_ns(mine, belief.position_ns))
+        return replace(belief, gates=gates), tuple(innovations)
 
-    def _predict(
-        self, function: BufferedStep, rows: int, axis: int, x: np.ndarray, belief: FilterState
-    ) -> tuple[float, np.ndarray]:
-        """h and its row of the Jacobian for one component."""
-        rates = np.array(belief.rates_rad_s[:2]) - x[B_TILT]
-        packed = function(x[self._states], rates)
-        H = np.zeros((1, len(x)))
+    def _innovation(
+        self, channel: SensorChannel, axis: int, z: float, belief: FilterState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """z - h of one component, and its row of the Jacobian."""
+        rates = np.array(belief.rates_rad_s[:2]) - belief.x[B_TILT]
+        packed, rows = self._channels[channel.name][1](belief.x[self._states], rates), len(channel.axes)
+        H = np.zeros((1, len(belief.x)))
         H[0, self._states] = packed[rows:].reshape((rows, len(self._states)), order="F")[axis]
-        return float(packed[axis]), H
+        return np.array([z - float(packed[axis])]), H
 
-    def _reopen(self, channel: SensorChannel, axis: int, P: np.ndarray, jump: float) -> np.ndarray:
-        """P once a lasting innovation of `jump` has opened a gate."""
-        if channel.about == "velocity":
-            return inflate(P, LAYOUT.velocity, jump)
-        own = self._errors[axis : axis + 1]
-        if own and jump <= ERROR_SIGMAS * self._sensor.error_states[axis].stationary:
-            return inflate(P, own, jump)
-        P = inflate(decorrelate(P, (axis,)), (axis,), max(PLACE_SIGMA_M, jump))
-        return inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
+    def _update(self, channel: SensorChannel, axis: int, z: float, belief: FilterState, *, jumped: bool) -> FilterState:
+        """Belief after a component that passed its gate; `jumped`: by a lasting innovation."""
+        (nu, H), R = self._innovation(channel, axis, z, belief), np.array([[channel.sigma**2]])
+        own = self._errors[axis : axis + 1] if channel.about == "position" else ()
+        limit = ERROR_SIGMAS * (self._sensor.error_states[axis].stationary or math.inf) if own else 0.0
+        x, P = belief.x, belief.P
+        moved = jumped and channel.about == "position" and not (own and abs(x[own[0]] + nu[0]) <= limit)
+        if not moved:
+            P = inflate(P, own or LAYOUT.velocity, abs(float(nu[0]))) if jumped else P
+            x, P = self._algebra.update(x, P, nu, H, R)
+            moved = bool(own) and abs(x[own[0]]) > limit
+        if moved:
+            belief = self._anew(axis, belief, abs(float(nu[0])))
+            nu, H = self._innovation(channel, axis, z, belief)
+            x, P = self._algebra.update(belief.x, belief.P, nu, H, R)
+        return replace(belief, x=x, P=P)
+
+    def _anew(self, axis: int, belief: FilterState, jump: float) -> FilterState:
+        """Belief with one coordinate unknown, speed in doubt, and the sensor's slow error as at the start."""
+        own, x = self._errors[axis : axis + 1], belief.x.copy()
+        jump = max(PLACE_SIGMA_M, jump + sum(abs(x[i]) for i in own))
+        P = inflate(decorrelate(belief.P, (axis, *own)), (axis,), jump)
+        for i in own:
+            x[i], P[i, i] = 0.0, self._sensor.error_states[axis].sigma ** 2
+        P = inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
+        return replace(belief, x=x, P=P, displaced_ns=belief.t_ns)
 
 
 def channel_function(channel: SensorChannel, errors: int) -> ca.Function:

@@ -9,6 +9,7 @@ gate re-opens. Outliers do not agree; repeats of a stale value do not last so lo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -34,6 +35,11 @@ class Gate:
     def starved_s(self, t_ns: int) -> float:
         """Seconds since the last acceptance; infinite before the first."""
         return float("inf") if self.accepted_ns is None else (t_ns - self.accepted_ns) * 1e-9
+
+
+def all_accepted_ns(gates: Iterable[Gate], since_ns: int) -> int:
+    """When the gate that has waited longest accepted last, or `since_ns` if that is later."""
+    return max(since_ns, min(since_ns if gate.accepted_ns is None else gate.accepted_ns for gate in gates))
 
 
 def judge(gate: Gate, rule: GateRule, t_ns: int, innovation: float, sigma: float) -> tuple[Verdict, Gate]:

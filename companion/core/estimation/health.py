@@ -2,7 +2,7 @@
 
 lost       position sigma above the limit along its worst axis
 degraded   no position, IMU or heading for too long (the filter dead-reckons), position sigma raised,
-           or a start or a gap too short a time ago
+           positions moved the boat against its motion, or a start or a gap too short a time ago
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from companion.core.messages import Health
 from companion.core.sensors.sensor import PositionHealth
 
 SETTLES = "it settles: speed is not known well yet"
+DISPLACED_S = 10.0
+"""A position taken anew is told for so long; assumed, and shorter than `control.blind_s`: nothing is missing."""
 
 
 def position_sigma_m(P: np.ndarray) -> float:
@@ -50,6 +52,8 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
         reasons.append("no IMU" if imu_s == float("inf") else f"no IMU for {imu_s:.1f} s")
     if heading_s > tuning.imu_timeout_s:
         reasons.append("no heading accepted" + (f" for {heading_s:.1f} s" if heading_s < 1e9 else ""))
+    if belief.displaced_ns is not None and t_ns - belief.displaced_ns < DISPLACED_S * 1e9:
+        reasons.append(f"{position.label} was against the motion by more than its error: taken anew")
     if sigma_m > position.degraded_sigma_m:
         reasons.append(f"position sigma {sigma_m:.2f} m")
     if sigma_m > position.lost_sigma_m:

@@ -43,6 +43,8 @@ FAR_M = 10_000.0
 """Places of a site file end there (`site_file.Metres`)."""
 ENOUGH = 0.65
 """Share of the rate that is good enough."""
+STEADY = 0.9
+"""Share of the messages that have a good fix, at least; assumed."""
 FIX_NAMES = {0: "no receiver", 1: "no fix", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
 
 
@@ -139,10 +141,13 @@ class GnssReceiver(Sensor):
             return
         found = self.figure(heard[-1])
         good = [m for m in heard if self.screen(m)[0] and self.place(m)]
-        fix = "" if good else "open sky, time, corrections for RTK; sensors.gnss (fix, sigmas) of the vessel file"
+        now, steady = bool(good) and good[-1] is heard[-1], len(good) >= STEADY * len(heard)
+        found += "" if steady or not now else f"; so good in {len(good)} of {len(heard)} messages"
+        fix = "open sky, time, corrections for RTK; sensors.gnss (fix, sigmas) of the vessel file"
+        fix = "" if now and steady else fix
         needed = f"{needed}, at most {self._worst_m:.2f} m"
-        yield SensorCheck("ok" if good else "refuse", "fix", found, needed, why, fix)
-        if good:
+        yield SensorCheck("refuse" if not now else "ok" if steady else "warning", "fix", found, needed, why, fix)
+        if now:
             north, east = (median(axis) for axis in zip(*(self.place(m) or () for m in good), strict=True))
             near = math.hypot(north, east) <= FAR_M
             yield SensorCheck(

@@ -24,6 +24,20 @@ def test_stamps_become_companion_time_once_synchronised():
     assert (unsynced.t_ns, unsynced.t_rx_ns) == (now, now)
 
 
+def test_a_fix_is_stamped_too_and_one_of_another_clock_is_no_reboot():
+    """Some autopilots stamp GPS_RAW_INT by Unix time once they know it."""
+    codec, sender = MavlinkCodec(target_system=1), Sender()
+    question = read_one(codec.timesync_question(T))
+    codec.feed(sender.timesync(T + 1_000_000 - 10**9, question.ts1), T + 2_000_000)
+    device_us, now = 4_500_000, T + 700_000_000
+    stamps = [
+        codec.feed(sender.gps_raw_int(us, 3, 500000000, 80000000, 0, 0, 0, 0, 0, 9), now)[0].t_ns
+        for us in (device_us, 1_700_000_000_000_000, device_us)
+    ]
+    assert stamps == [device_us * 1000 + 10**9, now, device_us * 1000 + 10**9]
+    assert (codec.clock.reboots, codec.clock.offset_ns) == (0, 10**9)
+
+
 def test_answers_to_others_and_second_answers_are_as_if_they_had_never_come():
     codec, sender = MavlinkCodec(target_system=1), Sender()
     question = read_one(codec.timesync_question(T))

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, innovation_message
-from companion.core.estimation.gates import judge
+from companion.core.estimation.gates import all_accepted_ns, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
@@ -103,7 +103,7 @@ class UwbFusion:
         if belief.ranges_ns is not None and belief.t_ns - belief.ranges_ns < silent_ns:
             return belief, ()
         arm = self.arm(belief)
-        x, P, gates, innovations, position_ns = belief.x, belief.P, list(belief.position_gates), [], belief.position_ns
+        x, P, gates, innovations = belief.x, belief.P, list(belief.position_gates), []
         R = np.array([[self._uwb.range_sigma_m**2]])
         for axis, (name, z) in enumerate((("north", m.y_m), ("east", m.x_m))):
             dx, dy = rotate(x[2], arm[0], arm[1])
@@ -120,5 +120,5 @@ class UwbFusion:
                 P = inflate(decorrelate(P, (axis,)), (axis,), max(PLACE_SIGMA_M, abs(float(nu[0]))))
                 P = inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
             x, P = self._algebra.update(x, P, nu, H, R)
-            position_ns = belief.t_ns
+        position_ns = all_accepted_ns(gates, belief.position_ns)
         return replace(belief, x=x, P=P, position_gates=tuple(gates), position_ns=position_ns), tuple(innovations)

@@ -74,6 +74,16 @@ def test_a_place_found_anew_is_the_body_s_and_not_the_tag_s(running, estimator, 
     assert math.dist(belief.x[:2], place) < 0.05 < math.dist(before.x[:2], place)
 
 
+def test_a_position_of_which_one_axis_alone_is_good_is_none(running, estimator) -> None:
+    fusion = UwbFusion(basin(), boat("aritra").sensors.uwb, EstimatorTuning(), KalmanEquations(B_RANGE + 4))
+    before = msgspec.structs.replace(estimator.belief(running, 3_300_000_000), ranges_ns=None)
+    dx, dy = rotate(before.x[2], *fusion.arm(before)[:2])
+    good = UwbPosition(t_ns=0, t_rx_ns=0, tag="test", x_m=before.x[1] + dy, y_m=before.x[0] + dx, z_m=0.0)
+    assert fusion.fuse_position(before, good)[0].position_ns == before.t_ns
+    halved, seen = fusion.fuse_position(before, msgspec.structs.replace(good, y_m=good.y_m + 9.0))
+    assert [one.accepted for one in seen] == [False, True] and halved.position_ns == before.position_ns < before.t_ns
+
+
 def test_positions_serve_where_no_ranges_exist(run, estimator) -> None:
     rng = np.random.default_rng(5)
 

@@ -103,5 +103,9 @@ def test_the_pre_flight_rows():
     assert levels([], 0.0) == {"fix": "refuse"}
     assert levels([fix(fix_type=3)] * 5, 2.0) == {"fix": "refuse", "rate": "warning"}
     assert levels([fix(lat_deg=10.0)] * 5, 5.0)["place"] == "refuse"
+    assert levels([*[fix()] * 20, fix(fix_type=1)], 5.0) == {"fix": "refuse", "rate": "ok"}, "the newest one counts"
+    assert levels([*[fix(fix_type=1)] * 2, *[fix()] * 18], 5.0)["fix"] == "ok"
+    flickers = next(iter(GNSS.checks([*[fix(fix_type=1)] * 3, *[fix()] * 17], 5.0)))
+    assert flickers.level == "warning" and "17 of 20 messages" in flickers.found and "open sky" in flickers.fix
     assert "RTK fixed, 14 satellites, 0.02 m by its own word" in next(iter(GNSS.checks([fix()], 5.0))).found
     assert {check.name: check.level for check in DVL.checks([], 0.0)} == {"bottom": "warning", "rate": "warning"}

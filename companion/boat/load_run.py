@@ -133,9 +133,9 @@ def _device_problems(run: RunFile, vessel: VesselFile, of_run: str, of_vessel: s
     """Sensors without a wire, wires without a sensor, wires that cannot be read."""
     keys = devices_of(vessel.sensors)
     for key in keys:
-        table = "uwb" if key == "uwb" else f"devices.{key}"
         if run.wire(key) is None:
-            yield f"{of_run}: {table}: missing table: sensors.{key} of {of_vessel} has a wire of its own: state its url"
+            why = f"sensors.{key} of {of_vessel} has a wire of its own: state its url"
+            yield f"{of_run}: {run.wire_table(key)}: missing table: {why}"
             continue
         try:
             DEVICES[key].codec(vessel.sensors, run.device_name(key))
@@ -144,7 +144,7 @@ def _device_problems(run: RunFile, vessel: VesselFile, of_run: str, of_vessel: s
     for key in ("uwb",) * (run.uwb is not None) + tuple(run.devices):
         if key not in keys:
             there = f"{of_vessel} has no table sensors.{key}" + ("" if key in DEVICES else ", and no wire is read so")
-            yield f"{of_run}: {key if key == 'uwb' else f'devices.{key}'}: {there}: leave it out"
+            yield f"{of_run}: {run.wire_table(key)}: {there}: leave it out"
     if run.vision and vessel.sensors.gnss:
         yield f"{of_run}: vision: with sensors.gnss the autopilot has a position of its own: leave the table out"
 

@@ -19,7 +19,7 @@ from typing import Any
 from msgspec.structs import replace as struct_replace
 
 from companion.boat.clock import Clock
-from companion.boat.devices.sensor_device import device_timing
+from companion.boat.devices.sensor_device import SensorDevice, device_timing
 from companion.boat.load_run import RunSetup, warnings
 from companion.boat.log_quota import MB, NAME
 from companion.boat.start_interlock import companion_of
@@ -115,10 +115,9 @@ class Listener:
         self._mavlink = self._link("mavlink", *mavlink, LinkTiming(), self._hear)
         rates = {sensor.key: sensor.rate_Hz for sensor in self._estimator.sensors}
         self._devices = {
-            name: (self._link(name, *wire, device_timing(rates[name]), self._take), wire[1])
-            for name, wire in devices.items()
+            name: SensorDevice(name, self._link(name, port, codec, device_timing(rates[name]), self._take), codec)
+            for name, (port, codec) in devices.items()
         }
-        self._open: set[str] = set()
 
     async def run(self, listen_s: float, disk: Disk) -> tuple[Observations, ParameterSet]:
         """Listen for `listen_s` [s] from the first heartbeat on, then read the autopilot's parameters."""
@@ -181,11 +180,8 @@ class Listener:
         while True:
             now_ns = self._clock.now_ns()
             self._answer((), now_ns)
-            was_open, self._open = self._open, {name for name, (link, _) in self._devices.items() if link.is_open}
-            for name, (link, codec) in self._devices.items():
-                begins = name in self._open - was_open
-                for data in (codec.start_bytes() if begins else []) + codec.step(now_ns):
-                    link.send(data)
+            for device in self._devices.values():
+                device.step(now_ns)
             await self._clock.sleep_until(now_ns + STEP_NS)
 
     # --- messages ----------------------------------------------------------------------------------
@@ -242,11 +238,11 @@ class Listener:
     def _position_is_heard(self) -> bool:
         """Whether the sensor of positions has spoken, or cannot: its own wire is not open."""
         key = self._estimator.sensors.position.key
-        silent = key in self._devices and not self._devices[key][0].is_open
+        silent = key in self._devices and not self._devices[key].link.is_open
         return silent or self._cycles()[key] > 0
 
     def _links_of(self) -> tuple[DeviceLink, ...]:
-        return (self._mavlink, *(link for link, _ in self._devices.values()))
+        return (self._mavlink, *(device.link for device in self._devices.values()))
 
     def _observations(self, listened_s: float, then: tuple[dict[str, int], dict[str, int]], disk: Disk) -> Observations:
         before, after, counters = then[0], self._counts(), self._codec.counters

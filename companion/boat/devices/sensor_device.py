@@ -14,9 +14,9 @@ RETRY_S = 0.25
 
 
 class SensorDevice:
-    """The sending side of the link to one sensor. `name`: its key in the vessel file."""
+    """The sending side of the link to one sensor. `name`: its key in the vessel file; `recorder`: of what is sent."""
 
-    def __init__(self, name: str, link: DeviceLink, codec: DeviceCodec, recorder: Recorder) -> None:
+    def __init__(self, name: str, link: DeviceLink, codec: DeviceCodec, recorder: Recorder | None = None) -> None:
         self.name, self.link = name, link
         self._codec, self._recorder = codec, recorder
         self._open = False
@@ -26,7 +26,7 @@ class SensorDevice:
         before, self._open = self._open, self.link.is_open
         begins = self._open and not before
         for data in (self._codec.start_bytes() if begins else []) + self._codec.step(t_ns):
-            if self.link.send(data):
+            if self.link.send(data) and self._recorder:
                 self._recorder.record_raw(self.name, "tx", data)
 
 

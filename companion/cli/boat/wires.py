@@ -43,15 +43,8 @@ def devices_of_run(args: argparse.Namespace, setup: RunSetup) -> dict[str, tuple
         raise ConfigError(f"--uwb: {setup.pilot.vessel.name} has no UWB tag: leave it out")
     wires: dict[str, tuple[Port, DeviceCodec]] = {}
     for key in keys:
-        option = args.uwb if key == "uwb" else given.get(key)
-        try:
-            port = open_port_from_url(option or run.wire(key) or "")
-        except PortUrlError as error:
-            file_key = "uwb.url" if key == "uwb" else f"devices.{key}.url"
-            where = (
-                f"--{key}" if option and key == "uwb" else f"--device {key}" if option else f"{args.config}: {file_key}"
-            )
-            raise ConfigError(f"{where}: {error}") from None
+        option, name = (args.uwb, "--uwb") if key == "uwb" else (given.get(key), f"--device {key}")
+        port = _opened(option, name, run.wire(key) or "", f"{args.config}: {run.wire_table(key)}.url")
         wires[key] = port, DEVICES[key].codec(sensors, run.device_name(key))
     return wires
 
@@ -66,11 +59,15 @@ def device(text: str) -> tuple[str, str]:
 
 def port_of(args: argparse.Namespace, link: str, url: str) -> Port:
     """The port of a link: the command line's, or the run file's. Raises ConfigError."""
-    option = getattr(args, link)
+    return _opened(getattr(args, link), f"--{link}", url, f"{args.config}: {link}.url")
+
+
+def _opened(option: str | None, name: str, url: str, key: str) -> Port:
+    """The port of an option `name`, or, where it is not given, of the run file's `key`."""
     try:
         return open_port_from_url(option or url)
     except PortUrlError as error:
-        raise ConfigError(f"--{link}: {error}" if option else f"{args.config}: {link}.url: {error}") from None
+        raise ConfigError(f"{name if option else key}: {error}") from None
 
 
 def signing_of(args: argparse.Namespace, setup: RunSetup, stamps: Path) -> Signing | None:

@@ -146,6 +146,11 @@ class RunFile(Table, frozen=True, kw_only=True):
     battery: BatteryLimits = BatteryLimits()
     log: LogFolder = LogFolder()
 
+    @staticmethod
+    def wire_table(key: str) -> str:
+        """The table that states a sensor's own wire, by its key in the vessel file."""
+        return "uwb" if key == "uwb" else f"devices.{key}"
+
     def wire(self, key: str) -> str | None:
         """Address of a sensor's own wire, by its key in the vessel file; None: not stated."""
         if key == "uwb":

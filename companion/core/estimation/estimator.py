@@ -168,7 +168,7 @@ class Estimator:
             u_m_s=float(x[3]), v_m_s=float(x[4]), r_rad_s=float(x[5]),
             covariance=tuple(belief.P[:6, :6].ravel().tolist()), accel_bias_m_s2=tuple(x[B_ACCEL].tolist()),
             gyro_bias_rad_s=float(x[B_GYRO]),
-            anchor_bias_m=dict(zip(self.anchors, x[B_RANGE:].tolist(), strict=False)),
+            anchor_bias_m=dict(zip(self.anchors, x[B_RANGE : B_RANGE + len(self.anchors)].tolist(), strict=True)),
             disturbance_n=belief.lasting, health=health, reason=reason,
         )  # fmt: skip
 

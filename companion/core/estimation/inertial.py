@@ -35,9 +35,9 @@ from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import UNKNOWN, update_activity
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.ranges import inflate
-from companion.core.estimation.tilt import level_jacobian, to_level_axes, yaw_rate
+from companion.core.estimation.tilt import level_jacobian, yaw_rate
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.geometry.frames import ssa
+from companion.core.geometry.frames import ssa, to_level
 from companion.core.messages import Attitude, ImuSample
 
 SHORTEST_S = 0.005
@@ -67,7 +67,7 @@ class Inertial:
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         p_dot, q_dot, _ = belief.slopes_rad_s2
         expected = expected + np.array([q_dot, -p_dot]) * self._z_m
-        nu = np.array(to_level_axes(tilt, *force)[:2]) - expected - belief.x[B_ACCEL]
+        nu = np.array(to_level(*tilt, *force)[:2]) - expected - belief.x[B_ACCEL]
         H = np.zeros((2, len(belief.x)))
         H[:, DYNAMIC] = J
         H[:, B_ACCEL] = np.eye(2)

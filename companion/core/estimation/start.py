@@ -28,9 +28,8 @@ from companion.core.estimation.filter_state import (
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistory, recent_anchors
-from companion.core.estimation.tilt import to_level_axes
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.geometry.frames import origin_position
+from companion.core.geometry.frames import origin_position, to_level
 from companion.core.messages import Attitude, Measured, UwbRanges
 from companion.core.model.sensor_errors import correct_uwb_scale
 from companion.core.sensors.table import SensorTable
@@ -107,7 +106,7 @@ class Starter:
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
         u, tilt = self._sensors.position, Tilt(heading.phi_rad, heading.theta_rad)
-        arm = to_level_axes(tilt, u.x_m, u.y_m, u.z_m)
+        arm = to_level(*tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
         before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
         if before is None or t_ns <= before[0]:

@@ -15,16 +15,10 @@ import math
 import numpy as np
 
 from companion.core.estimation.filter_state import B_TILT, TILT, R, Tilt
-from companion.core.geometry.frames import to_level
-
-
-def to_level_axes(tilt: Tilt, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """R_y(theta) R_x(phi) [x y z]: body components to level axes that keep the heading."""
-    return to_level(tilt.phi_rad, tilt.theta_rad, x, y, z)
 
 
 def level_jacobian(tilt: Tilt, x: float, y: float, z: float) -> np.ndarray:
-    """Derivatives of the first two components of `to_level_axes` to phi, theta; shape (2, 2)."""
+    """Derivatives of the first two components of `frames.to_level` to phi, theta; shape (2, 2)."""
     cp, sp = math.cos(tilt.phi_rad), math.sin(tilt.phi_rad)
     ct, st = math.cos(tilt.theta_rad), math.sin(tilt.theta_rad)
     down, across = sp * y + cp * z, cp * y - sp * z

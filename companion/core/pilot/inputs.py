@@ -24,6 +24,7 @@ from companion.core.guidance.missions.mission import Mission
 from companion.core.guidance.path import Path, Waypoint
 from companion.core.guidance.steerage import corner_problems
 from companion.core.messages import (
+    MEASUREMENTS,
     Alert,
     Attitude,
     InterlockTrip,
@@ -35,7 +36,6 @@ from companion.core.messages import (
 from companion.core.pilot import transitions
 from companion.core.pilot.modes import WANTED
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
-from companion.core.sensors.table import SENSED
 
 Handler = Callable[[PilotState, Any, int], tuple[PilotState, Outputs]]
 
@@ -49,7 +49,7 @@ class InputHandler:
     def handlers(self) -> Mapping[type[Message], Handler]:
         """The handler of each type of message."""
         return {
-            **dict.fromkeys(SENSED, self._sense),
+            **dict.fromkeys(MEASUREMENTS, self._sense),
             LinkStatus: self._link,
             OperatorCommand: self._operator,
             InterlockTrip: self._trip,

@@ -15,10 +15,11 @@ from companion.core.messages.sensors import DvlVelocity
 from companion.core.sensors.sensor import (
     BodyMotion,
     ChannelReading,
-    GateRule,
     Sensor,
     SensorChannel,
     SensorCheck,
+    rate_check,
+    velocity_gate,
     velocity_of,
     verdict,
     within,
@@ -26,8 +27,6 @@ from companion.core.sensors.sensor import (
 
 FASTEST_M_S = 15.0
 """Beyond what such logs measure; assumed."""
-ENOUGH = 0.65
-"""Share of the rate that is good enough."""
 
 
 class DopplerLog(Sensor):
@@ -38,12 +37,8 @@ class DopplerLog(Sensor):
     def __init__(self, spec: Dvl):
         self._arm_m, self._azimuth_rad = (spec.x_m, spec.y_m, spec.z_m), math.radians(spec.azimuth_deg)
         self.rate_Hz, self.latency_s = spec.rate_Hz, spec.latency_s
-        sigma = spec.velocity_sigma_m_s
-        rule = GateRule(
-            limit=3.72, floor=sigma, ceiling=max(0.3, 4 * sigma), reopen_count=8, reopen_span_s=3.0,
-            agreement=max(0.3, 6 * sigma),
-        )  # fmt: skip
-        self.channels = (SensorChannel("speed", ("ahead", "starboard"), "velocity", self._speed, sigma, rule),)
+        sigma, axes = spec.velocity_sigma_m_s, ("ahead", "starboard")
+        self.channels = (SensorChannel("speed", axes, "velocity", self._speed, sigma, velocity_gate(sigma)),)
 
     def _speed(self, motion: BodyMotion, errors: Sequence[Any]) -> tuple[Any, ...]:
         return unrotate(self._azimuth_rad, *velocity_of(motion, self._arm_m))
@@ -82,7 +77,5 @@ class DopplerLog(Sensor):
         yield SensorCheck(
             "ok" if seen else "warning", "bottom", found, "the bottom in sight", "it holds the speed", fix
         )
-        enough = rate_Hz >= ENOUGH * self.rate_Hz
-        fix = "" if enough else "its own settings (range mode); sensors.dvl.rate_Hz of the vessel file"
-        yield SensorCheck("ok" if enough else "warning", "rate", f"{rate_Hz:.1f} Hz", f"{self.rate_Hz:g} Hz",
-                    "how often the speed is renewed", fix)  # fmt: skip
+        fix = "its own settings (range mode); sensors.dvl.rate_Hz of the vessel file"
+        yield rate_check(rate_Hz, self.rate_Hz, "how often the speed is renewed", fix)

@@ -30,6 +30,8 @@ from companion.core.sensors.sensor import (
     SensorChannel,
     SensorCheck,
     place_of,
+    rate_check,
+    velocity_gate,
     velocity_of,
     within,
 )
@@ -41,8 +43,6 @@ WORSE = 3.0
 """Of the error that the receiver states over that of the file; assumed: three sigma."""
 FAR_M = 10_000.0
 """Places of a site file end there (`site_file.Metres`)."""
-ENOUGH = 0.65
-"""Share of the rate that is good enough."""
 STEADY = 0.9
 """Share of the messages that have a good fix, at least; assumed."""
 FIX_NAMES = {0: "no receiver", 1: "no fix", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
@@ -67,13 +67,9 @@ class GnssReceiver(Sensor):
             limit=3.72, floor=white, ceiling=max(0.5, 6 * white, total_m), reopen_count=8, reopen_span_s=3.0,
             agreement=max(0.5, 6 * white),
         )  # fmt: skip
-        doppler = GateRule(
-            limit=3.72, floor=speed, ceiling=max(0.3, 4 * speed), reopen_count=8, reopen_span_s=3.0,
-            agreement=max(0.3, 6 * speed),
-        )  # fmt: skip
         self.channels = (
             SensorChannel("position", ("north", "east"), "position", self._position, white, place),
-            SensorChannel("velocity", ("north", "east"), "velocity", self._velocity, speed, doppler),
+            SensorChannel("velocity", ("north", "east"), "velocity", self._velocity, speed, velocity_gate(speed)),
         )
         self.health = PositionHealth("GNSS position", 3.0, max(0.5, 2 * total_m), max(3.0, 4 * total_m))
 
@@ -155,7 +151,5 @@ class GnssReceiver(Sensor):
                 f"within {FAR_M:g} m of the site's origin", "fence and mission are drawn about lat_deg, lon_deg",
                 "" if near else "lat_deg and lon_deg of the site file: this is another water",
             )  # fmt: skip
-        enough = rate_Hz >= ENOUGH * self.rate_Hz
-        fix = "" if enough else "GPS_RATE_MS of the autopilot; sensors.gnss.rate_Hz of the vessel file"
-        yield SensorCheck("ok" if enough else "warning", "rate", f"{rate_Hz:.1f} Hz", f"{self.rate_Hz:g} Hz",
-                    "how often the position is renewed", fix)  # fmt: skip
+        fix = "GPS_RATE_MS of the autopilot; sensors.gnss.rate_Hz of the vessel file"
+        yield rate_check(rate_Hz, self.rate_Hz, "how often the position is renewed", fix)

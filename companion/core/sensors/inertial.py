@@ -20,13 +20,19 @@ MAX_ANGLE_RAD = 7.0
 """Beyond a full turn; angles come as -pi..pi or 0..2 pi."""
 
 
-class InertialSensor(Sensor):
-    """Accelerometer and gyro."""
+class OfTheImu(Sensor):
+    """What has its place and its known errors in the table `imu`."""
 
-    key, label, messages, aids = "imu", "IMU", (ImuSample,), False
+    key, aids = "imu", False
 
     def __init__(self, imu: Imu):
         self._imu, self._exact, self.rate_Hz = imu, not knows_imu_errors(imu), imu.rate_Hz
+
+
+class InertialSensor(OfTheImu):
+    """Accelerometer and gyro."""
+
+    label, messages = "IMU", (ImuSample,)
 
     @staticmethod
     def screen(m: ImuSample) -> tuple[ImuSample | None, str]:
@@ -48,13 +54,10 @@ class InertialSensor(Sensor):
         return f"IMU ({m.source})", (m.ax_m_s2, m.ay_m_s2, m.az_m_s2, *rates)
 
 
-class AttitudeSensor(Sensor):
+class AttitudeSensor(OfTheImu):
     """The autopilot's own attitude; headings in site axes."""
 
-    key, label, messages, aids = "imu", "heading", (Attitude,), False
-
-    def __init__(self, imu: Imu):
-        self._imu, self._exact, self.rate_Hz = imu, not knows_imu_errors(imu), imu.rate_Hz
+    label, messages = "heading", (Attitude,)
 
     @staticmethod
     def screen(m: Attitude) -> tuple[Attitude | None, str]:

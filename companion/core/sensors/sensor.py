@@ -162,6 +162,25 @@ class Sensor:
         yield from ()
 
 
+ENOUGH = 0.65
+"""Share of its rate at which a sensor is often enough heard."""
+
+
+def velocity_gate(sigma_m_s: float) -> GateRule:
+    """Gate of a component of a velocity with this white noise; what lasts for 3 s is no outlier. Assumed."""
+    return GateRule(
+        limit=3.72, floor=sigma_m_s, ceiling=max(0.3, 4 * sigma_m_s), reopen_count=8, reopen_span_s=3.0,
+        agreement=max(0.3, 6 * sigma_m_s),
+    )  # fmt: skip
+
+
+def rate_check(rate_Hz: float, wanted_Hz: float, why: str, fix: str) -> SensorCheck:
+    """Row of how often a sensor is heard; `fix`: where that is too seldom."""
+    enough = rate_Hz >= ENOUGH * wanted_Hz
+    level = "ok" if enough else "warning"
+    return SensorCheck(level, "rate", f"{rate_Hz:.1f} Hz", f"{wanted_Hz:g} Hz", why, "" if enough else fix)
+
+
 def within(limit: float, *values: float) -> bool:
     """Whether all values are finite and no larger than the limit."""
     return all(math.isfinite(v) and abs(v) <= limit for v in values)

@@ -13,7 +13,7 @@ from typing import Any
 from companion.core.configuration.sensors import Sensors
 from companion.core.configuration.site_file import Site
 from companion.core.geometry.frames import Origin
-from companion.core.messages import Measured, Message
+from companion.core.messages import Message
 from companion.core.sensors.dvl import DopplerLog
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.inertial import AttitudeSensor, InertialSensor
@@ -22,8 +22,6 @@ from companion.core.sensors.uwb import RangingSensor
 
 KINDS: tuple[type[Sensor], ...] = (InertialSensor, AttitudeSensor, RangingSensor, GnssReceiver, DopplerLog)
 KIND_OF: dict[type[Message], type[Sensor]] = {message: kind for kind in KINDS for message in kind.messages}
-SENSED: tuple[type[Measured], ...] = tuple(message for kind in KINDS for message in kind.messages)
-"""Every message of a sensor."""
 AIDING = tuple(message for kind in KINDS if kind.aids for message in kind.messages)
 """Those of sensors that are not inertial."""
 REPEATABLE = tuple(message for kind in KINDS if kind.repeatable is not Sensor.repeatable for message in kind.messages)

@@ -20,6 +20,7 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import (
+    MEASUREMENTS,
     Attitude,
     Battery,
     GroundTruth,
@@ -31,7 +32,7 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.model.load_vessel import load_vessel
-from companion.core.sensors.table import SENSED, sensors_of
+from companion.core.sensors.table import sensors_of
 from companion.logs.log_file import LogFile, open_truth
 from companion.logs.readers.channels import channel_streams
 from companion.logs.readers.join import Stream, join
@@ -42,7 +43,7 @@ OBEY_S = 0.6
 """An output follows a lease within this: 0.5 s of override timeout, and the latency of its telemetry (observed)."""
 OBEY_US = 10.0  # assumed
 _TRUTH = ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
-_WANTED = (*SENSED, Battery, OverrideLease, ServoOutput, GroundTruth)
+_WANTED = (*MEASUREMENTS, Battery, OverrideLease, ServoOutput, GroundTruth)
 
 
 def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: Path | None) -> Run:

@@ -14,7 +14,7 @@ fewer stamps ends in steps of length 0. Positions are no steps: they are compare
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,7 +159,7 @@ def cut_windows(
         t_all.append(t[index])
         around.append(_around(t, means[i // len(offsets_s)] if means else None)[index])
         y_all.append(values)
-        level.append(np.stack(_gravity(runs[i], t), axis=1)[index[:, :K]])
+        level.append(np.stack(_gravity(runs[i])(t), axis=1)[index[:, :K]])
         owner += [i] * len(starts)
         first += [True] + [not tied] * (len(starts) - 1)
     t_s = np.concatenate(t_all)
@@ -223,24 +223,25 @@ def _levelled(run: Run, channels: list[tuple[np.ndarray, np.ndarray]]) -> list[t
 
     A boat heels with its own acceleration, so that this is no constant bias.
     """
-    out = list(channels)
-    for axis, i in enumerate((SURGE, SWAY)):
-        t, a = channels[i]
-        out[i] = (t, a - _gravity(run, t)[axis])
-    return out
+    gravity, axes = _gravity(run), {SURGE: 0, SWAY: 1}
+    return [(t, a - gravity(t)[axes[i]]) if i in axes else (t, a) for i, (t, a) in enumerate(channels)]
 
 
-def _gravity(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gravity in a_x and a_y at `t_s` [m/s^2], g sin(theta) and -g sin(phi); 0 where these were not logged."""
+def _gravity(run: Run) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Function of time [s]: gravity in a_x, a_y [m/s^2], g sin(theta), -g sin(phi); 0 where these were not logged."""
     if not is_levelled(run):
-        return np.zeros_like(t_s), np.zeros_like(t_s)
+        return lambda t_s: (np.zeros_like(t_s), np.zeros_like(t_s))
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow to import, and few logs hold roll and pitch
 
     t_tilt, tilt = run.samples("phi_rad", "theta_rad")
     across = max(1, round(LEVEL_S / float(np.median(np.diff(t_tilt)))))
     tilt = uniform_filter1d(tilt, across, axis=0, mode="nearest")
-    phi, theta = (np.interp(t_s, t_tilt, each) for each in tilt.T)
-    return GRAVITY_M_S2 * np.sin(theta), -GRAVITY_M_S2 * np.sin(phi)
+
+    def gravity(t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        phi, theta = (np.interp(t_s, t_tilt, each) for each in tilt.T)
+        return GRAVITY_M_S2 * np.sin(theta), -GRAVITY_M_S2 * np.sin(phi)
+
+    return gravity
 
 
 def is_levelled(run: Run) -> bool:

@@ -58,21 +58,32 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 def filtered(run: RangeRun, tuning: RangeFilterTuning) -> np.ndarray:
-    """Estimates after every range from the start on, shape (k, 3): t_s, x, y."""
+    """Estimates after every range from the start on, (k, 4): t_s, x, y, sigma of the less certain direction [m]."""
     ranges = RangeFilter(run.anchors_m, TAG_DOWN_M, tuning)
     state, rows = ranges.initial(), []
     for t_ns, anchor, range_m in run.ranges:
         state = ranges.step(state, t_ns, anchor, range_m)
         if state.bank:
-            rows.append(((t_ns - run.t0_ns) * 1e-9, *state.bank[0].x[:2]))
+            best = state.bank[0]
+            sigma_m = np.sqrt(np.linalg.eigvalsh(best.P[:2, :2])[-1])
+            rows.append(((t_ns - run.t0_ns) * 1e-9, *best.x[:2], sigma_m))
     return np.array(rows)
+
+
+def covered(run: RangeRun, track: np.ndarray) -> np.ndarray:
+    """The estimates that the reference covers."""
+    return track[(track[:, 0] >= run.track[0, 0]) & (track[:, 0] <= run.track[-1, 0])]
+
+
+def planar_errors(run: RangeRun, track: np.ndarray) -> np.ndarray:
+    """Distance of each estimate from the reference (k,) [m]."""
+    x, y = (np.interp(track[:, 0], run.track[:, 0], run.track[:, i]) for i in (1, 2))
+    return np.hypot(track[:, 1] - x, track[:, 2] - y)
 
 
 def score(run: RangeRun, track: np.ndarray) -> dict[str, float]:
     """Planar error against the reference at every estimate that it covers: RMSE, 95 %, largest [m]."""
-    t = track[(track[:, 0] >= run.track[0, 0]) & (track[:, 0] <= run.track[-1, 0])]
-    x, y = (np.interp(t[:, 0], run.track[:, 0], run.track[:, i]) for i in (1, 2))
-    error = np.hypot(t[:, 1] - x, t[:, 2] - y)
+    error = planar_errors(run, covered(run, track))
     return {
         "rmse_m": float(np.sqrt((error**2).mean())), "p95_m": float(np.percentile(error, 95)),
         "max_m": float(error.max()), "start_after_s": float(track[0, 0]),

@@ -18,7 +18,7 @@ from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.wiring.compass import compass_finding, hard_iron
 from tests.evidence.line import Line, at_least, at_most, exactly, information
-from tests.evidence.real_logs.recordings import held_out_scores, mean
+from tests.evidence.real_logs.recordings import held_out_scores, mean, over_baseline
 from tests.support.vessel_fixtures import boat
 
 FOLDER = "ARITRA_BLUEBOAT"
@@ -94,17 +94,9 @@ def at_10_s(score: dict, channel: str) -> float:
     return score["rms"][channel][score["horizons_s"].index(10)]
 
 
-def over_baseline(found: dict[str, dict], model: str) -> float:
+def overall(found: dict[str, dict], model: str) -> float:
     """Geometric mean over channels, 10 and 20 s ahead, of a model's error over that of the better baseline."""
-    baselines = [score for name, score in found.items() if name.startswith("velocity ")]
-    at = [baselines[0]["horizons_s"].index(s) for s in (10, 20)]
-    return mean(
-        {
-            f"{channel} {i}": found[model]["rms"][channel][i] / min(score["rms"][channel][i] for score in baselines)
-            for channel in baselines[0]["rms"]
-            for i in at
-        }
-    )
+    return mean(over_baseline(found, model, 10, 20))
 
 
 def absent() -> Iterator[Line]:
@@ -123,7 +115,7 @@ def blueboat_judged(full: bool) -> Iterator[Line]:
         yield at_most(f"BlueBoat: {channel} after 10 s", at_10_s(found["structured"], channel), goal, UNITS[channel])
     for channel, goal in R2_GOALS.items():
         yield at_least(f"BlueBoat: R2 of {channel} over 10 s", found["structured"]["r2"][channel], goal)
-    yield information("BlueBoat: error over the better guess without a model", over_baseline(found, "structured"))
+    yield information("BlueBoat: error over the better guess without a model", overall(found, "structured"))
 
 
 def blueboat_compass(full: bool) -> Iterator[Line]:
@@ -154,8 +146,8 @@ def blueboat_single(full: bool) -> Iterator[Line]:
     for name, run in every.items():
         rest = {other: r for other, r in every.items() if other != name}
         found = scores({name: run}, rest, blueboat(left_y_m=0.285))
-        stays = over_baseline(found, "velocity stays")
-        yield at_most(f"BlueBoat {name} alone: error over the better guess", over_baseline(found, "structured"), stays)
+        stays = overall(found, "velocity stays")
+        yield at_most(f"BlueBoat {name} alone: error over the better guess", overall(found, "structured"), stays)
 
 
 def blueboat_columns(full: bool) -> Iterator[Line]:
@@ -171,7 +163,7 @@ def blueboat_columns(full: bool) -> Iterator[Line]:
             missing.pop(added, None)
             blank = [column for columns in missing.values() for column in columns]
             part = {name: without(run, *blank) for name, run in fit.items()}
-            error = over_baseline(scores(part, halves[1 - i], blueboat(left_y_m=0.285)), "structured")
+            error = overall(scores(part, halves[1 - i], blueboat(left_y_m=0.285)), "structured")
             what = f"BlueBoat, half {i + 1}, {added}: error over the better guess"
             yield information(what, error) if added == "poses" else at_most(what, error, 1.03 * before)
             before = error

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from companion.__main__ import main
-from sim.studies.ranging.range_filter import RangeFilter, RangeFilterTuning
-from sim.studies.ranging.range_runs import TAG_DOWN_M, RangeRun, load_run
+from sim.studies.ranging.range_filter import RangeFilterTuning
+from sim.studies.ranging.range_runs import covered, filtered, load_run, planar_errors
 from tests.evidence.line import Line, at_most, exactly, information
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,27 +27,28 @@ def model_ship(full: bool) -> Iterator[Line]:
     if not runs[1].is_file():
         yield information("left out: ../shared/data/cse1 beside the checkout is not here", float("nan"))
         return
+    found = held_out_scores(runs[:1], runs[1:], ROOT / "deploy" / "boats" / "cse1.toml")
     for horizon_s, goal in ((10, 0.52), (20, 0.60)):
-        errors = relative_errors(runs[:1], runs[1:], ROOT / "deploy" / "boats" / "cse1.toml", horizon_s)
+        errors = over_baseline(found, "structured", horizon_s)
         each = ", ".join(f"{channel} {ratio:.2f}" for channel, ratio in errors.items())
         yield at_most(
             f"CSE1 random_run4: error at {horizon_s} s over the better baseline", mean(errors), goal, "", each
         )
 
 
-def mean(errors: dict[str, float]) -> float:
+def mean(errors: Mapping[str, float]) -> float:
     """Geometric mean."""
     return float(np.exp(np.mean(np.log(list(errors.values())))))
 
 
-def relative_errors(fit: list[Path], judge: list[Path], vessel: Path, horizon_s: int) -> dict[str, float]:
-    """By channel, the structured model's rms error over that of the better baseline, by the command's own record."""
-    held_out = held_out_scores(fit, judge, vessel)
-    at = held_out["structured"]["horizons_s"].index(horizon_s)
-    baselines = [score for name, score in held_out.items() if name.startswith("velocity ")]
+def over_baseline(found: Mapping[str, dict], model: str, *horizons_s: int) -> dict[str, float]:
+    """Rms error of a model over that of the better baseline, by channel and horizon; `found`: `held_out_scores`."""
+    baselines = [score for name, score in found.items() if name.startswith("velocity ")]
+    at = {s: baselines[0]["horizons_s"].index(s) for s in horizons_s}
     return {
-        channel: errors[at] / min(score["rms"][channel][at] for score in baselines)
-        for channel, errors in held_out["structured"]["rms"].items()
+        f"{channel} {s}": errors[i] / min(score["rms"][channel][i] for score in baselines)
+        for channel, errors in found[model]["rms"].items()
+        for s, i in at.items()
     }
 
 
@@ -69,27 +70,13 @@ def uwb_ranges(full: bool) -> Iterator[Line]:
         return
     overconfident = 0
     for name, published_m in PUBLISHED_M.items():
-        error_m, sigma_m = errors_and_sigmas(load_run(DATA / "uwb_hanyang" / name))
-        overconfident += int(((error_m > 3.0) & (sigma_m < 1.0)).sum())
+        run = load_run(DATA / "uwb_hanyang" / name)
+        track = covered(run, filtered(run, RangeFilterTuning()))
+        error_m = planar_errors(run, track)
+        overconfident += int(((error_m > 3.0) & (track[:, 3] < 1.0)).sum())
         note = f"95 % {np.percentile(error_m, 95):.2f} m, largest {error_m.max():.2f} m"
         yield at_most(f"{name}: planar RMSE", np.sqrt((error_m**2).mean()), published_m, "m", note)
     yield exactly("four runs: fixes off by more than 3 m that claim 1 m", overconfident, 0)
-
-
-def errors_and_sigmas(run: RangeRun) -> tuple[np.ndarray, np.ndarray]:
-    """Distance from the reference, and sigma of the less certain direction, at every estimate that it covers [m]."""
-    ranges = RangeFilter(run.anchors_m, TAG_DOWN_M, RangeFilterTuning())
-    state, rows = ranges.initial(), []
-    for t_ns, anchor, range_m in run.ranges:
-        state = ranges.step(state, t_ns, anchor, range_m)
-        if state.bank:
-            best = state.bank[0]
-            variance = np.linalg.eigvalsh(best.P[:2, :2])[-1]
-            rows.append(((t_ns - run.t0_ns) * 1e-9, *best.x[:2], np.sqrt(variance)))
-    t_s, x, y, sigma = np.array(rows).T
-    covered = (t_s >= run.track[0, 0]) & (t_s <= run.track[-1, 0])
-    at_x, at_y = (np.interp(t_s, run.track[:, 0], run.track[:, i]) for i in (1, 2))
-    return np.hypot(x - at_x, y - at_y)[covered], sigma[covered]
 
 
 PARTS = (model_ship, uwb_ranges)

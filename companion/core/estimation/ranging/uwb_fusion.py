@@ -29,9 +29,8 @@ from companion.core.estimation.ranging.ranges import (
     line_of_sight,
     nearest_fix,
 )
-from companion.core.estimation.tilt import to_level_axes
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.geometry.frames import rotate
+from companion.core.geometry.frames import rotate, to_level
 from companion.core.messages import UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import apply_uwb_scale, correct_uwb_scale
 from companion.core.sensors.uwb import HEALTH
@@ -48,7 +47,7 @@ class UwbFusion:
 
     def arm(self, belief: FilterState) -> tuple[float, float, float]:
         """Lever arm of the tag in level axes [m]."""
-        return to_level_axes(belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
+        return to_level(*belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
 
     def fuse_ranges(self, belief: FilterState, m: UwbRanges) -> Result:
         """One cycle of the tag, range by range; anchors that the site file does not know are left out."""

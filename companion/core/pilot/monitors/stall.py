@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.core.messages import Alert
+from companion.core.messages import MEASUREMENTS, Alert
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
-from companion.core.sensors.table import SENSED
 
 STALL_NS = 500_000_000
 """So long without a tick is a stall; five periods at 10 Hz, and the error of a range at 0.5 m/s is 0.25 m. Assumed."""
@@ -29,7 +28,7 @@ class StallState:
 class StallMonitor(Monitor[StallState]):
     """Withholds readings that had queued up."""
 
-    hears = SENSED
+    hears = MEASUREMENTS
     screens = True
     initial = StallState()
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import B_ACCEL, ETA, NU, FilterState
-from companion.core.estimation.tilt import to_level_axes
-from companion.core.geometry.frames import point_acceleration
+from companion.core.geometry.frames import point_acceleration, to_level
 from companion.core.model.integrate import BufferedStep
 from companion.core.model.manoeuvring import StructuredModel, mass_matrix
 
@@ -35,7 +34,7 @@ class ForceBalance:
         """The wrench w (3,) of the tick between two filter states; `force_m_s2`: mean specific force in body axes."""
         nu = (before.x[NU] + now.x[NU]) / 2
         modelled = self._rate(now.x[ETA], nu, (before.f_n + now.f_n) / 2)
-        level = np.array(to_level_axes(now.tilt, *map(float, force_m_s2))[:2]) - now.x[B_ACCEL]
+        level = np.array(to_level(*now.tilt, *map(float, force_m_s2))[:2]) - now.x[B_ACCEL]
         da = level - np.array(point_acceleration(nu, modelled, self._arm_m))
         dr = r_dot_rad_s2 - modelled[2]
         x, y = self._arm_m

@@ -12,15 +12,15 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import approx_fprime, least_squares
 
 from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command
-from companion.core.estimation.filter_state import B_RANGE, Tilt
+from companion.core.estimation.filter_state import B_RANGE
 from companion.core.estimation.gates import Gate, GateRule, judge
 from companion.core.estimation.health import position_sigma_m
-from companion.core.estimation.inertial import to_level_axes
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
+from companion.core.geometry.frames import to_level
 from companion.core.messages import AnchorRange, UwbRanges
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrust_lag import lagged
@@ -89,7 +89,7 @@ def test_imu_equation_equals_the_second_derivative_of_the_imus_place(process: Pr
 def test_levelled_removes_gravity_whatever_roll_and_pitch() -> None:
     for phi, theta in ((0.1, 0.0), (0.0, -0.2), (0.3, 0.25)):
         at_rest = -9.81 * np.array([-math.sin(theta), math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)])
-        np.testing.assert_allclose(to_level_axes(Tilt(phi, theta), *at_rest), [0, 0, -9.81], atol=1e-12)
+        np.testing.assert_allclose(to_level(phi, theta, *at_rest), [0, 0, -9.81], atol=1e-12)
 
 
 def test_lag_is_exact_and_its_mean_is_the_mean() -> None:

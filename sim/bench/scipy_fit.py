@@ -41,7 +41,7 @@ def scipy_fit(run: Run, vessel: VesselFile, *, window_s: float = WINDOW_S, most:
         count += 1
         q = fit.parameters.file_units(mean + spread * s)
         motion = fit.problem.move(q, start.z)
-        imu = fit.problem.imu.residual(motion, start.z, fit.noise)
+        imu = fit.problem.imu.residual(motion, q, start.z, fit.noise)
         return np.concatenate(
             [imu[np.isfinite(imu)], fit.problem.tag.residual(fit.problem.tag.path(motion, q), q, fit.noise).ravel(), s]
         )

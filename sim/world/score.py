@@ -93,7 +93,9 @@ def _rms(values: np.ndarray) -> float:
 
 
 def track_of(
-    estimates: Sequence[StateEstimate], references: Sequence[GuidanceReference], truths: Sequence[GroundTruth]
+    estimates: Sequence[StateEstimate],
+    references: Sequence[GuidanceReference],
+    truths: Sequence[GroundTruth] | Sequence[StateEstimate],
 ) -> TrueTrack:
     """Rows for the ticks that were driven; the truth is interpolated to the estimate's instant."""
     asked = {r.t_ns: r for r in references if r.phase != "idle"}

@@ -84,7 +84,11 @@ Segment = Steps | Zigzag | Multisine | Pulses | Opposed | Idle
 
 class Excitation(Table, frozen=True, kw_only=True):
     """Segments in order. `margin_m`: kept from the fence; before a segment begins, and after the last, the boat
-    goes back to within `return_m` of the middle at up to `return_speed_m_s`. All assumed.
+    goes back to within `return_m` of the middle at up to `return_speed_m_s`. `caution`: the boat may be so many times
+    as heavy, its drag and thrust so many times weaker, than the vessel file says. All assumed.
+
+    `homing` false: the boat never drives back by itself; it drifts between its segments. For thrusters of which nobody
+    knows yet which way they push.
     """
 
     FILE: ClassVar = file_kinds.EXCITATION
@@ -93,6 +97,8 @@ class Excitation(Table, frozen=True, kw_only=True):
     margin_m: Annotated[float, msgspec.Meta(ge=0, le=50)] = 1.5
     return_m: Annotated[float, msgspec.Meta(ge=0.5, le=50)] = 3.0
     return_speed_m_s: Annotated[float, msgspec.Meta(gt=0, le=2)] = 0.6
+    caution: Annotated[float, msgspec.Meta(ge=1, le=5)] = 1.5
+    homing: bool = True
     segments: Annotated[tuple[Segment, ...], msgspec.Meta(min_length=1, max_length=500)]
 
 
@@ -141,6 +147,8 @@ def _pairs(table: Mapping[str, Any]) -> list[str]:
 def _value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML's strings, but for DEL
     return repr(value)

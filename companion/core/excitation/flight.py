@@ -2,11 +2,12 @@
 
     home --within return_m of the middle--> fly --segment over--> home --> ... --> done
     fly --could not be stopped within the margin any more--> home, then the rest of the same segment
+    without `homing`: no forces at home, which is wherever the boat is; too near to the fence: failed
     any --called again after a break--> home;    home --for longer than HOME_LIMIT_S--> failed
 
 On the way home tau = M (nu_d - nu) / T + D(nu) nu in body axes, towards the middle at a speed that falls with the
 distance; the nearer of bow and stern turns towards it, so that a boat that cannot push sideways comes home too.
-Nothing in it needs a good model: the vessel file's numbers may be a third off (`CAUTION`).
+Nothing in it needs a good model: how far the vessel file's numbers may be off is the file's `caution`.
 """
 
 from __future__ import annotations
@@ -28,8 +29,6 @@ from companion.core.messages import ExcitationStatus
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 
-CAUTION = 1.5
-"""The boat may be so much heavier, its drag and thrust so much weaker, than the file says; assumed."""
 BRAKE_SHARE = 0.5
 """Share of an axis' force counted on for stopping: the rest is for turning and wind; assumed."""
 REACTION_S = 0.5
@@ -96,7 +95,9 @@ class Flight:
         if not 0.0 <= dt <= GAP_S:
             state, dt = replace(state, phase="home" if state.phase == "fly" else state.phase, f_n=(), home_s=0.0), 0.0
         state, note = self._advance(replace(state, t_ns=t_ns), eta, nu, dt, spread_m)
-        if state.phase == "fly":
+        if state.phase == "home" and not self.excitation.homing:
+            wanted = np.zeros(len(self._vessel.thrusters))
+        elif state.phase == "fly":
             wanted = self.signals[state.segment].force(state.elapsed_s, state.side)
         elif state.phase == "home":
             wanted = allocate(self._homeward(eta, nu), self._vessel)
@@ -135,12 +136,16 @@ class Flight:
         signal = self.signals[state.segment]
         if state.elapsed_s >= signal.duration_s - 1e-6:
             after = FlightState(segment=state.segment + 1, t_ns=state.t_ns, f_n=state.f_n)
-            if after.segment < len(self.signals) and self._is_near(eta):
+            if after.segment < len(self.signals) and (self._is_near(eta) or not self.excitation.homing):
                 return self._begin(after, eta)
             return after, ""
         room = self.room_m(eta, nu, np.array(state.f_n)) - spread_m
         if room < self.excitation.margin_m:
             title = self.title(state.segment)
+            if not self.excitation.homing:
+                return replace(
+                    state, phase="failed"
+                ), f"{title}: ended {room:.1f} m from the fence: bring the boat back"
             note = f"{title}: {state.elapsed_s:.1f} s into it turned back, to stop {room:.1f} m inside the fence"
             return replace(state, phase="home", home_s=0.0), note
         if signal.switch_rad is not None:
@@ -153,11 +158,11 @@ class Flight:
         if state.home_s > HOME_LIMIT_S:
             text = f"excitation ended: not back at the middle after {HOME_LIMIT_S:g} s"
             return replace(state, phase="failed"), text
-        if not self._is_near(eta):
+        if self.excitation.homing and not self._is_near(eta):
             return state, ""
         if state.segment < len(self.signals):
             return self._begin(state, eta)
-        if np.hypot(nu[0], nu[1]) > REST_M_S:
+        if self.excitation.homing and np.hypot(nu[0], nu[1]) > REST_M_S:
             return state, ""
         return replace(state, phase="done"), "excitation done"
 
@@ -181,9 +186,10 @@ class Flight:
 
     def _stop_m(self, axis: int, speed: float) -> float:
         """How far the boat goes along x (axis 0) or y (1) until it rests [m], with the sign of its speed."""
-        mass = CAUTION * self._M[axis]
-        damping = max(float(self._linear[axis]), LEAST_DAMPING * self._M[axis]) / CAUTION
-        force = BRAKE_SHARE * self._axes[axis].min() / CAUTION
+        caution = self.excitation.caution
+        mass = caution * self._M[axis]
+        damping = max(float(self._linear[axis]), LEAST_DAMPING * self._M[axis]) / caution
+        force = BRAKE_SHARE * self._axes[axis].min() / caution
         return math.copysign(stopping_distance_m(speed, mass, damping, force, REACTION_S), speed)
 
     def _is_near(self, eta: np.ndarray) -> bool:

@@ -55,10 +55,9 @@ class FitProblem:
     """The parts of a fit that stay the same between iterations: windows, parameters, compiled model, sensors."""
 
     def __init__(self, windows: Windows, parameters: Parameters, compiled: CompiledModel):
-        imu = parameters.vessel.sensors.imu
         self.windows, self.parameters = windows, parameters
         self.move = WindowIntegrator(windows, parameters, compiled)
-        self.imu, self.tag = ImuResiduals(windows, (imu.x_m, imu.y_m)), TagResiduals(windows, parameters)
+        self.imu, self.tag = ImuResiduals(windows, parameters), TagResiduals(windows, parameters)
 
     def linearise(self, q: np.ndarray, z: np.ndarray, noise: Noise, motion: WindowMotion | None = None) -> Linearised:
         """Normal equations at parameters q (P,) and nodes z (W, L), without priors.
@@ -68,13 +67,13 @@ class FitProblem:
         # 1. Trajectories, residuals, Huber weights of the positions.
         motion = motion or self.move(q, z)
         path = self.tag.path(motion, q)
-        residual, fix_residual = self.imu.residual(motion, z, noise), self.tag.residual(path, q, noise)
+        residual, fix_residual = self.imu.residual(motion, q, z, noise), self.tag.residual(path, q, noise)
         size = np.sqrt((fix_residual**2).sum(axis=1))
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
         # 2. Partial derivatives of the sensors.
         W, P = self.windows.size[0], len(q)
         place, direct = jacobian_columns(self.parameters.moving), np.empty((W, self.windows.size[1], 4, 0))
-        imu_slopes, tag_slopes, wander = self.imu.slopes(motion), self.tag.slopes(path), fade(self.windows, noise)
+        imu_slopes, tag_slopes, wander = self.imu.slopes(motion, q), self.tag.slopes(path), fade(self.windows, noise)
         chain, ends = Chain.nothing(W, L, P), np.empty((W, 6, len(place)))
         samples, whitened = np.zeros((len(size), 2, L + P)), fix_residual * root[:, None]
         # 3. By blocks of windows: sensitivities S, rows of J, and J^T J, J^T r added to the normal equations.
@@ -84,6 +83,7 @@ class FitProblem:
             S, known = sensitivities(A, pushes, h_s), np.isfinite(self.windows.y[part])
             steps = h_s, wander[part]
             rows = imu_jacobian(S, A, pushes, imu_slopes[part], direct[part], known, steps, noise, place, L + P)
+            self.imu.add_own(rows, motion, part, noise)
             chain.add(part, rows.reshape(len(rows), -1, L + P), np.nan_to_num(residual[part]).reshape(len(rows), -1))
             mine = np.flatnonzero((path.window >= part.start) & (path.window < part.stop))
             at, nothing = (path.window[mine] - start, path.step[mine]), np.empty((len(mine), 2, 0))

@@ -15,14 +15,17 @@ import casadi as ca
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.integrate import eta_dot, rk4_step
+from companion.core.model.loads import values as load_values
 from companion.core.model.manoeuvring import StructuredModel
 from sim.fitting.engine.batched import Batch, Rollout
-from sim.fitting.engine.parameters import HULL, fitted_terms
+from sim.fitting.engine.free_parameters import fitted_terms
+from sim.fitting.engine.parameters import HULL
 
 N_HULL = len(HULL)
+TINY = 1e-12
 
 
-def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
+def symbolic_model(vessel: VesselFile, q: ca.SX, surroundings: bool = False) -> StructuredModel:
     """Model of the vessel file with inertia and damping q[:12] (order of `HULL`) as symbols; fitted terms may follow.
 
     M fixes only the sum of rigid body and added mass: mass and I_z stay as in the file, added mass takes the rest.
@@ -39,7 +42,16 @@ def symbolic_model(vessel: VesselFile, q: ca.SX) -> StructuredModel:
     free = fitted_terms(vessel) if q.numel() > N_HULL else ()
     for k, (name, p) in enumerate(free, N_HULL):
         terms[name][p.name] = q[k]
+    if surroundings:
+        V_c, beta_c, V_w, beta_w = (*_polar(q[-4], q[-3]), *_polar(q[-2], q[-1]))
+        terms["current"] = load_values("current", {"V_c_m_s": V_c, "beta_c_deg": beta_c})
+        terms["wind"] = load_values("wind", vessel.terms.get("wind", {})) | {"V_w_m_s": V_w, "beta_w_deg": beta_w}
     return StructuredModel(vessel, c, terms)
+
+
+def _polar(north: ca.SX, east: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Size, and direction [deg]."""
+    return ca.sqrt(north**2 + east**2 + TINY), ca.atan2(east, north) * (180 / ca.pi)
 
 
 @dataclass(frozen=True)
@@ -58,11 +70,11 @@ class CompiledModel:
     windows: int
 
 
-def compile_model(vessel: VesselFile, steps: int, windows: int) -> CompiledModel:
+def compile_model(vessel: VesselFile, steps: int, windows: int, surroundings: bool = False) -> CompiledModel:
     """Compile both functions for a problem of the given size."""
-    size = N_HULL + len(fitted_terms(vessel))
+    size = N_HULL + len(fitted_terms(vessel, surroundings))
     x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
-    model = symbolic_model(vessel, p)
+    model = symbolic_model(vessel, p, surroundings)
     nu_dot = model.nu_dot(x[:3], x[3:], tau) + d
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
     A = ca.densify(ca.vec(ca.jacobian(x_dot, x)))

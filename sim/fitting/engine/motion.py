@@ -24,7 +24,8 @@ from sim.fitting.engine.jacobian_rows import AccelerationPartials
 from sim.fitting.engine.kernels.windows import MIDDLE
 from sim.fitting.engine.model import N_HULL, CompiledModel
 from sim.fitting.engine.noise import LATENT, STATE
-from sim.fitting.engine.parameters import Parameters, adjustable, astern_maps
+from sim.fitting.engine.parameters import Parameters
+from sim.fitting.engine.thrust.fitted import adjustable, astern_maps
 from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
 from sim.fitting.engine.windows import Windows
 

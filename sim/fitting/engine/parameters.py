@@ -23,17 +23,18 @@ mass enter the motion only through M: motion cannot separate them. Every w has a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
+from companion.core.configuration.vessel_file import PitchMap, VesselFile
 from companion.core.model.effects.term import LoadParameter
-from companion.core.model.loads import REGISTRY
 from companion.core.model.loads import values as term_values
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
+from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, PriorSigmas, fitted_terms
+from sim.fitting.engine.thrust.fitted import adjustable, astern_maps, astern_share, pitch_maps
 
 INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m")
 DAMPING = (
@@ -57,65 +58,25 @@ LEAST_TERM = 1e-3  # start of a parameter of one sign that is 0 in the file, who
 
 
 @dataclass(frozen=True)
-class PriorSigmas:
-    """Standard deviation of each prior of w; of the logarithm, a share, where the quantity is positive. All assumed.
-
-    `gain`: single T200 and ESCs differ by a few per cent from the manufacturer's table. This prior alone sets the scale
-    of forces in newtons: motion shows forces only relative to inertia.
-    """
-
-    hull: float = 0.5
-    coupling: float = 0.3
-    gain: float = 0.025
-    dead_time: float = 0.5
-    lag: float = 0.5
-    latency_s: float = 0.05
-    arm_m: float = 0.03
-    trim_us: float = 50.0
-    azimuth_deg: float = 15.0
-    curve: float = 0.3
-    astern: float = 0.2
-    term: float = 1.0
-
-
-def fitted_terms(vessel: VesselFile) -> tuple[tuple[str, LoadParameter], ...]:
-    """Name of the term and parameter, for every parameter of the vessel's terms that a fit estimates."""
-    return tuple((name, p) for name in vessel.terms for p in REGISTRY[name].parameters if p.fitted)
-
-
-def pitch_maps(vessel: VesselFile) -> tuple[str, ...]:
-    """Names of the pitch maps that the thrusters use, sorted."""
-    return tuple(sorted({vessel.thrusters[i].force_map for i in adjustable(vessel)}))
-
-
-def astern_maps(vessel: VesselFile) -> tuple[str, ...]:
-    """Names of the force maps that thrusters use and whose share astern is estimated: those that state one, sorted."""
-    used = {t.force_map for t in vessel.thrusters}
-    return tuple(sorted(name for name in used if astern_share(vessel.force_maps[name]) is not None))
-
-
-def astern_share(force_map: ForceMap) -> float | None:
-    """The map's share astern; None where it states none or can have none."""
-    return None if isinstance(force_map, PitchMap) else force_map.astern_share
-
-
-def adjustable(vessel: VesselFile) -> tuple[int, ...]:
-    """Indices of the thrusters whose trim and azimuth a fit estimates: those with a pitch map."""
-    maps = [vessel.force_maps[t.force_map] for t in vessel.thrusters]
-    return tuple(i for i, m in enumerate(maps) if isinstance(m, PitchMap))
-
-
-@dataclass(frozen=True)
 class Parameters:
     """Names, priors and the maps between w and q for one vessel file.
 
     `overrides`: name -> (centre in file units or None for the file's value, sigma of w). A sigma of 0 fixes it.
+    `surroundings`: current and wind, the same in all runs, are fitted too; no property of the boat.
+    `imu_place`: the IMU's lever arm is fitted too.
     The slices below are places in q and w alike.
     """
 
     vessel: VesselFile
-    sigmas: PriorSigmas = PriorSigmas()
+    sigmas: PriorSigmas = field(default_factory=PriorSigmas)
     overrides: Mapping[str, tuple[float | None, float]] | None = None
+    surroundings: bool = False
+    imu_place: bool = False
+
+    @cached_property
+    def _terms(self) -> tuple[tuple[str, LoadParameter], ...]:
+        """Terms and their parameters that are fitted."""
+        return fitted_terms(self.vessel, self.surroundings)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -126,8 +87,20 @@ class Parameters:
         azimuths = tuple(f"azimuth_{name}_deg" for name in able)
         curves = tuple(f"curve_{name}" for name in pitch_maps(self.vessel))
         asterns = tuple(f"astern_{name}" for name in astern_maps(self.vessel))
-        terms = tuple(p.name for _, p in fitted_terms(self.vessel))
-        return HULL + gains + ("dead_time_s", "lag_s") + SENSORS + WARP + trims + azimuths + curves + asterns + terms
+        terms = tuple(p.name for _, p in self._terms)
+        return (
+            HULL
+            + gains
+            + ("dead_time_s", "lag_s")
+            + SENSORS
+            + WARP
+            + trims
+            + azimuths
+            + curves
+            + asterns
+            + terms
+            + IMU_PLACE * self.imu_place
+        )
 
     @property
     def thrusters(self) -> slice:
@@ -181,12 +154,17 @@ class Parameters:
     @cached_property
     def terms(self) -> slice:
         """Parameters of the terms, in the order of `fitted_terms`."""
-        return slice(self.asterns.stop, len(self.names))
+        return slice(self.asterns.stop, self.asterns.stop + len(self._terms))
+
+    @property
+    def imu(self) -> slice:
+        """Lever arm of the IMU, x and y [m]; empty where it is believed."""
+        return slice(self.terms.stop, len(self.names))
 
     @cached_property
     def moving(self) -> np.ndarray:
         """Indices of the parameters that change the motion: all but latency, place and warp of the position sensor."""
-        return np.r_[0 : self.thrusters.stop + 2, self.warp.stop : len(self.names)]
+        return np.r_[0 : self.thrusters.stop + 2, self.warp.stop : self.terms.stop]
 
     @cached_property
     def _gain_signs(self) -> np.ndarray:
@@ -196,7 +174,7 @@ class Parameters:
     @cached_property
     def _term_signs(self) -> np.ndarray:
         """Sign that the bounds of each term's parameter allow: 1, -1, or 0 for either."""
-        return np.array([np.sign(p.lower + p.upper) * (p.lower * p.upper >= 0) for _, p in fitted_terms(self.vessel)])
+        return np.array([np.sign(p.lower + p.upper) * (p.lower * p.upper >= 0) for _, p in self._terms])
 
     @cached_property
     def _maps(self) -> tuple[ca.Function, ca.Function]:
@@ -222,6 +200,7 @@ class Parameters:
             ca.tanh(w[self.curves]),
             ca.exp(w[self.asterns]),
             *(s * ca.exp(x) if s else x for s, x in zip(self._term_signs, ca.vertsplit(w[self.terms]), strict=True)),
+            w[self.imu],
         )
 
     def file_units(self, w: np.ndarray) -> np.ndarray:
@@ -252,7 +231,7 @@ class Parameters:
     @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation of w, (P,) each. The overrides apply last."""
-        q, s = file_values(self.vessel), self.sigmas
+        q, s = file_values(self.vessel, self.surroundings, self.imu_place), self.sigmas
         sigma = np.full(len(q), s.hull)
         sigma[[_M23, _SUM]] = s.coupling
         sigma[_DIFF] = s.coupling * 2 * np.sqrt(q[5] * q[6])
@@ -262,8 +241,11 @@ class Parameters:
         sigma[self.warp] = self.vessel.sensors.position_bias_sigma_m / REACH_M
         sigma[self.trims], sigma[self.azimuths] = s.trim_us, s.azimuth_deg
         sigma[self.curves], sigma[self.asterns] = s.curve, s.astern
-        either = np.array([EITHER_SHARE * (p.upper - p.lower) for _, p in fitted_terms(self.vessel)])
+        either = np.array([EITHER_SHARE * (p.upper - p.lower) for _, p in self._terms])
         sigma[self.terms] = np.where(self._term_signs == 0, either, s.term)
+        sigma[self.imu] = s.arm_m
+        if self.surroundings:
+            sigma[self.terms][-len(SURROUNDINGS) :] = (s.current_m_s, s.current_m_s, s.wind_m_s, s.wind_m_s)
         for name, (centre, own) in (self.overrides or {}).items():
             i = self.names.index(name)
             q[i] = q[i] if centre is None else centre
@@ -280,7 +262,7 @@ class Parameters:
         return positive
 
 
-def file_values(vessel: VesselFile) -> np.ndarray:
+def file_values(vessel: VesselFile, surroundings: bool = False, imu_place: bool = False) -> np.ndarray:
     """q (P,) as stated in the vessel file."""
     M, D, d = mass_matrix(vessel), linear_damping(vessel), vessel.damping
     tag, propulsion = vessel.sensors.position, vessel.propulsion
@@ -294,5 +276,7 @@ def file_values(vessel: VesselFile) -> np.ndarray:
     extras += [m.curve for m in maps if isinstance(m, PitchMap)]
     extras += [astern_share(vessel.force_maps[name]) or 1.0 for name in astern_maps(vessel)]
     extras += [term_values(name, vessel.terms[name])[p.name] for name, p in fitted_terms(vessel)]
+    extras += [p.default for _, p in SURROUNDINGS * surroundings]
+    extras += [vessel.sensors.imu.x_m, vessel.sensors.imu.y_m] * imu_place
     lags = [propulsion.dead_time_s, propulsion.lag_s]
     return np.array(hull + quadratic + gains + lags + sensors + extras, dtype=float)

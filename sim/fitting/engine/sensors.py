@@ -29,17 +29,22 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # cross product with a unit yaw rate
 
 @dataclass(frozen=True)
 class ImuResiduals:
-    """Heading, yaw rate and specific force of all windows. `arm_m`: IMU forward, starboard of the body origin."""
+    """Heading, yaw rate and specific force of all windows."""
 
     windows: Windows
-    arm_m: tuple[float, float]
+    parameters: Parameters
 
-    def residual(self, motion: WindowMotion, z: np.ndarray, noise: Noise) -> np.ndarray:
+    def arm_m(self, q: np.ndarray) -> tuple[float, float]:
+        """The IMU's place, forward and starboard of the body origin."""
+        imu, place = self.parameters.vessel.sensors.imu, q[self.parameters.imu]
+        return (float(place[0]), float(place[1])) if len(place) else (imu.x_m, imu.y_m)
+
+    def residual(self, motion: WindowMotion, q: np.ndarray, z: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured, whitened, (W, K, 4) in the order of `CHANNELS`; NaN where nothing was measured."""
         K = self.windows.size[1]
         x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
         psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
-        a_x, a_y = point_acceleration(np.moveaxis(x[..., 3:], -1, 0), np.moveaxis(nd, -1, 0), self.arm_m)
+        a_x, a_y = point_acceleration(np.moveaxis(x[..., 3:], -1, 0), np.moveaxis(nd, -1, 0), self.arm_m(q))
         biased = [x[..., 5] + z[:, None, BIAS_R], a_x + z[:, None, BIAS_AX], a_y + z[:, None, BIAS_AY]]
         error = np.stack([psi, *biased], axis=2) - self.windows.y
         out = error / np.array(noise.white)
@@ -48,11 +53,22 @@ class ImuResiduals:
         out[..., PSI] = np.where(known, white[..., 0], np.nan)
         return out
 
-    def slopes(self, motion: WindowMotion) -> np.ndarray:
+    def add_own(self, rows: np.ndarray, motion: WindowMotion, part: slice, noise: Noise) -> None:
+        """Write the derivatives by the lever arm into `rows` (w, K, 4, L + P) of the windows `part`."""
+        imu = self.parameters.imu
+        if imu.start == imu.stop:
+            return
+        K = self.windows.size[1]
+        r2, r_dot = motion.x[part, :K, 5] ** 2, motion.nu_dot[part, :K, 2]
+        for channel, by_x, by_y in ((SURGE, -r2, -r_dot), (SWAY, r_dot, -r2)):
+            scale = np.isfinite(self.windows.y[part, :, channel]) / noise.white[channel]
+            rows[..., channel, L + imu.start], rows[..., channel, L + imu.start + 1] = scale * by_x, scale * by_y
+
+    def slopes(self, motion: WindowMotion, q: np.ndarray) -> np.ndarray:
         """Partial derivatives of psi, r, a_x, a_y by x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
         W, K = self.windows.size
         u, v, r = (motion.x[:, :K, i] for i in (3, 4, 5))
-        lx, ly = self.arm_m
+        lx, ly = self.arm_m(q)
         C = np.zeros((W, K, 4, 9))
         C[..., PSI, 2] = C[..., RATE, 5] = C[..., SURGE, 6] = C[..., SWAY, 7] = 1.0
         C[..., SURGE, 4], C[..., SURGE, 5], C[..., SURGE, 8] = -r, -v - 2 * lx * r, -ly

@@ -13,6 +13,7 @@ UNITS = {
     "_N_s": "N s",
     "_kg": "kg",
     "_us": "us",
+    "_m_s": "m/s",
     "_deg": "deg",
     "_s": "s",
     "_m": "m",

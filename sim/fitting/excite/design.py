@@ -24,8 +24,9 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, Segment
-from sim.fitting.excite.information import Knowledge, indices_of_interest, planned_information
+from sim.fitting.excite.information import PLANNED, Knowledge, indices_of_interest, planned_information
 from sim.fitting.excite.nominal import NominalFlight, fly_nominal
+from sim.fitting.identify.structured_fit import FitSettings
 
 Criterion = Literal["d", "worst"]
 ENOUGH = 10.0
@@ -77,9 +78,12 @@ class Advice:
 
 
 def candidates(
-    library: Excitation, vessel: VesselFile, site: Site, say: Say = lambda _: None
+    library: Excitation, vessel: VesselFile, site: Site, say: Say = lambda _: None, settings: FitSettings = PLANNED
 ) -> tuple[list[CandidateManoeuvre], list[str]]:
-    """Segments with their information, and texts why others were left out. Raises ConfigError if none can be flown."""
+    """Segments with their information, and texts why others were left out. Raises ConfigError if none can be flown.
+
+    `settings`: of the fit that shall be informed.
+    """
     usable, left_out = [], []
     for segment in library.segments:
         say(f"flies {segment.name}")
@@ -94,7 +98,7 @@ def candidates(
         elif flown.duration_s < SHORTEST_S:
             left_out.append(f"{segment.name}: {flown.duration_s:.1f} s are too short to tell anything")
         else:
-            information = planned_information(flown.run, vessel)
+            information = planned_information(flown.run, vessel, settings)
             usable.append(CandidateManoeuvre(segment, flown.duration_s, information, flown.least_clearance_m))
     if not usable:
         raise ConfigError("\n".join([f"{library.name}: no segment can be flown", *left_out]))
@@ -107,14 +111,29 @@ def least_share(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> np.n
     return known.with_information(ENOUGH * everything).share
 
 
-def worth_per_s(known: Knowledge, candidate: CandidateManoeuvre, least: np.ndarray, criterion: Criterion) -> float:
-    """Worth of one candidate [1/s] by a criterion (module docstring). `least`: `least_share` of the library."""
-    after, of = known.with_information(candidate.information), indices_of_interest(known.vessel)
-    d = 0.5 * (_log_det(known, of) - _log_det(after, of)) / candidate.duration_s
+def worth_per_s(
+    known: Knowledge,
+    candidate: CandidateManoeuvre,
+    least: np.ndarray,
+    criterion: Criterion,
+    about: np.ndarray | None = None,
+) -> float:
+    """Worth of one candidate [1/s] by a criterion (module docstring). `least`: `least_share` of the library.
+
+    `about`: indices of the parameters that it is about (default: hull, gains, dead time and lag).
+    """
+    of = indices_of_interest(known.vessel) if about is None else about
+    after = known.with_information(candidate.information)
+    d = gain_nats(known, after, of) / candidate.duration_s
     if criterion == "d":
         return d
     fall = np.log(_worst(known, least, of) / _worst(after, least, of)) / candidate.duration_s
     return float(fall) + 1e-3 * d  # where one segment alone does not help the worst, the other measure decides
+
+
+def gain_nats(before: Knowledge, after: Knowledge, of: np.ndarray) -> float:
+    """1/2 log of the ratio of the determinants of both covariances, of the parameters `of` [nats]."""
+    return 0.5 * (_log_det(before, of) - _log_det(after, of))
 
 
 def _log_det(known: Knowledge, of: np.ndarray) -> float:
@@ -145,15 +164,22 @@ def advise(known: Knowledge, library: Sequence[CandidateManoeuvre]) -> Advice:
 
 
 def choose(
-    known: Knowledge, library: Sequence[CandidateManoeuvre], budget_s: float, criterion: Criterion = "d"
+    known: Knowledge,
+    library: Sequence[CandidateManoeuvre],
+    budget_s: float,
+    criterion: Criterion = "d",
+    about: np.ndarray | None = None,
 ) -> tuple[CandidateManoeuvre, ...]:
-    """Greedy choice of candidates, in order, until none fits into what is left of `STRETCH` times `budget_s`."""
+    """Greedy choice of candidates, in order, until none fits into what is left of `STRETCH` times `budget_s`.
+
+    `about`: as of `worth_per_s`.
+    """
     least, chosen, left_s = least_share(known, library), [], STRETCH * budget_s
     while True:
         fits = [c for c in library if c.duration_s <= left_s and sum(c is other for other in chosen) < MOST_TIMES]
         if not fits:
             return tuple(chosen)
-        best = max(fits, key=lambda c: worth_per_s(known, c, least, criterion))
+        best = max(fits, key=lambda c: worth_per_s(known, c, least, criterion, about))
         chosen.append(best)
         known, left_s = known.with_information(best.information), left_s - best.duration_s
 

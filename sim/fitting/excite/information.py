@@ -9,7 +9,7 @@ Runs do not share nodes, so information is additive over them. J and the elimina
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,21 +34,22 @@ class Knowledge:
     vessel: VesselFile
     precision: np.ndarray
     w: np.ndarray
+    settings: FitSettings = PLANNED
 
     @classmethod
-    def prior(cls, vessel: VesselFile) -> Knowledge:
+    def prior(cls, vessel: VesselFile, settings: FitSettings = PLANNED) -> Knowledge:
         """The prior of the vessel file, before any log."""
-        mean, sigma = Parameters(vessel).prior
-        return cls(vessel, np.diag(1 / sigma**2), mean)
+        mean, sigma = settings.parameters(vessel).prior
+        return cls(vessel, np.diag(1 / sigma**2), mean, settings)
 
     def with_information(self, information: np.ndarray) -> Knowledge:
         """Knowledge after a run with this Fisher information (P, P)."""
-        return Knowledge(self.vessel, self.precision + information, self.w)
+        return Knowledge(self.vessel, self.precision + information, self.w, self.settings)
 
     @cached_property
     def parameters(self) -> Parameters:
         """Names of the parameters, and the maps between w and q."""
-        return Parameters(self.vessel)
+        return self.settings.parameters(self.vessel)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -82,9 +83,9 @@ def indices_of_interest(vessel: VesselFile) -> np.ndarray:
     return np.arange(len(HULL) + len(vessel.thrusters) + 2)
 
 
-def planned_information(run: Run, vessel: VesselFile) -> np.ndarray:
+def planned_information(run: Run, vessel: VesselFile, settings: FitSettings = PLANNED) -> np.ndarray:
     """Fisher information (P, P) of a noise-free run of the vessel file's own boat, at true states and parameters."""
-    fit = StructuredFit([run], vessel, PLANNED)
+    fit = StructuredFit([run], vessel, replace(settings, latent=False))
     z = np.zeros((fit.windows.size[0], L))
     z[:, STATE] = true_nodes(fit.windows, run)
     return _information(fit, fit.parameters.prior[0], z)

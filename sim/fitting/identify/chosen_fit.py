@@ -193,7 +193,7 @@ class _Search:
     def _score(self, vessel: VesselFile, settings: FitSettings) -> np.ndarray:
         """Score of each half, (2,), by what was fitted to the other."""
         settings = _multi_step(settings, self.halves.horizon_s)
-        parameters = with_tag_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
+        parameters = with_tag_fixed(settings.parameters(vessel))
         fits = [HorizonFit(half, parameters) for half in self.halves.targets]
         try:
             w = [solve(fit, STEPS, self._silent)[0].w for fit in fits]

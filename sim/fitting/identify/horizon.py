@@ -123,7 +123,9 @@ class HorizonFit:
         self.target, windows = target, target.windows
         W, K = windows.size
         self.parameters = parameters
-        self.move = WindowIntegrator(windows, parameters, compile_model(parameters.vessel, K, W))
+        self.move = WindowIntegrator(
+            windows, parameters, compile_model(parameters.vessel, K, W, parameters.surroundings)
+        )
         self._z = np.zeros((W, L))
         self._z[:, STATE] = self.target.x0
         self.sigma = error_sigma(FIRST_SHARE * (self.target.measured - self.target.x0[:, None]))

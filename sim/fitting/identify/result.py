@@ -17,6 +17,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
+from sim.fitting.engine.noise import OFFSET
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
@@ -74,6 +75,7 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
     latent_share  the same over the rms of commanded force over inertia; 1e-3, the floor: none
     horizon_s     horizon of multi-step output error (then there is no latent acceleration); 0: fit of windows
     white         residuals are uncorrelated, or the intervals allow for it; else the intervals are too narrow
+    heading_offset_rad  constant error of the heading, mean of the runs
     samples       instants with inertial data or heading; fixes: positions
     iterations    Gauss-Newton steps; seconds: wall time
     """
@@ -94,6 +96,7 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float
     data_hashes: tuple[str, ...]
     vessel: str
+    heading_offset_rad: float = 0.0
 
     @property
     def q(self) -> np.ndarray:
@@ -143,7 +146,7 @@ def _fit_horizon(
     runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, horizon_s: float, say: Say
 ) -> FitResult:
     """The result of multi-step output error."""
-    parameters = with_tag_fixed(Parameters(vessel, settings.sigmas, settings.overrides))
+    parameters = with_tag_fixed(settings.parameters(vessel))
     fit = HorizonFit(horizon_target(runs, vessel, horizon_s), parameters)
     point, iterations = solve_horizon(fit, settings.iterations, say)
     C_w = fit.covariance(point)
@@ -194,6 +197,7 @@ def fit_result(fit: StructuredFit, point: FitPoint, iterations: int, runs: Seque
         converged=iterations < fit.settings.iterations,
         data_hashes=tuple(run.data_hash for run in runs),
         vessel=parameters.vessel.name,
+        heading_offset_rad=float(point.z[fit.windows.first, OFFSET].mean()),
     )
 
 

@@ -29,11 +29,12 @@ from companion.core.model.thrusters import configuration_matrix
 from companion.logs.runs.decimate import RATE_HZ, Decimated, decimated
 from companion.logs.runs.run import Run
 from sim.fitting.engine.block_tridiagonal import Chain
+from sim.fitting.engine.free_parameters import PriorSigmas
 from sim.fitting.engine.initial_guess import initial_nodes
 from sim.fitting.engine.linearise import FitProblem, Linearised
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.noise import STATE, Noise, noise_of
-from sim.fitting.engine.parameters import Parameters, PriorSigmas
+from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.windows import MAX_STEP_S, Windows, cut_windows
 from sim.fitting.identify.white_noise import white_from_residuals
 
@@ -65,6 +66,8 @@ class FitSettings:
     tolerance_nats   predicted decrease below which a step is not taken
     sigmas           priors of the parameters; `overrides`: see `Parameters`
     noise            sensor noise instead of that of the vessel file
+    surroundings     current and wind, the same in all runs, are fitted too; imu_place: the IMU's lever arm
+    heading_offset_rad   how far off a heading may be all the time, instead of what is usual (`Noise.offset_rad`)
     """
 
     horizon_s: float | None = None
@@ -77,6 +80,13 @@ class FitSettings:
     sigmas: PriorSigmas = field(default_factory=PriorSigmas)
     overrides: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
     noise: Noise | None = None
+    surroundings: bool = False
+    imu_place: bool = False
+    heading_offset_rad: float | None = None
+
+    def parameters(self, vessel: VesselFile) -> Parameters:
+        """What is fitted of this boat, with its priors."""
+        return Parameters(vessel, self.sigmas, self.overrides, self.surroundings, self.imu_place)
 
 
 @dataclass(frozen=True)
@@ -93,14 +103,16 @@ class StructuredFit:
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: FitSettings):
         self.settings = settings
-        self.parameters = Parameters(vessel, settings.sigmas, settings.overrides)
+        self.parameters = settings.parameters(vessel)
         fewer = [decimated(run, settings.inertial_hz) for run in runs]
         self.windows = _windows(fewer, vessel, settings.window_s or WINDOWS_S[0])
         W, K = self.windows.size
-        self.problem = FitProblem(self.windows, self.parameters, compile_model(vessel, K, W))
+        self.problem = FitProblem(self.windows, self.parameters, compile_model(vessel, K, W, settings.surroundings))
         self.command_rms = _command_rms(self.windows, vessel)
         noise = settings.noise or _of_means(noise_of(vessel), runs, fewer)
         noise = replace(noise, latent_time_s=settings.latent_time_s)
+        if settings.heading_offset_rad is not None:
+            noise = replace(noise, offset_rad=settings.heading_offset_rad)
         self.stated = noise
         self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
         self._z0 = initial_nodes(self.windows, self.parameters)

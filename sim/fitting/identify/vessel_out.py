@@ -9,7 +9,8 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
 from companion.core.model.load_vessel import munk_limit_kg
-from sim.fitting.engine.parameters import DAMPING, Parameters, fitted_terms
+from sim.fitting.engine.free_parameters import IMU_PLACE, fitted_terms
+from sim.fitting.engine.parameters import DAMPING, Parameters
 from sim.fitting.identify.result import FitResult
 
 DIGITS = 6  # significant digits of fitted numbers
@@ -38,6 +39,11 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
         y_m=_round(q["tag_y_m"]),
         source=f"{vessel.sensors.position.source}; latency and place {source}",
     )
+    fitted = {p.name: p.value for p in result.parameters}
+    if IMU_PLACE[0] in fitted:
+        x_m, y_m = (_round(fitted[name]) for name in IMU_PLACE)
+        imu = replace(sensors.imu, x_m=x_m, y_m=y_m, source=f"{sensors.imu.source}; place {source}")
+        sensors = replace(sensors, imu=imu)
     inertia = inertia_of(vessel.inertia, q, source)
     return replace(
         vessel,

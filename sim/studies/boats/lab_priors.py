@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.manoeuvring import mass_matrix
-from sim.fitting.engine.parameters import PriorSigmas
+from sim.fitting.engine.free_parameters import PriorSigmas
 from sim.fitting.identify.structured_fit import FitSettings
 
 WIDE_GAIN = 0.3  # sigma of a gain that nobody measured

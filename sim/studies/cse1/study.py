@@ -20,8 +20,9 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.readers.read_run import read_run
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import Interval, alternate, before, part, parts
-from sim.fitting.engine.parameters import Parameters, adjustable, pitch_maps
+from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
+from sim.fitting.engine.thrust.fitted import adjustable, pitch_maps
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel

@@ -22,7 +22,8 @@ from companion.core.model.thrusters import configuration_matrix
 from sim.fitting.engine.linearise import HUBER
 from sim.fitting.engine.model import N_HULL, symbolic_model
 from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, WANDER, L, Noise
-from sim.fitting.engine.parameters import Parameters, adjustable
+from sim.fitting.engine.parameters import Parameters
+from sim.fitting.engine.thrust.fitted import adjustable
 from sim.fitting.engine.windows import Windows
 
 

@@ -18,7 +18,7 @@ from companion.core.configuration.vessel_file import PitchMap, RotorMap, VesselF
 from companion.core.constants import NEUTRAL_US
 from companion.core.model.thrusters import setting_share
 from companion.logs.runs.run import Run
-from sim.fitting.engine.parameters import adjustable
+from sim.fitting.engine.thrust.fitted import adjustable
 from sim.fitting.engine.thrust.forces import Settings, setting_rows, settings_at, thruster_forces
 from sim.fitting.engine.thrust.history import Pitch, ThrustCommands, ThrustHistory
 

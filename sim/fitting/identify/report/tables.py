@@ -13,6 +13,7 @@ from sim.fitting.engine.parameters import file_values
 from sim.fitting.identify.choices import choices
 from sim.fitting.identify.job import Identification, Taylor
 from sim.fitting.identify.result import UNDETERMINED, FitResult
+from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import NAMES, judged_horizons
 from sim.fitting.taylor.abkowitz_table import TERMS
 from sim.fitting.taylor.taylor_file import AXES
@@ -21,10 +22,12 @@ from sim.fitting.validate.study import BASELINE_NAMES, Validation
 from sim.fitting.validate.table import ScoreTable, error_rows, stability_rows, white_rows
 
 
-def parameter_table(result: FitResult, model: VesselFile) -> ScoreTable:
-    """Value, interval, what the file believed, how much of that belief is left."""
+def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings | None = None) -> ScoreTable:
+    """Value, interval, what the file believed, how much of that belief is left. `settings`: those of the fit."""
+    settings = settings or FitSettings()
+    before = file_values(model, settings.surroundings, settings.imu_place)
     rows = []
-    for p, believed in zip(result.parameters, file_values(model), strict=True):
+    for p, believed in zip(result.parameters, before, strict=True):
         share = f"{100 * min(p.share_of_prior, 1.0):.0f} %"
         rows.append(
             (

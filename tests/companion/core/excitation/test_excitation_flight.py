@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.control.allocation import force_limits
 from companion.core.excitation.file import Idle, Steps, Zigzag
-from companion.core.excitation.flight import BEGINNING, CAUTION, HOME_LIMIT_S, Flight
+from companion.core.excitation.flight import BEGINNING, HOME_LIMIT_S, Flight
 from companion.core.excitation.pen import Pen, stopping_distance_m
 from sim.world.environment import Weather
 from tests.support.excitation_fixture import BASIN, LIBRARY, feasible, flown, of, square
@@ -141,4 +142,6 @@ def test_room_shrinks_with_speed_and_caution_covers_a_heavier_boat():
     flight = Flight(WILD, boat("aritra"), BASIN, name="x")
     eta = np.array([15.0, 15.0, 0.0])
     rooms = [flight.room_m(eta, np.array([u, 0.0, 0.0]), np.zeros(4)) for u in (0.0, 0.5, 1.0, 1.5)]
-    assert (np.diff(rooms) < 0).all() and rooms[0] == pytest.approx(14.5) and CAUTION > 1.33
+    assert (np.diff(rooms) < 0).all() and rooms[0] == pytest.approx(14.5)
+    careful = Flight(replace(WILD, caution=3.0), boat("aritra"), BASIN, name="x")
+    assert careful.room_m(eta, np.array([1.0, 0.0, 0.0]), np.zeros(4)) < rooms[2] - 1.0

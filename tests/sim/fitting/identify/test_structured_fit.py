@@ -8,8 +8,9 @@ from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.vessel_text import vessel_toml
 from companion.logs.runs.run import Run
+from sim.fitting.engine.free_parameters import PriorSigmas
 from sim.fitting.engine.noise import noise_of
-from sim.fitting.engine.parameters import HULL, PriorSigmas, file_values
+from sim.fitting.engine.parameters import HULL, file_values
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings, StructuredFit
 from sim.fitting.identify.vessel_out import identified_vessel

@@ -1,0 +1,174 @@
+"""`aritra commission`: from a first vessel file to one that drives well, stage by stage, on a boat or a simulated one.
+
+Fits and flights of the simulator are imported at first use (extra `analysis`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.text import Text
+
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
+from companion.cli.analysis import now_utc, one_thread, refuse
+from companion.cli.boat.wires import add_wires
+from companion.cli.options.files import excitation_file, mission_file, run_file, site_file, text_of, vessel_file
+from companion.cli.options.outputs import add_out
+from companion.cli.options.values import number
+from companion.cli.simulator.world_options import add_world_arguments, world_setup
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError
+from companion.core.excitation.file import load_excitation
+from companion.core.excitation.pen import Pen
+from companion.core.model.actuators.propulsion import only_fixed
+
+if TYPE_CHECKING:
+    from sim.commission.boats import Boat
+    from sim.commission.job import Outcome
+    from sim.commission.journal import Journal
+
+DONE, NOT_REACHED = 0, 1
+LIBRARY = EXAMPLES / "excitations" / "library.toml"
+COMMISSIONED, REPORT = "commissioned.toml", "report.html"
+EXAMPLE = "aritra commission --vessel deploy/boats/aritra.toml --site deploy/sites/basin.toml --out out/commission"
+
+
+def add_parser(commands) -> None:
+    """Add `commission` to the command line."""
+    p = commands.add_parser(
+        "commission",
+        help="from a first vessel file to one that drives well",
+        description="Flies what is worth most, fits all logs, and goes on until more is not worth its minutes: which "
+        "thruster pushes where, delays, hull and gains, places of the sensors, current and wind; then proves the "
+        "new vessel file on a manoeuvre that no fit has seen, and drives the mission with it. Started again with "
+        "the same --out it goes on where it was stopped. Exit code 0: commissioned; 1: not, and it says why; 2: bad "
+        "input.",
+        example=EXAMPLE,
+    )
+    p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument("--vessel", type=vessel_file, metavar="FILE", help="first vessel file instead of the run file's")
+    p.add_argument("--site", type=site_file, metavar="FILE", help="site file instead of the run file's")
+    p.add_argument("--mission", type=mission_file, metavar="FILE", help="mission to drive instead of the run file's")
+    minutes = number(8.0, 240.0, "minutes")
+    p.add_argument("--minutes", type=minutes, default=30.0, metavar="MIN", help="of flight at most (default: 30)")
+    p.add_argument("--library", type=excitation_file, default=LIBRARY, metavar="FILE", help="manoeuvres to choose from")
+    add_out(p, "DIR", f"folder of the commissioning: {COMMISSIONED}, {REPORT}, logs", required=True)
+    p.add_argument(
+        "--simulate",
+        type=vessel_file,
+        metavar="FILE",
+        help="no boat: a simulated one that is as this vessel file says, off it by --mismatch",
+    )
+    add_wires(p)
+    add_world_arguments(p)
+    p.set_defaults(function=commission, start=None)
+
+
+def commission(args: argparse.Namespace, console: Console | None = None) -> int:
+    """Commission, write and print what came of it; the exit code."""
+    try:
+        from sim.commission.job import Commissioning, Task
+        from sim.commission.journal import Journal
+    except ImportError as error:
+        return refuse("commission", f'{error}; pip install "aritra[analysis]" brings what it needs')
+    console = console or Console()
+    setup = _setup(args)
+    task = Task(
+        files=setup.files,
+        vessel=setup.pilot.vessel,
+        site=setup.pilot.site,
+        points=tuple(setup.pilot.mission.path.points),
+        library=load_excitation(text_of(args.library), name=str(args.library)),
+        minutes=args.minutes,
+        date=now_utc()[:10],
+    )
+    try:
+        boat = _boat(args, setup)
+        journal = Journal(args.out, task.files)
+        with one_thread(), console.status("begins") as status:
+
+            def say(text: str) -> None:
+                console.print(Text(text), soft_wrap=True)
+
+            show = (lambda _text: None) if args.simulate is None else status.update
+            if args.simulate is None:
+                status.stop()  # `aritra run` has the terminal
+            outcome = Commissioning(task, boat, journal, say, show).run()
+            files = _write(outcome, args.out, journal, task.site)
+    except OSError as error:
+        print(f"aritra commission: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 2
+    _print(outcome, args.out, files, console)
+    return DONE if outcome.reached else NOT_REACHED
+
+
+def _setup(args: argparse.Namespace) -> RunSetup:
+    """The run file's setup with the files of the command line, without an excitation. Raises ConfigError."""
+    setup = load_setup(args.config, mission=args.mission)
+    texts = {name: text for name, text in setup.files.items() if name != "excitation.toml"}
+    names = {name: f"{args.config}: {name}" for name in texts}
+    for role, path in (("vessel.toml", args.vessel), ("site.toml", args.site)):
+        if path:
+            texts[role], names[role] = text_of(path), str(path)
+    texts["run.toml"] = _beside(texts["run.toml"], texts)
+    setup = setup_of(texts, names)
+    only_fixed(setup.pilot.vessel, names["vessel.toml"], "commissioning")
+    return setup
+
+
+def _beside(run: str, files: dict[str, str]) -> str:
+    """The run file with the names that its files have in the folder of a flight."""
+    (mission,) = (name for name in files if name.startswith("mission"))
+    new = {"vessel": "vessel.toml", "site": "site.toml", "mission": mission}
+    lines = []
+    for line in run.splitlines():
+        key = line.partition("=")[0].strip()
+        lines.append(f'{key} = "{new.pop(key)}"' if key in new else line)
+    return "\n".join(line for line in lines if line.partition("=")[0].strip() != "excitation") + "\n"
+
+
+def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
+    from companion.core.model.load_vessel import load_vessel
+    from sim.commission.boats import RealBoat, SimulatedBoat
+
+    if args.simulate is None:
+        given = [("--mavlink", args.mavlink), ("--uwb", args.uwb)]
+        given += [("--device", f"{key}={url}") for key, url in args.device]
+        return RealBoat(tuple(word for option, url in given if url for word in (option, url)))
+    if args.start is None:
+        args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
+    true = load_vessel(text_of(args.simulate), name=str(args.simulate))
+    if len(true.controls) != len(setup.pilot.vessel.controls):
+        raise ConfigError(f"--simulate: {args.simulate}: it has not as many thrusters as the first vessel file")
+    return SimulatedBoat(replace(world_setup(args, setup), vessel=true), args.seed)
+
+
+def _write(outcome: Outcome, out: Path, journal: Journal, site: Site) -> dict[str, str]:
+    """Vessel file and report; name -> what it is."""
+    from companion.core.model.vessel_text import vessel_toml
+    from sim.commission.journal import write_whole
+    from sim.commission.report import report
+
+    files = {REPORT: "this page"}
+    if outcome.belief.fit is not None:
+        state = "proven" if outcome.reached else "NOT PROVEN"
+        files = {COMMISSIONED: f"the vessel file to drive with, {state}"} | files
+        write_whole(out / COMMISSIONED, vessel_toml(outcome.vessel, f"By `aritra commission`: {state}.").encode())
+    write_whole(out / REPORT, report(outcome, journal, site, files).encode())
+    return files
+
+
+def _print(outcome: Outcome, out: Path, files: dict[str, str], console: Console) -> None:
+    from sim.commission.report import person, verdict
+
+    for line in verdict(outcome):
+        console.print(Text(line, style="bold"), soft_wrap=True)
+    for line in person(outcome):
+        console.print(Text(f"for you: {line}", style="yellow"), soft_wrap=True)
+    for name, what in files.items():
+        console.print(Text(f"wrote {out / name}: {what}"), soft_wrap=True)

@@ -1,0 +1,140 @@
+"""What is known of a boat: the vessel file by all logs so far, how well, and how carefully it may be flown by it.
+
+    logs -> signs and sides -> structured fit -> belief
+
+Priors are those of a file that nobody measured: hull 50 %, gains 30 %, places of the sensors 0.3 m, compass 0.2 rad.
+Current and wind are fitted beside the boat and forgotten afterwards: they belong to the day.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from dataclasses import replace as replaced
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from sim.fitting.engine.free_parameters import PriorSigmas
+from sim.fitting.engine.split import NamedLog
+from sim.fitting.engine.windows import StructuredFitError
+from sim.fitting.excite.information import Knowledge
+from sim.fitting.identify.result import FitResult, fit_structured
+from sim.fitting.identify.structured_fit import FitSettings
+from sim.fitting.identify.vessel_out import identified_vessel
+from sim.fitting.wiring.check import checked
+from sim.fitting.wiring.record import WiringReport
+
+UNMEASURED = FitSettings(
+    sigmas=PriorSigmas(gain=0.3, arm_m=0.3), surroundings=True, imu_place=True, heading_offset_rad=0.2
+)
+"""Priors of a file that knows the length and the thrusters' places only; assumed."""
+CARE = (1.5, 2.5)
+"""Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
+TILT, TRIAL = ("phi_rad", "theta_rad"), 12
+"""Columns that level accelerometers, and the steps of the fit that tries them; assumed."""
+COMPASS_RAD = np.radians(3.0)
+"""A heading that is off by less is within what compasses do; assumed."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed.
+
+    first    the file that commissioning began with, thrusters as they are connected: the prior of all fits
+    vessel   the file by all logs
+    known    how well its parameters are known
+    wiring   what was found of signs and sides
+    fit      the last fit; None before the first
+    problem  why a fit was not possible
+    logs     what it was learnt from, with columns put right
+    """
+
+    first: VesselFile
+    vessel: VesselFile
+    known: Knowledge
+    wiring: WiringReport = field(default_factory=WiringReport)
+    fit: FitResult | None = None
+    problem: str = ""
+    logs: tuple[NamedLog, ...] = ()
+
+    @classmethod
+    def beginning(cls, first: VesselFile) -> Belief:
+        """Before any log."""
+        return cls(first, first, Knowledge.prior(first, UNMEASURED))
+
+    @property
+    def caution(self) -> float:
+        """How many times heavier or weaker than the file the boat may be: e^(2 sigma) of acceleration by thrust."""
+        names = self.known.parameters.names
+        n = len(self.first.thrusters)
+        worst = 0.0
+        for inertia in ("M11_kg", "M22_kg", "M33_kg_m2"):
+            by = np.zeros(len(names))
+            by[names.index(inertia)] = 1.0
+            by[self.known.parameters.thrusters] = -1.0 / n
+            worst = max(worst, float(by @ self.known.covariance @ by))
+        return float(np.clip(np.exp(2 * np.sqrt(worst)), *CARE))
+
+    @property
+    def signs_known(self) -> bool:
+        """Whether every single wiring fault has been ruled out, or the one that there is has been put right."""
+        doubtful = any(not finding.certain and finding.thrusters for finding in self.wiring.findings)
+        return self.wiring.logs not in (None, 0) and not self.wiring.unknown and not doubtful
+
+
+def learned(
+    first: VesselFile, logs: Sequence[NamedLog], date: str, say: Callable[[str], None] = lambda _text: None
+) -> Belief:
+    """The belief by `first`, as it was given, and all logs. `date`: for the file's `source` keys."""
+    say("signs and sides")
+    found = checked(logs, (), first)
+    begun = replaced(Belief.beginning(found.vessel), wiring=found.wiring, logs=found.logs)
+    say("fit")
+    try:
+        fit, logs = _fitted(found.logs, found.vessel)
+    except StructuredFitError as error:
+        return replaced(begun, problem=str(error))
+    vessel = identified_vessel(found.vessel, fit, date=date)
+    if abs(fit.heading_offset_rad) > COMPASS_RAD:
+        vessel = with_compass(vessel, fit.heading_offset_rad)
+    return replaced(begun, logs=logs, vessel=vessel, known=knowledge_of(found.vessel, vessel, fit), fit=fit)
+
+
+def _fitted(logs: Sequence[NamedLog], vessel: VesselFile) -> tuple[FitResult, tuple[NamedLog, ...]]:
+    """The fit, and the logs that it is of: levelled by roll and pitch only where accelerometers are the better for it.
+
+    The roll and pitch of an autopilot without GPS follow its own acceleration (docs/sitl.md): levelled by them,
+    accelerometers lose what they should show.
+    """
+    bare = tuple(NamedLog(log.name, Run(log.run.table.drop(TILT, strict=False), log.run.meta)) for log in logs)
+    fit = fit_structured([log.run for log in bare], vessel, UNMEASURED)
+    if any(set(TILT) <= set(log.run.table.columns) for log in logs):
+        trial = fit_structured([log.run for log in logs], vessel, replaced(UNMEASURED, iterations=TRIAL))
+        if _unexplained(trial) < _unexplained(fit):
+            return fit_structured([log.run for log in logs], vessel, UNMEASURED), tuple(logs)
+    return fit, bare
+
+
+def _unexplained(fit: FitResult) -> float:
+    """Product of the noises of both accelerometers, as the fit finds them."""
+    return float(np.prod([c.sigma for c in fit.channels if c.name in ("ax", "ay")]))
+
+
+def with_compass(vessel: VesselFile, offset_rad: float) -> VesselFile:
+    """The vessel with this constant error of its heading."""
+    imu = vessel.sensors.imu
+    total = imu.heading_offset_rad + round(offset_rad, 4)
+    imu = replace(imu, heading_offset_rad=total, source=f"{imu.source}; heading offset from the same logs")
+    return replace(vessel, sensors=replace(vessel.sensors, imu=imu))
+
+
+def knowledge_of(first: VesselFile, vessel: VesselFile, fit: FitResult) -> Knowledge:
+    """Knowledge by a fit of `first`, about the fitted `vessel`: C_w = T^-1 C_q T^-T."""
+    parameters = UNMEASURED.parameters(first)
+    w = parameters.unconstrained(np.array([fit[name].value for name in parameters.names]))
+    T = parameters.jacobian(w)
+    precision = T.T @ np.linalg.inv(np.array(fit.covariance)) @ T
+    return Knowledge(vessel, (precision + precision.T) / 2, w, UNMEASURED)

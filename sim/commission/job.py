@@ -1,0 +1,251 @@
+"""One commissioning, from the first file to one that has been proven, or to the reason why not.
+
+    for each stage:  propose -> fly -> learn from all logs -> propose ..        until the stage is over
+    proof            the best file on a manoeuvre that no fit has seen
+    mission          with the file of the beginning, and with the new one
+
+Everything that it knows stands in the folder (`journal`): started again, it learns from the logs that are there
+and goes on. Nothing is flown while signs and sides are in doubt but pulses of one thruster.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from dataclasses import replace as changed
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.excitation.file import Excitation, excitation_toml
+from companion.core.messages import ExcitationStatus, GuidanceReference
+from companion.core.model.vessel_text import vessel_toml
+from companion.logs.log_file import LogError, LogFile
+from companion.logs.readers.read_run import ReadOptions, read_run
+from companion.logs.runs.run import Run, RunError
+from sim.commission.belief import Belief, learned
+from sim.commission.boats import Boat
+from sim.commission.causes import Causes, causes
+from sim.commission.journal import INTERRUPTED, LOG, FlightRecord, Journal, stage_of
+from sim.commission.proof import Proof, driven, proof
+from sim.commission.stages import PROVEN, SIGNS, STAGES, Stage, propose
+from sim.fitting.engine.split import NamedLog
+from sim.fitting.excite.design import gain_nats
+from sim.fitting.excite.information import indices_of_interest
+
+RESERVE_S = 420.0
+"""Kept for the proof and two missions; assumed: the demo's mission takes 110 s."""
+OLD, NEW = "mission-before", "mission"
+BEGINNING, IDENTIFIED, EXTENDED = "first file", "identified", "identified with causes"
+YIELD = (0.05, 1.0)
+"""Least and largest share of the expected nats that flights are taken to tell; assumed."""
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to commission: texts of the files, the first vessel and site as read, the manoeuvres, and the time there is.
+
+    `points`: the mission's waypoints, north and east [m].
+    """
+
+    files: Mapping[str, str]
+    vessel: VesselFile
+    site: Site
+    points: tuple[tuple[float, float], ...]
+    library: Excitation
+    minutes: float
+    date: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it ended. `vessel`: the file to drive with; `reached`: it has been proven; `why`: why not.
+
+    over     of each stage, why it was over
+    causes   what the diagnosis found, in sentences
+    """
+
+    belief: Belief
+    vessel: VesselFile
+    reached: bool
+    why: str = ""
+    proof: Proof | None = None
+    over: Mapping[str, str] = field(default_factory=dict)
+    causes: tuple[str, ...] = ()
+    flights: tuple[tuple[str, FlightRecord], ...] = ()
+
+
+class Commissioning:
+    """One commissioning in a folder. `say`: a line to keep; `status`: what it is at just now."""
+
+    def __init__(self, task: Task, boat: Boat, journal: Journal, say: Say, status: Say = lambda _text: None):
+        self.task, self.boat, self.journal, self._say, self._status = task, boat, journal, say, status
+        self._over: dict[str, str] = {}
+
+    def run(self) -> Outcome:
+        """All stages, from where the folder is; the outcome. Raises OSError."""
+        self._close_interrupted()
+        belief = self._learn() if self._logs() else Belief.beginning(self.task.vessel)
+        for stage in STAGES:
+            belief = self._stage(stage, belief)
+            if stage is SIGNS and not belief.signs_known:
+                why = f"signs and sides could not be told: {_doubts(belief)}"
+                return self._outcome(belief, belief.first, False, why)
+        if belief.fit is None:
+            return self._outcome(belief, belief.first, False, f"no fit: {belief.problem or 'nothing was flown'}")
+        return self._proven(belief)
+
+    def _stage(self, stage: Stage, belief: Belief) -> Belief:
+        """Fly a stage until it is over; what is believed then."""
+        while True:
+            flown = sum(stage_of(folder) == stage.name for folder in self.journal.flights())
+            left_s = 60 * self.task.minutes - self._spent_s() - RESERVE_S * (stage is not PROVEN)
+            proposal = propose(
+                stage, belief, self.task.library, self.task.site, left_s, flown, self._yielded(), self._status
+            )
+            if proposal.plan is None:
+                self._over[stage.name] = proposal.why
+                self._say(f"{stage.name}: over: {proposal.why}")
+                return belief
+            if left_s <= 0:
+                self._over[stage.name] = "no time left"
+                return belief
+            expected = f", {proposal.nats:.1f} nats expected" if proposal.nats else ""
+            self._say(f"{stage.name}: {stage.why}; flight of {proposal.minutes:.1f} minutes{expected}")
+            plan = excitation_toml(proposal.plan, f"{stage.name}: {stage.why}")
+            record, folder = self._fly(stage.name, belief.vessel, {"excitation.toml": plan}, proposal.nats)
+            before = belief
+            if stage is not PROVEN:
+                belief = self._learn()
+                of = stage.indices(belief.known) if stage.about else indices_of_interest(belief.vessel)
+                record = replace(record, gained=gain_nats(before.known, belief.known, of))
+            self.journal.close(folder, record)
+            self._say(f"{stage.name}: {record.ending}; {'; '.join(news(before, belief))}")
+
+    def _proven(self, belief: Belief) -> Outcome:
+        """The file to believe, and missions with the first and with it."""
+        assert belief.fit is not None
+        files = {BEGINNING: belief.first, IDENTIFIED: belief.vessel}
+        flown = [f for f in self.journal.flights() if stage_of(f) == PROVEN.name]
+        if not flown:
+            return self._outcome(belief, belief.vessel, False, "no time was left for the proof")
+        try:
+            run = read_run(flown[-1] / LOG, ReadOptions(belief.first, self.task.site))
+            found = self._causes(belief, run)
+            if found.vessel is not None:
+                files[EXTENDED] = found.vessel
+            judged = proof(files, run, belief.fit)
+        except (LogError, ValueError) as error:
+            return self._outcome(belief, belief.vessel, False, f"the proof cannot be used: {error}")
+        best = files[judged.best]
+        self._say(f"diagnosis: {'; '.join(found.lines) or 'nothing else is wrong'}")
+        errors = ", ".join(f"{name} {error:.1%}" for name, error in judged.errors.items())
+        self._say(f"proof: error of predictions {errors}: {judged.best} is believed")
+        for name, vessel in ((OLD, belief.first), (NEW, best)):
+            done = any(stage_of(folder) == name for folder in self.journal.flights())
+            if not done and (name == NEW or judged.best != BEGINNING):
+                self._mission(name, vessel)
+        last = [r for name, r in self._records() if name == NEW]
+        reached = bool(last) and last[-1].done
+        why = "" if reached else f"the mission did not come to its end: {last[-1].ending if last else 'not flown'}"
+        return changed(self._outcome(belief, best, reached, why), proof=judged, causes=found.lines)
+
+    def _causes(self, belief: Belief, run: Run) -> Causes:
+        """What the diagnosis finds; that it cannot be made ends nothing."""
+        self._status("diagnosis")
+        try:
+            return causes(belief, run)
+        except ValueError as error:
+            return Causes((f"no diagnosis: {error}",), None)
+
+    def _mission(self, name: str, vessel: VesselFile) -> None:
+        record, folder = self._fly(name, vessel, {})
+        with contextlib.suppress(LogError):
+            record = replace(record, cross_track_rms_m=driven(folder / LOG, self.task.points))
+        self.journal.close(folder, record)
+        self._say(
+            f"{name}: {record.ending}; cross-track {record.cross_track_rms_m or float('nan'):.3f} m by its own estimate"
+        )
+
+    def _fly(
+        self, name: str, vessel: VesselFile, more: Mapping[str, str], nats: float = 0.0
+    ) -> tuple[FlightRecord, Path]:
+        head = f"{name}: as believed by `aritra commission`"
+        files = {**self.task.files, "vessel.toml": vessel_toml(vessel, head), **more}
+        folder = self.journal.begin(name, files)
+        flown = self.boat.fly(files, folder, lambda text: self._status(f"{name}: {text}"))
+        record = FlightRecord(stage=name, seconds=flown.seconds, ending=flown.ending, done=flown.done, nats=nats)
+        return record, folder
+
+    def _learn(self) -> Belief:
+        return learned(self.task.vessel, self._logs(), self.task.date, self._status)
+
+    def _logs(self) -> list[NamedLog]:
+        """All logs to fit: excitations but for the proof."""
+        logs = []
+        for folder in self.journal.flights():
+            if stage_of(folder) in (PROVEN.name, OLD, NEW):
+                continue
+            try:
+                run = read_run(folder / LOG, ReadOptions(self.task.vessel, self.task.site))
+            except (LogError, RunError, OSError) as error:
+                self._say(f"{folder.name}: cannot be used: {error}")
+                continue
+            logs.append(NamedLog(folder.name, run))
+        return logs
+
+    def _close_interrupted(self) -> None:
+        """Flights that were under way when the program ended: what their logs hold counts."""
+        for folder in self.journal.flights():
+            if self.journal.record(folder) is None:
+                seconds = _logged_s(folder / LOG)
+                record = FlightRecord(stage=stage_of(folder), seconds=seconds, ending=INTERRUPTED, done=False)
+                self.journal.close(folder, record)
+                self._say(f"{folder.name}: was interrupted after {seconds:.0f} s, which count")
+
+    def _records(self) -> list[tuple[str, FlightRecord]]:
+        pairs = ((stage_of(folder), self.journal.record(folder)) for folder in self.journal.flights())
+        return [(name, record) for name, record in pairs if record is not None]
+
+    def _yielded(self) -> float:
+        """What the designed flights so far told over what was expected of them; 1 before the first."""
+        pairs = [(r.gained, r.nats) for _, r in self._records() if r.gained is not None and r.nats > 0]
+        return float(np.clip(sum(g for g, _ in pairs) / sum(n for _, n in pairs), *YIELD)) if pairs else 1.0
+
+    def _spent_s(self) -> float:
+        return sum(record.seconds for _, record in self._records())
+
+    def _outcome(self, belief: Belief, vessel: VesselFile, reached: bool, why: str) -> Outcome:
+        return Outcome(belief, vessel, reached, why, over=dict(self._over), flights=tuple(self._records()))
+
+
+def _doubts(belief: Belief) -> str:
+    return " ".join((*belief.wiring.lines, *belief.wiring.open_lines)) or "the logs hold too little"
+
+
+def news(before: Belief, after: Belief) -> list[str]:
+    """What a flight told, in sentences."""
+    known = {finding.name for finding in before.wiring.findings}
+    lines = [f"{f.text} ({f.nats:g} nats)" for f in after.wiring.findings if f.name not in known and f.nats is not None]
+    if after.problem:
+        lines.append(f"no fit yet: {after.problem}")
+    if after.fit is not None:
+        gained = gain_nats(before.known, after.known, indices_of_interest(after.vessel))
+        still = [p.name for p in after.fit.parameters if not p.determined and not p.name.startswith("warp_")]
+        lines.append(f"{gained:.1f} nats learnt of hull and thrusters")
+        lines.append(f"not determined: {', '.join(still)}" if still else "every parameter is determined")
+    return lines
+
+
+def _logged_s(log: Path) -> float:
+    """Seconds from the first to the last tick under way of a log, as far as it can be read."""
+    try:
+        ticks = [m.t_ns for m in LogFile(log).messages(ExcitationStatus, GuidanceReference)]
+    except (LogError, OSError):
+        return 0.0
+    return (ticks[-1] - ticks[0]) * 1e-9 if ticks else 0.0

@@ -1,0 +1,90 @@
+"""Which file to believe: each predicts a manoeuvre that no fit has seen; and how a mission went by the boat's estimate.
+
+error of a file = relative error of its open-loop predictions (`sim.fitting.identify.verdict`),
+                      the day's current and wind given to all files alike
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.messages import GuidanceReference, StateEstimate
+from companion.logs.log_file import LogFile
+from companion.logs.runs.run import Run
+from companion.logs.runs.splits import HeldOut
+from sim.commission.belief import COMPASS_RAD
+from sim.fitting.engine.free_parameters import SURROUNDINGS
+from sim.fitting.engine.smoothing import SmootherNoise
+from sim.fitting.identify.result import FitResult
+from sim.fitting.identify.verdict import relative_error
+from sim.fitting.validate.models import VesselSimulator
+from sim.fitting.validate.study import validate
+from sim.world.score import track_of, tracking
+
+HORIZON_S, STRIDE_S = 20.0, 2.0
+BETTER = 0.97
+"""A file takes the place of another from this ratio of their errors on; assumed: less is chance."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Errors of the files by name, and the name of the one to believe."""
+
+    errors: Mapping[str, float]
+    best: str
+
+
+def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult) -> Proof:
+    """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short."""
+    heading = fit.heading_offset_rad if abs(fit.heading_offset_rad) > COMPASS_RAD else 0.0
+    straight = Run(
+        run.table.with_columns(psi_rad=(run.table["psi_rad"] - heading + np.pi) % (2 * np.pi) - np.pi), run.meta
+    )
+    models = [VesselSimulator(name, of_the_day(vessel, fit)) for name, vessel in files.items()]
+    noise = SmootherNoise.of(list(files.values())[-1])
+    held_out = [HeldOut(straight)]
+    found = validate(models, held_out, list(files.values())[-1], noise, horizon_s=HORIZON_S, stride_s=STRIDE_S)
+    errors = {one.name: relative_error(one, found.scores) for one in found.scores[: len(files)]}
+    best = next(iter(errors))
+    for name, error in errors.items():
+        best = name if error < BETTER * errors[best] else best
+    return Proof(errors, best)
+
+
+def of_the_day(vessel: VesselFile, fit: FitResult) -> VesselFile:
+    """The vessel in current and wind as they were fitted."""
+    c_n, c_e, w_n, w_e = (fit[p.name].value for _, p in SURROUNDINGS)
+    day: dict[str, dict[str, float | str]] = {
+        "current": {"V_c_m_s": float(np.hypot(c_n, c_e)), "beta_c_deg": _deg(c_n, c_e), "source": "fitted: the day's"},
+        "wind": {
+            **vessel.terms.get("wind", {}),
+            "V_w_m_s": min(float(np.hypot(w_n, w_e)), 25.0),
+            "beta_w_deg": _deg(w_n, w_e),
+            "source": "fitted: the day's",
+        },
+    }
+    return replace(vessel, terms={**vessel.terms, **day})
+
+
+def _deg(north: float, east: float) -> float:
+    return float(np.degrees(np.arctan2(east, north)))
+
+
+def driven(log: Path, points: Sequence[tuple[float, float]]) -> float:
+    """Cross-track error of a mission, rms over the straight parts of its legs, by the boat's own estimate [m]."""
+    estimates: list[StateEstimate] = []
+    references: list[GuidanceReference] = []
+    for message in LogFile(log).messages(StateEstimate, GuidanceReference):
+        if isinstance(message, StateEstimate):
+            estimates.append(message)
+        elif isinstance(message, GuidanceReference):
+            references.append(message)
+    if not estimates or not any(r.phase != "idle" for r in references):
+        return float("nan")
+    return tracking(track_of(estimates, references, estimates), np.array(points))["cross_track_rms_m"]

@@ -1,0 +1,143 @@
+"""The report of a commissioning: what came of it, what each stage told, which file to believe, what is left to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from companion.core.configuration.site_file import Site
+from companion.core.messages import StateEstimate
+from companion.logs.log_file import LogError, LogFile
+from sim.commission.belief import COMPASS_RAD, UNMEASURED
+from sim.commission.job import NEW, OLD, Outcome
+from sim.commission.journal import LOG, Journal, stage_of
+from sim.commission.stages import STAGES
+from sim.fitting.identify.report.tables import parameter_table
+from sim.fitting.validate.report import Section, page
+from sim.fitting.validate.table import ScoreTable
+from sim.fitting.wiring.record import WiringFinding
+
+
+def verdict(outcome: Outcome) -> list[str]:
+    """What came of it, in sentences."""
+    minutes = sum(record.seconds for _, record in outcome.flights) / 60
+    lines = [f"{'Commissioned' if outcome.reached else 'Not commissioned'} after {minutes:.1f} minutes of flight."]
+    if outcome.why:
+        lines.append(f"Why not: {outcome.why}.")
+    if outcome.proof:
+        errors = ", ".join(f"{name} {error:.0%}" for name, error in outcome.proof.errors.items())
+        lines.append(
+            f"Error of predictions on a manoeuvre that no fit has seen (100 %: no better than without a model): "
+            f"{errors}. To be believed: {outcome.proof.best}."
+        )
+    driven = {name: record.cross_track_rms_m for name, record in outcome.flights if record.cross_track_rms_m}
+    for name, what in ((OLD, "With the first file"), (NEW, "With the new file")):
+        if name in driven:
+            lines.append(
+                f"{what} the mission's cross-track error was {driven[name]:.3f} m rms, by the boat's estimate."
+            )
+    return lines
+
+
+def person(outcome: Outcome) -> list[str]:
+    """What only a person can do, in sentences."""
+    lines = [_wiring(finding) for finding in outcome.belief.wiring.findings]
+    fit = outcome.belief.fit
+    if fit is not None and abs(fit.heading_offset_rad) > COMPASS_RAD:
+        lines.append(
+            f"The heading is off by {np.degrees(fit.heading_offset_rad):.0f} degrees. The new file says so; better "
+            "still, calibrate the compass, and look whether the autopilot is mounted straight."
+        )
+    if fit is not None:
+        lines.append(
+            "Weigh the boat: motion shows forces only over inertia, so mass and thrust may be too large or too small "
+            "together. It makes no difference to how the boat drives."
+        )
+    return lines
+
+
+def _wiring(finding: WiringFinding) -> str:
+    nats = f" ({finding.nats:g} nats over the file)" if finding.nats is not None else ""
+    if finding.certain and finding.thrusters:
+        return f"Correct the wiring: {finding.text}{nats}. Or leave it: the new file has it as it is connected."
+    if finding.certain:
+        return f"Correct it: {finding.text}{nats}. The fit went on with that put right, the boat does not."
+    return f"Look: perhaps {finding.text}{nats}."
+
+
+def stage_table(outcome: Outcome) -> ScoreTable:
+    """A row for each stage: flights, minutes, nats, and why it was over."""
+    names = [*(stage.name for stage in STAGES), OLD, NEW]
+    rows = []
+    for name in names:
+        own = [record for stage, record in outcome.flights if stage == name]
+        if not own and name not in outcome.over:
+            continue
+        gained = [r.gained for r in own if r.gained is not None]
+        rows.append(
+            (
+                name,
+                str(len(own)),
+                f"{sum(r.seconds for r in own) / 60:.1f}",
+                f"{sum(r.nats for r in own):.1f}" if any(r.nats for r in own) else "",
+                f"{sum(gained):.1f}" if gained else "",
+                outcome.over.get(name, "; ".join(r.ending for r in own)),
+            )
+        )
+    return ScoreTable(("stage", "flights", "minutes", "nats expected", "nats told", "over because"), tuple(rows))
+
+
+def tracks(journal: Journal, site: Site) -> Figure:
+    """Where the boat was, by its own estimate: each stage in a colour, inside the fence."""
+    figure = Figure(figsize=(7.5, 6), layout="constrained")
+    axes = figure.subplots()
+    fence = np.array([*site.fence, site.fence[0]])
+    axes.plot(fence[:, 1], fence[:, 0], color="black", label="fence")
+    colours: dict[str, str] = {}
+    for folder in journal.flights():
+        name = stage_of(folder)
+        place = _places(folder / LOG)
+        known = name in colours
+        colours.setdefault(name, f"C{len(colours)}")
+        axes.plot(place[:, 1], place[:, 0], lw=0.9, color=colours[name], label=None if known else name)
+    axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal")
+    figure.legend(fontsize=8, loc="outside right upper")
+    return figure
+
+
+def _places(log: Path) -> np.ndarray:
+    try:
+        estimates = [
+            m
+            for m in LogFile(log).messages(StateEstimate)
+            if isinstance(m, StateEstimate) and m.health in ("healthy", "degraded")
+        ]
+    except LogError:
+        return np.empty((0, 2))
+    return np.array([(m.north_m, m.east_m) for m in estimates]).reshape(-1, 2)
+
+
+def report(outcome: Outcome, journal: Journal, site: Site, files: Mapping[str, str]) -> str:
+    """The page, as text. `files`: what was written, by name: what it is."""
+    sections = [
+        Section("What came of it", tuple(verdict(outcome)), look=not outcome.reached),
+        Section("What only a person can do", tuple(person(outcome)) or ("Nothing.",)),
+        Section("Files", tuple(f"{name}: {what}" for name, what in files.items())),
+        Section(
+            "Stages", tables=(stage_table(outcome),), text=True, figures=((tracks(journal, site), "By estimate."),)
+        ),
+    ]
+    if outcome.causes:
+        sections.insert(2, Section("What else there is", _causes(outcome.causes)))
+    if outcome.belief.fit is not None:
+        note = "current_*, wind_*: of the day, not written to the file."
+        table = parameter_table(outcome.belief.fit, outcome.belief.first, UNMEASURED)
+        sections.append(Section("Parameters", tables=(table,), note=note))
+    return page(f"Commissioning of {outcome.vessel.name}", sections)
+
+
+def _causes(lines: Sequence[str]) -> tuple[str, ...]:
+    return (*lines, "Found by the diagnosis of all logs; what belongs to the day (current, wind) is not in the file.")

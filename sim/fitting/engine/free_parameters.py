@@ -1,0 +1,47 @@
+"""What a fit may leave free besides hull and thrusters, and how far each parameter may be off beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.effects.term import LoadParameter
+from companion.core.model.loads import REGISTRY
+
+IMU_PLACE = ("imu_x_m", "imu_y_m")
+SURROUNDINGS = tuple(
+    (term, LoadParameter(f"{term}_{way}_m_s", "m/s", start, -most, most, what))
+    for term, start, most, what in (("current", 0.01, 2.0, "flows towards"), ("wind", 0.5, 25.0, "comes from"))
+    for way in ("north", "east")
+)
+"""Current and wind of the day, by their components; defaults: where a fit begins (at 0 a wind has no slope)."""
+
+
+def fitted_terms(vessel: VesselFile, surroundings: bool = False) -> tuple[tuple[str, LoadParameter], ...]:
+    """Name of the term and parameter, for every parameter of the vessel's terms that a fit estimates."""
+    own = tuple((name, p) for name in vessel.terms for p in REGISTRY[name].parameters if p.fitted)
+    return own + SURROUNDINGS * surroundings
+
+
+@dataclass(frozen=True)
+class PriorSigmas:
+    """Standard deviation of each prior of w; of the logarithm, a share, where the quantity is positive. All assumed.
+
+    `gain`: single T200 and ESCs differ by a few per cent from the manufacturer's table. This prior alone sets the scale
+    of forces in newtons: motion shows forces only relative to inertia.
+    """
+
+    hull: float = 0.5
+    coupling: float = 0.3
+    gain: float = 0.025
+    dead_time: float = 0.5
+    lag: float = 0.5
+    latency_s: float = 0.05
+    arm_m: float = 0.03
+    trim_us: float = 50.0
+    azimuth_deg: float = 15.0
+    curve: float = 0.3
+    astern: float = 0.2
+    term: float = 1.0
+    current_m_s: float = 0.15
+    wind_m_s: float = 4.0

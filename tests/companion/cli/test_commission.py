@@ -1,0 +1,59 @@
+"""`aritra commission`: what it refuses, in a sentence, before anything moves; and one flight on real wires."""
+
+import pytest
+
+from companion.boat.load_run import EXAMPLES, load_setup
+from companion.core.excitation.file import Excitation, Pulses, excitation_toml
+from companion.core.messages import ExcitationStatus
+from companion.logs.log_file import LogFile
+from sim.commission.boats import RealBoat
+from sim.commission.journal import LOG
+from tests.companion.command_line import exit_code
+from tests.support.boat_processes import boat_processes
+
+BOATS = EXAMPLES / "boats"
+
+
+def refused(capsys, *words: object) -> str:
+    assert exit_code("commission", *map(str, words)) == 2
+    return capsys.readouterr().err
+
+
+def test_a_boat_with_servos_is_refused(tmp_path, capsys):
+    told = refused(capsys, "--vessel", BOATS / "rudder.toml", "--out", tmp_path / "c")
+    assert "rudder.toml" in told and "commissioning" in told and not (tmp_path / "c").exists()
+
+
+def test_a_simulated_boat_with_other_thrusters_is_refused(tmp_path, capsys):
+    told = refused(capsys, "--simulate", BOATS / "blueboat.toml", "--out", tmp_path / "c")
+    assert "--simulate" in told and "as many thrusters" in told
+
+
+def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path, capsys):
+    (tmp_path / "notes.txt").write_text("mine")
+    told = refused(capsys, "--simulate", BOATS / "aritra.toml", "--out", tmp_path)
+    assert "another --out" in told and [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_too_few_minutes_for_proof_and_missions_are_refused(tmp_path, capsys):
+    assert "--minutes: '3': expected minutes, 8 to 240" in refused(capsys, "--minutes", 3, "--out", tmp_path / "c")
+
+
+@pytest.mark.alone
+def test_a_flight_on_real_wires_leaves_its_log_in_its_folder(tmp_path):
+    one = Pulses(name="each thruster", levels=(0.3,), on_s=0.2, off_s=0.3)
+    plan = Excitation(format=1, name="signs", homing=False, segments=(one,))
+    setup = load_setup(EXAMPLES / "aritra.toml")
+    files = {**setup.files, "excitation.toml": excitation_toml(plan)}
+    for old, new in (("boats/aritra", "vessel"), ("sites/basin", "site"), ("missions/square", "mission")):
+        files["run.toml"] = files["run.toml"].replace(f'"{old}.toml"', f'"{new}.toml"')
+    folder = tmp_path / "01-signs"
+    folder.mkdir()
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    with boat_processes(tmp_path, None, None) as boat:
+        wires = ("--mavlink", boat.url, "--uwb", f"serial:{boat.tag}:115200", "--unchecked")
+        flown = RealBoat(wires).fly(files, folder, lambda _text: None)
+    assert flown.done and flown.ending == "done"
+    phases = [m.phase for m in LogFile(folder / LOG).messages(ExcitationStatus) if isinstance(m, ExcitationStatus)]
+    assert "fly" in phases and phases[-1] == "done"

@@ -1,0 +1,89 @@
+"""A boat with two thrusters swapped, commissioned in the simulated world by a program that is killed on the way."""
+
+import contextlib
+
+import pytest
+from msgspec.structs import replace
+
+from companion.boat.load_run import EXAMPLES, load_setup
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.excitation.file import load_excitation
+from companion.core.messages import GroundTruth
+from companion.core.model.vessel_text import vessel_toml
+from companion.logs.log_file import LogFile
+from sim.commission.boats import SimulatedBoat
+from sim.commission.job import NEW, Commissioning, Task
+from sim.commission.journal import INTERRUPTED, LOG, TRUTH, Journal
+from sim.world.environment import Weather
+from sim.world.world import WorldSetup
+
+SETUP = load_setup(EXAMPLES / "aritra.toml")
+LIBRARY = EXAMPLES / "excitations" / "library.toml"
+SEED = 11
+
+
+class Killed(BaseException):
+    """What ends the program in the midst of a flight."""
+
+
+class Fragile:
+    """A boat whose program dies once, `at` this report of its progress."""
+
+    def __init__(self, boat: SimulatedBoat, at: int):
+        self._boat, self._left = boat, at
+
+    def fly(self, files, folder, say):
+        def counted(text):
+            self._left -= 1
+            if self._left == 0:
+                raise Killed
+            say(text)
+
+        return self._boat.fly(files, folder, counted)
+
+
+def with_front_thrusters_exchanged(vessel: VesselFile) -> VesselFile:
+    a, b, *rest = vessel.thrusters
+    moved = [
+        replace(one, x_m=other.x_m, y_m=other.y_m, azimuth_deg=other.azimuth_deg) for one, other in ((a, b), (b, a))
+    ]
+    return replace(vessel, thrusters=(*moved, *rest))
+
+
+@pytest.mark.long
+def test_a_killed_commissioning_goes_on_finds_the_swap_and_drives_the_mission(tmp_path):
+    settings = SETUP.pilot
+    first, true = settings.vessel, with_front_thrusters_exchanged(settings.vessel)
+    files = {**SETUP.files, "vessel.toml": vessel_toml(first)}
+    task = Task(
+        files=files,
+        vessel=first,
+        site=settings.site,
+        points=tuple(settings.mission.path.points),
+        library=load_excitation(LIBRARY.read_text(encoding="utf-8"), name="library"),
+        minutes=12.0,
+        date="2026-01-01",
+    )
+    weather = Weather(V_c_m_s=0.05, beta_c_deg=60.0)
+    boat = SimulatedBoat(WorldSetup(true, settings.site, start=(15.0, 15.0, 0.3), weather=weather), SEED)
+    folder, said = tmp_path / "com", list[str]()
+    with contextlib.suppress(Killed):
+        Commissioning(task, Fragile(boat, 20), Journal(folder, files), said.append).run()
+    begun = Journal(folder, files).flights()
+    assert len(begun) == 1  # it died in the first flight
+    assert max(m.t_ns for m in LogFile(begun[0] / LOG).messages()) >= 15e9
+
+    outcome = Commissioning(task, boat, Journal(folder, files), said.append).run()
+
+    first_flight, last_flight = outcome.flights[0][1], outcome.flights[-1][1]
+    assert first_flight.ending == INTERRUPTED and first_flight.seconds > 5.0
+    assert outcome.reached, outcome.why
+    assert [f.text for f in outcome.belief.wiring.findings if f.certain] == [
+        "front_port and front_starboard have changed places"
+    ]
+    assert outcome.proof is not None and outcome.proof.best != "first file"
+    assert last_flight.stage == NEW and last_flight.cross_track_rms_m and last_flight.cross_track_rms_m < 0.15
+    for path in folder.glob(f"*/{TRUTH}"):
+        for truth in LogFile(path).messages(GroundTruth):
+            assert isinstance(truth, GroundTruth) and settings.site.inside(truth.north_m, truth.east_m)
+    assert sum(r.seconds for _, r in outcome.flights) / 60 < task.minutes

@@ -1,0 +1,106 @@
+"""Which flights a commissioning asks for: no way back under power before signs are known, and nothing for nothing."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from companion.boat.load_run import EXAMPLES, load_setup
+from companion.core.excitation.file import Multisine, Pulses, Steps, excitation_toml, load_excitation
+from sim.commission.belief import CARE, Belief, with_compass
+from sim.commission.stages import PROVEN, PULSE_S, SIGNS, STAGES, propose, scaled
+from sim.fitting.excite.information import Knowledge
+from sim.fitting.wiring.record import WiringFinding, WiringReport
+
+SETUP = load_setup(EXAMPLES / "aritra.toml").pilot
+LIBRARY = load_excitation((EXAMPLES / "excitations" / "library.toml").read_text(encoding="utf-8"), name="library")
+FIRST = Belief.beginning(SETUP.vessel)
+HULL = next(stage for stage in STAGES if stage.name == "hull")
+
+
+def with_wiring(report: WiringReport) -> Belief:
+    return Belief(FIRST.first, FIRST.vessel, FIRST.known, report)
+
+
+def certain(sigma: float) -> Belief:
+    """A belief whose every parameter is known to `sigma` of its prior."""
+    known = Knowledge(FIRST.vessel, FIRST.known.precision / sigma**2, FIRST.known.w, FIRST.known.settings)
+    return Belief(FIRST.first, FIRST.vessel, known, WiringReport(logs=1))
+
+
+def asked(stage, belief, *, left_s=600.0, flown=0, yielded=1.0):
+    return propose(stage, belief, LIBRARY, SETUP.site, left_s, flown, yielded)
+
+
+@pytest.mark.parametrize("flown", range(len(PULSE_S)))
+def test_until_signs_are_known_thrusters_only_pulse_and_the_boat_never_drives_back(flown):
+    plan = asked(SIGNS, FIRST, flown=flown).plan
+    assert plan is not None and not plan.homing and plan.caution == CARE[1]
+    assert all(isinstance(segment, Pulses) and segment.on_s == PULSE_S[flown] for segment in plan.segments)
+    assert load_excitation(excitation_toml(plan), name="x") == plan
+
+
+def test_longer_pulses_each_time_then_it_gives_up():
+    assert list(PULSE_S) == sorted(PULSE_S)
+    assert asked(SIGNS, FIRST, flown=len(PULSE_S)).plan is None
+
+
+def test_signs_are_known_after_two_flights_that_leave_no_fault_open():
+    clear = with_wiring(WiringReport(logs=2))
+    assert clear.signs_known and asked(SIGNS, clear, flown=1).plan is not None
+    assert asked(SIGNS, clear, flown=2).plan is None
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        WiringReport(),
+        WiringReport(logs=0),
+        WiringReport(logs=1, unknown=("a and b have changed places",)),
+        WiringReport(logs=1, findings=(WiringFinding(name="x", text="a", certain=False, thrusters=True),)),
+    ],
+)
+def test_what_is_not_certain_is_not_known(report):
+    assert not with_wiring(report).signs_known
+
+
+def test_caution_falls_from_the_worst_plausible_boat_to_that_of_a_measured_one():
+    cautions = [certain(sigma).caution for sigma in (1.0, 0.3, 0.1, 0.01)]
+    assert cautions[0] == CARE[1] and cautions[-1] == CARE[0]
+    assert cautions == sorted(cautions, reverse=True)
+
+
+def test_levels_grow_with_what_is_known():
+    surge = next(s for s in LIBRARY.segments if isinstance(s, Steps) and s.name == "surge steps")
+    careful, sure = scaled(surge, FIRST), scaled(surge, certain(0.01))
+    assert isinstance(careful, Steps)
+    assert np.allclose(careful.levels, np.array(surge.levels) * CARE[0] / CARE[1])
+    assert sure == surge
+
+
+def test_a_stage_ends_where_a_minute_tells_too_little_and_says_how_little():
+    few = replace(LIBRARY, segments=tuple(s for s in LIBRARY.segments if s.name in ("pulses", "surge steps")))
+    first = propose(HULL, FIRST, few, SETUP.site, 600.0, 0)
+    assert first.plan is not None and first.nats > 5 and 0 < first.minutes <= 2.5
+    nothing = propose(HULL, FIRST, few, SETUP.site, 600.0, 0, yielded=0.01)
+    assert nothing.plan is None and "nats" in nothing.why
+    assert propose(HULL, FIRST, few, SETUP.site, 5.0, 0).why == "no time left"
+    assert propose(HULL, FIRST, few, SETUP.site, 600.0, HULL.most).plan is None
+
+
+def test_the_proof_of_a_boat_that_cannot_push_sideways_does_not_ask_it_to():
+    two = tuple(replace(t, azimuth_deg=0.0) for t in SETUP.vessel.thrusters[:2])
+    boat = Belief.beginning(replace(SETUP.vessel, thrusters=two))
+    assert sideways_share(boat) == 0.0 and sideways_share(FIRST) > 0.0
+
+
+def sideways_share(belief: Belief) -> float:
+    plan = asked(PROVEN, belief).plan
+    assert plan is not None
+    (multisine,) = (s for s in plan.segments if isinstance(s, Multisine))
+    return multisine.Y
+
+
+def test_a_compass_offset_is_added_to_the_one_of_the_file():
+    once = with_compass(SETUP.vessel, 0.1)
+    assert with_compass(once, 0.05).sensors.imu.heading_offset_rad == pytest.approx(0.15)
+    assert "heading offset" in once.sensors.imu.source

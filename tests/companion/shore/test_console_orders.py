@@ -25,7 +25,11 @@ KEY = bytes(range(32))
 
 
 class Boat:
-    """A program that answers as a boat does. `deaf`: to the first so many; `slow`: they are on their way meanwhile."""
+    """A program that answers as a boat does. `deaf`: to the first so many; `slow`: they are on their way meanwhile;
+    `away_s`: how long an order takes to it.
+    """
+
+    away_s = 0.0
 
     def __init__(self, run="run", *, key=KEY, deaf=0, slow=0, now_ns=1_000 * S):
         self.gate, self.run, self.deaf, self.slow, self.now_ns = OrderGate("b", run, key), run, deaf, slow, now_ns
@@ -72,6 +76,8 @@ class Boat:
 class Stranger:
     """Answers everything with `done`, without the key; `never`: or takes the question and says nothing."""
 
+    away_s = 0.0
+
     def __init__(self, never=False):
         self.never = never
 
@@ -107,14 +113,19 @@ class Water:
 
     async def ask(self, boat, order, timeout_s, believe):
         assert boat == "b" and 0 < timeout_s <= module.ANSWER_S
-        for program in self.programs:
-            answered = program.answer(*order)
-            await asyncio.sleep(0)
+        sent = [asyncio.ensure_future(self.reach(program, order)) for program in self.programs]
+        for program in sent:
+            answered = await asyncio.shield(program)  # what is under way arrives, whoever waits for its answer
             if answered is None:
                 continue
             reply, sealed = answered
             believed = believe(order.payload, reply, sealed)
             yield OrderAnswer(believed or read_outcome(reply), proven=believed is not None)
+
+    @staticmethod
+    async def reach(program, order):
+        await asyncio.sleep(program.away_s)
+        return program.answer(*order)
 
     def give(self, command="stop", mission=None):
         return asyncio.run(self.orders.give("b", command, mission))
@@ -231,6 +242,21 @@ def test_a_stop_reaches_every_program_of_the_name():
     water = Water([one, other], by_telemetry=Place("run", 5 * S), runs_heard=("run", "other"))
     given = water.give()
     assert one.commands == other.commands == ["stop"] and "2 programs that call themselves b have it" in given.why
+
+
+def test_a_program_whose_answer_takes_longer_than_a_try_is_stopped_once():
+    """Each refusal of what was made out for the other run made out one more, and the boat obeyed them all."""
+    one, other = Boat("run"), Boat("other")
+    one.away_s = other.away_s = 0.05
+    water = Water([one, other], runs_heard=("run", "other"))
+
+    async def play():
+        given = await water.orders.give("b", "stop")
+        await asyncio.sleep(0.1)  # for what is still under way
+        return given
+
+    given = asyncio.run(play())
+    assert one.commands == other.commands == ["stop"] and given.outcome.status == "done" and given.tries > 2
 
 
 def test_a_run_that_is_heard_and_does_not_answer_keeps_no_other_waiting_and_is_told(monkeypatch):

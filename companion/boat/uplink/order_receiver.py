@@ -26,6 +26,7 @@ import zenoh
 from companion.boat.app import App
 from companion.boat.clock import Clock
 from companion.core.geometry.frames import Origin
+from companion.core.guidance.missions.fitness import unfit_waypoints
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.messages import Alert, NewMission, OperatorCommand
 from companion.core.pilot.state import PilotSettings
@@ -149,9 +150,8 @@ class ShoreCommands:
         if any(f not in self._settings.mission.fences for f in mission.fences):
             text = "its fences are not those that this run was started with: put it into the run file and start anew"
             raise OrderRefused("bad_mission", f"{file.name}: {text}")
-        for i, w in enumerate(mission.path.waypoints):
-            if (room_m := fence.clearance(w.north_m, w.east_m)) < 0:
-                raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} lies {-room_m:.1f} m beyond the fence")
+        for i, what in unfit_waypoints(mission, fence, self._settings.guidance):
+            raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} {what}")
         return mission
 
     def _refuse(self, asked: Asked, code, text: str) -> None:

@@ -13,11 +13,12 @@ import msgspec
 from aiohttp import WSMsgType, web
 
 from companion.core.telemetry.order_sender import Place, Sender
+from companion.core.telemetry.structs import About
 from companion.shore.console.connection_limits import ConnectionLimits
 from companion.shore.console.drive_there import LEAVING, drive_there
 from companion.shore.console.fan_out import Watcher
 from companion.shore.console.files.logs import ServedLogs
-from companion.shore.console.files.missions import check_length, read_mission
+from companion.shore.console.files.missions import add_missions, check_length
 from companion.shore.console.keys import Keys
 from companion.shore.console.orders import Orders, SentOrder, shared
 from companion.shore.console.request_auth import RequestAuth
@@ -86,7 +87,7 @@ class Console:
         self.app.router.add_post("/order", self._order)
         self.app.router.add_post("/stop", self._stop)
         self.app.router.add_post("/drive_there", self._drive_there)
-        self.app.router.add_post("/mission", read_mission)
+        add_missions(self.app, self._about_boat)
         self._logs = logs
         if logs:
             logs.add_to(self.app)
@@ -122,6 +123,12 @@ class Console:
         """Runs that its telemetry shows at present."""
         known = self.store.boats.get(boat)
         return known.runs(time.monotonic_ns()) if known else ()
+
+    def _about_boat(self, boat: str) -> About | None:
+        """What a boat has reported of itself."""
+        known = self.store.boats.get(boat)
+        told = known.newest("about") if known else None
+        return msgspec.json.decode(told.data, type=About) if told else None
 
     # --- from the boats ------------------------------------------------------------------------------
 

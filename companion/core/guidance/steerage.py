@@ -90,8 +90,9 @@ def corner_faults(path: Path, settings: GuidanceSettings) -> list[tuple[int, str
         room = LEG_SHARE * min(path.lengths_m[i - 1], path.lengths_m[i])
         if needed > room:
             what = (
-                f"cannot be rounded: the turn of {math.degrees(turn):.0f} deg needs {needed:.1f} m of either leg, there "
-                f"is room for {room:.1f} m: this boat turns with a radius of {radius:.1f} m and cannot turn on the spot"
+                f"cannot be rounded: the turn of {math.degrees(turn):.0f} deg needs {needed:.1f} m of either leg, "
+                f"there is room for {room:.1f} m: this boat turns with a radius of {radius:.1f} m and "
+                "cannot turn on the spot"
             )
             faults.append((i, what))
     return faults

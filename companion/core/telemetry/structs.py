@@ -74,7 +74,8 @@ class About(ShoreMessage, frozen=True, kw_only=True):
 
     `unix_minus_t_ns`: added to a `t_ns` gives the boat's idea of Unix time, which may be wrong. `within`: polygons the
     boat must stay inside of; `without`: outside of. `configuration`: name of run, vessel, site and mission texts.
-    `length_m`, `beam_m`: of the hull, about the origin of the body axes; `guidance`; null from boats that do not send it.
+    `length_m`, `beam_m`: of the hull, about the origin of the body axes, and `guidance`: null from boats that do
+    not send them.
     """
 
     vessel: str
@@ -237,6 +238,11 @@ def telemetry_key(boat: str, topic: str) -> str:
 def command_key(boat: str) -> str:
     """Zenoh key under which the boat answers orders (`orders`)."""
     return f"{KEYSPACE}/{boat}/command"
+
+
+def sticks_key(boat: str) -> str:
+    """Zenoh key on which the boat hears who steers it by hand (`sticks`)."""
+    return f"{KEYSPACE}/{boat}/sticks"
 
 
 def alive_key(boat: str) -> str:

@@ -103,7 +103,7 @@ class StopChase:
         self._note()
 
     def _make(self, order: SealedOrder, refusal: OrderOutcome) -> None:
-        """Anew, for run and clock of a refusal, where none is under way for that run; not more often than it is sent."""
+        """Anew, for run and clock of a refusal, where none is under way for that run; not oftener than it is sent."""
         run, now_s = refusal.run, time.monotonic()
         if self._made.get(run, order) is not order or (run not in self._made_s and len(self._made_s) >= MADE):
             return

@@ -10,6 +10,7 @@ import { showLogs } from "./logs.js";
 import { BoatMap } from "./map.js";
 import { DriveHere } from "./mission/drive_here.js";
 import { MissionEditor } from "./mission/editor.js";
+import { Steering } from "./driving/steer.js";
 import { OrderDesk } from "./orders.js";
 import { make, showAlerts, showChecks, showFigures, showLinks, showMode, showThrusters } from "./panels.js";
 import { Plots } from "./plots.js";
@@ -43,7 +44,10 @@ let whyNot = "";
 let can = false; // whether the chosen boat can be given orders that ask first
 let started = null; // which run of the console program this page has spoken to
 
-const connection = new Connection({ onframe, onconsole, onorder: (given) => desk.show(given) });
+const connection = new Connection({ onframe, onconsole, onorder: (given) => {
+  desk.show(given);
+  steering.note(given);
+} });
 const elements = {
   stop: $("stop"), stopAll: $("stop-all"), hold: $("hold"), start: $("start"), load: $("load"), file: $("file"),
   question: $("question"), answers: $("answers"), says: $("says"),
@@ -52,6 +56,7 @@ const boatList = new BoatList($("boat-list"), { choose, putAway });
 const desk = new OrderDesk(connection, elements, () => ({ chosen, all: fleet.stoppable(commands), whyNot, view: chosen && history.at(chosen) }));
 const shown = () => ({ boat: chosen, view: chosen && history.at(chosen), can });
 const editor = new MissionEditor({ map, desk, connection, button: $("draw"), chosen: shown });
+const steering = new Steering({ desk, connection, button: $("steer"), chosen: shown });
 const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("map-note"), chosen: shown });
 
 function onconsole(about) {
@@ -288,4 +293,4 @@ themeSwitch($("theme"));
 setInterval(look, LOOK_MS);
 look();
 
-globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet, editor }; // for tests and the curious
+globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet, editor, steering }; // for tests and the curious

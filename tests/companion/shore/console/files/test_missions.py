@@ -94,6 +94,8 @@ def test_a_corner_without_room_is_found_at_its_waypoint():
 
 def test_a_boat_that_does_not_report_how_it_is_guided_is_checked_less():
     text = drawn((9.0, 9.0), (500.0, 9.0))
-    assert check(text, None) == {"problems": []} == check(text, msgspec.structs.replace(about_of("aritra"), guidance=None))
+    assert (
+        check(text, None) == {"problems": []} == check(text, msgspec.structs.replace(about_of("aritra"), guidance=None))
+    )
     forged = msgspec.structs.replace(about_of("aritra").guidance, cruise_m_s=-1.0)
     assert check(text, msgspec.structs.replace(about_of("aritra"), guidance=forged)) == {"problems": []}

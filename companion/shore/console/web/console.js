@@ -13,6 +13,7 @@ import { MissionEditor } from "./mission/editor.js";
 import { Steering } from "./driving/steer.js";
 import { OrderDesk } from "./orders.js";
 import { make, showAlerts, showChecks, showFigures, showLinks, showMode, showThrusters } from "./panels.js";
+import { ALL, Preferences } from "./preferences.js";
 import { Plots } from "./plots.js";
 import { themeSwitch } from "./theme.js";
 import { placed } from "./shapes.js";
@@ -31,7 +32,8 @@ const fleet = new Fleet(history, clocks, age_s);
 const drawn = new Map(); // boat -> how often it was drawn, for measurements
 const changed = new Set();
 const map = new BoatMap($("map"), { label: "Map of the boats, metres, north up. Arrow keys move it, plus and minus zoom." });
-const plots = new Plots($("plots"));
+const plots = new Plots($("plots"), { panels: ALL });
+const preferences = new Preferences({ plots, choice: $("plot-choice").lastElementChild, units: $("units"), changed: () => chosen && changed.add(chosen) });
 const attitude = new Attitude($("attitude"));
 const alarms = new Alarms($("alarms"));
 let chosen = null;
@@ -154,7 +156,7 @@ function showChosen(view) {
     fitted = chosen;
     map.fit(view);
   }
-  showFigures($("figures"), view);
+  showFigures($("figures"), view, preferences.units);
   attitude.show(view);
   showThrusters($("thrusters"), view);
   showMode($("mode"), view);

@@ -8,12 +8,13 @@ import msgspec
 import pytest
 
 from companion.core.telemetry import structs as shore
-from companion.core.telemetry.order_gate import Order, OrderOutcome, OrderRefused
+from companion.core.telemetry.order_gate import OrderOutcome, OrderRefused
 from companion.core.telemetry.order_sender import Place, Sender
 from companion.core.telemetry.sticks import StickGate, StickSample
 from companion.shore.console.driving.sticks import AHEAD_MS, FRESH_MS, SticksDesk
 from companion.shore.console.orders import SentOrder
 from companion.shore.console.requests import StickPlace
+from tests.support.console_fixture import answer_as_a_boat
 from tests.support.console_server_fixture import KEY, Boat, post, serving, until
 
 S = 1_000_000_000
@@ -117,11 +118,7 @@ class SteeredBoat(Boat):
         self.held.append(self.session.declare_subscriber(shore.sticks_key("b"), self.steer))
 
     def answer(self, query):
-        payload = bytes(query.payload)
-        super().answer(query)
-        given = msgspec.json.decode(payload, type=Order)
-        if given.command != "hello":
-            self.sticks.take(given)
+        answer_as_a_boat(query, self.gate, time.monotonic_ns(), self.obeyed, self.sticks.take)
 
     def steer(self, sample):
         now_ns = time.monotonic_ns()

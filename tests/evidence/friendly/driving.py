@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -22,6 +23,8 @@ PAD = """(() => {
     buttons: Array.from({ length: 17 }, (_, k) => ({ pressed: k === 5 && made.held })) }] : [];
 })()"""
 """A gamepad of the browser's; `pad` is what its hands do."""
+HIDDEN = """Object.defineProperty(document, 'hidden', { value: true, configurable: true });
+document.dispatchEvent(new Event('visibilitychange'));"""
 AHEAD = "pad.moved++; pad.axes = [0, -0.8, 0, 0]"
 GOAL_S = 0.7
 SIDE_M = 5.0
@@ -35,19 +38,32 @@ class LettingGo(NamedTuple):
     act: Callable[[Page], None]
 
 
+class Rig(NamedTuple):
+    """A simulated boat at rest, and a page on its console; `again`: another page; `console`: the program's process."""
+
+    page: Page
+    station: GroundStation
+    again: Callable[[], Page]
+    console: subprocess.Popen
+
+
 @contextlib.contextmanager
-def _page() -> Iterator[tuple[Page, GroundStation]]:
-    """A simulated boat at rest, and a page on its console."""
+def _rig() -> Iterator[Rig]:
     with (
         running_boat(start=False) as run,
         chromium() as browser,
-        served(run.folder / "shore.txt", *run.given) as (address, _),
+        served(run.folder / "shore.txt", *run.given) as (address, child),
     ):
-        page = Page(browser, address)
-        page.page.add_init_script(PAD)
-        page.page.reload()
-        page.wait("!document.querySelector('#hold').disabled && aritra.map.boats.get('aritra')?.made.has('hull')")
-        yield page, run.station
+
+        def opened() -> Page:
+            page = Page(browser, address)
+            page.page.add_init_script(PAD)
+            page.page.reload()
+            page.wait("!document.querySelector('#hold').disabled && aritra.map.boats.get('aritra')?.made.has('hull')")
+            page.wait("aritra.history.last('aritra', 'checks')")
+            return page
+
+        yield Rig(opened(), run.station, opened, child)
 
 
 def _hold(page: Page) -> None:
@@ -83,6 +99,17 @@ def _neutral_s(station: GroundStation, act: Callable[[], None]) -> float:
     return (max([begun_ns, *after]) - begun_ns) * 1e-9
 
 
+def _let_go_s(page: Page, station: GroundStation, act: Callable[[], None]) -> float:
+    """The boat is driven ahead, and then `act`: seconds to neutral."""
+    page.page.evaluate("clearInterval(aritra.steering.timer); aritra.steering.open = false")
+    page.page.evaluate("delete document.hidden; aritra.steering.setOpen(true)")
+    if page.page.evaluate("aritra.steering.boat") is None:
+        _take(page)
+    _hold(page)
+    wait_for(lambda: _moving(station), 20.0, lambda: page.text("#steer-says"))
+    return _neutral_s(station, act)
+
+
 ENDS = (
     LettingGo("the dead man's button let go of", lambda page: page.page.evaluate("pad.held = false")),
     LettingGo("gamepad unplugged", lambda page: page.page.evaluate("pad.there = false")),
@@ -91,9 +118,10 @@ ENDS = (
         lambda page: page.page.evaluate("(() => { const end = Date.now() + 1500; while (Date.now() < end); })()"),
     ),
     LettingGo(
-        "the page hears no more of its own clock",
+        "the page sends no more",
         lambda page: page.page.evaluate("clearInterval(aritra.steering.timer)"),
     ),
+    LettingGo("tab hidden", lambda page: page.page.evaluate(HIDDEN)),
     LettingGo("STOP", lambda page: page.page.keyboard.press("F9")),
     LettingGo("tab closed", lambda page: page.page.close()),
 )
@@ -101,8 +129,8 @@ ENDS = (
 
 def a_gamepad_drives_and_lets_go(full: bool) -> Iterator[Line]:
     """A gamepad in a headless Chromium drives a simulated boat, and lets go in every way; measured at its outputs"""
-    with _page() as (page, station):
-        page.wait("aritra.history.last('aritra', 'checks')")
+    with _rig() as rig:
+        page, station = rig.page, rig.station
         page.page.click("#steer")
         page.page.evaluate("pad.held = true; " + AHEAD)
         page.page.wait_for_timeout(2000)
@@ -119,19 +147,17 @@ def a_gamepad_drives_and_lets_go(full: bool) -> Iterator[Line]:
         moved = sum(p not in (NEUTRAL, (0,) * 4) for _, p in station.outputs)
         yield exactly("... and with it, pressed while the stick was off its middle", moved, 0)
         for end in ENDS:
-            page.page.evaluate("clearInterval(aritra.steering.timer); aritra.steering.open = false")
-            page.page.evaluate("aritra.steering.setOpen(true)")
-            if page.page.evaluate("aritra.steering.boat") is None:
-                _take(page)
-            _hold(page)
-            wait_for(lambda: _moving(station), 20.0, lambda: page.text("#steer-says"))
-            took_s = _neutral_s(station, lambda end=end: end.act(page))
+            took_s = _let_go_s(page, station, lambda end=end: end.act(page))
             yield at_most(f"{end.words}: to neutral at the boat's outputs", took_s, GOAL_S, "s")
+        page = rig.again()
+        took_s = _let_go_s(page, station, rig.console.kill)
+        yield at_most("console program killed: to neutral at the boat's outputs", took_s, GOAL_S, "s")
 
 
 def a_mission_is_drawn_and_driven(full: bool) -> Iterator[Line]:
     """Four waypoints clicked on the map of a headless Chromium, sent, started, and driven by a simulated boat"""
-    with _page() as (page, _):
+    with _rig() as rig:
+        page = rig.page
         here = page.newest("state", "aritra")
         n, e = here["north_m"] + 2.0, here["east_m"] + 2.0
         corners = [(n, e), (n + SIDE_M, e), (n + SIDE_M, e + SIDE_M), (n, e + SIDE_M)]

@@ -20,6 +20,7 @@ from companion.shore.console.driving.sticks import SticksDesk
 from companion.shore.console.fan_out import Watcher
 from companion.shore.console.files.logs import ServedLogs
 from companion.shore.console.files.missions import add_missions, check_length
+from companion.shore.console.files.sites import read_site
 from companion.shore.console.keys import Keys
 from companion.shore.console.orders import Orders, SentOrder, shared
 from companion.shore.console.request_auth import RequestAuth
@@ -93,6 +94,7 @@ class Console:
         self.app.router.add_post("/stop", self._stop)
         self.app.router.add_post("/drive_there", self._drive_there)
         add_missions(self.app, self._about_boat)
+        self.app.router.add_post("/site", read_site)
         self._logs = logs
         if logs:
             logs.add_to(self.app)

@@ -46,7 +46,7 @@ def moments(page, folder):
     page.wait("!document.querySelector('#question').hidden")
     yield "the question of a mission"
     page.page.keyboard.press("Escape")
-    for tool in ("draw", "drive-here", "steer"):
+    for tool in ("draw", "draw-fence", "drive-here", "steer"):
         page.page.click(f"#{tool}")
         yield tool
     page.page.click("#drive-here")

@@ -9,6 +9,7 @@ import { History } from "./history.js";
 import { showLogs } from "./logs.js";
 import { BoatMap } from "./map.js";
 import { DriveHere } from "./mission/drive_here.js";
+import { FenceEditor } from "./mission/fence.js";
 import { MissionEditor } from "./mission/editor.js";
 import { Steering } from "./driving/steer.js";
 import { OrderDesk } from "./orders.js";
@@ -58,6 +59,7 @@ const boatList = new BoatList($("boat-list"), { choose, putAway });
 const desk = new OrderDesk(connection, elements, () => ({ chosen, all: fleet.stoppable(commands), whyNot, view: chosen && history.at(chosen) }));
 const shown = () => ({ boat: chosen, view: chosen && history.at(chosen), can });
 const editor = new MissionEditor({ map, desk, connection, button: $("draw"), chosen: shown });
+new FenceEditor({ map, connection, button: $("draw-fence") });
 const steering = new Steering({ desk, connection, button: $("steer"), chosen: shown });
 const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("map-note"), chosen: shown });
 

@@ -21,8 +21,8 @@ def test_plots_and_units_are_chosen_and_kept_for_the_next_visit(console, zenoh_p
         first = page.page.evaluate(SHOWN)
         assert len(first) == 8 and first[0] == "Surge u [m/s]"
         page.page.click("#plot-choice summary")
-        page.page.get_by_label("Solve time").uncheck()
-        page.page.get_by_label("Roll and pitch").check()
+        page.page.locator("#plot-choice").get_by_label("Solve time").uncheck()
+        page.page.locator("#plot-choice").get_by_label("Roll and pitch").check()
         page.page.select_option("#units", "kn rad")
         for _ in range(2):
             page.wait(READY.format(8))

@@ -18,8 +18,9 @@ from companion.core.excitation.file import load_excitation
 from companion.core.excitation.flight import Flight
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
+from companion.core.guidance.missions.fitness import unfit_waypoints
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
-from companion.core.guidance.steerage import corner_problems, guidance_for
+from companion.core.guidance.steerage import guidance_for
 from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.load_vessel import load_vessel
 from companion.core.pilot.pilot import PilotSettings
@@ -182,11 +183,10 @@ def _beyond(pilot: PilotSettings) -> Iterator[str]:
 
     Not asked of a log, whose mission may hold such: waypoints were only warned of once.
     """
-    for i, w in enumerate(pilot.mission.path.waypoints):
-        if (room_m := pilot.fence.clearance(w.north_m, w.east_m)) < 0:
-            where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
-            yield f"{where} lies {-room_m:.1f} m beyond the fence: move it, or the fence of the site or the mission"
-    yield from corner_problems(pilot.mission.path, pilot.guidance)
+    for i, what in unfit_waypoints(pilot.mission, pilot.fence, pilot.guidance):
+        w = pilot.mission.path.waypoints[i]
+        fence = ": move it, or the fence of the site or the mission" if what.endswith("the fence") else ""
+        yield f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m {what}{fence}"
 
 
 def _geometry(site: Site) -> Iterator[str]:

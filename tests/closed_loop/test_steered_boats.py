@@ -113,7 +113,7 @@ def told_at_the_start(start):
 def test_a_start_from_where_it_cannot_turn_into_the_mission_is_warned_of():
     assert told_at_the_start(START) == []
     (text,) = told_at_the_start((9.8, 9.4, 0.0))
-    assert "waypoint 0: the turn of" in text and "start from farther away" in text
+    assert "waypoint 0 cannot be rounded: the turn of" in text and "start from farther away" in text
 
 
 def test_a_mission_that_it_cannot_turn_for_is_not_loaded_under_way():

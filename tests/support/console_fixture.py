@@ -20,6 +20,7 @@ from companion.core.configuration.run_file import TelemetryLink
 from companion.core.preflight.rows import Row
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry.order_gate import OrderGate, OrderOutcome, OrderRefused, Repeated
+from companion.core.telemetry.sticks import StickGate
 from companion.core.telemetry.view import TelemetryView, Who
 from companion.python_child import aritra
 from tests.support.drive_fixture import by_tick, driving, setup, voyage
@@ -64,8 +65,10 @@ def ticks_of_a_voyage():
     return by_tick(run.messages[begun:])
 
 
-def answer_as_a_boat(query, gate, now_ns, obeyed):
-    """Answer a query as a boat does that obeys every order. `obeyed`: list that has it before the answer goes."""
+def answer_as_a_boat(query, gate, now_ns, obeyed, taken=lambda order: None):
+    """Answer a query as a boat does that obeys every order. `obeyed`: list that has it before the answer goes;
+    `taken(order)`: told of it, too.
+    """
     payload, attachment = bytes(query.payload), bytes(query.attachment or b"")
     with query:
         try:
@@ -74,6 +77,7 @@ def answer_as_a_boat(query, gate, now_ns, obeyed):
             told |= {"mode": "idle", "why": "told so"}
             if order.command != "hello":
                 obeyed.append(order.command)
+                taken(order)
         except OrderRefused as no:
             told = {"status": "refused", "code": no.code, "text": str(no)}
         except Repeated:
@@ -90,7 +94,7 @@ CHOSEN = "decodeURIComponent(location.hash.slice(1))"
 class TapedBoat:
     """A boat whose telemetry plays a voyage again and again, ten ticks a second, and that obeys signed orders in words.
 
-    `still`: it says nothing more, but can be reached; `obeyed`: the orders that it believed.
+    `still`: it says nothing more, but can be reached; `obeyed`: the orders that it believed; `moved`: the sticks.
     """
 
     def __init__(self, port, name="taped", *, deaf=False):
@@ -98,9 +102,9 @@ class TapedBoat:
         self.name, self.still, self.obeyed, self.ended = name, False, [], False
         link = TelemetryLink(connect=(f"tcp/127.0.0.1:{port}",), commands=True)
         view = TelemetryView(setup().pilot, Who("run", "digest", "aritra 0", 5 * S, commands=True), link.rate_Hz)
-        self.gate = OrderGate(name, "run", KEY)
+        self.gate, self.sticks, self.moved = OrderGate(name, "run", KEY), StickGate(name, "run", KEY), []
         self.telemetry = Telemetry(name, link, config_of(link, Path(), where="bench"), view)
-        self.telemetry.start(lambda _: None, lambda: ROWS, None if deaf else self.answer)
+        self.telemetry.start(lambda _: None, lambda: ROWS, None if deaf else self.answer, steer=self.steer)
         self.thread = threading.Thread(target=self.play, daemon=True)
         self.thread.start()
 
@@ -120,7 +124,11 @@ class TapedBoat:
         return time.monotonic_ns() + 12_345 * S
 
     def answer(self, query):
-        answer_as_a_boat(query, self.gate, self.now_ns(), self.obeyed)
+        answer_as_a_boat(query, self.gate, self.now_ns(), self.obeyed, self.sticks.take)
+
+    def steer(self, sample):
+        with contextlib.suppress(OrderRefused):
+            self.moved.append(self.sticks.judge(bytes(sample.payload), bytes(sample.attachment), self.now_ns()))
 
     def close(self):
         self.ended = True

@@ -26,6 +26,7 @@ import zenoh
 from companion.boat.app import App
 from companion.boat.clock import Clock
 from companion.core.geometry.frames import Origin
+from companion.core.guidance.missions.fitness import unfit_waypoints
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.messages import Alert, NewMission, OperatorCommand
 from companion.core.pilot.state import PilotSettings
@@ -58,7 +59,8 @@ class Asked(NamedTuple):
 class ShoreCommands:
     """Takes orders from shore. `refused`: number of orders, by code; `obeyed`: those handed to the pilot.
 
-    `meet(run, where)` is told, on a thread of zenoh's, of other runs that a sender heard under this boat's name.
+    `meet(run, where)` is told, on a thread of zenoh's, of other runs that a sender heard under this boat's name;
+    `taken(order)`, on the loop's, of each order that the pilot has or will have after the check.
     """
 
     def __init__(
@@ -69,11 +71,13 @@ class ShoreCommands:
         clock: Clock,
         tell: Callable[[Alert], None],
         meet: Callable[[str, str], None] = lambda run, where: None,
+        taken: Callable[[Order], None] = lambda order: None,
     ) -> None:
         self.refused: Counter[str] = Counter()
         self.obeyed = 0
         self._app, self._settings, self._gate = app, settings, gate
         self._key, self._clock, self._tell, self._meet = shore.command_key(gate.boat), clock, tell, meet
+        self._taken = taken
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._pending = 0
@@ -149,9 +153,8 @@ class ShoreCommands:
         if any(f not in self._settings.mission.fences for f in mission.fences):
             text = "its fences are not those that this run was started with: put it into the run file and start anew"
             raise OrderRefused("bad_mission", f"{file.name}: {text}")
-        for i, w in enumerate(mission.path.waypoints):
-            if (room_m := fence.clearance(w.north_m, w.east_m)) < 0:
-                raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} lies {-room_m:.1f} m beyond the fence")
+        for i, what in unfit_waypoints(mission, fence, self._settings.guidance):
+            raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} {what}")
         return mission
 
     def _refuse(self, asked: Asked, code, text: str) -> None:
@@ -189,12 +192,14 @@ class ShoreCommands:
         if self._ended:
             return self._outcome("refused", "not_now", "the run ends: thrusters are neutral")
         now = self._clock.now_ns()
-        if order.command in ("start", "hold", "stop"):
+        if order.command in ("start", "hold", "stop", "manual"):
             self.obeyed += 1
-            if self._app.command(OperatorCommand(t_ns=now, command=order.command)):
-                return self._with_mode("done", "ok", f"{order.command}: the pilot has it")
-            if why := self._app.refusal:
+            done = self._app.command(OperatorCommand(t_ns=now, command=order.command))
+            if not done and (why := self._app.refusal):
                 return self._with_mode("refused", "not_now", f"{order.command}: {why}")
+            self._taken(order)
+            if done:
+                return self._with_mode("done", "ok", f"{order.command}: the pilot has it")
             return self._with_mode("waiting", "waiting", f"{order.command} waits for the check of the autopilot")
         assert mission is not None
         self.obeyed += 1

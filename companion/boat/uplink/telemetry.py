@@ -95,6 +95,7 @@ class Telemetry:
         self._rows: Callable[[], Sequence[Row]] = tuple
         self._answer: Answerer | None = None
         self._hear: Callable[[bytes], None] = lambda data: None
+        self._steer: Callable[[zenoh.Sample], None] | None = None
         self._thread = threading.Thread(target=self._work, name="telemetry", daemon=True)
 
     def start(
@@ -103,11 +104,13 @@ class Telemetry:
         rows: Callable[[], Sequence[Row]],
         answer: Answerer | None = None,
         hear: Callable[[bytes], None] = lambda data: None,
+        steer: Callable[[zenoh.Sample], None] | None = None,
     ) -> None:
         """Begin. `tell`: takes an alert, on our thread; `rows`: the pre-flight rows known; `answer`: of orders;
-        `hear`: takes modes that somebody else publishes under our name, on a thread of zenoh's.
+        `hear`: takes modes that somebody else publishes under our name, `steer`: sticks, on threads of zenoh's.
         """
         self._tell, self._rows, self._answer, self._hear = tell, rows, answer, hear
+        self._steer = steer
         self._thread.start()
 
     def see(self, message: Message) -> None:
@@ -155,6 +158,8 @@ class Telemetry:
         ]
         if self._answer:
             held.append(session.declare_queryable(shore.command_key(self._boat), self._answer, complete=True))
+        if self._steer:
+            held.append(session.declare_subscriber(shore.sticks_key(self._boat), Callback(self._steer)))
         self._publish(publishers, self._view.begin(time.monotonic_ns()))
         rows: Sequence[Row] = ()
         look_s, connected = 0.0, None

@@ -17,10 +17,12 @@ from companion.boat.signing_key import load_secret
 from companion.boat.start_interlock import StartInterlock
 from companion.boat.uplink.name_collision import NameCollisions
 from companion.boat.uplink.order_receiver import ShoreCommands
+from companion.boat.uplink.stick_receiver import ShoreSticks
 from companion.boat.uplink.telemetry import Telemetry, boat_name, config_of
 from companion.core.messages import Alert, Message
 from companion.core.pilot.state import PilotSettings
 from companion.core.telemetry.order_gate import OrderGate
+from companion.core.telemetry.sticks import StickGate
 from companion.core.telemetry.view import TelemetryView, Who
 
 RUN_BYTES = 6
@@ -40,7 +42,8 @@ def shore_of(setup: RunSetup, path: Path) -> Shore:
     who = Who(run, setup.digest, f"aritra {version('aritra')}", offset_ns, link.commands)
     config = config_of(link, path.parent, where=str(path))
     telemetry = Telemetry(boat, link, config, TelemetryView(setup.pilot, who, link.rate_Hz))
-    return Shore(setup.pilot, telemetry, OrderGate(boat, run, key) if link.commands else None, name=(boat, run))
+    gates = (OrderGate(boat, run, key), StickGate(boat, run, key)) if link.commands else None
+    return Shore(setup.pilot, telemetry, gates, name=(boat, run))
 
 
 class Shore:
@@ -53,11 +56,12 @@ class Shore:
         self,
         settings: PilotSettings,
         telemetry: Telemetry | None,
-        gate: OrderGate | None = None,
+        gates: tuple[OrderGate, StickGate] | None = None,
         name: tuple[str, str] = ("", ""),
     ) -> None:
         self.telemetry, self.commands = telemetry, None
-        self._settings, self._gate, self._name = settings, gate, name
+        self.sticks: ShoreSticks | None = None
+        self._settings, self._gates, self._name = settings, gates, name
 
     def open(self, app: App, guard: StartInterlock | None, clock: Clock, tell: Callable[[Alert], None]) -> None:
         """Begin, on the loop's thread; `tell` is called on it."""
@@ -70,12 +74,14 @@ class Shore:
                 loop.call_soon_threadsafe(tell, alert)
 
         namesakes = NameCollisions(*self._name, clock.now_ns, tell_loop)
-        if self._gate:
-            self.commands = ShoreCommands(app, self._settings, self._gate, clock, tell, namesakes.meet)
+        if self._gates:
+            gate, sticks = self._gates
+            self.sticks = ShoreSticks(app, sticks, clock, tell)
+            self.commands = ShoreCommands(app, self._settings, gate, clock, tell, namesakes.meet, self.sticks.take)
             self.telemetry.refused = self.commands.refused.total
-            if not self._gate.signed:
+            if not gate.signed:
                 tell(Alert(t_ns=clock.now_ns(), level="warning", text=UNSIGNED))
-        self.telemetry.start(tell_loop, lambda: guard.rows if guard else (), self.commands, namesakes.hear)
+        self.telemetry.start(tell_loop, lambda: guard.rows if guard else (), self.commands, namesakes.hear, self.sticks)
 
     def see(self, message: Message) -> None:
         """Note one message; never waits."""
@@ -86,6 +92,8 @@ class Shore:
         """The run begins to end: no order is obeyed any more."""
         if self.commands:
             self.commands.end()
+        if self.sticks:
+            self.sticks.end()
 
     def close(self) -> None:
         """Publish what is left, and end; waits for 3 s at most."""

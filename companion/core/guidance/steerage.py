@@ -73,10 +73,15 @@ def corner_problems(path: Path, settings: GuidanceSettings, first: int = 0) -> l
 
     `first`: number in the mission of the path's first point.
     """
+    return [f"waypoint {first + i} {what}" for i, what in corner_faults(path, settings)]
+
+
+def corner_faults(path: Path, settings: GuidanceSettings) -> list[tuple[int, str]]:
+    """The same, each with the number of its point in the path."""
     radius = settings.limits.turning_radius_m
     if not radius:
         return []
-    problems = []
+    faults = []
     for i in range(1, len(path.lengths_m)):
         turn = abs(ssa(path.angles_rad[i] - path.angles_rad[i - 1]))
         if turn < STRAIGHT_RAD:
@@ -84,9 +89,10 @@ def corner_problems(path: Path, settings: GuidanceSettings, first: int = 0) -> l
         needed = radius * math.tan(turn / 2)
         room = LEG_SHARE * min(path.lengths_m[i - 1], path.lengths_m[i])
         if needed > room:
-            problems.append(
-                f"waypoint {first + i}: the turn of {math.degrees(turn):.0f} deg needs {needed:.1f} m of either leg, "
+            what = (
+                f"cannot be rounded: the turn of {math.degrees(turn):.0f} deg needs {needed:.1f} m of either leg, "
                 f"there is room for {room:.1f} m: this boat turns with a radius of {radius:.1f} m and "
                 "cannot turn on the spot"
             )
-    return problems
+            faults.append((i, what))
+    return faults

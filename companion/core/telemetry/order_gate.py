@@ -38,8 +38,8 @@ SESSIONS = 32
 STOPS = 256
 """Stops remembered at a time, so that none is obeyed twice; beyond that they are (assumed)."""
 
-Command = Literal["start", "hold", "stop", "load_mission"]
-Word = Literal["start", "hold", "stop", "load_mission", "hello"]
+Command = Literal["start", "hold", "stop", "manual", "load_mission"]
+Word = Literal["start", "hold", "stop", "manual", "load_mission", "hello"]
 Status = Literal["done", "waiting", "refused"]
 Code = Literal[
     "ok", "waiting", "malformed", "too_long", "version", "unsigned", "wrong_run", "replayed", "late", "crowded",
@@ -60,6 +60,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     """What the shore wants.
 
     `start`: drive the mission, or go on with it where it was left (arms); `hold`: keep station (arms); `stop`: neutral;
+    `manual`: this session's sticks drive (arms; see `sticks`);
     `load_mission`: `mission` from now on; `hello`: asks who is there, and does nothing. `sender`: a person or program,
     in words, for the log. `t_ns`: the boat's clock as the sender believes it to be. `session`: random, one a sender's
     program run; `counter` goes up. `heard`: runs that the sender heard under the boat's name; counts where it is fresh.

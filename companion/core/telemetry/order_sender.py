@@ -21,6 +21,7 @@ from companion.core.telemetry.order_gate import (
     seal,
     seal_answer,
 )
+from companion.core.telemetry.sticks import StickSample, seal_sticks
 
 REMEMBERED_NS = 5_000_000_000
 """What came quickest counts for so long, and once more; then another sample does (assumed)."""
@@ -104,6 +105,22 @@ class Sender:
         )
         payload = msgspec.json.encode(order)
         return SealedOrder(payload, None if self._key is None else seal(self._key, self._boat, payload))
+
+    def sticks(self, at: Place, *, held: bool, surge: float, sway: float, yaw: float) -> SealedOrder:
+        """Where the sticks stood `at` a run and its clock; shares, -1 to 1. `held`: the dead man's button."""
+        self._counter += 1
+        sample = StickSample(
+            run=at.run,
+            t_ns=max(at.t_ns, 0),
+            session=self._session,
+            counter=self._counter,
+            held=held,
+            surge=surge,
+            sway=sway,
+            yaw=yaw,
+        )
+        payload = msgspec.json.encode(sample)
+        return SealedOrder(payload, None if self._key is None else seal_sticks(self._key, self._boat, payload))
 
     def believe(self, order: bytes, reply: bytes, attachment: bytes | None) -> OrderOutcome | None:
         """The boat's answer to an order (its payload); None: not signed with this boat's key, or not an answer."""

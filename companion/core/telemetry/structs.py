@@ -53,12 +53,29 @@ class AnchorAbout(msgspec.Struct, frozen=True, kw_only=True):
     east_m: float
 
 
+class GuidanceAbout(msgspec.Struct, frozen=True, kw_only=True):
+    """How the boat rounds corners and how fast it goes: see `PathLimits`. `end`: after the last waypoint."""
+
+    cruise_m_s: float
+    acceleration_m_s2: float
+    deceleration_m_s2: float
+    lateral_m_s2: float
+    yaw_rate_rad_s: float
+    crawl_m_s: float
+    corner_reach_m: float
+    corner_cut_m: float
+    acceptance_m: float
+    turning_radius_m: float
+    end: Literal["station", "drift"] = "station"
+
+
 class About(ShoreMessage, frozen=True, kw_only=True):
     """Topic `about`, once a run: what does not change.
 
     `unix_minus_t_ns`: added to a `t_ns` gives the boat's idea of Unix time, which may be wrong. `within`: polygons the
     boat must stay inside of; `without`: outside of. `configuration`: name of run, vessel, site and mission texts.
-    `length_m`, `beam_m`: of the hull, about the origin of the body axes; null from boats that do not send it.
+    `length_m`, `beam_m`: of the hull, about the origin of the body axes, and `guidance`: null from boats that do
+    not send them.
     """
 
     vessel: str
@@ -77,6 +94,7 @@ class About(ShoreMessage, frozen=True, kw_only=True):
     commands: bool
     length_m: float | None = None
     beam_m: float | None = None
+    guidance: GuidanceAbout | None = None
 
 
 class StateNow(ShoreMessage, frozen=True, kw_only=True):
@@ -220,6 +238,11 @@ def telemetry_key(boat: str, topic: str) -> str:
 def command_key(boat: str) -> str:
     """Zenoh key under which the boat answers orders (`orders`)."""
     return f"{KEYSPACE}/{boat}/command"
+
+
+def sticks_key(boat: str) -> str:
+    """Zenoh key on which the boat hears who steers it by hand (`sticks`)."""
+    return f"{KEYSPACE}/{boat}/sticks"
 
 
 def alive_key(boat: str) -> str:

@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import msgspec
+
 from companion.core.guidance.missions.mission import Mission
 from companion.core.messages import (
     AnchorRange,
@@ -88,6 +90,7 @@ def about(who: Who, settings: PilotSettings, t_ns: int) -> shore.About:
         commands=who.commands,
         length_m=vessel.hull.length_m,
         beam_m=vessel.hull.beam_m,
+        guidance=shore.GuidanceAbout(**msgspec.structs.asdict(settings.guidance.limits), end=settings.guidance.end),
     )
 
 

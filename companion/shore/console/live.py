@@ -13,15 +13,18 @@ import msgspec
 from aiohttp import WSMsgType, web
 
 from companion.core.telemetry.order_sender import Place, Sender
+from companion.core.telemetry.structs import About
 from companion.shore.console.connection_limits import ConnectionLimits
 from companion.shore.console.drive_there import LEAVING, drive_there
+from companion.shore.console.driving.sticks import SticksDesk
 from companion.shore.console.fan_out import Watcher
 from companion.shore.console.files.logs import ServedLogs
-from companion.shore.console.files.missions import check_length, read_mission
+from companion.shore.console.files.missions import add_missions, check_length
+from companion.shore.console.files.sites import read_site
 from companion.shore.console.keys import Keys
 from companion.shore.console.orders import Orders, SentOrder, shared
 from companion.shore.console.request_auth import RequestAuth
-from companion.shore.console.requests import BrowserRequest, BrowserSelection, DriveThereRequest, StopRequest
+from companion.shore.console.requests import BrowserRequest, BrowserWord, DriveThereRequest, StopRequest
 from companion.shore.console.store import BoatRecord, BoatStore, Sample
 from companion.shore.console.web_server import base_app, read_body
 from companion.shore.console.zenoh_client import ZenohClient, ZenohSample
@@ -47,6 +50,8 @@ class Browser:
 
     def __init__(self) -> None:
         self.watcher = Watcher()
+        self.drives: tuple[str, str] | None = None
+        """Page and boat of the sticks that it sent last."""
         self.events: list[bytes] = []
         self.bell = asyncio.Event()
 
@@ -80,13 +85,16 @@ class Console:
         self._started, self._say, self._network = secrets.token_hex(4), say, hearing.problem
         self._said: dict[str, int] = {}
         self._settled: dict[int, asyncio.Event] = {}
+        self._pages: dict[int, str | None] = {}
+        self._sticks = SticksDesk(self)
         self._warned_s: dict[str, float] = {}
         self.app = base_app(guard, HOME, lambda transport: self.limits and self.limits.prove(transport))
         self.app.router.add_get("/ws", self._watch)
         self.app.router.add_post("/order", self._order)
         self.app.router.add_post("/stop", self._stop)
         self.app.router.add_post("/drive_there", self._drive_there)
-        self.app.router.add_post("/mission", read_mission)
+        add_missions(self.app, self._about_boat)
+        self.app.router.add_post("/site", read_site)
         self._logs = logs
         if logs:
             logs.add_to(self.app)
@@ -122,6 +130,12 @@ class Console:
         """Runs that its telemetry shows at present."""
         known = self.store.boats.get(boat)
         return known.runs(time.monotonic_ns()) if known else ()
+
+    def _about_boat(self, boat: str) -> About | None:
+        """What a boat has reported of itself."""
+        known = self.store.boats.get(boat)
+        told = known.newest("about") if known else None
+        return msgspec.json.decode(told.data, type=About) if told else None
 
     # --- from the boats ------------------------------------------------------------------------------
 
@@ -189,6 +203,8 @@ class Console:
     def _on_order(self, given: SentOrder) -> None:
         if given.state != "sending" and (settled := self._settled.get(given.number)):
             settled.set()
+        settled = given.state != "sending"
+        self._sticks.note(given, self._pages.pop(given.number, None) if settled else None)
         event = _ENCODER.encode(given)
         for browser in self.browsers:
             browser.tell(event)
@@ -207,6 +223,7 @@ class Console:
             raise web.HTTPBadRequest(text="`mission` belongs to load_mission, and to nothing else")
         check_length(body.mission)
         order = self._orders.begin(body.boat, body.command)
+        self._pages[order.number] = body.page
         return await self._given(order, self._orders.send(order, body.mission))
 
     async def _drive_there(self, request: web.Request) -> web.StreamResponse:
@@ -247,13 +264,24 @@ class Console:
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
-                    with contextlib.suppress(msgspec.MsgspecError):
-                        selection = msgspec.json.decode(message.data, type=BrowserSelection)
-                        browser.watcher.choose(self.store.boats, selection.choose)
+                    self._hear_browser(browser, message.data)
         finally:
+            if browser.drives and (sample := self._sticks.let_go(*browser.drives)):
+                self._hearing.tell_sticks(browser.drives[1], sample)
             self.browsers.discard(browser)
             sending.cancel()
         return socket
+
+    def _hear_browser(self, browser: Browser, data: str) -> None:
+        try:
+            word = msgspec.json.decode(data, type=BrowserWord)
+        except msgspec.MsgspecError:
+            return
+        if word.choose is not None:
+            browser.watcher.choose(self.store.boats, word.choose)
+        if word.sticks and (sample := self._sticks.sealed(word.sticks, time.monotonic() * 1e3)):
+            browser.drives = word.sticks.page, word.sticks.boat
+            self._hearing.tell_sticks(word.sticks.boat, sample)
 
     async def _send(self, socket: web.WebSocketResponse, browser: Browser) -> None:
         with contextlib.suppress(ConnectionError, RuntimeError):

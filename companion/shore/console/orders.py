@@ -26,7 +26,7 @@ ALSO_S = 0.2
 """How long a second program of the name has to answer after the first (assumed)."""
 PAUSE_S = 0.2
 """Pause between attempts where the network reports at once that nobody answers (assumed)."""
-PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "load_mission": 5.0}
+PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "manual": 5.0, "load_mission": 5.0}
 """How long an order is repeated. Others than a stop are not believed when older than 5 s, and should not be."""
 OVERTAKEN = "a STOP was given after it: it is not sent any more"
 MAX_TOLD = 50

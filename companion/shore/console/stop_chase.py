@@ -3,7 +3,8 @@
 1. made out for the run and clock that telemetry shows (which may be wrong, or made up by a stranger), and sent to
    all of the name
 2. a program that cannot tell how old it is, being another run or of another clock, says so in a signed answer,
-   and with it run and clock: made out anew for that, and sent at once
+   and with it run and clock: made out anew for that, and sent at once; once a program, unless what was made out
+   for it is refused as well, so that a slow answer is no reason to stop it twice
 3. said again, word for word, until all that were heard have it, or time is up
 """
 
@@ -81,12 +82,12 @@ class StopChase:
 
     async def _hear(self, order: SealedOrder) -> None:
         async for answer in self._ask(self._boat, order, ANSWER_S, self._sender.believe):
-            self._take(answer)
+            self._take(order, answer)
             self._news.set()
         self._over = True
         self._news.set()
 
-    def _take(self, answer: OrderAnswer) -> None:
+    def _take(self, order: SealedOrder, answer: OrderAnswer) -> None:
         outcome = answer.outcome
         if not answer.proven:
             self.strange = outcome
@@ -96,18 +97,18 @@ class StopChase:
             self.stopped[outcome.run] = outcome
             self.refused.pop(outcome.run, None)
         elif outcome.code in ("wrong_run", "late"):
-            return self._make(outcome)
+            return self._make(order, outcome)
         else:
             self.refused[outcome.run] = outcome
         self._note()
 
-    def _make(self, outcome: OrderOutcome) -> None:
-        """Anew, for the run and the clock of an answer; not more often than it is sent."""
-        run, now_s = outcome.run, time.monotonic()
-        if run not in self._made_s and len(self._made_s) >= MADE:
+    def _make(self, order: SealedOrder, refusal: OrderOutcome) -> None:
+        """Anew, for run and clock of a refusal, where none is under way for that run; not oftener than it is sent."""
+        run, now_s = refusal.run, time.monotonic()
+        if self._made.get(run, order) is not order or (run not in self._made_s and len(self._made_s) >= MADE):
             return
         if now_s - self._made_s.get(run, -AGAIN_S) < AGAIN_S:
             return
         self._made_s[run] = now_s
-        self._made[run] = self._sender.order("stop", at=Place(run, outcome.t_ns))
+        self._made[run] = self._sender.order("stop", at=Place(run, refusal.t_ns))
         self._send(self._made[run])

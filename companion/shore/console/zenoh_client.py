@@ -103,6 +103,20 @@ class ZenohClient:
                 await asyncio.shield(asyncio.to_thread(session.close))
                 join_callbacks(before)
 
+    def tell_sticks(self, boat: str, sample: SealedOrder) -> None:
+        """Where somebody's sticks are. Never waits: on a bad network it is dropped, and the next one says more."""
+        if session := self._session:
+            with contextlib.suppress(zenoh.ZError):
+                session.put(
+                    shore.sticks_key(boat),
+                    sample.payload,
+                    attachment=sample.attachment,
+                    encoding=zenoh.Encoding.APPLICATION_JSON,
+                    congestion_control=zenoh.CongestionControl.DROP,
+                    priority=zenoh.Priority.REAL_TIME,
+                    express=True,
+                )
+
     async def ask(
         self, boat: str, order: SealedOrder, timeout_s: float, believe: Believe
     ) -> AsyncIterator[OrderAnswer]:

@@ -131,7 +131,8 @@ def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
     assert "the heading at the end of the mission is not kept" in warnings(load_setup(folder / RUN))[0]
     (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 9.0), (15.0, 10.5))))
     with pytest.raises(
-        ConfigError, match=r"square\.toml: waypoint 1: the turn of 90 deg needs .* cannot turn on the spot"
+        ConfigError,
+        match=r"square\.toml: waypoint 1 .*cannot be rounded: the turn of 90 deg .* turn on the spot",
     ):
         load_setup(folder / RUN)
     change(folder, VESSEL, "channel = 10", "channel = 3")

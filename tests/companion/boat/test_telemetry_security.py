@@ -52,7 +52,8 @@ def boat(pki, port):
         with query:
             query.reply(shore.command_key("aritra"), msgspec.json.encode(ANSWER))
 
-    made.start(told.append, tuple, answer)
+    made.moved = []
+    made.start(told.append, tuple, answer, steer=lambda sample: made.moved.append(bytes(sample.payload)))
     try:
         wait_for(lambda: any("is connected" in a.text for a in told), what=lambda: told)
         yield made
@@ -100,6 +101,10 @@ def test_each_may_do_what_the_router_file_says(pki):
                 assert bool(console.last_values()) == sees
                 assert console.alive() == ({"aritra/aritra/alive"} if sees else set())
                 assert bool(command(console)) == commands, name
+                for _ in range(5):
+                    console.session.put(shore.sticks_key("aritra"), name.encode())
+                    time.sleep(0.1)
+        assert set(b.moved) == {b"anna"}, "who may command may steer"
 
 
 def test_only_the_boat_speaks_under_its_name(pki):

@@ -27,7 +27,7 @@ async def serving_a_boat():
 def test_a_stop_reaches_both_programs_of_a_name_and_a_start_neither():
     async def play():
         async with serving() as desk:
-            left = await asyncio.to_thread(Boat, desk.zenoh, run="run0", ahead_ns=-3600 * S)
+            left = await asyncio.to_thread(Boat, desk.zenoh, run="run0", ahead_ns=3600 * S)
             boat = await asyncio.to_thread(Boat, desk.zenoh)
             await until(lambda: "b" in desk.console.store.boats)
             await asyncio.sleep(0.5)

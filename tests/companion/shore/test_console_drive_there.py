@@ -7,7 +7,7 @@ import pytest
 from companion.core.telemetry.order_gate import MissionFile
 from companion.shore.console import drive_there as module
 from companion.shore.console.drive_there import LEAVING, drive_there
-from tests.companion.shore.test_console_orders import Boat, Water, impatient
+from tests.companion.shore.orders_fixture import Boat, Water, impatient
 
 POINT = MissionFile(name="there.toml", text="[[waypoints]]\nnorth_m = 1.0\neast_m = 2.0\n")
 

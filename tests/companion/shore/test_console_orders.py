@@ -1,133 +1,24 @@
 """Orders of the console: signed so that a boat believes them, repeated until answered, told as they are."""
 
 import asyncio
-from dataclasses import dataclass, field
 
-import msgspec
 import pytest
 
 from companion.core.telemetry.order_gate import (
     MissionFile,
     OrderGate,
-    OrderOutcome,
-    OrderRefused,
-    Repeated,
-    read_outcome,
     seal,
 )
 from companion.core.telemetry.order_sender import Place, Sender
 from companion.shore.console import orders as module
-from companion.shore.console.answers import OrderAnswer
-from companion.shore.console.orders import Orders, SentOrder
-
-S = 1_000_000_000
-KEY = bytes(range(32))
-
-
-class Boat:
-    """A program that answers as a boat does. `deaf`: to the first so many; `slow`: they are on their way meanwhile."""
-
-    def __init__(self, run="run", *, key=KEY, deaf=0, slow=0, now_ns=1_000 * S):
-        self.gate, self.run, self.deaf, self.slow, self.now_ns = OrderGate("b", run, key), run, deaf, slow, now_ns
-        self.heard, self.obeyed, self.met = [], [], set()
-
-    def answer(self, payload, attachment):
-        """Reply and seal, or None."""
-        self.heard.append((payload, attachment))
-        if self.deaf:
-            self.deaf -= 1
-            return None
-        reply = self.reply(payload, attachment)
-        if reply is None:
-            return None
-        return reply, self.gate.answer_seal(payload, reply) if self.gate.proves(payload, attachment) else None
-
-    def reply(self, payload, attachment):
-        try:
-            order = self.gate.judge(payload, attachment, self.now_ns)
-        except Repeated as again:
-            if again.outcome is None or self.slow:
-                self.slow -= 1
-                return self.outcome("waiting", "busy", "on its way", repeated=True)
-            return msgspec.json.encode(msgspec.structs.replace(again.outcome, repeated=True))
-        except OrderRefused as no:
-            return self.outcome("refused", no.code, no.text)
-        self.met |= set(order.heard) - {self.run}
-        if order.command == "hello":
-            return self.outcome("done", "ok", "here")
-        self.obeyed.append(order)
-        reply = self.outcome("done", "ok", f"{order.command}: the pilot has it")
-        self.gate.finish(order, read_outcome(reply))
-        return None if self.slow else reply
-
-    def outcome(self, status, code, text, repeated=False):
-        told = {"status": status, "code": code, "text": text, "repeated": repeated}
-        return msgspec.json.encode(OrderOutcome(run=self.run, t_ns=self.now_ns, **told))
-
-    @property
-    def commands(self):
-        return [order.command for order in self.obeyed]
-
-
-class Stranger:
-    """Answers everything with `done`, without the key; `never`: or takes the question and says nothing."""
-
-    def __init__(self, never=False):
-        self.never = never
-
-    def answer(self, payload, attachment):
-        if self.never:
-            return None
-        done = OrderOutcome(run="evil", t_ns=5, status="done", code="ok", text="stop: the pilot has it")
-        return msgspec.json.encode(done), bytes(32)
-
-
-@dataclass
-class Water:
-    """All programs of the name `b`, and what the console's store says of them."""
-
-    programs: list = field(default_factory=lambda: [Boat()])
-    key: bytes | str = KEY
-    by_telemetry: Place | None = field(default_factory=lambda: Place("run", 1_000 * S))
-    runs_heard: tuple = ("run",)
-
-    def __post_init__(self):
-        self.maker = self.key if isinstance(self.key, str) else Sender("b", "session-1", "anna", self.key, lambda: 0)
-        self.told = []
-        self.orders = Orders(self, self.ask, lambda given: self.told.append(msgspec.structs.replace(given)))
-
-    def sender(self, boat):
-        return self.maker
-
-    def place(self, boat):
-        return self.by_telemetry
-
-    def runs(self, boat):
-        return self.runs_heard
-
-    async def ask(self, boat, order, timeout_s, believe):
-        assert boat == "b" and 0 < timeout_s <= module.ANSWER_S
-        for program in self.programs:
-            answered = program.answer(*order)
-            await asyncio.sleep(0)
-            if answered is None:
-                continue
-            reply, sealed = answered
-            believed = believe(order.payload, reply, sealed)
-            yield OrderAnswer(believed or read_outcome(reply), proven=believed is not None)
-
-    def give(self, command="stop", mission=None):
-        return asyncio.run(self.orders.give("b", command, mission))
+from companion.shore.console.orders import SentOrder
+from tests.companion.shore.orders_fixture import KEY, Boat, S, Stranger, Water, impatient
 
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     monkeypatch.setattr(module, "PAUSE_S", 0.001)
     monkeypatch.setattr("companion.shore.console.stop_chase.AGAIN_S", 0.005)
-
-
-def impatient(monkeypatch, command, seconds=0.1):
-    monkeypatch.setitem(module.PATIENCE_S, command, seconds)
 
 
 # --- one boat ---------------------------------------------------------------------------------------
@@ -231,6 +122,21 @@ def test_a_stop_reaches_every_program_of_the_name():
     water = Water([one, other], by_telemetry=Place("run", 5 * S), runs_heard=("run", "other"))
     given = water.give()
     assert one.commands == other.commands == ["stop"] and "2 programs that call themselves b have it" in given.why
+
+
+def test_a_program_whose_answer_takes_longer_than_a_try_is_stopped_once():
+    """Each refusal of what was made out for the other run made out one more, and the boat obeyed them all."""
+    one, other = Boat("run"), Boat("other")
+    one.away_s = other.away_s = 0.05
+    water = Water([one, other], runs_heard=("run", "other"))
+
+    async def play():
+        given = await water.orders.give("b", "stop")
+        await asyncio.sleep(0.1)  # for what is still under way
+        return given
+
+    given = asyncio.run(play())
+    assert one.commands == other.commands == ["stop"] and given.outcome.status == "done" and given.tries > 2
 
 
 def test_a_run_that_is_heard_and_does_not_answer_keeps_no_other_waiting_and_is_told(monkeypatch):

@@ -69,16 +69,18 @@ def stop_keeps_its_place(full: bool) -> Iterator[Line]:
     for width in SIZES:
         with _console("one", "two") as (page, _):
             resize(page, width, "light")
-            before, moved, missed, asked = place(page, "#stop"), 0.0, 0, 0
-            for act in ("hold", "start", "stop", "hold", "scroll"):
+            before, moved, missed, asked, lying = place(page, "#stop"), 0.0, 0, 0, 0
+            for act in ("hold", "start", "stop", "draw", "draw-fence", "drive-here", "steer", "steer-take", "scroll"):
                 scroll(page, 1.0) if act == "scroll" else page.page.click(f"#{act}")
                 page.page.wait_for_timeout(200)
                 now = place(page, "#stop")
                 moved = max(moved, *(abs(a - b) for a, b in zip(before, now, strict=True)))
                 missed += not reachable(page, "#stop")
+                lying += len(overlaps(page)) if width <= 960 or act != "scroll" else 0
                 asked += 1
             yield exactly(f"{width} px: STOP moved by, in {asked} moments", moved, 0, "px")
             yield exactly(f"{width} px: moments in which a click would miss it", missed, 0)
+            yield exactly(f"{width} px: boxes that lie on each other meanwhile", lying, 0)
 
 
 def stop_says_what_it_can(full: bool) -> Iterator[Line]:

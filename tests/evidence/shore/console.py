@@ -48,15 +48,15 @@ for boat in boats:
 
 
 @contextlib.contextmanager
-def _running() -> Iterator[SimpleNamespace]:
-    """Simulator, companion that drives, console: .address, .console (arguments and process), .station, .folder."""
+def running_boat(*, start: bool = True) -> Iterator[SimpleNamespace]:
+    """Simulator and companion (`start`: that drives): .given (arguments of a console for it), .station, .folder."""
     with tempfile.TemporaryDirectory() as name:
         folder, udp, tcp = Path(name), free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         port, tag = tcp_port(), folder / "tag"
         config = run_file(folder, port)
         sim = ["sim", "--udp-to", f"127.0.0.1:{udp}", "--tcp", f"127.0.0.1:{tcp}", "--uwb", str(tag), "--seed", "5"]
         boat = ["run", "--config", str(config), "--mavlink", f"udpin:127.0.0.1:{udp}", "--uwb", f"serial:{tag}:115200"]
-        boat += ["--log", str(folder / "run.mcap"), "--start"]
+        boat += ["--log", str(folder / "run.mcap"), *(["--start"] if start else [])]
         given = ["--listen", f"tcp/127.0.0.1:{port}", "--command-key", folder / "boat.key", "--port", str(tcp_port())]
         told = folder / "sim.txt"
         with process(sim, told):
@@ -82,7 +82,7 @@ def _stop_ms(page: Page, station: GroundStation) -> float:
 
 def chromium_drives_the_console(full: bool) -> Iterator[Line]:
     """A headless Chromium at the console of a running boat: 20 STOPs, a reload, a killed server, axe-core"""
-    with _running() as run, chromium() as browser:
+    with running_boat() as run, chromium() as browser:
         with served(run.folder / "shore.txt", *run.given) as (address, child):
             page = Page(browser, address)
             page.wait(f"{LIVE} && aritra.history.last('aritra', 'mode')?.driving === true")

@@ -75,6 +75,9 @@ def test_a_mission_is_drawn_checked_and_sent_once_somebody_said_yes(page, boat):
     for at in ((5, 5), (25, 5), (25, 25)):
         click(page, *at)
     assert near(places(page), (5, 5), (25, 5), (25, 25)) and problems(page) == []
+    page.wait("document.querySelector('#mission-sum').innerText.includes('about')")  # by the boat's own guidance
+    course = page.page.evaluate("aritra.editor.layer.course.getLatLngs().map((p) => [p.lat, p.lng])")
+    assert near([course[0], course[-1]], (5, 5), (25, 25)) and len(course) > 5, "with its corner rounded"
     drag(page, (25, 25), (25, 33))
     assert problems(page)[0].startswith("Waypoint 3 lies 3.") and "beyond the fence" in problems(page)[0]
     assert page.page.locator(".draft-point.wrong").all_inner_texts() == ["3"]

@@ -46,7 +46,7 @@ def moments(page, folder):
     page.wait("!document.querySelector('#question').hidden")
     yield "the question of a mission"
     page.page.keyboard.press("Escape")
-    for tool in ("draw", "drive-here"):
+    for tool in ("draw", "draw-fence", "drive-here", "steer"):
         page.page.click(f"#{tool}")
         yield tool
     page.page.click("#drive-here")
@@ -93,10 +93,12 @@ def test_stop_is_in_reach_on_a_phone_that_lies_on_its_side(tmp_path, zenoh_port,
 def test_stop_says_that_it_has_no_key_before_it_is_needed(tmp_path, zenoh_port, browser):
     with console(tmp_path, zenoh_port, "one") as address, boats(zenoh_port, "one", "two") as (one, two):
         page = Page(browser, address)
-        page.wait("document.querySelectorAll('.boat').length === 2 && !document.querySelector('#hold').disabled")
+        page.wait("document.querySelectorAll('.boat').length === 2")
+        page.page.click(".boat[data-boat=one]")  # it may have heard of the other first
+        page.wait("!document.querySelector('#hold').disabled")
         assert page.text("#stop-whom") == "one" and page.text("#no-orders") == ""
         page.wait("document.querySelector('#stop-all').innerText === 'STOP ALL 1'")
-        page.page.click(".boat >> nth=1")
+        page.page.click(".boat[data-boat=two]")
         page.wait("document.querySelector('#stop').disabled")
         assert "no key for two" in page.text("#stop-whom") and "--command-key" in page.text("#no-orders")
         page.page.keyboard.press("F9")
@@ -111,8 +113,10 @@ def test_stop_says_that_it_has_no_key_before_it_is_needed(tmp_path, zenoh_port, 
 def test_a_boat_that_ended_fades_gets_no_stop_and_can_be_put_away(tmp_path, zenoh_port, browser):
     with console(tmp_path, zenoh_port) as address, boats(zenoh_port, "one", "two") as (one, two):
         page = Page(browser, address)
-        page.wait("document.querySelectorAll('.boat').length === 2 && !document.querySelector('#hold').disabled")
-        page.page.click(".boat >> nth=1")
+        page.wait("document.querySelectorAll('.boat').length === 2")
+        page.page.click(".boat[data-boat=one]")  # it may have heard of the other first
+        page.wait("!document.querySelector('#hold').disabled")
+        page.page.click(".boat[data-boat=two]")
         page.wait("aritra.map.boats.get('two')?.made.has('hull') && aritra.history.last('two', 'mode') !== undefined")
         two.close()
         page.wait("document.querySelector('#stop').disabled")

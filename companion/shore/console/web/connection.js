@@ -2,6 +2,7 @@
 
 const AGAIN_MS = [250, 500, 1000, 2000];
 const SILENT_MS = 4000; // the console speaks every second: longer silence is a line that died without a word
+const MOST_WAITING = 1000; // bytes on their way: some places of the sticks
 const REFUSED = "The console refused this page: open the address that `aritra shore` printed.";
 
 export class Connection {
@@ -66,6 +67,11 @@ export class Connection {
   choose(boat) {
     this.chosen = boat;
     if (this.open && this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ choose: boat }));
+  }
+
+  /** Where the sticks are; not sent where what was sent before has not gone: it would come too late. */
+  tellSticks(sticks) {
+    if (this.open && this.socket?.readyState === WebSocket.OPEN && this.socket.bufferedAmount < MOST_WAITING) this.socket.send(JSON.stringify({ sticks }));
   }
 
   /** Seconds since the console last spoke. */

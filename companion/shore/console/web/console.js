@@ -9,9 +9,12 @@ import { History } from "./history.js";
 import { showLogs } from "./logs.js";
 import { BoatMap } from "./map.js";
 import { DriveHere } from "./mission/drive_here.js";
+import { FenceEditor } from "./mission/fence.js";
 import { MissionEditor } from "./mission/editor.js";
+import { Steering } from "./driving/steer.js";
 import { OrderDesk } from "./orders.js";
 import { make, showAlerts, showChecks, showFigures, showLinks, showMode, showThrusters } from "./panels.js";
+import { ALL, Preferences } from "./preferences.js";
 import { Plots } from "./plots.js";
 import { themeSwitch } from "./theme.js";
 import { placed } from "./shapes.js";
@@ -30,7 +33,8 @@ const fleet = new Fleet(history, clocks, age_s);
 const drawn = new Map(); // boat -> how often it was drawn, for measurements
 const changed = new Set();
 const map = new BoatMap($("map"), { label: "Map of the boats, metres, north up. Arrow keys move it, plus and minus zoom." });
-const plots = new Plots($("plots"));
+const plots = new Plots($("plots"), { panels: ALL });
+const preferences = new Preferences({ plots, choice: $("plot-choice").lastElementChild, units: $("units"), changed: () => chosen && changed.add(chosen) });
 const attitude = new Attitude($("attitude"));
 const alarms = new Alarms($("alarms"));
 let chosen = null;
@@ -43,7 +47,10 @@ let whyNot = "";
 let can = false; // whether the chosen boat can be given orders that ask first
 let started = null; // which run of the console program this page has spoken to
 
-const connection = new Connection({ onframe, onconsole, onorder: (given) => desk.show(given) });
+const connection = new Connection({ onframe, onconsole, onorder: (given) => {
+  desk.show(given);
+  steering.note(given);
+} });
 const elements = {
   stop: $("stop"), stopAll: $("stop-all"), hold: $("hold"), start: $("start"), load: $("load"), file: $("file"),
   question: $("question"), answers: $("answers"), says: $("says"),
@@ -52,6 +59,8 @@ const boatList = new BoatList($("boat-list"), { choose, putAway });
 const desk = new OrderDesk(connection, elements, () => ({ chosen, all: fleet.stoppable(commands), whyNot, view: chosen && history.at(chosen) }));
 const shown = () => ({ boat: chosen, view: chosen && history.at(chosen), can });
 const editor = new MissionEditor({ map, desk, connection, button: $("draw"), chosen: shown });
+new FenceEditor({ map, connection, button: $("draw-fence") });
+const steering = new Steering({ desk, connection, button: $("steer"), chosen: shown });
 const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("map-note"), chosen: shown });
 
 function onconsole(about) {
@@ -149,7 +158,7 @@ function showChosen(view) {
     fitted = chosen;
     map.fit(view);
   }
-  showFigures($("figures"), view);
+  showFigures($("figures"), view, preferences.units);
   attitude.show(view);
   showThrusters($("thrusters"), view);
   showMode($("mode"), view);
@@ -288,4 +297,4 @@ themeSwitch($("theme"));
 setInterval(look, LOOK_MS);
 look();
 
-globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet, editor }; // for tests and the curious
+globalThis.aritra = { history, connection, drawn, map, age_s, choose, fleet, editor, steering }; // for tests and the curious

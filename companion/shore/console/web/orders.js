@@ -9,7 +9,7 @@ const STOP_PATIENCE_MS = 15000; // so long a stop that found no console is said 
 const ASK_MS = 15000; // an unanswered question goes away
 const NEUTRAL_US = 1500;
 const SHOWN = 6;
-const WORDS = { stop: "STOP", hold: "Hold", start: "Start", load_mission: "Load mission" };
+const WORDS = { stop: "STOP", hold: "Hold", start: "Start", manual: "By hand", load_mission: "Load mission" };
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
 
 export class OrderDesk {
@@ -70,7 +70,9 @@ export class OrderDesk {
   /** Another order than a stop. */
   async give(body) {
     const shown = this.begin(body);
-    this.told(shown, await this.connection.order(body));
+    const given = await this.connection.order(body);
+    this.told(shown, given);
+    return { ...given, ...body };
   }
 
   /** A mission of one point, and its start; `leave`: the mission that is driven is left for it. The console gives the orders. */

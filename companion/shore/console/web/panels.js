@@ -31,8 +31,10 @@ function fill(list, rows) {
   for (const item of known.values()) item.remove();
 }
 
-/** Where the boat is and how it goes. */
-export function showFigures(element, { state, about, reference, battery, thrusters, path }) {
+const SI = { speed: { factor: 1, unit: "m/s", digits: 2 }, rate: { factor: 1, unit: "°/s", digits: 1 } };
+
+/** Where the boat is and how it goes; units as of `Plots.setUnits`. */
+export function showFigures(element, { state, about, reference, battery, thrusters, path }, { speed, rate } = SI) {
   const health = { healthy: "ok", degraded: "warning", lost: "error" }[state?.health] ?? "warning";
   const total = path?.waypoints?.length;
   const [latitude, longitude] = (placed(state) && geodetic(about, [state.north_m, state.east_m])) ?? [null, null];
@@ -42,8 +44,8 @@ export function showFigures(element, { state, about, reference, battery, thruste
     ["Latitude", figure(latitude, 7, "°")],
     ["Longitude", figure(longitude, 7, "°")],
     ["Heading", heading(state?.psi_rad)],
-    ["Speed", state ? figure(Math.hypot(state.u_m_s, state.v_m_s), 2, "m/s") : figure(null)],
-    ["Yaw rate", figure(state && (state.r_rad_s * 180) / Math.PI, 1, "°/s")],
+    ["Speed", state ? figure(Math.hypot(state.u_m_s, state.v_m_s) * speed.factor, speed.digits, speed.unit) : figure(null)],
+    ["Yaw rate", figure(state && ((state.r_rad_s * 180) / Math.PI) * rate.factor, rate.digits, rate.unit)],
     ["Cross-track", figure(fresh(reference, state)?.y_e_m, 2, "m")],
     ["Position ±", figure(placed(state) && sigma(state.covariance), 2, "m")],
     ["Estimate", state ? state.health + (state.reason ? `: ${state.reason}` : "") : "not reported", state && health],

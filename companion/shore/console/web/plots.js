@@ -16,16 +16,29 @@ function pulses(about) {
   return (about?.thrusters ?? []).map((thruster, k) => one(thruster.name, "thrusters", (s) => s.pwm_us[k]));
 }
 
-/** lines(about): what a panel draws; the first line of a panel is the measured one. min_span: least height of its axis. */
+function forces(about) {
+  return (about?.thrusters ?? []).map((thruster, k) => one(thruster.name, "thrusters", (s) => s.force_n[k]));
+}
+
+/** lines(about): what a panel draws; the first line of a panel is the measured one. min_span: least height of its axis;
+    quantity: of `setUnits`, where there is a choice. */
 export const PANELS = [
-  { id: "u", title: "Surge u", unit: "m/s", digits: 2, min_span: 0.2, lines: () => [one("u", "state", (s) => s.u_m_s), one("asked", "reference", (s) => s.u_ref_m_s)] },
-  { id: "v", title: "Sway v", unit: "m/s", digits: 2, min_span: 0.2, lines: () => [one("v", "state", (s) => s.v_m_s)] },
-  { id: "r", title: "Yaw rate r", unit: "°/s", digits: 1, min_span: 4, lines: () => [one("r", "state", (s) => s.r_rad_s * DEGREES)] },
+  { id: "u", title: "Surge u", quantity: "speed", unit: "m/s", digits: 2, min_span: 0.2, lines: () => [one("u", "state", (s) => s.u_m_s), one("asked", "reference", (s) => s.u_ref_m_s)] },
+  { id: "v", title: "Sway v", quantity: "speed", unit: "m/s", digits: 2, min_span: 0.2, lines: () => [one("v", "state", (s) => s.v_m_s)] },
+  { id: "r", title: "Yaw rate r", quantity: "rate", unit: "°/s", digits: 1, min_span: 4, lines: () => [one("r", "state", (s) => s.r_rad_s * DEGREES)] },
   { id: "y_e", title: "Cross-track", unit: "m", digits: 2, min_span: 0.4, lines: () => [one("y_e", "reference", (s) => s.y_e_m)] },
   { id: "pwm", title: "Pulse width", unit: "µs", digits: 0, min_span: 40, lines: pulses },
   { id: "voltage", title: "Battery", unit: "V", digits: 1, min_span: 1, lines: () => [one("voltage", "battery", (s) => s.voltage_v)] },
   { id: "solve", title: "Solve time", unit: "ms", digits: 1, min_span: 5, lines: () => [one("median", "timing", (s) => s.solve.median_ms), one("largest", "timing", (s) => s.solve.max_ms)] },
   { id: "late", title: "Loop lateness", unit: "ms", digits: 1, min_span: 2, lines: () => [one("median", "timing", (s) => s.lateness.median_ms), one("largest", "timing", (s) => s.lateness.max_ms)] },
+];
+
+/** Those that are drawn when somebody asks for them. */
+export const FURTHER = [
+  { id: "psi", title: "Heading", unit: "°", digits: 0, min_span: 20, lines: () => [one("heading", "state", (s) => s.psi_rad * DEGREES), one("asked", "reference", (s) => s.psi_ref_rad * DEGREES)] },
+  { id: "tilt", title: "Roll and pitch", unit: "°", digits: 1, min_span: 4, lines: () => [one("roll", "attitude", (s) => s.roll_rad * DEGREES), one("pitch", "attitude", (s) => s.pitch_rad * DEGREES)] },
+  { id: "place", title: "Place", unit: "m", digits: 2, min_span: 1, lines: () => [one("north", "state", (s) => s.north_m), one("east", "state", (s) => s.east_m)] },
+  { id: "force", title: "Force", unit: "N", digits: 1, min_span: 2, lines: forces },
 ];
 
 /** Times and values of one line between two instants; null where samples are missing for long. */
@@ -55,13 +68,19 @@ class Panel {
     this.root = parent.appendChild(document.createElement("figure"));
     this.root.className = "plot";
     const caption = this.root.appendChild(document.createElement("figcaption"));
-    caption.append(Object.assign(document.createElement("span"), { className: "title", textContent: `${spec.title} [${spec.unit}]` }));
+    this.title = caption.appendChild(Object.assign(document.createElement("span"), { className: "title" }));
+    this.setUnit({ factor: 1, unit: spec.unit, digits: spec.digits });
     this.legend = caption.appendChild(document.createElement("span"));
     this.legend.className = "legend";
     this.canvas = this.root.appendChild(document.createElement("div"));
     this.canvas.className = "canvas";
     this.canvas.setAttribute("role", "img");
     this.lines = "";
+  }
+
+  setUnit(unit) {
+    this.unit = unit;
+    this.title.textContent = `${this.spec.title} [${unit.unit}]`;
   }
 
   /** `sources`: [{history, boat, label, ghost}]; a new chart where the lines are others than before. */
@@ -74,7 +93,7 @@ class Panel {
     if (key !== this.lines) this.make(lines, key);
     const { from_s, to_s, zero_s } = window;
     this.window = [from_s - zero_s, to_s - zero_s];
-    const tables = lines.map((l) => column(l.history.list(l.boat, l.topic), l.value, from_s, to_s, zero_s));
+    const tables = lines.map((l) => column(l.history.list(l.boat, l.topic), (s) => scaled(l.value(s), this.unit.factor), from_s, to_s, zero_s));
     this.data = tables.length ? uPlot.join(tables, tables.map(() => [1, 1])) : [[]];
     this.plot?.setData(this.data, true);
     this.say();
@@ -106,7 +125,7 @@ class Panel {
       cursor: { sync: { key: owner.key, setSeries: false }, drag: { x: false, y: false }, points: { show: false }, y: false },
       scales: {
         x: { time: false, range: () => this.window ?? [0, 1] },
-        y: { range: (_, low, high) => span(low, high, spec.min_span) },
+        y: { range: (_, low, high) => span(low, high, spec.min_span * this.unit.factor) },
       },
       axes: [
         { ...axis(), size: 26, space: 60, values: (_, ticks) => ticks.map((t) => figure(t, 0, "s")) },
@@ -123,19 +142,22 @@ class Panel {
     const told = this.data.slice(1).map((values) => {
       let k = at ?? values.length - 1;
       while (k > 0 && (values[k] === null || values[k] === undefined)) k--;
-      return figure(values[k], this.spec.digits);
+      return figure(values[k], this.unit.digits);
     });
     told.forEach((text, k) => {
       if (this.values[k].textContent !== text) this.values[k].textContent = text;
     });
     const words = told.map((text, k) => `${this.names[k]} ${text}`).join(", ");
-    this.canvas.setAttribute("aria-label", `${this.spec.title}, ${this.spec.unit}: ${words || "no data"}`);
+    this.canvas.setAttribute("aria-label", `${this.spec.title}, ${this.unit.unit}: ${words || "no data"}`);
   }
 
   size() {
     return { width: Math.max(this.canvas.clientWidth, 120), height: Math.max(this.canvas.clientHeight, 90) };
   }
 }
+
+/** In another unit; a missing value stays one. */
+const scaled = (value, factor) => (value === null || value === undefined ? null : value * factor);
 
 /** Decimals that tell ticks apart exactly: 0.25 needs two. */
 function digitsOf(ticks) {
@@ -178,7 +200,19 @@ export class Plots {
   draw(sources, window) {
     this.sources = sources;
     this.window = window;
-    for (const panel of this.panels) panel.draw(sources, window);
+    for (const panel of this.panels) if (!panel.root.hidden) panel.draw(sources, window);
+  }
+
+  /** Only the panels of these ids. */
+  show(ids) {
+    for (const panel of this.panels) panel.root.hidden = !ids.has(panel.spec.id);
+    if (this.window) this.draw(this.sources, this.window);
+  }
+
+  /** quantity -> {factor, unit, digits}, for the panels of that quantity. */
+  setUnits(units) {
+    for (const panel of this.panels) if (units[panel.spec.quantity]) panel.setUnit(units[panel.spec.quantity]);
+    if (this.window) this.draw(this.sources, this.window);
   }
 
   /** The same in the colours of now. */

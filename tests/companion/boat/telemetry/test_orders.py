@@ -67,15 +67,16 @@ class FakeApp:
 class Desk:
     """ShoreCommands on a loop of its own, as in a run."""
 
-    def __init__(self, key=KEY, meet=lambda run, where: None):
+    def __init__(self, key=KEY, meet=lambda run, where: None, vessel=None):
         self.app, self.alerts, self.key, self.meet = FakeApp(), [], key, meet
+        self.settings = setup(vessel=vessel).pilot
 
     def ask(self, *queries, before=lambda: None, after=lambda: None, patience_s=5.0):
         """The queries from a thread of zenoh's, in order; their outcomes."""
 
         async def play():
             gate = OrderGate("b", "run", self.key)
-            self.ear = ShoreCommands(self.app, setup().pilot, gate, BoatClock(), self.alerts.append, self.meet)
+            self.ear = ShoreCommands(self.app, self.settings, gate, BoatClock(), self.alerts.append, self.meet)
             before()
             await asyncio.to_thread(lambda: [(self.ear(q), q.dropped.wait(patience_s)) for q in queries])
             await asyncio.sleep(0.01)
@@ -126,6 +127,15 @@ def test_a_mission_is_loaded_or_refused_with_all_its_errors():
     assert "waypoint 1 lies 470.5 m beyond the fence" in bad[0].text and "x.toml: waypoints[1].north_m" in bad[1].text
     (new,) = desk.app.given
     assert isinstance(new, NewMission) and new.name == "pier" and new.waypoints[1].north_m == 12.0
+
+
+def test_a_mission_with_a_corner_that_the_boat_cannot_round_is_refused():
+    """It was answered with `loaded`, and the pilot did not take it."""
+    corner = ((9.0, 9.0), (15.0, 9.0), (15.0, 10.5))
+    tight = "".join(f"[[waypoints]]\nnorth_m = {n}\neast_m = {e}\n" for n, e in corner)
+    desk = Desk(vessel="rudder")
+    (no,) = desk.ask(Query(*sender().order("load_mission", MissionFile(name="t.toml", text=tight))))
+    assert no.code == "bad_mission" and "waypoint 1 cannot be rounded" in no.text and not desk.app.given
 
 
 def test_refusals_are_counted_answered_and_told_at_powers_of_two():

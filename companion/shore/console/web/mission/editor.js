@@ -9,12 +9,23 @@ import { MissionList } from "./list.js";
 import { Plan, fileName, toToml } from "./plan.js";
 
 const TYPES = "text/plain"; // of a file that is saved
+const CHECK_MS = 250; // after the last change the console is asked what the boat's own checks say
 const $ = (name) => document.getElementById(`mission-${name}`);
+
+/** Problems of both, of each waypoint those that the boat's checks found, where they found any: they have the last word. */
+function merged(own, judged) {
+  const known = new Set(judged.map(({ at }) => at));
+  return [...judged, ...own.filter(({ at, grave }) => !grave || !known.has(at))];
+}
+
+function minutes(seconds) {
+  return seconds < 90 ? figure(seconds, 0, "s") : figure(seconds / 60, 1, "min");
+}
 
 export class MissionEditor {
   /** map: BoatMap; desk: OrderDesk; connection; button: opens and closes it; chosen(): {boat, view, can}, `can`: be given orders. */
   constructor({ map, desk, connection, button, chosen }) {
-    Object.assign(this, { map, desk, connection, button, chosen, plans: new Map(), open: false, news: "" });
+    Object.assign(this, { map, desk, connection, button, chosen, plans: new Map(), open: false, news: "", checked: null });
     this.pick = { at: (place) => this.edit((plan) => plan.add(place)), off: () => this.setOpen(false) };
     const remove = (k) => this.edit((plan) => plan.remove(k));
     const change = (k, parts) => this.edit((plan) => plan.change(k, parts));
@@ -121,6 +132,29 @@ export class MissionEditor {
     this.desk.ask("load_mission", `takes “${name}” (${this.sum()}) as its mission, from the first waypoint at the next start.`, { name, text: this.text() });
   }
 
+  // --- checked by the boat's own functions ---------------------------------------------------------
+
+  /** What the console made of this very mission; null: it is not known yet, and asked for. */
+  judged() {
+    const key = `${this.chosen().boat} ${this.text()}`;
+    if (this.checked?.key === key) return this.checked.told;
+    if (this.asked !== key) {
+      this.asked = key;
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => this.check(key), CHECK_MS);
+    }
+    return null;
+  }
+
+  async check(key) {
+    const { boat } = this.chosen();
+    const told = await this.connection.post("/mission/check", { boat, file: { name: fileName(this.plan.now), text: this.text() } });
+    if (this.asked !== key) return;
+    if (told.problems) this.checked = { key, told };
+    else this.asked = null; // no answer: asked again with the next change
+    if (told.problems) this.show();
+  }
+
   // --- what is shown -------------------------------------------------------------------------------
 
   say(text) {
@@ -130,8 +164,9 @@ export class MissionEditor {
 
   sum() {
     const { waypoints } = this.plan;
-    const metres = legs(waypoints).reduce((sum, leg) => sum + leg, 0);
-    return `${waypoints.length} waypoint${waypoints.length === 1 ? "" : "s"}, ${figure(metres, 1, "m")}`;
+    const told = this.checked?.key === `${this.chosen().boat} ${this.text()}` ? this.checked.told : {};
+    const metres = told.length_m || legs(waypoints).reduce((sum, leg) => sum + leg, 0);
+    return `${waypoints.length} waypoint${waypoints.length === 1 ? "" : "s"}, ${figure(metres, 1, "m")}${told.duration_s ? `, about ${minutes(told.duration_s)}` : ""}`;
   }
 
   /** Called again and again: the boat, its fence and whether it can be given orders may change. */
@@ -147,9 +182,11 @@ export class MissionEditor {
     const { boat, view, can } = this.chosen();
     if (!this.open) return;
     const { plan } = this;
-    const found = problems(plan.now, view?.about);
+    const own = problems(plan.now, view?.about);
+    const judged = plan.waypoints.length && boat && !own.some(({ grave, at }) => grave && at === null) ? this.judged() : null;
+    const found = judged ? merged(own, judged.problems) : own;
     const wrong = new Set(found.filter(({ grave }) => grave).map(({ at }) => at));
-    this.layer.show(plan.waypoints, wrong);
+    this.layer.show(plan.waypoints, wrong, judged?.course);
     this.list.show(plan.waypoints, wrong);
     $("sum").textContent = this.sum() + (plan.now.fences.length ? `, fences of its file: ${plan.now.fences.length}` : "");
     if (document.activeElement !== $("name")) $("name").value = plan.now.name;

@@ -9,15 +9,16 @@ export class MissionLayer {
   /** move(k, [n, e], done): dragged, `done`: let go of; remove(k); insert(k, [n, e]): before the k-th. */
   constructor(map, { move, remove, insert }) {
     Object.assign(this, { map, move, remove, insert, points: [], shown: [] });
-    map.createPane("draft-line").style.zIndex = 610; // below the boats
-    map.createPane("draft").style.zIndex = 640; // above them
+    for (const [pane, z] of [["draft-line", 610], ["draft", 640]]) (map.getPane(pane) ?? map.createPane(pane)).style.zIndex = z; // below and above the boats
     this.group = L.layerGroup().addTo(map);
     this.line = L.polyline([], { className: "draft-line", color: "var(--draft)", weight: 3, dashArray: "6 5", pane: "draft-line", bubblingMouseEvents: false }).addTo(this.group);
+    this.course = L.polyline([], { className: "draft-course", color: "var(--draft)", weight: 5, opacity: 0.45, pane: "draft-line", interactive: false }).addTo(this.group);
     this.line.on("click", ({ latlng }) => this.insert(this.legAt(latlng), [latlng.lat, latlng.lng]));
   }
 
-  /** wrong: numbers of waypoints that are wrong. */
-  show(waypoints, wrong = new Set()) {
+  /** wrong: numbers of waypoints that are wrong; course: as it would be driven, where that is known. */
+  show(waypoints, wrong = new Set(), course = []) {
+    this.course.setLatLngs(course);
     const places = waypoints.map((w) => [w.north_m, w.east_m]);
     this.line.setLatLngs(places);
     while (this.points.length > places.length) this.group.removeLayer(this.points.pop());

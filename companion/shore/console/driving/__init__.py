@@ -1,0 +1,1 @@
+"""Driving by hand from a page: its sticks, signed and sent on."""

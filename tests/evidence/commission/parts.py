@@ -1,0 +1,5 @@
+"""Evidence for commissioning: a boat that becomes known by itself, and is watched afterwards."""
+
+from tests.evidence.commission import watch
+
+PARTS = (*watch.PARTS,)

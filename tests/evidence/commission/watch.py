@@ -1,0 +1,197 @@
+"""Evidence that a watch tells a fouling, soon and with its size, is quiet without one, and survives being killed."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from companion.boat.load_run import EXAMPLES
+from companion.logs.readers.read_run import ReadOptions, read_run
+from sim.commission.watch.causes import watched
+from sim.commission.watch.course import Change, Course, course
+from sim.commission.watch.history import History
+from sim.commission.watch.job import course_of
+from sim.commission.watch.mission_fit import MissionInformation, boat_effects, mission_information
+from tests.evidence.commission.fouled_boats import RAMP, UNCHANGED, Fouling, boat, fouling, mission, vessel
+from tests.evidence.line import Line, at_least, at_most, exactly, information
+
+FIRST_BOAT = 101
+"""Seed of the first boat; seeds below 100 were used while the method was made."""
+SOON = 2
+"""Missions within which a fouling must be told, its own included."""
+NEAR = 0.20
+KILLS = 6
+
+
+@dataclass(frozen=True)
+class Story:
+    """One boat's missions, and what came over it from the tenth on; None: nothing."""
+
+    seed: int
+    number: int
+    cause: Fouling | None
+    course: Course
+
+    @property
+    def told(self) -> Change | None:
+        """The first change told since the fouling."""
+        return next((c for c in self.course.changes if c.told >= UNCHANGED), None)
+
+    @property
+    def false_alarms(self) -> int:
+        """Changes told while nothing had changed."""
+        return sum(c.told < UNCHANGED for c in self.course.changes)
+
+    @property
+    def rightly(self) -> bool:
+        """Whether the fouling was told by its right name in time."""
+        told = self.told
+        if told is None or self.cause is None:
+            return False
+        name = "drag" if told.cause.kind in ("drag", "surge drag") else told.cause.name.partition(":")[2]
+        return name == self.cause.what
+
+    @property
+    def size_error(self) -> float:
+        """Of the size told over the true size in the last mission, less 1."""
+        assert self.cause and self.told
+        share = RAMP[SOON - 1] if self.cause.ramps else 1.0
+        return abs(self.told.size) / (share * self.cause.size) - 1
+
+
+def fouled(full: bool) -> Iterator[Line]:
+    """A boat fouls during its tenth mission: 2 boats, 4 foulings each (--full: 20 boats, and 3 that stay clean)"""
+    boats = range(FIRST_BOAT, FIRST_BOAT + (23 if full else 2))
+    plans = [(seed, 0 if full and i >= 20 else 1 if full else 4) for i, seed in enumerate(boats)]
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, _pool() as pool:
+        stories = [story for told in _stories(plans, Path(folder), pool) for story in told]
+    ill = [s for s in stories if s.cause]
+    for s in ill:
+        print(f"  boat {s.seed}.{s.number}: {s.cause}: {_words(s.told)}")
+    yield exactly("foulings told within two missions, rightly named", sum(s.rightly for s in ill), len(ill))
+    named = [s for s in ill if s.rightly]
+    near = sum(abs(s.size_error) <= NEAR for s in named)
+    yield exactly("their size within 20 %", near, len(ill), "", "of all foulings")
+    if named:
+        yield information("error of the size, median", 100 * float(np.median([abs(s.size_error) for s in named])), "%")
+    first = {s.seed: s for s in stories}.values()
+    missions, alarms = UNCHANGED * len(first), sum(s.false_alarms for s in first)
+    yield exactly("false alarms in missions without change", alarms, 0, "", f"in {missions} missions")
+    most = max(m.best[0] for s in first for m in s.course.missions[:UNCHANGED])
+    yield information("most evidence of a change where there was none", most, "nats")
+    yield information("time", (time.monotonic() - begun) / 60, "min")
+
+
+def fit_time(full: bool) -> Iterator[Line]:
+    """What a mission's log costs"""
+    with tempfile.TemporaryDirectory() as folder, _pool() as pool:
+        path = pool.submit(mission, boat(FIRST_BOAT), 1, 1000 * FIRST_BOAT, Path(folder)).result()
+        pool.submit(_information, path).result()
+        begun = time.monotonic()
+        pool.submit(_information, path).result()
+    yield at_most("a log of a mission of two minutes taken in", time.monotonic() - begun, 10.0, "s")
+
+
+def killed(full: bool) -> Iterator[Line]:
+    """A watch is killed at random moments and started again: 6 times (--full: 20)"""
+    kills, rng = 20 if full else KILLS, random.Random(7)
+    with tempfile.TemporaryDirectory() as name, _pool() as pool:
+        folder = Path(name)
+        jobs = [pool.submit(mission, boat(FIRST_BOAT), n, 1000 * FIRST_BOAT, folder) for n in (1, 2, 3)]
+        logs = [job.result() for job in jobs]
+        begun = time.monotonic()
+        _watch(logs, folder / "whole").wait()
+        whole_s = time.monotonic() - begun
+        left = 0
+        for _ in range(kills):
+            child = _watch(logs, folder / "killed")
+            try:
+                child.wait(rng.uniform(0.2, 0.8) * whole_s)
+            except subprocess.TimeoutExpired:
+                child.send_signal(signal.SIGKILL)
+                child.wait()
+                left += 1
+        code = _watch(logs, folder / "killed").wait()
+        one, other = (History(folder / n, vessel(), "") for n in ("whole", "killed"))
+        same = [e.eta for e in one.entries] == [e.eta for e in other.entries]
+        courses = [course_of(history) for history in (one, other)]
+    yield information("watches that were killed", left, "", f"of {kills}")
+    yield exactly("last one: exit code", code, 0)
+    yield exactly("logs in the history", len(other.entries), 3)
+    yield exactly("entries as without a kill", same, True)
+    beliefs = [c.missions[-1].belief.mean for c in courses if c]
+    yield at_most("difference of what is believed", float(np.abs(beliefs[0] - beliefs[1]).max()), 0.0)
+    yield at_least("page and proposed file written", (folder / "x").parent.name != "", 1)
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), initializer=_one_thread)
+
+
+def _one_thread() -> None:
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415 - in the child alone
+
+    threadpool_limits(limits=1)
+
+
+def _stories(plans: Sequence[tuple[int, int]], folder: Path, pool: ProcessPoolExecutor) -> Iterator[list[Story]]:
+    """Of each boat (seed, number of foulings): all missions and fits are done side by side."""
+    sound = {seed: [pool.submit(_one, seed, n, None, folder) for n in range(1, UNCHANGED + 1)] for seed, _ in plans}
+    ill = {
+        (seed, k): [pool.submit(_one, seed, UNCHANGED + n, k, folder) for n in range(1, SOON + 1)]
+        for seed, count in plans
+        for k in range(count)
+    }
+    effects = boat_effects(vessel())
+    parameters = watched(vessel(), effects)
+    for seed, count in plans:
+        before, told = [job.result() for job in sound[seed]], []
+        for k in range(max(count, 1)):
+            missions = before + [job.result() for job in ill.get((seed, k), ())]
+            found = course(missions, parameters, [np.zeros(len(effects))] * len(missions))
+            told.append(Story(seed, k, fouling(10 * seed + k) if count else None, found))
+        yield told
+
+
+def _one(seed: int, number: int, k: int | None, folder: Path) -> MissionInformation:
+    """One mission driven and fitted; `k`: number of the boat's fouling."""
+    own = folder / f"{seed}-{k}"
+    cause = None if k is None else fouling(10 * seed + k)
+    path = mission(boat(seed), number, 1000 * seed + (0 if k is None else 1 + k), own, cause)
+    found = _information(path)
+    path.unlink()
+    return found
+
+
+def _information(path: Path) -> MissionInformation:
+    return mission_information(read_run(path, ReadOptions(vessel())), vessel())
+
+
+def _watch(logs: Sequence[Path], history: Path) -> subprocess.Popen[bytes]:
+    words = ["commission", "watch", *map(str, logs), "--vessel", str(EXAMPLES / "boats" / "aritra.toml")]
+    command = [sys.executable, "-m", "companion", *words, "--history", str(history)]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL)
+
+
+def _words(change: Change | None) -> str:
+    if change is None:
+        return "not told"
+    low, high = change.ci95
+    name = f"{change.cause.name} {100 * change.size:+.0f} % ({100 * low:+.0f} to {100 * high:+.0f})"
+    return f"told in mission {change.told + 1}: {name}, since mission {change.onset + 1}, {change.nats:.0f} nats"
+
+
+PARTS = (fouled, fit_time, killed)

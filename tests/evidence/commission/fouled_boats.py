@@ -62,8 +62,13 @@ class Fouling:
 
 
 @cache
+def _setup() -> RunSetup:
+    return load_setup(EXAMPLES / "aritra.toml")
+
+
+@cache
 def _mind() -> tuple[RunSetup, Pilot, Nmpc]:
-    setup = load_setup(EXAMPLES / "aritra.toml")
+    setup = _setup()
     told = setup.pilot
     settings = replace(told.nmpc, rescue_time_s=PATIENT_S)
     compiler = partial(compile_loops, store=CodeStore.of())
@@ -73,7 +78,7 @@ def _mind() -> tuple[RunSetup, Pilot, Nmpc]:
 
 def vessel() -> VesselFile:
     """The file that the pilot uses."""
-    return _mind()[0].pilot.vessel
+    return _setup().pilot.vessel
 
 
 def boat(seed: int) -> VesselFile:

@@ -1,0 +1,58 @@
+"""What one log says of the boat: right about a weak thruster, silent about the weather, by itself."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from sim.commission.watch.filter import Belief, Likelihood
+from sim.commission.watch.mission_fit import boat_effects, mission_information
+from sim.fitting.diagnose.vessel_edits.public_form import family
+from sim.world.environment import Weather
+from sim.world.teleop_log import teleop_run
+from tests.support.vessel_fixtures import boat
+
+VESSEL = boat("aritra")
+NAMES = tuple(e.id for e in boat_effects(VESSEL))
+WINDY = Weather(V_c_m_s=0.12, beta_c_deg=70.0, V_w_m_s=3.0, beta_w_deg=200.0)
+
+
+def believed(run) -> dict[str, float]:
+    """Theta by one log and the belief before any, 5 % of everything."""
+    found = mission_information(run, VESSEL)
+    sigma = np.array([2.0 if n == "payload" else 0.02 if n in ("lag", "dead_time") else 0.05 for n in found.names])
+    after = Belief(np.zeros(len(NAMES)), np.diag(sigma**2)).after(Likelihood(found.precision, found.eta))
+    return dict(zip(found.names, after.mean.tolist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def windy():
+    return mission_information(teleop_run(VESSEL, 5, 90.0, weather=WINDY), VESSEL)
+
+
+def test_names_are_those_of_the_boat_alone(windy):
+    assert windy.names == NAMES
+    assert {family(n) for n in NAMES if not n.startswith("base:")} == {
+        "thruster_gain", "hull_fouling", "payload", "dead_time", "lag"
+    }  # fmt: skip
+    assert windy.precision.shape == (len(NAMES), len(NAMES)) and np.isfinite(windy.eta).all()
+
+
+def test_the_information_is_symmetric_and_never_negative(windy):
+    np.testing.assert_array_equal(windy.precision, windy.precision.T)
+    values = np.linalg.eigvalsh(windy.precision)
+    assert values[0] > -1e-6 * values[-1]
+
+
+def test_current_and_wind_belong_to_the_day(windy):
+    assert windy.day["current.north_m_s"] == pytest.approx(0.12 * np.cos(np.radians(70)), abs=0.03)
+    assert windy.day["current.east_m_s"] == pytest.approx(0.12 * np.sin(np.radians(70)), abs=0.03)
+
+
+def test_a_weak_thruster_is_seen_in_wind_and_current():
+    thrusters = tuple(replace(t, gain=0.7 * t.gain) if t.name == "rear_port" else t for t in VESSEL.thrusters)
+    weak = replace(VESSEL, thrusters=thrusters)
+    before = believed(teleop_run(VESSEL, 6, 90.0, weather=WINDY, believed=VESSEL))
+    after = believed(teleop_run(weak, 6, 90.0, weather=WINDY, believed=VESSEL))
+    change = {n: after[n] - before[n] for n in NAMES if n.startswith("thruster_gain:")}
+    assert min(change, key=lambda n: change[n]) == "thruster_gain:rear_port"
+    assert change["thruster_gain:rear_port"] < -0.12

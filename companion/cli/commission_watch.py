@@ -39,7 +39,9 @@ def add_watch_parser(kinds) -> None:
         "where it was. Exit code 0: done; 1: a change was told or a log could not be used; 2: bad input.",
         example="aritra commission watch out/demo/run.mcap --vessel deploy/boats/aritra.toml --history out/history",
     )
-    p.add_argument("logs", type=any_log, nargs="*", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat")
+    p.add_argument(
+        "logs", type=any_log, nargs="*", metavar="LOG", help=".mcap, .csv, .parquet, .bin, .tlog of one boat"
+    )
     p.add_argument("--vessel", type=vessel_file, required=True, metavar="FILE", help="vessel file in force")
     p.add_argument("--history", type=output, required=True, metavar="DIR", help="folder of the boat's history")
     p.add_argument("--site", type=site_file, metavar="FILE", help="site file (default: the one in the log)")

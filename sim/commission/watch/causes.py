@@ -88,8 +88,8 @@ def unexplained(mission: MissionInformation) -> np.ndarray:
     With rho of an axis the latent acceleration over that by thrust:
 
         damping                rho STEADY      a steady disturbance is a drag: at speed, drag is what thrust balances
-        gains, inertia, times  rho^2           the controller answers the disturbance, so that both hang together; of the
-                                               parameter's axis or the mean over all, whichever is larger
+        gains, inertia, times  rho^2           the controller answers the disturbance, so that both hang together;
+                                               of the parameter's axis or the mean over all, whichever is larger
 
     In 20 simulated missions, calm, in gusts and in waves, errors were of these sizes. Effects that are sums of others
     (fouling, payload) have these others' errors.

@@ -3,11 +3,11 @@
     theta_k+1 = theta_k + drift,  drift ~ N(0, diag(q))                          as believed
     theta_k+1 = theta_k + drift + d_c step  from mission j on                     cause c, step ~ N(0, sigma_c^2)
 
-Each mission's information is weighed by what the model cannot explain: its covariance is s^2 Lambda^-1 + diag(e^2), e the
-share that is `unexplained`, and s^2 the median of past missions' squared innovations over their expectation: so few of its
-samples count as independent. Evidence for (j, c) is the log ratio of probabilities of all missions since j [nats]. By
-Ville's inequality it exceeds h with probability exp(-h) at most while nothing changes, for ever; the threshold divides
-the false alarms wanted among all causes and onsets of `MISSIONS` missions.
+Each mission's information is weighed by what the model cannot explain: its covariance is s^2 Lambda^-1 + diag(e^2),
+e the share that is `unexplained`, and s^2 the median of past missions' squared innovations over their expectation: so
+many samples count as one. Evidence for (j, c) is the log ratio of probabilities of all missions since j [nats]. By
+Ville's inequality it ever exceeds h with probability exp(-h) at most while nothing changes, as far as the law above
+holds; the threshold divides the false alarms wanted among all causes and onsets of `MISSIONS` missions.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RIVAL_NATS = 6.0  # as in a diagnosis: within this another cause is not ruled ou
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class BegunChange:
     """A change by `cause` in mission `onset` (index), during it or from its start on; belief (B + 1,) since then."""
 
     cause: Cause
@@ -62,7 +62,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Change:
+class ToldChange:
     """A change that was told after mission `told` (index): what, evidence [nats], relative size and its 95 % interval.
 
     `rivals`: names of causes within `RIVAL_NATS`. Of shares the size is relative to what was believed before.
@@ -96,19 +96,19 @@ class MissionCourse:
 
 
 @dataclass(frozen=True)
-class Course:
+class BoatCourse:
     """All missions in order, and the changes that were told."""
 
     watched: Watched
     missions: tuple[MissionCourse, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[ToldChange, ...]
 
 
-def course(missions: Sequence[MissionInformation], watched: Watched, files: Sequence[np.ndarray]) -> Course:
+def course(missions: Sequence[MissionInformation], watched: Watched, files: Sequence[np.ndarray]) -> BoatCourse:
     """The course over `missions`, in order of time; `files`: theta (B,) of the vessel file in force in each of them."""
     tracker = _Tracker(watched)
     found = [tracker.take(k, mission, file) for k, (mission, file) in enumerate(zip(missions, files, strict=True))]
-    return Course(watched, tuple(found), (*tracker.told, *([tracker.pending] if tracker.pending else [])))
+    return BoatCourse(watched, tuple(found), (*tracker.told, *([tracker.pending] if tracker.pending else [])))
 
 
 def threshold_nats(causes: int) -> float:
@@ -122,9 +122,9 @@ class _Tracker:
     def __init__(self, watched: Watched):
         self.watched, B = watched, len(watched.names)
         self.base = Belief(np.zeros(B), np.diag((FIRST * watched.scale) ** 2))
-        self.bank: list[Hypothesis] = []
-        self.told: list[Change] = []
-        self.pending: Change | None = None
+        self.bank: list[BegunChange] = []
+        self.told: list[ToldChange] = []
+        self.pending: ToldChange | None = None
         self.surprises: list[float] = COUNTS * [SCALE]
         self.threshold = threshold_nats(len(watched.causes))
 
@@ -140,7 +140,9 @@ class _Tracker:
         drift = (DRIFT * self.watched.scale) ** 2
         self.base = self.base.later(drift)
         surprise = self.base.surprise(plain.weighed(1.0, error))
-        self.bank += [Hypothesis(c, k, d, self.base.with_step(c.sigma)) for c in self.watched.causes for d in (0, 1)]
+        self.bank += [
+            BegunChange(c, k, d, self.base.with_step(c.sigma)) for c in self.watched.causes for d in (False, True)
+        ]
         self.bank = [self._further(h, k, drift, seen) for h in self.bank if self.pending or h.onset > k - ONSETS]
         self.base = self.base.after(seen)
         # 3. Is one of them told?
@@ -163,13 +165,13 @@ class _Tracker:
             return self.base
         return self._best().closed()
 
-    def _best(self) -> Hypothesis:
+    def _best(self) -> BegunChange:
         """The likeliest change; of its onsets the latest that is hardly less likely: it began by then."""
         best = max(self.bank, key=lambda h: h.belief.log_p)
         close = [h for h in self.bank if h.cause is best.cause and h.belief.log_p > best.belief.log_p - SAME_NATS]
         return max(close, key=lambda h: (h.onset, h.belief.log_p))
 
-    def _further(self, h: Hypothesis, k: int, drift: np.ndarray, seen: Likelihood) -> Hypothesis:
+    def _further(self, h: BegunChange, k: int, drift: np.ndarray, seen: Likelihood) -> BegunChange:
         """The hypothesis after mission k; one that began during a mission has its full size from the next on."""
         belief = h.belief
         if h.onset < k:
@@ -178,7 +180,7 @@ class _Tracker:
         A = np.column_stack([np.eye(len(drift)), h.cause.direction])
         return replace(h, belief=belief.after(seen.through(A)))
 
-    def _change(self, h: Hypothesis, told: int) -> Change:
+    def _change(self, h: BegunChange, told: int) -> ToldChange:
         now = self.base.log_p
         rivals = {o.cause.name: o.belief.log_p for o in sorted(self.bank, key=lambda o: o.belief.log_p)}
         close = tuple(n for n, p in rivals.items() if n != h.cause.name and p > h.belief.log_p - RIVAL_NATS)
@@ -188,9 +190,9 @@ class _Tracker:
             whole = 1 + float(d @ h.belief.mean[:-1]) / float(d @ d)
             size, se = size / whole, se / abs(whole)
         nats = h.belief.log_p - now
-        return Change(h.cause, h.onset, h.during, told, nats, size, (size - Z95 * se, size + Z95 * se), close)
+        return ToldChange(h.cause, h.onset, h.during, told, nats, size, (size - Z95 * se, size + Z95 * se), close)
 
-    def _settle(self, best: Hypothesis) -> None:
+    def _settle(self, best: BegunChange) -> None:
         assert self.pending
         self.told.append(self.pending)
         self.base, self.bank, self.pending = best.closed(), [], None

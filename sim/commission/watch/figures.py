@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from companion.core.configuration.vessel_file import VesselFile
-from sim.commission.watch.course import Z95, Course, threshold_nats
+from sim.commission.watch.course import Z95, BoatCourse, threshold_nats
 from sim.fitting.engine.parameters import HULL, file_values
 from sim.fitting.validate.figures import COLOURS, INK
 
@@ -19,7 +19,7 @@ SPEED_M_S = 0.5
 Line = tuple[str, np.ndarray]
 
 
-def courses(course: Course, vessel: VesselFile) -> Figure:
+def courses(course: BoatCourse, vessel: VesselFile) -> Figure:
     """Thrusters, drag, inertia, and times of thrust over the missions, 95 % bands; dashed: changes that were told."""
     panels = {
         "thrust [% of the file]": [(n.partition(":")[2], _unit(course, n)) for n in _named(course, "thruster_gain")],
@@ -36,7 +36,7 @@ def courses(course: Course, vessel: VesselFile) -> Figure:
     return figure
 
 
-def gains(course: Course) -> Figure:
+def gains(course: BoatCourse) -> Figure:
     """Gain of the belief over the file in force, and evidence of the best change, mission by mission."""
     figure = Figure(figsize=(10, 2.8), layout="constrained")
     ax, at = figure.add_subplot(), np.arange(1, len(course.missions) + 1)
@@ -52,7 +52,7 @@ def gains(course: Course) -> Figure:
     return figure
 
 
-def _panel(ax: Axes, course: Course, lines: Sequence[Line], zero: float) -> None:
+def _panel(ax: Axes, course: BoatCourse, lines: Sequence[Line], zero: float) -> None:
     at = np.arange(1, len(course.missions) + 1)
     for (name, d), colour in zip(lines, (*COLOURS, *COLOURS), strict=False):
         mean = np.array([zero + 100 * d @ m.belief.mean for m in course.missions])
@@ -67,15 +67,15 @@ def _panel(ax: Axes, course: Course, lines: Sequence[Line], zero: float) -> None
     ax.legend(fontsize=8, ncols=4)
 
 
-def _named(course: Course, family: str) -> list[str]:
+def _named(course: BoatCourse, family: str) -> list[str]:
     return [n for n in course.watched.names if n.startswith(f"{family}:")]
 
 
-def _unit(course: Course, name: str) -> np.ndarray:
+def _unit(course: BoatCourse, name: str) -> np.ndarray:
     return np.array([1.0 if n == name else 0.0 for n in course.watched.names])
 
 
-def _drag(course: Course, vessel: VesselFile) -> list[Line]:
+def _drag(course: BoatCourse, vessel: VesselFile) -> list[Line]:
     """Shares of drag ahead, across and in yaw by their linear and quadratic terms, at `SPEED_M_S` or as many rad/s."""
     out = []
     for name, linear, quadratic in (
@@ -89,7 +89,7 @@ def _drag(course: Course, vessel: VesselFile) -> list[Line]:
     return out
 
 
-def _inertia(course: Course, vessel: VesselFile) -> list[Line]:
+def _inertia(course: BoatCourse, vessel: VesselFile) -> list[Line]:
     values = dict(zip(HULL, file_values(vessel)[: len(HULL)].tolist(), strict=True))
     load = _unit(course, "payload")
     ahead = _unit(course, "base:M11_kg") + load / values["M11_kg"]

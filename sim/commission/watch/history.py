@@ -31,7 +31,7 @@ T = TypeVar("T")
 MARK = "# Made anew by `aritra commission watch`; sha256 of all below this line: "
 
 
-class LogEntry(msgspec.Struct, frozen=True, kw_only=True):
+class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One log: its file, SHA-256 of file and data, begin [Unix s], duration [s], and what it says of the boat."""
 
     format: int = FORMAT
@@ -74,7 +74,7 @@ class History:
         if not (folder / VESSEL).exists():
             write_whole(folder / VESSEL, vessel_text.encode())
         self.vessel = _vessel(folder / VESSEL)
-        self.entries = sorted(_read(folder / LOGS, LogEntry), key=lambda e: (e.begin_unix_s, e.data_sha256))
+        self.entries = sorted(_read(folder / LOGS, MissionEntry), key=lambda e: (e.begin_unix_s, e.data_sha256))
         known = sorted(_read(folder, Acceptance), key=lambda a: a.file)
         self.accepted = [a for a in known if (folder / a.file).exists()]  # else it was killed before the file was there
         files = [self.vessel, *(_vessel(folder / a.file) for a in self.accepted)]
@@ -92,7 +92,7 @@ class History:
         """Whether a log with these data has been taken in, from whatever file."""
         return any(e.data_sha256 == sha256 for e in self.entries)
 
-    def add(self, entry: LogEntry) -> None:
+    def add(self, entry: MissionEntry) -> None:
         """Keep an entry, on disk before it returns. Raises OSError."""
         name = f"{entry.begin_unix_s:.0f}-{entry.data_sha256[:12]}.json"
         write_whole(self.folder / LOGS / name, msgspec.json.encode(entry))

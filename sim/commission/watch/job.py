@@ -19,12 +19,12 @@ from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import Run
 from sim.commission.watch.causes import Watched, watched
-from sim.commission.watch.course import Course, course
+from sim.commission.watch.course import BoatCourse, course
 from sim.commission.watch.history import (
     PAGE,
     PROPOSED,
     History,
-    LogEntry,
+    MissionEntry,
     changed_by_hand,
     file_sha256,
     marked,
@@ -51,7 +51,7 @@ class Outcome:
     taken: tuple[str, ...]
     known: tuple[str, ...]
     unusable: tuple[str, ...]
-    course: Course | None
+    course: BoatCourse | None
     told: tuple[int, ...]
     in_force: str
     since: int
@@ -80,7 +80,9 @@ def watch(
         taken.append(str(path))
     found, old = course_of(history), {_key(before, i) for i in range(len(before.changes))} if before else set()
     told = tuple(i for i in range(len(found.changes)) if _key(found, i) not in old) if found else ()
-    since = len([a for a in history.entries if history.accepted and a.begin_unix_s <= history.accepted[-1].until_unix_s])
+    since = len(
+        [a for a in history.entries if history.accepted and a.begin_unix_s <= history.accepted[-1].until_unix_s]
+    )
     in_force = history.accepted[-1].file if history.accepted else "vessel.toml"
     outcome = Outcome(tuple(taken), tuple(known), tuple(unusable), found, told, in_force, since)
     if found:
@@ -102,14 +104,14 @@ def accept(history: History) -> Path:
     return history.accept(proposal(history, found), found.watched.names, theta)
 
 
-def proposal(history: History, found: Course) -> str:
+def proposal(history: History, found: BoatCourse) -> str:
     """The proposed vessel file as text."""
     last = history.entries[-1]
     note = f"watched over {len(history.entries)} missions up to {when(last)}"
     return proposed_text(history.vessel, found.missions[-1].belief.mean, note)
 
 
-def course_of(history: History) -> Course | None:
+def course_of(history: History) -> BoatCourse | None:
     """The course over all entries; None without any."""
     if not history.entries:
         return None
@@ -127,11 +129,11 @@ def watched_of(history: History) -> Watched:
     return watched(history.vessel, boat_effects(history.vessel))
 
 
-def _key(found: Course, i: int) -> tuple[str, int]:
+def _key(found: BoatCourse, i: int) -> tuple[str, int]:
     return found.changes[i].cause.name, found.changes[i].onset
 
 
-def _entry(history: History, path: Path, site: Site | None) -> LogEntry | None:
+def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | None:
     """What the log says; None where it is in the history already."""
     content = file_sha256(path)
     if history.holds_file(content):
@@ -143,7 +145,7 @@ def _entry(history: History, path: Path, site: Site | None) -> LogEntry | None:
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
         raise ValueError("the fit ran away: is it a log of this boat?")
-    return LogEntry(
+    return MissionEntry(
         log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
         names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
         latent=found.latent, thrust=found.thrust,

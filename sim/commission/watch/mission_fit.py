@@ -25,7 +25,12 @@ from sim.fitting.diagnose.catalogue.effect import Effect, parameter_slices
 from sim.fitting.diagnose.posterior.evidence import ReducedNormalEquations
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.noise import estimated_latent, estimated_white_noise, stated_noise, with_unknown_lean
+from sim.fitting.diagnose.posterior.noise import (
+    estimated_latent,
+    estimated_white_noise,
+    stated_noise,
+    with_unknown_lean,
+)
 from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.preparation.gaps import split_at_pauses
@@ -96,7 +101,7 @@ def mission_information(run: Run, vessel: VesselFile) -> MissionInformation:
 
 
 def _solved(fit: PosteriorFit, effects: Sequence[Effect], near: LinearisationPoint | None) -> LinearisationPoint:
-    """Parameters, motion and noise of the log, the watched and the day's parameters with wide priors; `near`: a start."""
+    """Motion and noise of the log, watched and day's parameters with wide priors; `near`: where to start."""
     stated = fit.noise
     active = frozenset(e.id for e in effects if family(e.name) in (*OF_BOAT, *OF_DAY))
     theta: ParameterValues = near.theta if near else {}
@@ -118,7 +123,7 @@ def _solved(fit: PosteriorFit, effects: Sequence[Effect], near: LinearisationPoi
 
 
 def _astray(fit: PosteriorFit, point: LinearisationPoint) -> np.ndarray:
-    """Mask (m,) of the positions too far off to be noise: ranges without line of sight, which are too long, never short.
+    """Mask (m,) of the positions too far off to be noise, as of ranges without line of sight.
 
     Huber's loss leaves them a pull to one side, which over a leg of a minute is a wrong speed and so a wrong drag.
     """
@@ -137,9 +142,7 @@ def _without(fit: PosteriorFit, runs: Sequence[Run], astray: np.ndarray) -> list
     return out
 
 
-def _eliminated(
-    fit: PosteriorFit, effects: Sequence[Effect], reduced: ReducedNormalEquations
-) -> MissionInformation:
+def _eliminated(fit: PosteriorFit, effects: Sequence[Effect], reduced: ReducedNormalEquations) -> MissionInformation:
     """The day's parameters eliminated with their priors, at all values of theta."""
     at = parameter_slices(effects)
     boat = np.concatenate([np.arange(at[e.id].start, at[e.id].stop) for e in effects if _is_watched(e)])

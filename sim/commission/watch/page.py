@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import PurePath
 
-from sim.commission.watch.course import Course, threshold_nats
+from sim.commission.watch.course import BoatCourse, threshold_nats
 from sim.commission.watch.figures import courses, gains
 from sim.commission.watch.history import History
 from sim.commission.watch.sentences import change_sentence, proposal_sentences, when
@@ -14,7 +14,7 @@ from sim.fitting.validate.table import ScoreTable
 HEAD = ("mission", "begin", "log", "current [m/s]", "unexplained [%]", "s²", "gain [nats]", "best change [nats]", "")
 
 
-def history_page(history: History, course: Course, since: int, in_force: str) -> str:
+def history_page(history: History, course: BoatCourse, since: int, in_force: str) -> str:
     """The page as text; `since`: first mission (index) of the vessel file `in_force`."""
     told = tuple(change_sentence(change, history.entries) for change in course.changes)
     nothing = (f"Nothing has changed that {len(course.missions)} missions can show.",)
@@ -22,7 +22,10 @@ def history_page(history: History, course: Course, since: int, in_force: str) ->
         Section("Changes", told or nothing, look=bool(told)),
         Section(
             "Proposed vessel file",
-            (*proposal_sentences(course, since), f"In force: {in_force}. `--accept` puts the proposed one in its place."),
+            (
+                *proposal_sentences(course, since),
+                f"In force: {in_force}. `--accept` puts the proposed one in its place.",
+            ),
         ),
         Section(
             "Course of the parameters",
@@ -43,7 +46,7 @@ def history_page(history: History, course: Course, since: int, in_force: str) ->
     return page(f"History of {history.vessel.name}", sections)
 
 
-def _missions(history: History, course: Course) -> ScoreTable:
+def _missions(history: History, course: BoatCourse) -> ScoreTable:
     rows = []
     for i, (entry, mission) in enumerate(zip(history.entries, course.missions, strict=True), 1):
         north, east = (entry.day.get(f"current.{axis}_m_s", 0.0) for axis in ("north", "east"))

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from sim.commission.watch.course import Change, Course
-from sim.commission.watch.history import LogEntry
+from sim.commission.watch.course import BoatCourse, ToldChange
+from sim.commission.watch.history import MissionEntry
 
 WORTH_NATS = 3.0
 """Gain on unseen missions from which a proposed file is called better: odds of 20 to one; assumed."""
 
 
-def when(entry: LogEntry) -> str:
+def when(entry: MissionEntry) -> str:
     """Date and time of a log's begin, UTC."""
     return datetime.fromtimestamp(entry.begin_unix_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def change_sentence(change: Change, entries: Sequence[LogEntry]) -> str:
+def change_sentence(change: ToldChange, entries: Sequence[MissionEntry]) -> str:
     """What has changed, by how much, since when, and the evidence."""
     began = f"{'during' if change.during else 'since'} mission {change.onset + 1}, {when(entries[change.onset])}"
     low, high = sorted(abs(v) for v in change.ci95)
@@ -31,7 +31,7 @@ def change_sentence(change: Change, entries: Sequence[LogEntry]) -> str:
     return text[0].upper() + text[1:] + "."
 
 
-def _what(change: Change, size: str) -> str:
+def _what(change: ToldChange, size: str) -> str:
     up = change.size > 0
     kind, name = change.cause.kind, change.cause.name.partition(":")[2]
     return {
@@ -43,7 +43,7 @@ def _what(change: Change, size: str) -> str:
     }[kind]
 
 
-def proposal_sentences(course: Course, since: int) -> list[str]:
+def proposal_sentences(course: BoatCourse, since: int) -> list[str]:
     """What the proposed file is worth on missions that it had not seen; `since`: first mission of the file in force.
 
     Missions before a change was told say nothing of a file with the change in it.

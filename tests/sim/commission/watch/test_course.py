@@ -1,4 +1,4 @@
-"""Changes are told by evidence, with their size, and hardly ever where there are none. Missions made up from their law."""
+"""Changes are told by evidence with their size, and hardly ever where there are none; missions made up by their law."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.commission.watch.causes import DRIFT, FIRST, unexplained, watched
-from sim.commission.watch.course import Course, course, threshold_nats
+from sim.commission.watch.course import BoatCourse, course, threshold_nats
 from sim.commission.watch.mission_fit import MissionInformation, boat_effects
 from sim.fitting.engine.parameters import HULL, file_values
 from tests.support.vessel_fixtures import boat
@@ -23,7 +23,7 @@ def cause(name: str):
 
 
 def seen_by_a_log() -> np.ndarray:
-    """J (B - 2, B): what motion shows of theta. Fouling is all damping, load is all inertia: neither is seen by itself."""
+    """J (B - 2, B): what motion shows of theta. Fouling is all damping, load is inertia: neither is seen by itself."""
     J = np.diag(1 / WATCHED.scale)
     M = dict(zip(HULL, file_values(VESSEL), strict=False))
     own = {name: i for i, name in enumerate(WATCHED.names)}
@@ -52,7 +52,7 @@ def missions(seed: int, count: int, change=lambda k: np.zeros(B), latent=CALM, e
     return out
 
 
-def taken(logs) -> Course:
+def taken(logs) -> BoatCourse:
     return course(logs, WATCHED, [np.zeros(B)] * len(logs))
 
 

@@ -11,7 +11,7 @@ from companion.boat.load_run import EXAMPLES
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.load_vessel import load_vessel
 from sim.commission.watch import job
-from sim.commission.watch.history import LOGS, PROPOSED, History, LogEntry, changed_by_hand, marked
+from sim.commission.watch.history import LOGS, PROPOSED, History, MissionEntry, changed_by_hand, marked
 from sim.commission.watch.mission_fit import boat_effects
 from tests.support.vessel_fixtures import boat
 
@@ -21,11 +21,11 @@ NAMES = tuple(e.id for e in boat_effects(VESSEL))
 B = len(NAMES)
 
 
-def entry(day: int, gain: float = 0.0) -> LogEntry:
+def entry(day: int, gain: float = 0.0) -> MissionEntry:
     """A made-up log of that day that says front_port gives `gain` more."""
     theta = np.array([gain if n == "thruster_gain:front_port" else 0.0 for n in NAMES])
     precision = np.diag([1e4 if n.startswith("thruster") else 1.0 for n in NAMES])
-    return LogEntry(
+    return MissionEntry(
         log=f"day{day}.mcap", file_sha256=f"file{day}", data_sha256=f"data{day}".ljust(64, "0"),
         begin_unix_s=1e9 + 86400.0 * day, duration_s=100.0, names=NAMES, precision=precision.tolist(),
         eta=(precision @ theta).tolist(), day={}, latent=(0.01, 0.005, 0.005), thrust=(0.1, 0.06, 0.2),
@@ -48,8 +48,9 @@ def test_entries_are_there_again_in_order_of_time(tmp_path):
 
 def test_the_same_course_in_whatever_order_logs_came(tmp_path):
     one, other = begun(tmp_path / "a", 1, 2, 3), begun(tmp_path / "b", 3, 2, 1)
-    courses = [job.course_of(h) for h in (one, other)]
-    for a, b in zip(courses[0].missions, courses[1].missions, strict=True):
+    first, second = job.course_of(one), job.course_of(other)
+    assert first and second
+    for a, b in zip(first.missions, second.missions, strict=True):
         np.testing.assert_array_equal(a.belief.mean, b.belief.mean)
 
 
@@ -147,5 +148,5 @@ def test_an_acceptance_whose_file_was_not_written_any_more_does_not_count(tmp_pa
 
 def test_an_entry_goes_through_json_without_loss():
     made = entry(1, 0.1)
-    assert msgspec.json.decode(msgspec.json.encode(made), type=LogEntry) == made
+    assert msgspec.json.decode(msgspec.json.encode(made), type=MissionEntry) == made
     np.testing.assert_array_equal(made.information().precision, np.array(made.precision))

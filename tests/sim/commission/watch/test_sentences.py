@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sim.commission.watch.causes import watched
-from sim.commission.watch.course import Change, Course, MissionCourse
+from sim.commission.watch.course import BoatCourse, MissionCourse, ToldChange
 from sim.commission.watch.filter import Belief
-from sim.commission.watch.history import LogEntry
+from sim.commission.watch.history import MissionEntry
 from sim.commission.watch.mission_fit import boat_effects
 from sim.commission.watch.sentences import change_sentence, proposal_sentences
 from tests.support.vessel_fixtures import boat
@@ -16,7 +16,7 @@ from tests.support.vessel_fixtures import boat
 VESSEL = boat("aritra")
 WATCHED = watched(VESSEL, boat_effects(VESSEL))
 ENTRIES = [
-    LogEntry(
+    MissionEntry(
         log="x", file_sha256=f"{i}", data_sha256=f"{i}", begin_unix_s=1_795_000_000.0 + 86400 * i, duration_s=1.0,
         names=(), precision=[], eta=[], day={}, latent=(0, 0, 0), thrust=(0, 0, 0),
     )
@@ -24,10 +24,10 @@ ENTRIES = [
 ]  # fmt: skip
 
 
-def change(name: str, size: float, se: float, **more) -> Change:
+def change(name: str, size: float, se: float, **more) -> ToldChange:
     cause = next(c for c in WATCHED.causes if c.name == name)
     interval = (size - 1.96 * se, size + 1.96 * se)
-    return replace(Change(cause, 9, False, 10, 23.4, size, interval, ()), **more)
+    return replace(ToldChange(cause, 9, False, 10, 23.4, size, interval, ()), **more)
 
 
 @pytest.mark.parametrize(
@@ -50,10 +50,10 @@ def test_evidence_interval_and_rivals_are_said():
     assert "(95 %: 12 to 16; 23 nats)" in text and text.endswith("do not tell it from: payload.")
 
 
-def after(gains: list[float], changes: tuple[Change, ...] = ()) -> Course:
+def after(gains: list[float], changes: tuple[ToldChange, ...] = ()) -> BoatCourse:
     belief = Belief(np.zeros(1), np.eye(1))
     missions = tuple(MissionCourse(belief, g, 1.0, 0.01, 1.0, (0.0, "")) for g in gains)
-    return Course(WATCHED, missions, changes)
+    return BoatCourse(WATCHED, missions, changes)
 
 
 def test_a_proposed_file_is_judged_by_missions_that_it_had_not_seen():

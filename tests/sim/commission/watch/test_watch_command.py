@@ -10,8 +10,8 @@ from companion.boat.load_run import EXAMPLES
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import write_run
 from sim.world.teleop_log import teleop_run
+from tests.evidence.commission.watch_command import run
 from tests.support.vessel_fixtures import boat
-from tests.support.watch_command import run
 
 FILE = EXAMPLES / "boats" / "aritra.toml"
 
@@ -26,7 +26,7 @@ def logs(tmp_path_factory) -> list[Path]:
         meta = replace(flown.meta, tag_arm_m=arm, latency_s=float(flown.meta.latency_s or 0.0))
         path = folder / f"day{seed}.csv"
         write_run(type(flown)(flown.table, meta), path)
-        os.utime(path, (1.7e9 + 86400 * seed,) * 2)
+        os.utime(path, (1.7e9, 1.7e9 + 86400 * seed))
         out.append(path)
     return out
 

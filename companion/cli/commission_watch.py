@@ -60,7 +60,7 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
     try:
         text = text_of(args.vessel)
         vessel = load_vessel(text, name=str(args.vessel))
-        only_fixed(vessel, str(args.vessel), "a watch")
+        only_fixed(vessel, str(args.vessel), "watches")
         site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
         if args.accept and args.logs:
             raise ConfigError("--accept: goes without a LOG, so that what is accepted has been looked at")

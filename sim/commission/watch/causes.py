@@ -25,8 +25,10 @@ TIME_S = 0.15
 LEAST = 0.01
 """Least share that a mission may feign: load, battery and water differ from day to day; assumed."""
 LEAST_THRUST = 1e-3  # m/s^2, rad/s^2: a boat that hardly moved
-STEADY = 0.7
-"""Share of the latent acceleration that lasts as long as a leg; fitted to twenty simulated missions."""
+STEADY = (2.0, 0.7, 0.7)
+"""By axis, error of damping over rho: gusts that last as long as a leg; in surge, where the boat has its speed, also
+speeds that are wrong by ranges without line of sight. Fitted to forty simulated missions.
+"""
 SUMS = ("hull_fouling", "payload")
 AXES = (("X_", "M11"), ("Y_", "M22", "M23"), ("N_", "M33"))
 SURGE = ("base:X_u_N_s_m", "base:X_uu_N_s2_m2")
@@ -87,12 +89,12 @@ def unexplained(mission: MissionInformation) -> np.ndarray:
 
     With rho of an axis the latent acceleration over that by thrust:
 
-        damping                rho STEADY      a steady disturbance is a drag: at speed, drag is what thrust balances
+        damping                STEADY rho      a steady disturbance is a drag: at speed, drag is what thrust balances
         gains, inertia, times  rho^2           the controller answers the disturbance, so that both hang together;
                                                of the parameter's axis or the mean over all, whichever is larger
 
-    In 20 simulated missions, calm, in gusts and in waves, errors were of these sizes. Effects that are sums of others
-    (fouling, payload) have these others' errors.
+    In forty simulated missions, calm, in gusts and in waves, errors were of these sizes. Effects that are sums of
+    others (fouling, payload) have these others' errors.
     """
     rho = np.array(mission.latent) / np.maximum(np.array(mission.thrust), LEAST_THRUST)
     squared = np.maximum(rho**2, (rho**2).mean())
@@ -104,5 +106,5 @@ def _share(name: str, rho: np.ndarray, squared: np.ndarray) -> float:
         return LEAST
     own = name.removeprefix("base:")
     axis = next((axis for axis, keys in enumerate(AXES) if own.startswith(keys)), 0)
-    steady = STEADY * rho[axis] if own in DAMPING else 0.0
+    steady = STEADY[axis] * rho[axis] if own in DAMPING else 0.0
     return float(max(LEAST, squared[axis], steady))

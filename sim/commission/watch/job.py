@@ -23,6 +23,7 @@ from sim.commission.watch.course import BoatCourse, course
 from sim.commission.watch.history import (
     PAGE,
     PROPOSED,
+    VESSEL,
     History,
     MissionEntry,
     changed_by_hand,
@@ -64,7 +65,8 @@ def watch(
     proposed = history.folder / PROPOSED
     if changed_by_hand(proposed):
         raise ConfigError(f"{proposed}: was changed by hand; move it away, it is made anew")
-    before = course_of(history)
+    found = course_of(history)
+    old = _changes(history, found)
     taken, known, unusable = [], [], []
     for i, path in enumerate(logs):
         say(path.name, i / len(logs))
@@ -78,12 +80,11 @@ def watch(
             continue
         history.add(entry)
         taken.append(str(path))
-    found, old = course_of(history), {_key(before, i) for i in range(len(before.changes))} if before else set()
-    told = tuple(i for i in range(len(found.changes)) if _key(found, i) not in old) if found else ()
-    since = len(
-        [a for a in history.entries if history.accepted and a.begin_unix_s <= history.accepted[-1].until_unix_s]
-    )
-    in_force = history.accepted[-1].file if history.accepted else "vessel.toml"
+    found = course_of(history) if taken else found
+    told = tuple(i for i, change in enumerate(_changes(history, found)) if change not in old)
+    last = history.accepted[-1] if history.accepted else None
+    since = sum(last is not None and entry.begin_unix_s <= last.until_unix_s for entry in history.entries)
+    in_force = last.file if last else VESSEL
     outcome = Outcome(tuple(taken), tuple(known), tuple(unusable), found, told, in_force, since)
     if found:
         write_whole(proposed, marked(proposal(history, found)).encode())
@@ -129,8 +130,10 @@ def watched_of(history: History) -> Watched:
     return watched(history.vessel, boat_effects(history.vessel))
 
 
-def _key(found: BoatCourse, i: int) -> tuple[str, int]:
-    return found.changes[i].cause.name, found.changes[i].onset
+def _changes(history: History, found: BoatCourse | None) -> list[tuple[str, str]]:
+    """Each change by its name and the log by which it was told: the same when it is revised or a log comes late."""
+    changes = found.changes if found else ()
+    return [(change.cause.name, history.entries[change.told].data_sha256) for change in changes]
 
 
 def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | None:

@@ -1,4 +1,4 @@
-"""`watch` of `aritra commission` as a command line of its own: python -m tests.evidence.commission.watch_command watch LOG ..."""
+"""`watch` of `aritra commission` as a command line of its own, with this module as the program."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ MISSIONS, FALSE = 200, 0.05
 """At most this chance of any false alarm in so many missions."""
 ONSETS = 8  # missions back in which a change may have begun; assumed
 REVISED = 2  # missions after it was told in which name, onset and size of a change may still be revised; assumed
-SCALE, COUNTS = 4.0, 5  # s^2 before any mission, and the number of missions that this counts as; assumed
+SCALE, COUNTS = 2.5, 3  # s^2 before any mission (median of 63 simulated ones), and how many missions this counts as
 Z95 = 1.96
 SAME_NATS = 1.0  # within this two onsets are as likely; assumed
 RIVAL_NATS = 6.0  # as in a diagnosis: within this another cause is not ruled out

@@ -1,11 +1,12 @@
 """What one log says of the boat: right about a weak thruster, silent about the weather, by itself."""
 
 import numpy as np
+import polars as pl
 import pytest
 from msgspec.structs import replace
 
 from sim.commission.watch.filter import Belief, Likelihood
-from sim.commission.watch.mission_fit import boat_effects, mission_information
+from sim.commission.watch.mission_fit import MissionInformation, boat_effects, mission_information
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
@@ -16,12 +17,17 @@ NAMES = tuple(e.id for e in boat_effects(VESSEL))
 WINDY = Weather(V_c_m_s=0.12, beta_c_deg=70.0, V_w_m_s=3.0, beta_w_deg=200.0)
 
 
+SIGMA = np.array([2.0 if n == "payload" else 0.02 if n in ("lag", "dead_time") else 0.05 for n in NAMES])
+
+
+def theta_of(found: MissionInformation) -> np.ndarray:
+    """Theta by one log and the belief before any, 5 % of everything; load in shares of the boat's mass."""
+    after = Belief(np.zeros(len(NAMES)), np.diag(SIGMA**2)).after(Likelihood(found.precision, found.eta))
+    return after.mean / np.where(np.array(NAMES) == "payload", VESSEL.inertia.mass_kg, 1.0)
+
+
 def believed(run) -> dict[str, float]:
-    """Theta by one log and the belief before any, 5 % of everything."""
-    found = mission_information(run, VESSEL)
-    sigma = np.array([2.0 if n == "payload" else 0.02 if n in ("lag", "dead_time") else 0.05 for n in found.names])
-    after = Belief(np.zeros(len(NAMES)), np.diag(sigma**2)).after(Likelihood(found.precision, found.eta))
-    return dict(zip(found.names, after.mean.tolist(), strict=True))
+    return dict(zip(NAMES, theta_of(mission_information(run, VESSEL)).tolist(), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +62,15 @@ def test_a_weak_thruster_is_seen_in_wind_and_current():
     change = {n: after[n] - before[n] for n in NAMES if n.startswith("thruster_gain:")}
     assert min(change, key=lambda n: change[n]) == "thruster_gain:rear_port"
     assert change["thruster_gain:rear_port"] < -0.12
+
+
+def test_positions_astray_to_one_side_hardly_move_what_is_believed(windy):
+    run = teleop_run(VESSEL, 5, 90.0, weather=WINDY)
+    known = run.table["north_m"].is_not_null().to_numpy().nonzero()[0]
+    hit = np.random.default_rng(3).choice(known, len(known) // 8, replace=False)
+    north = run.table["north_m"].to_numpy().copy()
+    north[hit] += 2.0
+    table = run.table.with_columns(pl.Series("north_m", north, nan_to_null=True))
+    found = mission_information(type(run)(table, run.meta), VESSEL)
+    clean, moved = (theta_of(each) for each in (windy, found))
+    assert np.abs(moved - clean).max() < 0.02

@@ -64,13 +64,18 @@ def test_a_weak_thruster_is_seen_in_wind_and_current():
     assert change["thruster_gain:rear_port"] < -0.12
 
 
-def test_positions_astray_to_one_side_hardly_move_what_is_believed(windy):
+def test_positions_far_astray_are_as_if_they_were_not_there(windy):
     run = teleop_run(VESSEL, 5, 90.0, weather=WINDY)
     known = run.table["north_m"].is_not_null().to_numpy().nonzero()[0]
     hit = np.random.default_rng(3).choice(known, len(known) // 8, replace=False)
-    north = run.table["north_m"].to_numpy().copy()
-    north[hit] += 2.0
-    table = run.table.with_columns(pl.Series("north_m", north, nan_to_null=True))
-    found = mission_information(type(run)(table, run.meta), VESSEL)
-    clean, moved = (theta_of(each) for each in (windy, found))
-    assert np.abs(moved - clean).max() < 0.02
+
+    def moved(by_m: float):
+        columns = {name: run.table[name].to_numpy().copy() for name in ("north_m", "east_m")}
+        for name, share in (("north_m", 1.0), ("east_m", 0.0)):
+            columns[name][hit] += share * by_m
+        table = run.table.with_columns(pl.Series(k, v, nan_to_null=True) for k, v in columns.items())
+        return mission_information(type(run)(table, run.meta), VESSEL)
+
+    astray, gone = moved(2.0), moved(float("nan"))
+    assert np.linalg.norm(astray.eta - gone.eta) < 1e-3 * np.linalg.norm(gone.eta)
+    assert np.linalg.norm(windy.eta - gone.eta) > 1e-3 * np.linalg.norm(gone.eta)

@@ -16,7 +16,7 @@ COMMANDS = {
     "demo": "simulator.demo", "check": "boat.check", "provision": "boat.provision", "run": "boat.run",
     "teleop": "boat.teleop", "shore": "shore", "sim": "simulator.sim", "replay": "boat.replay", "log": "log",
     "vessel": "vessel", "identify": "identify", "diagnose": "diagnose", "campaign": "campaign", "excite": "excite",
-    "commission": "commission", "bench": "bench", "completion": "completion",
+    "commission": "commission", "watch": "watch", "bench": "bench", "completion": "completion",
 }  # fmt: skip
 """By name: its module in `companion.cli`, which is loaded for that command only: some bring slow libraries."""
 

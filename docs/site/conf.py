@@ -46,7 +46,7 @@ GROUPS = {
     "On the boat": "service container run-file vessel-file autopilot check ground-station modes trust sitl",
     "On shore": "shore telemetry",
     "Logs": "logs run-format",
-    "Models": "commission excite identify wiring diagnose campaign simulate method cse1 paper bench",
+    "Models": "commission excite identify wiring diagnose watch campaign simulate method cse1 paper bench",
     "Inside": "architecture glossary adding",
 }
 """Caption in the sidebar -> pages of docs/; others stand under "More"."""

@@ -1,1 +1,1 @@
-"""Commissioning: from a first vessel file to one that drives well, stage by stage, by flights designed on the way."""
+"""Commission: from a first guess to a vessel file that drives well, and a watch over it afterwards. Method: docs."""

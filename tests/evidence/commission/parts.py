@@ -1,5 +1,6 @@
-"""Evidence for commissioning: from an unknown boat to one that drives well, by itself."""
+"""Evidence for commissioning: a boat that becomes known by itself, and is watched afterwards."""
 
+from tests.evidence.commission import watch
 from tests.evidence.commission.boats import boats
 
-PARTS = (boats,)
+PARTS = (boats, *watch.PARTS)

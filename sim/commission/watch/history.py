@@ -1,0 +1,170 @@
+"""The history of a boat: a folder with one entry for each log, on disk before the next log is read.
+
+    vessel.toml          the file that the watch began with; theta = 0
+    logs/BEGIN-HASH.json what one log says (`mission_fit`), whole or not there at all
+    accepted-NN.toml     vessel files that a person has said yes to, accepted-NN.json: their theta
+
+All else (`proposed.toml`, `history.html`) follows from these and is made anew. Entries do not depend on each other: a
+watch that was killed goes on where it was, a log that comes late takes its place in time, and none counts twice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+
+from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.load_vessel import load_vessel
+from companion.logs.part import log_parts
+from sim.commission.watch.mission_fit import MissionInformation
+
+VESSEL, LOGS, PROPOSED, PAGE = "vessel.toml", "logs", "proposed.toml", "history.html"
+FORMAT = 1
+T = TypeVar("T")
+MARK = "# Made anew by `aritra watch`; sha256 of all below this line: "
+
+
+class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One log: its file, SHA-256 of file and data, begin [Unix s], duration [s], and what it says of the boat."""
+
+    format: int = FORMAT
+    log: str
+    file_sha256: str
+    data_sha256: str
+    begin_unix_s: float
+    duration_s: float
+    names: tuple[str, ...]
+    precision: list[list[float]]
+    eta: list[float]
+    day: dict[str, float]
+    latent: tuple[float, float, float]
+    thrust: tuple[float, float, float]
+
+    def information(self) -> MissionInformation:
+        """What the log says."""
+        precision, eta = np.array(self.precision), np.array(self.eta)
+        return MissionInformation(self.names, precision, eta, self.day, self.latent, self.thrust)
+
+
+class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
+    """A vessel file that was accepted: theta by name, begin of the last mission in it [Unix s]."""
+
+    format: int = FORMAT
+    file: str
+    theta: dict[str, float]
+    until_unix_s: float
+
+
+class History:
+    """The history in `folder` of the boat of `vessel`. Raises ConfigError where it is of another vessel file."""
+
+    def __init__(self, folder: Path, vessel: VesselFile, vessel_text: str):
+        try:
+            (folder / LOGS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"--history {folder}: {error.strerror}") from None
+        self.folder = folder
+        if not (folder / VESSEL).exists():
+            write_whole(folder / VESSEL, vessel_text.encode())
+        self.vessel = _vessel(folder / VESSEL)
+        self.entries = sorted(_read(folder / LOGS, MissionEntry), key=lambda e: (e.begin_unix_s, e.data_sha256))
+        known = sorted(_read(folder, Acceptance), key=lambda a: a.file)
+        self.accepted = [a for a in known if (folder / a.file).exists()]  # else it was killed before the file was there
+        files = [self.vessel, *(_vessel(folder / a.file) for a in self.accepted)]
+        if vessel not in files:
+            names = ", ".join((VESSEL, *(a.file for a in self.accepted)))
+            raise ConfigError(
+                f"--history {folder}: is of another vessel file; name one that is in it ({names}), or another folder"
+            )
+
+    def holds_file(self, sha256: str) -> bool:
+        """Whether a log file of this content has been taken in."""
+        return any(e.file_sha256 == sha256 for e in self.entries)
+
+    def holds_data(self, sha256: str) -> bool:
+        """Whether a log with these data has been taken in, from whatever file."""
+        return any(e.data_sha256 == sha256 for e in self.entries)
+
+    def add(self, entry: MissionEntry) -> None:
+        """Keep an entry, on disk before it returns. Raises OSError."""
+        name = f"{entry.begin_unix_s:.0f}-{entry.data_sha256[:12]}.json"
+        write_whole(self.folder / LOGS / name, msgspec.json.encode(entry))
+        self.entries = sorted([*self.entries, entry], key=lambda e: (e.begin_unix_s, e.data_sha256))
+
+    def files_in_force(self, names: Sequence[str]) -> list[np.ndarray]:
+        """Theta (B,) of the vessel file in force in each mission: that of the last acceptance before it, else zero."""
+        out = []
+        for entry in self.entries:
+            before = [a for a in self.accepted if a.until_unix_s < entry.begin_unix_s]
+            out.append(theta_of(before[-1], names) if before else np.zeros(len(names)))
+        return out
+
+    def accept(self, text: str, names: Sequence[str], theta: np.ndarray) -> Path:
+        """Write the vessel file `text` under a new name, as accepted after the last mission. Raises OSError."""
+        number = 1
+        while list(self.folder.glob(f"accepted-{number:02d}.*")):
+            number += 1
+        path = self.folder / f"accepted-{number:02d}.toml"
+        values = dict(zip(names, theta.tolist(), strict=True))
+        made = Acceptance(file=path.name, theta=values, until_unix_s=self.entries[-1].begin_unix_s)
+        write_whole(path.with_suffix(".json"), msgspec.json.encode(made))
+        write_whole(path, text.encode())
+        self.accepted.append(made)
+        return path
+
+
+def theta_of(accepted: Acceptance, names: Sequence[str]) -> np.ndarray:
+    """Theta (B,) of an accepted file."""
+    return np.array([accepted.theta.get(name, 0.0) for name in names])
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a log's content, with its continuations. Raises OSError."""
+    digest = hashlib.sha256()
+    for part in log_parts(path):
+        digest.update(part.read_bytes())
+    return digest.hexdigest()
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """The file as a whole or not at all, also when the power fails. Raises OSError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    with part.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)
+
+
+def marked(text: str) -> str:
+    """A text that is made anew each time, with a mark by which a person's change to it is seen."""
+    return f"{MARK}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
+
+
+def changed_by_hand(path: Path) -> bool:
+    """Whether a marked file is there that is not as it was made."""
+    if not path.exists():
+        return False
+    first, _, rest = path.read_text(encoding="utf-8", errors="replace").partition("\n")
+    return first != MARK + hashlib.sha256(rest.encode()).hexdigest()
+
+
+def _vessel(path: Path) -> VesselFile:
+    return load_vessel(path.read_text(encoding="utf-8"), name=str(path))
+
+
+def _read(folder: Path, kind: type[T]) -> list[T]:
+    out = []
+    for path in sorted(folder.glob("*.json")):
+        try:
+            out.append(msgspec.json.decode(path.read_bytes(), type=kind))
+        except msgspec.DecodeError as error:
+            raise ConfigError(f"{path}: damaged ({error}); move it away and name its log again") from None
+    return out

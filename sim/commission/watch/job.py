@@ -1,0 +1,177 @@
+"""A watch: logs that are new are taken into the history, and what follows from all of them is written.
+
+    log -> entry on disk -> course over all entries -> proposed.toml, history.html
+
+A log that cannot be used is named and left out; the others are taken in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError
+from companion.logs.log_file import LogError, LogFile
+from companion.logs.readers.read_run import ReadOptions, read_run
+from companion.logs.runs.run import Run
+from sim.commission.watch.causes import Watched, watched
+from sim.commission.watch.course import BoatCourse, course
+from sim.commission.watch.history import (
+    PAGE,
+    PROPOSED,
+    VESSEL,
+    History,
+    MissionEntry,
+    changed_by_hand,
+    file_sha256,
+    marked,
+    write_whole,
+)
+from sim.commission.watch.mission_fit import boat_effects, mission_information
+from sim.commission.watch.page import history_page
+from sim.commission.watch.proposal import proposed_text
+from sim.commission.watch.sentences import when
+
+UNUSABLE = (LogError, ValueError, OSError, np.linalg.LinAlgError)
+"""Of a log that cannot be read or fitted: RunError, StructuredFitError and JobError are ValueErrors."""
+Say = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a watch did: names of logs taken in, of those known already, and why others could not be used.
+
+    `course`: None without any log; `told`: changes that were not told before; `in_force`: name of the vessel file in
+    force, `since`: its first mission (index).
+    """
+
+    taken: tuple[str, ...]
+    known: tuple[str, ...]
+    unusable: tuple[str, ...]
+    course: BoatCourse | None
+    told: tuple[int, ...]
+    in_force: str
+    since: int
+
+
+def watch(
+    history: History, logs: Sequence[Path], site: Site | None = None, say: Say = lambda _text, _share: None
+) -> Outcome:
+    """Take `logs` into `history`; write the proposed file and the page. Raises ConfigError, OSError."""
+    proposed = history.folder / PROPOSED
+    if changed_by_hand(proposed):
+        raise ConfigError(f"{proposed}: was changed by hand; move it away, it is made anew")
+    found = course_of(history)
+    old = _changes(history, found)
+    taken, known, unusable = [], [], []
+    for i, path in enumerate(logs):
+        say(path.name, i / len(logs))
+        try:
+            entry = _entry(history, path, site)
+        except UNUSABLE as error:
+            unusable.append(_why(path, error))
+            continue
+        if entry is None:
+            known.append(str(path))
+            continue
+        history.add(entry)
+        taken.append(str(path))
+    found = course_of(history) if taken else found
+    told = tuple(i for i, change in enumerate(_changes(history, found)) if change not in old)
+    last = history.accepted[-1] if history.accepted else None
+    since = sum(last is not None and entry.begin_unix_s <= last.until_unix_s for entry in history.entries)
+    in_force = last.file if last else VESSEL
+    outcome = Outcome(tuple(taken), tuple(known), tuple(unusable), found, told, in_force, since)
+    if found:
+        write_whole(proposed, marked(proposal(history, found)).encode())
+        write_whole(history.folder / PAGE, history_page(history, found, since, in_force).encode())
+    return outcome
+
+
+def accept(history: History) -> Path:
+    """Write the proposed file under a new name: a person has said yes. Raises ConfigError, OSError."""
+    path, found = history.folder / PROPOSED, course_of(history)
+    if found is None:
+        raise ConfigError(f"--history {history.folder}: holds no log yet; name one, then there is a file to accept")
+    if changed_by_hand(path):
+        raise ConfigError(f"{path}: was changed by hand; use it under a name of its own, or move it away")
+    theta = found.missions[-1].belief.mean
+    if history.accepted and history.accepted[-1].until_unix_s >= history.entries[-1].begin_unix_s:
+        raise ConfigError(f"{history.folder / history.accepted[-1].file}: was accepted, and no mission has come since")
+    return history.accept(proposal(history, found), found.watched.names, theta)
+
+
+def proposal(history: History, found: BoatCourse) -> str:
+    """The proposed vessel file as text."""
+    last = history.entries[-1]
+    note = f"watched over {len(history.entries)} missions up to {when(last)}"
+    return proposed_text(history.vessel, found.missions[-1].belief.mean, note)
+
+
+def course_of(history: History) -> BoatCourse | None:
+    """The course over all entries; None without any."""
+    if not history.entries:
+        return None
+    parameters = watched_of(history)
+    for entry in history.entries:
+        if entry.names != parameters.names:
+            raise ConfigError(f"--history {history.folder}: {entry.log} was read by another version of this program; "
+                              "begin another history")  # fmt: skip
+    missions = [entry.information() for entry in history.entries]
+    return course(missions, parameters, history.files_in_force(parameters.names))
+
+
+def watched_of(history: History) -> Watched:
+    """The watched parameters of the history's boat."""
+    return watched(history.vessel, boat_effects(history.vessel))
+
+
+def _changes(history: History, found: BoatCourse | None) -> list[tuple[str, str]]:
+    """Each change by its name and the log by which it was told: the same when it is revised or a log comes late."""
+    changes = found.changes if found else ()
+    return [(change.cause.name, history.entries[change.told].data_sha256) for change in changes]
+
+
+def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | None:
+    """What the log says; None where it is in the history already."""
+    content = file_sha256(path)
+    if history.holds_file(content):
+        return None
+    run = read_run(path, ReadOptions(history.vessel, site))
+    if history.holds_data(run.data_hash):
+        return None
+    begin_s = _begin_unix_s(path, run, history.vessel.name)
+    found = mission_information(run, history.vessel)
+    if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
+        raise ValueError("the fit ran away: is it a log of this boat?")
+    return MissionEntry(
+        log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
+        names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
+        latent=found.latent, thrust=found.thrust,
+    )  # fmt: skip
+
+
+def _begin_unix_s(path: Path, run: Run, name: str) -> float:
+    """Begin of a log by its wall clock; where it has none, by the time of its file less its duration.
+
+    ValueError where a log of ours is of another boat.
+    """
+    if path.name.endswith(".mcap"):
+        log = LogFile(path)
+        own = log.metadata.get("vessel", name)
+        if own != name:
+            raise ValueError(f"is of the boat {own}, the history is of {name}")
+        if log.wall_offset_ns:
+            return (run.meta.zero_ns + log.wall_offset_ns) * 1e-9
+    elif "Unix" in run.meta.clock:
+        return run.meta.zero_ns * 1e-9
+    return path.stat().st_mtime - run.duration_s
+
+
+def _why(path: Path, error: Exception) -> str:
+    text = str(error)
+    return text if str(path) in text else f"{path}: {text}"

@@ -1,0 +1,152 @@
+"""The history on disk: nothing twice, nothing lost, nothing overwritten, whatever ends the program."""
+
+import os
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from companion.boat.load_run import EXAMPLES
+from companion.core.configuration.tables import ConfigError
+from companion.core.model.load_vessel import load_vessel
+from sim.commission.watch import job
+from sim.commission.watch.history import LOGS, PROPOSED, History, MissionEntry, changed_by_hand, marked
+from sim.commission.watch.mission_fit import boat_effects
+from tests.support.vessel_fixtures import boat
+
+TEXT = (EXAMPLES / "boats" / "aritra.toml").read_text()
+VESSEL = boat("aritra")
+NAMES = tuple(e.id for e in boat_effects(VESSEL))
+B = len(NAMES)
+
+
+def entry(day: int, gain: float = 0.0) -> MissionEntry:
+    """A made-up log of that day that says front_port gives `gain` more."""
+    theta = np.array([gain if n == "thruster_gain:front_port" else 0.0 for n in NAMES])
+    precision = np.diag([1e4 if n.startswith("thruster") else 1.0 for n in NAMES])
+    return MissionEntry(
+        log=f"day{day}.mcap", file_sha256=f"file{day}", data_sha256=f"data{day}".ljust(64, "0"),
+        begin_unix_s=1e9 + 86400.0 * day, duration_s=100.0, names=NAMES, precision=precision.tolist(),
+        eta=(precision @ theta).tolist(), day={}, latent=(0.01, 0.005, 0.005), thrust=(0.1, 0.06, 0.2),
+    )  # fmt: skip
+
+
+def begun(folder: Path, *days: int) -> History:
+    history = History(folder, VESSEL, TEXT)
+    for day in days:
+        history.add(entry(day, 0.03))
+    return history
+
+
+def test_entries_are_there_again_in_order_of_time(tmp_path):
+    begun(tmp_path, 3, 1, 2)
+    again = History(tmp_path, VESSEL, TEXT)
+    assert [e.log for e in again.entries] == ["day1.mcap", "day2.mcap", "day3.mcap"]
+    assert again.entries[0] == entry(1, 0.03)
+
+
+def test_the_same_course_in_whatever_order_logs_came(tmp_path):
+    one, other = begun(tmp_path / "a", 1, 2, 3), begun(tmp_path / "b", 3, 2, 1)
+    first, second = job.course_of(one), job.course_of(other)
+    assert first and second
+    for a, b in zip(first.missions, second.missions, strict=True):
+        np.testing.assert_array_equal(a.belief.mean, b.belief.mean)
+
+
+def test_an_entry_that_was_cut_short_is_not_there_at_all(tmp_path, monkeypatch):
+    history = begun(tmp_path, 1)
+
+    def power_cut(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", power_cut)
+    with pytest.raises(KeyboardInterrupt):
+        history.add(entry(2))
+    monkeypatch.undo()
+    assert [e.log for e in History(tmp_path, VESSEL, TEXT).entries] == ["day1.mcap"]
+
+
+def test_another_boats_file_is_refused_and_so_is_none_of_the_accepted_ones(tmp_path):
+    begun(tmp_path, 1)
+    with pytest.raises(ConfigError, match="another vessel file"):
+        History(tmp_path, boat("twin"), TEXT)
+    job.watch(History(tmp_path, VESSEL, TEXT), [])
+    path = job.accept(History(tmp_path, VESSEL, TEXT))
+    assert History(tmp_path, load_vessel(path.read_text(), name="x"), "").accepted
+
+
+def test_a_damaged_entry_is_named(tmp_path):
+    begun(tmp_path, 1)
+    (path,) = (tmp_path / LOGS).glob("*.json")
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(ConfigError, match=path.name):
+        History(tmp_path, VESSEL, TEXT)
+
+
+def test_accepting_writes_a_new_name_each_time_and_overwrites_nothing(tmp_path):
+    history = begun(tmp_path, 1, 2)
+    job.watch(history, [])
+    one = job.accept(history)
+    before = one.read_text()
+    with pytest.raises(ConfigError, match="no mission has come since"):
+        job.accept(history)
+    history.add(entry(3, 0.06))
+    two = job.accept(history)
+    assert one.name == "accepted-01.toml" and two.name == "accepted-02.toml"
+    assert one.read_text() == before != two.read_text()
+
+
+def test_the_accepted_file_is_what_later_missions_are_judged_against(tmp_path):
+    history = begun(tmp_path, 1, 2)
+    assert [f.any() for f in history.files_in_force(NAMES)] == [False, False]
+    job.accept(history)
+    history.add(entry(3))
+    assert [f.any() for f in history.files_in_force(NAMES)] == [False, False, True]
+    outcome = job.watch(history, [])
+    assert outcome.in_force == "accepted-01.toml" and outcome.since == 2
+
+
+def test_the_proposed_file_has_what_is_believed_and_loads(tmp_path):
+    history = begun(tmp_path, *range(1, 9))
+    job.watch(history, [])
+    proposed = load_vessel((tmp_path / PROPOSED).read_text(), name=PROPOSED)
+    gains = {t.name: t.gain for t in proposed.thrusters}
+    assert gains["front_port"] == pytest.approx(1.03, abs=0.01)
+    assert gains["rear_port"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_proposed_file_that_somebody_has_changed_is_left_alone(tmp_path):
+    history = begun(tmp_path, 1)
+    job.watch(history, [])
+    path = tmp_path / PROPOSED
+    path.write_text(path.read_text().replace("gain", "gain "))
+    mine = path.read_text()
+    with pytest.raises(ConfigError, match="changed by hand"):
+        job.watch(history, [])
+    with pytest.raises(ConfigError, match="changed by hand"):
+        job.accept(history)
+    assert path.read_text() == mine
+
+
+def test_a_mark_shows_every_change(tmp_path):
+    path = tmp_path / "x"
+    path.write_text(marked("a\nb\n"))
+    assert not changed_by_hand(path) and not changed_by_hand(tmp_path / "none")
+    path.write_text(marked("a\nb\n") + "c")
+    assert changed_by_hand(path)
+
+
+def test_an_acceptance_whose_file_was_not_written_any_more_does_not_count(tmp_path):
+    history = begun(tmp_path, 1)
+    path = job.accept(history)
+    path.unlink()
+    again = History(tmp_path, VESSEL, TEXT)
+    assert again.accepted == []
+    assert job.accept(again).name == "accepted-02.toml"
+
+
+def test_an_entry_goes_through_json_without_loss():
+    made = entry(1, 0.1)
+    assert msgspec.json.decode(msgspec.json.encode(made), type=MissionEntry) == made
+    np.testing.assert_array_equal(made.information().precision, np.array(made.precision))

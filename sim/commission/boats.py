@@ -7,6 +7,7 @@ excitation is to be flown) and leaves run.mcap in the folder, as far as it came.
 from __future__ import annotations
 
 import contextlib
+import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping
@@ -15,11 +16,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
 
+import numpy as np
 from msgspec.structs import replace as replaced
 
 from companion.boat.load_run import RunSetup, setup_of
 from companion.boat.recorder import Recorder
 from companion.core.control.nmpc import Actuation, Nmpc
+from companion.core.excitation.pen import Pen
 from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference, SolveRequest
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
@@ -35,7 +38,9 @@ STEP_S = 1.0
 """Between two looks of the simulated boat at its log, in simulated time."""
 LIMIT_S = 900.0
 """Longest flight: an excitation of two minutes, or the mission, and the ways to them; assumed."""
-STATION_S = 5.0
+STATION_S, ARRIVED = 10.0, ("station", "done")
+"""How long a mission goes on at its end, and the phases of guidance that are its end."""
+NEAR_M = 4.0
 PATIENT_S = 60.0
 """Time of the controller's rescue where the clock is stepped: its iterations end it, on every computer alike."""
 Say = Callable[[str], None]
@@ -60,7 +65,10 @@ class Boat(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedBoat:
-    """The boat `world` in the simulator. Each flight begins where the last one ended. `seed`: of the first flight."""
+    """The boat `world` in the simulator. `seed`: of the first flight.
+
+    Each flight begins where the last one ended; from nearer to the fence than `NEAR_M` somebody brings it to its start.
+    """
 
     world: WorldSetup
     seed: int
@@ -69,7 +77,7 @@ class SimulatedBoat:
         """See `Boat`."""
         setup = setup_of(files, {name: f"{folder / name}" for name in files})
         number = int(folder.name[:2])
-        world = replace(self.world, start=_last_place(folder.parent) or self.world.start)
+        world = replace(self.world, start=self._start(folder.parent))
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
         solve = _no_plan if excite else _controller(setup).solve
@@ -85,11 +93,16 @@ class SimulatedBoat:
                 if started and (helm.mode in ("idle", "safe") or _settled(run)):
                     break
         ticks = [m.t_ns for m in run.of(ExcitationStatus if excite else GuidanceReference)]
-        statuses = run.of(ExcitationStatus)
-        done = statuses[-1].phase == "done" if statuses else run.state.guidance.phase == "done"
+        done = _is_done(folder / LOG)
         why = run.state.helm.why if started else f"never began: {run.state.helm.why}"
         ending = "done" if done else why
         return Flown(done, ending, (ticks[-1] - ticks[0]) * 1e-9 if ticks else 0.0)
+
+    def _start(self, flights: Path) -> tuple[float, float, float]:
+        last = _last_place(flights)
+        if last is None or float(Pen(self.world.site).clearance(np.array([last[:2]]))[0]) < NEAR_M:
+            return self.world.start
+        return last
 
 
 @dataclass(frozen=True)
@@ -105,9 +118,15 @@ class RealBoat:
         if "excitation.toml" in files:
             words += ["--excite", str(folder / "excitation.toml")]
         begun = time.monotonic()
-        code = subprocess.run(words, check=False).returncode
-        ending = "done" if code == 0 else f"`aritra run` ended with exit code {code}: its last lines say why"
-        return Flown(code == 0, ending, time.monotonic() - begun)
+        with subprocess.Popen(words) as process:
+            try:
+                code = process.wait(LIMIT_S)
+            except subprocess.TimeoutExpired:  # a boat that cannot keep station never ends its mission by itself
+                process.send_signal(signal.SIGINT)
+                code = process.wait()
+        done = _is_done(folder / LOG)
+        ending = "done" if done else f"`aritra run` ended with exit code {code}: its last lines say why"
+        return Flown(done, ending, time.monotonic() - begun)
 
 
 class _Logs:
@@ -138,8 +157,22 @@ class _Logs:
 
 
 def _settled(run: SteppedRun) -> bool:
-    since = run.state.guidance.settled_ns
-    return run.state.guidance.phase == "done" and since is not None and run.world.t_ns - since > STATION_S * 1e9
+    """Whether the mission has been over for a while; not every boat can keep station."""
+    arrived = [m.t_ns for m in run.of(GuidanceReference)[-1:] if m.phase in ARRIVED]
+    first = next((m.t_ns for m in run.of(GuidanceReference) if m.phase in ARRIVED), None) if arrived else None
+    return first is not None and arrived[0] - first > STATION_S * 1e9
+
+
+def _is_done(log: Path) -> bool:
+    """Whether the excitation of a log came to its end, or its mission to its last waypoint."""
+    flown, guided = [""], [""]
+    with contextlib.suppress(LogError):
+        for message in LogFile(log).messages(ExcitationStatus, GuidanceReference):
+            if isinstance(message, ExcitationStatus):
+                flown.append(message.phase)
+            elif isinstance(message, GuidanceReference):
+                guided.append(message.phase)
+    return flown[-1] == "done" or (len(flown) == 1 and guided[-1] in ARRIVED)
 
 
 def _controller(setup: RunSetup) -> Nmpc:

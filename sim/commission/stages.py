@@ -31,10 +31,10 @@ LEAST_NATS_PER_MIN = 0.2
 """Of each parameter of the stage, in the mean: a sigma that falls by a fifth in a minute; assumed."""
 FLIGHT_S = 120.0
 """About so long a flight: then it is fitted, and the next is designed on what is known by then; assumed."""
-PULSE_S, PULSE_LEVEL, REST_S = (0.2, 0.4, 0.8, 1.2), 0.4, 0.8
+PULSE_S, PULSE_LEVEL, REST_S = (0.2, 0.6, 1.2, 1.2), 0.4, 0.6
 """Duration of a thruster's pulses in the first, second .. try, the share of its limit, and the rest after each.
 Assumed: the first moves a boat of 45 kg by less than 0.1 m/s."""
-SIGNS_ROUNDS, CONFIRMED = 3, 2
+SIGNS_ROUNDS, CONFIRMED = 2, 2
 """Rounds over all thrusters in a flight; flights, all logs together, before signs count as known."""
 PROOF = ("zig-zag", "multisine")
 """Manoeuvres of the library that prove a model: all axes, none of them alone."""

@@ -29,7 +29,7 @@ from companion.core.model.actuators.propulsion import only_fixed
 
 if TYPE_CHECKING:
     from sim.commission.boats import Boat
-    from sim.commission.job import Outcome
+    from sim.commission.job import Outcome, Task
     from sim.commission.journal import Journal
 
 DONE, NOT_REACHED = 0, 1
@@ -72,7 +72,7 @@ def add_parser(commands) -> None:
 def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     """Commission, write and print what came of it; the exit code."""
     try:
-        from sim.commission.job import Commissioning, Task
+        from sim.commission.job import Task
         from sim.commission.journal import Journal
     except ImportError as error:
         return refuse("commission", f'{error}; pip install "aritra[analysis]" brings what it needs')
@@ -90,21 +90,28 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     try:
         boat = _boat(args, setup)
         journal = Journal(args.out, task.files)
-        with one_thread(), console.status("begins") as status:
-
-            def say(text: str) -> None:
-                console.print(Text(text), soft_wrap=True)
-
-            show = (lambda _text: None) if args.simulate is None else status.update
-            if args.simulate is None:
-                status.stop()  # `aritra run` has the terminal
-            outcome = Commissioning(task, boat, journal, say, show).run()
+        with one_thread():
+            outcome = _carried_out(task, boat, journal, console)
             files = _write(outcome, args.out, journal, task.site)
     except OSError as error:
         print(f"aritra commission: {error.filename}: {error.strerror}", file=sys.stderr)
         return 2
     _print(outcome, args.out, files, console)
     return DONE if outcome.reached else NOT_REACHED
+
+
+def _carried_out(task: Task, boat: Boat, journal: Journal, console: Console) -> Outcome:
+    """Run it, with what it says on the terminal."""
+    from sim.commission.boats import RealBoat
+    from sim.commission.job import Commissioning
+
+    def say(text: str) -> None:
+        console.print(Text(text), soft_wrap=True)
+
+    if isinstance(boat, RealBoat):  # `aritra run` has the terminal
+        return Commissioning(task, boat, journal, say).run()
+    with console.status("begins") as status:
+        return Commissioning(task, boat, journal, say, status.update).run()
 
 
 def _setup(args: argparse.Namespace) -> RunSetup:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -48,11 +47,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Flown:
-    """How a flight ended. `seconds`: from its first to its last tick under way."""
+    """How a flight ended, in words; `done`: as it should."""
 
     done: bool
     ending: str
-    seconds: float
 
 
 class Boat(Protocol):
@@ -92,11 +90,9 @@ class SimulatedBoat:
                 started = started or helm.driving
                 if started and (helm.mode in ("idle", "safe") or _settled(run)):
                     break
-        ticks = [m.t_ns for m in run.of(ExcitationStatus if excite else GuidanceReference)]
         done = _is_done(folder / LOG)
         why = run.state.helm.why if started else f"never began: {run.state.helm.why}"
-        ending = "done" if done else why
-        return Flown(done, ending, (ticks[-1] - ticks[0]) * 1e-9 if ticks else 0.0)
+        return Flown(done, "done" if done else why)
 
     def _start(self, flights: Path) -> tuple[float, float, float]:
         last = _last_place(flights)
@@ -117,7 +113,6 @@ class RealBoat:
         words += ["--config", str(folder / "run.toml"), "--log", str(folder / LOG)]
         if "excitation.toml" in files:
             words += ["--excite", str(folder / "excitation.toml")]
-        begun = time.monotonic()
         with subprocess.Popen(words) as process:
             try:
                 code = process.wait(LIMIT_S)
@@ -126,7 +121,7 @@ class RealBoat:
                 code = process.wait()
         done = _is_done(folder / LOG)
         ending = "done" if done else f"`aritra run` ended with exit code {code}: its last lines say why"
-        return Flown(done, ending, time.monotonic() - begun)
+        return Flown(done, ending)
 
 
 class _Logs:

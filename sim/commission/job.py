@@ -80,6 +80,10 @@ class Outcome:
     flights: tuple[tuple[str, FlightRecord], ...] = ()
 
 
+class NotFlownError(Exception):
+    """A flight left no tick under way: nothing would be gained by another."""
+
+
 class Commissioning:
     """One commissioning in a folder. `say`: a line to keep; `status`: what it is at just now."""
 
@@ -92,7 +96,10 @@ class Commissioning:
         self._close_interrupted()
         belief = self._learn() if self._logs() else Belief.beginning(self.task.vessel)
         for stage in STAGES:
-            belief = self._stage(stage, belief)
+            try:
+                belief = self._stage(stage, belief)
+            except NotFlownError as error:
+                return self._outcome(belief, belief.vessel, False, f"the boat did not fly: {error}")
             if stage is SIGNS and not belief.signs_known:
                 why = f"signs and sides could not be told: {_doubts(belief)}"
                 return self._outcome(belief, belief.first, False, why)
@@ -103,7 +110,7 @@ class Commissioning:
     def _stage(self, stage: Stage, belief: Belief) -> Belief:
         """Fly a stage until it is over; what is believed then."""
         while True:
-            flown = sum(stage_of(folder) == stage.name for folder in self.journal.flights())
+            flown = sum(name == stage.name and record.seconds > 0 for name, record in self._records())
             left_s = 60 * self.task.minutes - self._spent_s() - RESERVE_S * (stage is not PROVEN)
             proposal = propose(
                 stage, belief, self.task.library, self.task.site, left_s, flown, self._yielded(), self._status
@@ -119,6 +126,9 @@ class Commissioning:
             self._say(f"{stage.name}: {stage.why}; flight of {proposal.minutes:.1f} minutes{expected}")
             plan = excitation_toml(proposal.plan, f"{stage.name}: {stage.why}")
             record, folder = self._fly(stage.name, belief.vessel, {"excitation.toml": plan}, proposal.nats)
+            if not record.seconds:
+                self.journal.close(folder, record)
+                raise NotFlownError(record.ending)
             before = belief
             if stage is not PROVEN:
                 belief = self._learn()
@@ -147,7 +157,7 @@ class Commissioning:
         errors = ", ".join(f"{name} {error:.1%}" for name, error in judged.errors.items())
         self._say(f"proof: error of predictions {errors}: {judged.best} is believed")
         for name, vessel in ((OLD, belief.first), (NEW, best)):
-            done = any(stage_of(folder) == name for folder in self.journal.flights())
+            done = any(stage == name and record.seconds > 0 for stage, record in self._records())
             if not done and (name == NEW or judged.best != BEGINNING):
                 self._mission(name, vessel)
         last = [r for name, r in self._records() if name == NEW]
@@ -179,7 +189,9 @@ class Commissioning:
         files = {**self.task.files, "vessel.toml": vessel_toml(vessel, head), **more}
         folder = self.journal.begin(name, files)
         flown = self.boat.fly(files, folder, lambda text: self._status(f"{name}: {text}"))
-        record = FlightRecord(stage=name, seconds=flown.seconds, ending=flown.ending, done=flown.done, nats=nats)
+        record = FlightRecord(
+            stage=name, seconds=_logged_s(folder / LOG), ending=flown.ending, done=flown.done, nats=nats
+        )
         return record, folder
 
     def _learn(self) -> Belief:

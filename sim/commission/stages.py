@@ -34,8 +34,8 @@ FLIGHT_S = 120.0
 PULSE_S, PULSE_LEVEL, REST_S = (0.2, 0.6, 1.2, 1.2), 0.4, 0.6
 """Duration of a thruster's pulses in the first, second .. try, the share of its limit, and the rest after each.
 Assumed: the first moves a boat of 45 kg by less than 0.1 m/s."""
-SIGNS_ROUNDS, CONFIRMED = 2, 2
-"""Rounds over all thrusters in a flight; flights, all logs together, before signs count as known."""
+SIGNS_PULSES, CONFIRMED = 8, 2
+"""Pulses of all thrusters ahead in a flight, and as many astern; flights before signs count as known."""
 PROOF = ("zig-zag", "multisine")
 """Manoeuvres of the library that prove a model: all axes, none of them alone."""
 
@@ -115,15 +115,16 @@ def _pulses(belief: Belief, library: Excitation, flown: int, left_s: float) -> P
         on_s=PULSE_S[flown],
         off_s=REST_S,
     )
+    rounds = -(-SIGNS_PULSES // len(belief.vessel.thrusters))
     # No way back under power: until signs are known, it might be the way out.
     plan = replace(
         library,
         name="signs",
-        segments=(one,) * SIGNS_ROUNDS,
+        segments=(one,) * rounds,
         caution=CARE[1],
         homing=False,
     )
-    seconds = SIGNS_ROUNDS * 2 * len(belief.vessel.thrusters) * (PULSE_S[flown] + REST_S)
+    seconds = rounds * 2 * len(belief.vessel.thrusters) * (PULSE_S[flown] + REST_S)
     if seconds > left_s:
         return Proposal(None, why="no time left")
     return Proposal(plan, minutes=seconds / 60)

@@ -1,5 +1,7 @@
 """`aritra commission`: what it refuses, in a sentence, before anything moves; and one flight on real wires."""
 
+from pathlib import Path
+
 import pytest
 
 from companion.boat.load_run import EXAMPLES, load_setup
@@ -51,7 +53,7 @@ def test_a_flight_on_real_wires_leaves_its_log_in_its_folder(tmp_path):
     folder.mkdir()
     for name, text in files.items():
         (folder / name).write_text(text)
-    with boat_processes(tmp_path, None, None) as boat:
+    with boat_processes(tmp_path, None, Path("scaled.param")) as boat:
         wires = ("--mavlink", boat.url, "--uwb", f"serial:{boat.tag}:115200", "--unchecked")
         flown = RealBoat(wires).fly(files, folder, lambda _text: None)
     assert flown.done and flown.ending == "done"

@@ -61,7 +61,7 @@ def test_a_killed_commissioning_goes_on_finds_the_swap_and_drives_the_mission(tm
         site=settings.site,
         points=tuple(settings.mission.path.points),
         library=load_excitation(LIBRARY.read_text(encoding="utf-8"), name="library"),
-        minutes=12.0,
+        minutes=9.0,
         date="2026-01-01",
     )
     weather = Weather(V_c_m_s=0.05, beta_c_deg=60.0)

@@ -31,6 +31,7 @@ CODES = (0, 1, 2, 130)
 WORK = (
     "companion.cli.simulator.demo.drive", "companion.cli.simulator.sim._serve", "companion.cli.boat.run._drive",
     "companion.cli.boat.check._look", "companion.cli.boat.provisioning._work", "companion.cli.campaign._runner",
+    "companion.cli.commission._carried_out", "sim.commission.watch.job.watch",
     "aiohttp.web.AppRunner", "companion.cli.shore._foxglove", "sim.bench.run.run",
     "sim.fitting.identify.job.identify", "sim.fitting.diagnose.job.diagnose", "sim.fitting.excite.design.candidates",
     "sim.fitting.excite.nominal.fly_nominal", "sim.fitting.excite.fly.fly",

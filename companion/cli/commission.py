@@ -29,8 +29,8 @@ from companion.core.model.actuators.propulsion import only_fixed
 
 if TYPE_CHECKING:
     from sim.commission.boats import Boat
-    from sim.commission.job import Outcome, Task
-    from sim.commission.journal import Journal
+    from sim.commission.job import CommissionOutcome, CommissionTask
+    from sim.commission.journal import FlightJournal
 
 DONE, NOT_REACHED = 0, 1
 LIBRARY = EXAMPLES / "excitations" / "library.toml"
@@ -72,13 +72,13 @@ def add_parser(commands) -> None:
 def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     """Commission, write and print what came of it; the exit code."""
     try:
-        from sim.commission.job import Task
-        from sim.commission.journal import Journal
+        from sim.commission.job import CommissionTask
+        from sim.commission.journal import FlightJournal
     except ImportError as error:
         return refuse("commission", f'{error}; pip install "aritra[analysis]" brings what it needs')
     console = console or Console()
     setup = _setup(args)
-    task = Task(
+    task = CommissionTask(
         files=setup.files,
         vessel=setup.pilot.vessel,
         site=setup.pilot.site,
@@ -89,7 +89,7 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     )
     try:
         boat = _boat(args, setup)
-        journal = Journal(args.out, task.files)
+        journal = FlightJournal(args.out, task.files)
         with one_thread():
             outcome = _carried_out(task, boat, journal, console)
             files = _write(outcome, args.out, journal, task.site)
@@ -100,7 +100,7 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     return DONE if outcome.reached else NOT_REACHED
 
 
-def _carried_out(task: Task, boat: Boat, journal: Journal, console: Console) -> Outcome:
+def _carried_out(task: CommissionTask, boat: Boat, journal: FlightJournal, console: Console) -> CommissionOutcome:
     """Run it, with what it says on the terminal."""
     from sim.commission.boats import RealBoat
     from sim.commission.job import Commissioning
@@ -155,7 +155,7 @@ def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
     return SimulatedBoat(replace(world_setup(args, setup), vessel=true), args.seed)
 
 
-def _write(outcome: Outcome, out: Path, journal: Journal, site: Site) -> dict[str, str]:
+def _write(outcome: CommissionOutcome, out: Path, journal: FlightJournal, site: Site) -> dict[str, str]:
     """Vessel file and report; name -> what it is."""
     from companion.core.model.vessel_text import vessel_toml
     from sim.commission.journal import write_whole
@@ -170,7 +170,7 @@ def _write(outcome: Outcome, out: Path, journal: Journal, site: Site) -> dict[st
     return files
 
 
-def _print(outcome: Outcome, out: Path, files: dict[str, str], console: Console) -> None:
+def _print(outcome: CommissionOutcome, out: Path, files: dict[str, str], console: Console) -> None:
     from sim.commission.report import person, verdict
 
     for line in verdict(outcome):

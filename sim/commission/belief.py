@@ -40,7 +40,7 @@ COMPASS_RAD = np.radians(3.0)
 
 
 @dataclass(frozen=True)
-class Belief:
+class BoatBelief:
     """What is believed.
 
     first    the file that commissioning began with, thrusters as they are connected: the prior of all fits
@@ -61,7 +61,7 @@ class Belief:
     logs: tuple[NamedLog, ...] = ()
 
     @classmethod
-    def beginning(cls, first: VesselFile) -> Belief:
+    def beginning(cls, first: VesselFile) -> BoatBelief:
         """Before any log."""
         return cls(first, first, Knowledge.prior(first, UNMEASURED))
 
@@ -87,11 +87,11 @@ class Belief:
 
 def learned(
     first: VesselFile, logs: Sequence[NamedLog], date: str, say: Callable[[str], None] = lambda _text: None
-) -> Belief:
+) -> BoatBelief:
     """The belief by `first`, as it was given, and all logs. `date`: for the file's `source` keys."""
     say("signs and sides")
     found = checked(logs, (), first)
-    begun = replaced(Belief.beginning(found.vessel), wiring=found.wiring, logs=found.logs)
+    begun = replaced(BoatBelief.beginning(found.vessel), wiring=found.wiring, logs=found.logs)
     say("fit")
     try:
         fit, logs = _fitted(found.logs, found.vessel)

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
-from sim.commission.belief import Belief
+from sim.commission.belief import BoatBelief
 from sim.fitting.diagnose.job import diagnose
 from sim.fitting.engine.split import LEAST_FIT_S
 
@@ -29,7 +29,7 @@ class Causes:
     vessel: VesselFile | None
 
 
-def causes(belief: Belief, proof: Run) -> Causes:
+def causes(belief: BoatBelief, proof: Run) -> Causes:
     """Diagnose the logs of the belief, judged on the proof. Raises ValueError naming a log that cannot be used."""
     runs = [log.run for log in belief.logs if log.run.table["t_s"].to_numpy()[-1] >= LEAST_FIT_S]
     found = diagnose(runs, belief.vessel, held_out=[proof], adequacy=None, identifiability=None)

@@ -27,10 +27,10 @@ from companion.core.model.vessel_text import vessel_toml
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import Run, RunError
-from sim.commission.belief import Belief, learned
+from sim.commission.belief import BoatBelief, learned
 from sim.commission.boats import Boat
 from sim.commission.causes import Causes, causes
-from sim.commission.journal import INTERRUPTED, LOG, FlightRecord, Journal, stage_of
+from sim.commission.journal import INTERRUPTED, LOG, FlightJournal, FlightRecord, stage_of
 from sim.commission.proof import Proof, driven, proof
 from sim.commission.stages import PROVEN, SIGNS, STAGES, Stage, propose
 from sim.fitting.engine.split import NamedLog
@@ -47,7 +47,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Task:
+class CommissionTask:
     """What to commission: texts of the files, the first vessel and site as read, the manoeuvres, and the time there is.
 
     `points`: the mission's waypoints, north and east [m].
@@ -63,14 +63,14 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CommissionOutcome:
     """How it ended. `vessel`: the file to drive with; `reached`: it has been proven; `why`: why not.
 
     over     of each stage, why it was over
     causes   what the diagnosis found, in sentences
     """
 
-    belief: Belief
+    belief: BoatBelief
     vessel: VesselFile
     reached: bool
     why: str = ""
@@ -87,14 +87,16 @@ class NotFlownError(Exception):
 class Commissioning:
     """One commissioning in a folder. `say`: a line to keep; `status`: what it is at just now."""
 
-    def __init__(self, task: Task, boat: Boat, journal: Journal, say: Say, status: Say = lambda _text: None):
+    def __init__(
+        self, task: CommissionTask, boat: Boat, journal: FlightJournal, say: Say, status: Say = lambda _text: None
+    ):
         self.task, self.boat, self.journal, self._say, self._status = task, boat, journal, say, status
         self._over: dict[str, str] = {}
 
-    def run(self) -> Outcome:
+    def run(self) -> CommissionOutcome:
         """All stages, from where the folder is; the outcome. Raises OSError."""
         self._close_interrupted()
-        belief = self._learn() if self._logs() else Belief.beginning(self.task.vessel)
+        belief = self._learn() if self._logs() else BoatBelief.beginning(self.task.vessel)
         for stage in STAGES:
             try:
                 belief = self._stage(stage, belief)
@@ -107,7 +109,7 @@ class Commissioning:
             return self._outcome(belief, belief.first, False, f"no fit: {belief.problem or 'nothing was flown'}")
         return self._proven(belief)
 
-    def _stage(self, stage: Stage, belief: Belief) -> Belief:
+    def _stage(self, stage: Stage, belief: BoatBelief) -> BoatBelief:
         """Fly a stage until it is over; what is believed then."""
         while True:
             flown = sum(name == stage.name and record.seconds > 0 for name, record in self._records())
@@ -137,7 +139,7 @@ class Commissioning:
             self.journal.close(folder, record)
             self._say(f"{stage.name}: {record.ending}; {'; '.join(news(before, belief))}")
 
-    def _proven(self, belief: Belief) -> Outcome:
+    def _proven(self, belief: BoatBelief) -> CommissionOutcome:
         """The file to believe, and missions with the first and with it."""
         assert belief.fit is not None
         files = {BEGINNING: belief.first, IDENTIFIED: belief.vessel}
@@ -165,7 +167,7 @@ class Commissioning:
         why = "" if reached else f"the mission did not come to its end: {last[-1].ending if last else 'not flown'}"
         return changed(self._outcome(belief, best, reached, why), proof=judged, causes=found.lines)
 
-    def _causes(self, belief: Belief, run: Run) -> Causes:
+    def _causes(self, belief: BoatBelief, run: Run) -> Causes:
         """What the diagnosis finds; that it cannot be made ends nothing."""
         self._status("diagnosis")
         try:
@@ -194,7 +196,7 @@ class Commissioning:
         )
         return record, folder
 
-    def _learn(self) -> Belief:
+    def _learn(self) -> BoatBelief:
         return learned(self.task.vessel, self._logs(), self.task.date, self._status)
 
     def _logs(self) -> list[NamedLog]:
@@ -232,15 +234,15 @@ class Commissioning:
     def _spent_s(self) -> float:
         return sum(record.seconds for _, record in self._records())
 
-    def _outcome(self, belief: Belief, vessel: VesselFile, reached: bool, why: str) -> Outcome:
-        return Outcome(belief, vessel, reached, why, over=dict(self._over), flights=tuple(self._records()))
+    def _outcome(self, belief: BoatBelief, vessel: VesselFile, reached: bool, why: str) -> CommissionOutcome:
+        return CommissionOutcome(belief, vessel, reached, why, over=dict(self._over), flights=tuple(self._records()))
 
 
-def _doubts(belief: Belief) -> str:
+def _doubts(belief: BoatBelief) -> str:
     return " ".join((*belief.wiring.lines, *belief.wiring.open_lines)) or "the logs hold too little"
 
 
-def news(before: Belief, after: Belief) -> list[str]:
+def news(before: BoatBelief, after: BoatBelief) -> list[str]:
     """What a flight told, in sentences."""
     known = {finding.name for finding in before.wiring.findings}
     lines = [f"{f.text} ({f.nats:g} nats)" for f in after.wiring.findings if f.name not in known and f.nats is not None]

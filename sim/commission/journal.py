@@ -46,7 +46,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     digest: str
 
 
-class Journal:
+class FlightJournal:
     """The folder `path`, made where it is not there. Raises ConfigError where it belongs to other files."""
 
     def __init__(self, path: Path, files: Mapping[str, str]):

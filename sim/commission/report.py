@@ -12,8 +12,8 @@ from companion.core.configuration.site_file import Site
 from companion.core.messages import StateEstimate
 from companion.logs.log_file import LogError, LogFile
 from sim.commission.belief import COMPASS_RAD, UNMEASURED
-from sim.commission.job import NEW, OLD, Outcome
-from sim.commission.journal import LOG, Journal, stage_of
+from sim.commission.job import NEW, OLD, CommissionOutcome
+from sim.commission.journal import LOG, FlightJournal, stage_of
 from sim.commission.stages import STAGES
 from sim.fitting.identify.report.tables import parameter_table
 from sim.fitting.validate.report import Section, page
@@ -21,7 +21,7 @@ from sim.fitting.validate.table import ScoreTable
 from sim.fitting.wiring.record import WiringFinding
 
 
-def verdict(outcome: Outcome) -> list[str]:
+def verdict(outcome: CommissionOutcome) -> list[str]:
     """What came of it, in sentences."""
     minutes = sum(record.seconds for _, record in outcome.flights) / 60
     lines = [f"{'Commissioned' if outcome.reached else 'Not commissioned'} after {minutes:.1f} minutes of flight."]
@@ -42,7 +42,7 @@ def verdict(outcome: Outcome) -> list[str]:
     return lines
 
 
-def person(outcome: Outcome) -> list[str]:
+def person(outcome: CommissionOutcome) -> list[str]:
     """What only a person can do, in sentences."""
     lines = [_wiring(finding) for finding in outcome.belief.wiring.findings]
     fit = outcome.belief.fit
@@ -68,7 +68,7 @@ def _wiring(finding: WiringFinding) -> str:
     return f"Look: perhaps {finding.text}{nats}."
 
 
-def stage_table(outcome: Outcome) -> ScoreTable:
+def stage_table(outcome: CommissionOutcome) -> ScoreTable:
     """A row for each stage: flights, minutes, nats, and why it was over."""
     names = [*(stage.name for stage in STAGES), OLD, NEW]
     rows = []
@@ -90,7 +90,7 @@ def stage_table(outcome: Outcome) -> ScoreTable:
     return ScoreTable(("stage", "flights", "minutes", "nats expected", "nats told", "over because"), tuple(rows))
 
 
-def tracks(journal: Journal, site: Site) -> Figure:
+def tracks(journal: FlightJournal, site: Site) -> Figure:
     """Where the boat was, by its own estimate: each stage in a colour, inside the fence."""
     figure = Figure(figsize=(7.5, 6), layout="constrained")
     axes = figure.subplots()
@@ -120,7 +120,7 @@ def _places(log: Path) -> np.ndarray:
     return np.array([(m.north_m, m.east_m) for m in estimates]).reshape(-1, 2)
 
 
-def report(outcome: Outcome, journal: Journal, site: Site, files: Mapping[str, str]) -> str:
+def report(outcome: CommissionOutcome, journal: FlightJournal, site: Site, files: Mapping[str, str]) -> str:
     """The page, as text. `files`: what was written, by name: what it is."""
     sections = [
         Section("What came of it", tuple(verdict(outcome)), look=not outcome.reached),

@@ -22,7 +22,7 @@ from msgspec.structs import replace
 from companion.core.configuration.site_file import Site
 from companion.core.excitation.file import Excitation, Idle, Multisine, Pulses, Segment, Zigzag
 from companion.core.excitation.signal import axis_reach
-from sim.commission.belief import CARE, Belief
+from sim.commission.belief import CARE, BoatBelief
 from sim.fitting.engine.parameters import HULL
 from sim.fitting.excite.design import CandidateManoeuvre, candidates, choose, gain_nats
 from sim.fitting.excite.information import Knowledge
@@ -82,7 +82,7 @@ class Proposal:
 
 def propose(
     stage: Stage,
-    belief: Belief,
+    belief: BoatBelief,
     library: Excitation,
     site: Site,
     left_s: float,
@@ -103,7 +103,7 @@ def propose(
     return _most_informative(stage, belief, library, site, left_s, yielded, say)
 
 
-def _pulses(belief: Belief, library: Excitation, flown: int, left_s: float) -> Proposal:
+def _pulses(belief: BoatBelief, library: Excitation, flown: int, left_s: float) -> Proposal:
     if belief.signs_known and flown >= CONFIRMED:
         return Proposal(None, why="signs and sides are known")
     if flown >= len(PULSE_S):
@@ -130,7 +130,7 @@ def _pulses(belief: Belief, library: Excitation, flown: int, left_s: float) -> P
     return Proposal(plan, minutes=seconds / 60)
 
 
-def _proof(belief: Belief, library: Excitation) -> Proposal:
+def _proof(belief: BoatBelief, library: Excitation) -> Proposal:
     sideways = axis_reach(belief.vessel)[1].min() > 0
     own = (scaled(s, belief) for s in library.segments if s.name in PROOF)
     segments = tuple(replace(s, Y=0.0) if isinstance(s, Multisine) and not sideways else s for s in own)
@@ -139,7 +139,7 @@ def _proof(belief: Belief, library: Excitation) -> Proposal:
 
 def _most_informative(
     stage: Stage,
-    belief: Belief,
+    belief: BoatBelief,
     library: Excitation,
     site: Site,
     left_s: float,
@@ -168,12 +168,12 @@ def _told(known: Knowledge, chosen: Sequence[CandidateManoeuvre], about: np.ndar
     return gain_nats(known, after, about), sum(one.duration_s for one in chosen)
 
 
-def careful(library: Excitation, belief: Belief) -> Excitation:
+def careful(library: Excitation, belief: BoatBelief) -> Excitation:
     """The library with the caution that the belief asks for."""
     return replace(library, caution=belief.caution)
 
 
-def scaled(segment: Segment, belief: Belief) -> Segment:
+def scaled(segment: Segment, belief: BoatBelief) -> Segment:
     """The segment as strong as the belief permits: whole where the file is right, weaker where it may be off."""
     share = CARE[0] / belief.caution
     if isinstance(segment, Idle):

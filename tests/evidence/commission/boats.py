@@ -18,8 +18,8 @@ from companion.core.messages import GroundTruth
 from companion.core.model.vessel_text import vessel_toml
 from companion.logs.log_file import LogFile
 from sim.commission.boats import SimulatedBoat
-from sim.commission.job import NEW, OLD, Commissioning, Outcome, Task
-from sim.commission.journal import TRUTH, Journal
+from sim.commission.job import NEW, OLD, Commissioning, CommissionOutcome, CommissionTask
+from sim.commission.journal import TRUTH, FlightJournal
 from sim.studies.driving.identified import BelievedModel, Driven, missions
 from sim.world.world import WorldSetup
 from tests.evidence.commission.draw import DrawnBoat, drawn
@@ -37,7 +37,7 @@ class Commissioned:
     """One boat: how it ended, its mission with the true and with the new file, and the least room it ever had [m]."""
 
     boat: DrawnBoat
-    outcome: Outcome
+    outcome: CommissionOutcome
     true: list[Driven]
     first: list[Driven]
     new: list[Driven]
@@ -67,7 +67,7 @@ def commissioned(seed: int, folder: Path) -> Commissioned:
     settings, boat = setup.pilot, drawn(seed, setup.pilot.vessel)
     library = EXAMPLES / "excitations" / "library.toml"
     files = {**setup.files, "vessel.toml": vessel_toml(boat.first)}
-    task = Task(
+    task = CommissionTask(
         files=files,
         vessel=boat.first,
         site=settings.site,
@@ -78,7 +78,7 @@ def commissioned(seed: int, folder: Path) -> Commissioned:
     )
     north_m, east_m = map(float, Pen(settings.site).middle)
     world = WorldSetup(boat.true, settings.site, start=(north_m, east_m, 0.5), weather=boat.weather)
-    outcome = Commissioning(task, SimulatedBoat(world, seed), Journal(folder, files), lambda _text: None).run()
+    outcome = Commissioning(task, SimulatedBoat(world, seed), FlightJournal(folder, files), lambda _text: None).run()
 
     def drive(name: str, vessel: VesselFile) -> list[Driven]:
         return missions(boat.true, BelievedModel(name, vessel), settings, SEEDS, weather=boat.weather)

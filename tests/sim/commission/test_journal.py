@@ -3,7 +3,7 @@
 import pytest
 
 from companion.core.configuration.tables import ConfigError
-from sim.commission.journal import FlightRecord, Journal, stage_of
+from sim.commission.journal import FlightJournal, FlightRecord, stage_of
 
 FILES = {"vessel.toml": "a", "site.toml": "b"}
 
@@ -13,23 +13,23 @@ def record(stage: str) -> FlightRecord:
 
 
 def test_flights_come_back_in_order_with_what_was_written_of_them(tmp_path):
-    journal = Journal(tmp_path / "new", FILES)
+    journal = FlightJournal(tmp_path / "new", FILES)
     first, second = journal.begin("signs", {"vessel.toml": "v"}), journal.begin("hull", {})
     journal.close(first, record("signs"))
-    again = Journal(tmp_path / "new", FILES)
+    again = FlightJournal(tmp_path / "new", FILES)
     assert again.flights() == [first, second] and [stage_of(f) for f in (first, second)] == ["signs", "hull"]
     assert again.record(first) == record("signs") and again.record(second) is None
     assert (first / "vessel.toml").read_text() == "v" and (tmp_path / "new" / "vessel.toml").read_text() == "a"
 
 
 def test_another_boat_in_the_same_folder_is_refused_by_name(tmp_path):
-    Journal(tmp_path / "one", FILES)
+    FlightJournal(tmp_path / "one", FILES)
     with pytest.raises(ConfigError, match=r"one: was begun with another vessel"):
-        Journal(tmp_path / "one", {**FILES, "vessel.toml": "c"})
+        FlightJournal(tmp_path / "one", {**FILES, "vessel.toml": "c"})
 
 
 def test_a_folder_with_other_things_is_left_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigError, match="no commissioning"):
-        Journal(tmp_path, FILES)
+        FlightJournal(tmp_path, FILES)
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]

@@ -6,25 +6,25 @@ from msgspec.structs import replace
 
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core.excitation.file import Multisine, Pulses, Steps, excitation_toml, load_excitation
-from sim.commission.belief import CARE, Belief, with_compass
+from sim.commission.belief import CARE, BoatBelief, with_compass
 from sim.commission.stages import PROVEN, PULSE_S, SIGNS, STAGES, propose, scaled
 from sim.fitting.excite.information import Knowledge
 from sim.fitting.wiring.record import WiringFinding, WiringReport
 
 SETUP = load_setup(EXAMPLES / "aritra.toml").pilot
 LIBRARY = load_excitation((EXAMPLES / "excitations" / "library.toml").read_text(encoding="utf-8"), name="library")
-FIRST = Belief.beginning(SETUP.vessel)
+FIRST = BoatBelief.beginning(SETUP.vessel)
 HULL = next(stage for stage in STAGES if stage.name == "hull")
 
 
-def with_wiring(report: WiringReport) -> Belief:
-    return Belief(FIRST.first, FIRST.vessel, FIRST.known, report)
+def with_wiring(report: WiringReport) -> BoatBelief:
+    return BoatBelief(FIRST.first, FIRST.vessel, FIRST.known, report)
 
 
-def certain(sigma: float) -> Belief:
+def certain(sigma: float) -> BoatBelief:
     """A belief whose every parameter is known to `sigma` of its prior."""
     known = Knowledge(FIRST.vessel, FIRST.known.precision / sigma**2, FIRST.known.w, FIRST.known.settings)
-    return Belief(FIRST.first, FIRST.vessel, known, WiringReport(logs=1))
+    return BoatBelief(FIRST.first, FIRST.vessel, known, WiringReport(logs=1))
 
 
 def asked(stage, belief, *, left_s=600.0, flown=0, yielded=1.0):
@@ -89,11 +89,11 @@ def test_a_stage_ends_where_a_minute_tells_too_little_and_says_how_little():
 
 def test_the_proof_of_a_boat_that_cannot_push_sideways_does_not_ask_it_to():
     two = tuple(replace(t, azimuth_deg=0.0) for t in SETUP.vessel.thrusters[:2])
-    boat = Belief.beginning(replace(SETUP.vessel, thrusters=two))
+    boat = BoatBelief.beginning(replace(SETUP.vessel, thrusters=two))
     assert sideways_share(boat) == 0.0 and sideways_share(FIRST) > 0.0
 
 
-def sideways_share(belief: Belief) -> float:
+def sideways_share(belief: BoatBelief) -> float:
     plan = asked(PROVEN, belief).plan
     assert plan is not None
     (multisine,) = (s for s in plan.segments if isinstance(s, Multisine))

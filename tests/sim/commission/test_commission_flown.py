@@ -50,6 +50,7 @@ def unlike(vessel: VesselFile) -> VesselFile:
     return replace(vessel, thrusters=(replace(weak, gain=0.7 * weak.gain), *rest), sensors=sensors)
 
 
+@pytest.mark.long
 @pytest.mark.matrix
 def test_a_killed_commissioning_goes_on_and_drives_the_mission_with_what_it_found(tmp_path):
     settings = SETUP.pilot

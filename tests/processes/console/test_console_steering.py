@@ -96,10 +96,11 @@ def test_another_page_takes_the_sticks_away_and_an_order_does(page, boat, consol
     other = opened(browser, console)
     take(other)
     page.wait(SAID.format("Another page has taken the sticks"))
-    assert page.page.evaluate("aritra.steering.boat") is None
+    page.wait("aritra.steering.boat === null")
     page.page.keyboard.press("F9")
     other.wait("aritra.steering.boat === null")
-    assert other.text("#steer-says").startswith("stop was given") and other.unexpected() == []
+    other.wait("document.querySelector('#steer-says').textContent.startsWith('stop was given')")
+    assert other.unexpected() == []
     other.context.close()
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,18 +15,18 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
+from companion.boat.load_run import EXAMPLES, RunSetup
 from companion.cli.analysis import now_utc, one_thread, refuse
 from companion.cli.boat.wires import add_wires
 from companion.cli.options.files import excitation_file, mission_file, run_file, site_file, text_of, vessel_file
 from companion.cli.options.outputs import add_out
+from companion.cli.options.setup import setup_instead
 from companion.cli.options.values import number
 from companion.cli.simulator.world_options import add_world_arguments, world_setup
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import load_excitation
 from companion.core.excitation.pen import Pen
-from companion.core.model.actuators.propulsion import only_fixed
 
 if TYPE_CHECKING:
     from sim.commission.boats import Boat
@@ -79,7 +80,7 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     console = console or Console()
     setup = _setup(args)
     task = CommissionTask(
-        files=setup.files,
+        files={**setup.files, "run.toml": _beside(setup.files["run.toml"], setup.files)},
         vessel=setup.pilot.vessel,
         site=setup.pilot.site,
         points=tuple(setup.pilot.mission.path.points),
@@ -116,19 +117,11 @@ def _carried_out(task: CommissionTask, boat: Boat, journal: FlightJournal, conso
 
 def _setup(args: argparse.Namespace) -> RunSetup:
     """The run file's setup with the files of the command line, without an excitation. Raises ConfigError."""
-    setup = load_setup(args.config, mission=args.mission)
-    texts = {name: text for name, text in setup.files.items() if name != "excitation.toml"}
-    names = {name: f"{args.config}: {name}" for name in texts}
-    for role, path in (("vessel.toml", args.vessel), ("site.toml", args.site)):
-        if path:
-            texts[role], names[role] = text_of(path), str(path)
-    texts["run.toml"] = _beside(texts["run.toml"], texts)
-    setup = setup_of(texts, names)
-    only_fixed(setup.pilot.vessel, names["vessel.toml"], "commissioning")
-    return setup
+    instead = {"vessel.toml": args.vessel, "site.toml": args.site}
+    return setup_instead(args.config, instead, "commissioning", mission=args.mission)
 
 
-def _beside(run: str, files: dict[str, str]) -> str:
+def _beside(run: str, files: Mapping[str, str]) -> str:
     """The run file with the names that its files have in the folder of a flight."""
     (mission,) = (name for name in files if name.startswith("mission"))
     new = {"vessel": "vessel.toml", "site": "site.toml", "mission": mission}
@@ -158,8 +151,8 @@ def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
 def _write(outcome: CommissionOutcome, out: Path, journal: FlightJournal, site: Site) -> dict[str, str]:
     """Vessel file and report; name -> what it is."""
     from companion.core.model.vessel_text import vessel_toml
-    from sim.commission.journal import write_whole
     from sim.commission.report import report
+    from sim.whole_file import write_whole
 
     files = {REPORT: "this page"}
     if outcome.belief.fit is not None:

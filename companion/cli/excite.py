@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
+from companion.boat.load_run import EXAMPLES, RunSetup
 from companion.cli.options.files import any_log, excitation_file, run_file, site_file, text_of, vessel_file
 from companion.cli.options.outputs import add_out, new_file, new_in_folder, picture
+from companion.cli.options.setup import setup_instead
 from companion.cli.options.values import number
 from companion.cli.simulator.world_options import add_world_arguments
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Excitation, excitation_toml, load_excitation
 from companion.core.excitation.pen import Pen
-from companion.core.model.actuators.propulsion import only_fixed
 from companion.logs.log_file import LogError
 
 if TYPE_CHECKING:
@@ -232,15 +232,8 @@ def fly(args: argparse.Namespace, console: Console) -> int:
 
 def _setup(args: argparse.Namespace, plan: Path | None = None) -> RunSetup:
     """The run file's setup with the vessel, site and plan of the command line. Raises ConfigError."""
-    setup = load_setup(args.config)
-    texts = {name: text for name, text in setup.files.items() if name != "excitation.toml"}
-    names = {name: f"{args.config}: {name}" for name in texts}
-    for role, path in (("vessel.toml", args.vessel), ("site.toml", args.site), ("excitation.toml", plan)):
-        if path:
-            texts[role], names[role] = text_of(path), str(path)
-    setup = setup_of(texts, names)
-    only_fixed(setup.pilot.vessel, names["vessel.toml"], "excitations")
-    return setup
+    instead = {"vessel.toml": args.vessel, "site.toml": args.site, "excitation.toml": plan}
+    return setup_instead(args.config, instead, "excitations")
 
 
 def _planned(setup: RunSetup) -> Excitation:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from sim.campaign.journal import Journal
 from sim.campaign.report import summary
 from sim.campaign.runners.job import CaseOutcome, Runner
 from sim.campaign.tables import REPORT, outputs
+from sim.whole_file import write_whole
 
 
 def to_do(cases: Sequence[Case], journal: Journal, retry: bool) -> list[Case]:
@@ -36,7 +36,5 @@ def write(
     files = outputs(cases, journal.outcomes)
     files[REPORT] = summary(inputs, cases, journal.outcomes, program).encode()
     for name, data in files.items():
-        part = folder / f"{name}.part"
-        part.write_bytes(data)
-        os.replace(part, folder / name)
+        write_whole(folder / name, data)
     return files

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
-from msgspec.structs import replace
 
 from companion.boat.load_run import RunSetup, setup_of
-from companion.core.control.nmpc import Actuation, Nmpc
+from companion.core.control.nmpc import Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
-from companion.core.model.manoeuvring import StructuredModel
 from companion.core.pilot.pilot import Pilot
-from companion.jit import CodeStore, compile_loops
 from sim.campaign.case_files import CaseSetup
 from sim.campaign.file import Missions
 from sim.campaign.runners.job import Figure
 from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun
+from sim.world.stepped_controller import stepped_controller
 from sim.world.world import World, WorldSetup
 
-PATIENT_S = 60.0
-"""Time of IPOPT's rescue: it must end by iterations, which are the same everywhere, not by the wall clock."""
 KEPT = 2
 """Boats whose compiled pilot and NMPC a worker keeps; they take some 100 MB each; assumed."""
 JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_rmse_m", "u_rmse_m_s", "v_rmse_m_s",
@@ -95,7 +91,4 @@ def _judged(track: TrueTrack, points: np.ndarray, station_s: float) -> dict[str,
 def _mind(files: tuple[tuple[str, str], ...]) -> tuple[Pilot, Nmpc]:
     """Pilot and NMPC of a setup: compiled once in each worker, machine code kept on disk."""
     settings = setup_of(dict(files), {name: name for name, _ in files}).pilot
-    patient = replace(settings.nmpc, rescue_time_s=PATIENT_S)
-    model, actuation = StructuredModel.of(settings.vessel), Actuation.of(settings.vessel)
-    compiler = partial(compile_loops, store=CodeStore.of())
-    return Pilot(settings), Nmpc(model, actuation, patient, lambda: 0.0, settings.fence, compiler)
+    return Pilot(settings), stepped_controller(settings)

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.logs.runs.run import Run
+from sim.fitting.diagnose.selection.false_tilt import TILT, without_tilt
 from sim.fitting.engine.free_parameters import PriorSigmas
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.engine.windows import StructuredFitError
@@ -33,8 +33,8 @@ UNMEASURED = FitSettings(
 """Priors of a file that knows the length and the thrusters' places only; assumed."""
 CARE = (1.5, 2.5)
 """Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
-TILT, TRIAL = ("phi_rad", "theta_rad"), 12
-"""Columns that level accelerometers, and the steps of the fit that tries them; assumed."""
+TRIAL = 12
+"""Steps of the fit that tries accelerometers levelled by roll and pitch; assumed."""
 COMPASS_RAD = np.radians(3.0)
 """A heading that is off by less is within what compasses do; assumed."""
 
@@ -109,7 +109,7 @@ def _fitted(logs: Sequence[NamedLog], vessel: VesselFile) -> tuple[FitResult, tu
     The roll and pitch of an autopilot without GPS follow its own acceleration (docs/sitl.md): levelled by them,
     accelerometers lose what they should show.
     """
-    bare = tuple(NamedLog(log.name, Run(log.run.table.drop(TILT, strict=False), log.run.meta)) for log in logs)
+    bare = tuple(NamedLog(log.name, without_tilt(log.run)) for log in logs)
     fit = fit_structured([log.run for log in bare], vessel, UNMEASURED)
     if any(set(TILT) <= set(log.run.table.columns) for log in logs):
         trial = fit_structured([log.run for log in logs], vessel, replaced(UNMEASURED, iterations=TRIAL))

@@ -11,26 +11,21 @@ import signal
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Protocol
 
 import numpy as np
-from msgspec.structs import replace as replaced
 
-from companion.boat.load_run import RunSetup, setup_of
-from companion.boat.recorder import Recorder
-from companion.core.control.nmpc import Actuation, Nmpc
+from companion.boat.load_run import setup_of
 from companion.core.excitation.pen import Pen
-from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference, SolveRequest
-from companion.core.model.manoeuvring import StructuredModel
+from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference
 from companion.core.pilot.pilot import Pilot
-from companion.jit import CodeStore, compile_loops
 from companion.logs.log_file import LogError, LogFile
-from companion.logs.metadata import log_metadata
 from companion.python_child import aritra
-from sim.commission.journal import LOG, TRUTH
+from sim.commission.journal import LOG
 from sim.world.stepped import SteppedRun
+from sim.world.stepped_controller import no_plan, stepped_controller
+from sim.world.stepped_logs import TRUTH, SteppedLogs
 from sim.world.world import World, WorldSetup
 
 STEP_S = 1.0
@@ -40,8 +35,7 @@ LIMIT_S = 900.0
 STATION_S, ARRIVED = 10.0, ("station", "done")
 """How long a mission goes on at its end, and the phases of guidance that are its end."""
 NEAR_M = 4.0
-PATIENT_S = 60.0
-"""Time of the controller's rescue where the clock is stepped: its iterations end it, on every computer alike."""
+"""Clearance from which on somebody brings the simulated boat back; assumed."""
 Say = Callable[[str], None]
 
 
@@ -78,13 +72,14 @@ class SimulatedBoat:
         world = replace(self.world, start=self._start(folder.parent))
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
-        solve = _no_plan if excite else _controller(setup).solve
+        solve = no_plan if excite else stepped_controller(setup.pilot).solve
         run = SteppedRun(World(world, 1000 * self.seed + number), pilot, solve, begin="excite" if excite else "start")
-        with _Logs(folder, setup) as logs:
-            started = False
+        with SteppedLogs(folder, setup) as logs:
+            started, recorded = False, 0
             while run.world.t_ns < LIMIT_S * 1e9:
                 run.run(lambda _run: False, STEP_S)
-                logs.take(run)
+                logs.take(run.messages[recorded:], run.world.t_ns)
+                recorded = len(run.messages)
                 say(f"{run.world.t_ns * 1e-9:.0f} s")
                 helm = run.state.helm
                 started = started or helm.driving
@@ -124,38 +119,15 @@ class RealBoat:
         return Flown(done, ending)
 
 
-class _Logs:
-    """run.mcap and truth.mcap of a stepped run, written as it goes."""
-
-    def __init__(self, folder: Path, setup: RunSetup):
-        self._seen, self._t_ns = 0, 0
-        metadata = log_metadata(setup.pilot.vessel.name, setup.files)
-        files = {name: text.encode() for name, text in setup.files.items()}
-        make = partial(Recorder, metadata=metadata, now_ns=lambda: self._t_ns, wall_offset_ns=0, background=False)
-        self._run, self._truth = make(folder / LOG, attachments=files), make(folder / TRUTH)
-
-    def __enter__(self) -> _Logs:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._run.close()
-        self._truth.close()
-
-    def take(self, run: SteppedRun) -> None:
-        """Record what is new, and put it on the disk."""
-        new = run.messages[self._seen :]
-        self._seen, self._t_ns = len(run.messages), run.world.t_ns
-        for message in new:
-            (self._truth if isinstance(message, GroundTruth) else self._run).record(message)
-        self._run.sync()
-        self._truth.sync()
-
-
 def _settled(run: SteppedRun) -> bool:
     """Whether the mission has been over for a while; not every boat can keep station."""
-    arrived = [m.t_ns for m in run.of(GuidanceReference)[-1:] if m.phase in ARRIVED]
-    first = next((m.t_ns for m in run.of(GuidanceReference) if m.phase in ARRIVED), None) if arrived else None
-    return first is not None and arrived[0] - first > STATION_S * 1e9
+    references = run.of(GuidanceReference)
+    first = next((m for m in references if m.phase in ARRIVED), None)
+    return first is not None and references[-1].phase in ARRIVED and _since_s(first, references[-1]) > STATION_S
+
+
+def _since_s(first: GuidanceReference, last: GuidanceReference) -> float:
+    return (last.t_ns - first.t_ns) * 1e-9
 
 
 def _is_done(log: Path) -> bool:
@@ -168,17 +140,6 @@ def _is_done(log: Path) -> bool:
             elif isinstance(message, GuidanceReference):
                 guided.append(message.phase)
     return flown[-1] == "done" or (len(flown) == 1 and guided[-1] in ARRIVED)
-
-
-def _controller(setup: RunSetup) -> Nmpc:
-    settings = setup.pilot
-    model, actuation = StructuredModel.of(settings.vessel), Actuation.of(settings.vessel)
-    patient = replaced(settings.nmpc, rescue_time_s=PATIENT_S)
-    return Nmpc(model, actuation, patient, lambda: 0.0, settings.fence, partial(compile_loops, store=CodeStore.of()))
-
-
-def _no_plan(request: SolveRequest, warm: Any) -> NoReturn:
-    raise AssertionError(f"tick {request.index}: an excitation asks for no plan")
 
 
 def _last_place(folder: Path) -> tuple[float, float, float] | None:

@@ -2,9 +2,9 @@
 
     commission.json        what it is about: digest of the files that it began with
     vessel.toml site.toml ..   these files
-    01-signs/              plan.toml, vessel.toml (as believed then), run.mcap, flight.json once it has been judged
+    01-signs/              excitation.toml, vessel.toml (as believed then), run.mcap; once judged flight.json
     02-hull/  ..
-    identified.toml, report.html      at the end
+    commissioned.toml, report.html     at the end
 
 A flight without `flight.json` was under way when the program ended: what its log holds counts as flown, and the
 next is designed on what is known with it. One without a readable log has not been flown.
@@ -12,15 +12,16 @@ next is designed on what is known with it. One without a readable log has not be
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 
 from companion.core.configuration.tables import ConfigError, digest
+from sim.whole_file import write_whole
+from sim.world.stepped_logs import RUN
 
-LOG, TRUTH, RECORD, HEAD = "run.mcap", "truth.mcap", "flight.json", "commission.json"
+LOG, RECORD, HEAD = RUN, "flight.json", "commission.json"
 INTERRUPTED = "interrupted"
 
 
@@ -88,10 +89,3 @@ class FlightJournal:
 def stage_of(folder: Path) -> str:
     """Name of the stage that a flight belongs to."""
     return folder.name[3:]
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    new = path.with_name(f"{path.name}.new")
-    new.write_bytes(data)
-    os.replace(new, path)

@@ -1,7 +1,7 @@
 """Which file to believe: each predicts a manoeuvre that no fit has seen; and how a mission went by the boat's estimate.
 
 error of a file = relative error of its open-loop predictions (`sim.fitting.identify.verdict`),
-                      the day's current and wind given to all files alike
+                  the day's current and wind given to all files alike
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.verdict import relative_error
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.study import validate
+from sim.fitting.wiring.correction import Correction
 from sim.world.score import track_of, tracking
 
 HORIZON_S, STRIDE_S = 20.0, 2.0
@@ -43,13 +44,11 @@ class Proof:
 def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult) -> Proof:
     """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short."""
     heading = fit.heading_offset_rad if abs(fit.heading_offset_rad) > COMPASS_RAD else 0.0
-    straight = Run(
-        run.table.with_columns(psi_rad=(run.table["psi_rad"] - heading + np.pi) % (2 * np.pi) - np.pi), run.meta
-    )
+    straight = Correction("", "", heading=(1.0, -heading)).apply(run)
     models = [VesselSimulator(name, of_the_day(vessel, fit)) for name, vessel in files.items()]
-    noise = SmootherNoise.of(list(files.values())[-1])
+    last = list(files.values())[-1]
     held_out = [HeldOut(straight)]
-    found = validate(models, held_out, list(files.values())[-1], noise, horizon_s=HORIZON_S, stride_s=STRIDE_S)
+    found = validate(models, held_out, last, SmootherNoise.of(last), horizon_s=HORIZON_S, stride_s=STRIDE_S)
     errors = {one.name: relative_error(one, found.scores) for one in found.scores[: len(files)]}
     best = next(iter(errors))
     for name, error in errors.items():

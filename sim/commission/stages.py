@@ -56,7 +56,7 @@ class Stage:
         return np.flatnonzero([any(name.startswith(head) for head in self.about) for name in names])
 
 
-SIGNS = Stage("signs", "which thruster pushes where", most=len(PULSE_S))
+SIGNS = Stage("signs", "which thruster pushes where")
 PROVEN = Stage("proof", "a manoeuvre that no fit sees")
 STAGES = (
     SIGNS,
@@ -117,13 +117,7 @@ def _pulses(belief: BoatBelief, library: Excitation, flown: int, left_s: float) 
     )
     rounds = -(-SIGNS_PULSES // len(belief.vessel.thrusters))
     # No way back under power: until signs are known, it might be the way out.
-    plan = replace(
-        library,
-        name="signs",
-        segments=(one,) * rounds,
-        caution=CARE[1],
-        homing=False,
-    )
+    plan = replace(library, name=SIGNS.name, segments=(one,) * rounds, caution=CARE[1], homing=False)
     seconds = rounds * 2 * len(belief.vessel.thrusters) * (PULSE_S[flown] + REST_S)
     if seconds > left_s:
         return Proposal(None, why="no time left")

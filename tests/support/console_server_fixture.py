@@ -76,3 +76,15 @@ async def until(condition, seconds=10.0):
 def post(desk, body, **headers):
     told = {"Origin": desk.url} | headers
     return desk.http.post(f"{desk.url}/order", json=body, headers={k: v for k, v in told.items() if v})
+
+
+def posted(path: str, body: object, **headers: str) -> tuple[int, object]:
+    """What a console answers to `body` at `path`: status, and the JSON where it is 200, else the text."""
+
+    async def play():
+        async with serving() as desk:
+            told = {"Origin": desk.url} | headers
+            async with desk.http.post(f"{desk.url}/{path}", json=body, headers=told) as answer:
+                return answer.status, await (answer.json() if answer.status == 200 else answer.text())
+
+    return asyncio.run(play())

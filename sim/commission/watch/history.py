@@ -11,7 +11,6 @@ watch that was killed goes on where it was, a log that comes late takes its plac
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -24,6 +23,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.part import log_parts
 from sim.commission.watch.mission_fit import MissionInformation
+from sim.whole_file import write_whole
 
 VESSEL, LOGS, PROPOSED, PAGE = "vessel.toml", "logs", "proposed.toml", "history.html"
 FORMAT = 1
@@ -131,16 +131,6 @@ def file_sha256(path: Path) -> str:
     for part in log_parts(path):
         digest.update(part.read_bytes())
     return digest.hexdigest()
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """The file as a whole or not at all, also when the power fails. Raises OSError."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    with part.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
 
 
 def marked(text: str) -> str:

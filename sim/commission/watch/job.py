@@ -29,12 +29,12 @@ from sim.commission.watch.history import (
     changed_by_hand,
     file_sha256,
     marked,
-    write_whole,
 )
 from sim.commission.watch.mission_fit import boat_effects, mission_information
 from sim.commission.watch.page import history_page
 from sim.commission.watch.proposal import proposed_text
 from sim.commission.watch.sentences import when
+from sim.whole_file import write_whole
 
 UNUSABLE = (LogError, ValueError, OSError, np.linalg.LinAlgError)
 """Of a log that cannot be read or fitted: RunError, StructuredFitError and JobError are ValueErrors."""

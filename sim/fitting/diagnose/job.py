@@ -35,7 +35,7 @@ from sim.fitting.diagnose.report.verdict import (
 from sim.fitting.diagnose.selection.adequacy import adequacy
 from sim.fitting.diagnose.selection.detectability import detection_limits
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability
-from sim.fitting.diagnose.selection.false_tilt import tilt_is_false, tilt_problems
+from sim.fitting.diagnose.selection.false_tilt import tilt_is_false, tilt_problems, without_tilt
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
 from sim.fitting.diagnose.selection.held_out_support import unsupported
@@ -50,7 +50,6 @@ from sim.fitting.wiring.thrusters import restored
 STEPS = ("reference", "base and causes", "files", "held-out logs")
 """Steps that `diagnose` reports, in this order; shares run from 0 to 1 within each."""
 WINDOW_S = 1.0
-TILT = ("phi_rad", "theta_rad")
 Progress = Callable[[str, str, float], None]
 """Report of progress: step, text, share done."""
 Effects = Callable[[VesselFile], Sequence[Effect]]
@@ -68,10 +67,7 @@ class Data:
 
     def without_tilt(self) -> Data:
         """The same without roll and pitch in any log."""
-        fitted, held_out = (
-            [Run(run.table.drop(TILT, strict=False), run.meta, run.whole) for run in runs]
-            for runs in (self.fitted, self.held_out)
-        )
+        fitted, held_out = ([without_tilt(run) for run in runs] for runs in (self.fitted, self.held_out))
         return replace(self, fitted=fitted, held_out=held_out)
 
 

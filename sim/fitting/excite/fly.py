@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
 
 import numpy as np
 
 from companion.boat.load_run import RunSetup
-from companion.boat.recorder import Recorder
 from companion.core.excitation.pen import Pen
-from companion.core.messages import Alert, ExcitationStatus, GroundTruth, Message, SolveRequest
+from companion.core.messages import Alert, ExcitationStatus, GroundTruth, Message
 from companion.core.pilot.pilot import Pilot
-from companion.logs.metadata import log_metadata
 from sim.world.stepped import SteppedRun
+from sim.world.stepped_controller import no_plan
+from sim.world.stepped_logs import RUN, TRUTH, SteppedLogs
 from sim.world.world import World, WorldSetup
 
 LIMIT_S = 7200.0
@@ -48,7 +47,7 @@ def fly(
     setup: RunSetup, world: WorldSetup, seed: int, say: Callable[[str], None] = lambda _: None, limit_s: float = LIMIT_S
 ) -> FlownExcitation:
     """Fly the setup's excitation in `world` until it is over or the boat has stopped for good."""
-    run = SteppedRun(World(world, seed), Pilot(setup.pilot), _no_plan, begin="excite")
+    run = SteppedRun(World(world, seed), Pilot(setup.pilot), no_plan, begin="excite")
     next_ns, started = 0, False
 
     def over(run: SteppedRun) -> bool:
@@ -70,10 +69,6 @@ def fly(
     return FlownExcitation(tuple(run.messages), done, ending, clearance, statuses, truths)
 
 
-def _no_plan(request: SolveRequest, warm: Any) -> NoReturn:
-    raise AssertionError(f"tick {request.index}: an excitation asks for no plan")
-
-
 def notes(flown: FlownExcitation) -> list[Alert]:
     """The alerts of the boat's program."""
     return [m for m in flown.messages if isinstance(m, Alert)]
@@ -82,16 +77,9 @@ def notes(flown: FlownExcitation) -> list[Alert]:
 def write_logs(flown: FlownExcitation, setup: RunSetup, folder: Path) -> tuple[Path, Path]:
     """run.mcap and truth.mcap into `folder`. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    run, truth = folder / "run.mcap", folder / "truth.mcap"
-    metadata = log_metadata(setup.pilot.vessel.name, setup.files)
-    last_ns = flown.messages[-1].t_ns
-    for path, wanted in ((run, False), (truth, True)):
+    run, truth = folder / RUN, folder / TRUTH
+    for path in (run, truth):
         path.unlink(missing_ok=True)
-        files = {} if wanted else {name: text.encode() for name, text in setup.files.items()}
-        with Recorder(
-            path, metadata, lambda: last_ns, wall_offset_ns=0, attachments=files, background=False
-        ) as recorder:
-            for message in flown.messages:
-                if isinstance(message, GroundTruth) == wanted:
-                    recorder.record(message)
+    with SteppedLogs(folder, setup) as logs:
+        logs.take(flown.messages, flown.messages[-1].t_ns)
     return run, truth

@@ -19,8 +19,9 @@ from companion.core.model.vessel_text import vessel_toml
 from companion.logs.log_file import LogFile
 from sim.commission.boats import SimulatedBoat
 from sim.commission.job import NEW, OLD, Commissioning, CommissionOutcome, CommissionTask
-from sim.commission.journal import TRUTH, FlightJournal
+from sim.commission.journal import FlightJournal
 from sim.studies.driving.identified import BelievedModel, Driven, missions
+from sim.world.stepped_logs import TRUTH
 from sim.world.world import WorldSetup
 from tests.evidence.commission.draw import DrawnBoat, drawn
 from tests.evidence.line import Line, at_least, at_most, exactly, information

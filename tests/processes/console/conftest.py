@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.console_fixture import KEY, chromium, served
+from tests.support.console_fixture import KEY, TapedBoat, chromium, served
 from tests.support.zenoh_fixture import free_port
 
 
@@ -16,6 +16,14 @@ def browser():
 def zenoh_port():
     """Where boats find the console."""
     return free_port()
+
+
+@pytest.fixture
+def boat(zenoh_port):
+    """A boat that keeps what it was told."""
+    made = TapedBoat(zenoh_port, "one")
+    yield made
+    made.close()
 
 
 @pytest.fixture

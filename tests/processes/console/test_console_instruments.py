@@ -6,7 +6,7 @@ import pytest
 
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import Alert
-from tests.support.console_fixture import Page, TapedBoat
+from tests.support.console_fixture import Page
 
 pytestmark = pytest.mark.alone
 
@@ -19,13 +19,6 @@ globalThis.Notification = class { constructor(title, { body }) { notes.push(body
   static permission = "granted"; static requestPermission() {} };
 """
 """What the page sounds, and what it notifies of: heard where it leaves the page."""
-
-
-@pytest.fixture
-def boat(zenoh_port):
-    made = TapedBoat(zenoh_port, "one")
-    yield made
-    made.close()
 
 
 def test_attitude_compass_and_where_on_earth_it_is(console, boat, browser):

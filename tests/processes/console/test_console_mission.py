@@ -19,13 +19,6 @@ ROWS = """[...document.querySelectorAll('#mission-list li')]
 
 
 @pytest.fixture
-def boat(zenoh_port):
-    made = TapedBoat(zenoh_port, "one")
-    yield made
-    made.close()
-
-
-@pytest.fixture
 def page(console, boat, browser):
     made = Page(browser, console)
     made.wait(READY)

@@ -7,7 +7,7 @@ from drivers.sticks.gamepad import DEAD_ZONE, EXPO
 from drivers.sticks.mapping import shaped
 from tests.evidence.friendly.driving import PAD
 from tests.processes.console.layout import SIZES, THEMES, overlaps, place, reachable, resize
-from tests.support.console_fixture import Page, TapedBoat
+from tests.support.console_fixture import Page
 
 pytestmark = pytest.mark.alone
 
@@ -15,13 +15,6 @@ READY = "!document.querySelector('#hold').disabled && aritra.map.boats.get('one'
 REST, AHEAD = "pad.moved++; pad.axes = [0, 0, 0, 0]", "pad.moved++; pad.axes = [0, -1, 0, 0]"
 PLACES = (-1.0, -0.5, -0.12, 0.0, 0.12, 0.3, 0.5, 1.0)
 SAID = "document.querySelector('#steer-says').innerText.includes('{}')"
-
-
-@pytest.fixture
-def boat(zenoh_port):
-    made = TapedBoat(zenoh_port, "one")
-    yield made
-    made.close()
 
 
 @pytest.fixture

@@ -13,8 +13,9 @@ from companion.core.model.vessel_text import vessel_toml
 from companion.logs.log_file import LogFile
 from sim.commission.boats import SimulatedBoat
 from sim.commission.job import NEW, Commissioning, CommissionTask
-from sim.commission.journal import INTERRUPTED, LOG, TRUTH, FlightJournal
+from sim.commission.journal import INTERRUPTED, LOG, FlightJournal
 from sim.world.environment import Weather
+from sim.world.stepped_logs import TRUTH
 from sim.world.world import WorldSetup
 
 SETUP = load_setup(EXAMPLES / "aritra.toml")

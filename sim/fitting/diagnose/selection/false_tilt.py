@@ -22,9 +22,16 @@ from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.windows import reads_lean
 
+TILT = ("phi_rad", "theta_rad")
+"""Columns that level accelerometers."""
 FALSE_SHARE, SURE = 0.3, 15.0
 """Least share on both axes, and over its standard error, from which roll and pitch are left out; assumed. The noise of
 a sound attitude is no tilt either, but small."""
+
+
+def without_tilt(run: Run) -> Run:
+    """The run without roll and pitch."""
+    return Run(run.table.drop(TILT, strict=False), run.meta, run.whole)
 
 
 def tilt_is_false(fit: PosteriorFit, base: CandidateModel, stated: Noise) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from companion.core.telemetry import structs as shore
 from companion.core.telemetry import topics
 from companion.core.telemetry.topics import Who
-from tests.support.console_server_fixture import serving
+from tests.support.console_server_fixture import posted, serving
 from tests.support.drive_fixture import setup
 
 ROOT = Path(__file__).resolve().parents[5]
@@ -17,13 +17,7 @@ BASIN = {"lat_deg": 12.9915, "lon_deg": 80.2337, "rotation_deg": 0.0}
 
 
 def read(body, **headers):
-    async def play():
-        async with serving() as desk:
-            told = {"Origin": desk.url} | headers
-            async with desk.http.post(f"{desk.url}/mission", json=body, headers=told) as answer:
-                return answer.status, await (answer.json() if answer.status == 200 else answer.text())
-
-    return asyncio.run(play())
+    return posted("mission", body, **headers)
 
 
 def body(name, text, origin=BASIN):

@@ -1,6 +1,5 @@
 """A fence drawn in the page: put into the site file's own text, and read by the boat's loader."""
 
-import asyncio
 import tomllib
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 from companion.core.configuration.site_file import load_site
 from companion.core.configuration.tables import ConfigError
 from companion.shore.console.files.sites import with_fence
-from tests.support.console_server_fixture import serving
+from tests.support.console_server_fixture import posted
 
 ROOT = Path(__file__).resolve().parents[5]
 SITES = sorted((ROOT / "deploy/sites").glob("*.toml"))
@@ -19,13 +18,7 @@ SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 12.5), (0.0, 12.5)]
 
 
 def asked(body, **headers):
-    async def play():
-        async with serving() as desk:
-            told = {"Origin": desk.url} | headers
-            async with desk.http.post(f"{desk.url}/site", json=body, headers=told) as answer:
-                return answer.status, await (answer.json() if answer.status == 200 else answer.text())
-
-    return asyncio.run(play())
+    return posted("site", body, **headers)
 
 
 @pytest.mark.parametrize("file", SITES, ids=lambda f: f.stem)

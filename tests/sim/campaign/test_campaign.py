@@ -114,7 +114,7 @@ def test_ctrl_c_while_a_line_is_put_on_disk_leaves_no_case_out_of_the_tables(tmp
     done = call(tmp_path / "out", campaign_file(tmp_path), pretend())
     monkeypatch.undo()
     with journal(tmp_path / "out") as kept:
-        assert len(calls) == 4 and set(done.results["case"]) == set(kept.outcomes) and len(kept.outcomes) == 3
+        assert len(calls) >= 4 and set(done.results["case"]) == set(kept.outcomes) and len(kept.outcomes) == 3
 
 
 @pytest.mark.parametrize("keep", range(1, 120, 7))

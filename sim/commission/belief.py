@@ -16,7 +16,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from sim.fitting.diagnose.selection.false_tilt import TILT, without_tilt
 from sim.fitting.engine.free_parameters import PriorSigmas
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.engine.windows import StructuredFitError
@@ -25,6 +24,7 @@ from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.wiring.check import checked
+from sim.fitting.wiring.levelling import levelled
 from sim.fitting.wiring.record import WiringReport
 
 UNMEASURED = FitSettings(
@@ -33,8 +33,6 @@ UNMEASURED = FitSettings(
 """Priors of a file that knows the length and the thrusters' places only; assumed."""
 CARE = (1.5, 2.5)
 """Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
-TRIAL = 12
-"""Steps of the fit that tries accelerometers levelled by roll and pitch; assumed."""
 COMPASS_RAD = np.radians(3.0)
 """A heading that is off by less is within what compasses do; assumed."""
 
@@ -91,36 +89,17 @@ def learned(
     """The belief by `first`, as it was given, and all logs. `date`: for the file's `source` keys."""
     say("signs and sides")
     found = checked(logs, (), first)
-    begun = replaced(BoatBelief.beginning(found.vessel), wiring=found.wiring, logs=found.logs)
+    logs = levelled(found.logs)
+    begun = replaced(BoatBelief.beginning(found.vessel), wiring=found.wiring, logs=logs)
     say("fit")
     try:
-        fit, logs = _fitted(found.logs, found.vessel)
+        fit = fit_structured([log.run for log in logs], found.vessel, UNMEASURED)
     except StructuredFitError as error:
         return replaced(begun, problem=str(error))
     vessel = identified_vessel(found.vessel, fit, date=date)
     if abs(fit.heading_offset_rad) > COMPASS_RAD:
         vessel = with_compass(vessel, fit.heading_offset_rad)
-    return replaced(begun, logs=logs, vessel=vessel, known=knowledge_of(found.vessel, vessel, fit), fit=fit)
-
-
-def _fitted(logs: Sequence[NamedLog], vessel: VesselFile) -> tuple[FitResult, tuple[NamedLog, ...]]:
-    """The fit, and the logs that it is of: levelled by roll and pitch only where accelerometers are the better for it.
-
-    The roll and pitch of an autopilot without GPS follow its own acceleration (docs/sitl.md): levelled by them,
-    accelerometers lose what they should show.
-    """
-    bare = tuple(NamedLog(log.name, without_tilt(log.run)) for log in logs)
-    fit = fit_structured([log.run for log in bare], vessel, UNMEASURED)
-    if any(set(TILT) <= set(log.run.table.columns) for log in logs):
-        trial = fit_structured([log.run for log in logs], vessel, replaced(UNMEASURED, iterations=TRIAL))
-        if _unexplained(trial) < _unexplained(fit):
-            return fit_structured([log.run for log in logs], vessel, UNMEASURED), tuple(logs)
-    return fit, bare
-
-
-def _unexplained(fit: FitResult) -> float:
-    """Product of the noises of both accelerometers, as the fit finds them."""
-    return float(np.prod([c.sigma for c in fit.channels if c.name in ("ax", "ay")]))
+    return replaced(begun, vessel=vessel, known=knowledge_of(found.vessel, vessel, fit), fit=fit)
 
 
 def with_compass(vessel: VesselFile, offset_rad: float) -> VesselFile:

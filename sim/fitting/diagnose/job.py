@@ -35,15 +35,15 @@ from sim.fitting.diagnose.report.verdict import (
 from sim.fitting.diagnose.selection.adequacy import adequacy
 from sim.fitting.diagnose.selection.detectability import detection_limits
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability
-from sim.fitting.diagnose.selection.false_tilt import tilt_is_false, tilt_problems, without_tilt
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
 from sim.fitting.diagnose.selection.held_out_support import unsupported
 from sim.fitting.diagnose.selection.search import search_causes
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
-from sim.fitting.engine.split import NamedLog, Split, split, usable
+from sim.fitting.engine.split import NamedLog, Split, usable
 from sim.fitting.engine.windows import usable_fixes
+from sim.fitting.wiring.levelling import split_levelled, unlevelled
 from sim.fitting.wiring.record import WiringReport
 from sim.fitting.wiring.thrusters import restored
 
@@ -64,11 +64,6 @@ class Data:
     fitted: list[Run]
     held_out: list[Run]
     clock: LogClock
-
-    def without_tilt(self) -> Data:
-        """The same without roll and pitch in any log."""
-        fitted, held_out = ([without_tilt(run) for run in runs] for runs in (self.fitted, self.held_out))
-        return replace(self, fitted=fitted, held_out=held_out)
 
 
 @dataclass(frozen=True)
@@ -160,14 +155,9 @@ def diagnose(
         return PosteriorFit(EffectPhysics(runs, vessel, WINDOW_S, data.clock), entries, _stated(vessel, runs, ambient))
 
     fit = fit_of(data.fitted)
-    # 2. Base refitted, causes by evidence. Roll and pitch that follow the acceleration are left out.
+    # 2. Base refitted, causes by evidence.
     say(STEPS[1], "base", 0.0)
-    base = Selector(fit).base()
-    found_false = tilt_is_false(fit, base, stated_noise(vessel, data.fitted))
-    if found_false:
-        data = data.without_tilt()
-        fit, base = fit_of(data.fitted), None
-    search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)), base)
+    search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))
     say(STEPS[1], "", 1.0)
     # 3. Verdict by the fitted logs, vessel files.
     say(STEPS[2], "refitted base", 0.0)
@@ -219,7 +209,7 @@ def diagnose(
         visible=detection_limits(fit, verdict.selection.final),
         problems={
             used.log.name: [
-                *tilt_problems(used.log.run, found_false),
+                *unlevelled(used.log.run),
                 *strange_scale(used.log.run),
                 *problems(used.log.run),
             ]
@@ -231,8 +221,11 @@ def diagnose(
 
 
 def data_of(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
-    """Split of the logs without pauses, subsampled, and the shared clock. JobError for swapped columns."""
-    whole = without_pauses(split(_logs(runs), _logs(held_out), vessel, block_s))
+    """Split of the logs without pauses, subsampled, and the shared clock. JobError for swapped columns.
+
+    Roll and pitch that follow the acceleration are left out.
+    """
+    whole = without_pauses(split_levelled(_logs(runs), _logs(held_out), vessel, block_s))
     parted, clock = subsample(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:
         reject_swapped_columns(used.log.run)

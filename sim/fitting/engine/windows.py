@@ -59,7 +59,6 @@ class Windows:
     t_s       (W, K + 1) stamps of the steps [s], on the clock of the run
     h_s       (W, K) step lengths [s], 0 beyond the end of a short window
     y         (W, K, 4) measurements in the order of `CHANNELS`, NaN where nothing was measured
-    level     (W, K, 2) gravity by roll and pitch that was taken out of a_x, a_y [m/s^2], 0 where neither was logged
     run       (W,) index of the run
     first     (W,) whether the window opens a run (then its node has a prior instead of a predecessor)
 
@@ -75,7 +74,6 @@ class Windows:
     t_s: np.ndarray
     h_s: np.ndarray
     y: np.ndarray
-    level: np.ndarray
     run: np.ndarray
     first: np.ndarray
     fixes: Fixes
@@ -149,7 +147,7 @@ def cut_windows(
 
     # 2. All windows have as many steps as the longest; beyond its end a shorter one repeats its last stamp (h = 0).
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
-    t_all, y_all, level, owner, first, spans, around = [], [], [], [], [], [], []
+    t_all, y_all, owner, first, spans, around = [], [], [], [], [], []
     for i, (t, y, starts) in enumerate(pieces):
         ends = np.append(starts[1:], len(t) - 1)
         index = np.minimum(starts[:, None] + np.arange(K + 1), ends[:, None])
@@ -159,7 +157,6 @@ def cut_windows(
         t_all.append(t[index])
         around.append(_around(t, means[i // len(offsets_s)] if means else None)[index])
         y_all.append(values)
-        level.append(np.stack(_gravity(runs[i])(t), axis=1)[index[:, :K]])
         owner += [i] * len(starts)
         first += [True] + [not tied] * (len(starts) - 1)
     t_s = np.concatenate(t_all)
@@ -167,7 +164,6 @@ def cut_windows(
         t_s=t_s,
         h_s=np.diff(t_s, axis=1),
         y=np.concatenate(y_all),
-        level=np.concatenate(level),
         run=np.array(owner),
         first=np.array(first),
         fixes=_fixes(laid),

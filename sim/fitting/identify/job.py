@@ -16,7 +16,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, smooth
-from sim.fitting.engine.split import JobError, NamedLog, Split, split
+from sim.fitting.engine.split import JobError, NamedLog, Split
 from sim.fitting.identify.chosen_fit import ChosenFit, fit_chosen
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.structured_fit import FitSettings
@@ -30,6 +30,7 @@ from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import Validation, validate
+from sim.fitting.wiring.levelling import split_levelled
 from sim.fitting.wiring.record import VESSEL, WiringReport
 
 STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
@@ -156,9 +157,10 @@ def identify(
 
     Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
-    # 1. Split the logs; nothing below looks at the held-out parts before step 4.
+    # 1. Split the logs; nothing below looks at the held-out parts before step 4. Roll and pitch that follow the
+    #    acceleration are left out.
     stamps = [Stamp("choices made, before any fit", now())]
-    division = split(logs, held_out, vessel, choices.block_s)
+    division = split_levelled(logs, held_out, vessel, choices.block_s)
     log_problems = {used.log.name: problems(used.log.run) for used in division.used}
     # 2. Smooth the fitted parts, and fit the Taylor series to their accelerations.
     noise = SmootherNoise.of(vessel)

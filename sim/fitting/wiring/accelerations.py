@@ -9,6 +9,8 @@ apart from lever arms of tag and IMU and biases of the accelerometers, which are
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from companion.core.constants import GRAVITY_M_S2
@@ -19,13 +21,30 @@ from companion.logs.runs.unwrap import integrated
 SPAN_S = 2.0  # T, at least two intervals of fixes: 0.1 m/s^2 moves a boat by 0.4 m, several sigmas of a fix
 HOLE_S = 1.5  # longest gap between samples that is interpolated
 LEAST = 20  # least number of instants t
+UNTURNED = np.eye(2)
 POOR, GOOD = 0.2, 0.4  # share explained that is too little as logged, and enough otherwise; good logs: 0.6 to 0.96
 UNITS = {"g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000, "cm/s^2": 0.01}
 UNIT_OFF = 0.3  # share by which the factor may miss that of a unit: noise of the accelerometers lowers it; assumed
 
 
-def explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, float] | None:
-    """Share of the left side's variance that accelerations explain, and their regression factor; None: too few samples.
+@dataclass(frozen=True)
+class SecondDifferences:
+    """Both sides of the equation at its instants, (2 k,), without what is free.
+
+    felt      of specific force as measured; gravity: of what roll and pitch add to it, zero without them
+    apart     how many instants are `span_s` apart on either side
+    """
+
+    moved: np.ndarray
+    felt: np.ndarray
+    gravity: np.ndarray
+    apart: float
+
+
+def second_differences(
+    run: Run, places: np.ndarray = UNTURNED, forces: np.ndarray = UNTURNED
+) -> SecondDifferences | None:
+    """Both sides of the equation for a log; None: too few samples.
 
     `places`, `forces` (2, 2): matrices that are applied to positions and to accelerations first.
     """
@@ -35,23 +54,32 @@ def explained(run: Run, places: np.ndarray, forces: np.ndarray) -> tuple[float, 
         return None
     span_s = max(SPAN_S, 2 * float(np.median(np.diff(t_fix))))
     psi = np.unwrap(imu[:, 0])
-    a = imu[:, 1:] @ forces.T + _gravity(run, t_imu)
     fixes = fixes @ places.T
-    unit = np.eye(2)
     # 1. Double integrals of R(psi) a and of unit biases in body axes; lever arms ahead and to starboard.
-    moved = [twice(t_imu, turned(psi, v)) for v in (a, *unit)]
-    arms = [turned(psi, v) for v in unit]
+    felt = [twice(t_imu, turned(psi, v)) for v in (imu[:, 1:] @ forces.T, _gravity(run, t_imu))]
+    free = [*(twice(t_imu, turned(psi, v)) for v in UNTURNED), *(turned(psi, v) for v in UNTURNED)]
     # 2. Instants t of fixes with samples throughout t - T .. t + T.
     middle = t_fix[(t_fix > max(t_fix[0], t_imu[0]) + span_s) & (t_fix < min(t_fix[-1], t_imu[-1]) - span_s)]
     middle = np.array([t for t in middle if unbroken(t_fix, t, span_s) and unbroken(t_imu, t, span_s)])
     if len(middle) < LEAST:
         return None
-    # 3. Second differences of both sides; biases and arms are projected out; regression of y on x.
+    # 3. Second differences of both sides; biases and arms are projected out.
     y = second(t_fix, fixes, middle, span_s).ravel()
-    X = np.column_stack([second(t_imu, x, middle, span_s).ravel() for x in (*moved, *arms)])
-    free = X[:, 1:]
-    rest = np.column_stack([y, X[:, 0]])
-    y, x = (rest - free @ np.linalg.lstsq(free, rest, rcond=None)[0]).T
+    X, basis = (np.column_stack([second(t_imu, x, middle, span_s).ravel() for x in some]) for some in (felt, free))
+    sides = np.column_stack([y, X])
+    moved, bare, gravity = (sides - basis @ np.linalg.lstsq(basis, sides, rcond=None)[0]).T
+    return SecondDifferences(moved, bare, gravity, float(middle[-1] - middle[0]) / (2 * span_s))
+
+
+def explained(run: Run, places: np.ndarray = UNTURNED, forces: np.ndarray = UNTURNED) -> tuple[float, float] | None:
+    """Share of the left side's variance that accelerations explain, and their regression factor; None: too few samples.
+
+    `places`, `forces`: as of `second_differences`.
+    """
+    sides = second_differences(run, places, forces)
+    if sides is None:
+        return None
+    y, x = sides.moved, sides.felt + sides.gravity
     cross, own, whole = float(x @ y), float(x @ x), float(y @ y)
     return (cross**2 / (own * whole), cross / own) if own > 0 and whole > 0 else None
 

@@ -8,6 +8,7 @@ from companion.logs.runs.problems import SLOPE_OFF, turn_ratio
 from companion.logs.runs.run import Run
 from sim.fitting.wiring.accelerations import GOOD, POOR, UNITS, explained, unit_of
 from sim.fitting.wiring.correction import IMU, Correction, scaled
+from sim.fitting.wiring.levelling import tilt_is_false, without_tilt
 from sim.fitting.wiring.record import WiringFinding
 
 CLEAR = 0.1
@@ -32,7 +33,9 @@ def imu_fault(run: Run) -> Correction | None:
     """What undoes turned or mirrored accelerations, or another unit, where positions show it clearly."""
     if not run.known("ax_m_s2") or not run.known("ay_m_s2"):
         return None
-    as_it_is = explained(run, np.eye(2), np.eye(2))
+    if tilt_is_false([run]):
+        run = without_tilt(run)
+    as_it_is = explained(run)
     if as_it_is is None:
         return None
     if unit := unit_of(*as_it_is):
@@ -41,7 +44,7 @@ def imu_fault(run: Run) -> Correction | None:
         return None
     shares = []
     for one in IMU:
-        share, factor = explained(one.apply(run), np.eye(2), np.eye(2)) or (0.0, 0.0)
+        share, factor = explained(one.apply(run)) or (0.0, 0.0)
         shares.append(share if factor > 0 else 0.0)
     order = np.argsort(shares)[::-1]
     best = IMU[order[0]]

@@ -151,7 +151,6 @@ class Scene:
     middle_s        middle of the shared clock [s]
     water           (W, k, 2) velocity of the water over ground, north and east [m/s]; None: at rest
     hull            coefficients of the hull by name with their effects applied; None: as in the vessel file
-    level           (W, k or k - 1, 2) gravity that was taken out of a_x, a_y by logged roll and pitch [m/s^2]
     """
 
     t_s: np.ndarray
@@ -163,13 +162,12 @@ class Scene:
     middle_s: float
     water: np.ndarray | None = None
     hull: Mapping[str, float] | None = None
-    level: np.ndarray | None = None
 
     def part(self, steps: int) -> Scene:
         """The same of the first `steps` instants of each window."""
         t, clock, x, nu_dot = (a[:, :steps] for a in (self.t_s, self.clock_s, self.x, self.nu_dot))
         water = None if self.water is None else self.water[:, :steps]
-        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water, self.hull, self.level)
+        return Scene(t, clock, x, nu_dot, self.log, self.centre_m, self.middle_s, water, self.hull)
 
     @property
     def north_m(self) -> np.ndarray:

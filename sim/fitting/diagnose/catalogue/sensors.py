@@ -35,13 +35,6 @@ def accelerometers(vessel: VesselFile, levelled: bool) -> Iterator[Effect]:
             yield _entry(f"lean_{name}", text, _leaning(vessel, channel, axis), {"drag": LEAN, "turning": LEAN})
 
 
-def false_tilt() -> Iterator[Effect]:
-    """How much of logged roll and pitch is no tilt, as of an AHRS that follows the boat's own acceleration."""
-    for axis, (name, channel) in enumerate((("x", SURGE), ("y", SWAY))):
-        text = f"a_{name} - share g sin(tilt), of the tilt that was logged"
-        yield _entry(f"level_{name}", text, _unlevelled(channel, axis), {"share": 1.0})
-
-
 def _entry(id: str, equation: str, hook: ImuHook, sigmas: Mapping[str, float], scales: str = "") -> Effect:
     parameters = tuple(EffectParameter(name, "1", s, s, min(s, SECANT)) for name, s in sigmas.items())
     return Effect(f"base:{id}", "base", equation, "", parameters, {"imu": hook}, scaled_reading=scales)
@@ -56,16 +49,6 @@ def _leaning(vessel: VesselFile, channel: int, axis: int) -> ImuHook:
         turning = scene.r_rad_s * (-scene.v_m_s, scene.u_m_s)[axis]
         drag = (linear + quadratic * np.abs(along)) * along / mass_kg
         out[..., channel] += p["drag"] * drag + p["turning"] * turning
-        return out
-
-    return hook
-
-
-def _unlevelled(channel: int, axis: int) -> ImuHook:
-    def hook(p: Values, scene: Scene, y: np.ndarray) -> np.ndarray:
-        out = y.copy()
-        if scene.level is not None:
-            out[..., channel] -= p["share"] * scene.level[..., axis].mean(axis=1, keepdims=True)  # not of its noise
         return out
 
     return hook

@@ -206,7 +206,7 @@ class EffectPhysics:
         w = self.windows
         water, c = state.water + self.flow, _named(state.hull if hull is None else hull)
         motion = (w.t_s, self.clock_s, state.x, state.nu_dot, w.run)
-        return Scene(*motion, self.centre_m, self.middle_s, water, c, w.level)
+        return Scene(*motion, self.centre_m, self.middle_s, water, c)
 
     def accelerations(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories, free: Sequence[Effect]

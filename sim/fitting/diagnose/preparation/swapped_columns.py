@@ -36,7 +36,7 @@ def reject_swapped_columns(run: Run) -> None:
             raise JobError(f"{name}: {problem.text}")
     if not all(run.known(c) for c in NEEDED):
         return
-    as_it_is = explained(run, np.eye(2), np.eye(2))
+    as_it_is = explained(run)
     if as_it_is is None:
         return
     share, scale = as_it_is
@@ -59,7 +59,7 @@ def reject_swapped_columns(run: Run) -> None:
 
 def strange_scale(run: Run) -> list[LogProblem]:
     """A warning where positions and accelerations differ by a factor that is no unit's, as in a log of spins alone."""
-    found = explained(run, np.eye(2), np.eye(2)) if all(run.known(c) for c in NEEDED) else None
+    found = explained(run) if all(run.known(c) for c in NEEDED) else None
     if found is None or found[0] < GOOD or SCALE[0] <= found[1] <= SCALE[1] or found[1] <= 0:
         return []
     text = (

@@ -13,7 +13,6 @@ from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES, e
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.greedy_selection import Progress, Selection, Selector
-from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.stochastic_effects import StochasticCause, has_accelerations, nlos_cause, stochastic_causes
 
 
@@ -63,7 +62,6 @@ def search_causes(
     without: Sequence[str] = (),
     known_causes: Sequence[str] = (),
     say: Progress = lambda _text, _share: None,
-    base: CandidateModel | None = None,
 ) -> SearchResult:
     """All causes that can be named from the logs of `fit`. `without`: names of stochastic causes not to test.
 
@@ -72,7 +70,7 @@ def search_causes(
     """
     selector = Selector(fit, say)
     entry_names = _entries(fit, known_causes)
-    base = base or selector.base()
+    base = selector.base()
     if not has_accelerations(base) and (
         blind := [name for name in known_causes if name in (WAVES.name, GUSTY_WIND.name)]
     ):

@@ -1,4 +1,4 @@
-"""Roll and pitch that follow the acceleration, or are not logged, level nothing and make no cause. Seed 21."""
+"""Without roll and pitch, what a boat reads of its leaning makes no cause. Seed 21."""
 
 from types import SimpleNamespace
 
@@ -13,20 +13,10 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import UNKNOWN_LEAN, dependence, stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection import held_out_support
-from sim.fitting.diagnose.selection.false_tilt import tilt_is_false
 from sim.fitting.diagnose.selection.greedy_selection import Selector
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short
 
-G, AHRS_S, LEAN = 9.81, 5.0, 0.15
-
-
-def followed(run: Run) -> Run:
-    """`run` whose AHRS takes the specific force for gravity, with a time constant of `AHRS_S`."""
-    known = run.table.drop_nulls("ax_m_s2")
-    share = 1 - np.exp(-known["t_s"].diff().median() / AHRS_S)
-    late = {c: lfilter([share], [1, share - 1], known[c].to_numpy()) / G for c in ("ax_m_s2", "ay_m_s2")}
-    tilt = known.select("t_s").with_columns(theta_rad=pl.Series(late["ax_m_s2"]), phi_rad=-pl.Series(late["ay_m_s2"]))
-    return Run(run.table.drop("phi_rad", "theta_rad").join(tilt, on="t_s", how="left"), run.meta)
+LEAN = 0.15
 
 
 def leaning(run: Run) -> Run:
@@ -37,13 +27,6 @@ def leaning(run: Run) -> Run:
 
 def fit_of(run: Run) -> PosteriorFit:
     return PosteriorFit(EffectPhysics([run], VESSEL, 1.0), catalogue(VESSEL, [run]), stated_noise(VESSEL, [run]))
-
-
-@pytest.mark.parametrize(("changed", "false"), [(lambda run: run, False), (followed, True)], ids=["true", "followed"])
-def test_an_ahrs_that_follows_the_acceleration_is_told_from_a_true_one(changed, false):
-    fit = fit_of(changed(short(seconds=120.0)))
-    stated = fit.noise
-    assert tilt_is_false(fit, Selector(fit).base(), stated) is false
 
 
 def test_without_roll_and_pitch_lean_is_free_and_no_cause_and_accelerometers_count_for_little():

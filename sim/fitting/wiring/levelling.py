@@ -1,0 +1,79 @@
+"""Do logged roll and pitch level the accelerometers, or follow the boat's own acceleration?
+
+An AHRS without GPS takes part of the specific force for gravity (docs/sitl.md). Levelled by it, accelerometers lose
+just what they should show: a fit finds ten times their noise, or none at all. Positions tell, without a model:
+
+    nats = n / 2 log(S_levelled / S_bare)
+
+S: sum of squares that accelerations, levelled and as measured, leave of second differences of positions
+(`accelerations`); n: those that do not overlap, in two axes. Over all logs of a boat, for its AHRS is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import LogProblem, Run
+from sim.fitting.engine.split import NamedLog, Split, split
+from sim.fitting.engine.windows import reads_lean
+from sim.fitting.wiring.accelerations import second_differences
+from sim.fitting.wiring.record import SURE_NATS
+
+TILT = ("phi_rad", "theta_rad")
+"""Columns that level accelerometers."""
+NEEDED = (*TILT, "psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
+LEFT_OUT = LogProblem(
+    kind="left out",
+    text="roll and pitch follow the boat's own acceleration, as of an AHRS without GPS: accelerometers are taken as "
+    "they are, without them",
+)
+
+
+def without_tilt(run: Run) -> Run:
+    """The run without roll and pitch, and a note that says so."""
+    notes = tuple(dict.fromkeys((*run.meta.notes, LEFT_OUT)))
+    return Run(run.table.drop(TILT, strict=False), replace(run.meta, notes=notes), run.whole)
+
+
+def split_levelled(
+    logs: Sequence[NamedLog], held_out: Sequence[NamedLog], vessel: VesselFile, block_s: float | None = None
+) -> Split:
+    """`split`, without roll and pitch in any log where the fitted parts say that they are no tilt."""
+    division = split(logs, held_out, vessel, block_s)
+    return split(_bare(logs), _bare(held_out), vessel, block_s) if tilt_is_false(division.fitted) else division
+
+
+def levelled(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
+    """The logs, without roll and pitch where they say that these are no tilt."""
+    return _bare(logs) if tilt_is_false(log.run for log in logs) else tuple(logs)
+
+
+def _bare(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
+    return tuple(NamedLog(log.name, without_tilt(log.run)) for log in logs)
+
+
+def unlevelled(run: Run) -> list[LogProblem]:
+    """What to tell of a log that never had roll and pitch; of those left out, a note in it tells."""
+    if not reads_lean(run) or LEFT_OUT in run.meta.notes:
+        return []
+    text = "no roll and pitch: log phi_rad and theta_rad if you can; without them accelerometers count for little"
+    return [LogProblem(kind="missing", text=text)]
+
+
+def tilt_is_false(runs: Iterable[Run]) -> bool:
+    """Whether the logs `runs` of one boat say for certain that their roll and pitch are no tilt."""
+    return sum(levelling_nats(run) for run in runs) >= SURE_NATS
+
+
+def levelling_nats(run: Run) -> float:
+    """Evidence of a log against its roll and pitch [nats]; 0 where it has none, or too few positions."""
+    sides = second_differences(run) if all(run.known(c) for c in NEEDED) else None
+    if sides is None:
+        return 0.0
+    bare = sides.moved - sides.felt
+    levelled = bare - sides.gravity
+    return sides.apart * float(np.log((levelled @ levelled) / (bare @ bare)))

@@ -1,0 +1,103 @@
+"""Roll and pitch level accelerometers, unless positions say that they follow the boat's own acceleration."""
+
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.signal import lfilter
+
+from companion.logs.runs.run import Run, RunMeta
+from sim.fitting.diagnose.job import data_of
+from sim.fitting.engine.split import NamedLog
+from sim.fitting.identify.result import fit_structured
+from sim.fitting.identify.structured_fit import FitSettings
+from sim.fitting.wiring.levelling import LEFT_OUT, TILT, levelled, levelling_nats, split_levelled, tilt_is_false
+from sim.fitting.wiring.record import SURE_NATS
+from tests.hidden import draw
+from tests.hidden.write import log_table, record
+from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short
+
+G, AHRS_S = 9.81, 5.0
+
+
+@cache
+def sound() -> Run:
+    """120 s with a true attitude; seed 21."""
+    return short(seconds=120.0)
+
+
+@cache
+def followed() -> Run:
+    """The same from an AHRS that takes the specific force for gravity, with a time constant of `AHRS_S`."""
+    known = sound().table.drop_nulls("ax_m_s2")
+    share = 1 - np.exp(-known["t_s"].diff().median() / AHRS_S)
+    late = {c: lfilter([share], [1, share - 1], known[c].to_numpy()) / G for c in ("ax_m_s2", "ay_m_s2")}
+    tilt = known.select("t_s").with_columns(theta_rad=pl.Series(late["ax_m_s2"]), phi_rad=-pl.Series(late["ay_m_s2"]))
+    return Run(sound().table.drop(*TILT).join(tilt, on="t_s", how="left"), sound().meta)
+
+
+def rolling(run: Run, degrees: float) -> Run:
+    """The run of a hull that rolls and pitches with a period of 7 s, and says so: g sin(tilt) is felt, and told."""
+    t = pl.col("t_s") * (2 * np.pi / 7.0)
+    phi, theta = (np.radians(degrees) * f for f in (t.sin(), t.cos()))
+    felt = {"ax_m_s2": pl.col("ax_m_s2") + G * theta.sin(), "ay_m_s2": pl.col("ay_m_s2") - G * phi.sin()}
+    told = {"phi_rad": pl.col("phi_rad") + phi, "theta_rad": pl.col("theta_rad") + theta}
+    return Run(run.table.with_columns(**felt, **told), run.meta)
+
+
+def test_a_true_attitude_is_kept_one_that_follows_the_acceleration_is_not():
+    assert not tilt_is_false([sound()])
+    assert levelling_nats(followed()) > SURE_NATS and tilt_is_false([followed()])
+
+
+def test_the_more_a_hull_really_rolls_the_more_its_roll_is_worth():
+    nats = [levelling_nats(rolling(sound(), degrees)) for degrees in (0.0, 1.0, 3.0)]
+    assert nats[0] > nats[1] > nats[2] and nats[2] < -SURE_NATS
+
+
+@pytest.mark.parametrize("index", [1, 4])
+def test_on_a_boat_of_another_hand(index):
+    """A hull that rolls and pitches, its AHRS without GPS, and the same hull with its true attitude."""
+    case = draw.draw("levelling-tests", index, foreign=True, train_s=200.0)
+    case.world.sense.tilt_told = True
+    track, said = record(case.world, case, 0, 200.0, 0.0, case.open_rng())
+
+    def log() -> Run:
+        return Run(log_table(case.base.thruster_names, track, said), RunMeta(source="log"))
+
+    told = log()
+    said.imu[:, 5:7] = track.tilt
+    assert levelling_nats(told) > SURE_NATS > levelling_nats(log())
+
+
+@pytest.mark.parametrize("gone", [TILT, ("ax_m_s2",), ("north_m", "east_m")])
+def test_without_what_it_takes_nothing_is_said(gone):
+    blank = Run(followed().table.with_columns(**dict.fromkeys(gone, pl.lit(None, pl.Float64))), followed().meta)
+    assert levelling_nats(blank) == 0.0 and not tilt_is_false([blank])
+    assert levelling_nats(Run(followed().table.head(40), followed().meta)) == 0.0
+
+
+def test_all_logs_of_a_boat_are_asked_together_and_told_alike():
+    """A log that is too short to tell goes as the others; what was left out stands in each."""
+    brief = Run(followed().table.head(200), followed().meta)
+    logs = levelled([NamedLog("long", followed()), NamedLog("brief", brief)])
+    for log in logs:
+        assert not set(TILT) & set(log.run.table.columns) and LEFT_OUT in log.run.meta.notes
+    assert levelled([NamedLog("sound", sound())])[0].run is sound()
+
+
+def test_both_fits_take_the_logs_so():
+    division = split_levelled([NamedLog("log", followed())], [], VESSEL)
+    runs = (*division.fitted, *(out.run for out in division.held_out), *data_of([followed()], [], VESSEL, None).fitted)
+    assert len(runs) >= 3 and not any(set(TILT) & set(run.table.columns) for run in runs)
+
+
+@pytest.mark.long
+def test_accelerometers_have_the_noise_that_they_have():
+    (bare,) = levelled([NamedLog("log", followed())])
+    noise = {
+        run is bare.run: {c.name: c.sigma for c in fit_structured([run], VESSEL, FitSettings(horizon_s=0.0)).channels}
+        for run in (followed(), bare.run)
+    }
+    assert noise[True]["ay"] < 0.05 < noise[False]["ay"]

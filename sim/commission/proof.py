@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import GuidanceReference, StateEstimate
@@ -19,10 +18,10 @@ from companion.logs.log_file import LogFile
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HeldOut
 from sim.commission.belief import COMPASS_RAD
-from sim.fitting.engine.free_parameters import SURROUNDINGS
 from sim.fitting.engine.smoothing import SmootherNoise
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.verdict import relative_error
+from sim.fitting.identify.vessel_out import in_surroundings
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.study import validate
 from sim.fitting.wiring.correction import Correction
@@ -45,7 +44,7 @@ def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult) -> Proof:
     """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short."""
     heading = fit.heading_offset_rad if abs(fit.heading_offset_rad) > COMPASS_RAD else 0.0
     straight = Correction("", "", heading=(1.0, -heading)).apply(run)
-    models = [VesselSimulator(name, of_the_day(vessel, fit)) for name, vessel in files.items()]
+    models = [VesselSimulator(name, in_surroundings(vessel, fit)) for name, vessel in files.items()]
     last = list(files.values())[-1]
     held_out = [HeldOut(straight)]
     found = validate(models, held_out, last, SmootherNoise.of(last), horizon_s=HORIZON_S, stride_s=STRIDE_S)
@@ -54,25 +53,6 @@ def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult) -> Proof:
     for name, error in errors.items():
         best = name if error < BETTER * errors[best] else best
     return Proof(errors, best)
-
-
-def of_the_day(vessel: VesselFile, fit: FitResult) -> VesselFile:
-    """The vessel in current and wind as they were fitted."""
-    c_n, c_e, w_n, w_e = (fit[p.name].value for _, p in SURROUNDINGS)
-    day: dict[str, dict[str, float | str]] = {
-        "current": {"V_c_m_s": float(np.hypot(c_n, c_e)), "beta_c_deg": _deg(c_n, c_e), "source": "fitted: the day's"},
-        "wind": {
-            **vessel.terms.get("wind", {}),
-            "V_w_m_s": min(float(np.hypot(w_n, w_e)), 25.0),
-            "beta_w_deg": _deg(w_n, w_e),
-            "source": "fitted: the day's",
-        },
-    }
-    return replace(vessel, terms={**vessel.terms, **day})
-
-
-def _deg(north: float, east: float) -> float:
-    return float(np.degrees(np.arctan2(east, north)))
 
 
 def driven(log: Path, points: Sequence[tuple[float, float]]) -> float:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, fields
 
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.engine.split import LEAST_FIT_S
-from sim.fitting.identify.chosen_fit import NO_WORSE, WORTH
 from sim.fitting.identify.job import SMOOTHER, Choices, Identification
 from sim.fitting.identify.result import COLOURED, UNDETERMINED
 from sim.fitting.identify.structured_fit import WINDOWS_S
+from sim.fitting.identify.trials import NO_WORSE, WORTH
 from sim.fitting.identify.verdict import JUDGED_S, SAME
 from sim.fitting.identify.white_noise import FACTORS
 from sim.fitting.taylor.lanczos import CUTOFF_HZ, HALF_WIDTH_S

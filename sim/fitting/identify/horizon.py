@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.run import Run
 from sim.fitting.engine.jacobian_rows import sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
@@ -73,7 +74,7 @@ def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float = H
     at = np.arange(every, t_s.shape[1], every)
     x0, measured = np.zeros((len(t_s), 6)), np.zeros((len(t_s), len(at), 6))
     for i, run in enumerate(runs):
-        smoothed = smooth(run, SmootherNoise.of(vessel))
+        smoothed = smooth(calibrated(run, vessel), SmootherNoise.of(vessel))
         states = np.hstack([smoothed.eta, smoothed.nu])
         fixes = run.samples("north_m", "east_m")[0]
         for span in windows.spans[i * OVERLAP : (i + 1) * OVERLAP]:

@@ -1,6 +1,6 @@
 """One identification from logs to verdict: Taylor series, structured model, and which of them to believe.
 
-    split -> smooth and regress -> structured fit -> open-loop simulation of held-out data -> verdict
+    split -> structured fit -> smooth and regress -> open-loop simulation of held-out data -> verdict
 
 Pure: logs are Runs, the time comes from `now`, the seed from `Choices`; nothing is read or written.
 """
@@ -13,15 +13,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run
+from companion.logs.runs.splits import HeldOut
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, smooth
 from sim.fitting.engine.split import JobError, NamedLog, Split
 from sim.fitting.identify.chosen_fit import ChosenFit, fit_chosen
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import KEEP, NAMES, IdentificationVerdict, verdict
-from sim.fitting.identify.vessel_out import identified_vessel
+from sim.fitting.identify.vessel_out import identified_vessel, in_surroundings
 from sim.fitting.taylor.pipeline import PaperMotion, forces_kgf, paper_motion, smoother_samples
 from sim.fitting.taylor.regression import Samples, TaylorFit, least_squares, noise_shift
 from sim.fitting.taylor.sindy import sindy_coefficients
@@ -33,7 +35,7 @@ from sim.fitting.validate.study import Validation, validate
 from sim.fitting.wiring.levelling import split_levelled
 from sim.fitting.wiring.record import VESSEL, WiringReport
 
-STEPS = ("smoothing", "Taylor series", "structured model", "held-out runs")
+STEPS = ("structured model", "smoothing", "Taylor series", "held-out runs")
 """Steps that `identify` reports progress of, in their order; shares run from 0 to 1 within each."""
 PAPER = "the paper's Kalman filter, Lanczos low-pass and 7-point differences"
 SMOOTHER = "the RTS smoother"
@@ -162,14 +164,8 @@ def identify(
     stamps = [Stamp("choices made, before any fit", now())]
     division = split_levelled(logs, held_out, vessel, choices.block_s)
     log_problems = {used.log.name: problems(used.log.run) for used in division.used}
-    # 2. Smooth the fitted parts, and fit the Taylor series to their accelerations.
-    noise = SmootherNoise.of(vessel)
-    motion = _motion(division.fitted, noise, say)
-    stamps.append(Stamp("fitted parts smoothed", now()))
-    series, peer = _series(motion, vessel, choices, say)
-    stamps.append(Stamp("regressions done", now()))
-    # 3. Structured fit, and the vessel file with its result.
-    step = STEPS[2]
+    # 2. Structured fit, and the vessel file with its result.
+    step = STEPS[0]
     say(step, "", 0.0)
     chosen = fit_chosen(
         division.fitted, vessel, choices.settings, lambda text, share: say(step, text, min(share, 0.99))
@@ -178,10 +174,17 @@ def identify(
     say(step, f"{structured.iterations} steps", 1.0)
     identified = identified_vessel(model, structured, date=now()[:10])
     stamps.append(Stamp("structured model fitted", now()))
+    # 3. Smooth the fitted parts, as the file knows its sensors now, and fit the Taylor series to their accelerations.
+    noise = SmootherNoise.of(vessel)
+    motion = _motion([calibrated(run, model) for run in division.fitted], noise, say)
+    stamps.append(Stamp("fitted parts smoothed", now()))
+    series, peer = _series(motion, vessel, choices, say)
+    stamps.append(Stamp("regressions done", now()))
     # 4. All models in open loop on the held-out parts.
     models = _simulators(vessel, identified, chosen, division, series, peer, now)
     box = SpeedBox.of(np.concatenate([s.nu for s in motion.smoothed]))
-    validation, departures = _judge(models, division, vessel, noise, box, choices.seed, say)
+    held_out_runs = [HeldOut(calibrated(out.run, model), out.inside) for out in division.held_out]
+    validation, departures = _judge(models, held_out_runs, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
     return Identification(
         base=vessel,
@@ -205,11 +208,11 @@ def _motion(runs: Sequence[Run], noise: SmootherNoise, say: Say) -> SmoothedMoti
     """Smooth the fitted runs, and take them through the paper's pipeline where all its sensors were logged."""
     smoothed = []
     for i, run in enumerate(runs):
-        say(STEPS[0], run.meta.source, i / len(runs))
+        say(STEPS[1], run.meta.source, i / len(runs))
         smoothed.append(smooth(run, noise))
     complete = all(run.known(c) for run in runs for c in ("r_rad_s", "ax_m_s2", "ay_m_s2"))
     paper = tuple(paper_motion(run, noise) for run in runs) if complete else None
-    say(STEPS[0], "", 1.0)
+    say(STEPS[1], "", 1.0)
     return SmoothedMotions(tuple(runs), tuple(smoothed), paper)
 
 
@@ -217,7 +220,7 @@ def _series(
     motion: SmoothedMotions, vessel: VesselFile, choices: Choices, say: Say
 ) -> tuple[tuple[Taylor, ...], np.ndarray | None]:
     """The 23-term series by least squares, and coefficients by pysindy, as far as they were asked for."""
-    step, series, peer = STEPS[1], [], None
+    step, series, peer = STEPS[2], [], None
     if choices.taylor:
         ways = (
             (NAMES["taylor"], PAPER, motion.paper_samples(vessel)),
@@ -249,19 +252,20 @@ def _simulators(
     peer: np.ndarray | None,
     now: Callable[[], str],
 ) -> list[Simulator]:
-    """The models to judge. Where the held-out parts are of the fitted logs, the structured one has their trims."""
+    """The models to judge. Where the held-out parts are of the fitted logs, the structured one has their day."""
     models: list[Simulator] = [VesselSimulator(NAMES["base"], vessel)]
     models += [TaylorSimulator(one.name, one.fit.C, vessel) for one in series]
     models += [TaylorSimulator(NAMES["peer"], peer, vessel)] if peer is not None else []
     same_day = all(used.fitted_s for used in division.used if used.held_out_s)
-    day = now()[:10]
-    of_the_day = identified_vessel(chosen.vessel, chosen.result, date=day, session=True) if same_day else identified
-    return [*models, VesselSimulator(NAMES["structured"], of_the_day)]
+    if same_day:
+        of_the_day = identified_vessel(chosen.vessel, chosen.result, date=now()[:10], session=True)
+        identified = in_surroundings(of_the_day, chosen.result)
+    return [*models, VesselSimulator(NAMES["structured"], identified)]
 
 
 def _judge(
     models: Sequence[Simulator],
-    division: Split,
+    held_out: Sequence[HeldOut],
     vessel: VesselFile,
     noise: SmootherNoise,
     box: SpeedBox,
@@ -271,7 +275,7 @@ def _judge(
     """Every model and both baselines in open loop on the held-out data."""
     step = STEPS[3]
     validation = validate(
-        models, division.held_out, vessel, noise, box=box, seed=seed, say=lambda text, share: say(step, text, share)
+        models, held_out, vessel, noise, box=box, seed=seed, say=lambda text, share: say(step, text, share)
     )
     pairs = zip(validation.scores, validation.states, strict=True)
     departures = tuple(departure(one.name, states, validation.windows, box) for one, states in pairs)

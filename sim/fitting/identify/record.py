@@ -12,10 +12,10 @@ import numpy as np
 from companion.core.model.vessel_text import vessel_toml
 from companion.logs.runs.run import LogProblem
 from sim.fitting.identify.choices import choices
-from sim.fitting.identify.chosen_fit import Trial
 from sim.fitting.identify.job import Identification, Taylor
 from sim.fitting.identify.report.page import identify_report
 from sim.fitting.identify.result import FitResult
+from sim.fitting.identify.trials import Trial
 from sim.fitting.taylor.taylor_file import AXES, TaylorFile, taylor_file, taylor_json
 from sim.fitting.validate.divergence import Departure
 from sim.fitting.validate.scores import Score

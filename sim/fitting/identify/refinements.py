@@ -1,5 +1,7 @@
 """Refinements of the model that many boats need and few vessel files have; `chosen_fit` tries them.
 
+compass         the heading errs by a cos psi + b sin psi, as `wiring.compass` finds it
+surroundings    current and wind of the day, and the IMU's place, are fitted beside the boat
 speed_damping   N = N_ur |u| r      prior of the size that slender-wing theory gives a single hull of this length and
                                     draft, N_ur = -(pi / 8) rho T^2 L^2 (Jones 1946; Clarke et al. 1983, for B = 0)
 munk_moment     N = k u v           either sign: what M lacks of the Munk moment, less the lift of the after-body
@@ -17,6 +19,8 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
 from companion.core.constants import WATER_KG_M3
 
+COMPASS, SURROUNDINGS = "compass", "surroundings"
+"""Refinements of the measurements: of the heading, and of the water and air in which all was measured."""
 SIZE_UNKNOWN = 1.5
 """Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""
 SOURCE = "tried by identify"
@@ -71,3 +75,9 @@ REFINEMENTS = (
     ),
     Refinement("munk_moment", "a yaw moment of u v", _munk_moment),
 )
+TEXTS = {
+    COMPASS: "an error of the heading by how the boat is turned",
+    **{r.name: r.text for r in REFINEMENTS},
+    SURROUNDINGS: "the IMU's place, with current and wind of the day beside it",
+}
+"""All of them in words, by name."""

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.logs.runs.run import LogProblem
+from sim.fitting.engine.free_parameters import SURROUNDINGS
 from sim.fitting.engine.parameters import WARP
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
-from sim.fitting.identify.refinements import REFINEMENTS
+from sim.fitting.identify.refinements import TEXTS
 from sim.fitting.identify.result import COLOURED, FitResult, OpenDirection
 from sim.fitting.identify.vessel_out import written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
@@ -44,6 +45,8 @@ NEEDED = (
     ("dead_time_s", "lag_s"),
 )  # fmt: skip
 """The data must determine one of each group: else the boat's speed or its response to thrust is the prior's."""
+OF_THE_DAY = (*WARP, *(p.name for _, p in SURROUNDINGS))
+"""Parameters that are no property of boat or sensors."""
 DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
 """Kinds of log problems that can bias a fit unnoticed."""
 MANOEUVRES = (
@@ -122,7 +125,7 @@ def relative_error(score: Score, scores: Sequence[Score]) -> float:
 
 def advice(structured: FitResult) -> list[tuple[tuple[str, ...], str]]:
     """Undetermined parameters, by the manoeuvre that carries information on them."""
-    names = [p.name for p in structured.parameters if not p.determined and p.name not in WARP]
+    names = [p.name for p in structured.parameters if not p.determined and p.name not in OF_THE_DAY]
     groups = [(tuple(n for n in names if n.startswith(heads)), text) for heads, text in MANOEUVRES]
     listed = {n for mine, _ in groups for n in mine}
     groups.append((tuple(n for n in names if n not in listed), ANYTHING))
@@ -156,7 +159,7 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
 
 def _refined(chosen: ChosenFit) -> list[str]:
     """The sentence on refinements that the logs asked for."""
-    texts = [r.text for r in REFINEMENTS if r.name in chosen.refinements]
+    texts = [text for name, text in TEXTS.items() if name in chosen.refinements]
     return [f"The logs ask for what the vessel file lacked, and vessel.toml has: {'; '.join(texts)}."] if texts else []
 
 
@@ -177,7 +180,7 @@ def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]
 
 def _open(structured: FitResult) -> list[str]:
     """Sentences on undetermined parameters, and on the common scale of forces and inertias."""
-    boat = [p for p in structured.parameters if p.name not in WARP]
+    boat = [p for p in structured.parameters if p.name not in OF_THE_DAY]
     left = [p.name for p in boat if not p.determined]
     line = f"The data determine {len(boat) - len(left)} of {len(boat)} parameters of boat and sensors"
     lines = [f"{line}; open: {', '.join(left)}." if left else f"{line}."]

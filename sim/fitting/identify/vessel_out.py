@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
 from companion.core.model.load_vessel import munk_limit_kg
-from sim.fitting.engine.free_parameters import IMU_PLACE, fitted_terms
+from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, fitted_terms
 from sim.fitting.engine.parameters import DAMPING, Parameters
 from sim.fitting.identify.result import FitResult
 
@@ -117,6 +117,28 @@ def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str,
         value = _munk_kg(q) if name == "munk_moment" else q[p.name]
         terms[name] |= {p.name: _round(value), "source": source}
     return terms
+
+
+def in_surroundings(vessel: VesselFile, fit: FitResult) -> VesselFile:
+    """The vessel in current and wind as they were fitted; as it is where they were not."""
+    fitted = {p.name: p.value for p in fit.parameters}
+    if SURROUNDINGS[0][1].name not in fitted:
+        return vessel
+    c_n, c_e, w_n, w_e = (fitted[p.name] for _, p in SURROUNDINGS)
+    day: dict[str, dict[str, float | str]] = {
+        "current": {"V_c_m_s": float(np.hypot(c_n, c_e)), "beta_c_deg": _deg(c_n, c_e), "source": "fitted: the day's"},
+        "wind": {
+            **vessel.terms.get("wind", {}),
+            "V_w_m_s": min(float(np.hypot(w_n, w_e)), 25.0),
+            "beta_w_deg": _deg(w_n, w_e),
+            "source": "fitted: the day's",
+        },
+    }
+    return replace(vessel, terms={**vessel.terms, **day})
+
+
+def _deg(north: float, east: float) -> float:
+    return float(np.degrees(np.arctan2(east, north)))
 
 
 def inertia_of(base: Inertia, q: Mapping[str, float], source: str) -> Inertia:

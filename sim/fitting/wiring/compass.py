@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
+from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.apply_sensor_errors import calibrated
@@ -67,6 +68,14 @@ class HardIron:
         """Whether it is told."""
         return self.nats >= SURE_NATS and self.sigma_rad <= SHARPEST_RAD
 
+    def put_right(self, vessel: VesselFile) -> VesselFile:
+        """The vessel file that knows of it."""
+        imu = vessel.sensors.imu
+        a, b = round(imu.hard_iron_cos_rad + self.a, 4), round(imu.hard_iron_sin_rad + self.b, 4)
+        source = f"{imu.source}; hard iron by course over ground"
+        imu = replace(imu, hard_iron_cos_rad=a, hard_iron_sin_rad=b, source=source)
+        return replace(vessel, sensors=replace(vessel.sensors, imu=imu))
+
 
 def compass_finding(runs: Mapping[str, Run], vessel: VesselFile) -> list[WiringFinding]:
     """What is told of the compass after all logs together: one finding or none. It is left as it is."""
@@ -74,9 +83,8 @@ def compass_finding(runs: Mapping[str, Run], vessel: VesselFile) -> list[WiringF
     if iron is None or not iron.is_clear:
         return []
     amplitude, sigma = np.degrees([iron.amplitude_rad, iron.sigma_rad])
-    imu = vessel.sensors.imu
-    a, b = imu.hard_iron_cos_rad + iron.a, imu.hard_iron_sin_rad + iron.b
-    keys = f"hard_iron_cos_rad = {a:.3f}, hard_iron_sin_rad = {b:.3f}"
+    imu = iron.put_right(vessel).sensors.imu
+    keys = f"hard_iron_cos_rad = {imu.hard_iron_cos_rad:.3f}, hard_iron_sin_rad = {imu.hard_iron_sin_rad:.3f}"
     finding = WiringFinding(
         name="compass:hard_iron",
         text=f"the heading errs by up to {amplitude:.0f} (+- {2 * sigma:.0f}) degrees, by how the boat is turned",

@@ -6,18 +6,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from companion.core.configuration.vessel_file import VesselFile
-from sim.fitting.engine.parameters import Parameters, file_values
+from sim.fitting.engine.parameters import file_values
 from sim.fitting.identify.result import FitResult
+from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.validate.figures import COLOURS, INK
 
 FINE = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.3, 1.5, 1.7, 2, 2.5, 3)
 COARSE = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 
 
-def parameters(result: FitResult, base: VesselFile) -> Figure:
+def parameters(result: FitResult, base: VesselFile, settings: FitSettings) -> Figure:
     """Every parameter that cannot change its sign over the base file's value, with its 95 % interval."""
-    keeps_sign = Parameters(base).is_positive()
-    triples = zip(result.parameters, file_values(base), keeps_sign, strict=True)
+    keeps_sign = settings.parameters(base).is_positive()
+    before = file_values(base, settings.surroundings, settings.imu_place)
+    triples = zip(result.parameters, before, keeps_sign, strict=True)
     shown = [(p, believed) for p, believed, keeps in triples if keeps and believed]
     figure = Figure(figsize=(9, 0.28 * len(shown) + 1.2), layout="constrained")
     ax = figure.add_subplot()

@@ -22,9 +22,8 @@ from sim.fitting.validate.study import BASELINE_NAMES, Validation
 from sim.fitting.validate.table import ScoreTable, error_rows, stability_rows, white_rows
 
 
-def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings | None = None) -> ScoreTable:
+def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings) -> ScoreTable:
     """Value, interval, what the file believed, how much of that belief is left. `settings`: those of the fit."""
-    settings = settings or FitSettings()
     before = file_values(model, settings.surroundings, settings.imu_place)
     rows = []
     for p, believed in zip(result.parameters, before, strict=True):

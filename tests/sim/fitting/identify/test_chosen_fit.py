@@ -9,10 +9,11 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HeldOut
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
-from sim.fitting.identify.chosen_fit import MULTI_STEP, WINDOWS, ChosenFit, fit_chosen
+from sim.fitting.identify.chosen_fit import ChosenFit, fit_chosen
 from sim.fitting.identify.folds import HORIZONS_S, folds
 from sim.fitting.identify.refinements import REFINEMENTS, missing
 from sim.fitting.identify.structured_fit import FitSettings
+from sim.fitting.identify.trials import MULTI_STEP, WINDOWS
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.scores import SpeedBox

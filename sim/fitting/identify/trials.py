@@ -22,7 +22,7 @@ WORTH = 0.05
 """Relative gain in predictions of unseen data that is worth a refinement. On simulated boats without any, chance gained
 up to 4 % where sensors had errors that no model has (0.3 m/s2 of coloured acceleration, 150 s logs)."""
 NO_WORSE = 0.03
-"""Relative difference in predictions below which the fit of windows is kept; assumed."""
+"""Relative difference in predictions that does not count; assumed."""
 STEPS = 25
 """Gauss-Newton steps of a trial at most; assumed."""
 MULTI_STEP, WINDOWS = "multi-step output error", "short windows with a latent acceleration"
@@ -146,11 +146,11 @@ class TrialSearch:
 
 
 def _worth(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether what both halves (2,) gain is worth a refinement."""
+    """Whether it is worth a refinement: both halves (2,) gain in the mean, and neither loses what counts."""
     if not np.isfinite(after).all():
         return False
     gain = before - after
-    return bool(gain.mean() > WORTH and gain.min() > 0.0)
+    return bool(gain.mean() > WORTH and gain.min() > -NO_WORSE)
 
 
 def _crossed(fits: Sequence[HorizonFit], w: Sequence[np.ndarray]) -> np.ndarray:

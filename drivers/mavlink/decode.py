@@ -4,14 +4,15 @@ A decoder takes the pymavlink message, the instant it speaks of and its arrival 
 of `companion.core.messages`, or None where it tells nothing (unknown voltage, absent sensor). Fields that
 MAVLink marks as unknown (65535, -1, UINT8_MAX) become None; in the pulse width tuples, which hold integers,
 0: "no pulse", as ArduPilot itself reports outputs and channels it does not have. RAW_IMU and SCALED_IMU* are
-milli-g and mrad/s (observed on ArduPilot; the MAVLink text calls RAW_IMU raw). Source:
-https://mavlink.io/en/messages/common.html
+milli-g and mrad/s (observed on ArduPilot; the MAVLink text calls RAW_IMU raw), cut towards zero to whole ones
+(source: GCS_MAVLINK::send_raw_imu, floats handed over as int16): each stands for the middle of what it may have been.
+Source: https://mavlink.io/en/messages/common.html
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -116,31 +117,37 @@ def _attitude(m: Any, t_ns: int, t_rx_ns: int) -> Attitude:
     )
 
 
-def _imu(m: Any, t_ns: int, t_rx_ns: int, accel: float, gyro: float) -> ImuSample:
+def _imu(m: Any, t_ns: int, t_rx_ns: int, accel: Sequence[float], gyro: Sequence[float]) -> ImuSample:
     return ImuSample(
         t_ns=t_ns,
         t_rx_ns=t_rx_ns,
-        ax_m_s2=m.xacc * accel,
-        ay_m_s2=m.yacc * accel,
-        az_m_s2=m.zacc * accel,
-        p_rad_s=m.xgyro * gyro,
-        q_rad_s=m.ygyro * gyro,
-        r_rad_s=m.zgyro * gyro,
+        ax_m_s2=accel[0],
+        ay_m_s2=accel[1],
+        az_m_s2=accel[2],
+        p_rad_s=gyro[0],
+        q_rad_s=gyro[1],
+        r_rad_s=gyro[2],
         source=m.get_type(),
     )
+
+
+def _whole(count: int, unit: float) -> float:
+    """The middle of the values that become `count` whole units when they are cut towards zero."""
+    return (count + math.copysign(0.5, count)) * unit if count else 0.0
 
 
 def _scaled_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:
     """All six axes exactly 0 is how ArduPilot reports an IMU that is not there (seen in the real log)."""
     if not any((m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro)):
         return None
-    return _imu(m, t_ns, t_rx_ns, MILLI * GRAVITY_M_S2, MILLI)
+    accel = [_whole(count, MILLI * GRAVITY_M_S2) for count in (m.xacc, m.yacc, m.zacc)]
+    return _imu(m, t_ns, t_rx_ns, accel, [_whole(count, MILLI) for count in (m.xgyro, m.ygyro, m.zgyro)])
 
 
 def _highres_imu(m: Any, t_ns: int, t_rx_ns: int) -> ImuSample | None:
     if m.fields_updated & _IMU_UPDATED != _IMU_UPDATED:
         return None
-    return _imu(m, t_ns, t_rx_ns, 1.0, 1.0)
+    return _imu(m, t_ns, t_rx_ns, (m.xacc, m.yacc, m.zacc), (m.xgyro, m.ygyro, m.zgyro))
 
 
 def _gps_raw_int(m: Any, t_ns: int, t_rx_ns: int) -> GnssFix | None:

@@ -4,16 +4,19 @@ always            companion HEARTBEAT at 1 Hz; TIMESYNC questions are answered
 signed, no key    said, unless the autopilot answers us all the same, as on USB
 another autopilot said, once each: nothing is taken from it
 autopilot heard   TIMESYNC questions at 4 Hz; AUTOPILOT_VERSION asked for until it comes;
-                  wanted message intervals requested and kept (see `streams`)
+                  wanted message intervals requested and kept (see `streams`); the filters of the inertial sensors
+                  asked for, so that a log says how late their samples are
 rebooted (its clock went back) or back after silence: everything is asked for again
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 
+from companion.core.configuration.imu_filters import FILTER_PARAMETERS
 from companion.core.messages import Alert, AutopilotInfo, Heartbeat, Message, TimeSync
 from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.parameter_reader import ParameterReader
 from drivers.mavlink.signing import NO_KEY
 from drivers.mavlink.streams import WANTED_HZ, Streams
 
@@ -39,6 +42,7 @@ class MavlinkSession:
         self.begins = 0
         self._codec = codec
         self._streams = Streams(wanted_hz)
+        self._filters = ParameterReader(codec.encoder)
         self._alerts: list[Alert] = []
         self._heard_ns: int | None = None
         self._reboots = codec.clock.reboots
@@ -49,7 +53,7 @@ class MavlinkSession:
         self._version_due_ns = 0
         self._version_retry_ns = VERSION_RETRY_NS
 
-    def step(self, messages: Iterable[Message], t_ns: int) -> list[bytes]:
+    def step(self, messages: Sequence[Message], t_ns: int) -> list[bytes]:
         """Frames to send at `t_ns` [ns]. Call it with every batch of messages, and at 10 Hz if none come."""
         out: list[bytes] = []
         if self._codec.signing:
@@ -74,7 +78,7 @@ class MavlinkSession:
             self._heartbeat_due_ns = t_ns + HEARTBEAT_NS
             out.append(self._codec.encoder.heartbeat())
         if self._heard_ns is not None and t_ns - self._heard_ns <= SILENCE_NS:
-            out += self._converse(t_ns)
+            out += self._converse(t_ns) + self._filters.step(messages, t_ns)
         return out
 
     @property
@@ -108,6 +112,7 @@ class MavlinkSession:
         self.autopilot = None
         self.begins += 1
         self._streams.restart()
+        self._filters.ask(FILTER_PARAMETERS)
         self._timesync_due_ns = self._version_due_ns = self._asked_ns = t_ns
         self._answered = False
         self._version_retry_ns = VERSION_RETRY_NS

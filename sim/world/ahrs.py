@@ -29,7 +29,11 @@ SPIN_RAD_S = math.radians(20)
 
 
 class LowPass:
-    """A second-order Butterworth filter of three axes, sampled at `rate_hz`; a cut-off of 0 lets all through."""
+    """A second-order Butterworth filter of three axes, sampled at `rate_hz`; a cut-off of 0 lets all through.
+
+    By the bilinear transform without prewarping: its delay, sqrt(2) / (2 pi f), is that of the firmware's, which runs
+    at 1 kHz or more. Prewarped at 100 Hz, a filter of 20 Hz would be 9.7 ms late instead of 11.3.
+    """
 
     def __init__(self, rate_hz: float):
         self._rate_hz = rate_hz
@@ -55,7 +59,7 @@ class LowPass:
 
     def _tune(self, cutoff_hz: float) -> None:
         self._cutoff_hz, self._memory = cutoff_hz, None
-        w = math.tan(math.pi * min(cutoff_hz / self._rate_hz, 0.4))
+        w = math.pi * cutoff_hz / self._rate_hz
         c = 1.0 + 2.0 * math.cos(math.pi / 4) * w + w * w
         self._b0, self._a1 = w * w / c, 2.0 * (w * w - 1.0) / c
         self._a2 = (1.0 - 2.0 * math.cos(math.pi / 4) * w + w * w) / c

@@ -2,8 +2,9 @@
 
     f_cmd = F(pwm(t - dead time), V) of each channel;   dx/dt = state_rate(model, x, f_cmd, waves)
 
-at 100 Hz by Runge-Kutta. Current and wind enter as the model's own terms, with values that may change at
-every step. Battery: V = V_open - R_i I with the current of the bollard table's power law.
+at 100 Hz by Runge-Kutta, in two steps where a command begins to act between. Current and wind enter as the model's own
+terms, with values that may change at every step. Battery: V = V_open - R_i I with the current of the bollard table's
+power law.
 """
 
 from __future__ import annotations
@@ -68,8 +69,16 @@ class Plant:
 
     def step(self, moment: Moment, step_ns: int | None = None) -> Motion:
         """Advance by one step (`step_ns` long where given) in the given environment."""
-        t_ns, step_ns = self.motion.t_ns, step_ns or self.step_ns
-        pulses = (line.at(t_ns)[0] for line in self._pwm)
+        end_ns = self.motion.t_ns + (step_ns or self.step_ns)
+        while (t_ns := self.motion.t_ns) < end_ns:
+            pulses = [line.at(t_ns)[0] for line in self._pwm]
+            changes = (due_ns for line in self._pwm if (due_ns := line.next_ns()) is not None)
+            self._advance(moment, pulses, min((end_ns, *changes)) - t_ns)
+        return self.motion
+
+    def _advance(self, moment: Moment, pulses: list[float], step_ns: int) -> None:
+        """`step_ns` on under these pulse widths [us], which act all the time."""
+        t_ns = self.motion.t_ns
         f_cmd = [c.value(pwm, self.voltage_v) for c, pwm in zip(self._channels, pulses, strict=True)]
         waves_n = moment.wave_n
         if moment.along_waves_n:
@@ -79,7 +88,6 @@ class Plant:
         out = self._step(self.motion.x, f_cmd, waves_n, air_and_water, step_ns * 1e-9)
         self.motion = Motion(t_ns + step_ns, out[:-3], out[-3:])
         self.voltage_v = self._open_v - R_BATTERY_OHM * self.current_a
-        return self.motion
 
 
 def in_weather(model: StructuredModel, current: Any = None, wind: Any = None) -> StructuredModel:

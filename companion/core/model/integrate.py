@@ -132,7 +132,8 @@ class DelayLine:
 
     def push(self, t_ns: int, value: tuple[float, ...]) -> None:
         """Record what was commanded at `t_ns`."""
-        self._sent.append((t_ns, value))
+        if value != self._sent[-1][1]:
+            self._sent.append((t_ns, value))
 
     def at(self, t_ns: int) -> tuple[float, ...]:
         """The command that acts at `t_ns`; forgets what can no longer act."""
@@ -140,3 +141,7 @@ class DelayLine:
         while len(self._sent) > 1 and self._sent[1][0] <= due:
             self._sent.pop(0)
         return self._sent[0][1]
+
+    def next_ns(self) -> int | None:
+        """When another command than that of the last `at` acts; None: none has been sent."""
+        return self._sent[1][0] + self._delay_ns if len(self._sent) > 1 else None

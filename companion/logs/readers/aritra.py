@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.core.configuration.imu_filters import late_by_filters
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
@@ -27,6 +28,7 @@ from companion.core.messages import (
     ImuSample,
     Message,
     OverrideLease,
+    ParamValue,
     ServoOutput,
     UwbPosition,
     UwbRanges,
@@ -43,7 +45,7 @@ OBEY_S = 0.6
 """An output follows a lease within this: 0.5 s of override timeout, and the latency of its telemetry (observed)."""
 OBEY_US = 10.0  # assumed
 _TRUTH = ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
-_WANTED = (*MEASUREMENTS, Battery, OverrideLease, ServoOutput, GroundTruth)
+_WANTED = (*MEASUREMENTS, Battery, OverrideLease, ParamValue, ServoOutput, GroundTruth)
 
 
 def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: Path | None) -> Run:
@@ -82,6 +84,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         _truth(found[GroundTruth], names),
     ]
     # 3. Joined into one run.
+    parameters = {m.name: m.value for m in found[ParamValue]}
     meta = RunMeta(
         vessel=vessel.name if vessel else log.metadata.get("vessel", "not stated"),
         source=str(path.name),
@@ -91,6 +94,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
             "r_rad_s": "gyroscope",
             **places,
         },
+        late_s=late_by_filters(parameters),
         notes=tuple(notes),
         **meta_fields(vessel, site),
     )

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from pymavlink import DFReader
 
+from companion.core.configuration.imu_filters import late_by_filters
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
@@ -54,7 +55,8 @@ def read_dataflash_run(
         raise RunError(f"{path}: cannot be read as a dataflash log, its format records are damaged: {error}") from None
     if not rows["RCOU"]:
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
-    commands, which = output_stream(rows["RCOU"], vessel, {name: value for _, name, value in rows["PARM"]}, notes)
+    parameters = {name: value for _, name, value in rows["PARM"]}
+    commands, which = output_stream(rows["RCOU"], vessel, parameters, notes)
     streams = [
         commands,
         imu_stream(rows["IMU"]),
@@ -63,6 +65,7 @@ def read_dataflash_run(
     ]
     columns = {"pwm": f"RCOU: what left the autopilot, {which}", "r_rad_s": "gyroscope of IMU 0"}
     known = meta_fields(vessel, site)
+    known["late_s"] = late_by_filters(parameters)
     if uwb:
         if offset_s is None and unix_ns is None:
             raise RunError(f"{path}: no GPS time in it: state the offset from the UWB log's clock to this log's")

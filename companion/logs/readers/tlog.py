@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from companion.core.configuration.imu_filters import late_by_filters
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Attitude, Battery, ImuSample, Message
@@ -63,9 +64,8 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
         notes.append(LogProblem(kind="coarse commands", text=text))
     source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, stamps, ImuSample))), "IMU")
     voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, stamps, Battery)]
-    commands, which = output_stream(
-        outputs, vessel, {m.param_id: m.param_value for *_, m in rows["PARAM_VALUE"]}, notes
-    )
+    parameters = {m.param_id: m.param_value for *_, m in rows["PARAM_VALUE"]}
+    commands, which = output_stream(outputs, vessel, parameters, notes)
     streams = [
         commands,
         imu_stream([imu_row(m) for m in _decoded(source, rows, stamps, ImuSample)]),
@@ -74,6 +74,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     ]
     columns = {"pwm": f"SERVO_OUTPUT_RAW: what left the autopilot, {which}", "r_rad_s": f"gyroscope, {source}"}
     known = meta_fields(vessel, site)
+    known["late_s"] = late_by_filters(parameters)
     fixes = [(t, m.lat / 1e7, m.lon / 1e7) for t, _, m in rows["GPS_RAW_INT"] if m.fix_type >= 3]
     if uwb:
         joined = uwb(round(offset_s * 1e9))

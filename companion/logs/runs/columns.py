@@ -16,6 +16,8 @@ OPTIONAL = (
 )  # fmt: skip
 HELD = ("pwm_", "battery_v", "setting_")
 """Beginnings of the names of held columns."""
+INERTIAL = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "phi_rad", "theta_rad")
+"""What an autopilot tells of its inertial sensors, many times a second."""
 _FAMILIES = re.compile(r"pwm_\w+|setting_\w+|range_\w+_m|true_f_\w+_n|extra_\w+")
 
 _ANGLE = math.pi + 1e-6

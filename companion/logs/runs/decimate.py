@@ -1,7 +1,8 @@
 """Decimation: inertial samples averaged over a few neighbours, down to a rate that suffices for a boat's motion.
 
 The mean of n samples, d seconds apart, measures the mean of the motion over n d seconds. The thrust may change within
-that time; fits average their model's thrust over the same instants (`around_s`), so that no delay arises.
+that time; fits average their model's thrust over the same instants (`around_s`), so that no delay arises. Delays that
+the samples have already are taken out before (`on_time`).
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 
-from companion.logs.runs.columns import HELD
+from companion.logs.runs.columns import HELD, INERTIAL
+from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
 
 RATE_HZ = 10.0  # yaw, the fastest motion, has a time constant of about 2 s
-GROUPED = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "phi_rad", "theta_rad")
 HOLE = 1.5  # a gap longer than this many sampling times ends a mean
 
 
@@ -36,9 +37,10 @@ class Decimated(NamedTuple):
 
 def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
     """`run` with inertial columns averaged to about `rate_hz`; as it is where it has no faster ones."""
+    run = on_time(run)
     # 1. Number of samples of each mean.
     as_it_is = Decimated(run, 0.0, np.empty(0), np.empty((0, 1)))
-    columns = [c for c in GROUPED if run.known(c)]
+    columns = [c for c in INERTIAL if run.known(c)]
     if not columns:
         return as_it_is
     stamps = run.samples(columns[0])[0]

@@ -42,6 +42,7 @@ class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     zero_ns        the source's own stamp at t_s = 0
     latency_s      age of a position at its stamp, not corrected in the table; None: unknown
+    late_s         age of a column's samples at their stamps, by column, not corrected in the table; left out: unknown
     tag_arm_m      forward, starboard from the body origin to the tag, not corrected
     anchors_m      north, east, down by anchor
     pwm_limits_us  least and largest pulse width by thruster
@@ -56,6 +57,7 @@ class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     site: str = "not stated"
     anchors_m: dict[str, tuple[float, float, float]] = {}
     latency_s: float | None = None
+    late_s: dict[str, float] = {}
     tag_arm_m: tuple[float, float] | None = None
     pwm_limits_us: dict[str, tuple[float, float]] = {}
     columns: dict[str, str] = {}

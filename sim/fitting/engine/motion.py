@@ -130,9 +130,10 @@ class WindowIntegrator:
         windows = self.windows
         for span, commands, around_s in zip(windows.spans, windows.commands, windows.around_s, strict=True):
             history = ThrustHistory(self._commands(commands, q), float(q[at]), float(q[at + 1]))
-            for store, value in zip((f, f_dead, f_lag), history.at(windows.t_s[span], around_s), strict=True):
+            values = history.at(windows.t_s[span], around_s)
+            f_mid.append(history.middle(values[0], windows.t_s[span], around_s))
+            for store, value in zip((f, f_dead, f_lag), values, strict=True):
                 store.append(value)
-            f_mid.append(history.mean(*windows.within(span, around_s.shape[2])))
         return np.concatenate(f), np.concatenate(f_mid), np.concatenate(f_dead), np.concatenate(f_lag)
 
     def _commands(self, commands: ThrustCommands, q: np.ndarray) -> ThrustCommands:

@@ -23,6 +23,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import R2, point_acceleration
+from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 
@@ -110,7 +111,7 @@ class Smoothed:
 
 def smooth(run: Run, noise: SmootherNoise, rate_hz: float = RATE_HZ) -> Smoothed:
     """Smoothed motion on a grid of `rate_hz`, from the first measurement on. ValueError without heading or position."""
-    t = run.measured_s()
+    t, run = run.measured_s(), on_time(run)
     grid = t[0] + np.arange(int((t[-1] - t[0]) * rate_hz + 1e-9) + 1) / rate_hz
     yaw, P_yaw = _smooth_yaw(run, noise, grid)
     plane, P_plane = _smooth_plane(run, noise, grid, yaw)

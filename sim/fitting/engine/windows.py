@@ -23,6 +23,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import GRAVITY_M_S2
 from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.decimate import Decimated
+from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
@@ -105,15 +106,6 @@ class Windows:
         at = np.flatnonzero(~np.append(self.first[1:], True))
         return at, self.t_s[at, -1] - self.t_s[at, 0]
 
-    def within(self, span: slice, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Midpoints of the steps of the windows in `span` [s] (w, K), and instants relative to them (w, K, count).
-
-        The latter are the midpoints of `count` equal parts of each step: a mean over them is a mean over the step.
-        """
-        h_s = self.h_s[span]
-        parts = (np.arange(count) + 0.5) / count - 0.5
-        return self.t_s[span, :-1] + h_s / 2, h_s[..., None] * parts
-
     def samples(self) -> int:
         """Number of instants at which heading, yaw rate or specific force was measured."""
         return int(np.isfinite(self.y).any(axis=2).sum())
@@ -140,7 +132,7 @@ def cut_windows(
         raise StructuredFitError("no run to fit")
 
     # 1. Steps, measurements and window starts of each run at each offset.
-    runs = [calibrated(run, vessel) for run in runs]
+    runs = [calibrated(on_time(run), vessel) for run in runs]
     laid = [(run, offset) for run in runs for offset in offsets_s]
     pieces = [_grid(run, window_s, offset, max_step_s) for run, offset in laid]
     runs = [run for run, _ in laid]

@@ -17,6 +17,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.geometry.frames import R2, point_acceleration
+from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, binned
 from sim.fitting.engine.thrust.forces import body_forces, settings_at
@@ -96,7 +97,7 @@ def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:
 
 def _kinematic_data(run: Run, noise: SmootherNoise) -> tuple[KinematicData, float]:
     """The run on the filter's grid, referred to the body origin; and the median number of IMU samples per instant."""
-    t = run.measured_s()
+    t, run = run.measured_s(), on_time(run)
     grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
     t_psi, psi = run.samples("psi_rad")
     heading = np.interp(grid, t_psi, np.unwrap(psi))

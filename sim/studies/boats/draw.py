@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import VesselFile
 from sim.world.plant import perturbed
 
-TICK_S = 0.01  # the plant acts on commands at its steps: a dead time is a whole number of them
+TICK_S = 0.01  # dead times are whole hundredths, as in all figures so far
 ARM_SIGMA_M = 0.02  # error of a tag's place measured with a tape; assumed
 
 

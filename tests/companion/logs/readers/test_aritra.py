@@ -39,6 +39,10 @@ def seconds(run: Run, message) -> float:
     return (message.t_ns - run.meta.zero_ns) / 1e9
 
 
+def test_it_says_how_late_the_autopilots_filters_make_the_imu(run: Run):
+    assert run.meta.late_s == {c: pytest.approx(0.01125, abs=1e-5) for c in ("r_rad_s", "ax_m_s2", "ay_m_s2")}
+
+
 def test_measurements_are_those_of_the_messages(run: Run):
     by_time = dict(zip(run.table["t_s"], run.table.iter_rows(named=True), strict=True))
     samples = of(m.ImuSample)

@@ -102,6 +102,18 @@ def test_outputs_take_the_vessels_names_and_no_pulse_is_told_as_neutral(tmp_path
     assert run.samples("battery_v")[1][0] == 15.5
 
 
+def test_a_log_says_how_late_its_inertial_samples_are(tmp_path):
+    path = tmp_path / "made.BIN"
+    told = [("PARM", BOOT_US, b"INS_GYRO_FILTER", 4.0), ("PARM", BOOT_US, b"INS_ACCEL_FILTER", 10.0)]
+    path.write_bytes(dataflash([*told, *records()]))
+    run = read_run(path)
+    assert run.meta.late_s == {column: pytest.approx(late, abs=1e-4) for column, late in
+                               (("r_rad_s", 0.0563), ("ax_m_s2", 0.0225), ("ay_m_s2", 0.0225))}  # fmt: skip
+    untold = read_run(written(tmp_path))
+    assert untold.meta.late_s == {}
+    assert untold.table.equals(run.table)  # the table is as logged
+
+
 def test_gps_in_site_axes_and_without_a_site_from_the_first_fix(tmp_path):
     path = written(tmp_path, gps=True)
     t_s, places = read_run(path, ReadOptions(site=SITE)).samples("north_m", "east_m")

@@ -55,6 +55,26 @@ def test_averaged_forces_are_means_of_samples_and_know_their_derivatives(
     np.testing.assert_allclose(by_dead[clear], numeric[clear], rtol=1e-3, atol=0.05)
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 5), lag=st.floats(0.03, 0.3), dead=st.floats(0.0, 0.2))
+def test_a_step_of_a_tenth_of_a_second_gives_the_hull_what_the_thrusters_gave(
+    seed: int, count: int, lag: float, dead: float
+) -> None:
+    """Oracle: the averaged force added up in steps of 0.1 ms; a command may fall anywhere, steps may have no length."""
+    rng = np.random.default_rng(seed)
+    commands = ThrustCommands(np.cumsum(rng.uniform(0.05, 0.3, 12)), rng.uniform(-30, 30, (12, 2)))
+    history = ThrustHistory(commands, dead, lag)
+    t = commands.t_s[0] - 0.2 + 0.1 * np.minimum(np.arange(15), 13)[None]
+    around = np.broadcast_to(0.02 * (np.arange(count) - (count - 1) / 2), (1, 15, count))
+    f = history.mean(t, around)
+    middle = history.middle(f, t, around)
+    fine = 1000
+    parts = t[:, :-1, None] + np.diff(t)[..., None] * (np.arange(fine) + 0.5) / fine
+    mean = history.mean(parts[0].ravel()[:, None] + around[0, :1], None).mean(axis=1).reshape(14, fine, 2).mean(axis=1)
+    simpson = (f[0, :-1] + 4 * middle[0] + f[0, 1:]) / 6
+    np.testing.assert_allclose(simpson, mean, atol=0.02)
+
+
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 10_000), slew=st.floats(5.0, 500.0), lag=st.floats(0.05, 0.3))
 def test_kernels_follow_the_one_definition_of_the_lag(seed: int, slew: float, lag: float) -> None:

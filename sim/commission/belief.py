@@ -23,7 +23,7 @@ from sim.fitting.excite.information import Knowledge
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.vessel_out import identified_vessel
-from sim.fitting.wiring.check import checked
+from sim.fitting.wiring.check import Checked, checked
 from sim.fitting.wiring.levelling import levelled
 from sim.fitting.wiring.record import WiringReport
 
@@ -33,6 +33,8 @@ UNMEASURED = FitSettings(
 """Priors of a file that knows the length and the thrusters' places only; assumed."""
 CARE = (1.5, 2.5)
 """Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
+MOST_FAULTS = 3
+"""So often logs are asked again after something was put right; assumed: what is still found then comes and goes."""
 COMPASS_RAD = np.radians(3.0)
 """A heading that is off by less is within what compasses do; assumed."""
 
@@ -78,9 +80,22 @@ class BoatBelief:
 
     @property
     def signs_known(self) -> bool:
-        """Whether every single wiring fault has been ruled out, or the one that there is has been put right."""
-        doubtful = any(not finding.certain and finding.thrusters for finding in self.wiring.findings)
-        return self.wiring.logs not in (None, 0) and not self.wiring.unknown and not doubtful
+        """Whether every single wiring fault has been ruled out, beside those that have been put right.
+
+        What a finding has `advice` for (the compass) is no matter of signs.
+        """
+        doubtful = any((not one.certain or one.rivals) and not one.advice for one in self.wiring.findings)
+        judged = self.wiring.logs not in (None, 0)
+        return judged and not self.wiring.unknown and not doubtful and not self.astray
+
+    @property
+    def astray(self) -> str:
+        """What is certainly wrong with heading or positions, in words, empty: nothing.
+
+        Logs are put right, the boat is not: it would drive home the wrong way.
+        """
+        found = (one for one in self.wiring.findings if one.certain and one.nats is not None)
+        return "; ".join(one.text for one in found if not one.thrusters and not one.advice)
 
 
 def learned(
@@ -88,7 +103,7 @@ def learned(
 ) -> BoatBelief:
     """The belief by `first`, as it was given, and all logs. `date`: for the file's `source` keys."""
     say("signs and sides")
-    found = checked(logs, (), first)
+    found = signs_checked(logs, first)
     logs = levelled(found.logs)
     begun = replaced(BoatBelief.beginning(found.vessel), wiring=found.wiring, logs=logs)
     say("fit")
@@ -100,6 +115,22 @@ def learned(
     if abs(fit.heading_offset_rad) > COMPASS_RAD:
         vessel = with_compass(vessel, fit.heading_offset_rad)
     return replaced(begun, vessel=vessel, known=knowledge_of(found.vessel, vessel, fit), fit=fit)
+
+
+def signs_checked(logs: Sequence[NamedLog], first: VesselFile) -> Checked:
+    """Logs and vessel with what is wrong put right, and asked again: beside one fault there may be another.
+
+    What is still found after `MOST_FAULTS` is told and not certain.
+    """
+    found = checked(logs, (), first)
+    told = {finding.name: finding for finding in found.wiring.findings}
+    for _ in range(MOST_FAULTS):
+        if not found.wiring.corrected:
+            break
+        found = checked(found.logs, (), found.vessel)
+        told |= {finding.name: finding for finding in found.wiring.findings}
+    told |= {finding.name: replace(finding, certain=False) for finding in found.wiring.corrected}
+    return replaced(found, wiring=replace(found.wiring, findings=tuple(told.values())))
 
 
 def with_compass(vessel: VesselFile, offset_rad: float) -> VesselFile:

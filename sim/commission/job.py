@@ -103,8 +103,7 @@ class Commissioning:
             except NotFlownError as error:
                 return self._outcome(belief, belief.vessel, False, f"the boat did not fly: {error}")
             if stage is SIGNS and not belief.signs_known:
-                why = f"signs and sides could not be told: {_doubts(belief)}"
-                return self._outcome(belief, belief.first, False, why)
+                return self._outcome(belief, belief.first, False, _doubts(belief))
         if belief.fit is None:
             return self._outcome(belief, belief.first, False, f"no fit: {belief.problem or 'nothing was flown'}")
         return self._proven(belief)
@@ -127,7 +126,9 @@ class Commissioning:
             expected = f", {proposal.nats:.1f} nats expected" if proposal.nats else ""
             self._say(f"{stage.name}: {stage.why}; flight of {proposal.minutes:.1f} minutes{expected}")
             plan = excitation_toml(proposal.plan, f"{stage.name}: {stage.why}")
-            record, folder = self._fly(stage.name, belief.vessel, {"excitation.toml": plan}, proposal.nats)
+            record, folder = self._fly(
+                stage.name, proposal.vessel or belief.vessel, {"excitation.toml": plan}, proposal.nats
+            )
             if not record.seconds:
                 self.journal.close(folder, record)
                 raise NotFlownError(record.ending)
@@ -239,7 +240,10 @@ class Commissioning:
 
 
 def _doubts(belief: BoatBelief) -> str:
-    return " ".join((*belief.wiring.lines, *belief.wiring.open_lines)) or "the logs hold too little"
+    if belief.astray:
+        return f"{belief.astray}: correct that, and begin again in another folder"
+    lines = (*belief.wiring.lines, *belief.wiring.open_lines)
+    return f"signs and sides could not be told: {' '.join(lines) or 'the logs hold too little'}"
 
 
 def news(before: BoatBelief, after: BoatBelief) -> list[str]:

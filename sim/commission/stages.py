@@ -1,6 +1,6 @@
 """The stages of commissioning: what each is about, which manoeuvres it may use, and when it is over.
 
-    signs         one thruster at a time, for a moment, until every wiring fault is ruled out or found
+    signs         one thruster at a time, for a moment, then to and fro, until every wiring fault is ruled out or found
     delays        dead time and lag of the thrusters
     hull          mass, damping, gains
     sensors       places of tag and IMU, the tag's latency, the compass
@@ -20,9 +20,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
-from companion.core.excitation.file import Excitation, Idle, Multisine, Pulses, Segment, Zigzag
-from companion.core.excitation.signal import axis_reach
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.excitation.file import Excitation, Idle, Multisine, Segment, Zigzag
+from companion.core.excitation.signal import axis_reach, signals
 from sim.commission.belief import CARE, BoatBelief
+from sim.commission.signs import CONFIRMED, PULSE_S, distrusted, signs_segments
 from sim.fitting.engine.parameters import HULL
 from sim.fitting.excite.design import CandidateManoeuvre, candidates, choose, gain_nats
 from sim.fitting.excite.information import Knowledge
@@ -31,11 +33,6 @@ LEAST_NATS_PER_MIN = 0.2
 """Of each parameter of the stage, in the mean: a sigma that falls by a fifth in a minute; assumed."""
 FLIGHT_S = 120.0
 """About so long a flight: then it is fitted, and the next is designed on what is known by then; assumed."""
-PULSE_S, PULSE_LEVEL, REST_S = (0.2, 0.6, 1.2, 1.2), 0.4, 0.6
-"""Duration of a thruster's pulses in the first, second .. try, the share of its limit, and the rest after each.
-Assumed: the first moves a boat of 45 kg by less than 0.1 m/s."""
-SIGNS_PULSES, CONFIRMED = 8, 2
-"""Pulses of all thrusters ahead in a flight, and as many astern; flights before signs count as known."""
 PROOF = ("zig-zag", "multisine")
 """Manoeuvres of the library that prove a model: all axes, none of them alone."""
 
@@ -72,12 +69,16 @@ STAGES = (
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a stage would fly next: the plan, what it would tell in nats, its minutes. No plan: why not."""
+    """What a stage would fly next: the plan, what it would tell in nats, its minutes. No plan: why not.
+
+    `vessel`: the file to fly it by; None: the one that is believed.
+    """
 
     plan: Excitation | None
     nats: float = 0.0
     minutes: float = 0.0
     why: str = ""
+    vessel: VesselFile | None = None
 
 
 def propose(
@@ -95,7 +96,7 @@ def propose(
     `yielded`: what flights so far told, over what was expected: a boat is not quite its model.
     """
     if stage is SIGNS:
-        return _pulses(belief, library, flown, left_s)
+        return _signs(belief, library, flown, left_s)
     if flown >= stage.most:
         return Proposal(None, why="as often as this stage may")
     if stage is PROVEN:
@@ -103,25 +104,21 @@ def propose(
     return _most_informative(stage, belief, library, site, left_s, yielded, say)
 
 
-def _pulses(belief: BoatBelief, library: Excitation, flown: int, left_s: float) -> Proposal:
+def _signs(belief: BoatBelief, library: Excitation, flown: int, left_s: float) -> Proposal:
     if belief.signs_known and flown >= CONFIRMED:
         return Proposal(None, why="signs and sides are known")
+    if belief.astray and flown >= CONFIRMED:
+        return Proposal(None, why=f"{belief.astray}: nothing can be flown before that is right")
     if flown >= len(PULSE_S):
         return Proposal(None, why="the longest pulses do not tell signs and sides")
-    one = Pulses(
-        name="each thruster",
-        why="which way each pushes",
-        levels=(PULSE_LEVEL, -PULSE_LEVEL),
-        on_s=PULSE_S[flown],
-        off_s=REST_S,
-    )
-    rounds = -(-SIGNS_PULSES // len(belief.vessel.thrusters))
+    vessel = belief.first
     # No way back under power: until signs are known, it might be the way out.
-    plan = replace(library, name=SIGNS.name, segments=(one,) * rounds, caution=CARE[1], homing=False)
-    seconds = rounds * 2 * len(belief.vessel.thrusters) * (PULSE_S[flown] + REST_S)
+    segments = signs_segments(vessel, flown)
+    plan = replace(library, name=SIGNS.name, segments=segments, caution=CARE[1], homing=False)
+    seconds = sum(signal.duration_s for signal in signals(plan, vessel, name=SIGNS.name))
     if seconds > left_s:
         return Proposal(None, why="no time left")
-    return Proposal(plan, minutes=seconds / 60)
+    return Proposal(plan, minutes=seconds / 60, vessel=distrusted(vessel))
 
 
 def _proof(belief: BoatBelief, library: Excitation) -> Proposal:

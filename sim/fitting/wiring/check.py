@@ -152,10 +152,10 @@ def _decided(
     best = int(order[0])
     less = whole.left[:, best] <= LEFT * whole.left[:, 0]
     explains = bool((less & (whole.explained[:, best] >= EXPLAINED)).any())
-    if tried[best].name.startswith(DEAD) and nats[best] >= HINT_NATS:
-        return None, [], ()
-    if nats[best] < HINT_NATS or not explains:
-        near = [tried[i] for i in order if nats[i] > -OPEN_NATS and tried[i].faults == 1]
+    dead = tried[best].name.startswith(DEAD)
+    if dead or nats[best] < HINT_NATS or not explains:
+        least = [max(-OPEN_NATS, nats[best] - SURE_NATS) if dead and one.way else -OPEN_NATS for one in tried]
+        near = [tried[i] for i in order if nats[i] > least[i] and tried[i].faults == 1]
         return None, [], tuple(one.text for one in near if not one.name.startswith(DEAD))
     near = [i for i in order[1:] if nats[i] > nats[best] - OPEN_NATS and tried[i].faults == 1]
     against = tuple(name for name, one in seen.items() if one.nats[best] < -SURE_NATS)

@@ -14,6 +14,8 @@ from sim.fitting.wiring.record import WiringFinding, WiringReport
 SETUP = load_setup(EXAMPLES / "aritra.toml").pilot
 LIBRARY = load_excitation((EXAMPLES / "excitations" / "library.toml").read_text(encoding="utf-8"), name="library")
 FIRST = BoatBelief.beginning(SETUP.vessel)
+MIRRORED = WiringFinding(name="positions:east", text="east_m counts to the west", nats=20.0, certain=True)
+SWAPPED = WiringFinding(name="swapped:a+b", text="a and b", nats=20.0, certain=True, thrusters=True)
 HULL = next(stage for stage in STAGES if stage.name == "hull")
 
 
@@ -32,16 +34,25 @@ def asked(stage, belief, *, left_s=600.0, flown=0, yielded=1.0):
 
 
 @pytest.mark.parametrize("flown", range(len(PULSE_S)))
-def test_until_signs_are_known_thrusters_only_pulse_and_the_boat_never_drives_back(flown):
-    plan = asked(SIGNS, FIRST, flown=flown).plan
+def test_until_signs_are_known_the_boat_never_drives_back_and_the_file_is_not_trusted(flown):
+    proposal = asked(SIGNS, FIRST, flown=flown)
+    plan, vessel = proposal.plan, proposal.vessel
     assert plan is not None and not plan.homing and plan.caution == CARE[1]
-    assert all(isinstance(segment, Pulses) and segment.on_s == PULSE_S[flown] for segment in plan.segments)
+    assert any(isinstance(segment, Pulses) and segment.on_s == PULSE_S[flown] for segment in plan.segments)
     assert load_excitation(excitation_toml(plan), name="x") == plan
+    assert vessel is not None and vessel.model_error is not None and vessel.damping == FIRST.first.damping
 
 
 def test_longer_pulses_each_time_then_it_gives_up():
     assert list(PULSE_S) == sorted(PULSE_S)
     assert asked(SIGNS, FIRST, flown=len(PULSE_S)).plan is None
+
+
+def test_nothing_more_is_flown_by_a_boat_whose_positions_are_mirrored():
+    mirrored = with_wiring(WiringReport(logs=2, findings=(MIRRORED,)))
+    told = asked(SIGNS, mirrored, flown=2)
+    assert told.plan is None and MIRRORED.text in told.why and not mirrored.signs_known
+    assert asked(SIGNS, mirrored, flown=1).plan is not None  # one flight is not enough to say so
 
 
 def test_signs_are_known_after_two_flights_that_leave_no_fault_open():
@@ -57,10 +68,18 @@ def test_signs_are_known_after_two_flights_that_leave_no_fault_open():
         WiringReport(logs=0),
         WiringReport(logs=1, unknown=("a and b have changed places",)),
         WiringReport(logs=1, findings=(WiringFinding(name="x", text="a", certain=False, thrusters=True),)),
+        WiringReport(logs=1, findings=(replace(MIRRORED, certain=False),)),
+        WiringReport(logs=1, findings=(replace(SWAPPED, rivals=("b pushes the wrong way",)),)),
+        WiringReport(logs=1, findings=(SWAPPED,), unknown=("north_m counts to the south",)),
     ],
 )
 def test_what_is_not_certain_is_not_known(report):
     assert not with_wiring(report).signs_known
+
+
+def test_a_fault_that_was_put_right_and_an_uncalibrated_compass_leave_signs_known():
+    compass = WiringFinding(name="compass", text="c", nats=9.0, certain=False, advice="calibrate it")
+    assert with_wiring(WiringReport(logs=2, findings=(SWAPPED, compass))).signs_known
 
 
 def test_caution_falls_from_the_worst_plausible_boat_to_that_of_a_measured_one():

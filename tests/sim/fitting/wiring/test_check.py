@@ -139,6 +139,16 @@ def test_a_weak_or_dead_thruster_is_left_to_the_fit(gain):
     assert found.wiring.findings == () and found.vessel is BOAT
 
 
+@long
+def test_a_dead_thruster_hides_no_doubt_about_the_axes():
+    true = replace(BOAT, thrusters=(replace(BOAT.thrusters[0], gain=0.0), *BOAT.thrusters[1:]))
+    run = teleop_run(true, SEED + 91, 120.0, believed=BOAT, alone_s=2.0)
+    still = changed(run, north_m=pl.when(pl.col("north_m").is_not_null()).then(15.0), east_m=0.0 * pl.col("east_m"))
+    found = check(still).wiring
+    assert found.findings == ()
+    assert {"north_m counts to the south", "east_m counts to the west"} <= set(found.unknown)
+
+
 def test_logs_that_hold_too_little_say_so_and_are_passed_on(right):
     short = Run(right.table.filter(pl.col("t_s") < 5.0), right.meta)
     found = check(short)

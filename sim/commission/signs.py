@@ -1,0 +1,78 @@
+"""Flights that show which thruster pushes where, and in which axes heading and positions count.
+
+    pulses    one thruster at a time: they turn a boat, and tell its thrusters apart
+    legs      all together ahead and astern, a turn between them: a boat that two thrusters only push ahead shows the
+              axes of its positions by going to and fro about a metre, on headings that differ
+
+Nothing here takes the file's word: a leg of a boat whose thruster is reversed is a turn, and its turn a leg. There is
+no way back under power, for it might be the way out, and the filter is told that the file's forces may be as wrong as
+they are large (`distrusted`): what is left are positions, heading and accelerations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.core.configuration.vessel_file import ModelError, VesselFile
+from companion.core.control.allocation import force_limits
+from companion.core.estimation.tuning import EstimatorTuning
+from companion.core.excitation.file import Pulses, Segment, Steps
+from companion.core.excitation.signal import axis_reach
+from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.thrusters import configuration_matrix
+
+PULSE_S, PULSE_LEVEL, REST_S = (0.2, 0.6, 1.2, 1.2), 0.4, 0.6
+"""Duration of a thruster's pulses in the first, second .. try, the share of its limit, and the rest after each.
+Assumed: the first moves a boat of 45 kg by less than 0.1 m/s."""
+SIGNS_PULSES, CONFIRMED = 8, 2
+"""Pulses of all thrusters ahead in a flight, and as many astern; flights before signs count as known. Assumed."""
+LEG_M_S = (0.0, 0.4, 0.6, 0.6)
+"""Speed of the file's boat at the end of a leg's push, by try. Assumed: 0.4 m/s is a metre to and fro, several sigmas
+of a position."""
+LEGS, TURN_RAD_S = 3, 0.35
+"""Legs of a flight, and the yaw rate of the file's boat at the end of the turn's push. Assumed: a turn and what is left
+of it during the leg are about 80 degrees, and three headings 80 degrees apart lie on the axis of no mirror together."""
+PUSH_S, COAST = 1.0, 2
+"""Duration of a push of legs and turns, and how many times as long the boat coasts after it; assumed."""
+
+
+def signs_segments(vessel: VesselFile, flown: int) -> tuple[Segment, ...]:
+    """Segments of the flight after `flown` others."""
+    pulses = Pulses(
+        name="each thruster",
+        why="which way each pushes",
+        levels=(PULSE_LEVEL, -PULSE_LEVEL),
+        on_s=PULSE_S[flown],
+        off_s=REST_S,
+    )
+    rounds = -(-SIGNS_PULSES // len(vessel.thrusters))
+    return (*_legs(vessel, LEG_M_S[flown]), *(pulses,) * rounds)
+
+
+def _legs(vessel: VesselFile, speed_m_s: float) -> tuple[Segment, ...]:
+    """Ahead and astern on several headings, at the speed that the file's boat gets; none at rest."""
+    reach, inertia = axis_reach(vessel), np.diag(mass_matrix(vessel))
+    if not speed_m_s or not reach[[0, 2]].all():
+        return ()
+    ahead, astern = np.minimum(speed_m_s / PUSH_S * inertia[0] / reach[0], PULSE_LEVEL).round(3).tolist()
+    turn = round(float(min(TURN_RAD_S / PUSH_S * inertia[2] / reach[2].min(), PULSE_LEVEL)), 3)
+    coast = (0.0,) * COAST
+    leg = Steps(
+        name="to and fro",
+        why="in which axes positions count",
+        X=1.0,
+        levels=(ahead, *coast, -astern, *coast),
+        hold_s=PUSH_S,
+    )
+    side = Steps(name="turn", why="another heading", N=1.0, levels=(turn, *coast), hold_s=PUSH_S)
+    return (leg, side) * LEGS
+
+
+def distrusted(vessel: VesselFile) -> VesselFile:
+    """The vessel with a model error as large as a thruster makes that pushes the other way: twice its pulse's force."""
+    lower, upper = force_limits(vessel)
+    wrong = 2 * PULSE_LEVEL * np.abs(configuration_matrix(vessel)) * np.maximum(upper, -lower)
+    X, Y, N = np.maximum(wrong.max(axis=1), EstimatorTuning().latent_sigma).round(2).tolist()
+    source = "assumed: which way thrusters push is not known yet"
+    return replace(vessel, model_error=ModelError(X_sigma_N=X, Y_sigma_N=Y, N_sigma_N_m=N, source=source))

@@ -91,7 +91,7 @@ def _structured(identification: Identification) -> Iterator[tuple[str, str, str]
             FITTED,
         )
     yield "refinements of the model", ", ".join(identification.chosen.refinements) or "none", FITTED
-    tried = f"in trials on halves of the logs, each gains {100 * WORTH:g} % at least and helps in both halves"
+    tried = f"in trials on halves of the logs, it gains {100 * WORTH:g} % and neither half loses {100 * NO_WORSE:g} %"
     yield "a refinement is kept", f"where, {tried}", BEFORE
     yield "multi-step output error", f"where it predicts better by {100 * NO_WORSE:g} %; horizon: {chosen}", BEFORE
     sigmas = ", ".join(f"{f.name} {getattr(settings.sigmas, f.name):g}" for f in fields(settings.sigmas))

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from tests.evidence.identify import boats, cse1, driven, duration, paper
+from tests.evidence.identify import boats, cse1, driven, duration, first_guess, paper
 
-PARTS = (*paper.PARTS, *duration.PARTS, *boats.PARTS, *driven.PARTS, *cse1.PARTS)
+PARTS = (*paper.PARTS, *duration.PARTS, *boats.PARTS, *driven.PARTS, *cse1.PARTS, *first_guess.PARTS)

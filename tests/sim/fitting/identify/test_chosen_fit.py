@@ -9,15 +9,18 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HeldOut
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
+from sim.fitting.identify import chosen_fit
 from sim.fitting.identify.chosen_fit import ChosenFit, fit_chosen
 from sim.fitting.identify.folds import HORIZONS_S, folds
 from sim.fitting.identify.refinements import REFINEMENTS, missing
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.trials import MULTI_STEP, WINDOWS
-from sim.fitting.identify.vessel_out import identified_vessel
+from sim.fitting.identify.vessel_out import identified_vessel, in_surroundings
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.scores import SpeedBox
 from sim.fitting.validate.study import validate
+from sim.fitting.wiring.compass import HardIron
+from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
@@ -58,6 +61,56 @@ def test_what_the_file_lacks_is_found_and_written():
     assert written.force_maps["t200"].astern_share == pytest.approx(0.75, abs=0.02)
     other = teleop_run(weak_astern(), 102, 60.0, uwb_hz=5.0, sigma_m=0.03)
     assert position_error_m(written, other) < 0.1 < position_error_m(FILE, other)
+
+
+def magnetised(vessel: VesselFile, a: float, b: float) -> VesselFile:
+    """The vessel whose heading errs by a cos psi + b sin psi."""
+    imu = replace(vessel.sensors.imu, hard_iron_cos_rad=a, hard_iron_sin_rad=b)
+    return replace(vessel, sensors=replace(vessel.sensors, imu=imu))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["right", "wrong"])
+def test_a_compass_is_put_right_only_where_predictions_are_better_for_it(sign, monkeypatch):
+    """Seeds 11 and 12; course over ground is taken to have said what is true, or the opposite."""
+    twin, a, b = boat("twin"), 0.2, -0.1
+    logs = [teleop_run(magnetised(twin, a, b), seed, 200.0, uwb_hz=5.0, sigma_m=0.07) for seed in (11, 12)]
+    said = HardIron(sign * a, sign * b, np.eye(2) * 1e-4)
+    monkeypatch.setattr(chosen_fit, "hard_iron", lambda _runs, _vessel: said)
+    found = fit_chosen(logs, twin, FitSettings(), lambda _text, _share: None)
+    imu = identified_vessel(found.vessel, found.result, date="2026-01-01").sensors.imu
+    believed = (a, b) if sign > 0 else (0.0, 0.0)
+    assert ("compass" in kept(found)) == (sign > 0)
+    assert (imu.hard_iron_cos_rad, imu.hard_iron_sin_rad) == pytest.approx(believed, abs=1e-9)
+
+
+def test_what_the_file_says_of_the_compass_is_believed_by_either_method():
+    """A file that knows the error, and a log without one: the same fit."""
+    iron = magnetised(FILE, 0.3, 0.0)
+    plain, known = (teleop_run(boat, 13, 60.0, uwb_hz=5.0) for boat in (FILE, iron))
+    settings = FitSettings(horizon_s=5.0)
+    right, put_right = (
+        fit_chosen([run], vessel, settings, lambda _text, _share: None).result
+        for run, vessel in ((plain, FILE), (known, iron))
+    )
+    off = fit_chosen([known], FILE, settings, lambda _text, _share: None).result
+    names = ("X_uu_N_s2_m2", "Y_vv_N_s2_m2", "N_rr_N_m_s2")
+    assert [put_right[n].value for n in names] == pytest.approx([right[n].value for n in names], rel=0.02)
+    assert put_right["Y_vv_N_s2_m2"].se < 2 * right["Y_vv_N_s2_m2"].se < off["Y_vv_N_s2_m2"].se
+
+
+def test_current_and_the_imu_s_place_are_fitted_where_that_predicts_better():
+    """0.2 m/s of current, and an IMU 0.2 m ahead of where the file has it; seed 14."""
+    imu = replace(FILE.sensors.imu, x_m=FILE.sensors.imu.x_m + 0.2)
+    true = replace(FILE, sensors=replace(FILE.sensors, imu=imu))
+    log = teleop_run(true, 14, 200.0, uwb_hz=5.0, sigma_m=0.07, weather=Weather(V_c_m_s=0.2, beta_c_deg=60.0))
+    found = chosen(log)
+    assert "surroundings" in kept(found) and found.method == WINDOWS
+    written = identified_vessel(found.vessel, found.result, date="2026-01-01")
+    assert written.sensors.imu.x_m == pytest.approx(imu.x_m, abs=0.05)
+    assert "current" not in written.terms and "wind" not in written.terms  # the day's
+    day = in_surroundings(written, found.result).terms
+    assert (day["current"]["V_c_m_s"], day["current"]["beta_c_deg"]) == pytest.approx((0.2, 60.0), abs=10.0)
+    assert day["current"]["V_c_m_s"] == pytest.approx(0.2, abs=0.03)
 
 
 def test_a_boat_like_its_file_keeps_model_and_short_windows():

@@ -18,7 +18,7 @@ from sim.campaign.case_files import CaseSetup
 from sim.campaign.file import Diagnose, Identify
 from sim.campaign.runners.job import Figure, Work
 from sim.fitting.diagnose import job as diagnosis
-from sim.fitting.engine.parameters import file_values
+from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify import job as identification
 from sim.world.environment import Weather
@@ -50,11 +50,13 @@ def identify_figures(case: CaseSetup, work: Work) -> dict[str, Figure]:
     }
     out |= {f"relative_error_{name.replace(' ', '_')}": error for name, error in verdict.relative_error.items()}
     if settings.drive_s:
-        true = dict(zip((p.name for p in fit.parameters), file_values(case.truth), strict=True))
-        sure = [p for p in fit.parameters if p.determined and not p.name.startswith("warp_")]
+        names = Parameters(case.truth, imu_place=True).names
+        true = dict(zip(names, file_values(case.truth, imu_place=True), strict=True))
+        of_truth = [p for p in fit.parameters if p.name in true]  # current and wind are the day's
+        sure = [p for p in of_truth if p.determined and not p.name.startswith("warp_")]
         held = [p.ci95[0] <= true[p.name] <= p.ci95[1] for p in sure]
         out["intervals_that_hold"] = float(np.mean(held)) if held else None
-        out |= {f"{p.name}_true": float(true[p.name]) for p in fit.parameters}
+        out |= {f"{p.name}_true": float(true[p.name]) for p in of_truth}
     return out | {p.name: p.value for p in fit.parameters} | {f"{p.name}_se": p.se for p in fit.parameters}
 
 

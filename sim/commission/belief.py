@@ -16,27 +16,20 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from sim.fitting.engine.free_parameters import PriorSigmas
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.engine.windows import StructuredFitError
 from sim.fitting.excite.information import Knowledge
 from sim.fitting.identify.result import FitResult, fit_structured
-from sim.fitting.identify.structured_fit import FitSettings
+from sim.fitting.identify.structured_fit import UNMEASURED
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.fitting.wiring.check import Checked, checked
 from sim.fitting.wiring.levelling import levelled
 from sim.fitting.wiring.record import WiringReport
 
-UNMEASURED = FitSettings(
-    sigmas=PriorSigmas(gain=0.3, arm_m=0.3), surroundings=True, imu_place=True, heading_offset_rad=0.2
-)
-"""Priors of a file that knows the length and the thrusters' places only; assumed."""
 CARE = (1.5, 2.5)
 """Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
 MOST_FAULTS = 3
 """So often logs are asked again after something was put right; assumed: what is still found then comes and goes."""
-COMPASS_RAD = np.radians(3.0)
-"""A heading that is off by less is within what compasses do; assumed."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +105,6 @@ def learned(
     except StructuredFitError as error:
         return replaced(begun, problem=str(error))
     vessel = identified_vessel(found.vessel, fit, date=date)
-    if abs(fit.heading_offset_rad) > COMPASS_RAD:
-        vessel = with_compass(vessel, fit.heading_offset_rad)
     return replaced(begun, vessel=vessel, known=knowledge_of(found.vessel, vessel, fit), fit=fit)
 
 
@@ -131,14 +122,6 @@ def signs_checked(logs: Sequence[NamedLog], first: VesselFile) -> Checked:
         told |= {finding.name: finding for finding in found.wiring.findings}
     told |= {finding.name: replace(finding, certain=False) for finding in found.wiring.corrected}
     return replaced(found, wiring=replace(found.wiring, findings=tuple(told.values())))
-
-
-def with_compass(vessel: VesselFile, offset_rad: float) -> VesselFile:
-    """The vessel with this constant error of its heading."""
-    imu = vessel.sensors.imu
-    total = imu.heading_offset_rad + round(offset_rad, 4)
-    imu = replace(imu, heading_offset_rad=total, source=f"{imu.source}; heading offset from the same logs")
-    return replace(vessel, sensors=replace(vessel.sensors, imu=imu))
 
 
 def knowledge_of(first: VesselFile, vessel: VesselFile, fit: FitResult) -> Knowledge:

@@ -17,11 +17,10 @@ from companion.core.messages import GuidanceReference, StateEstimate
 from companion.logs.log_file import LogFile
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HeldOut
-from sim.commission.belief import COMPASS_RAD
 from sim.fitting.engine.smoothing import SmootherNoise
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.verdict import relative_error
-from sim.fitting.identify.vessel_out import in_surroundings
+from sim.fitting.identify.vessel_out import COMPASS_RAD, in_surroundings
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.study import validate
 from sim.fitting.wiring.correction import Correction

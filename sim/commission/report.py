@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from companion.core.configuration.site_file import Site
 from companion.core.messages import StateEstimate
 from companion.logs.log_file import LogError, LogFile
-from sim.commission.belief import COMPASS_RAD, UNMEASURED
 from sim.commission.job import NEW, OLD, CommissionOutcome
 from sim.commission.journal import LOG, FlightJournal, stage_of
 from sim.commission.stages import STAGES
 from sim.fitting.identify.report.tables import parameter_table
+from sim.fitting.identify.structured_fit import UNMEASURED
+from sim.fitting.identify.vessel_out import COMPASS_RAD
 from sim.fitting.validate.report import Section, page
 from sim.fitting.validate.table import ScoreTable
 from sim.fitting.wiring.record import WiringFinding

@@ -8,8 +8,9 @@ windows explains it by latent accelerations that the controller will not have, a
        measured, and put right where the compass clearly errs by how the boat is turned; then with each of the
        refinements that the file lacks. The best is kept while it gains `WORTH`, and neither half loses `NO_WORSE`
     2. the fit of windows of that model (white noise, latent acceleration), where there are inertial sensors, in the
-       same way, without and with current, wind and the IMU's place. It is kept, for where the model is right it is the
-       more accurate, unless multi-step output error predicts better by `NO_WORSE`
+       same way: with the priors of a measured boat, and with those of one that nobody has measured, in the weather of a
+       day. It is kept, for where the model is right it is the more accurate, unless multi-step output error predicts
+       better by `NO_WORSE`
 """
 
 from __future__ import annotations

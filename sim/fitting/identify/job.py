@@ -176,14 +176,14 @@ def identify(
     stamps.append(Stamp("structured model fitted", now()))
     # 3. Smooth the fitted parts, as the file knows its sensors now, and fit the Taylor series to their accelerations.
     noise = SmootherNoise.of(vessel)
-    motion = _motion([calibrated(run, model) for run in division.fitted], noise, say)
+    motion = _motion([calibrated(run, identified) for run in division.fitted], noise, say)
     stamps.append(Stamp("fitted parts smoothed", now()))
     series, peer = _series(motion, vessel, choices, say)
     stamps.append(Stamp("regressions done", now()))
     # 4. All models in open loop on the held-out parts.
     models = _simulators(vessel, identified, chosen, division, series, peer, now)
     box = SpeedBox.of(np.concatenate([s.nu for s in motion.smoothed]))
-    held_out_runs = [HeldOut(calibrated(out.run, model), out.inside) for out in division.held_out]
+    held_out_runs = [HeldOut(calibrated(out.run, identified), out.inside) for out in division.held_out]
     validation, departures = _judge(models, held_out_runs, vessel, noise, box, choices.seed, say)
     stamps.append(Stamp("held-out runs simulated for the first time", now()))
     return Identification(

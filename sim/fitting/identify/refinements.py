@@ -1,7 +1,8 @@
 """Refinements of the model that many boats need and few vessel files have; `chosen_fit` tries them.
 
 compass         the heading errs by a cos psi + b sin psi, as `wiring.compass` finds it
-surroundings    current and wind of the day, and the IMU's place, are fitted beside the boat
+unmeasured boat  gains of single thrusters, places of tag and IMU, a constant error of the heading: as open as those
+                of a boat that nobody has measured; current and wind of the day are fitted beside it
 speed_damping   N = N_ur |u| r      prior of the size that slender-wing theory gives a single hull of this length and
                                     draft, N_ur = -(pi / 8) rho T^2 L^2 (Jones 1946; Clarke et al. 1983, for B = 0)
 munk_moment     N = k u v           either sign: what M lacks of the Munk moment, less the lift of the after-body
@@ -19,8 +20,8 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
 from companion.core.constants import WATER_KG_M3
 
-COMPASS, SURROUNDINGS = "compass", "surroundings"
-"""Refinements of the measurements: of the heading, and of the water and air in which all was measured."""
+COMPASS, UNMEASURED_BOAT = "compass", "unmeasured boat"
+"""Refinements of the heading, and of how little is taken for known."""
 SIZE_UNKNOWN = 1.5
 """Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""
 SOURCE = "tried by identify"
@@ -78,6 +79,6 @@ REFINEMENTS = (
 TEXTS = {
     COMPASS: "an error of the heading by how the boat is turned",
     **{r.name: r.text for r in REFINEMENTS},
-    SURROUNDINGS: "the IMU's place, with current and wind of the day beside it",
+    UNMEASURED_BOAT: "gains and places of sensors that nobody had measured, with current and wind of the day beside",
 }
 """All of them in words, by name."""

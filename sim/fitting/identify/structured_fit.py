@@ -89,6 +89,12 @@ class FitSettings:
         return Parameters(vessel, self.sigmas, self.overrides, self.surroundings, self.imu_place)
 
 
+UNMEASURED = FitSettings(
+    sigmas=PriorSigmas(gain=0.3, arm_m=0.3), surroundings=True, imu_place=True, heading_offset_rad=0.2
+)
+"""Priors of a file that knows the length and the thrusters' places only; assumed."""
+
+
 @dataclass(frozen=True)
 class FitPoint:
     """One iterate: parameters w (P,), nodes z (W, L), and the data linearised there (`at`)."""

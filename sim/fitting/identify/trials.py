@@ -14,9 +14,9 @@ from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.engine.windows import StructuredFitError
 from sim.fitting.identify.folds import Halves
 from sim.fitting.identify.horizon import HorizonFit, error_sigma, solve, with_tag_fixed
-from sim.fitting.identify.refinements import SURROUNDINGS, Refinement, missing
+from sim.fitting.identify.refinements import UNMEASURED_BOAT, Refinement, missing
 from sim.fitting.identify.result import fit_structured
-from sim.fitting.identify.structured_fit import WINDOWS_S, FitSettings, Say
+from sim.fitting.identify.structured_fit import UNMEASURED, WINDOWS_S, FitSettings, Say
 
 WORTH = 0.05
 """Relative gain in predictions of unseen data that is worth a refinement. On simulated boats without any, chance gained
@@ -91,18 +91,21 @@ class TrialSearch:
     def windows_that_hold(self) -> list[tuple[FitSettings, tuple[str, ...]]]:
         """Settings of fits of windows that predict no worse than multi-step output error, and their refinements.
 
-        The best first: without current, wind and the IMU's place, where these are not worth it.
+        The best first: as the settings have it, where an unmeasured boat in the weather of a day is not worth it.
         """
         found = []
-        for more, names in ((False, ()), (True, (SURROUNDINGS,))):
+        for settings, names in ((self.settings, self.chosen), (self._unmeasured(), (*self.chosen, UNMEASURED_BOAT))):
             self._say("trying short windows", 0.0)
-            settings = replace(self.settings, surroundings=more, imu_place=more)
             score = self._windows(settings)
-            self._trials.append(self._trial(WINDOWS, (*self.chosen, *names), score))
-            found.append((score, settings, (*self.chosen, *names)))
+            self._trials.append(self._trial(WINDOWS, names, score))
+            found.append((score, settings, names))
         (plain, *_), (wide, *_) = found
         order = reversed(found) if _worth(plain, wide) else found
         return [(s, names) for score, s, names in order if float((score - self._best).mean()) < NO_WORSE]
+
+    def _unmeasured(self) -> FitSettings:
+        """Settings for a boat that nobody has measured, in the weather of a day."""
+        return replace(UNMEASURED, overrides=self.settings.overrides, noise=self.settings.noise)
 
     def trials(self, method: str, refinements: tuple[str, ...]) -> tuple[Trial, ...]:
         """All trials, with the mark of the one that is kept."""

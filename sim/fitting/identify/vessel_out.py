@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from msgspec.structs import replace
 
+from companion.core.configuration.sensors import Imu
 from companion.core.configuration.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
 from companion.core.model.load_vessel import munk_limit_kg
 from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, fitted_terms
@@ -16,6 +17,7 @@ from sim.fitting.identify.result import FitResult
 DIGITS = 6  # significant digits of fitted numbers
 FITTED_INERTIA = ("mass_kg", "I_z_kg_m2", "X_udot_kg", "Y_vdot_kg", "Y_rdot_kg_m", "N_rdot_kg_m2")
 TRIM_US = 200  # as the vessel file's bounds
+COMPASS_RAD = np.radians(3.0)  # a heading that is off by less is within what compasses do; assumed
 ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass; of a limit, too
 
 
@@ -39,11 +41,7 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
         y_m=_round(q["tag_y_m"]),
         source=f"{vessel.sensors.position.source}; latency and place {source}",
     )
-    fitted = {p.name: p.value for p in result.parameters}
-    if IMU_PLACE[0] in fitted:
-        x_m, y_m = (_round(fitted[name]) for name in IMU_PLACE)
-        imu = replace(sensors.imu, x_m=x_m, y_m=y_m, source=f"{sensors.imu.source}; place {source}")
-        sensors = replace(sensors, imu=imu)
+    sensors = replace(sensors, imu=_imu(sensors.imu, result, source))
     inertia = inertia_of(vessel.inertia, q, source)
     return replace(
         vessel,
@@ -60,6 +58,18 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
         sensors=sensors,
         terms=_terms(vessel, q, source),
     )
+
+
+def _imu(imu: Imu, result: FitResult, source: str) -> Imu:
+    """The IMU with its fitted place, where that was free, and a constant error of the heading that no compass has."""
+    fitted = {p.name: p.value for p in result.parameters}
+    if IMU_PLACE[0] in fitted:
+        x_m, y_m = (_round(fitted[name]) for name in IMU_PLACE)
+        imu = replace(imu, x_m=x_m, y_m=y_m, source=f"{imu.source}; place {source}")
+    if abs(result.heading_offset_rad) > COMPASS_RAD:
+        total = imu.heading_offset_rad + round(result.heading_offset_rad, 4)
+        imu = replace(imu, heading_offset_rad=total, source=f"{imu.source}; heading offset {source}")
+    return imu
 
 
 def written_otherwise(vessel: VesselFile, result: FitResult) -> list[str]:

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core.excitation.file import Multisine, Pulses, Steps, excitation_toml, load_excitation
-from sim.commission.belief import CARE, BoatBelief, with_compass
+from sim.commission.belief import CARE, BoatBelief
 from sim.commission.stages import PROVEN, PULSE_S, SIGNS, STAGES, propose, scaled
 from sim.fitting.excite.information import Knowledge
 from sim.fitting.wiring.record import WiringFinding, WiringReport
@@ -117,9 +117,3 @@ def sideways_share(belief: BoatBelief) -> float:
     assert plan is not None
     (multisine,) = (s for s in plan.segments if isinstance(s, Multisine))
     return multisine.Y
-
-
-def test_a_compass_offset_is_added_to_the_one_of_the_file():
-    once = with_compass(SETUP.vessel, 0.1)
-    assert with_compass(once, 0.05).sensors.imu.heading_offset_rad == pytest.approx(0.15)
-    assert "heading offset" in once.sensors.imu.source

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from companion.core.model.load_vessel import load_vessel
 from sim.world.environment import Moment
@@ -59,12 +58,11 @@ def test_two_hands_wrote_the_same_equations(current, wind):
     if not wind[0]:
         world.hull.frontal = world.hull.lateral = 0.0  # the companion's plant has the drag of calm air, this one not
     vessel = load_vessel(vessel_toml(world, "boat"), name="base.toml")
-    early = replace(vessel.propulsion, dead_time_s=vessel.propulsion.dead_time_s - 0.001)  # stamps in whole ns
     start, volts, steps = (15.0, 15.0, 0.6, 0.0, 0.0, 0.0), 15.1, 30 * STEPS_HZ
     rng = np.random.default_rng(5)
     pwm = [(k, [float(p) for p in rng.integers(1250, 1750, 4)]) for k in range(0, steps, 2 * STEPS_HZ)]
     mine = replay(world, pwm, [(0, volts)], 0.0, {0: start}, steps)
-    plant = Stiff(replace(vessel, propulsion=early), np.array(start), step_ns=round(1e9 / STEPS_HZ), voltage_v=volts)
+    plant = Stiff(vessel, np.array(start), step_ns=round(1e9 / STEPS_HZ), voltage_v=volts)
     weather, commands, theirs = Moment(*current, *wind, np.zeros(3), 0.0, 0.0), dict(pwm), []
     for k in range(steps):
         if k in commands:

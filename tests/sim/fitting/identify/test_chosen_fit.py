@@ -98,15 +98,16 @@ def test_what_the_file_says_of_the_compass_is_believed_by_either_method():
     assert put_right["Y_vv_N_s2_m2"].se < 2 * right["Y_vv_N_s2_m2"].se < off["Y_vv_N_s2_m2"].se
 
 
-def test_current_and_the_imu_s_place_are_fitted_where_that_predicts_better():
-    """0.2 m/s of current, and an IMU 0.2 m ahead of where the file has it; seed 14."""
-    imu = replace(FILE.sensors.imu, x_m=FILE.sensors.imu.x_m + 0.2)
+def test_a_day_s_current_and_what_nobody_measured_are_fitted_where_that_predicts_better():
+    """0.2 m/s of current, a compass that is 0.1 rad off, an IMU 0.2 m ahead of where the file has it; seed 14."""
+    imu = replace(FILE.sensors.imu, x_m=FILE.sensors.imu.x_m + 0.2, heading_offset_rad=0.1)
     true = replace(FILE, sensors=replace(FILE.sensors, imu=imu))
     log = teleop_run(true, 14, 200.0, uwb_hz=5.0, sigma_m=0.07, weather=Weather(V_c_m_s=0.2, beta_c_deg=60.0))
     found = chosen(log)
-    assert "surroundings" in kept(found) and found.method == WINDOWS
+    assert "unmeasured boat" in kept(found) and found.method == WINDOWS
     written = identified_vessel(found.vessel, found.result, date="2026-01-01")
     assert written.sensors.imu.x_m == pytest.approx(imu.x_m, abs=0.05)
+    assert written.sensors.imu.heading_offset_rad == pytest.approx(0.1, abs=0.03)
     assert "current" not in written.terms and "wind" not in written.terms  # the day's
     day = in_surroundings(written, found.result).terms
     assert (day["current"]["V_c_m_s"], day["current"]["beta_c_deg"]) == pytest.approx((0.2, 60.0), abs=10.0)

@@ -158,7 +158,10 @@ class Records:
             return Found(at, end, trouble=str(error), chunk=True)
 
     def _bare_chunk(self, at: int) -> Found | None:
-        """A chunk at `at` whose header says anything: its inner lengths and its checksum must be right."""
+        """A chunk at `at` whose header says anything: its inner lengths and its checksum must be right.
+
+        Another record follows it: what unpacks a chunk does not mind bytes behind it.
+        """
         name = at + _COMPRESSION
         if self._data[name : name + 8] != b"\x04\0\0\0zstd" and self._data[name : name + 7] != b"\x03\0\0\0lz4":
             return None
@@ -166,7 +169,7 @@ class Records:
         if place + 8 > self._size or not any(self._data[name - 4 : name]):
             return None
         end = place + 8 + int.from_bytes(self._data[place : place + 8], "little")
-        found = self._chunk(at, at + HEADER_BYTES, end) if end <= self._size else None
+        found = self._chunk(at, at + HEADER_BYTES, end) if end <= self._size and self._follows(end) else None
         return found if found and not found.trouble else None
 
     def _resume(self, at: int) -> int:

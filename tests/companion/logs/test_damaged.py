@@ -6,7 +6,7 @@ from random import Random
 
 import polars as pl
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from companion.core.messages import Tick
@@ -52,6 +52,7 @@ def indices(folder, data):
 
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@example("bit", 2726, False)  # a chunk that says to hold ten more
 @given(st.sampled_from([kind for kind in KINDS if kind != "cut out"]), st.integers(0, 1 << 30), st.booleans())
 def test_one_damage_costs_what_it_touches(sound_file, tmp_path, kind, seed, indexed):
     """Without an index, too: the first chunk is spared then, as only it says what the channels are."""

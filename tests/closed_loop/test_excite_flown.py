@@ -66,7 +66,7 @@ def test_hard_driving_in_rough_water_stays_inside(seed):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(10, 20))
+@pytest.mark.parametrize("seed", [*range(10, 13), *(pytest.param(s, marks=pytest.mark.matrix) for s in range(13, 20))])
 def test_runs_longer_than_the_basin_stay_inside_on_ten_more_seeds(seed):
     flown = fly(setup_with(FAR), rough(seed), seed)
     check(flown, FAR.margin_m - 0.4)
@@ -96,6 +96,7 @@ def errors(run, true):
     return np.abs(found / truth - 1)[: parameters.thrusters.start]
 
 
+@pytest.mark.matrix
 @pytest.mark.long
 def test_five_minutes_of_a_plan_tell_more_than_five_minutes_of_surge(tmp_path):
     """Boats of seeds 1 to 3, within 30 % of the file, thrusters 2.5 % apart: these make even a straight run turn."""

@@ -51,7 +51,7 @@ def test_mirrored_anchors_are_noticed_as_soon_as_the_boat_moves():
 LONG = (
     "thruster 2 dead from 25",
     "thruster 3 swapped 4 from 25",
-    "thruster 2 swapped 3 from 25",
+    pytest.param("thruster 2 swapped 3 from 25", marks=pytest.mark.matrix),
     "thruster 4 weak 0.4 from 25",
 )
 
@@ -64,7 +64,7 @@ def test_the_mission_ends_with_three_sound_thrusters(line):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(500, 506))
+@pytest.mark.parametrize("seed", [500, 501, 502, *(pytest.param(s, marks=pytest.mark.matrix) for s in (503, 504, 505))])
 def test_random_faults_leave_no_boat_that_is_confidently_wrong(seed):
     verdict = trial(seed, draw(seed))
     assert not verdict.failed, verdict

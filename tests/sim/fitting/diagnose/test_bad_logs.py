@@ -62,6 +62,7 @@ def test_the_cause_is_found_in_every_other_case(case):
     assert survive.holds(case, found), found.text
 
 
+@pytest.mark.matrix
 @pytest.mark.long
 def test_an_hours_log_takes_ten_minutes_at_most():
     found = survive.outcome(survive.HOUR)

@@ -85,6 +85,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
             job,
             record,
         )
+        from sim.fitting.identify.structured_fit import FitSettings
         from sim.fitting.wiring import check
         from sim.fitting.wiring.record import VESSEL
     except ImportError as error:
@@ -97,7 +98,8 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
         beside = ReadOptions(vessel, inputs.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
-        choices = job.Choices(block_s=args.block, taylor=not args.no_taylor, peer=args.peer, seed=args.seed)
+        settings = FitSettings(compass=not args.as_found)
+        choices = job.Choices(args.block, not args.no_taylor, args.peer, args.seed, settings)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", "signs and sides", *job.STEPS, "report"))
             logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)

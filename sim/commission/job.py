@@ -5,7 +5,8 @@
     mission          with the file of the beginning, and with the new one
 
 Everything that it knows stands in the folder (`journal`): started again, it learns from the logs that are there
-and goes on. Nothing is flown while signs and sides are in doubt but pulses of one thruster.
+and goes on. While signs and sides are in doubt nothing is flown but pulses of one thruster, and from the second flight
+on moments of all together, a metre to and fro (`signs`).
 """
 
 from __future__ import annotations

@@ -15,15 +15,15 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import GuidanceReference, StateEstimate
 from companion.logs.log_file import LogFile
+from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HeldOut
 from sim.fitting.engine.smoothing import SmootherNoise
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.verdict import relative_error
-from sim.fitting.identify.vessel_out import COMPASS_RAD, in_surroundings
+from sim.fitting.identify.vessel_out import in_surroundings
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.study import validate
-from sim.fitting.wiring.correction import Correction
 from sim.world.score import track_of, tracking
 
 HORIZON_S, STRIDE_S = 20.0, 2.0
@@ -41,11 +41,9 @@ class Proof:
 
 def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult) -> Proof:
     """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short."""
-    heading = fit.heading_offset_rad if abs(fit.heading_offset_rad) > COMPASS_RAD else 0.0
-    straight = Correction("", "", heading=(1.0, -heading)).apply(run)
     models = [VesselSimulator(name, in_surroundings(vessel, fit)) for name, vessel in files.items()]
     last = list(files.values())[-1]
-    held_out = [HeldOut(straight)]
+    held_out = [HeldOut(calibrated(run, last))]
     found = validate(models, held_out, last, SmootherNoise.of(last), horizon_s=HORIZON_S, stride_s=STRIDE_S)
     errors = {one.name: relative_error(one, found.scores) for one in found.scores[: len(files)]}
     best = next(iter(errors))

@@ -11,10 +11,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Literal
 
 PROVISIONED_HZ = 20.0
 """Both filters as the files of deploy/ardupilot set them."""
-FILTERS = {"r_rad_s": "INS_GYRO_FILTER", "ax_m_s2": "INS_ACCEL_FILTER", "ay_m_s2": "INS_ACCEL_FILTER"}
+FilteredColumn = Literal["r_rad_s", "ax_m_s2", "ay_m_s2"]
+FILTERS: Mapping[FilteredColumn, str] = {
+    "r_rad_s": "INS_GYRO_FILTER",
+    "ax_m_s2": "INS_ACCEL_FILTER",
+    "ay_m_s2": "INS_ACCEL_FILTER",
+}
 """Column of a run -> parameter of the autopilot."""
 FILTER_PARAMETERS = tuple(dict.fromkeys(FILTERS.values()))
 
@@ -24,7 +30,7 @@ def low_pass_delay_s(cutoff_hz: float) -> float:
     return math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz) if cutoff_hz > 0 else 0.0
 
 
-def late_by_filters(parameters: Mapping[str, float]) -> dict[str, float]:
+def late_by_filters(parameters: Mapping[str, float]) -> dict[FilteredColumn, float]:
     """By how much inertial columns are late [s], by the autopilot's parameters; without those of unknown filters."""
-    known = {column: parameters[name] for column, name in FILTERS.items() if name in parameters}
+    known: dict[FilteredColumn, float] = {c: parameters[name] for c, name in FILTERS.items() if name in parameters}
     return {column: low_pass_delay_s(hz) for column, hz in known.items() if math.isfinite(hz)}

@@ -32,6 +32,8 @@ _PARQUET_KEY = "aritra_run"
 def write_run(run: Run, path: Path) -> None:
     """Write `run` to `path` (.csv, .csv.gz or .parquet by its name). Raises RunError, OSError."""
     head = {"aritra_run": FORMAT, "data_hash": run.data_hash, **msgspec.to_builtins(run.meta)}
+    if not run.meta.late_s:
+        del head["late_s"]  # older programs refuse what they do not know
     if path.suffix == ".parquet":
         run.table.write_parquet(path, metadata={_PARQUET_KEY: msgspec.json.encode(head).decode()})
     elif path.name.endswith((".csv", ".csv.gz")):

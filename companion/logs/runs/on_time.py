@@ -36,7 +36,7 @@ def on_time(run: Run) -> Run:
     stays = table.with_columns(pl.when(moves).then(None).otherwise(pl.col(c)).alias(c) for c in columns)
     both = pl.concat([stays, moved], how="diagonal").group_by("t_s").agg(pl.all().drop_nulls().first()).sort("t_s")
     held = [c for c in table.columns if c.startswith(HELD)]
-    both = both.with_columns(pl.col(held).forward_fill()).select(table.columns)
+    both = both.with_columns(pl.col(held).forward_fill().backward_fill()).select(table.columns)
     return Run(both, replace(run.meta, late_s={}), run.whole)
 
 

@@ -14,11 +14,13 @@ import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import msgspec
 import numpy as np
 import polars as pl
 
+from companion.core.configuration.imu_filters import FilteredColumn
 from companion.logs.runs.columns import HELD, LIMITS, column_error
 
 PAIRS = (("north_m", "east_m"), ("V_w_m_s", "beta_w_deg"), ("true_north_m", "true_east_m"))
@@ -57,7 +59,7 @@ class RunMeta(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     site: str = "not stated"
     anchors_m: dict[str, tuple[float, float, float]] = {}
     latency_s: float | None = None
-    late_s: dict[str, float] = {}
+    late_s: dict[FilteredColumn, Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]] = {}
     tag_arm_m: tuple[float, float] | None = None
     pwm_limits_us: dict[str, tuple[float, float]] = {}
     columns: dict[str, str] = {}

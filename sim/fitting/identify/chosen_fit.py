@@ -30,6 +30,9 @@ from sim.fitting.identify.structured_fit import FitSettings, Say
 from sim.fitting.identify.trials import MULTI_STEP, WINDOWS, Trial, TrialSearch, multi_step
 from sim.fitting.wiring.compass import hard_iron
 
+MOST_RAD = 0.5
+"""Largest hard iron that a vessel file may state (docs/vessel-file.md)."""
+
 
 @dataclass(frozen=True)
 class ChosenFit:
@@ -71,7 +74,8 @@ def fit_chosen(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, s
         return _short(runs, vessel, settings, inertial, say)
     # 1. The compass, refinements.
     search = TrialSearch(halves, vessel, settings, say)
-    _ask_compass(search, runs, vessel)
+    if settings.compass:
+        _ask_compass(search, runs, vessel)
     search.refine()
     vessel = search.model
     # 2. Method.
@@ -93,6 +97,9 @@ def _ask_compass(search: TrialSearch, runs: Sequence[Run], vessel: VesselFile) -
     if iron is None or not iron.is_clear:
         return
     put_right = iron.put_right(vessel)
+    imu = put_right.sensors.imu
+    if max(abs(imu.hard_iron_cos_rad), abs(imu.hard_iron_sin_rad)) > MOST_RAD:
+        return
     if (halves := folds(runs, put_right)) is not None:
         search.measured_by(COMPASS, put_right, halves)
 

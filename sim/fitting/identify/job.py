@@ -175,7 +175,7 @@ def identify(
     identified = identified_vessel(model, structured, date=now()[:10])
     stamps.append(Stamp("structured model fitted", now()))
     # 3. Smooth the fitted parts, as the file knows its sensors now, and fit the Taylor series to their accelerations.
-    noise = SmootherNoise.of(vessel)
+    noise = SmootherNoise.of(identified)
     motion = _motion([calibrated(run, identified) for run in division.fitted], noise, say)
     stamps.append(Stamp("fitted parts smoothed", now()))
     series, peer = _series(motion, vessel, choices, say)

@@ -79,6 +79,6 @@ REFINEMENTS = (
 TEXTS = {
     COMPASS: "an error of the heading by how the boat is turned",
     **{r.name: r.text for r in REFINEMENTS},
-    UNMEASURED_BOAT: "gains and places of sensors that nobody had measured, with current and wind of the day beside",
+    UNMEASURED_BOAT: "gains and sensors' places that nobody had measured (the day's current and wind are not written)",
 }
 """All of them in words, by name."""

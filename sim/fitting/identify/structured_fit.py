@@ -67,6 +67,7 @@ class FitSettings:
     sigmas           priors of the parameters; `overrides`: see `Parameters`
     noise            sensor noise instead of that of the vessel file
     surroundings     current and wind, the same in all runs, are fitted too; imu_place: the IMU's lever arm
+    compass          whether the heading may be put right where the compass errs by how the boat is turned
     heading_offset_rad   how far off a heading may be all the time, instead of what is usual (`Noise.offset_rad`)
     """
 
@@ -83,6 +84,7 @@ class FitSettings:
     surroundings: bool = False
     imu_place: bool = False
     heading_offset_rad: float | None = None
+    compass: bool = True
 
     def parameters(self, vessel: VesselFile) -> Parameters:
         """What is fitted of this boat, with its priors."""

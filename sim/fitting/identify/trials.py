@@ -105,7 +105,15 @@ class TrialSearch:
 
     def _unmeasured(self) -> FitSettings:
         """Settings for a boat that nobody has measured, in the weather of a day."""
-        return replace(UNMEASURED, overrides=self.settings.overrides, noise=self.settings.noise)
+        own = self.settings.sigmas
+        sigmas = replace(own, gain=max(own.gain, UNMEASURED.sigmas.gain), arm_m=max(own.arm_m, UNMEASURED.sigmas.arm_m))
+        return replace(
+            self.settings,
+            sigmas=sigmas,
+            surroundings=True,
+            imu_place=True,
+            heading_offset_rad=UNMEASURED.heading_offset_rad,
+        )
 
     def trials(self, method: str, refinements: tuple[str, ...]) -> tuple[Trial, ...]:
         """All trials, with the mark of the one that is kept."""

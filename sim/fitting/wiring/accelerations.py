@@ -32,13 +32,13 @@ class SecondDifferences:
     """Both sides of the equation at its instants, (2 k,), without what is free.
 
     felt      of specific force as measured; gravity: of what roll and pitch add to it, zero without them
-    apart     how many instants are `span_s` apart on either side
+    apart     how many instants there are of which no two share a fix
     """
 
     moved: np.ndarray
     felt: np.ndarray
     gravity: np.ndarray
-    apart: float
+    apart: int
 
 
 def second_differences(
@@ -68,7 +68,7 @@ def second_differences(
     X, basis = (np.column_stack([second(t_imu, x, middle, span_s).ravel() for x in some]) for some in (felt, free))
     sides = np.column_stack([y, X])
     moved, bare, gravity = (sides - basis @ np.linalg.lstsq(basis, sides, rcond=None)[0]).T
-    return SecondDifferences(moved, bare, gravity, float(middle[-1] - middle[0]) / (2 * span_s))
+    return SecondDifferences(moved, bare, gravity, len(np.unique(middle // (2 * span_s))))
 
 
 def explained(run: Run, places: np.ndarray = UNTURNED, forces: np.ndarray = UNTURNED) -> tuple[float, float] | None:

@@ -78,7 +78,7 @@ class HardIron:
 
 
 def compass_finding(runs: Mapping[str, Run], vessel: VesselFile) -> list[WiringFinding]:
-    """What is told of the compass after all logs together: one finding or none. It is left as it is."""
+    """What is told of the compass after all logs together: one finding or none. Here it is left as it is."""
     iron = hard_iron(list(runs.values()), vessel)
     if iron is None or not iron.is_clear:
         return []
@@ -91,7 +91,8 @@ def compass_finding(runs: Mapping[str, Run], vessel: VesselFile) -> list[WiringF
         nats=round(iron.nats, 1),
         logs=tuple(runs),
         certain=False,
-        advice=f"calibrate the compass where the boat sails, or try {keys} under [sensors.imu]",
+        advice=f"calibrate the compass where the boat sails, or have {keys} under [sensors.imu], as identify "
+        "has where that predicts better",
     )
     return [finding]
 

@@ -6,7 +6,8 @@ just what they should show: a fit finds ten times their noise, or none at all. P
     nats = n / 2 log(S_levelled / S_bare)
 
 S: sum of squares that accelerations, levelled and as measured, leave of second differences of positions
-(`accelerations`); n: those that do not overlap, in two axes. Over all logs of a boat, for its AHRS is the same.
+(`accelerations`); n: those that do not overlap, in two axes. Over all logs of a boat, for its AHRS is the same. Noise
+of a sound attitude harms a little, too: only what is `FOLLOWS` of the acceleration is false.
 """
 
 from __future__ import annotations
@@ -20,12 +21,15 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.split import NamedLog, Split, split
 from sim.fitting.engine.windows import reads_lean
-from sim.fitting.wiring.accelerations import second_differences
+from sim.fitting.wiring.accelerations import SecondDifferences, second_differences
 from sim.fitting.wiring.record import SURE_NATS
 
 TILT = ("phi_rad", "theta_rad")
 """Columns that level accelerometers."""
 NEEDED = (*TILT, "psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
+FOLLOWS = 0.05
+"""Least share of the acceleration that levelling takes away, from which on roll and pitch follow it; assumed: a hull
+that leans with its acceleration adds to it."""
 LEFT_OUT = LogProblem(
     kind="left out",
     text="roll and pitch follow the boat's own acceleration, as of an AHRS without GPS: accelerometers are taken as "
@@ -44,7 +48,10 @@ def split_levelled(
 ) -> Split:
     """`split`, without roll and pitch in any log where the fitted parts say that they are no tilt."""
     division = split(logs, held_out, vessel, block_s)
-    return split(_bare(logs), _bare(held_out), vessel, block_s) if tilt_is_false(division.fitted) else division
+    known = any(LEFT_OUT in run.meta.notes for run in division.fitted)
+    if known or tilt_is_false(division.fitted):
+        return split(_bare(logs), _bare(held_out), vessel, block_s)
+    return division
 
 
 def levelled(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
@@ -66,14 +73,25 @@ def unlevelled(run: Run) -> list[LogProblem]:
 
 def tilt_is_false(runs: Iterable[Run]) -> bool:
     """Whether the logs `runs` of one boat say for certain that their roll and pitch are no tilt."""
-    return sum(levelling_nats(run) for run in runs) >= SURE_NATS
+    sides = [found for run in runs if (found := _sides(run)) is not None]
+    if not sides:
+        return False
+    felt, gravity = (np.concatenate([getattr(one, name) for one in sides]) for name in ("felt", "gravity"))
+    follows = -float(felt @ gravity) / float(felt @ felt)
+    return follows >= FOLLOWS and sum(_nats(one) for one in sides) >= SURE_NATS
 
 
 def levelling_nats(run: Run) -> float:
     """Evidence of a log against its roll and pitch [nats]; 0 where it has none, or too few positions."""
-    sides = second_differences(run) if all(run.known(c) for c in NEEDED) else None
-    if sides is None:
-        return 0.0
+    sides = _sides(run)
+    return 0.0 if sides is None else _nats(sides)
+
+
+def _sides(run: Run) -> SecondDifferences | None:
+    return second_differences(run) if all(run.known(c) for c in NEEDED) else None
+
+
+def _nats(sides: SecondDifferences) -> float:
     bare = sides.moved - sides.felt
     levelled = bare - sides.gravity
     return sides.apart * float(np.log((levelled @ levelled) / (bare @ bare)))

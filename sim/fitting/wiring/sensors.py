@@ -33,9 +33,7 @@ def imu_fault(run: Run) -> Correction | None:
     """What undoes turned or mirrored accelerations, or another unit, where positions show it clearly."""
     if not run.known("ax_m_s2") or not run.known("ay_m_s2"):
         return None
-    if tilt_is_false([run]):
-        run = without_tilt(run)
-    as_it_is = explained(run)
+    as_it_is = _explained(run)
     if as_it_is is None:
         return None
     if unit := unit_of(*as_it_is):
@@ -44,12 +42,17 @@ def imu_fault(run: Run) -> Correction | None:
         return None
     shares = []
     for one in IMU:
-        share, factor = explained(one.apply(run)) or (0.0, 0.0)
+        share, factor = _explained(one.apply(run)) or (0.0, 0.0)
         shares.append(share if factor > 0 else 0.0)
-    order = np.argsort(shares)[::-1]
+    order = np.argsort([-share for share in shares], kind="stable")
     best = IMU[order[0]]
     others = [shares[i] for i in order if IMU[i].name != best.name]
     return best if shares[order[0]] >= GOOD and shares[order[0]] - max(others) >= CLEAR else None
+
+
+def _explained(run: Run) -> tuple[float, float] | None:
+    """`explained`, by accelerations that are levelled only by what is a tilt."""
+    return explained(without_tilt(run) if tilt_is_false([run]) else run)
 
 
 def findings_by_log(

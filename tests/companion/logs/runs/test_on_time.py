@@ -1,14 +1,17 @@
 """Logs whose inertial samples came late through filters: each stands where it belongs, and nothing else moves."""
 
+import json
+
 import numpy as np
 import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.logs.readers.table import read_csv, write_run
 from companion.logs.runs.decimate import decimated
 from companion.logs.runs.on_time import on_time
-from companion.logs.runs.run import Run, RunMeta
+from companion.logs.runs.run import Run, RunError, RunMeta
 from companion.logs.runs.splits import part
 
 
@@ -53,8 +56,9 @@ def test_every_sample_is_the_motion_at_its_instant(r_late, a_late, own_rows):
     for names in (("north_m", "east_m"), *([("psi_rad",)] if own_rows else [])):
         for told, found in zip(was.samples(*names), run.samples(*names), strict=True):
             assert np.array_equal(told, found)
-    for told, found in zip(was.commands(), run.commands(), strict=True):
-        assert np.array_equal(told, found)
+    (_, *stamps), pulses = run.commands()  # the first holds from the first row, which is earlier
+    assert np.array_equal(stamps, was.commands()[0][1:]) and np.array_equal(pulses, was.commands()[1])
+    assert run.table.select("battery_v", "pwm_port").null_count().row(0) == (0, 0)
     assert run.table.columns == was.table.columns
 
 
@@ -65,6 +69,21 @@ def test_one_row_stays_one_row_and_it_is_done_once():
     unknown = log(0.0113, 0.0113, told=False)
     assert on_time(unknown) is unknown
     assert on_time(log(0.0, 0.0)).samples("r_rad_s")[0][0] == 0.0
+
+
+@pytest.mark.parametrize("late_s", [{"north_m": 0.1}, {"ax_m_s2": -0.5}, {"r_rad_s": 100.0}])
+def test_what_no_filter_does_is_refused(late_s, tmp_path):
+    path = tmp_path / "run.csv"
+    write_run(log(0.0113, 0.0113), path)
+    old = next(line for line in path.read_text().splitlines() if line.startswith("# late_s"))
+    path.write_text(path.read_text().replace(old, f"# late_s = {json.dumps(late_s)}"))
+    with pytest.raises(RunError, match="late_s"):
+        read_csv(path)
+
+
+def test_a_log_without_it_is_written_as_older_programs_read_it(tmp_path):
+    write_run(log(0.0, 0.0, told=False), tmp_path / "run.csv")
+    assert "late_s" not in (tmp_path / "run.csv").read_text()
 
 
 def test_means_and_parts_are_on_time_too():

@@ -153,7 +153,7 @@ class Commissioning:
             found = self._causes(belief, run)
             if found.vessel is not None:
                 files[EXTENDED] = found.vessel
-            judged = proof(files, run, belief.fit)
+            judged = proof(files, run, belief.fit, belief.vessel)
         except (LogError, ValueError) as error:
             return self._outcome(belief, belief.vessel, False, f"the proof cannot be used: {error}")
         best = files[judged.best]

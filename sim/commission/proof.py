@@ -39,12 +39,14 @@ class Proof:
     best: str
 
 
-def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult) -> Proof:
-    """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short."""
+def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult, measured_by: VesselFile) -> Proof:
+    """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short.
+
+    `measured_by`: the file whose sensors are taken to have measured the run, for all of them: no file judges itself.
+    """
     models = [VesselSimulator(name, in_surroundings(vessel, fit)) for name, vessel in files.items()]
-    last = list(files.values())[-1]
-    held_out = [HeldOut(calibrated(run, last))]
-    found = validate(models, held_out, last, SmootherNoise.of(last), horizon_s=HORIZON_S, stride_s=STRIDE_S)
+    held_out, noise = [HeldOut(calibrated(run, measured_by))], SmootherNoise.of(measured_by)
+    found = validate(models, held_out, measured_by, noise, horizon_s=HORIZON_S, stride_s=STRIDE_S)
     errors = {one.name: relative_error(one, found.scores) for one in found.scores[: len(files)]}
     best = next(iter(errors))
     for name, error in errors.items():

@@ -64,7 +64,10 @@ def test_one_wild_fix_moves_nothing_and_a_lasting_jump_is_believed():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("plain", "cross_m"), [(False, 0.06), (True, 3.0)], ids=["rtk", "plain"])
+@pytest.mark.parametrize(
+    ("plain", "cross_m"),
+    [pytest.param(False, 0.06, id="rtk", marks=pytest.mark.matrix), pytest.param(True, 3.0, id="plain")],
+)
 def test_the_mission_on_the_lake(plain, cross_m):
     run = lake_voyage(7, plain=plain)
     assert run.run(arrived, LIMIT_S)

@@ -34,7 +34,6 @@ def site(tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_every_page_and_every_package_is_there(site):
     pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")]
     assert [p for p in pages if not (site / p.relative_to(ROOT)).with_suffix(".html").is_file()] == []
@@ -49,21 +48,18 @@ def test_every_page_and_every_package_is_there(site):
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_links_to_files_of_the_project_lead_to_copies_as_text(site):
     links = re.findall(r'href="\.\./(files/[^"]+)"', (site / "docs/architecture.html").read_text())
     assert len(links) > 20 and [link for link in links if not (site / link).is_file()] == []
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_nothing_is_loaded_from_elsewhere(site):
     loud = [f for kind in ("*.html", "*.css") for f in site.rglob(kind) if ELSEWHERE.search(f.read_text())]
     assert loud == []
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_search_works_from_a_folder(site):
     if shutil.which("chromium") is None:
         pytest.skip("there is no Chromium on this machine")

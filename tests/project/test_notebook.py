@@ -27,7 +27,6 @@ def test_its_links_lead_somewhere():
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_its_cells_run(tmp_path):
     """In one process as a kernel would: seeds are in the notebook (3); the simulated boat's faults are found."""
     pytest.importorskip("polars", reason="the extra `analysis` is not installed")

@@ -122,6 +122,7 @@ def test_every_key_of_the_json_is_documented(kind):
     assert {field.encode_name for field in msgspec.structs.fields(kind)} - words == set()
 
 
+@pytest.mark.matrix
 @pytest.mark.long
 def test_growth_is_measured_and_drawn(tmp_path):
     picture, file = tmp_path / "growth.png", tmp_path / "growth.json"

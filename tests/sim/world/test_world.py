@@ -150,7 +150,7 @@ def test_pulses_that_are_off_are_no_thrust():
     assert not made.plant.motion.x[6:].any()
 
 
-@pytest.mark.parametrize("seconds", [100, pytest.param(3600, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seconds", [100, pytest.param(3600, marks=[pytest.mark.long, pytest.mark.matrix])])
 def test_time_flies(seconds):
     """An hour without a companion takes about a minute of computing."""
     made, started = world(7, **ROUGH), time.perf_counter()

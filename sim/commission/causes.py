@@ -17,6 +17,8 @@ from sim.fitting.engine.split import LEAST_FIT_S
 
 DAY = ("current", "wind", "waves")
 """Terms of a vessel file that belong to the day."""
+ASKED = ("heading_offset", "imu_lever_arm")
+"""Causes that the fit has asked for already, with current and wind beside them."""
 OF_THE_DAY = "environment"
 """Family of the catalogue's effects that do."""
 
@@ -32,7 +34,7 @@ class Causes:
 def causes(belief: BoatBelief, proof: Run) -> Causes:
     """Diagnose the logs of the belief, judged on the proof. Raises ValueError naming a log that cannot be used."""
     runs = [log.run for log in belief.logs if log.run.table["t_s"].to_numpy()[-1] >= LEAST_FIT_S]
-    found = diagnose(runs, belief.vessel, held_out=[proof], adequacy=None, identifiability=None)
+    found = diagnose(runs, belief.vessel, held_out=[proof], without=ASKED, adequacy=None, identifiability=None)
     lines = tuple(
         f"{one.effect.id}: "
         + ", ".join(f"{name} {form.value:.3g} ± {1.96 * form.se:.2g} {form.unit}" for name, form in one.numbers.items())

@@ -27,8 +27,9 @@ from sim.fitting.validate.study import validate
 from sim.world.score import track_of, tracking
 
 HORIZON_S, STRIDE_S = 20.0, 2.0
-BETTER = 0.97
-"""A file takes the place of another from this ratio of their errors on; assumed: less is chance."""
+BETTER = 0.9
+"""A file takes the place of another from this ratio of their errors on; assumed: on one flight less is chance. With
+0.97 a false cause (centre of gravity) gained 7 % on the proof, and the mission was driven worse."""
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,13 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         if args.uwb and len(args.logs) + len(args.held_out) > 1:
             raise ConfigError("--uwb goes with a single LOG; join each with its own by `aritra log export` first")
         beside = ReadOptions(vessel, inputs.site, uwb=args.uwb, uwb_offset_s=args.uwb_offset)
-        settings = FitSettings(compass=not args.as_found)
-        choices = job.Choices(args.block, not args.no_taylor, args.peer, args.seed, settings)
+        choices = job.Choices(
+            block_s=args.block,
+            taylor=not args.no_taylor,
+            peer=args.peer,
+            seed=args.seed,
+            settings=FitSettings(compass=not args.as_found),
+        )
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("reading", "signs and sides", *job.STEPS, "report"))
             logs, held_out = _read(args.logs, beside, say, 0.0), _read(args.held_out, beside, say, 0.5)

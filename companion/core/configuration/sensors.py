@@ -12,6 +12,8 @@ from companion.core.configuration.tables import ConfigError, SourcedTable, Table
 
 Arm = Annotated[float, msgspec.Meta(ge=-30, le=30)]
 """A place in the hull [m], from its origin."""
+MOST_HARD_IRON_RAD = 0.5
+HardIronRad = Annotated[float, msgspec.Meta(ge=-MOST_HARD_IRON_RAD, le=MOST_HARD_IRON_RAD)]
 
 
 class Imu(SourcedTable, frozen=True, kw_only=True):
@@ -39,8 +41,8 @@ class Imu(SourcedTable, frozen=True, kw_only=True):
     gyro_scale: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
     misalignment_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
     heading_offset_rad: Annotated[float, msgspec.Meta(ge=-3.15, le=3.15)] = 0.0
-    hard_iron_cos_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
-    hard_iron_sin_rad: Annotated[float, msgspec.Meta(ge=-0.5, le=0.5)] = 0.0
+    hard_iron_cos_rad: HardIronRad = 0.0
+    hard_iron_sin_rad: HardIronRad = 0.0
 
 
 class Uwb(SourcedTable, frozen=True, kw_only=True):

@@ -150,11 +150,9 @@ def diagnose(
     data = data_of(runs, held_out, vessel, block_s)
     ambient = _ambient(reference, vessel, say) if reference is not None else None
 
-    def fit_of(runs: Sequence[Run]) -> PosteriorFit:
-        entries = without_effects(catalogue(vessel, runs, tuple(more(vessel)), data.clock), without)
-        return PosteriorFit(EffectPhysics(runs, vessel, WINDOW_S, data.clock), entries, _stated(vessel, runs, ambient))
-
-    fit = fit_of(data.fitted)
+    entries = without_effects(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)
+    physics = EffectPhysics(data.fitted, vessel, WINDOW_S, data.clock)
+    fit = PosteriorFit(physics, entries, _stated(vessel, data.fitted, ambient))
     # 2. Base refitted, causes by evidence.
     say(STEPS[1], "base", 0.0)
     search_result = search_causes(fit, without, known, lambda text, share: say(STEPS[1], text, min(share, 0.99)))

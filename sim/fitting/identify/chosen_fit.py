@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.core.configuration.sensors import MOST_HARD_IRON_RAD
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.identify.folds import HORIZONS_S, Halves, folds
@@ -29,9 +30,6 @@ from sim.fitting.identify.result import INERTIAL, FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings, Say
 from sim.fitting.identify.trials import MULTI_STEP, WINDOWS, Trial, TrialSearch, multi_step
 from sim.fitting.wiring.compass import hard_iron
-
-MOST_RAD = 0.5
-"""Largest hard iron that a vessel file may state (docs/vessel-file.md)."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ def _ask_compass(search: TrialSearch, runs: Sequence[Run], vessel: VesselFile) -
         return
     put_right = iron.put_right(vessel)
     imu = put_right.sensors.imu
-    if max(abs(imu.hard_iron_cos_rad), abs(imu.hard_iron_sin_rad)) > MOST_RAD:
+    if max(abs(imu.hard_iron_cos_rad), abs(imu.hard_iron_sin_rad)) > MOST_HARD_IRON_RAD:
         return
     if (halves := folds(runs, put_right)) is not None:
         search.measured_by(COMPASS, put_right, halves)

@@ -45,7 +45,7 @@ NEEDED = (
     ("dead_time_s", "lag_s"),
 )  # fmt: skip
 """The data must determine one of each group: else the boat's speed or its response to thrust is the prior's."""
-OF_THE_DAY = (*WARP, *(p.name for _, p in SURROUNDINGS))
+NUISANCE = (*WARP, *(p.name for _, p in SURROUNDINGS))
 """Parameters that are no property of boat or sensors."""
 DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
 """Kinds of log problems that can bias a fit unnoticed."""
@@ -125,7 +125,7 @@ def relative_error(score: Score, scores: Sequence[Score]) -> float:
 
 def advice(structured: FitResult) -> list[tuple[tuple[str, ...], str]]:
     """Undetermined parameters, by the manoeuvre that carries information on them."""
-    names = [p.name for p in structured.parameters if not p.determined and p.name not in OF_THE_DAY]
+    names = [p.name for p in structured.parameters if not p.determined and p.name not in NUISANCE]
     groups = [(tuple(n for n in names if n.startswith(heads)), text) for heads, text in MANOEUVRES]
     listed = {n for mine, _ in groups for n in mine}
     groups.append((tuple(n for n in names if n not in listed), ANYTHING))
@@ -180,7 +180,7 @@ def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]
 
 def _open(structured: FitResult) -> list[str]:
     """Sentences on undetermined parameters, and on the common scale of forces and inertias."""
-    boat = [p for p in structured.parameters if p.name not in OF_THE_DAY]
+    boat = [p for p in structured.parameters if p.name not in NUISANCE]
     left = [p.name for p in boat if not p.determined]
     line = f"The data determine {len(boat) - len(left)} of {len(boat)} parameters of boat and sensors"
     lines = [f"{line}; open: {', '.join(left)}." if left else f"{line}."]

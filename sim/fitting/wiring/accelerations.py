@@ -40,6 +40,20 @@ class SecondDifferences:
     gravity: np.ndarray
     apart: int
 
+    def explained_by(self, accelerations: np.ndarray) -> tuple[float, float] | None:
+        """Share of the left side's variance that `accelerations` (2 k,) explain, and their regression factor."""
+        y, x = self.moved, accelerations
+        cross, own, whole = float(x @ y), float(x @ x), float(y @ y)
+        return (cross**2 / (own * whole), cross / own) if own > 0 and whole > 0 else None
+
+    @property
+    def against_levelling_nats(self) -> float:
+        """Evidence that accelerations explain more as they were measured than levelled; 0 where nothing is left."""
+        bare = self.moved - self.felt
+        levelled = bare - self.gravity
+        left, left_levelled = float(bare @ bare), float(levelled @ levelled)
+        return self.apart * float(np.log(left_levelled / left)) if left > 0 and left_levelled > 0 else 0.0
+
 
 def second_differences(
     run: Run, places: np.ndarray = UNTURNED, forces: np.ndarray = UNTURNED
@@ -77,11 +91,7 @@ def explained(run: Run, places: np.ndarray = UNTURNED, forces: np.ndarray = UNTU
     `places`, `forces`: as of `second_differences`.
     """
     sides = second_differences(run, places, forces)
-    if sides is None:
-        return None
-    y, x = sides.moved, sides.felt + sides.gravity
-    cross, own, whole = float(x @ y), float(x @ x), float(y @ y)
-    return (cross**2 / (own * whole), cross / own) if own > 0 and whole > 0 else None
+    return None if sides is None else sides.explained_by(sides.felt + sides.gravity)
 
 
 def unit_of(share: float, factor: float) -> str | None:

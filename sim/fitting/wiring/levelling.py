@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
@@ -73,25 +72,20 @@ def unlevelled(run: Run) -> list[LogProblem]:
 
 def tilt_is_false(runs: Iterable[Run]) -> bool:
     """Whether the logs `runs` of one boat say for certain that their roll and pitch are no tilt."""
-    sides = [found for run in runs if (found := _sides(run)) is not None]
-    if not sides:
-        return False
-    felt, gravity = (np.concatenate([getattr(one, name) for one in sides]) for name in ("felt", "gravity"))
-    follows = -float(felt @ gravity) / float(felt @ felt)
-    return follows >= FOLLOWS and sum(_nats(one) for one in sides) >= SURE_NATS
+    sides = (second_differences(run) for run in runs if all(run.known(c) for c in NEEDED))
+    return _follows([found for found in sides if found is not None])
 
 
-def levelling_nats(run: Run) -> float:
-    """Evidence of a log against its roll and pitch [nats]; 0 where it has none, or too few positions."""
-    sides = _sides(run)
-    return 0.0 if sides is None else _nats(sides)
+def explained_levelled(run: Run) -> tuple[float, float] | None:
+    """`explained`, by accelerations that are levelled only by what is a tilt."""
+    sides = second_differences(run)
+    if sides is None:
+        return None
+    return sides.explained_by(sides.felt if _follows([sides]) else sides.felt + sides.gravity)
 
 
-def _sides(run: Run) -> SecondDifferences | None:
-    return second_differences(run) if all(run.known(c) for c in NEEDED) else None
-
-
-def _nats(sides: SecondDifferences) -> float:
-    bare = sides.moved - sides.felt
-    levelled = bare - sides.gravity
-    return sides.apart * float(np.log((levelled @ levelled) / (bare @ bare)))
+def _follows(sides: Sequence[SecondDifferences]) -> bool:
+    """Whether gravity by roll and pitch follows the accelerations in these logs, and explains nothing."""
+    taken = -sum(float(one.felt @ one.gravity) for one in sides)
+    there = sum(float(one.felt @ one.felt) for one in sides)
+    return taken >= FOLLOWS * there and sum(one.against_levelling_nats for one in sides) >= SURE_NATS

@@ -6,9 +6,9 @@ import numpy as np
 
 from companion.logs.runs.problems import SLOPE_OFF, turn_ratio
 from companion.logs.runs.run import Run
-from sim.fitting.wiring.accelerations import GOOD, POOR, UNITS, explained, unit_of
+from sim.fitting.wiring.accelerations import GOOD, POOR, UNITS, unit_of
 from sim.fitting.wiring.correction import IMU, Correction, scaled
-from sim.fitting.wiring.levelling import tilt_is_false, without_tilt
+from sim.fitting.wiring.levelling import explained_levelled
 from sim.fitting.wiring.record import WiringFinding
 
 CLEAR = 0.1
@@ -33,7 +33,7 @@ def imu_fault(run: Run) -> Correction | None:
     """What undoes turned or mirrored accelerations, or another unit, where positions show it clearly."""
     if not run.known("ax_m_s2") or not run.known("ay_m_s2"):
         return None
-    as_it_is = _explained(run)
+    as_it_is = explained_levelled(run)
     if as_it_is is None:
         return None
     if unit := unit_of(*as_it_is):
@@ -42,17 +42,12 @@ def imu_fault(run: Run) -> Correction | None:
         return None
     shares = []
     for one in IMU:
-        share, factor = _explained(one.apply(run)) or (0.0, 0.0)
+        share, factor = explained_levelled(one.apply(run)) or (0.0, 0.0)
         shares.append(share if factor > 0 else 0.0)
     order = np.argsort([-share for share in shares], kind="stable")
     best = IMU[order[0]]
     others = [shares[i] for i in order if IMU[i].name != best.name]
     return best if shares[order[0]] >= GOOD and shares[order[0]] - max(others) >= CLEAR else None
-
-
-def _explained(run: Run) -> tuple[float, float] | None:
-    """`explained`, by accelerations that are levelled only by what is a tilt."""
-    return explained(without_tilt(run) if tilt_is_false([run]) else run)
 
 
 def findings_by_log(

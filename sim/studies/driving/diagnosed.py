@@ -24,13 +24,13 @@ from companion.core.model.vessel_text import vessel_toml
 from companion.core.pilot.pilot import PilotSettings
 from companion.logs.runs.run import Run
 from sim.fitting.diagnose.job import Diagnosis, diagnose
+from sim.studies.boats.draw import TICK_S
 from sim.studies.driving.identified import LIMIT_S, BelievedModel, driven_runs
 from sim.world.plant import perturbed
 from sim.world.score import TrueTrack, estimation, track_of, tracking
 from sim.world.stepped import SteppedRun
 
 LOG_S = 300.0
-TICK_S = 0.01  # dead times are whole hundredths, as in all figures so far
 GOALS = {"position_rmse_m": 0.10, "u_rmse_m_s": 0.05, "v_rmse_m_s": 0.05, "heading_rmse_deg": 2.0}
 """Of the main job."""
 TRUTH = "true_"

@@ -12,7 +12,8 @@ from sim.fitting.diagnose.job import data_of
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify.result import fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.wiring.levelling import LEFT_OUT, TILT, levelled, levelling_nats, split_levelled, tilt_is_false
+from sim.fitting.wiring.accelerations import second_differences
+from sim.fitting.wiring.levelling import LEFT_OUT, TILT, explained_levelled, levelled, split_levelled, tilt_is_false
 from sim.fitting.wiring.record import SURE_NATS
 from tests.hidden import draw
 from tests.hidden.write import log_table, record
@@ -35,6 +36,11 @@ def followed() -> Run:
     late = {c: lfilter([share], [1, share - 1], known[c].to_numpy()) / G for c in ("ax_m_s2", "ay_m_s2")}
     tilt = known.select("t_s").with_columns(theta_rad=pl.Series(late["ax_m_s2"]), phi_rad=-pl.Series(late["ay_m_s2"]))
     return Run(sound().table.drop(*TILT).join(tilt, on="t_s", how="left"), sound().meta)
+
+
+def levelling_nats(run: Run) -> float:
+    sides = second_differences(run)
+    return 0.0 if sides is None else sides.against_levelling_nats
 
 
 def other() -> Run:
@@ -101,6 +107,16 @@ def test_without_what_it_takes_nothing_is_said(gone):
     blank = Run(followed().table.with_columns(**dict.fromkeys(gone, pl.lit(None, pl.Float64))), followed().meta)
     assert levelling_nats(blank) == 0.0 and not tilt_is_false([blank])
     assert levelling_nats(Run(followed().table.head(40), followed().meta)) == 0.0
+
+
+def test_where_nothing_moves_or_accelerometers_tell_zeros_only_nothing_is_said():
+    zeros = {c: pl.when(pl.col(c).is_not_null()).then(0.0) for c in ("ax_m_s2", "ay_m_s2")}
+    dead = Run(sound().table.with_columns(**zeros), sound().meta)
+    still = {c: pl.when(pl.col(c).is_not_null()).then(5.0) for c in ("north_m", "east_m")}
+    level = {c: pl.when(pl.col(c).is_not_null()).then(0.0) for c in TILT}
+    at_rest = Run(dead.table.with_columns(**still, **level), sound().meta)
+    assert not tilt_is_false([dead]) and not tilt_is_false([at_rest])
+    assert explained_levelled(at_rest) is None
 
 
 def test_all_logs_of_a_boat_are_asked_together_and_told_alike():

@@ -78,7 +78,7 @@ def _parameters(identification: Identification) -> Section:
         tables=(parameter_table(identification.structured, identification.model, identification.chosen.settings),),
         note="Prior sigma left: 100 % says that the data told nothing, 0 % that the prior did not matter. Mass and I_z "
         "cannot be told from added mass by motion: M11, M22, M33 are what counts. warp_*: how range biases and "
-        "surveying bend the positions; a nuisance that is not in the vessel file.",
+        "surveying bend the positions; current_*, wind_*: of the day. Neither is in the vessel file.",
         figures=(
             (
                 parameters(identification.structured, identification.model, identification.chosen.settings),

@@ -20,7 +20,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.split import NamedLog, Split, split
 from sim.fitting.engine.windows import reads_lean
-from sim.fitting.wiring.accelerations import SecondDifferences, second_differences
+from sim.fitting.wiring.accelerations import second_differences
 from sim.fitting.wiring.record import SURE_NATS
 
 TILT = ("phi_rad", "theta_rad")
@@ -72,20 +72,21 @@ def unlevelled(run: Run) -> list[LogProblem]:
 
 def tilt_is_false(runs: Iterable[Run]) -> bool:
     """Whether the logs `runs` of one boat say for certain that their roll and pitch are no tilt."""
-    sides = (second_differences(run) for run in runs if all(run.known(c) for c in NEEDED))
-    return _follows([found for found in sides if found is not None])
-
-
-def explained_levelled(run: Run) -> tuple[float, float] | None:
-    """`explained`, by accelerations that are levelled only by what is a tilt."""
-    sides = second_differences(run)
-    if sides is None:
-        return None
-    return sides.explained_by(sides.felt if _follows([sides]) else sides.felt + sides.gravity)
-
-
-def _follows(sides: Sequence[SecondDifferences]) -> bool:
-    """Whether gravity by roll and pitch follows the accelerations in these logs, and explains nothing."""
+    found = (second_differences(run) for run in runs if all(run.known(c) for c in NEEDED))
+    sides = [one for one in found if one is not None]
     taken = -sum(float(one.felt @ one.gravity) for one in sides)
     there = sum(float(one.felt @ one.felt) for one in sides)
     return taken >= FOLLOWS * there and sum(one.against_levelling_nats for one in sides) >= SURE_NATS
+
+
+def explained_levelled(run: Run) -> tuple[float, float] | None:
+    """`explained`, by accelerations levelled or as measured, whichever explain more.
+
+    Nothing is decided about roll and pitch here: accelerations of which an axis is turned may follow them by chance,
+    and all turns of the IMU shall be judged alike.
+    """
+    sides = second_differences(run)
+    if sides is None:
+        return None
+    either = (sides.explained_by(felt) for felt in (sides.felt, sides.felt + sides.gravity))
+    return max((found for found in either if found is not None), default=None)

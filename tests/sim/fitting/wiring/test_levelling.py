@@ -12,8 +12,17 @@ from sim.fitting.diagnose.job import data_of
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify.result import fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.wiring.accelerations import second_differences
-from sim.fitting.wiring.levelling import LEFT_OUT, TILT, explained_levelled, levelled, split_levelled, tilt_is_false
+from sim.fitting.wiring.accelerations import explained, second_differences
+from sim.fitting.wiring.correction import IMU
+from sim.fitting.wiring.levelling import (
+    LEFT_OUT,
+    TILT,
+    explained_levelled,
+    levelled,
+    split_levelled,
+    tilt_is_false,
+    without_tilt,
+)
 from sim.fitting.wiring.record import SURE_NATS
 from tests.hidden import draw
 from tests.hidden.write import log_table, record
@@ -100,6 +109,15 @@ def test_on_a_boat_of_another_hand(index):
     told = log()
     said.imu[:, 5:7] = track.tilt
     assert tilt_is_false([told]) and not tilt_is_false([log()])
+
+
+@pytest.mark.parametrize("log", [sound, followed])
+@pytest.mark.parametrize("turn", IMU)
+def test_every_turn_of_the_imu_is_judged_by_the_better_of_levelled_and_bare(log, turn):
+    """Roll and pitch follow a mirrored axis by chance: judged bare, it beat the true one, that was judged levelled."""
+    turned = turn.apply(log())
+    either = [explained(run) for run in (turned, without_tilt(turned))]
+    assert explained_levelled(turned) == pytest.approx(max(one for one in either if one is not None))
 
 
 @pytest.mark.parametrize("gone", [TILT, ("ax_m_s2",), ("north_m", "east_m")])

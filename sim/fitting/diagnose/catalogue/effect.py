@@ -19,7 +19,7 @@ so that a user's entry is as fast as a built-in one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -137,6 +137,11 @@ class Effect:
             return np.array([p.prior for p in self.parameters])
         share = TOLERANCE if self.always_free else ABSENT
         return np.array([share * p.smallest if np.isfinite(p.smallest) else ABSENT * p.prior for p in self.parameters])
+
+    def held_at_zero(self) -> Effect:
+        """The same effect with a tolerance band that holds it at zero in practice."""
+        share = ABSENT * ABSENT / TOLERANCE
+        return replace(self, parameters=tuple(replace(p, smallest=share * p.smallest) for p in self.parameters))
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ from itertools import combinations
 import numpy as np
 from msgspec.structs import replace
 
-from companion.core.configuration.vessel_file import RotorMap, VesselFile
+from companion.core.configuration.vessel_file import RotorCurve, RotorMap, VesselFile
 from companion.core.model.effects.advance_loss import advanced
 from companion.core.model.effects.wash import Jet, jet_sign, washed
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter, Hook, Scene, Values
 from sim.fitting.diagnose.catalogue.parts import moving, scalar_parameter, share_parameter
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral; assumed
+BEND = 0.06  # sigma of how thrust maps are bent, ahead against astern; assumed: 2 % of full thrust at 60 % command
 WHOLE = 0.02  # sigma of the share of commands that two swapped thrusters exchange, of mean 1; assumed
 STARTS = 13  # onsets between one entry's neighbours from which a fit may start; assumed
 WASH_N = 30.0  # thrust of the thruster ahead at which the loss is stated; assumed
@@ -55,11 +56,29 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
 
 
 def base(vessel: VesselFile) -> Iterator[Effect]:
-    """Neutral pulse width of each speed controller: free in every fit, never named."""
+    """Neutral pulse width of each speed controller, and maps bent otherwise ahead than astern: free in every fit, never
+    named."""
     for i, thruster in enumerate(vessel.thrusters):
         parameter = EffectParameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
         hook = _trimmed(i)
         yield Effect(f"base:trim:{thruster.name}", "base", "trim + delta", "", (parameter,), {"maps": hook})
+    curves = [c for m in vessel.force_maps.values() if isinstance(m, RotorMap) for c in (m.ahead, m.astern)]
+    if most := min((c.c2_rps / (c.q * c.c1_rps) for c in curves), default=0.0):
+        share = EffectParameter("share", "1", BEND, BEND, BEND, -most, most)
+        text = "n ahead c1 (1 + q share) e^q + (c2 - q share c1) e^2, astern with -share"
+        yield Effect("base:bend", "base", text, "", (share,), {"maps": _maps(_bent)})
+
+
+def _bent(m: RotorMap, p: Values) -> RotorMap:
+    """The map of which small commands do more than they should ahead and less astern, full ones the same."""
+    return replace(
+        m, ahead=_with_less_curvature(m.ahead, p["share"]), astern=_with_less_curvature(m.astern, -p["share"])
+    )
+
+
+def _with_less_curvature(c: RotorCurve, share: float) -> RotorCurve:
+    moved_rps = c.q * share * c.c1_rps
+    return replace(c, c1_rps=c.c1_rps + moved_rps, c2_rps=c.c2_rps - moved_rps)
 
 
 def _trimmed(i: int) -> Callable[[Values, VesselFile], VesselFile]:

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest
+from sim.fitting.diagnose.selection.model import Refitter
 
 JUDGED_S = 10
+LEAST_GAIN = 0.01
+"""Least share of a reading's error that counts: one of ten is surely better by chance now and then; assumed."""
 Score = Callable[[ModelUnderTest, ModelUnderTest], HeldOutScore]
 """Held-out score of two models, as `refit` and `extended`."""
 
@@ -20,17 +25,41 @@ Score = Callable[[ModelUnderTest, ModelUnderTest], HeldOutScore]
 def unsupported(fit: PosteriorFit, selection: Selection, score: Score) -> frozenset[str]:
     """Ids of causes of `selection` without which the rest, refitted, foretells held-out logs as well.
 
-    That is: no reading is surely worse (95 %) up to `JUDGED_S` ahead, nor all, one step ahead, by `DECISIVE_NATS`. None
-    where roll and pitch are known.
+    That is: no reading up to `JUDGED_S` ahead is surely worse (95 %) and by `LEAST_GAIN`. A cause in a sensor may show
+    one step ahead instead, by `DECISIVE_NATS`; what moves the boat must show in where it goes, for nats presume that
+    the forces' noise is as modelled. None where roll and pitch are known.
+
+    One at a time, the least needed first: beside a false cause others look needed.
     """
     if fit.physics.levelled:
         return frozenset()
-    whole = ModelUnderTest(selection.final.point.theta, selection.final.noise)
-    out = set()
-    for cause in selection.causes:
-        rest = Selector(fit).without(selection, {cause.id}).final
-        found = score(ModelUnderTest(rest.point.theta, rest.noise), whole)
-        surely = any(e.gain_ci95[0] > 0 for e in found.errors if e.horizon_s <= JUDGED_S)
-        if not surely and found.nats["extended"] - found.nats["refit"] < DECISIVE_NATS:
-            out.add(cause.id)
-    return frozenset(out)
+    sensors = {e.id for e in fit.effects if e.family == "sensors"}
+    left = selection
+    while left.causes:
+        whole = ModelUnderTest(left.final.point.theta, left.final.noise)
+        found = {c.id: score(model_without(fit, left, c.id), whole) for c in left.causes}
+        nats = {id_: one.nats["extended"] - one.nats["refit"] for id_, one in found.items()}
+        needless = [
+            id_ for id_, one in found.items() if not (_seen(one) or (id_ in sensors and nats[id_] >= DECISIVE_NATS))
+        ]
+        if not needless:
+            break
+        left = Selector(fit).without(left, {min(needless, key=nats.__getitem__)})
+    return frozenset(c.id for c in selection.causes) - {c.id for c in left.causes}
+
+
+def _seen(found: HeldOutScore) -> bool:
+    near = (e for e in found.errors if e.horizon_s <= JUDGED_S)
+    return any(e.gain_ci95[0] > 0 and e.gain >= LEAST_GAIN for e in near)
+
+
+def model_without(fit: PosteriorFit, selection: Selection, gone: str) -> ModelUnderTest:
+    """The model of `selection` refitted with the effect `gone` (id) held at zero.
+
+    Within its tolerance band a large one would stay nearly as large: many data outweigh the prior.
+    """
+    effects = [e.held_at_zero() if e.id == gone else e for e in fit.effects]
+    kept = frozenset(c.id for c in selection.causes) - {gone}
+    zero = {e.id: np.zeros(len(e.parameters)) for e in effects if e.id == gone and e.always_free}
+    rest = Refitter(PosteriorFit(fit.physics, effects, fit.noise)).refit(selection.final, kept, zero)
+    return ModelUnderTest(rest.point.theta, rest.noise)

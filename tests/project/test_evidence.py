@@ -90,8 +90,13 @@ def test_the_folders_are_the_names():
     assert {"main-job", "identify", "diagnose", "safe", "shore", "speed"} <= set(runner.NAMES)
 
 
-def test_from_the_command_line():
-    command = [sys.executable, ROOT / "scripts/evidence", "safe", "--only", "nonsense"]
+@pytest.mark.parametrize(
+    "python", [sys.executable, Path(sys.base_prefix) / "bin/python3"], ids=["active", "not active"]
+)
+def test_from_the_command_line_with_the_environment_active_or_not(python):
+    if not Path(python).exists() or not (ROOT / ".venv").exists():
+        pytest.skip("the environment of this checkout is elsewhere, or was not made from another Python")
+    command = [python, ROOT / "scripts/evidence", "safe", "--only", "nonsense"]
     done = subprocess.run(command, cwd="/", capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stdout == ""
     assert "there are: kill, boot, faults, fuzz, soak" in done.stderr

@@ -56,8 +56,7 @@ def effects(vessel: VesselFile, onsets: tuple[Onset, ...]) -> Iterator[Effect]:
 
 
 def base(vessel: VesselFile) -> Iterator[Effect]:
-    """Neutral pulse width of each speed controller, and maps bent otherwise ahead than astern: free in every fit, never
-    named."""
+    """Neutral pulse widths, and force maps bent otherwise ahead than astern: free in every fit, never named."""
     for i, thruster in enumerate(vessel.thrusters):
         parameter = EffectParameter("trim_us", "us", TRIM_US, TRIM_US, TRIM_US)
         hook = _trimmed(i)

@@ -58,8 +58,9 @@ def model_without(fit: PosteriorFit, selection: Selection, gone: str) -> ModelUn
 
     Within its tolerance band a large one would stay nearly as large: many data outweigh the prior.
     """
-    effects = [e.held_at_zero() if e.id == gone else e for e in fit.effects]
+    effect = next(e for e in fit.effects if e.id == gone)
+    effects = [e.held_at_zero() if e is effect else e for e in fit.effects]
+    zero = {gone: np.zeros(len(effect.parameters))} if effect.always_free else {}
     kept = frozenset(c.id for c in selection.causes) - {gone}
-    zero = {e.id: np.zeros(len(e.parameters)) for e in effects if e.id == gone and e.always_free}
     rest = Refitter(PosteriorFit(fit.physics, effects, fit.noise)).refit(selection.final, kept, zero)
     return ModelUnderTest(rest.point.theta, rest.noise)

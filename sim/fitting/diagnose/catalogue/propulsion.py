@@ -17,6 +17,7 @@ from sim.fitting.diagnose.catalogue.parts import moving, scalar_parameter, share
 
 TRIM_US = 2.0  # sigma of a speed controller's neutral; assumed
 BEND = 0.06  # sigma of how thrust maps are bent, ahead against astern; assumed: 2 % of full thrust at 60 % command
+ROOM = 0.99  # share of the way to a map whose second term would be negative, which no vessel file may hold
 WHOLE = 0.02  # sigma of the share of commands that two swapped thrusters exchange, of mean 1; assumed
 STARTS = 13  # onsets between one entry's neighbours from which a fit may start; assumed
 WASH_N = 30.0  # thrust of the thruster ahead at which the loss is stated; assumed
@@ -62,7 +63,7 @@ def base(vessel: VesselFile) -> Iterator[Effect]:
         hook = _trimmed(i)
         yield Effect(f"base:trim:{thruster.name}", "base", "trim + delta", "", (parameter,), {"maps": hook})
     curves = [c for m in vessel.force_maps.values() if isinstance(m, RotorMap) for c in (m.ahead, m.astern)]
-    if most := min((c.c2_rps / (c.q * c.c1_rps) for c in curves), default=0.0):
+    if most := ROOM * min((c.c2_rps / (c.q * c.c1_rps) for c in curves), default=0.0):
         share = EffectParameter("share", "1", BEND, BEND, BEND, -most, most)
         text = "n ahead c1 (1 + q share) e^q + (c2 - q share c1) e^2, astern with -share"
         yield Effect("base:bend", "base", text, "", (share,), {"maps": _maps(_bent)})

@@ -1,9 +1,12 @@
 """A thrust map that is bent otherwise ahead than astern is no asymmetry; an asymmetry is none of its bends. Seed 21."""
 
+import pytest
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import RotorCurve, RotorMap, VesselFile
-from sim.fitting.diagnose.catalogue import catalogue
+from companion.core.model.load_vessel import load_vessel
+from companion.core.model.vessel_text import vessel_toml
+from sim.fitting.diagnose.catalogue import catalogue, propulsion
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
@@ -38,6 +41,15 @@ def test_a_bent_map_is_fitted_as_bent_and_names_no_asymmetry():
     found = selected(mapped(ahead=lambda m: curved(m.ahead, 0.08), astern=lambda m: curved(m.astern, -0.08)))
     assert found.causes == []
     assert 0.05 < found.base.point.theta["base:bend"][0] < 0.1
+
+
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_a_map_that_is_bent_as_far_as_it_may_be_can_be_written_and_loaded(end):
+    (bend,) = (e for e in propulsion.base(VESSEL) if e.id == "base:bend")
+    share = getattr(bend.parameters[0], end)
+    bent = bend.hooks["maps"]({"share": share}, VESSEL)
+    maps = load_vessel(vessel_toml(bent), name="bent").force_maps.values()
+    assert min(c.c2_rps for m in maps for c in (m.ahead, m.astern)) > 0.01  # rounding took it below zero
 
 
 def test_thrusters_that_give_less_astern_at_every_command_are_named():

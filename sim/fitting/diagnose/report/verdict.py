@@ -12,14 +12,13 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.report import findings as record
 from sim.fitting.diagnose.selection.adequacy import AdequacyJudgement
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
-from sim.fitting.diagnose.selection.held_out import HeldOutScore
+from sim.fitting.diagnose.selection.held_out import JUDGED_S, HeldOutScore
 from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
 from sim.fitting.diagnose.selection.search import SearchResult
 from sim.fitting.diagnose.vessel_edits.public_form import public_form, smallest_size
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, cause_of, log_reference
 from sim.fitting.engine.noise import Noise
 
-JUDGED_S = 10  # horizon by which causes are judged on held-out logs
 FORM_DOUBT = 0.1
 """Sigma of a cause's form error over the smallest size worth a name: docs/diagnose.md."""
 UNNEEDED = "small faults of other kinds, together, explain the same"

@@ -32,6 +32,7 @@ from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, S
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
 
 HORIZONS_S = (5, 10, 20)
+JUDGED_S = 10  # horizon by which causes are judged
 STRIDE_S = 5.0
 WINDOWS_A_RUN = 2.2  # least number of windows in a run; a second at its beginning is not used
 MOST_WINDOWS = 160  # of 20 s: enough for intervals, few enough for an hour's log

@@ -6,16 +6,16 @@ Asked where roll and pitch are not known: there a cause can fit what a boat that
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
-from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest
+from sim.fitting.diagnose.selection.held_out import JUDGED_S, HeldOutScore, ModelUnderTest
 from sim.fitting.diagnose.selection.model import Refitter
 
-JUDGED_S = 10
 LEAST_GAIN = 0.01
 """Least share of a reading's error that counts: one of ten is surely better by chance now and then; assumed."""
 Score = Callable[[ModelUnderTest, ModelUnderTest], HeldOutScore]
@@ -59,8 +59,9 @@ def model_without(fit: PosteriorFit, selection: Selection, gone: str) -> ModelUn
     Within its tolerance band a large one would stay nearly as large: many data outweigh the prior.
     """
     effect = next(e for e in fit.effects if e.id == gone)
-    effects = [e.held_at_zero() if e is effect else e for e in fit.effects]
     zero = {gone: np.zeros(len(effect.parameters))} if effect.always_free else {}
     kept = frozenset(c.id for c in selection.causes) - {gone}
-    rest = Refitter(PosteriorFit(fit.physics, effects, fit.noise)).refit(selection.final, kept, zero)
+    held = copy(fit)  # with the degrees of freedom that the fit has counted
+    held.effects = tuple(e.held_at_zero() if e is effect else e for e in fit.effects)
+    rest = Refitter(held).refit(selection.final, kept, zero)
     return ModelUnderTest(rest.point.theta, rest.noise)

@@ -116,3 +116,5 @@ def test_held_out_readings_are_asked_of_a_model_without_the_cause_not_with_what_
     assert selection.final.point.theta["gyro_scale"][0] == pytest.approx(0.09, abs=0.02)
     assert selection.base.point.theta["gyro_scale"][0] > 0.05
     assert abs(held_out_support.model_without(fit, selection, "gyro_scale").theta["gyro_scale"][0]) < 1e-3
+    other = held_out_support.model_without(fit, selection, "uwb_scale")  # of no matter here: nothing else may change
+    assert other.theta["gyro_scale"] == pytest.approx(selection.final.point.theta["gyro_scale"], abs=1e-5)

@@ -1,5 +1,6 @@
 """`scripts/evidence` fails where nothing was shown: an unknown part, a part without lines, a line that falls short."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -100,3 +101,16 @@ def test_from_the_command_line_with_the_environment_active_or_not(python):
     done = subprocess.run(command, cwd="/", capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stdout == ""
     assert "there are: kill, boot, faults, fuzz, soak" in done.stderr
+
+
+@pytest.mark.parametrize("bare", [False, True], ids=["no environment", "one without the extras"])
+def test_without_what_it_needs_it_says_what_to_install(tmp_path, bare):
+    script, base = tmp_path / "scripts/evidence", Path(sys.base_prefix) / "bin/python3"
+    script.parent.mkdir()
+    shutil.copy(ROOT / "scripts/evidence", script)
+    if subprocess.run([base, "-c", "import polars"], capture_output=True, check=False).returncode == 0:
+        pytest.skip(f"{base} has the extras itself")
+    if bare:
+        subprocess.run([base, "-m", "venv", "--without-pip", tmp_path / ".venv"], check=True)
+    done = subprocess.run([base, script, "safe"], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1 and "scripts/install dev" in done.stderr

@@ -154,7 +154,7 @@ async def _until_signal(work) -> None:
     """Await `work`; SIGINT, SIGTERM and SIGHUP cancel it in order."""
     task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        with contextlib.suppress(NotImplementedError):
+        with contextlib.suppress(NotImplementedError):  # event loops of Windows have no signal handlers
             loop.add_signal_handler(number, task.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await task

@@ -58,7 +58,7 @@ def compile_loops(
 
     def bound(name: str) -> Callable[[], None]:
         function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(code.address(name))
-        function.kept = code, memory  # type: ignore[attr-defined]
+        function.kept = code, memory  # type: ignore[attr-defined] - ctypes functions take any
         return partial(function, pointer)
 
     return {name: bound(name) for name in entries}

@@ -229,7 +229,7 @@ async def _drive(
     )
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        with contextlib.suppress(NotImplementedError):
+        with contextlib.suppress(NotImplementedError):  # event loops of Windows have no signal handlers
             loop.add_signal_handler(number, end)
     if args.start:
         app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"), SWITCH_ON_S)

@@ -76,7 +76,7 @@ def sim(args: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         worlds = []
         for one in each or [args]:
-            record = lambda message: None  # noqa: E731
+            record = lambda message: None  # noqa: E731 - a stand-in for a method
             if one.truth:
                 try:
                     record = stack.enter_context(_truth_log(one.truth, setup)).record

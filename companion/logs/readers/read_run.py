@@ -59,7 +59,7 @@ def read_run(path: Path, beside: ReadOptions | None = None) -> Run:
 
         return read_dataflash_run(path, options.vessel, options.site, uwb, options.uwb_offset_s)
     if kind == "tlog":
-        from companion.logs.readers.tlog import read_tlog  # noqa: PLC0415
+        from companion.logs.readers.tlog import read_tlog  # noqa: PLC0415 - pymavlink, too
 
         return read_tlog(path, options.vessel, options.site, uwb, options.uwb_offset_s or 0.0)
     raise RunError(f"{path}: expected .mcap, .csv, .csv.gz, .parquet, .bin or .tlog")

@@ -44,7 +44,7 @@ def straight(thrusters: int, settings: NmpcSettings) -> SolveRequest:
 def main(vessel_path: str, method: str) -> None:
     """Load, build, plan, tell."""
     vessel = load_vessel(Path(vessel_path).read_text(encoding="utf-8"), name=vessel_path)
-    settings = NmpcSettings(method=method)  # type: ignore[arg-type]
+    settings = NmpcSettings(method=method)  # type: ignore[arg-type] - a word of its parent process
     compiler = partial(compile_loops, store=CodeStore.of())
     nmpc = Nmpc(
         StructuredModel.of(vessel), Actuation.of(vessel), settings, time.perf_counter, compiler=compiler

@@ -28,6 +28,8 @@ from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
 from drivers.devices import DEVICES, devices_of
 
 EXAMPLES = Path(deploy.__file__).parent
+FILES = ("vessel", "site", "mission", "excitation")
+"""Keys of a run file that name other files."""
 """The boats, sites, missions and the run file that come with the package."""
 
 
@@ -61,7 +63,8 @@ def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | No
     paths[f"mission{plan.suffix}"] = plan
     if excitation or run.excitation:
         paths["excitation.toml"] = excitation or path.parent / (run.excitation or "")
-    texts = {"run.toml": _read(path), **{role: _read(p) for role, p in paths.items()}}
+    named = {path.parent / file: f"{path}: {key}: " for key in FILES if (file := getattr(run, key))}
+    texts = {"run.toml": _read(path), **{role: _read(p, named.get(p, "")) for role, p in paths.items()}}
     setup = setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
     for problem in _beyond(setup.pilot):
         raise ConfigError(f"{plan}: {problem}")
@@ -211,9 +214,10 @@ def _mission(text: str, name: str, site: Site) -> Mission:
         raise ConfigError("\n".join(f"{name}: {error}" for error in errors.errors)) from None
 
 
-def _read(path: Path) -> str:
+def _read(path: Path, named: str = "") -> str:
+    """The file's text; `named`: where its name was found. Raises ConfigError."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-        raise ConfigError(f"{path}: {reason}") from None
+        raise ConfigError(f"{named}{path}: {reason}") from None

@@ -66,7 +66,8 @@ def bench(args: argparse.Namespace) -> int:
         vessel = load_vessel(text_of(args.vessel), name=str(args.vessel))
         only_fixed(vessel, str(args.vessel), "benchmarks")
         if not run.chosen(args.only, args.growth):
-            raise ConfigError(f"--only {args.only}: no such part")
+            known = ", ".join(run.chosen("", args.growth))
+            raise ConfigError(f"--only {args.only}: no part has that in its name; there are {known}")
         for path in (args.json, args.picture):
             new_file(path)
     except REFUSED as why:

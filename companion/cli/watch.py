@@ -64,6 +64,8 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
         site = load_site(text_of(args.site), name=str(args.site)) if args.site else None
         if args.accept and args.logs:
             raise ConfigError("--accept: goes without a LOG, so that what is accepted has been looked at")
+        if args.history.exists() and not args.history.is_dir():
+            raise ConfigError(f"--history {args.history}: is a file; name a folder")
         if not args.logs and not args.history.is_dir():
             raise ConfigError(f"--history {args.history}: there is no such folder; name a LOG to begin one")
         history = History(args.history, vessel, text)

@@ -69,7 +69,7 @@ def _path_and_baud(url: str, rest: str) -> tuple[str, int]:
     if not colon or (rest.startswith(BY_PATH) and not _is_number(number)):
         return _path(url, rest), DEFAULT_BAUD
     if not _is_number(number):
-        raise PortUrlError(url, f"baud rate {number!r} is not a number")
+        raise PortUrlError(url, f"baud rate {number!r} is not a number, such as {DEFAULT_BAUD}")
     if not 1200 <= int(number) <= 4_000_000:
         raise PortUrlError(url, f"baud rate {number} is not between 1200 and 4000000")
     return _path(url, head), int(number)

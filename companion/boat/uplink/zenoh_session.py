@@ -12,6 +12,7 @@ import zenoh
 
 from companion.core.configuration.tables import ConfigError
 
+ENDPOINT = "tcp/192.168.1.20:7447"
 CALLBACK_THREAD = "pyo3-closure"
 """What zenoh's Python package (1.10) calls its threads that run our callbacks."""
 JOIN_S = 0.5
@@ -39,7 +40,8 @@ def configured(file: Path | None, source: str, settings: Iterable[Setting]) -> z
         try:
             config.insert_json5(each.key, json.dumps(each.value))
         except zenoh.ZError as error:
-            raise ConfigError(f"{each.source}: {each.value}: {error}") from None
+            what = f"expected endpoints, such as {ENDPOINT}" if each.key.endswith("/endpoints") else error
+            raise ConfigError(f"{each.source}: {each.value}: {what}") from None
     return config
 
 

@@ -20,7 +20,7 @@ from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.cli.options.files import run_file
-from companion.cli.options.outputs import add_out
+from companion.cli.options.outputs import add_out, new_in_folder
 from companion.cli.options.values import seconds
 from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
@@ -64,7 +64,7 @@ def demo(args: argparse.Namespace) -> int:
     boats = boats_of(args, setup, {}) or [FleetBoat("", args.out, args.config)]
     try:
         for boat in boats:
-            boat.folder.mkdir(parents=True, exist_ok=True)
+            new_in_folder(boat.folder, ())
             _put_away(boat.folder)
     except OSError as error:
         print(f"aritra demo: {args.out}: {error.strerror}", file=sys.stderr)

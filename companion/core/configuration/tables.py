@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, TypeVar
@@ -18,6 +19,9 @@ from companion.core.configuration.file_kinds import EXAMPLES, kind_of_tables
 from companion.core.configuration.ranges import problems
 
 T = TypeVar("T", bound=msgspec.Struct)
+TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "array": "a list",
+         "object": "a table"}  # fmt: skip
+"""What msgspec calls the types of a value, in TOML's words."""
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 
@@ -62,7 +66,8 @@ def parse_toml(text: str, kind: type[T], *, name: str) -> T:
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{name}: {_readable(str(error))}") from None
+        place, what = found_wrong(error)
+        raise ConfigError(f"{name}: {place or '(top level)'}: {what}") from None
 
 
 def refuse_other_kind(data: Mapping[str, object], wanted: str | None, *, name: str) -> None:
@@ -84,21 +89,30 @@ def _not_finite(node: object, path: str) -> Iterator[str]:
             yield from _not_finite(value, f"{path}[{i}]")
 
 
-def _readable(message: str) -> str:
-    """msgspec's message with the path in front and in TOML's words.
+def found_wrong(error: msgspec.ValidationError) -> tuple[str, str]:
+    """(path, what is wrong with it) of a message of msgspec's, in TOML's words.
 
-    >>> _readable("Expected `float`, got `str` - at `$.hull.mass_kg`")
-    'hull.mass_kg: expected `float`, got `str`'
-    >>> _readable("Object contains unknown field `x` - at `$.hull`")
-    'hull.x: unknown key'
+    >>> found_wrong(msgspec.ValidationError("Expected `float | null`, got `str` - at `$.hull.mass_kg`"))
+    ('hull.mass_kg', 'expected a number, found text')
+    >>> found_wrong(msgspec.ValidationError("Object contains unknown field `x` - at `$.hull`"))
+    ('hull.x', 'unknown key')
     """
-    what, _, where = message.partition(" - at ")
+    what, _, where = str(error).partition(" - at ")
     path = where.strip("`").removeprefix("$").removeprefix(".")
     for phrase, says in (("unknown field `", "unknown key"), ("missing required field `", "missing key")):
         if phrase in what:
             key = what.split(phrase, 1)[1].split("`", 1)[0]
-            return f"{path}.{key}: {says}" if path else f"{key}: {says}"
-    return f"{path or '(top level)'}: {what[:1].lower()}{what[1:]}"
+            return f"{path}.{key}" if path else key, says
+    what = re.sub(
+        r"`([^`]+)`", _type_in_words, what.replace(", got ", ", found ").replace("of length >= ", "of at least ")
+    )
+    return path, f"{what[:1].lower()}{what[1:]}"
+
+
+def _type_in_words(match: re.Match[str]) -> str:
+    """`float | null` -> a number. Other words as they are: a choice of values, say."""
+    kinds = [kind for kind in match[1].split(" | ") if kind != "null"]
+    return " or ".join(dict.fromkeys(TYPES[kind] for kind in kinds)) if set(kinds) <= TYPES.keys() else match[0]
 
 
 def digest(text: str) -> str:

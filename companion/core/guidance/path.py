@@ -20,6 +20,8 @@ from companion.core.geometry.frames import unrotate
 
 SHORTEST_LEG_M = 0.05
 """Two waypoints closer than this are one: a leg needs a direction (assumed)."""
+FASTEST_M_S, WIDEST_M = 20.0, 100.0
+"""Beyond these a leg's speed and an acceptance radius are a slip of the decimal point, for boats to 25 m (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +92,9 @@ def path_problems(waypoints: tuple[Waypoint, ...]) -> list[tuple[int, str]]:
         if not (math.isfinite(w.north_m) and math.isfinite(w.east_m)):
             problems.append((i, "position is not finite"))
             continue
-        for name, value in (("speed", w.speed_m_s), ("acceptance radius", w.acceptance_m)):
-            if value is not None and not (math.isfinite(value) and value > 0):
-                problems.append((i, f"{name} must be a positive number, not {value}"))
+        for name, value, most in (("speed", w.speed_m_s, FASTEST_M_S), ("acceptance radius", w.acceptance_m, WIDEST_M)):
+            if value is not None and not 0 < value <= most:
+                problems.append((i, f"{name}: expected above 0, at most {most:g}, found {value:g}"))
         before = waypoints[i - 1] if i else None
         if before and math.dist((w.north_m, w.east_m), (before.north_m, before.east_m)) < SHORTEST_LEG_M:
             problems.append((i, f"lies within {SHORTEST_LEG_M} m of the waypoint before it"))

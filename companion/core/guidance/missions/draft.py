@@ -9,6 +9,7 @@ from typing import TypeGuard
 
 import msgspec
 
+from companion.core.configuration.tables import found_wrong
 from companion.core.geometry.fence import MOST_CORNERS, crossing
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.guidance.path import Path, Waypoint, path_problems
@@ -71,15 +72,8 @@ class Draft:
 
     def schema_error(self, prefix: str, error: msgspec.ValidationError) -> None:
         """Note what msgspec found, its path behind `prefix`: `waypoints[1].speed: unknown key`."""
-        what, _, where = str(error).partition(" - at ")
-        place = prefix + where.strip("`").removeprefix("$")
-        for phrase, reason in (
-            ("unknown field `", "unknown key"),
-            ("missing required field `", "missing key"),
-        ):
-            if phrase in what:
-                what, place = reason, f"{place}.{what.split(phrase, 1)[1].split('`', 1)[0]}"
-        self.error(place.lstrip(".") or "(file)", what)
+        place, what = found_wrong(error)
+        self.error(".".join(part for part in (prefix, place) if part) or "(file)", what)
 
     def waypoint(self, place: str, waypoint: Waypoint) -> None:
         """Add a waypoint."""

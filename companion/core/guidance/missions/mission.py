@@ -11,11 +11,12 @@ acceptance_m, and [[fences]] inclusion, polygon = [[north_m, east_m], ...].
 from __future__ import annotations
 
 import tomllib
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import msgspec
 
 from companion.core.configuration.file_kinds import MISSION
+from companion.core.configuration.ranges import problems
 from companion.core.configuration.tables import ConfigError, Table, refuse_other_kind
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.draft import Draft, Mission, MissionError, MissionErrors, MissionFence
@@ -25,6 +26,7 @@ from companion.core.guidance.path import Waypoint
 
 __all__ = ["Kind", "Mission", "MissionError", "MissionErrors", "MissionFence", "kind_of", "parse"]
 
+T = TypeVar("T", bound=msgspec.Struct)
 Kind = Literal["toml", "plan", "waypoints", "geojson"]
 
 
@@ -73,29 +75,33 @@ def _read_toml(draft: Draft, text: str) -> str | None:
     try:
         document = tomllib.loads(text)
         refuse_other_kind(document, MISSION, name="(file)")
-        file = msgspec.convert(document, _File)
+        file = _converted(draft, "", document, _File)
     except ConfigError as error:
         draft.error("(file)", str(error).removeprefix("(file): "))
         return None
     except tomllib.TOMLDecodeError as error:
         draft.error("(file)", f"not valid TOML: {error}")
         return None
-    except msgspec.ValidationError as error:
-        draft.schema_error("", error)
+    if file is None:
         return None
     draft.heading("end_heading_deg", file.end_heading_deg, from_north=False)
     for i, table in enumerate(file.waypoints):
-        try:
-            w = msgspec.convert(table, _Waypoint)
-        except msgspec.ValidationError as error:
-            draft.schema_error(f"waypoints[{i}]", error)
-            continue
-        draft.waypoint(f"waypoints[{i}]", Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m))
+        if w := _converted(draft, f"waypoints[{i}]", table, _Waypoint):
+            draft.waypoint(f"waypoints[{i}]", Waypoint(w.north_m, w.east_m, w.speed_m_s, w.acceptance_m))
     for i, table in enumerate(file.fences):
-        try:
-            fence = msgspec.convert(table, _Fence)
-        except msgspec.ValidationError as error:
-            draft.schema_error(f"fences[{i}]", error)
-            continue
-        draft.fence(f"fences[{i}]", fence.inclusion, fence.polygon)
+        if fence := _converted(draft, f"fences[{i}]", table, _Fence):
+            draft.fence(f"fences[{i}]", fence.inclusion, fence.polygon)
     return file.name
+
+
+def _converted(draft: Draft, place: str, table: dict, kind: type[T]) -> T | None:
+    """One table of the file; None, and what is wrong in the draft, where it is none."""
+    if unknown := list(problems(table, kind)):
+        for key, _, what in (problem.partition(": ") for problem in unknown):
+            draft.error(f"{place}.{key}" if place else key, what)
+        return None
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        draft.schema_error(place, error)
+        return None

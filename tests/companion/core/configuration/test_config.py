@@ -33,7 +33,7 @@ TERM = '\n[terms.current]\nV_c_m_s = 0.1\nbeta_c_deg = 20.0\nsource = "test"\n'
         ("channel = 10", "channel = 9", "thrusters[1].channel: channel 9 is there twice"),
         ('name = "front_starboard"', 'name = "front_port"', "thrusters[1].name: 'front_port' is there twice"),
         ('force_map = "t200"', 'force_map = "t100"', "thrusters[0].force_map: no table force_maps.t100"),
-        ("lag_s = 0.1", "lag_s = 'fast'", "propulsion.lag_s: expected `float`, got `str`"),
+        ("lag_s = 0.1", "lag_s = 'fast'", "propulsion.lag_s: expected a number, found text"),
         ("format = 1", "format = 2", "format: "),
         ("[hull]", "[hull", "not valid TOML"),
         ("format = 1", "format = 1" + TERM.replace("current", "tide"), "terms.tide: no such term"),

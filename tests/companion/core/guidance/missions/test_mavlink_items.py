@@ -84,7 +84,7 @@ def test_fence_polygons_are_kept():
         ),
         (plan(item(p3=2)), ["mission.items[0]: command 16 NAV_WAYPOINT: a pass-by radius"]),
         (plan(item(p4=9), item(longitude=80.2339)), ["mission.items[0]: command 16 NAV_WAYPOINT: a yaw"]),
-        (plan(item(p2=-2)), ["mission.items[0]: acceptance radius must be a positive number, not -2"]),
+        (plan(item(p2=-2)), ["mission.items[0]: acceptance radius: expected above 0, at most 100, found -2"]),
         (
             plan(item(17), item(longitude=80.2339)),
             ["mission.items[0]: command 17 NAV_LOITER_UNLIM is supported"],

@@ -38,13 +38,13 @@ def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():
     found = errors(text, "toml")
     expected = [
         "end_heading_deg: heading is not a number: nan",
-        "waypoints[0].speed: unknown key",
+        "waypoints[0].speed: unknown key; did you mean speed_m_s?",
         "waypoints[1].east_m: missing key",
-        "waypoints[2].east_m: Expected `float`, got `str`",
+        "waypoints[2].east_m: expected a number, found text",
         "fences[0]: a fence needs at least 3 corners, not 2",
         "fences[1].inclusion: missing key",
         "waypoints[3]: position is not finite",
-        "waypoints[4]: speed must be a positive number, not -1.0",
+        "waypoints[4]: speed: expected above 0, at most 20, found -1",
     ]
     assert found == expected
 
@@ -52,7 +52,7 @@ def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("waypoint = []", "waypoint: unknown key"),
+        ("waypoint = []", "waypoint: unknown key; did you mean waypoints?"),
         ("name = 'x'", "waypoints: missing key"),
         ("a = ", "(file): not valid TOML: Invalid value (at "),
         ("waypoints = []", "(file): a path needs at least one waypoint"),

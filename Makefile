@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 OUT ?= out/demo
 NAME ?= main-job
 
-.PHONY: demo install test long matrix check evidence docs lock clean
+.PHONY: demo install test long matrix arm64 check evidence docs lock clean
 
 demo: $(VENV)/demo
 	$(BIN)/aritra demo --out $(OUT)
@@ -21,6 +21,10 @@ long: $(VENV)/dev
 
 matrix: $(VENV)/dev
 	scripts/test -m matrix
+
+# an hour, as root; Debian: apt-get install debootstrap qemu-user-static binfmt-support
+arm64: $(VENV)/dev
+	$(BIN)/python scripts/evidence friendly --only arm64 --full
 
 check: $(VENV)/dev
 	scripts/check

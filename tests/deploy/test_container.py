@@ -2,6 +2,8 @@
 
 import json
 import re
+import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -32,12 +34,24 @@ def test_the_image_copies_what_the_package_is_made_of():
 
 
 def test_the_image_is_made_of_known_instructions_and_locked_packages_and_runs_as_nobody_special():
-    known = {"FROM", "RUN", "WORKDIR", "COPY", "USER", "VOLUME", "ENTRYPOINT", "CMD"}
+    known = {"FROM", "RUN", "WORKDIR", "COPY", "USER", "VOLUME", "LABEL", "ENTRYPOINT", "CMD"}
     assert {word for word, _ in IMAGE} <= known and IMAGE[0][0] == "FROM"
     installs = [rest for rest in all_of("RUN") if "pip install" in rest]
     assert ["--require-hashes" in rest or "--no-deps" in rest for rest in installs] == [True, True]
     assert all_of("USER") == ["aritra"] and json.loads(*all_of("ENTRYPOINT")) == ["aritra"]
     parser().parse_args(json.loads(*all_of("CMD")))
+
+
+def test_blueos_finds_what_it_asks_of_an_extension_and_its_container_is_the_console():
+    labels = dict(pair.split("=", 1) for rest in all_of("LABEL") for pair in shlex.split(rest))
+    assert labels.keys() == {"version", "type", "tags", "requirements", "authors", "company", "permissions"}
+    assert labels["version"] == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert all(isinstance(json.loads(labels[name]), list) for name in ("tags", "authors"))
+    created = json.loads(labels["permissions"])  # what Docker's API takes where a container is made
+    args = parser().parse_args(created["Cmd"])
+    assert args.command == "shore" and args.command_key == [] and "--token" not in created["Cmd"]
+    (bind,) = created["HostConfig"]["Binds"]
+    assert bind.partition(":")[2] == str(args.logs) and created["HostConfig"]["NetworkMode"] == "host"
 
 
 @pytest.mark.parametrize("name", COMPOSE["services"])

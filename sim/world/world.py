@@ -14,6 +14,7 @@ incoming bytes give the same outgoing bytes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -167,6 +168,7 @@ class World(Afloat):
         self.receiver_us = setup.receiver_us
         self._ahrs = Ahrs(STEP_NS * 1e-9)
         self._fix: GnssFix | None = None
+        self._rotation_rad = math.radians(setup.site.rotation_deg)  # an autopilot's heading is from true north
 
     def step(self) -> Outgoing:
         """Advance the world by `STEP_NS`."""
@@ -194,7 +196,7 @@ class World(Afloat):
         p, q, r = reading.gyro_rad_s
         raw = SensorFrame(
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,
-            theta_rad=reading.theta_rad, psi_rad=reading.psi_rad, p_rad_s=p, q_rad_s=q, r_rad_s=r,
+            theta_rad=reading.theta_rad, psi_rad=reading.psi_rad + self._rotation_rad, p_rad_s=p, q_rad_s=q, r_rad_s=r,
             voltage_v=self.plant.voltage_v, current_a=self.plant.current_a, receiver_us=self.receiver_us,
             gnss=self._fix,
         )  # fmt: skip

@@ -7,6 +7,7 @@ do not follow the leases (disarmed, HOLD, failsafe), a note states when.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -73,7 +74,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
     others, sources = channel_streams(sensors_of(vessel.sensors, site) if vessel and site else (), found)
     places |= sources
-    streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude])]
+    streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude], site)]
     streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
     last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag, *others) if len(s.t_ns)), default=0)
     link_ns = _link_ns(log)
@@ -124,14 +125,15 @@ def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tu
 
 
 def attitude_row(a: Attitude) -> tuple[float, ...]:
-    """Stamp [ns], heading, roll, pitch [rad]."""
+    """Stamp [ns], heading from true north, roll, pitch [rad]."""
     return a.t_ns, a.psi_rad, a.phi_rad, a.theta_rad
 
 
-def attitude_stream(rows: Sequence[tuple[float, ...]]) -> Stream:
-    """Stream of rows as of `attitude_row`; headings are wrapped to [-pi, pi)."""
+def attitude_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> Stream:
+    """Stream of rows as of `attitude_row`, headings from the site's first axis, as positions are, in [-pi, pi)."""
     stream = Stream.of("attitude", ("psi_rad", "phi_rad", "theta_rad"), rows, near="IMU")
-    stream.columns["psi_rad"][:] = wrapped(stream.columns["psi_rad"])
+    rotation_rad = math.radians(site.rotation_deg) if site else 0.0
+    stream.columns["psi_rad"][:] = wrapped(stream.columns["psi_rad"] - rotation_rad)
     return stream
 
 

@@ -60,7 +60,7 @@ def read_dataflash_run(
     streams = [
         commands,
         imu_stream(rows["IMU"]),
-        attitude_stream(rows["ATT"]),
+        attitude_stream(rows["ATT"], site),
         Stream.of("battery", ("battery_v",), rows["BAT"], held=True),
     ]
     columns = {"pwm": f"RCOU: what left the autopilot, {which}", "r_rad_s": "gyroscope of IMU 0"}

@@ -69,7 +69,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     streams = [
         commands,
         imu_stream([imu_row(m) for m in _decoded(source, rows, stamps, ImuSample)]),
-        attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, stamps, Attitude)]),
+        attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, stamps, Attitude)], site),
         Stream.of("battery", ("battery_v",), voltages, held=True),
     ]
     columns = {"pwm": f"SERVO_OUTPUT_RAW: what left the autopilot, {which}", "r_rad_s": f"gyroscope, {source}"}

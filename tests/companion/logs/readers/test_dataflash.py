@@ -1,9 +1,10 @@
 """Dataflash logs as runs: a real one against pymavlink, made-up ones for GPS, beacons and a UWB log beside."""
 
 import gzip
-from math import degrees
+from math import degrees, radians
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from pymavlink import DFReader
@@ -100,6 +101,13 @@ def test_outputs_take_the_vessels_names_and_no_pulse_is_told_as_neutral(tmp_path
     assert degrees(psi[0]) == pytest.approx(-10.0)
     assert t_s[1] == 0.1  # in the row of the IMU sample 0.3 ms before it
     assert run.samples("battery_v")[1][0] == 15.5
+
+
+def test_headings_are_in_site_axes_as_positions_are(tmp_path):
+    path = written(tmp_path)
+    turned = msgspec.structs.replace(SITE, rotation_deg=30.0)
+    true, site = (read_run(path, ReadOptions(site=site)).samples("psi_rad")[1] for site in (None, turned))
+    assert np.allclose(np.exp(1j * (true - radians(30.0))), np.exp(1j * site))
 
 
 def test_a_log_says_how_late_its_inertial_samples_are(tmp_path):

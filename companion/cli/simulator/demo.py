@@ -19,7 +19,7 @@ from typing import IO
 from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
-from companion.cli.options.files import run_file
+from companion.cli.options.files import mission_file, run_file
 from companion.cli.options.outputs import add_out, new_in_folder
 from companion.cli.options.values import seconds
 from companion.cli.simulator.fleet import FleetBoat
@@ -33,6 +33,8 @@ STATION_S = 5.0
 """How long the boat keeps station after the mission before the demo ends."""
 RESULTS = ("summary.json", "picture.png", "run*.mcap", "truth*.mcap")
 """What a demo leaves in its folder, as patterns."""
+MADE_OF_LOGS = ("run.html", "run.png", "run.pdf")
+"""What `aritra log` makes of its log beside it; it goes with the log."""
 LIMIT_S = 300.0
 """A demo that has not ended by then has failed."""
 
@@ -45,11 +47,12 @@ def add_parser(commands) -> None:
         description="Starts a simulated boat and the companion, two processes that talk MAVLink over UDP and the "
         "bytes of sensors over ptys, and drives a mission. Writes summary.json, picture.png, run.mcap and truth.mcap. "
         "With --boats several pairs, each with results of its own in OUT/NAME. "
-        "Exit code 0: every waypoint passed; 1: not; 2: bad input.",
+        "Exit code 0: every waypoint passed, and driving was not stopped; 1: not; 2: bad input.",
         example="aritra demo --wind 4 270 --mismatch 0.1 --seed 3",
     )
     add_out(p, "DIR", "folder for the results (default: out/demo)", default=Path("out/demo"))
     p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")
+    p.add_argument("--mission", type=mission_file, metavar="FILE", help="mission instead of the run file's")
     add_world_arguments(p)
     add_fleet_arguments(p).add_argument(
         "--stagger", type=seconds(0.0, LIMIT_S), default=5.0, metavar="S", help="between the starts of two boats"
@@ -59,7 +62,7 @@ def add_parser(commands) -> None:
 
 def demo(args: argparse.Namespace) -> int:
     """Drive, score, show; the exit code."""
-    setup = load_setup(args.config)
+    setup = load_setup(args.config, mission=args.mission)
     check_start(args, setup)
     boats = boats_of(args, setup, {}) or [FleetBoat("", args.out, args.config)]
     try:
@@ -77,7 +80,7 @@ def demo(args: argparse.Namespace) -> int:
 
 def _put_away(folder: Path) -> None:
     """Move the results of an earlier demo into a folder of their own: nothing is overwritten."""
-    old = [path for pattern in RESULTS for path in sorted(folder.glob(pattern))]
+    old = [path for pattern in (*RESULTS, *MADE_OF_LOGS) for path in sorted(folder.glob(pattern))]
     if old:
         away = next(place for n in count(1) if not (place := folder / f"earlier-{n}").exists())
         away.mkdir()
@@ -87,7 +90,7 @@ def _put_away(folder: Path) -> None:
 
 
 def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
-    """How it went: summary, picture, table, verdict; whether every waypoint was passed."""
+    """How it went: summary, picture, table, verdict; whether it passed."""
     from companion.cli.simulator import result_table, summary
 
     console = Console(soft_wrap=True, highlight=False)
@@ -98,7 +101,7 @@ def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
     except LogError:
         print(f"aritra demo: {_of(boat)}{failure or 'it left no log'}", file=sys.stderr)
         return False
-    figures = json.dumps(summary.finite(score.figures), indent=2)
+    figures = json.dumps(summary.for_json(score), indent=2)
     (boat.folder / "summary.json").write_text(figures + "\n", encoding="utf-8")
     try:
         from companion.cli.simulator import picture
@@ -107,13 +110,13 @@ def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
     else:
         if len(score.track.t_s):
             picture.draw(score, setup.pilot, boat.folder / "picture.png")
-    for line in result_table.lines(score.figures):
+    for line in result_table.lines(score.figures, score.stopped):
         console.print(line)
     names = ", ".join(path.name for pattern in RESULTS for path in sorted(boat.folder.glob(pattern)))
     console.print(f"in {boat.folder}: {names}", markup=False)
     if failure:
         print(f"aritra demo: {_of(boat)}{failure}", file=sys.stderr)
-    return not failure and result_table.passed(score.figures)
+    return not failure and result_table.passed(score.figures, score.stopped)
 
 
 class _Pair:
@@ -170,10 +173,11 @@ def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: 
     boat, port, uwb = boats[k], free_port(), wires / f"uwb-{k}"
     program = aritra()
     config = ["--config", str(boat.config)]
+    mission = ["--mission", str(args.mission)] if args.mission else []
     own = world_arguments(argparse.Namespace(**vars(args) | {"seed": args.seed + k}))
     world = ["--udp-to", f"127.0.0.1:{port}", "--uwb", str(uwb), "--truth", str(_truth_log(boat))]
     urls = ["--mavlink", f"udpin:127.0.0.1:{port}", *device_options(keys, str(uwb)), "--log", str(_run_log(boat))]
-    drive = [*program, "run", *config, *urls, "--start", "--end-after", str(STATION_S)]
+    drive = [*program, "run", *config, *mission, *urls, "--start", "--end-after", str(STATION_S)]
     return _Pair(boat, [*program, "sim", *config, *world, *own], drive, boat.name if len(boats) > 1 else "")
 
 

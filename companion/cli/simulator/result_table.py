@@ -51,26 +51,28 @@ def busy(figures: Figures) -> str:
     return BUSY.format(" and ".join(found)) if found else ""
 
 
-def passed(figures: Figures) -> bool:
-    """Whether every waypoint was passed."""
-    return figures["waypoints_passed"] == figures["waypoints_total"]
+def passed(figures: Figures, stopped: str) -> bool:
+    """Whether every waypoint was passed, and driving was not stopped."""
+    return figures["waypoints_passed"] == figures["waypoints_total"] and not stopped
 
 
-def verdict(figures: Figures) -> Text:
-    """How it went, in a sentence; a second one where the computer is to blame for it."""
+def verdict(figures: Figures, stopped: str) -> Text:
+    """How it went, in a sentence; others where driving was stopped, and where the computer is to blame for it."""
     done, total = figures["waypoints_passed"], figures["waypoints_total"]
     way = f"{done} of {total} waypoints"
     if "cross_track_rms_m" in figures:
         way += f", {figures['cross_track_rms_m']:.2f} m rms off the path"
         way += f", position known to {figures['position_rmse_m']:.2f} m rms"
-    fine = passed(figures)
+    fine = passed(figures, stopped)
     out = Text.assemble(("PASSED" if fine else "NOT PASSED", "bold green" if fine else "bold red"), f": {way}.")
+    if stopped:
+        out.append(f"\nBut {stopped}.", style="bold red")
     if why := busy(figures):
         out.append(f"\n{'But ' if fine else ''}{why}.", style="yellow")
     return out
 
 
-def lines(figures: Figures) -> Iterator[Text]:
+def lines(figures: Figures, stopped: str) -> Iterator[Text]:
     """The figures by group, then the verdict; no line of a figure is longer than 78 characters."""
     for head, rows in GROUPS.items():
         yield Text(head, style="bold")
@@ -78,4 +80,4 @@ def lines(figures: Figures) -> Iterator[Text]:
             if (value := figures.get(key)) is not None:
                 shown = str(value) if isinstance(value, int) else f"{value:.3f}"
                 yield Text(f"  {name:<16}{shown:>9} {unit:<4} {meaning}")
-    yield verdict(figures)
+    yield verdict(figures, stopped)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from companion.core.messages import (
+    Alert,
     GroundTruth,
     GuidanceReference,
     LoopTiming,
@@ -27,15 +28,22 @@ from companion.logs.log_file import LogFile
 from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 
 KINDS = (
-    GuidanceReference, LoopTiming, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
+    Alert, GuidanceReference, LoopTiming, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
 )  # fmt: skip
+STOPPED = "stopped: "
+"""What the alert of a boat that stops driving by itself begins with (`companion.core.pilot.modes`)."""
+AGAIN_NS = 1_000_000_000
+"""A command that much later is not of the drive that was stopped; assumed."""
 
 
 @dataclass(frozen=True)
 class DemoScore:
-    """`figures` go to summary.json; the rest is for the picture."""
+    """`figures` and `stopped` (why driving was stopped for good; empty: it was not) go to summary.json; the rest is
+    for the picture.
+    """
 
     figures: dict[str, float | int]
+    stopped: str
     track: TrueTrack
     messages: dict[type[Message], list[Any]]
     truths: list[GroundTruth]
@@ -53,10 +61,23 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
     figures: dict[str, float | int] = {"waypoints_total": len(points), "waypoints_passed": passed}
     if len(track.t_s):
         pose = (*points[-1], end_heading(settings))
-        kept = station(track, pose) if settings.guidance.end == "station" else {}
+        arrived = settings.guidance.end == "station" and passed == len(points)
+        kept = station(track, pose) if arrived else {}
         figures |= tracking(track, points) | kept | estimation(track)
     figures |= _timing(messages) | {"simulator_stall_ms": _longest_gap_ms(truths)}
-    return DemoScore(figures, track, messages, truths)
+    return DemoScore(figures, why_stopped(messages), track, messages, truths)
+
+
+def why_stopped(messages: dict[type[Message], list[Any]]) -> str:
+    """The stop after which nothing was driven any more: when, and why."""
+    stops = [m for m in messages[Alert] if m.level == "error" and m.text.startswith(STOPPED)]
+    if not stops or not messages[Tick]:
+        return ""
+    stop = stops[-1]
+    if any(lease.source != "neutral" and lease.t_ns > stop.t_ns + AGAIN_NS for lease in messages[OverrideLease]):
+        return ""  # and was started again
+    after_s = (stop.t_ns - messages[Tick][0].t_ns) * 1e-9
+    return f"driving was stopped after {after_s:.1f} s: {stop.text.removeprefix(STOPPED).partition('; thrusters')[0]}"
 
 
 def end_heading(settings: PilotSettings) -> float:
@@ -92,6 +113,7 @@ def _percentile(values: list[float], share: float) -> float:
     return float(np.percentile(values, share)) if values else float("nan")
 
 
-def finite(figures: dict[str, float | int]) -> dict[str, float | int | None]:
-    """For JSON, which has no NaN: what was not measured is null."""
-    return {name: value if math.isfinite(value) else None for name, value in figures.items()}
+def for_json(score: DemoScore) -> dict[str, float | int | str | None]:
+    """For JSON, which has no NaN: what was not measured is null, as is `stopped` where driving was not."""
+    finite = {name: value if math.isfinite(value) else None for name, value in score.figures.items()}
+    return {**finite, "stopped": score.stopped or None}

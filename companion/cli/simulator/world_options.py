@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 FARTHEST_M, CURRENT_M_S, WIND_M_S, WAVES_M, MISMATCH = 10_000.0, 10.0, 60.0, 10.0, 0.5
 """Largest place, current, wind, significant height of waves, and share that the plant is off its vessel file."""
+START = (8.0, 8.0, 20.0)
+"""Where a simulated boat begins: north, east [m], heading [deg]."""
 place_m = number(-FARTHEST_M, FARTHEST_M, "a place [m]")
 
 
@@ -25,7 +27,9 @@ def add_world_arguments(p: argparse.ArgumentParser) -> None:
     """What world to simulate; shared with `demo`."""
     w = p.add_argument_group("world")
     w.add_argument("--seed", type=seed, default=1, metavar="N", help="of noise, biases, weather and mismatch")
-    _each(w, "--start", (8.0, 8.0, 20.0), ("N", "E", "DEG"), (place_m, place_m, angle_deg), "place [m] and heading")
+    _each(
+        w, "--start", START, ("N", "E", "DEG"), (place_m, place_m, angle_deg), "place [m] and heading (default: 8 8 20)"
+    )
     flow, air = number(0.0, CURRENT_M_S, "a current [m/s]"), number(0.0, WIND_M_S, "a wind [m/s]")
     _each(w, "--current", (0.0, 0.0), ("M/S", "DEG"), (flow, angle_deg), "towards")
     _each(w, "--wind", (0.0, 0.0), ("M/S", "DEG"), (air, angle_deg), "from")
@@ -81,5 +85,6 @@ def check_start(args: argparse.Namespace, setup: RunSetup) -> None:
     """Raise ConfigError for a start beyond the fence."""
     north_m, east_m, _ = args.start
     if not setup.pilot.site.inside(north_m, east_m):
-        where = f"north {north_m:g}, east {east_m:g} m lies beyond the fence of site {setup.pilot.site.name}"
+        given = "" if args.start != START else " (what is taken where no --start is given)"
+        where = f"north {north_m:g}, east {east_m:g} m{given} lies beyond the fence of site {setup.pilot.site.name}"
         raise ConfigError(f"--start: {where}")

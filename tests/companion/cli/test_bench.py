@@ -91,7 +91,7 @@ def test_a_part_that_breaks_down_does_not_lose_the_others(tmp_path, monkeypatch)
     ("words", "said"),
     [
         (("--vessel", "nowhere.toml"), "nowhere.toml: No such file"),
-        (("--only", "everything"), "--only everything: no such part"),
+        (("--only", "everything"), "--only everything: no part has that in its name; there are solvers"),
         (("--only", "solvers", "--json", "no/such/folder.json"), "no/such/folder.json: there is no folder"),
     ],
 )

@@ -3,7 +3,7 @@
 import pytest
 
 from companion.cli.simulator import demo
-from companion.cli.simulator.result_table import GROUPS, busy, lines, verdict
+from companion.cli.simulator.result_table import GROUPS, busy, lines, passed, verdict
 from tests.companion.command_line import exit_code
 
 GOOD = {"waypoints_total": 5, "waypoints_passed": 5} | {key: 0.123 for rows in GROUPS.values() for key, *_ in rows}
@@ -11,7 +11,7 @@ GOOD |= {"ticks": 1130, "leases": 1130, "leases_from_plan": 1068, "simulator_sta
 
 
 def test_the_table_fits_80_columns_and_explains_every_row():
-    *table, last = map(str, lines(GOOD))
+    *table, last = map(str, lines(GOOD, ""))
     assert max(map(len, table)) <= 78
     assert [line for line in table if not line.startswith("  ")] == [*GROUPS]
     assert len(table) == len(GROUPS) + sum(map(len, GROUPS.values()))
@@ -21,8 +21,15 @@ def test_the_table_fits_80_columns_and_explains_every_row():
 
 def test_a_run_without_a_track_still_has_a_verdict():
     figures = {"waypoints_total": 5, "waypoints_passed": 0, "ticks": 12, "lateness_p99_ms": float("nan")}
-    assert str(verdict(figures)) == "NOT PASSED: 0 of 5 waypoints."
-    assert any(str(line).split()[:2] == ["ticks", "12"] for line in lines(figures))
+    assert str(verdict(figures, "")) == "NOT PASSED: 0 of 5 waypoints."
+    assert any(str(line).split()[:2] == ["ticks", "12"] for line in lines(figures, ""))
+
+
+def test_a_boat_that_stopped_has_not_passed_whatever_it_had_passed_before():
+    why = "driving was stopped after 109.6 s: this computer is too busy"
+    assert passed(GOOD, "") and not passed(GOOD, why)
+    first, second = str(verdict(GOOD, why)).splitlines()
+    assert first.startswith("NOT PASSED: 5 of 5 waypoints") and second == f"But {why}."
 
 
 @pytest.mark.parametrize(
@@ -37,13 +44,13 @@ def test_a_run_without_a_track_still_has_a_verdict():
 def test_a_busy_computer_is_named(more, said):
     found = busy(GOOD | more)
     assert (said in found) if said else not found
-    assert ("this computer is too busy" in str(verdict(GOOD | more))) == bool(said)
+    assert ("this computer is too busy" in str(verdict(GOOD | more, ""))) == bool(said)
 
 
 def test_earlier_results_are_put_away_and_never_overwritten(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "drive", lambda args, boats, wires, keys: ["it failed"])
     for number in (0, 1, 2):
-        for name in ("run.mcap", "truth.mcap", "run.part1.mcap", "picture.png", "summary.json"):
+        for name in ("run.mcap", "truth.mcap", "run.part1.mcap", "picture.png", "summary.json", "run.html"):
             (tmp_path / name).write_text(f"of demo {number}")
         (tmp_path / "command.key").write_text("stays")
         assert exit_code("demo", "--out", tmp_path) == 1

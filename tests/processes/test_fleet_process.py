@@ -43,6 +43,7 @@ def hold(shore_side, boat, key):
     return [read_outcome(bytes(r.ok.payload)).code for r in replies if r.ok]
 
 
+@pytest.mark.matrix
 @pytest.mark.long
 def test_a_demo_of_two_boats_from_shore(tmp_path):
     port, out, text = free_port(), tmp_path / "out", tmp_path / "text.txt"

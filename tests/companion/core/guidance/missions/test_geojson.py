@@ -38,7 +38,7 @@ def test_geojson_points_and_lines_follow_each_other():
         (collection(feature("Polygon", [[]])), "features[0].geometry: Polygon is not supported"),
         (collection({"type": "Feature", "geometry": None}), "features[0].geometry: nothing is not supported"),
         (collection(feature(speed_ms=1)), "features[0].properties.speed_ms: unknown key"),
-        (collection(feature(speed_m_s="1")), "features[0].properties.speed_m_s: Expected `float"),
+        (collection(feature(speed_m_s="1")), "features[0].properties.speed_m_s: expected a number, found text"),
         (collection(feature(speed_m_s=0)), "features[0].geometry.coordinates: speed must be"),
         (
             collection(feature("LineString", [[80.2338, 12.9916], [80.2338]])),

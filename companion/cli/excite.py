@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -204,9 +205,10 @@ def fly(args: argparse.Namespace, console: Console) -> int:
         args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
     world = world_setup(args, setup)
     new_in_folder(args.out, FLOWN)
+    begin_unix_ns = time.time_ns()
     with console.status("flies") as status:
         flown = flying.fly(setup, world, args.seed, lambda text: status.update(f"flies: {text}"))
-    run, truth = flying.write_logs(flown, setup, args.out)
+    run, truth = flying.write_logs(flown, setup, args.out, begin_unix_ns)
     for note in flying.notes(flown):
         line = f"{note.t_ns * 1e-9:7.1f} s  {note.level}: {note.text}"
         console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -73,13 +74,13 @@ class SimulatedBoat:
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
         solve = no_plan if excite else stepped_controller(setup.pilot).solve
-        run = SteppedRun(World(world, 1000 * self.seed + number), pilot, solve, begin="excite" if excite else "start")
-        with SteppedLogs(folder, setup) as logs:
-            started, recorded = False, 0
+        begin = "excite" if excite else "start"
+        with SteppedLogs(folder, setup, time.time_ns()) as logs:
+            run = SteppedRun(World(world, 1000 * self.seed + number), pilot, solve, begin, logs.record)
+            started = False
             while run.world.t_ns < LIMIT_S * 1e9:
                 run.run(lambda _run: False, STEP_S)
-                logs.take(run.messages[recorded:], run.world.t_ns)
-                recorded = len(run.messages)
+                logs.sync()
                 say(f"{run.world.t_ns * 1e-9:.0f} s")
                 helm = run.state.helm
                 started = started or helm.driving

@@ -3,7 +3,7 @@
     world bytes -> codecs -> messages -> pilot.step -> outputs -> codec -> bytes -> world
 
 A plan arrives `PLAN_NS` after its tick, as if it had been solved that fast. Nothing else is simplified: what the
-pilot sees has gone through the wire formats.
+pilot sees has gone through the wire formats. `record` is told what the boat's own program writes into its log.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 
 from msgspec.structs import replace
 
+from companion.boat.tick_timing import TickTiming
 from companion.core.messages import (
     GroundTruth,
     Message,
@@ -21,7 +22,7 @@ from companion.core.messages import (
     PlanDeadline,
     PlanResult,
     SolveRequest,
-    Tick,
+    StepMark,
     VehicleRequest,
 )
 from companion.core.pilot.pilot import Pilot
@@ -34,6 +35,8 @@ from sim.world.world import STEP_NS, Outgoing
 PEER = "companion"
 PLAN_NS = 10_000_000
 SESSION_STEPS = 10
+Record = Callable[[Message, int], None]
+"""Told a message and when it was in simulated time [ns]."""
 
 
 class SteppedWorld(Protocol):
@@ -68,7 +71,8 @@ class SteppedWorld(Protocol):
 class SteppedRun:
     """One boat under way. `messages`: everything in, out and true, in order. `solve(request, warm)`: the NMPC.
 
-    `begin`: what the operator asks for at the start, mission or excitation; None: nothing yet.
+    `begin`: what the operator asks for at the start, mission or excitation; None: nothing yet. `record` is told all of
+    `messages` and the notes that belong into a log: a StepMark for each call of the pilot, a LoopTiming for each lease.
     """
 
     def __init__(
@@ -77,18 +81,20 @@ class SteppedRun:
         pilot: Pilot,
         solve: Callable[[SolveRequest, Any], tuple[PlanResult, Any]],
         begin: Literal["start", "excite"] | None = "start",
+        record: Record = lambda _message, _t_ns: None,
     ):
         sensors = pilot.settings.vessel.sensors
         self.world, self.pilot = world, pilot
         self.messages: list[Message] = []
         self.state = pilot.initial(world.t_ns)
-        self._solve, self._warm = solve, None
+        self._solve, self._warm, self._record = solve, None, record
         self._codec = MavlinkCodec()
         self._session = MavlinkSession(self._codec, wanted_hz(sensors))
         names = {"uwb": "tag"}
         self._devices = {key: DEVICES[key].codec(sensors, names.get(key, key)) for key in devices_of(sensors)}
         self._period_ns = round(pilot.settings.control.period_s * 1e9)
         self._deadline_ns = round(pilot.settings.control.plan_deadline_s * 1e9)
+        self._timing = TickTiming(self._period_ns)
         self._tick = -1
         self._tick_due_ns = world.t_ns + self._period_ns
         self._plans: list[PlanResult] = []
@@ -141,9 +147,10 @@ class SteppedRun:
 
     def feed(self, inputs: Sequence[Message]) -> None:
         """One call of the pilot, and what follows from it."""
-        self.messages += inputs
+        self._keep(inputs)
+        self._record(StepMark(t_ns=self.world.t_ns, inputs=len(inputs)), self.world.t_ns)
         self.state, outputs = self.pilot.step(self.state, inputs, self.world.t_ns)
-        self.messages += outputs
+        self._keep(outputs)
         for output in outputs:
             self._do(output)
 
@@ -151,12 +158,17 @@ class SteppedRun:
         """All messages of one kind so far."""
         return [m for m in self.messages if isinstance(m, kind)]
 
+    def _keep(self, messages: Sequence[Message]) -> None:
+        self.messages += messages
+        for message in messages:
+            self._record(message, self.world.t_ns)
+
     def _begin_tick(self, t_ns: int) -> None:
         self._tick += 1
         self._tick_due_ns += self._period_ns
-        self.messages.append(self.world.truth())
+        self._keep([self.world.truth()])
         self._deadline = PlanDeadline(t_ns=t_ns + self._deadline_ns, index=self._tick)
-        self.feed([Tick(t_ns=t_ns, index=self._tick)])
+        self.feed([self._timing.begin(self._tick, due_ns=t_ns, now_ns=t_ns)])
 
     def _end_tick(self, t_ns: int) -> None:
         if self._plans and t_ns >= self._plans[0].t_ns:
@@ -172,6 +184,7 @@ class SteppedRun:
             plan, self._warm = self._solve(output, self._warm)
             self._plans.append(replace(plan, t_ns=output.t_ns + PLAN_NS))
         elif isinstance(output, OverrideLease):
+            self._record(self._timing.of_lease(output, self.world.t_ns, sent=True), self.world.t_ns)
             self._send_all([encoder.override(output)])
         elif isinstance(output, VehicleRequest) and output.action == "set_mode":
             self._send_all([encoder.set_mode(output.custom_mode or 0)])
@@ -186,6 +199,7 @@ class SteppedRun:
         if not data:
             return
         messages = self._codec.feed(data, self.world.t_ns)
+        self._timing.hear(messages)
         frames = self._session.step(messages, self.world.t_ns)
         if messages:
             self.feed(messages)

@@ -30,6 +30,7 @@ WILD = of(
 )
 FAR = of(Steps(name="run", X=0.5, levels=(1.0, -1.0), hold_s=16.0), Steps(name="side", Y=0.8, hold_s=30.0))
 MIDDLE = (15.0, 15.0, 0.4)
+BEGIN_UNIX_NS = 1_790_000_000_000_000_000
 
 
 def setup_with(excitation):
@@ -105,7 +106,7 @@ def test_five_minutes_of_a_plan_tell_more_than_five_minutes_of_surge(tmp_path):
         true = draw_boat(boat("aritra"), np.random.default_rng(seed))
         setup = setup_with(designed())
         flown = fly(setup, WorldSetup(true, BASIN, start=MIDDLE), seed, limit_s=60 * MINUTES + 60)
-        log, _ = write_logs(flown, setup, tmp_path)
+        log, _ = write_logs(flown, setup, tmp_path, BEGIN_UNIX_NS)
         plan.append(errors(read_run(log, ReadOptions(setup.pilot.vessel, BASIN)), true))
         surge.append(errors(teleop_run(true, seed, 60 * MINUTES, imu_hz=50.0, habits=AHEAD_AND_ASTERN), true))
         print(f"seed {seed}: median error {np.median(plan[-1]):.2%} of the plan, {np.median(surge[-1]):.2%} of surge")

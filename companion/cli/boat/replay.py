@@ -31,7 +31,8 @@ def replay(args: argparse.Namespace) -> int:
         log = LogFile(args.log)
         report = repeat(Pilot(setup_in(log).pilot), log.messages())
         if not report.steps:
-            raise LogError(f"{log.path}: holds no step of the core")
+            missing = "without /step_mark nobody knows which inputs were one call, so it cannot be repeated"
+            raise LogError(f"{log.path}: holds no step of the core: {missing}")
     except LogError as error:
         print(f"aritra replay: {error}", file=sys.stderr)
         return 2

@@ -49,7 +49,8 @@ def page_data(log: LogFile, samples: Sequence[shore.ShoreMessage], overlay: Over
     """JSON for the page. `overlay`: ghosts on the run's clock, whose t_s = 0 is `zero_ns`."""
     first = next((t for t in samples if isinstance(t, shore.StateNow)), None)
     if first is None:
-        raise LogError(f"{log.path}: no estimate in it: there is nothing to show")
+        needed = "/state_estimate, and /loop_timing at the end of a tick"
+        raise LogError(f"{log.path}: no estimate in it that could be shown: that takes {needed}")
     known = next((t for t in samples if isinstance(t, shore.StateNow) and t.health in KNOWN), first)
     about, begin_ns, end_ns = samples[0], zero_ns_of(log), max(t.t_ns for t in samples)
     assert isinstance(about, shore.About)

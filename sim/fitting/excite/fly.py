@@ -28,9 +28,13 @@ AFTER_S = 1.0
 
 @dataclass(frozen=True)
 class FlownExcitation:
-    """One flight: all messages, its ending as text, least distance of the true boat from the fence [m]."""
+    """One flight: all messages, its ending as text, least distance of the true boat from the fence [m].
+
+    `logged`: what belongs into its logs, in order, each with when it was in simulated time [ns].
+    """
 
     messages: tuple[Message, ...]
+    logged: tuple[tuple[Message, int], ...]
     done: bool
     ending: str
     least_clearance_m: float
@@ -47,7 +51,10 @@ def fly(
     setup: RunSetup, world: WorldSetup, seed: int, say: Callable[[str], None] = lambda _: None, limit_s: float = LIMIT_S
 ) -> FlownExcitation:
     """Fly the setup's excitation in `world` until it is over or the boat has stopped for good."""
-    run = SteppedRun(World(world, seed), Pilot(setup.pilot), no_plan, begin="excite")
+    logged: list[tuple[Message, int]] = []
+    run = SteppedRun(
+        World(world, seed), Pilot(setup.pilot), no_plan, begin="excite", record=lambda *told: logged.append(told)
+    )
     next_ns, started = 0, False
 
     def over(run: SteppedRun) -> bool:
@@ -66,7 +73,7 @@ def fly(
     track = np.array([(m.north_m, m.east_m) for m in truths])
     clearance = float(Pen(setup.pilot.site).clearance(track).min())
     done = bool(statuses) and statuses[-1].phase == "done"
-    return FlownExcitation(tuple(run.messages), done, ending, clearance, statuses, truths)
+    return FlownExcitation(tuple(run.messages), tuple(logged), done, ending, clearance, statuses, truths)
 
 
 def notes(flown: FlownExcitation) -> list[Alert]:
@@ -74,12 +81,13 @@ def notes(flown: FlownExcitation) -> list[Alert]:
     return [m for m in flown.messages if isinstance(m, Alert)]
 
 
-def write_logs(flown: FlownExcitation, setup: RunSetup, folder: Path) -> tuple[Path, Path]:
-    """run.mcap and truth.mcap into `folder`. Raises OSError."""
+def write_logs(flown: FlownExcitation, setup: RunSetup, folder: Path, begin_unix_ns: int) -> tuple[Path, Path]:
+    """run.mcap and truth.mcap into `folder`, as if it had begun at `begin_unix_ns` (Unix time [ns]). Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     run, truth = folder / RUN, folder / TRUTH
     for path in (run, truth):
         path.unlink(missing_ok=True)
-    with SteppedLogs(folder, setup) as logs:
-        logs.take(flown.messages, flown.messages[-1].t_ns)
+    with SteppedLogs(folder, setup, begin_unix_ns) as logs:
+        for message, t_ns in flown.logged:
+            logs.record(message, t_ns)
     return run, truth

@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 
 import msgspec
 import pytest
@@ -9,10 +10,12 @@ import pytest
 from companion.boat.load_run import EXAMPLES, load_setup, setup_of
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import excitation_toml, load_excitation
+from companion.logs.log_file import LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from tests.companion.command_line import exit_code
 from tests.support.excitation_fixture import LIBRARY
 
+VESSEL = EXAMPLES / "boats" / "aritra.toml"
 FEW = msgspec.structs.replace(
     LIBRARY, segments=tuple(s for s in LIBRARY.segments if s.name in ("sideways turns", "yaw reversals"))
 )
@@ -35,11 +38,16 @@ def test_from_the_design_of_a_plan_to_the_log_and_what_comes_next(tmp_path, libr
     assert {s.name for s in made.segments} <= {s.name for s in FEW.segments}
     assert exit_code("excite", "info", str(plan)) == 0
     assert "known to" in capsys.readouterr().out
+    begun_ns = time.time_ns()
     assert exit_code("excite", "fly", str(plan), "--out", str(out), "--seed", "5", "--mismatch", "0.1") == 0
     figures = json.loads((out / "flight.json").read_text())
     assert figures["done"] and figures["least_clearance_m"] > made.margin_m and figures["seed"] == 5
     assert (out / "picture.png").stat().st_size > 10_000
     run = read_run(out / "run.mcap", ReadOptions(truth=out / "truth.mcap"))
+    assert begun_ns <= LogFile(out / "run.mcap").wall_offset_ns <= time.time_ns(), "the log begins when it was flown"
+    page = tmp_path / "flight.html"
+    assert exit_code("log", "page", str(out / "run.mcap"), "--extended", str(VESSEL), "-o", str(page)) == 0
+    assert page.stat().st_size > 100_000
     assert run.duration_s > figures["duration_s"] - 1 and run.known("true_u_m_s") and not run.meta.notes
     assert exit_code("excite", "next", "--library", str(library), "--log", str(out / "run.mcap")) == 0
     told = capsys.readouterr().out

@@ -25,6 +25,7 @@ from tests.evidence.line import Line, at_least, at_most, information
 BOATS, ALL = 4, 12
 FLOWN = ("zig-zag", "multisine", "pulses", "stop and reverse")
 HALF = 0.5
+BEGIN_UNIX_NS = 1_767_225_600_000_000_000
 
 
 def identified(seed: int) -> tuple[DrawnBoat, Identification]:
@@ -36,7 +37,7 @@ def identified(seed: int) -> tuple[DrawnBoat, Identification]:
     own = _setup(setup, boat)
     world = WorldSetup(boat.true, site, start=(north_m, east_m, 0.5), weather=boat.weather)
     with tempfile.TemporaryDirectory() as folder:
-        log, _ = write_logs(fly(own, world, seed), own, Path(folder))
+        log, _ = write_logs(fly(own, world, seed), own, Path(folder), BEGIN_UNIX_NS)
         run = read_run(log, ReadOptions(boat.first, site))
     return boat, identify([NamedLog("flight", run)], [], boat.first, Choices(taylor=False), lambda: "2026-01-01")
 

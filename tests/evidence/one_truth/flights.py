@@ -40,6 +40,7 @@ SEEDS, OF_THEM = range(1, 31), 10
 """All flights, and how many without `full`: one takes more than half a minute."""
 SHARE = 28 / 30
 """Intervals of 95 % that cover the truth, at least."""
+BEGIN_UNIX_NS = 1_767_225_600_000_000_000
 DEAD_TIME_S, LAG_S = (0.05, 0.20), (0.05, 0.20)
 """Between these, uniform; the file says 0.1 s each."""
 
@@ -83,7 +84,7 @@ def flown_and_fitted(plan: Excitation, seed: int) -> FlownAndFitted:
     north, east = map(float, Pen(site).middle)
     flown = fly(setup, WorldSetup(boat, site, start=(north, east, 0.0)), seed)
     with tempfile.TemporaryDirectory() as folder:
-        log = read_run(write_logs(flown, setup, Path(folder))[0], ReadOptions(vessel, site))
+        log = read_run(write_logs(flown, setup, Path(folder), BEGIN_UNIX_NS)[0], ReadOptions(vessel, site))
     found = identify([NamedLog("run", log)], [], vessel, Choices(taylor=False), lambda: "2000-01-01T00:00:00Z")
     result, truth = found.structured, boat.propulsion
     return FlownAndFitted(flown.done, (truth.dead_time_s, result["dead_time_s"]), (truth.lag_s, result["lag_s"]))

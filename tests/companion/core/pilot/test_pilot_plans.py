@@ -75,6 +75,20 @@ def test_a_late_plan_serves_from_its_own_age_on():
     assert shell.lease.source == "shifted_plan" and shell.lease.f_command_n == (3.0,) * N, "0.45 s: its third row"
 
 
+def test_a_plan_that_is_only_late_is_told_as_late():
+    """It answers the open tick, after its deadline and before the shell has told of that."""
+    shell = on_the_leg()
+    shell.feed(heartbeat(shell.t_ns))
+    shell.tick()
+    shell.feed(plan(shell.index))
+    shell.tick()
+    shell.wait(70)
+    outputs = shell.feed(plan(shell.index))
+    assert (shell.lease.source, shell.lease.reason) == ("shifted_plan", "plan late; plan is 0.07 s old")
+    told = [o.text for o in outputs if isinstance(o, m.Alert)]
+    assert told == ["driving by shifted plan: plan late; plan is 0.07 s old"]
+
+
 @pytest.mark.parametrize("ahead", [-30, -1, 1, 7])
 def test_a_plan_with_a_wrong_index_does_not_close_the_tick(ahead):
     shell = on_the_leg()

@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Protocol
 
 from companion.core.messages import LinkState, LinkStatus, Message
-from drivers.link_state import LinkObservations, LinkTiming, LinkVerdict, backoff_s, link_state
+from drivers.link_state import LinkObservations, LinkTiming, LinkVerdict, backoff_s, link_state, open_fault
 from drivers.ports.port import Port
 
 __all__ = ["Codec", "DeviceLink", "LinkTiming", "link_state"]
@@ -112,7 +112,7 @@ class DeviceLink:
             try:
                 await self.port.open()
             except OSError as error:
-                self._fault = f"cannot open {self.port.name}: {error.strerror or error}"
+                self._fault = open_fault(self.name, self.port.name, error)
                 self._judge()
                 await self._pause()
             else:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import random
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.core.messages import LinkState
+from companion.core.messages import HELD_PORT, LinkState
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +102,14 @@ def _why_no_messages(seen: LinkObservations, timing: LinkTiming) -> tuple[str, s
     if seen.babble_ns and seen.silent_ns < timing.stale_after_ns:
         return "garbage", f"bytes but no valid frame for {seen.babble_ns * 1e-9:.1f} s: wrong baud rate?"
     return "silence", f"no bytes for {seen.silent_ns * 1e-9:.1f} s"
+
+
+def open_fault(link: str, port: str, error: OSError) -> str:
+    """Why `port` of `link` could not be opened; where another program holds it, what to do."""
+    if error.errno != errno.EADDRINUSE:
+        return f"cannot open {port}: {error.strerror or error}"
+    option = f"--{link}" if link in ("mavlink", "uwb") else f"--device {link}=URL"
+    return f"{port} {HELD_PORT} (another aritra run?): end it, or give {option}"
 
 
 def backoff_s(attempt: int, rng: random.Random, timing: LinkTiming) -> float:

@@ -224,3 +224,16 @@ def test_links_are_told_as_they_deserve(state, level):
     shell = on_the_leg()
     (alert,) = shell.feed(m.LinkStatus(t_ns=0, link="uwb", state=state, reason="words"))
     assert (alert.level, alert.text) == (level, f"uwb: {state}: words")
+
+
+def test_a_port_that_another_program_holds_is_a_warning_and_a_device_that_is_not_there_yet_is_none():
+    shell = on_the_leg()
+    held = f"udpin:127.0.0.1:14551 {m.HELD_PORT} (another aritra run?): end it, or give --mavlink"
+    absent = "cannot open serial:/dev/ttyACM0:115200: No such file or directory"
+    alerts = [
+        shell.feed(m.LinkStatus(t_ns=0, link="mavlink", state="searching", reason=reason))[0]
+        for reason in (held, absent)
+    ]
+    assert [(a.level, a.text) for a in alerts] == [
+        ("warning", f"mavlink: searching: {held}"), ("info", f"mavlink: searching: {absent}")
+    ]  # fmt: skip

@@ -174,9 +174,13 @@ class DeviceLink:
         return verdict.reason
 
     def _next_judgement_ns(self) -> int:
-        now_ns, stale_ns = self._now_ns(), self._timing.stale_after_ns
-        changes = (self._frame_ns + stale_ns, self._frame_ns + self._timing.lost_after_ns)
-        return min((t_ns for t_ns in changes if t_ns > now_ns), default=now_ns + stale_ns)
+        """When the state or its cause may change; after `stale_after_s` at the latest, for bytes may begin any time."""
+        now_ns, timing = self._now_ns(), self._timing
+        changes = [since_ns + timing.stale_after_ns for since_ns in (self._frame_ns, now_ns)]
+        changes.append(self._frame_ns + timing.lost_after_ns)
+        if self._babble_ns is not None:
+            changes.append(self._babble_ns + timing.guess_after_ns)
+        return min(t_ns for t_ns in changes if t_ns > now_ns)
 
     def _judge(self) -> LinkVerdict:
         """Apply `link_state` and tell about it where the state or its cause has changed."""

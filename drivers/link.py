@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Protocol
 
 from companion.core.messages import LinkState, LinkStatus, Message
-from drivers.link_state import LinkObservations, LinkTiming, LinkVerdict, backoff_s, link_state
+from drivers.link_state import LinkObservations, LinkTiming, LinkVerdict, backoff_s, link_state, open_fault
 from drivers.ports.port import Port
 
 __all__ = ["Codec", "DeviceLink", "LinkTiming", "link_state"]
@@ -112,7 +112,7 @@ class DeviceLink:
             try:
                 await self.port.open()
             except OSError as error:
-                self._fault = f"cannot open {self.port.name}: {error.strerror or error}"
+                self._fault = open_fault(self.name, self.port.name, error)
                 self._judge()
                 await self._pause()
             else:
@@ -174,9 +174,13 @@ class DeviceLink:
         return verdict.reason
 
     def _next_judgement_ns(self) -> int:
-        now_ns, stale_ns = self._now_ns(), self._timing.stale_after_ns
-        changes = (self._frame_ns + stale_ns, self._frame_ns + self._timing.lost_after_ns)
-        return min((t_ns for t_ns in changes if t_ns > now_ns), default=now_ns + stale_ns)
+        """When the state or its cause may change; after `stale_after_s` at the latest, for bytes may begin any time."""
+        now_ns, timing = self._now_ns(), self._timing
+        changes = [since_ns + timing.stale_after_ns for since_ns in (self._frame_ns, now_ns)]
+        changes.append(self._frame_ns + timing.lost_after_ns)
+        if self._babble_ns is not None:
+            changes.append(self._babble_ns + timing.guess_after_ns)
+        return min(t_ns for t_ns in changes if t_ns > now_ns)
 
     def _judge(self) -> LinkVerdict:
         """Apply `link_state` and tell about it where the state or its cause has changed."""

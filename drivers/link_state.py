@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import random
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.core.messages import LinkState
+from companion.core.messages import HELD_PORT, LinkState
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +18,10 @@ class LinkTiming:
     lost_after_s: float = 5.0
     backoff_min_s: float = 0.1
     backoff_max_s: float = 2.0
+    guess_after_s: float = 3.0
+    """Bytes without a message are told as a wrong baud rate after so long, and not before `stale_after_s`: what a
+    device says as it starts, or when it is spoken to, is no message either.
+    """
 
     def __post_init__(self) -> None:
         if not 0.0 < self.stale_after_s < self.lost_after_s:
@@ -33,6 +38,11 @@ class LinkTiming:
     def lost_after_ns(self) -> int:
         """The same in ns."""
         return round(self.lost_after_s * 1e9)
+
+    @property
+    def guess_after_ns(self) -> int:
+        """From the first byte without a message to the guess why, in ns."""
+        return max(round(self.guess_after_s * 1e9), self.stale_after_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +109,18 @@ def _why_no_messages(seen: LinkObservations, timing: LinkTiming) -> tuple[str, s
     if seen.frameless_ns < timing.stale_after_ns:
         return "waiting", "port open, waiting for a message"
     if seen.babble_ns and seen.silent_ns < timing.stale_after_ns:
+        if seen.babble_ns < timing.guess_after_ns:
+            return "waiting", f"bytes come, and no message for {seen.frameless_ns * 1e-9:.1f} s"
         return "garbage", f"bytes but no valid frame for {seen.babble_ns * 1e-9:.1f} s: wrong baud rate?"
     return "silence", f"no bytes for {seen.silent_ns * 1e-9:.1f} s"
+
+
+def open_fault(link: str, port: str, error: OSError) -> str:
+    """Why `port` of `link` could not be opened; where another program holds it, what to do."""
+    if error.errno != errno.EADDRINUSE:
+        return f"cannot open {port}: {error.strerror or error}"
+    option = f"--{link}" if link in ("mavlink", "uwb") else f"--device {link}=URL"
+    return f"{port} {HELD_PORT} (another aritra run?): end it, or give {option}"
 
 
 def backoff_s(attempt: int, rng: random.Random, timing: LinkTiming) -> float:

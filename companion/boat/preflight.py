@@ -43,7 +43,7 @@ from companion.core.messages import (
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, sensor_rows
 from companion.core.preflight.link import PRE_ARM, arming_complaints, link_rows, rest_rows
-from companion.core.preflight.observations import Disk, Observations, RoundTrip
+from companion.core.preflight.observations import Disk, Observations, RoundTrip, cycles_of
 from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.sensors.table import AIDING
 from companion.core.sensors.uwb import RangingSensor
@@ -233,7 +233,7 @@ class Listener:
         return {sensor.key: [m for kind in sensor.messages for m in self._kept[kind]] for sensor in sensors}
 
     def _cycles(self) -> dict[str, int]:
-        return {key: len(messages) for key, messages in self._heard().items()}
+        return {key: cycles_of(messages) for key, messages in self._heard().items()}
 
     def _position_is_heard(self) -> bool:
         """Whether the sensor of positions has spoken, or cannot: its own wire is not open."""

@@ -7,6 +7,7 @@ processes on one machine compare. Late steps are caught up; the truth is recorde
 from __future__ import annotations
 
 import asyncio
+import errno
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -41,6 +42,17 @@ def device_path(uwb_path: str, key: str) -> str:
     return folder + slash + (name.replace("uwb", key) if "uwb" in name else f"{name}-{key}" if key != "uwb" else name)
 
 
+async def plug_in(pty: PtyPort, others: str) -> None:
+    """Open a device. Raises OSError; where another simulator holds its path it names `others`: options to give too."""
+    try:
+        await pty.open()
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        hint = f"end it, or choose another --uwb (and {others})"
+        raise OSError(f"{pty.link} is held by another aritra sim: {hint}") from None
+
+
 async def serve(
     setup: WorldSetup,
     seed: int,
@@ -48,7 +60,7 @@ async def serve(
     on_truth: Callable[[GroundTruth], None],
     ready: Callable[[str], None],
 ) -> None:
-    """Run until cancelled. `ready` is told once where the devices are. Raises OSError for a taken port."""
+    """Run until cancelled. `ready` is told once where the devices are. Raises OSError for a taken port or path."""
     world = World(replace(setup, boot_ns=time.monotonic_ns()), seed)
     server = MavlinkServer(world.rover, lambda: world.t_ns)
     ptys = {key: PtyPort(device_path(wires.uwb_path, key)) for key in devices_of(setup.vessel.sensors)}
@@ -58,7 +70,7 @@ async def serve(
         if wires.tcp:
             where.append(f"tcp {_text(await server.open_tcp(wires.tcp))}")
         for key, pty in ptys.items():
-            await pty.open()
+            await plug_in(pty, "--udp-to")
             where.append(f"{'UWB tag' if key == 'uwb' else key.upper()} on {device_path(wires.uwb_path, key)}")
         ready(", ".join(where))
         async with asyncio.TaskGroup() as group:

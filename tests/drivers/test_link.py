@@ -4,6 +4,7 @@ import random
 
 import pytest
 
+from drivers.link import LinkTiming
 from tests.drivers.link_bench import Bench, live
 
 
@@ -73,9 +74,38 @@ def test_garbage_never_counts_as_online_and_says_why():
             await bench.seconds(0.1)
 
     bench = live(story)
-    assert bench.told[-1][1:] == ("searching", "bytes but no valid frame for 1.2 s: wrong baud rate?")
+    assert bench.told[-1] == (pytest.approx(3.0), "searching", "bytes but no valid frame for 3.0 s: wrong baud rate?")
     assert bench.states() == ["searching"]
     assert not bench.texts
+
+
+def test_what_a_device_says_as_it_is_spoken_to_is_no_wrong_baud_rate():
+    """A DWM1001 at 1 Hz: listened to for 1.2 s, then its shell answers, and the first ranges come 2.4 s after that."""
+
+    async def story(bench: Bench) -> None:
+        await bench.seconds(1.3)
+        for answer in (b"DWM1001 TWR Real Time Location System\n", b"dwm> lec\n", b"dwm> \n"):
+            bench.device.send(answer)
+            await bench.seconds(0.8)
+        for _ in range(3):
+            bench.device.send(b"$ 1.00 m\n")
+            await bench.seconds(1.0)
+
+    bench = live(story, LinkTiming(stale_after_s=2.5, lost_after_s=20.0))
+    assert not [reason for _, _, reason in bench.told if "baud" in reason]
+    assert bench.states() == ["searching", "online"]
+
+
+def test_garbage_that_begins_late_is_told_once_it_has_lasted():
+    async def story(bench: Bench) -> None:
+        await bench.seconds(4.0)
+        for _ in range(80):
+            bench.device.send(b"garbage\n")
+            await bench.seconds(0.1)
+
+    bench = live(story, LinkTiming(stale_after_s=2.5, lost_after_s=20.0))
+    (when_s,) = [t_s for t_s, _, reason in bench.told if "wrong baud rate?" in reason]
+    assert when_s == pytest.approx(7.0)
 
 
 def test_lasting_garbage_reopens_the_port_so_that_a_udp_lock_is_given_up():

@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import random
+import socket
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -13,7 +14,9 @@ from drivers.link import DeviceLink
 from drivers.ports.memory import memory_pair
 from drivers.ports.pseudo_terminal import PtyPort
 from drivers.ports.serial_line import SerialPort
-from tests.drivers.link_bench import CYCLE, Bench, Lines, live
+from drivers.ports.udp import UdpServerPort
+from tests.drivers.link_bench import CYCLE, SECOND, Bench, Lines, live
+from tests.drivers.ports.port_pairs import HOST, free_port, run
 
 
 @pytest.mark.parametrize("how", ["end", "error"])
@@ -161,3 +164,34 @@ def test_on_a_real_pty_and_the_boat_clock_in_any_boot_order(tmp_path):
     assert told[1].reason == f"cannot open serial:{path}:115200: No such file or directory"
     assert [text.text for text in texts] == ["$ range", "$ range"]
     assert [status.state for status in told].count("lost") == 2
+
+
+@pytest.mark.parametrize(("name", "option"), [("mavlink", "--mavlink"), ("uwb", "--uwb"), ("dvl", "--device dvl=URL")])
+def test_a_port_that_another_program_holds_is_told_with_what_to_do_and_opens_once_it_is_free(name, option):
+    told: list[LinkStatus] = []
+
+    async def main() -> None:
+        clock, number = SimClock(), free_port(socket.SOCK_DGRAM)
+        other, port = UdpServerPort(HOST, number), UdpServerPort(HOST, number)
+        link = DeviceLink(
+            name, port, Lines(), now_ns=clock.now_ns, sleep_until=clock.sleep_until, rng=random.Random(1),
+            on_messages=lambda messages, t_ns: told.extend(m for m in messages if isinstance(m, LinkStatus)),
+        )  # fmt: skip
+        await other.open()
+        running = asyncio.create_task(link.run())
+        for _ in range(20):
+            await clock.advance(SECOND)
+            await asyncio.sleep(0.01)  # the name of the host is looked up in a thread
+        assert told[-1].reason == (
+            f"udpin:{HOST}:{number} is held by another program (another aritra run?): end it, or give {option}"
+        )
+        assert len(told) == 2, "once, however often it is tried"
+        await other.close()
+        while not link.is_open:
+            await clock.advance(SECOND)
+            await asyncio.sleep(0.01)
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+
+    run(main)

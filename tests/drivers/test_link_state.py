@@ -58,7 +58,15 @@ def test_every_state_under_every_observation(before, seen):
         ("lost", LinkObservations("unplugged", True, 0, 0, 0), "searching", "unplugged"),
         (
             "online", LinkObservations("", True, 1000, 2 * SECOND, 1_900_000_000), "stale",
-            "bytes but no valid frame for 1.9 s: wrong baud rate?",
+            "bytes come, and no message for 2.0 s",
+        ),
+        (
+            "stale", LinkObservations("", True, 1000, 3_500_000_000, 3_400_000_000), "stale",
+            "bytes but no valid frame for 3.4 s: wrong baud rate?",
+        ),
+        (
+            "searching", LinkObservations("", False, 1000, 60 * SECOND, 2_999_000_000), "searching",
+            "bytes come, and no message for 60.0 s",
         ),
         (
             "searching", LinkObservations("", False, 1000, 3 * SECOND, 3 * SECOND), "searching",
@@ -69,6 +77,13 @@ def test_every_state_under_every_observation(before, seen):
 def test_rows_of_the_table(before, seen, state, reason):
     verdict = link_state(before, seen, TIMING)
     assert (verdict.state, verdict.reason) == (state, reason)
+
+
+def test_the_guess_at_a_baud_rate_waits_for_two_periods_of_a_slow_device():
+    slow = LinkTiming(stale_after_s=25.0, lost_after_s=50.0)
+    early, late = (LinkObservations("", False, SECOND, 60 * SECOND, s * SECOND) for s in (24, 25))
+    assert link_state("searching", early, slow).cause == "waiting"
+    assert link_state("searching", late, slow).cause == "garbage"
 
 
 def test_silence_before_the_first_message_does_not_reopen_but_lasting_garbage_does():

@@ -39,7 +39,7 @@ def add_parser(commands) -> None:
         help="simulate the boat on its own wires: MAVLink over UDP, UWB over a pty",
         description="A simulated boat in real time, until interrupted. `aritra run` cannot tell it from a real one. "
         "With --boats several: each boat's ports lie 10 above the one's before it, its name is in its paths. Exit code "
-        "0: ended by Ctrl-C; 1: a port is taken, or a wire broke; 2: bad input.",
+        "0: ended by Ctrl-C; 1: a port or --uwb is taken, or a wire broke; 2: bad input.",
         example="aritra sim --wind 5 270 --dropout 0.1 --truth truth.mcap",
     )
     p.add_argument("--config", type=run_file, metavar="FILE", default=EXAMPLES / "aritra.toml", help="run file (TOML)")

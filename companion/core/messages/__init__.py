@@ -38,6 +38,7 @@ from companion.core.messages.control import (
     VehicleRequest,
 )
 from companion.core.messages.sensors import (
+    HELD_PORT,
     MEASUREMENTS,
     AnchorRange,
     Attitude,
@@ -62,8 +63,8 @@ from companion.core.messages.sensors import (
 )
 
 __all__ = [
-    "INPUTS", "MEASUREMENTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo", "Battery",
-    "CommandAck", "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample",
+    "HELD_PORT", "INPUTS", "MEASUREMENTS", "NOTES", "OUTPUTS", "Alert", "AnchorRange", "Attitude", "AutopilotInfo",
+    "Battery", "CommandAck", "ExcitationStatus", "GroundTruth", "GuidanceReference", "Health", "Heartbeat", "ImuSample",
     "Innovation", "InterlockTrip", "LinkState", "LinkStatus", "LoopTiming", "ManualInput", "Measured", "Message",
     "MissionPoint", "Mode", "ModeStatus", "MotorOutputs", "NewMission", "OperatorCommand", "OverrideLease",
     "ParamValue",

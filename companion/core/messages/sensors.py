@@ -192,6 +192,8 @@ class AutopilotInfo(Message, frozen=True, kw_only=True):
 
 
 LinkState = Literal["searching", "online", "stale", "lost"]
+HELD_PORT = "is held by another program"
+"""Words of the reason why a port of this machine cannot be opened, where waiting will not help."""
 
 
 class LinkStatus(Message, frozen=True, kw_only=True):

@@ -24,6 +24,7 @@ from companion.core.guidance.missions.mission import Mission
 from companion.core.guidance.path import Path, Waypoint
 from companion.core.guidance.steerage import corner_problems
 from companion.core.messages import (
+    HELD_PORT,
     MEASUREMENTS,
     Alert,
     Attitude,
@@ -64,7 +65,8 @@ class InputHandler:
         return replace(state, estimator=estimator), list(innovations)
 
     def _link(self, state: PilotState, message: LinkStatus, t_ns: int) -> tuple[PilotState, Outputs]:
-        level = "warning" if message.state in ("stale", "lost") else "info"
+        wrong = message.state in ("stale", "lost") or HELD_PORT in message.reason
+        level = "warning" if wrong else "info"
         text = f"{message.link}: {message.state}: {message.reason}"
         return state, [Alert(t_ns=t_ns, level=level, text=text)]
 

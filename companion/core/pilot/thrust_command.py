@@ -173,7 +173,7 @@ class ThrustCommander:
             state = replace(state, plan=plan, plan_ns=asked_ns)
         if plan.index != state.open_tick:
             return state, []
-        return self.choose(state, t_ns, problem or "")
+        return self.choose(state, t_ns, problem or "plan late")
 
     def deadline(self, state: PilotState, late: PlanDeadline, t_ns: int) -> tuple[PilotState, Outputs]:
         """The plan of the open tick did not come in time."""
@@ -183,7 +183,7 @@ class ThrustCommander:
 
     def choose(self, state: PilotState, t_ns: int, reason: str) -> tuple[PilotState, Outputs]:
         """The lease of the open tick: the highest rung that holds, within the thrusters' rate limit; neutral where the
-        boat may not drive.
+        boat may not drive. `reason`: why no plan of this tick is used, told where none is.
         """
         if THRUSTERS[state.helm.mode] != "controller":
             return self._lease(state, np.zeros(self._n), "neutral", state.helm.why, t_ns)

@@ -100,9 +100,11 @@ def uwb_rows(observed: Observations, site: Site, vessel: VesselFile) -> Iterator
         return
     if not observed.ranges:
         yield _positions(observed, site)
+        yield _cycles(observed, vessel.sensors.tag.rate_Hz)
         return
     medians = _medians(observed)
-    yield from _anchors(observed, site, medians, vessel.sensors.tag.rate_Hz)
+    yield _anchors(observed, site, medians)
+    yield _cycles(observed, vessel.sensors.tag.rate_Hz)
     known = [a for a in site.anchors if a.id in medians]
     if len(known) >= START_ANCHORS:
         anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in known])
@@ -118,22 +120,27 @@ def _medians(observed: Observations) -> dict[str, float]:
     return {anchor: statistics.median(values) for anchor, values in ranges_m.items()}
 
 
-def _anchors(observed: Observations, site: Site, medians: Mapping[str, float], rate_hz: float) -> Iterator[Row]:
+def _anchors(observed: Observations, site: Site, medians: Mapping[str, float]) -> Row:
     mine = [a.id for a in site.anchors]
     silent, strangers = [a for a in mine if a not in medians], sorted(set(medians) - set(mine))
     known = len(mine) - len(silent)
     level: Level = "refuse" if known < START_ANCHORS else "warning" if silent or strangers else "ok"
     found = f"{known} of {len(mine)}" + (f", not {', '.join(silent)}" if silent else "")
     found += f"; unknown: {', '.join(strangers)}" if strangers else ""
-    yield Row(
+    return Row(
         area="uwb", name="anchors", level=level, found=found, needed="all of the site file, at least 3",
         why="three are needed to start; ranges to unknown ones are not used",
         fix="" if level == "ok" else "power, line of sight, ids in the site file as the tag prints them",
     )  # fmt: skip
-    level = "ok" if observed.uwb_hz >= ENOUGH * rate_hz else "warning"
-    seen = statistics.fmean(len(cycle.ranges) for cycle in observed.ranges)
-    yield Row(
-        area="uwb", name="cycles", level=level, found=f"{observed.uwb_hz:.1f} Hz, {seen:.1f} ranges each",
+
+
+def _cycles(observed: Observations, rate_hz: float) -> Row:
+    """How often the tag speaks, of the `rate_hz` [Hz] of the vessel file; with its ranges, where it tells them."""
+    level: Level = "ok" if observed.uwb_hz >= ENOUGH * rate_hz else "warning"
+    seen = [len(cycle.ranges) for cycle in observed.ranges]
+    each = f", {statistics.fmean(seen):.1f} ranges each" if seen else ""
+    return Row(
+        area="uwb", name="cycles", level=level, found=f"{observed.uwb_hz:.1f} Hz{each}",
         needed=f"{rate_hz:g} Hz", why="how often the position is renewed",
         fix="" if level == "ok" else "the tag's own settings; sensors.uwb.rate_Hz of the vessel file; range and sight",
     )  # fmt: skip

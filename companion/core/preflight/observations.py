@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -51,7 +52,7 @@ class Observations:
     `deaf`: the autopilot signs what it says and answers nothing of ours, who have no key; `uwb_hz`: cycles of the tag;
     `autopilot`: system of the autopilot that the run file names, `strangers`: those of other autopilots;
     `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link; `heard`,
-    `sensor_hz`: messages of the sensors that are not inertial by their keys, and how often they came.
+    `sensor_hz`: messages of the sensors that are not inertial by their keys, and how often they measured (`cycles_of`).
     """
 
     listened_s: float
@@ -81,3 +82,10 @@ class Observations:
     positions: tuple[UwbPosition, ...] = ()
     uwb_hz: float = 0.0
     notes: tuple[str, ...] = ()
+
+
+def cycles_of(messages: Iterable[Measured]) -> int:
+    """How often a sensor has measured: its messages of the kind that came most, as ranges and position of one cycle of
+    a tag are two messages.
+    """
+    return max(Counter(type(m) for m in messages).values(), default=0)

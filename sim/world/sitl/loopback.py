@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from companion.core.messages import GroundTruth
 from drivers.ports.pseudo_terminal import PtyPort
-from sim.world.loopback import TRUTH_NS
+from sim.world.loopback import TRUTH_NS, plug_in
 from sim.world.mavlink_server import Address
 from sim.world.sitl.backend import Answer, JsonBackend
 from sim.world.sitl.physics import SitlPhysics
@@ -66,7 +66,7 @@ async def serve_firmware(
     server = _Server(SitlPhysics(setup, seed), pty, wires.speed, on_truth, say)
     try:
         udp = await _listen(server, wires.bind)
-        await pty.open()
+        await plug_in(pty, "--ardupilot-json")
         host, port = udp.get_extra_info("sockname")[:2]
         say(f"waiting for ArduPilot (--model JSON:{host}) on udp {host}:{port}, UWB tag on {wires.uwb_path}")
         try:

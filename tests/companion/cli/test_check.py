@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import json
+import math
 import re
+import shutil
 import threading
 
 import pytest
@@ -12,6 +14,8 @@ from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES
 from companion.cli.boat.provisioning import SCRIPT, SCRIPTS, file_name
 from drivers.mavlink.provision.provisioner import StoredLog
+from drivers.ports.pseudo_terminal import PtyPort
+from drivers.uwb.dwm1001 import AnchorReport, TagFix, encode_lec
 from sim.world.autopilot.mavlink.files import FtpFiles
 from sim.world.autopilot.mavlink.logs import Logs
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
@@ -19,18 +23,24 @@ from tests.companion.command_line import exit_code
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
 from tests.sim.world.wirings.wiring_fixture import load
 
+TAG_HZ = 4.0
+
 
 @contextlib.contextmanager
-def sailing(rover):
-    """The rover on a TCP port, in a thread of its own."""
+def sailing(rover, tag=None):
+    """The rover on a TCP port, in a thread of its own; `tag`: path of a UWB tag that tells ranges and position."""
     ready, ended, found = threading.Event(), threading.Event(), {}
 
     async def play():
         async with served(rover) as (_, tcp):
             found["url"] = f"tcp:127.0.0.1:{tcp[1]}"
+            ranging = asyncio.create_task(ranges(tag)) if tag else None
             ready.set()
             while not ended.is_set():
                 await asyncio.sleep(0.02)
+            if ranging:
+                ranging.cancel()
+                await asyncio.gather(ranging, return_exceptions=True)
 
     thread = threading.Thread(target=lambda: asyncio.run(play()))
     thread.start()
@@ -40,6 +50,20 @@ def sailing(rover):
     finally:
         ended.set()
         thread.join(10)
+
+
+async def ranges(path):
+    """A DWM1001 in the middle of the basin, with `TAG_HZ`."""
+    port = PtyPort(str(path))
+    corners = {"1151": (0.0, 0.0, 2.5), "0CA8": (0.0, 30.0, 2.5), "111C": (30.0, 30.0, 2.5)}
+    anchors = [AnchorReport(name, xyz, math.dist(xyz, (15.0, 15.0, 0.4)), 90) for name, xyz in corners.items()]
+    await port.open()
+    try:
+        while True:
+            port.send(encode_lec(anchors, TagFix((15.0, 15.0, 0.4), 90)))
+            await asyncio.sleep(1.0 / TAG_HZ)
+    finally:
+        await port.close()
 
 
 def boat(wiring, **rover):
@@ -64,6 +88,20 @@ def test_the_recommended_wiring_is_refused_for_its_silent_tag_only(firmware, cap
     assert rows["MAV_GCS_SYSID" if firmware == "4.7" else "SYSID_MYGCS"]["found"] == "1"
     assert rows["output 1-4"]["found"] == "1500 us" and rows["RC receiver"]["found"] == "none"
     assert "cannot open" in rows["tag"]["found"]
+
+
+def test_a_tag_at_half_its_rate_is_seen_though_it_tells_ranges_and_position(capsys, tmp_path):
+    shutil.copytree(EXAMPLES, tmp_path / "deploy")
+    vessel = tmp_path / "deploy/boats/aritra.toml"
+    text = vessel.read_text(encoding="utf-8")
+    head, of_tag = text.split("[sensors.uwb]")
+    vessel.write_text(f"{head}[sensors.uwb]{of_tag.replace('rate_Hz = 1.0', f'rate_Hz = {2 * TAG_HZ}', 1)}", "utf-8")
+    tag = tmp_path / "tag"
+    with sailing(boat("gate"), tag) as url:
+        words = ["--config", str(tmp_path / "deploy/aritra.toml"), "--uwb", f"serial:{tag}:115200"]
+        _, rows = check(url, capsys, tmp_path, *words)
+    row = rows["cycles"]
+    assert row["level"] == "warning" and float(row["found"].split()[0]) < 1.3 * TAG_HZ, row
 
 
 def test_what_is_wrong_is_named_and_nothing_is_moved(capsys, tmp_path):

@@ -3,11 +3,13 @@
 import asyncio
 import errno
 import os
+import subprocess
 import termios
 import threading
 
 import pytest
 
+from companion.python_child import python
 from drivers.ports.pseudo_terminal import PtyPort
 from drivers.ports.serial_line import SerialPort
 from tests.drivers.ports.port_pairs import run, take
@@ -130,3 +132,77 @@ def test_pty_device_speaks_to_nobody_without_piling_up_and_keeps_its_link_honest
             await device.open()
 
     run(main)
+
+
+def test_a_pty_s_link_is_not_taken_from_a_port_that_is_open(tmp_path):
+    (tmp_path / "same").symlink_to(tmp_path)
+    link, same = tmp_path / "tty", tmp_path / "same" / "tty"
+
+    async def main():
+        device, rival = PtyPort(str(link)), PtyPort(str(same))
+        await device.open()
+        with pytest.raises(OSError) as refused:
+            await rival.open()
+        assert refused.value.errno == errno.EADDRINUSE
+        await rival.close()
+        assert os.readlink(link) == device.path, "neither refusal nor close touches another's link"
+        beside = PtyPort(str(tmp_path / "tty-2"))
+        await beside.open()
+        await beside.close()
+        await device.close()
+        await rival.open()
+        assert os.readlink(link) == rival.path
+        await rival.close()
+
+    run(main)
+
+
+def test_a_pty_that_could_not_be_made_holds_nothing(tmp_path):
+    link = tmp_path / "tty"
+    link.write_text("somebody's file")
+
+    async def main():
+        with pytest.raises(FileExistsError):
+            await PtyPort(str(link)).open()
+        link.unlink()
+        device = PtyPort(str(link))
+        await device.open()
+        await device.close()
+        with pytest.raises(FileNotFoundError):
+            await PtyPort(str(tmp_path / "nowhere" / "tty")).open()
+
+    run(main)
+
+
+HOLDS = """
+import asyncio, sys
+from drivers.ports.pseudo_terminal import PtyPort
+async def main():
+    port = PtyPort(sys.argv[1])
+    await port.open()
+    print("open", flush=True)
+    await asyncio.sleep(60)
+asyncio.run(main())
+"""
+
+
+def test_the_link_of_a_process_that_was_killed_is_free(tmp_path):
+    link = tmp_path / "tty"
+    with subprocess.Popen(python("-c", HOLDS, str(link)), stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout and child.stdout.readline() == "open\n"
+
+        async def refused():
+            with pytest.raises(OSError, match="in use"):
+                await PtyPort(str(link)).open()
+
+        run(refused)
+        child.kill()
+    assert os.path.lexists(link), "it had no time to take it away"
+
+    async def free():
+        device = PtyPort(str(link))
+        await device.open()
+        assert os.readlink(link) == device.path
+        await device.close()
+
+    run(free)

@@ -75,6 +75,20 @@ def test_a_late_plan_serves_from_its_own_age_on():
     assert shell.lease.source == "shifted_plan" and shell.lease.f_command_n == (3.0,) * N, "0.45 s: its third row"
 
 
+def test_a_plan_that_is_only_late_is_told_as_late():
+    """It answers the open tick, after its deadline and before the shell has told of that."""
+    shell = on_the_leg()
+    shell.feed(heartbeat(shell.t_ns))
+    shell.tick()
+    shell.feed(plan(shell.index))
+    shell.tick()
+    shell.wait(70)
+    outputs = shell.feed(plan(shell.index))
+    assert (shell.lease.source, shell.lease.reason) == ("shifted_plan", "plan late; plan is 0.07 s old")
+    told = [o.text for o in outputs if isinstance(o, m.Alert)]
+    assert told == ["driving by shifted plan: plan late; plan is 0.07 s old"]
+
+
 @pytest.mark.parametrize("ahead", [-30, -1, 1, 7])
 def test_a_plan_with_a_wrong_index_does_not_close_the_tick(ahead):
     shell = on_the_leg()
@@ -210,3 +224,16 @@ def test_links_are_told_as_they_deserve(state, level):
     shell = on_the_leg()
     (alert,) = shell.feed(m.LinkStatus(t_ns=0, link="uwb", state=state, reason="words"))
     assert (alert.level, alert.text) == (level, f"uwb: {state}: words")
+
+
+def test_a_port_that_another_program_holds_is_a_warning_and_a_device_that_is_not_there_yet_is_none():
+    shell = on_the_leg()
+    held = f"udpin:127.0.0.1:14551 {m.HELD_PORT} (another aritra run?): end it, or give --mavlink"
+    absent = "cannot open serial:/dev/ttyACM0:115200: No such file or directory"
+    alerts = [
+        shell.feed(m.LinkStatus(t_ns=0, link="mavlink", state="searching", reason=reason))[0]
+        for reason in (held, absent)
+    ]
+    assert [(a.level, a.text) for a in alerts] == [
+        ("warning", f"mavlink: searching: {held}"), ("info", f"mavlink: searching: {absent}")
+    ]  # fmt: skip

@@ -21,7 +21,7 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
-from companion.core.preflight.observations import Disk
+from companion.core.preflight.observations import Disk, cycles_of
 from companion.core.preflight.rows import Row, worst
 from tests.companion.core.preflight.observations_fixture import SITE, VESSEL, by_name, heard
 
@@ -132,8 +132,21 @@ def test_anchors_in_one_line_with_the_boat_leave_a_direction_open():
 @pytest.mark.parametrize(("north", "level"), [(8.0, "ok"), (-9.0, "warning")])
 def test_positions_of_a_tag_are_looked_for_inside_the_fence(north, level):
     positions = tuple(UwbPosition(t_ns=k, t_rx_ns=k, tag="t", x_m=9.0, y_m=north, z_m=0.0) for k in range(4))
-    rows = by_name(uwb_rows(heard(positions=positions), SITE, VESSEL))
+    rows = by_name(uwb_rows(heard(positions=positions, uwb_hz=1.0), SITE, VESSEL))
     assert rows["positions"].level == level
+    assert (rows["cycles"].level, rows["cycles"].found) == ("ok", "1.0 Hz")
+
+
+def test_a_tag_that_tells_positions_only_has_a_rate_too():
+    positions = tuple(UwbPosition(t_ns=k, t_rx_ns=k, tag="t", x_m=9.0, y_m=8.0, z_m=0.0) for k in range(4))
+    row = by_name(uwb_rows(heard(positions=positions, uwb_hz=0.5), SITE, VESSEL))["cycles"]
+    assert row.level == "warning" and row.found == "0.5 Hz"
+
+
+def test_ranges_and_position_of_one_cycle_are_one_cycle():
+    positions = [UwbPosition(t_ns=k, t_rx_ns=k, tag="t", x_m=9.0, y_m=8.0, z_m=0.0) for k in range(3)]
+    assert cycles_of([*cycles(count=4), *positions]) == 4, "a cycle without a fix counts"
+    assert cycles_of(positions) == 3 and cycles_of(()) == 0
 
 
 NO_LIMITS, LIMITS = BatteryLimits(), BatteryLimits(low_V=14.6, critical_V=14.0)

@@ -52,7 +52,10 @@ def test_cross_track_error_is_positive_to_starboard():
         ((Waypoint(0, 0), Waypoint(math.nan, 0)), "waypoint 1: position is not finite"),
         ((Waypoint(0, 0), Waypoint(0, 0.01)), "waypoint 1: lies within 0.05 m"),
         ((Waypoint(0, 0, speed_m_s=0.0),), "waypoint 0: speed: expected above 0, at most 20, found 0"),
-        ((Waypoint(0, 0, acceptance_m=-1.0),), "waypoint 0: acceptance radius: expected above 0, at most 100, found -1"),
+        (
+            (Waypoint(0, 0, acceptance_m=-1.0),),
+            "waypoint 0: acceptance radius: expected above 0, at most 100, found -1",
+        ),
         ((Waypoint(0, 0, speed_m_s=math.inf),), "waypoint 0: speed: expected above 0"),
     ],
 )

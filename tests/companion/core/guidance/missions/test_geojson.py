@@ -39,7 +39,7 @@ def test_geojson_points_and_lines_follow_each_other():
         (collection({"type": "Feature", "geometry": None}), "features[0].geometry: nothing is not supported"),
         (collection(feature(speed_ms=1)), "features[0].properties.speed_ms: unknown key"),
         (collection(feature(speed_m_s="1")), "features[0].properties.speed_m_s: expected a number, found text"),
-        (collection(feature(speed_m_s=0)), "features[0].geometry.coordinates: speed must be"),
+        (collection(feature(speed_m_s=0)), "features[0].geometry.coordinates: speed: expected"),
         (
             collection(feature("LineString", [[80.2338, 12.9916], [80.2338]])),
             "features[0].geometry.coordinates[1]: expected [longitude, latitude]",
@@ -53,7 +53,7 @@ def test_geojson_points_and_lines_follow_each_other():
         (collection(feature(), crs={"properties": {"name": "EPSG:3857"}}), "crs: only WGS84"),
         (collection(), "(file): a path needs at least one waypoint"),
         ('{"type": "Point"}', "type: expected FeatureCollection or Feature, found 'Point'"),
-        ('{"features": 3}', "features: Expected `array`"),
+        ('{"features": 3}', "features: expected a list"),
         ("nonsense", "(file): not valid JSON"),
     ],
 )

@@ -109,7 +109,7 @@ def test_fence_polygons_are_kept():
             plan({"type": "SimpleItem", "command": 16}),
             ["mission.items[0]: needs command, frame and 7 params"],
         ),
-        (plan({"type": "SimpleItem", "command": "x"}), ["mission.items[0].command: Expected `int"]),
+        (plan({"type": "SimpleItem", "command": "x"}), ["mission.items[0].command: expected a whole number"]),
         (plan(item(), surprise=1), ["surprise: unknown key"]),
         (
             plan(item(), geoFence={"circles": [{}]}),

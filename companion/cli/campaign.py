@@ -18,6 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.cli.analysis import refuse
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import campaign_file
 from companion.cli.options.outputs import add_out
 from companion.cli.options.values import whole
@@ -69,7 +70,7 @@ def campaign(args: argparse.Namespace) -> int:
         from sim.campaign.journal import Journal
         from sim.campaign.runners.worker import program
     except ImportError as error:
-        return refuse("campaign", f'{error}; pip install "aritra[campaign]" brings what campaigns need')
+        return refuse("campaign", f"{error}; {how_to_install('campaign')} brings what campaigns need")
     console = Console()
     inputs, cases = read_campaign(args.file)
     out = args.out or Path("out") / "campaign" / args.file.stem
@@ -126,7 +127,7 @@ def _runner(args: argparse.Namespace, console: Console, many: int) -> Local | Cl
     try:
         from sim.campaign.runners.cluster import Cluster
     except ImportError as error:
-        raise ConfigError(f'{error}; pip install "aritra[campaign]" brings Dask') from None
+        raise ConfigError(f"{error}; {how_to_install('campaign')} brings Dask") from None
     cluster = Cluster(args.scheduler)
     console.print(Text(f"{many} to run on {args.scheduler}, {cluster.workers} workers now"))
     return cluster

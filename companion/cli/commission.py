@@ -18,6 +18,7 @@ from rich.text import Text
 from companion.boat.load_run import EXAMPLES, RunSetup
 from companion.cli.analysis import now_utc, one_thread, refuse
 from companion.cli.boat.wires import add_wires
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import excitation_file, mission_file, run_file, site_file, text_of, vessel_file
 from companion.cli.options.outputs import add_out
 from companion.cli.options.setup import setup_instead
@@ -76,7 +77,7 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.commission.job import CommissionTask
         from sim.commission.journal import FlightJournal
     except ImportError as error:
-        return refuse("commission", f'{error}; pip install "aritra[analysis]" brings what it needs')
+        return refuse("commission", f"{error}; {how_to_install('analysis')} brings what it needs")
     console = console or Console()
     setup = _setup(args)
     task = CommissionTask(

@@ -28,6 +28,7 @@ from companion.cli.analysis import (
     refuse,
     versions,
 )
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import any_log, python_file, site_file, text_of, vessel_file
 from companion.cli.options.outputs import add_out
 from companion.cli.options.values import seconds, seed
@@ -93,7 +94,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.fitting.wiring import check
         from sim.fitting.wiring.record import VESSEL
     except ImportError as error:
-        return refuse("diagnose", f'{error}; pip install "aritra[analysis]" brings what a diagnosis needs')
+        return refuse("diagnose", f"{error}; {how_to_install('analysis')} brings what a diagnosis needs")
     console = console or Console()
     try:
         reference = [args.reference] if args.reference else []

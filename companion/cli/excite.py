@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES, RunSetup
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import any_log, excitation_file, run_file, site_file, text_of, vessel_file
 from companion.cli.options.outputs import add_out, new_file, new_in_folder, picture
 from companion.cli.options.setup import setup_instead
@@ -116,7 +117,7 @@ def _guarded(function):
         try:
             return function(args, Console())
         except ImportError as error:
-            print(f'aritra excite: {error}; pip install "aritra[analysis]" brings what it needs', file=sys.stderr)
+            print(f"aritra excite: {error}; {how_to_install('analysis')} brings what it needs", file=sys.stderr)
         except LogError as error:
             print(f"aritra excite: {error}", file=sys.stderr)
         except OSError as error:

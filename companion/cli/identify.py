@@ -27,6 +27,7 @@ from companion.cli.analysis import (
     refuse,
     versions,
 )
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import any_log, log_beside, site_file, vessel_file
 from companion.cli.options.outputs import add_out
 from companion.cli.options.values import number, seconds, seed
@@ -89,7 +90,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.fitting.wiring import check
         from sim.fitting.wiring.record import VESSEL
     except ImportError as error:
-        return refuse("identify", f'{error}; pip install "aritra[analysis]" brings what identification needs')
+        return refuse("identify", f"{error}; {how_to_install('analysis')} brings what identification needs")
     console = console or Console()
     try:
         beside_them = [args.uwb] if args.uwb else []

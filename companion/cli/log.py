@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import aritra_log, truth_log
 from companion.cli.options.outputs import add_out, new_file, picture
 from companion.cli.options.values import number
@@ -54,7 +55,7 @@ def plot(
         from companion.logs.export import figure
         from companion.logs.export import plot as log_plot
     except ImportError:
-        raise LogError('plots need matplotlib: pip install "aritra[analysis]"') from None
+        raise LogError(f"plots need matplotlib: {how_to_install('analysis')}") from None
     log, console = LogFile(path), console or Console()
     simulator = open_truth(truth) if truth else None
     out = out or path.with_suffix(".pdf" if print_mm else ".png")

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.boat.signing_key import load_secret
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import zenoh_file
 from companion.cli.options.values import port
 from companion.core.configuration.tables import ConfigError
@@ -81,7 +82,7 @@ def shore(args: argparse.Namespace) -> int:
     try:
         return asyncio.run(_serve(args))
     except ImportError as error:
-        raise ConfigError(f"{error}: the console needs the extra: pip install 'aritra[shore]'") from None
+        raise ConfigError(f"{error}; {how_to_install('shore')} brings what the console needs") from None
 
 
 async def _serve(args: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -112,7 +113,7 @@ def new(args: argparse.Namespace, ask: Callable[[str], str] | None = None) -> in
     vessel = first_vessel(Answers(length, beam, *others), args.name or args.out.stem, t200)
     head = "A first vessel file by `aritra vessel new`: nobody has measured this boat. What is assumed says so."
     args.out.write_text(vessel_toml(vessel, head), encoding="utf-8")
-    _print_next(args.out, guessed=others[0] is None)
+    _print_next(args.out, guessed=others[0] is None, example="aritra" if vessel.sensors.uwb else "lake")
     return DONE
 
 
@@ -135,7 +136,9 @@ def _answer(question: Question, given: Any, ask: Callable[[str], str] | None) ->
             print(error)
 
 
-def _print_next(out: Path, *, guessed: bool) -> None:
+def _print_next(out: Path, *, guessed: bool, example: str) -> None:
     print(f"wrote {out}")
     print(f"measure next:{' the mass,' * guessed} places of thrusters and sensors, which way each thruster pushes")
     print(f"then drive ten minutes by hand and: aritra identify LOG --vessel {out} --out DIR")
+    print(f"to try it: cp deploy/{example}.toml deploy/mine.toml, in it vessel = {json.dumps(str(out.resolve()))},")
+    print("then aritra demo --config deploy/mine.toml")

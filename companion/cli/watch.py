@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from companion.cli.analysis import REFUSED, bars, one_thread, progress_of, refuse
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import any_log, site_file, text_of, vessel_file
 from companion.cli.options.outputs import output
 from companion.core.configuration.site_file import load_site
@@ -55,7 +56,7 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.commission.watch import job
         from sim.commission.watch.history import History
     except ImportError as error:
-        return refuse(NAME, f'{error}; pip install "aritra[analysis]" brings what a watch needs')
+        return refuse(NAME, f"{error}; {how_to_install('analysis')} brings what a watch needs")
     console = console or Console()
     try:
         text = text_of(args.vessel)

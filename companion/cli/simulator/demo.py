@@ -19,6 +19,7 @@ from typing import IO
 from rich.console import Console
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import mission_file, run_file
 from companion.cli.options.outputs import add_out, new_in_folder
 from companion.cli.options.values import seconds
@@ -106,7 +107,7 @@ def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
     try:
         from companion.cli.simulator import picture
     except ImportError as error:
-        console.print(f"no picture: {error}; `pip install aritra[demo]` brings what draws it", markup=False)
+        console.print(f"no picture: {error}; {how_to_install('demo')} brings what draws it", markup=False)
     else:
         if len(score.track.t_s):
             picture.draw(score, setup.pilot, boat.folder / "picture.png")

@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import any_log, log_beside, site_file, text_of, truth_log, vessel_file
 from companion.cli.options.outputs import AWAY, add_out, new_file
 from companion.cli.options.values import number
@@ -32,9 +33,9 @@ if TYPE_CHECKING:
     from companion.logs.runs.run import LogProblem, Run
 
 OK, DAMAGED = 0, 1
-NEEDS_POLARS = 'export needs polars: pip install "aritra[analysis]"'
-NEEDS_FOXGLOVE = 'export --foxglove needs foxglove-sdk: pip install "aritra[shore]"'
-NEEDS_ROSBAGS = 'export --rosbag2 needs rosbags: pip install "aritra[analysis]"'
+NEEDS_POLARS = f"export needs polars: {how_to_install('analysis')}"
+NEEDS_FOXGLOVE = f"export --foxglove needs foxglove-sdk: {how_to_install('shore')}"
+NEEDS_ROSBAGS = f"export --rosbag2 needs rosbags: {how_to_install('analysis')}"
 DESCRIPTION = """Without --csv, --parquet, --geojson, --foxglove or --rosbag2: one table on one time axis, as
 identification reads it (docs/run-format.md), and what is wrong with it. With them see docs/logs.md."""
 Command = Callable[[argparse.Namespace], int]

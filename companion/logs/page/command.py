@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import aritra_log, text_of, truth_log, vessel_file
 from companion.cli.options.outputs import add_out, new_file
 from companion.cli.options.values import number, seconds
@@ -25,7 +26,7 @@ EVERY_S = 5.0
 """Time until a ghost is reset to the estimate [s]. Longer pieces show mainly the errors of their start: with the
 simulated boat's own model they ended 0.04 m and 4 degrees off after 5 s, 0.35 m and 26 degrees after 10 s (`aritra
 demo`, seed 0)."""
-NEEDS = 'ghosts need polars: pip install "aritra[analysis]", or leave them out with --no-ghosts'
+NEEDS = f"ghosts need polars: leave them out with --no-ghosts, or {how_to_install('analysis')}"
 Command = Callable[[argparse.Namespace], int]
 
 

@@ -238,7 +238,7 @@ def _series(
         try:
             peer = sindy_coefficients(motion.smoother_samples(vessel))
         except ModuleNotFoundError:
-            raise JobError('pysindy is not installed: pip install "aritra[analysis]"') from None
+            raise JobError("pysindy is not installed: `make install` in a checkout brings it") from None
     say(step, "" if choices.taylor or choices.peer else "not asked for", 1.0)
     return tuple(series), peer
 

@@ -157,7 +157,7 @@ def test_the_examples_are_sound():
     from companion.boat.load_run import EXAMPLES
 
     counts = {p.stem: len(cases_of(p)) for p in (EXAMPLES / "campaigns").glob("*.toml")}
-    assert counts == {"weather": 120, "fits": 40, "weak_thruster": 50}
+    assert counts == {"weather": 120, "wind": 20, "fits": 40, "weak_thruster": 50}
 
 
 def test_every_key_is_in_the_reference():

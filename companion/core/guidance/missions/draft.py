@@ -101,7 +101,9 @@ class Draft:
         north, east = site_from_geodetic(self.origin, latitude, longitude)
         away = math.hypot(north, east)
         if away > FARTHEST_M:
-            self.error(place, f"is {away / 1000:.1f} km from the site's origin, farther than {FARTHEST_M:g} m")
+            remedy = "plan it there, or set lat_deg, lon_deg of the site file"
+            away_km = f"{away / 1000:.1f} km"
+            self.error(place, f"is {away_km} from the site's origin, farther than {FARTHEST_M:g} m: {remedy}")
             return None
         return north, east
 

@@ -3,8 +3,9 @@
 import pytest
 from hypothesis import given
 
+from companion.boat.load_run import EXAMPLES
 from companion.core.configuration.tables import ConfigError
-from companion.core.excitation.file import excitation_toml, load_excitation
+from companion.core.excitation.file import Pulses, excitation_toml, load_excitation
 from tests.support.excitation_fixture import LIBRARY, excitations
 
 GOOD = """
@@ -59,3 +60,9 @@ def test_what_is_wrong_is_named_by_file_and_key(old, new, told):
     with pytest.raises(ConfigError) as error:
         load_excitation(GOOD.replace(old, new, 1), name="my/plan.toml")
     assert str(error.value).startswith("my/plan.toml: ") and told in str(error.value)
+
+
+def test_the_pulses_for_the_day_of_the_screwdriver_push_each_thruster_alone_and_never_drive_back():
+    pulses = load_excitation((EXAMPLES / "excitations" / "pulses.toml").read_text(), name="pulses.toml")
+    assert not pulses.homing
+    assert all(isinstance(s, Pulses) and not s.thrusters and s.on_s < 2 for s in pulses.segments)

@@ -91,4 +91,4 @@ def test_without_polars_it_says_what_to_install(logs, tmp_path, capsys, monkeypa
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "polars", None)
     assert run(logs[0], "-o", tmp_path / "a.csv") == log.IMPOSSIBLE
-    assert "aritra[analysis]" in capsys.readouterr().err
+    assert "`make install` in a checkout" in capsys.readouterr().err

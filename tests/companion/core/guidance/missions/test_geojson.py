@@ -38,8 +38,8 @@ def test_geojson_points_and_lines_follow_each_other():
         (collection(feature("Polygon", [[]])), "features[0].geometry: Polygon is not supported"),
         (collection({"type": "Feature", "geometry": None}), "features[0].geometry: nothing is not supported"),
         (collection(feature(speed_ms=1)), "features[0].properties.speed_ms: unknown key"),
-        (collection(feature(speed_m_s="1")), "features[0].properties.speed_m_s: expected a number, found text"),
-        (collection(feature(speed_m_s=0)), "features[0].geometry.coordinates: speed: expected"),
+        (collection(feature(speed_m_s="1")), "features[0].properties.speed_m_s: expected a number"),
+        (collection(feature(speed_m_s=0)), "features[0].geometry.coordinates: speed: expected above 0"),
         (
             collection(feature("LineString", [[80.2338, 12.9916], [80.2338]])),
             "features[0].geometry.coordinates[1]: expected [longitude, latitude]",
@@ -60,3 +60,9 @@ def test_geojson_points_and_lines_follow_each_other():
 def test_geojson_that_is_not_understood_says_where(text, expected):
     (found,) = errors(text, "geojson")
     assert found.startswith(expected)
+
+
+def test_a_place_far_from_the_site_says_what_to_do():
+    (found,) = errors(collection(feature(coordinates=(80.2338, 32.9916))), "geojson")
+    assert "km from the site's origin" in found
+    assert found.endswith("plan it there, or set lat_deg, lon_deg of the site file")

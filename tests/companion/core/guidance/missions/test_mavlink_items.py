@@ -70,8 +70,14 @@ def test_fence_polygons_are_kept():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (plan(item(), item(20)), ["mission.items[1]: command 20 NAV_RETURN_TO_LAUNCH is not supported"]),
-        (plan(item(4711), item()), ["mission.items[0]: command 4711 is not supported"]),
+        (
+            plan(item(), item(20)),
+            [
+                "mission.items[1]: command 20 NAV_RETURN_TO_LAUNCH is not supported: delete the item; "
+                "the boat keeps station at the last waypoint"
+            ],
+        ),
+        (plan(item(4711), item()), ["mission.items[0]: command 4711 is not supported: delete the item"]),
         (
             plan(item(), {"type": "ComplexItem", "complexItemType": "survey", "anything": {}}),
             ["mission.items[1]: ComplexItem survey is not supported"],

@@ -25,7 +25,7 @@ NAMES = {
     177: "DO_JUMP", 178: "DO_CHANGE_SPEED", 179: "DO_SET_HOME", 181: "DO_SET_RELAY", 183: "DO_SET_SERVO",
     201: "DO_SET_ROI", 203: "DO_DIGICAM_CONTROL", 206: "DO_SET_CAM_TRIGG_DIST", 530: "SET_CAMERA_MODE",
 }  # fmt: skip
-INSTEAD = dict.fromkeys((18, 20, 21), "; the boat keeps station at the last waypoint")
+INSTEAD: dict[int, str] = dict.fromkeys((18, 20, 21), "; the boat keeps station at the last waypoint")
 """What happens without the item, for those that end a mission elsewhere."""
 FRAMES = (0, 3, 5, 6, 10, 11)
 """MAV_FRAME with latitude and longitude: global, above home or terrain, and their integer forms."""

@@ -28,9 +28,9 @@ from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
 from drivers.devices import DEVICES, devices_of
 
 EXAMPLES = Path(deploy.__file__).parent
+"""The boats, sites, missions and the run file that come with the package."""
 FILES = ("vessel", "site", "mission", "excitation")
 """Keys of a run file that name other files."""
-"""The boats, sites, missions and the run file that come with the package."""
 
 
 UNFIT_CHANNELS = {

@@ -13,6 +13,7 @@ import zenoh
 from companion.core.configuration.tables import ConfigError
 
 ENDPOINT = "tcp/192.168.1.20:7447"
+"""An example of one, for errors."""
 CALLBACK_THREAD = "pyo3-closure"
 """What zenoh's Python package (1.10) calls its threads that run our callbacks."""
 JOIN_S = 0.5

@@ -22,7 +22,7 @@ long: $(VENV)/dev
 matrix: $(VENV)/dev
 	scripts/test -m matrix
 
-# an hour, as root; Debian: apt-get install debootstrap qemu-user-static binfmt-support
+# over an hour, as root; Debian: apt-get install debootstrap qemu-user-static binfmt-support
 arm64: $(VENV)/dev
 	$(BIN)/python scripts/evidence friendly --only arm64 --full
 

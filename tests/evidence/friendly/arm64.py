@@ -28,7 +28,7 @@ Answer = dict[str, np.ndarray]
 def arm64(full: bool) -> Iterator[Line]:
     """aarch64, emulated: installed by deploy/install.sh, core's and drivers' tests, a mission, plans (--full)"""
     if not full:
-        yield information("an hour: with --full, as `make arm64`", 0)
+        yield information("over an hour: with --full, as `make arm64`", 0)
         return
     subprocess.run(["scripts/arm64", "prepare", str(DEBIAN)], cwd=ROOT, check=True)
     yield from _tests()

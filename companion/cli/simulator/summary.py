@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import dropwhile, pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from companion.core.messages import (
-    Alert,
     GroundTruth,
     GuidanceReference,
     LoopTiming,
     Message,
+    ModeStatus,
     OverrideLease,
     PlanResult,
     ProcessStats,
@@ -28,12 +28,10 @@ from companion.logs.log_file import LogFile
 from sim.world.score import TrueTrack, estimation, station, track_of, tracking
 
 KINDS = (
-    Alert, GuidanceReference, LoopTiming, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
+    GuidanceReference, LoopTiming, ModeStatus, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
 )  # fmt: skip
 STOPPED = "stopped: "
-"""What the alert of a boat that stops driving by itself begins with (`companion.core.pilot.modes`)."""
-AGAIN_NS = 1_000_000_000
-"""A command that much later is not of the drive that was stopped; assumed."""
+"""What a reason to be in `safe` begins with (`companion.core.pilot.modes`)."""
 
 
 @dataclass(frozen=True)
@@ -69,15 +67,15 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
 
 
 def why_stopped(messages: dict[type[Message], list[Any]]) -> str:
-    """The stop after which nothing was driven any more: when, and why."""
-    stops = [m for m in messages[Alert] if m.level == "error" and m.text.startswith(STOPPED)]
-    if not stops or not messages[Tick]:
+    """When and why the boat went into `safe`, if it did not drive again before it was told to end; else empty."""
+    modes = list(dropwhile(lambda m: m.mode == "idle", reversed(messages[ModeStatus])))
+    safe = list(takewhile(lambda m: m.mode == "safe", modes))
+    if not safe or not messages[Tick]:
         return ""
-    stop = stops[-1]
-    if any(lease.source != "neutral" and lease.t_ns > stop.t_ns + AGAIN_NS for lease in messages[OverrideLease]):
-        return ""  # and was started again
-    after_s = (stop.t_ns - messages[Tick][0].t_ns) * 1e-9
-    return f"driving was stopped after {after_s:.1f} s: {stop.text.removeprefix(STOPPED).partition('; thrusters')[0]}"
+    after_s = (safe[-1].t_ns - messages[Tick][0].t_ns) * 1e-9
+    return (
+        f"driving was stopped after {after_s:.1f} s: {safe[-1].why.removeprefix(STOPPED).partition('; thrusters')[0]}"
+    )
 
 
 def end_heading(settings: PilotSettings) -> float:

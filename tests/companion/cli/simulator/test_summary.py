@@ -1,46 +1,37 @@
-"""What a demo's summary says of a drive that was stopped, and of a station that was never reached."""
+"""What a demo's summary says of a drive that was stopped."""
 
 import pytest
 
 from companion.cli.simulator import summary
-from companion.core.messages import Alert, OverrideLease, Tick
+from companion.core.messages import ModeStatus, Tick
 
 STOP_NS = 5_000_000_000
+WHY = "stopped: UWB is silent; thrusters are neutral until the operator starts again"
 
 
-def lease(t_ns, source):
-    return OverrideLease(
-        t_ns=t_ns, index=0, channels=(9,), pwm_us=(1500,), source=source, valid_for_s=0.3, reason="", f_command_n=(0.0,)
-    )
-
-
-def said(*alerts, last_drive_ns):
+def said(*modes):
+    """Of a boat in these modes, one after the other, a second each; it is in the third of them at `STOP_NS`."""
     messages = {kind: [] for kind in summary.KINDS}
     messages[Tick] = [Tick(t_ns=0, index=0)]
-    messages[Alert] = list(alerts)
-    messages[OverrideLease] = [
-        lease(STOP_NS // 2, "plan"),
-        lease(last_drive_ns, "plan"),
-        lease(20 * STOP_NS, "neutral"),
+    begin_ns = STOP_NS - 2_000_000_000
+    messages[ModeStatus] = [
+        ModeStatus(
+            t_ns=begin_ns + k * 1_000_000_000, mode=mode, why=WHY if mode == "safe" else "", driving=mode == "auto"
+        )
+        for k, mode in enumerate(modes)
     ]
     return summary.why_stopped(messages)
 
 
-STOP = Alert(
-    t_ns=STOP_NS, level="error", text="stopped: UWB is silent; thrusters are neutral until the operator starts again"
-)
+@pytest.mark.parametrize("modes", [(), ("idle", "idle"), ("starting", "auto", "idle"), ("starting", "auto", "hold")])
+def test_other_ends_are_no_stop(modes):
+    assert said(*modes) == ""
 
 
-@pytest.mark.parametrize(
-    "alert", [Alert(t_ns=1, level="error", text="thruster 1 is dead"), Alert(t_ns=1, level="info", text=STOP.text)]
-)
-def test_other_alerts_stop_nothing(alert):
-    assert said(alert, last_drive_ns=STOP_NS) == ""
-
-
-def test_a_stop_for_good_is_told_with_its_time_and_reason():
-    assert said(STOP, last_drive_ns=STOP_NS + 100_000_000) == "driving was stopped after 5.0 s: UWB is silent"
+@pytest.mark.parametrize("end", [(), ("safe",), ("safe", "idle"), ("idle", "idle")])
+def test_a_stop_for_good_is_told_with_its_time_and_reason(end):
+    assert said("starting", "auto", "safe", *end) == "driving was stopped after 5.0 s: UWB is silent"
 
 
 def test_a_boat_that_was_started_again_was_not_stopped():
-    assert said(STOP, last_drive_ns=2 * STOP_NS) == ""
+    assert said("starting", "auto", "safe", "starting", "auto", "idle") == ""

@@ -28,18 +28,21 @@ AFTER_S = 1.0
 
 @dataclass(frozen=True)
 class FlownExcitation:
-    """One flight: all messages, its ending as text, least distance of the true boat from the fence [m].
-
-    `logged`: what belongs into its logs, in order, each with when it was in simulated time [ns].
+    """One flight: what belongs into its logs, in order, each message with its simulated time [ns]; its ending as text;
+    least distance of the true boat from the fence [m].
     """
 
-    messages: tuple[Message, ...]
     logged: tuple[tuple[Message, int], ...]
     done: bool
     ending: str
     least_clearance_m: float
     statuses: tuple[ExcitationStatus, ...]
     truths: tuple[GroundTruth, ...]
+
+    @property
+    def messages(self) -> tuple[Message, ...]:
+        """All of `logged`, without the times."""
+        return tuple(message for message, _ in self.logged)
 
     @property
     def duration_s(self) -> float:
@@ -73,7 +76,7 @@ def fly(
     track = np.array([(m.north_m, m.east_m) for m in truths])
     clearance = float(Pen(setup.pilot.site).clearance(track).min())
     done = bool(statuses) and statuses[-1].phase == "done"
-    return FlownExcitation(tuple(run.messages), tuple(logged), done, ending, clearance, statuses, truths)
+    return FlownExcitation(tuple(logged), done, ending, clearance, statuses, truths)
 
 
 def notes(flown: FlownExcitation) -> list[Alert]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
 
 from tests.evidence.house.trees import ROOT
 from tests.evidence.line import Line, at_least, exactly
+from tests.evidence.pytest_counts import counts, failures
 
 TESTS = {
     "documentation built, searched, links followed": "tests/project/test_docs_site.py",
@@ -22,12 +22,10 @@ def documents(full: bool) -> Iterator[Line]:
     for what, path in TESTS.items():
         pytest = [sys.executable, "-P", "-m", "pytest", "-q", path]
         done = subprocess.run(pytest, cwd=ROOT, capture_output=True, text=True, check=False)
-        passed, skipped = (sum(map(int, re.findall(rf"(\d+) {word}", done.stdout))) for word in ("passed", "skipped"))
-        failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, flags=re.M)
-        yield at_least(f"{what}: tests passed", passed, 1)
-        yield exactly(
-            "... failed or skipped", len(failed) + skipped + (done.returncode != 0), 0, note="; ".join(failed)
-        )
+        found, failed = counts(done.stdout), failures(done.stdout)
+        yield at_least(f"{what}: tests passed", found["passed"], 1)
+        wrong = len(failed) + found["skipped"] + (done.returncode != 0)
+        yield exactly("... failed or skipped", wrong, 0, note="; ".join(failed))
 
 
 PARTS = (documents,)

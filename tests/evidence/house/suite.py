@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 
 from tests.evidence.house.trees import ROOT, git
 from tests.evidence.line import Line, exactly, information
+from tests.evidence.pytest_counts import counts
 
 NOBODY = 65534
 BUSY = 4
@@ -70,9 +70,10 @@ def run_suite(clone: Path, *command: str, before: tuple[str, ...] = (), **env: s
     begun = time.monotonic()
     words = [*before, *(command or ("scripts/test",))]
     done = subprocess.run(words, cwd=clone, env={**kept, **env}, capture_output=True, text=True, check=False)
-    counts = {word: sum(map(int, re.findall(rf"\b(\d+) {word}", done.stdout))) for word in ("passed", "skipped")}
+    found = counts(done.stdout)
     last = " / ".join((done.stdout + done.stderr).strip().splitlines()[-3:])
-    return SuiteRun(done.returncode, (time.monotonic() - begun) / 60, **counts, last_lines=last)
+    minutes = (time.monotonic() - begun) / 60
+    return SuiteRun(done.returncode, minutes, found["passed"], found["skipped"], last)
 
 
 def _with_sim_py(clone: Path) -> SuiteRun:

@@ -27,9 +27,8 @@ def add_world_arguments(p: argparse.ArgumentParser) -> None:
     """What world to simulate; shared with `demo`."""
     w = p.add_argument_group("world")
     w.add_argument("--seed", type=seed, default=1, metavar="N", help="of noise, biases, weather and mismatch")
-    _each(
-        w, "--start", START, ("N", "E", "DEG"), (place_m, place_m, angle_deg), "place [m] and heading (default: 8 8 20)"
-    )
+    begins = f"place [m] and heading (default: {' '.join(f'{value:g}' for value in START)})"
+    _each(w, "--start", START, ("N", "E", "DEG"), (place_m, place_m, angle_deg), begins)
     flow, air = number(0.0, CURRENT_M_S, "a current [m/s]"), number(0.0, WIND_M_S, "a wind [m/s]")
     _each(w, "--current", (0.0, 0.0), ("M/S", "DEG"), (flow, angle_deg), "towards")
     _each(w, "--wind", (0.0, 0.0), ("M/S", "DEG"), (air, angle_deg), "from")

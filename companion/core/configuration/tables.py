@@ -103,10 +103,8 @@ def found_wrong(error: msgspec.ValidationError) -> tuple[str, str]:
         if phrase in what:
             key = what.split(phrase, 1)[1].split("`", 1)[0]
             return f"{path}.{key}" if path else key, says
-    what = re.sub(
-        r"`([^`]+)`", _type_in_words, what.replace(", got ", ", found ").replace("of length >= ", "of at least ")
-    )
-    return path, f"{what[:1].lower()}{what[1:]}"
+    what = what.replace(", got ", ", found ").replace("of length >= ", "of at least ")
+    return path, re.sub(r"`([^`]+)`", _type_in_words, what[:1].lower() + what[1:])
 
 
 def _type_in_words(match: re.Match[str]) -> str:

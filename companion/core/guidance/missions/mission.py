@@ -96,9 +96,10 @@ def _read_toml(draft: Draft, text: str) -> str | None:
 
 def _converted(draft: Draft, place: str, table: dict, kind: type[T]) -> T | None:
     """One table of the file; None, and what is wrong in the draft, where it is none."""
-    if unknown := list(problems(table, kind)):
-        for key, _, what in (problem.partition(": ") for problem in unknown):
-            draft.error(f"{place}.{key}" if place else key, what)
+    wrong = [problem.partition(": ") for problem in problems(table, kind)]
+    for key, _, what in wrong:
+        draft.error(f"{place}.{key}" if place else key, what)
+    if wrong:
         return None
     try:
         return msgspec.convert(table, kind)

@@ -22,6 +22,16 @@ from tests.companion.core.pilot.pilot_shell import (
 # --- plans and the ladder --------------------------------------------------------------------------
 
 
+def after_a_plan():
+    """On the leg; a tick had its plan, and the next one has begun."""
+    shell = on_the_leg()
+    shell.feed(heartbeat(shell.t_ns))
+    shell.tick()
+    shell.feed(plan(shell.index))
+    shell.tick()
+    return shell
+
+
 def test_a_plan_in_time_is_sent_as_it_is():
     shell = on_the_leg()
     shell.feed(heartbeat(shell.t_ns))
@@ -77,11 +87,7 @@ def test_a_late_plan_serves_from_its_own_age_on():
 
 def test_a_plan_that_is_only_late_is_told_as_late():
     """It answers the open tick, after its deadline and before the shell has told of that."""
-    shell = on_the_leg()
-    shell.feed(heartbeat(shell.t_ns))
-    shell.tick()
-    shell.feed(plan(shell.index))
-    shell.tick()
+    shell = after_a_plan()
     shell.wait(70)
     outputs = shell.feed(plan(shell.index))
     assert (shell.lease.source, shell.lease.reason) == ("shifted_plan", "plan late; plan is 0.07 s old")
@@ -121,11 +127,7 @@ BAD_ROWS = [
 
 @pytest.mark.parametrize("f_n", BAD_ROWS, ids=["empty", "nan", "nan late", "inf", "short"])
 def test_an_unsound_plan_leaves_the_lease_to_the_one_before(f_n):
-    shell = on_the_leg()
-    shell.feed(heartbeat(shell.t_ns))
-    shell.tick()
-    shell.feed(plan(shell.index))
-    shell.tick()
+    shell = after_a_plan()
     shell.wait(10)
     shell.feed(plan(shell.index, f_n=f_n))
     assert shell.lease.source == "shifted_plan" and "not sound" in shell.lease.reason
@@ -133,11 +135,7 @@ def test_an_unsound_plan_leaves_the_lease_to_the_one_before(f_n):
 
 
 def test_a_failed_plan_leaves_the_lease_to_the_one_before():
-    shell = on_the_leg()
-    shell.feed(heartbeat(shell.t_ns))
-    shell.tick()
-    shell.feed(plan(shell.index))
-    shell.tick()
+    shell = after_a_plan()
     shell.feed(plan(shell.index, status="failed", f_n=()))
     assert shell.lease.source == "shifted_plan" and "because" in shell.lease.reason
 

@@ -8,15 +8,17 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
+from companion.cli.interrupts import ended_as_by_ctrl_c
 from companion.cli.options.parser import BAD_INPUT, Parser
 from companion.core.configuration.tables import ConfigError
 
 INTERRUPTED = 130
 COMMANDS = {
     "demo": "simulator.demo", "check": "boat.check", "provision": "boat.provision", "run": "boat.run",
-    "teleop": "boat.teleop", "shore": "shore", "sim": "simulator.sim", "replay": "boat.replay", "log": "log",
-    "vessel": "vessel", "identify": "identify", "diagnose": "diagnose", "campaign": "campaign", "excite": "excite",
-    "commission": "commission", "watch": "watch", "bench": "bench", "completion": "completion",
+    "teleop": "boat.teleop", "shore": "shore.console", "stop": "shore.stop", "sim": "simulator.sim",
+    "replay": "boat.replay", "log": "log", "vessel": "vessel", "identify": "identify", "diagnose": "diagnose",
+    "campaign": "campaign", "excite": "excite", "commission": "commission", "watch": "watch", "bench": "bench",
+    "completion": "completion",
 }  # fmt: skip
 """By name: its module in `companion.cli`, which is loaded for that command only: some bring slow libraries."""
 
@@ -45,7 +47,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     asked = COMMANDS.keys() & words[:1]
     args = parser(asked or COMMANDS).parse_args(words)
     try:
-        return args.function(args)
+        with ended_as_by_ctrl_c():
+            return args.function(args)
     except ConfigError as error:
         print(f"aritra {args.command}: {error}", file=sys.stderr)
         return BAD_INPUT

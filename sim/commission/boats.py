@@ -115,6 +115,10 @@ class RealBoat:
             except subprocess.TimeoutExpired:  # a boat that cannot keep station never ends its mission by itself
                 process.send_signal(signal.SIGINT)
                 code = process.wait()
+            except BaseException:  # we are to end: the boat does not go on without us
+                process.terminate()
+                process.wait()
+                raise
         done = _is_done(folder / LOG)
         ending = "done" if done else f"`aritra run` ended with exit code {code}: its last lines say why"
         return Flown(done, ending)

@@ -10,6 +10,7 @@ import threading
 import time
 
 import numpy as np
+import psutil
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
@@ -176,6 +177,17 @@ def test_a_companion_that_is_asked_to_end_ends_in_neutral_disarmed(loopback):
     after = [f for t_ns, f in forces.items() if t_ns > asked_ns + 0.9e9]
     assert driven > 1.0 and after and max(after) < 0.01
     assert all(x.pwm_us == (1500,) * 8 for x in messages if isinstance(x, OverrideLease) and x.t_ns > asked_ns + 1e8)
+
+
+def test_a_demo_that_is_asked_to_end_leaves_nobody_behind(tmp_path):
+    """Simulator and companion drove on, for ever."""
+    with process(["demo", "--out", str(tmp_path / "out")], tmp_path / "text.txt") as child:
+        started = psutil.Process(child.pid)
+        wait_for(lambda: len(started.children()) == 2, 30.0, (tmp_path / "text.txt").read_text)
+        both = started.children()
+        child.terminate()
+        assert child.wait(30) == 130, (tmp_path / "text.txt").read_text()
+    assert not any(one.is_running() for one in both)
 
 
 @pytest.mark.long

@@ -23,6 +23,6 @@ def test_an_undocumented_error_is_seen(monkeypatch, tmp_path):
     def broken(*_):
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr("companion.cli.shore.KeyFiles", broken)
+    monkeypatch.setattr("companion.cli.shore.console.KeyFiles", broken)
     monkeypatch.setattr("companion.cli.boat.wires.open_port_from_url", broken)
     assert any(kind.startswith("ZeroDivisionError") for kind in fuzz_command_lines(60, SEED, tmp_path).wrong)

@@ -13,7 +13,7 @@ LOOK_S = 2.0
 """Period of looking for a boat's missing or unusable key [s]; assumed."""
 NAMES = 1000
 """Names that are looked after at a time (assumed)."""
-NO_KEY = "this console has no command key for this boat (give --command-key BOAT=FILE)"
+NO_KEY = "no command key for this boat (give --command-key BOAT=FILE)"
 
 
 class Keys:

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 from aiohttp import WSMsgType, web
 
-from companion.core.telemetry.order_sender import Place, Sender
+from companion.core.telemetry.order_sender import Sender
 from companion.core.telemetry.structs import About
 from companion.shore.console.connection_limits import ConnectionLimits
 from companion.shore.console.drive_there import LEAVING, drive_there
@@ -22,6 +22,7 @@ from companion.shore.console.files.logs import ServedLogs
 from companion.shore.console.files.missions import add_missions, check_length
 from companion.shore.console.files.sites import read_site
 from companion.shore.console.keys import Keys
+from companion.shore.console.known_boats import KnownBoats
 from companion.shore.console.orders import Orders, SentOrder, shared
 from companion.shore.console.request_auth import RequestAuth
 from companion.shore.console.requests import BrowserRequest, BrowserWord, DriveThereRequest, StopRequest
@@ -77,7 +78,9 @@ class Console:
     ) -> None:
         self.store, self.browsers = BoatStore(), set[Browser]()
         self._hearing, self._keys, self._compress = hearing, keys, compress
-        self._orders = Orders(self, hearing.ask, self._on_order)
+        self.known = KnownBoats(self.store, keys)
+        """What orders are made out by."""
+        self._orders = Orders(self.known, hearing.ask, self._on_order)
         self.also: list[Callable[[Sample], None]] = []
         """Further consumers of every accepted sample; must not block."""
         self._waiting: set[asyncio.Task] = set()
@@ -86,7 +89,7 @@ class Console:
         self._said: dict[str, int] = {}
         self._settled: dict[int, asyncio.Event] = {}
         self._pages: dict[int, str | None] = {}
-        self._sticks = SticksDesk(self)
+        self._sticks = SticksDesk(self.known)
         self._warned_s: dict[str, float] = {}
         self.app = base_app(guard, HOME, lambda transport: self.limits and self.limits.prove(transport))
         self.app.router.add_get("/ws", self._watch)
@@ -115,29 +118,13 @@ class Console:
                 while (left_s := frame_s - time.monotonic()) > 0:
                     await asyncio.sleep(WORK_S if self._pump(time.monotonic() + WORK_S) else left_s)
 
-    # --- what is known of a boat (`answers.Boats`) ---------------------------------------------------
-
-    def sender(self, boat: str) -> Sender | str:
-        """The maker of its orders, or why there is none."""
-        return self._keys.of(boat)
-
-    def place(self, boat: str) -> Place | None:
-        """Run and clock by its telemetry; None: not known."""
-        known = self.store.boats.get(boat)
-        return known.place(time.monotonic_ns()) if known else None
-
-    def runs(self, boat: str) -> tuple[str, ...]:
-        """Runs that its telemetry shows at present."""
-        known = self.store.boats.get(boat)
-        return known.runs(time.monotonic_ns()) if known else ()
+    # --- from the boats ------------------------------------------------------------------------------
 
     def _about_boat(self, boat: str) -> About | None:
         """What a boat has reported of itself."""
         known = self.store.boats.get(boat)
         told = known.newest("about") if known else None
         return msgspec.json.decode(told.data, type=About) if told else None
-
-    # --- from the boats ------------------------------------------------------------------------------
 
     def _pump(self, end_s: float) -> bool:
         """Take samples until `end_s`; whether there are more."""

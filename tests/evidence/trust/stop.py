@@ -82,7 +82,7 @@ def name_taken_twice(full: bool) -> Iterator[Line]:
     async def story(water: Water) -> None:
         await water.attackers.begin("twin an hour ahead")
         begun_s = time.monotonic()
-        await until(lambda: len(water.console.runs(BOAT)) == 2, 10.0)
+        await until(lambda: len(water.console.known.runs(BOAT)) == 2, 10.0)
         for command in ("start", "hold"):
             given = await water.post("/order", {"boat": BOAT, "command": command})
             seen["told"] += given["state"] == "not_sent" and "several programs call themselves" in given["why"]
@@ -90,7 +90,7 @@ def name_taken_twice(full: bool) -> Iterator[Line]:
         seen["others"] = (await water.attackers.end())[1]
         seen["boat"] = (await counts(water))[1]
         await stops(water, "guest", TRIES)
-        await until(lambda: len(water.console.runs(BOAT)) == 1, 10.0)
+        await until(lambda: len(water.console.known.runs(BOAT)) == 1, 10.0)
         given = await water.post("/order", {"boat": BOAT, "command": "start"})
         seen["ours"] = (given["outcome"] or {}).get("status") == "done"
         for what in ("one sample of another run", "one sample an hour ahead"):

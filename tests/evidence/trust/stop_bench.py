@@ -167,7 +167,7 @@ def at_sea(story: Callable[[Water], Awaitable[None]]) -> None:
     async def play() -> None:
         async with shore(port) as (console, web_port), aiohttp.ClientSession() as http:
             with contextlib.closing(Boat(port)) as boat:
-                await until(lambda: console.runs(BOAT), 60.0)
+                await until(lambda: console.known.runs(BOAT), 60.0)
                 with contextlib.closing(Attackers(port, web_port)) as attackers:
                     water = Water(boat, attackers, console, http, f"http://127.0.0.1:{web_port}")
                     await water.drive()  # once, so that all is compiled

@@ -1,13 +1,19 @@
 """`aritra commission`: what it refuses, in a sentence, before anything moves; and one flight on real wires."""
 
+import signal
+import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from companion.boat.load_run import EXAMPLES, load_setup
+from companion.cli.interrupts import ended_as_by_ctrl_c
 from companion.core.excitation.file import Excitation, Pulses, excitation_toml
 from companion.core.messages import ExcitationStatus
 from companion.logs.log_file import LogFile
+from sim.commission import boats
 from sim.commission.boats import RealBoat
 from sim.commission.journal import LOG
 from tests.companion.command_line import exit_code
@@ -39,6 +45,25 @@ def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path, capsys):
 
 def test_too_few_minutes_for_proof_and_missions_are_refused(tmp_path, capsys):
     assert "--minutes: '3': expected minutes, 8 to 240" in refused(capsys, "--minutes", 3, "--out", tmp_path / "c")
+
+
+def test_a_boat_does_not_drive_on_where_its_commissioning_is_asked_to_end(tmp_path, monkeypatch):
+    program = f"import pathlib, time; pathlib.Path('{tmp_path}/driving').touch(); time.sleep(60)"
+    monkeypatch.setattr(boats, "aritra", lambda *_words: [sys.executable, "-c", program])
+    began = []
+
+    def ask_to_end():
+        while not (tmp_path / "driving").exists():
+            time.sleep(0.01)
+        began.append(time.monotonic())
+        signal.raise_signal(signal.SIGTERM)
+
+    asking = threading.Thread(target=ask_to_end)
+    with pytest.raises(KeyboardInterrupt), ended_as_by_ctrl_c():
+        asking.start()
+        RealBoat().fly({}, tmp_path, lambda _text: None)
+    assert time.monotonic() - began[0] < 30.0, "and it has ended, or we would wait"
+    asking.join()
 
 
 @pytest.mark.alone

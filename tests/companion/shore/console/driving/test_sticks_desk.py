@@ -141,7 +141,7 @@ def test_from_a_page_to_the_boat_and_no_longer_than_the_page_is_there():
             stack.push_async_callback(asyncio.to_thread, boat.session.close)
             await until(lambda: "b" in desk.console.store.boats)
             boat.tell(0)
-            await until(lambda: desk.console.place("b"))
+            await until(lambda: desk.console.known.place("b"))
             async with desk.http.ws_connect(f"{desk.url}/ws", origin=desk.url) as page:
                 await page.send_json(word())
                 async with post(desk, {"boat": "b", "command": "manual", "page": PAGE}) as answer:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import getpass
-import os
 import re
 import secrets
 import signal
@@ -17,21 +15,18 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from companion.boat.signing_key import load_secret
 from companion.cli.options.extras import how_to_install
-from companion.cli.options.files import zenoh_file
 from companion.cli.options.values import port
+from companion.cli.shore.key_files import KeyFiles
+from companion.cli.shore.network_options import LOCAL, add_network, sender_name
 from companion.core.configuration.tables import ConfigError
 
 if TYPE_CHECKING:
     from companion.shore.console.live import Console
     from companion.shore.foxglove.live import FoxgloveServer
 
-LISTEN = "tcp/127.0.0.1:7447"
-"""Endpoint without `--connect`, `--listen` and `--config`: where `aritra demo --shore` on this machine connects."""
 PORT = 8470
 MIN_TOKEN = 8
-KEY_FILE = "command.key"
 
 
 def add_parser(commands) -> None:
@@ -44,37 +39,16 @@ def add_parser(commands) -> None:
         "Ctrl-C. Exit code 2: bad input, or the port is taken.",
         example="aritra shore --command-key out/demo --open",
     )
-    p.add_argument("--connect", action="append", default=[], metavar="ENDPOINT", help="zenoh router, tcp/HOST:7447")
-    p.add_argument(
-        "--listen", action="append", default=[], metavar="ENDPOINT",
-        help=f"zenoh endpoint that boats connect to, no router needed (default, where nothing is said: {LISTEN})",
-    )  # fmt: skip
-    p.add_argument(
-        "--config", type=zenoh_file, metavar="FILE", help="zenoh's own file, for TLS: deploy/zenoh/shore.json5"
-    )
-    p.add_argument(
-        "--command-key", action="append", default=[], metavar="[BOAT=]FILE",
-        help="key that orders are signed with: for all boats, for one, or a folder that `aritra demo --shore` made",
-    )  # fmt: skip
+    add_network(p, f"default, where nothing is said: {LOCAL}")
     p.add_argument(
         "--logs", type=Path, metavar="FOLDER", help="list the logs (.mcap) of this folder, to download and open"
     )
-    p.add_argument("--name", default=default_name(), help="who gives the orders, in the boat's log (%(default)s)")
     p.add_argument("--host", default="127.0.0.1", help="address to serve; 0.0.0.0: the whole network, with a token")
     p.add_argument("--port", type=port, default=PORT, help="port to serve (%(default)s)")
     p.add_argument("--token", help="the token, instead of a new one each time: an open phone finds back to us")
     p.add_argument("--foxglove", type=port, metavar="PORT", help="also serve Foxglove, on 127.0.0.1: docs/logs.md")
     p.add_argument("--open", action="store_true", help="open the page in a browser")
     p.set_defaults(function=shore)
-
-
-def default_name() -> str:
-    """user@host, in the letters that an order may carry."""
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):
-        user = "shore"
-    return re.sub(r"[^A-Za-z0-9_.@ -]+", "-", f"{user}@{socket.gethostname()}")[:40]
 
 
 def shore(args: argparse.Namespace) -> int:
@@ -97,10 +71,8 @@ async def _serve(args: argparse.Namespace) -> int:
     local = is_loopback(args.host)
     token = _token(args.token, local)
     files = KeyFiles(args.command_key)
-    keys = Keys(files.find if args.command_key else None, args.name)
-    if not re.fullmatch(r"[A-Za-z0-9_.@ -]{1,40}", args.name):
-        raise ConfigError(f"--name: {args.name!r}: expected 1 to 40 letters, digits and _ . @ - or spaces")
-    listen = args.listen or ([] if args.connect or args.config else [LISTEN])
+    keys = Keys(files.find if args.command_key else None, sender_name(args))
+    listen = args.listen or ([] if args.connect or args.config else [LOCAL])
     config = config_of(args.config, args.connect, listen)
     names = {"localhost", socket.gethostname().lower(), f"{socket.gethostname().lower()}.local", args.host.lower()}
     logs = ServedLogs(args.logs) if args.logs else None
@@ -167,45 +139,6 @@ def _token(token: str | None, local: bool) -> str | None:
             raise ConfigError(f"--token: expected {MIN_TOKEN} to 100 letters, digits, _ or -")
         return token
     return None if local else secrets.token_urlsafe(12)
-
-
-class KeyFiles:
-    """Command keys: `FILE` for all boats, `BOAT=FILE` for one, or a folder as `aritra demo --shore` makes it, whose
-    `command.key` or `BOAT/command.key` may be created later. Raises ConfigError for an option that cannot be meant, a
-    `FILE` for all boats that cannot be used among them; that of one boat is read when it is needed.
-    """
-
-    def __init__(self, options: list[str]) -> None:
-        self._files: dict[str, Path] = {}
-        self._folders: list[Path] = []
-        self._key: bytes | None = None
-        for each in options:
-            boat, _, file = each.rpartition("=")
-            if boat in self._files:
-                raise ConfigError(f"--command-key: given twice for {boat or 'all boats'}")
-            if not boat and (os.path.isdir(file) or file.endswith("/")):  # for names that cannot be, too
-                self._folders.append(Path(file))
-            else:
-                self._files[boat] = Path(file)
-                if not boat:
-                    self._key = load_secret(Path(file), where="--command-key")
-
-    @property
-    def boats(self) -> list[str]:
-        """Boats with a file of their own."""
-        return [boat for boat in self._files if boat]
-
-    def find(self, boat: str) -> bytes | None:
-        """The key of a boat. Raises ConfigError for a file that cannot be used."""
-        if boat in self._files:
-            return load_secret(self._files[boat], where=f"--command-key {boat}=")
-        if self._key is not None:
-            return self._key
-        for folder in self._folders if boat.strip(".") else ():
-            for file in (folder / boat / KEY_FILE, folder / KEY_FILE):
-                if file.exists():
-                    return load_secret(file, where="--command-key")
-        return None
 
 
 def _address(host: str, port: int, token: str | None) -> str:

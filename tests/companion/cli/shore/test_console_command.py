@@ -3,7 +3,8 @@
 import pytest
 
 from companion.__main__ import main
-from companion.cli.shore import KeyFiles, default_name
+from companion.cli.shore.key_files import KeyFiles
+from companion.cli.shore.network_options import default_name
 from companion.core.configuration.tables import ConfigError
 from companion.core.telemetry.order_sender import Sender
 from companion.shore.console import keys

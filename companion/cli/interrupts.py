@@ -1,0 +1,26 @@
+"""Asked to end, by whatever signal: a command ends as by Ctrl-C, and the programs that it started end with it."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+
+ENDING = ("SIGTERM", "SIGHUP")
+"""`kill` and a closed terminal; Windows has no SIGHUP."""
+
+
+@contextlib.contextmanager
+def ended_as_by_ctrl_c() -> Iterator[None]:
+    """KeyboardInterrupt where the process would end on the spot. What is ignored (`nohup`), or handled, stays so."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (getattr(signal, name) for name in ENDING if hasattr(signal, name)):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                before[number] = signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

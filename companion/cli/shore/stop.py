@@ -1,0 +1,82 @@
+"""`aritra stop`: stop boats from a terminal, over zenoh. Docs: docs/shore.md."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import re
+import socket
+import sys
+
+from companion.cli.shore.key_files import KeyFiles
+from companion.cli.shore.network_options import LOCAL, add_network, sender_name
+from companion.core.configuration.tables import ConfigError
+from companion.shore.console.orders import SentOrder
+from companion.shore.console.store import NAME
+
+
+def add_parser(commands) -> None:
+    """Add `stop` to the command line."""
+    p = commands.add_parser(
+        "stop",
+        help="stop boats from here, without a browser",
+        description="Sends a signed STOP to each BOAT, or to all that are in reach, and repeats it until the boat "
+        "answers or 10 s are over; the thrusters go to neutral, and only a new start lets them turn again. Works "
+        "beside `aritra shore` and through it. Exit code 0: every boat has it; 1: one has not, or none is there.",
+        example="aritra stop --command-key out/demo/",
+    )
+    p.add_argument(
+        "boat", nargs="*", type=_boat, metavar="BOAT", help="names of boats (default: all that are in reach)"
+    )
+    add_network(p, "default: through the console or router of this computer, else in its place")
+    p.set_defaults(function=stop)
+
+
+def _boat(text: str) -> str:
+    if not re.match(NAME, text):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a boat's name, 1 to 40 letters, digits and _ . -")
+    return text
+
+
+def stop(args: argparse.Namespace) -> int:
+    """Give the stop, print what came of it for each boat; the exit code."""
+    from companion.shore.console.keys import Keys
+    from companion.shore.console.zenoh_client import ZenohClient, config_of
+    from companion.shore.stop_boats import NobodyThereError, stop_boats
+
+    if not args.command_key:
+        raise ConfigError("--command-key is missing: a boat obeys who has its key (docs/telemetry.md#orders)")
+    keys = Keys(KeyFiles(args.command_key).find, sender_name(args))
+    connect, listen = args.connect, args.listen
+    if not (connect or listen or args.config):
+        connect, listen = ([LOCAL], []) if _answers(LOCAL) else ([], [LOCAL])
+    try:
+        orders = asyncio.run(stop_boats(ZenohClient(config_of(args.config, connect, listen)), keys, args.boat))
+    except NobodyThereError as error:
+        print(f"aritra stop: {error}: no stop was sent", file=sys.stderr)
+        return 1
+    for order in orders:
+        print(_line(order))
+    return 0 if all(_has_it(order) for order in orders) else 1
+
+
+def _answers(endpoint: str) -> bool:
+    """Whether a program listens at this TCP endpoint of zenoh."""
+    host, port = endpoint.removeprefix("tcp/").rsplit(":", 1)
+    try:
+        socket.create_connection((host, int(port)), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def _has_it(order: SentOrder) -> bool:
+    return order.outcome is not None and order.outcome.status != "refused"
+
+
+def _line(order: SentOrder) -> str:
+    if order.outcome is None:
+        return f"{order.boat}: NOT STOPPED: {order.why}"
+    state = "stopped" if _has_it(order) else "NOT STOPPED"
+    said = f"{order.boat}: {state} after {order.after_ms:.0f} ms: {order.outcome.text}"
+    return f"{said}. {order.why}" if order.why else said

@@ -21,14 +21,13 @@ from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.split import NamedLog, Split, split
 from sim.fitting.engine.windows import reads_lean
 from sim.fitting.wiring.accelerations import second_differences
-from sim.fitting.wiring.record import SURE_NATS
 
 TILT = ("phi_rad", "theta_rad")
 """Columns that level accelerometers."""
 NEEDED = (*TILT, "psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
-FOLLOWS = 0.05
-"""Least share of the acceleration that levelling takes away, from which on roll and pitch follow it; assumed: a hull
-that leans with its acceleration adds to it."""
+FOLLOWS = 0.03
+"""Least share of the acceleration that levelling takes away, from which on roll and pitch follow it; assumed: ten times
+what white noise of 0.005 rad takes in two minutes."""
 LEFT_OUT = LogProblem(
     kind="left out",
     text="roll and pitch follow the boat's own acceleration, as of an AHRS without GPS: accelerometers are taken as "
@@ -71,12 +70,16 @@ def unlevelled(run: Run) -> list[LogProblem]:
 
 
 def tilt_is_false(runs: Iterable[Run]) -> bool:
-    """Whether the logs `runs` of one boat say for certain that their roll and pitch are no tilt."""
+    """Whether it is more likely than not, by the logs `runs` of one boat, that their roll and pitch are no tilt.
+
+    Both are as likely before: a wrong yes makes accelerometers count for little, a wrong no lets a boat be accused of
+    what its AHRS does.
+    """
     found = (second_differences(run) for run in runs if all(run.known(c) for c in NEEDED))
     sides = [one for one in found if one is not None]
     taken = -sum(float(one.felt @ one.gravity) for one in sides)
     there = sum(float(one.felt @ one.felt) for one in sides)
-    return taken >= FOLLOWS * there and sum(one.against_levelling_nats for one in sides) >= SURE_NATS
+    return taken >= FOLLOWS * there and sum(one.against_levelling_nats for one in sides) > 0.0
 
 
 def explained_levelled(run: Run) -> tuple[float, float] | None:

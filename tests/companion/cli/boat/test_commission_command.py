@@ -1,7 +1,6 @@
 """`aritra commission`: what it refuses, in a sentence, before anything moves; and one flight on real wires."""
 
 import signal
-import sys
 import threading
 import time
 from pathlib import Path
@@ -13,6 +12,7 @@ from companion.cli.interrupts import ended_as_by_ctrl_c
 from companion.core.excitation.file import Excitation, Pulses, excitation_toml
 from companion.core.messages import ExcitationStatus
 from companion.logs.log_file import LogFile
+from companion.python_child import python
 from sim.commission import boats
 from sim.commission.boats import RealBoat
 from sim.commission.journal import LOG
@@ -49,7 +49,7 @@ def test_too_few_minutes_for_proof_and_missions_are_refused(tmp_path, capsys):
 
 def test_a_boat_does_not_drive_on_where_its_commissioning_is_asked_to_end(tmp_path, monkeypatch):
     program = f"import pathlib, time; pathlib.Path('{tmp_path}/driving').touch(); time.sleep(60)"
-    monkeypatch.setattr(boats, "aritra", lambda *_words: [sys.executable, "-c", program])
+    monkeypatch.setattr(boats, "aritra", lambda *_words: python("-c", program))
     began = []
 
     def ask_to_end():

@@ -96,12 +96,12 @@ def test_noise_of_an_attitude_follows_nothing_however_long_the_log():
     assert not tilt_is_false([noisy] * 30)
 
 
-@pytest.mark.parametrize("index", [1, 4])
-def test_on_a_boat_of_another_hand(index):
+@pytest.mark.parametrize(("index", "seconds"), [(1, 200.0), (4, 200.0), (1, 60.0), (4, 60.0)])
+def test_on_a_boat_of_another_hand(index, seconds):
     """A hull that rolls and pitches, its AHRS without GPS, and the same hull with its true attitude."""
-    case = draw.draw("levelling-tests", index, foreign=True, train_s=200.0)
+    case = draw.draw("levelling-tests", index, foreign=True, train_s=seconds)
     case.world.sense.tilt_told = True
-    track, said = record(case.world, case, 0, 200.0, 0.0, case.open_rng())
+    track, said = record(case.world, case, 0, seconds, 0.0, case.open_rng())
 
     def log() -> Run:
         return Run(log_table(case.base.thruster_names, track, said), RunMeta(source="log"))

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
-from scipy.signal import lfilter
 
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.diagnose.job import data_of
@@ -27,8 +26,7 @@ from sim.fitting.wiring.record import SURE_NATS
 from tests.hidden import draw
 from tests.hidden.write import log_table, record
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short
-
-G, AHRS_S = 9.81, 5.0
+from tests.sim.fitting.tilt_fixture import G, following_acceleration
 
 
 @cache
@@ -39,12 +37,8 @@ def sound() -> Run:
 
 @cache
 def followed() -> Run:
-    """The same from an AHRS that takes the specific force for gravity, with a time constant of `AHRS_S`."""
-    known = sound().table.drop_nulls("ax_m_s2")
-    share = 1 - np.exp(-known["t_s"].diff().median() / AHRS_S)
-    late = {c: lfilter([share], [1, share - 1], known[c].to_numpy()) / G for c in ("ax_m_s2", "ay_m_s2")}
-    tilt = known.select("t_s").with_columns(theta_rad=pl.Series(late["ax_m_s2"]), phi_rad=-pl.Series(late["ay_m_s2"]))
-    return Run(sound().table.drop(*TILT).join(tilt, on="t_s", how="left"), sound().meta)
+    """The same, of an AHRS without GPS."""
+    return following_acceleration(sound())
 
 
 def levelling_nats(run: Run) -> float:

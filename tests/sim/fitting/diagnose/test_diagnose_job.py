@@ -26,6 +26,7 @@ from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.report.verdict import HARMFUL
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability
 from sim.fitting.diagnose.selection.identifiability import PairwiseEvidence
+from sim.fitting.wiring.record import WiringFinding, WiringReport
 from sim.world.teleop_log import teleop_run
 from tests.companion.command_line import exit_code
 from tests.companion.logs.readers.run_logs import clean_run
@@ -126,6 +127,16 @@ def test_what_is_left_over_and_what_cannot_be_told_apart_is_on_the_page(weak):
         assert words in page
     before = (weak[0] / "out" / "report.html").read_text()
     assert page.count("data:image/png") == before.count("data:image/png")
+
+
+def test_where_wiring_was_put_right_and_nothing_else_is_wrong_no_list_is_promised(weak):
+    """It said that one cause was named, and named none."""
+    finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", nats=40.0, certain=True)
+    found = dataclasses.replace(weak[2], verdict="none", causes=()).with_wiring(
+        WiringReport(findings=(finding,)), VESSEL
+    )
+    first, second, *_ = sentences(found)
+    assert "front_port is reversed" in first and "put right, nothing else is wrong with aritra" in second
 
 
 def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):

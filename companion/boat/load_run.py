@@ -160,7 +160,7 @@ def warnings(setup: RunSetup) -> list[str]:
     for i, w in enumerate(setup.pilot.mission.path.waypoints):
         room_m = fence.clearance(w.north_m, w.east_m)
         if room_m < margin_m:
-            where = f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m"
+            where = f"waypoint {i + 1} at north {w.north_m:g}, east {w.east_m:g} m"
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
@@ -189,7 +189,7 @@ def _beyond(pilot: PilotSettings) -> Iterator[str]:
     for i, what in unfit_waypoints(pilot.mission, pilot.fence, pilot.guidance):
         w = pilot.mission.path.waypoints[i]
         fence = ": move it, or the fence of the site or the mission" if what.endswith("the fence") else ""
-        yield f"waypoint {i} at north {w.north_m:g}, east {w.east_m:g} m {what}{fence}"
+        yield f"waypoint {i + 1} at north {w.north_m:g}, east {w.east_m:g} m {what}{fence}"
 
 
 def _geometry(site: Site) -> Iterator[str]:

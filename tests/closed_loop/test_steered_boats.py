@@ -113,7 +113,7 @@ def told_at_the_start(start):
 def test_a_start_from_where_it_cannot_turn_into_the_mission_is_warned_of():
     assert told_at_the_start(START) == []
     (text,) = told_at_the_start((9.8, 9.4, 0.0))
-    assert "waypoint 0 cannot be rounded: the turn of" in text and "start from farther away" in text
+    assert "waypoint 1 cannot be rounded: the turn of" in text and "start from farther away" in text
 
 
 def test_a_mission_that_it_cannot_turn_for_is_not_loaded_under_way():
@@ -121,7 +121,7 @@ def test_a_mission_that_it_cannot_turn_for_is_not_loaded_under_way():
     points = tuple(MissionPoint(north_m=n, east_m=e) for n, e in ((9.0, 9.0), (15.0, 9.0), (9.0, 9.2)))
     run.feed([NewMission(t_ns=run.world.t_ns, name="there and back", waypoints=points)])
     (told,) = (a.text for a in run.of(Alert))
-    assert "there and back with 3 waypoints not loaded: waypoint 1" in told and run.state.mission is None
+    assert "there and back with 3 waypoints not loaded: waypoint 2" in told and run.state.mission is None
 
 
 def test_by_hand_the_yaw_stick_is_the_rudder_and_surge_the_propeller():

@@ -154,7 +154,7 @@ class ShoreCommands:
             text = "its fences are not those that this run was started with: put it into the run file and start anew"
             raise OrderRefused("bad_mission", f"{file.name}: {text}")
         for i, what in unfit_waypoints(mission, fence, self._settings.guidance):
-            raise OrderRefused("bad_mission", f"{file.name}: waypoint {i} {what}")
+            raise OrderRefused("bad_mission", f"{file.name}: waypoint {i + 1} {what}")
         return mission
 
     def _refuse(self, asked: Asked, code, text: str) -> None:

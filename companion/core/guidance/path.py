@@ -47,7 +47,7 @@ class Path:
     def __post_init__(self) -> None:
         problems = path_problems(self.waypoints)
         if problems:
-            raise ValueError("; ".join(f"waypoint {i}: {what}" for i, what in problems))
+            raise ValueError("; ".join(f"waypoint {i + 1}: {what}" for i, what in problems))
 
     @cached_property
     def points(self) -> tuple[tuple[float, float], ...]:

@@ -71,9 +71,9 @@ def turning_radius_m(vessel: VesselFile, speed_m_s: float) -> float:
 def corner_problems(path: Path, settings: GuidanceSettings, first: int = 0) -> list[str]:
     """Corners of a path that this boat cannot round, in words; none for one that turns on the spot.
 
-    `first`: number in the mission of the path's first point.
+    `first`: index in the mission of the path's first point; people count from 1, as the map does.
     """
-    return [f"waypoint {first + i} {what}" for i, what in corner_faults(path, settings)]
+    return [f"waypoint {first + i + 1} {what}" for i, what in corner_faults(path, settings)]
 
 
 def corner_faults(path: Path, settings: GuidanceSettings) -> list[tuple[int, str]]:

@@ -113,7 +113,7 @@ def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(fo
     (folder / MISSION).write_text(mission_text(((15.0, 15.0), (29.2, 15.0))))
     change(folder, RUN, r"\[battery\]\nlow_V = 14.0\ncritical_V = 13.2\n", "")
     near, battery = warnings(load_setup(folder / RUN))
-    assert "waypoint 1 at north 29.2, east 15 m lies 0.3 m from the fence" in near
+    assert "waypoint 2 at north 29.2, east 15 m lies 0.3 m from the fence" in near
     assert "no [battery] limits" in battery
 
 
@@ -132,7 +132,7 @@ def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
     (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 9.0), (15.0, 10.5))))
     with pytest.raises(
         ConfigError,
-        match=r"square\.toml: waypoint 1 .*cannot be rounded: the turn of 90 deg .* turn on the spot",
+        match=r"square\.toml: waypoint 2 .*cannot be rounded: the turn of 90 deg .* turn on the spot",
     ):
         load_setup(folder / RUN)
     change(folder, VESSEL, "channel = 10", "channel = 3")
@@ -142,7 +142,7 @@ def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
 
 def test_waypoints_beyond_the_fence_are_refused_by_file_and_number_whatever_their_format(folder):
     (folder / MISSION).write_text(mission_text(((15.0, 15.0), (31.0, 15.0))))
-    where = rf"{re.escape(str(folder / MISSION))}: waypoint 1 at north 31, east 15 m lies 1\.5 m beyond the fence"
+    where = rf"{re.escape(str(folder / MISSION))}: waypoint 2 at north 31, east 15 m lies 1\.5 m beyond the fence"
     with pytest.raises(ConfigError, match=where):
         load_setup(folder / RUN)
     change(folder, SITE, r"fence = .*", "fence = [[0.5, 0.5], [9.5, 0.5], [9.5, 9.5], [0.5, 9.5]]")
@@ -160,7 +160,7 @@ def test_a_log_of_a_mission_beyond_the_fence_can_still_be_read(folder):
 def test_a_fence_of_the_mission_counts_like_the_sites_own(folder):
     keep_out = "[[fences]]\ninclusion = false\npolygon = [[14.0, 14.0], [16.0, 14.0], [16.0, 16.0], [14.0, 16.0]]\n"
     (folder / MISSION).write_text(mission_text(((9.0, 9.0), (15.0, 15.0))) + keep_out)
-    with pytest.raises(ConfigError, match=r"waypoint 1 .* 1\.0 m beyond the fence"):
+    with pytest.raises(ConfigError, match=r"waypoint 2 .* 1\.0 m beyond the fence"):
         load_setup(folder / RUN)
     (folder / MISSION).write_text(mission_text(((9.0, 9.0), (12.0, 15.0))) + keep_out)
     setup = load_setup(folder / RUN)

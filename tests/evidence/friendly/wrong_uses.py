@@ -66,7 +66,7 @@ WRONG_USES = (
     ("run --config {d}/period.toml", "period.toml|control.period_s|0.02 to 1"),
     ("run --config {d}/string.toml", "string.toml|battery.low_V|expected a number"),
     ("run --config {d}/quota.toml", "quota.toml|log.quota_MB|expected 0.001 to"),
-    ("run --mission {d}/outside.toml", "outside.toml|waypoint 1|beyond the fence: move it"),
+    ("run --mission {d}/outside.toml", "outside.toml|waypoint 2|beyond the fence: move it"),
     ("run --mission {d}/fast.toml", "fast.toml|waypoints[0]: speed|at most 20"),
     ("run --mission {d}/one.toml", "one.toml|waypoint|did you mean waypoints?"),
     ("run --mission {boat}", "--mission|is a vessel file|for example deploy/missions/square.toml"),

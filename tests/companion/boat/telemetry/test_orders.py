@@ -124,7 +124,7 @@ def test_a_mission_is_loaded_or_refused_with_all_its_errors():
     asked = [Query(*anna.order("load_mission", MissionFile(name=n, text=t))) for n, t in [*files, ("f.toml", fenced)]]
     good, *bad = desk.ask(*asked)
     assert good.status == "done" and [x.code for x in bad] == ["bad_mission"] * 5
-    assert "waypoint 1 lies 470.5 m beyond the fence" in bad[0].text and "x.toml: waypoints[1].north_m" in bad[1].text
+    assert "waypoint 2 lies 470.5 m beyond the fence" in bad[0].text and "x.toml: waypoints[1].north_m" in bad[1].text
     (new,) = desk.app.given
     assert isinstance(new, NewMission) and new.name == "pier" and new.waypoints[1].north_m == 12.0
 
@@ -135,7 +135,7 @@ def test_a_mission_with_a_corner_that_the_boat_cannot_round_is_refused():
     tight = "".join(f"[[waypoints]]\nnorth_m = {n}\neast_m = {e}\n" for n, e in corner)
     desk = Desk(vessel="rudder")
     (no,) = desk.ask(Query(*sender().order("load_mission", MissionFile(name="t.toml", text=tight))))
-    assert no.code == "bad_mission" and "waypoint 1 cannot be rounded" in no.text and not desk.app.given
+    assert no.code == "bad_mission" and "waypoint 2 cannot be rounded" in no.text and not desk.app.given
 
 
 def test_refusals_are_counted_answered_and_told_at_powers_of_two():

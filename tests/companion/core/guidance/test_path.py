@@ -48,15 +48,15 @@ def test_cross_track_error_is_positive_to_starboard():
 @pytest.mark.parametrize(
     ("waypoints", "message"),
     [
-        ((), "waypoint 0: a path needs at least one"),
-        ((Waypoint(0, 0), Waypoint(math.nan, 0)), "waypoint 1: position is not finite"),
-        ((Waypoint(0, 0), Waypoint(0, 0.01)), "waypoint 1: lies within 0.05 m"),
-        ((Waypoint(0, 0, speed_m_s=0.0),), "waypoint 0: speed: expected above 0, at most 20, found 0"),
+        ((), "waypoint 1: a path needs at least one"),
+        ((Waypoint(0, 0), Waypoint(math.nan, 0)), "waypoint 2: position is not finite"),
+        ((Waypoint(0, 0), Waypoint(0, 0.01)), "waypoint 2: lies within 0.05 m"),
+        ((Waypoint(0, 0, speed_m_s=0.0),), "waypoint 1: speed: expected above 0, at most 20, found 0"),
         (
             (Waypoint(0, 0, acceptance_m=-1.0),),
-            "waypoint 0: acceptance radius: expected above 0, at most 100, found -1",
+            "waypoint 1: acceptance radius: expected above 0, at most 100, found -1",
         ),
-        ((Waypoint(0, 0, speed_m_s=math.inf),), "waypoint 0: speed: expected above 0"),
+        ((Waypoint(0, 0, speed_m_s=math.inf),), "waypoint 1: speed: expected above 0"),
     ],
 )
 def test_what_is_no_path_is_refused_with_the_waypoint(waypoints, message):

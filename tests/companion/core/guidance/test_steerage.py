@@ -59,7 +59,7 @@ def test_corners_without_room_are_named_and_others_are_not():
     assert corner_problems(path((0, 0), (12, 0), (12, 12)), RUDDER) == []
     (problem,) = corner_problems(path((0, 0), (12, 0), (12, 2), (0, 2)), RUDDER)[:1]
     assert (
-        problem.startswith("waypoint 1 cannot be rounded: the turn of 90 deg needs")
+        problem.startswith("waypoint 2 cannot be rounded: the turn of 90 deg needs")
         and "cannot turn on the spot" in problem
     )
     assert corner_problems(path((0, 0), (12, 0), (0, 0.1)), RUDDER)

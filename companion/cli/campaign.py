@@ -31,13 +31,12 @@ if TYPE_CHECKING:
     from sim.campaign.runners.cluster import Cluster
     from sim.campaign.runners.job import CaseOutcome
     from sim.campaign.runners.local import Local
+    from sim.fitting.validate.table import ScoreTable
 
 DONE, LOOK, INTERRUPTED = 0, 1, 130
 PLAIN_S = 10.0
 """Period of progress lines without a terminal [s]; assumed."""
 LISTED = 10
-SHOWN = ("figure", "cases", "least", "median", "95 %", "most")
-"""Columns of the table that fit into a terminal of 80 characters."""
 
 
 def add_parser(commands) -> None:
@@ -177,8 +176,7 @@ def _print(
 
     table, failed = tables.results(cases, journal.outcomes), tables.failures(cases, journal.outcomes)
     if table.height:
-        table_of_figures = report.quantiles(table, report.main_figures(inputs.campaign, table))
-        console.print(_figures(table_of_figures.head, table_of_figures.rows))
+        console.print(_figures(report.narrow(inputs.campaign, table)))
     for case, outcome in failed[:LISTED]:
         console.print(Text(f"failed: {case.id} seed {case.seed}: {outcome.error}", style="bold yellow"))
     if len(failed) > LISTED:
@@ -193,11 +191,10 @@ def _print(
     return code or (LOOK if failed else DONE)
 
 
-def _figures(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for name in SHOWN:
-        table.add_column(name, justify="left" if name == "figure" else "right", no_wrap=True)
-    for row in rows:
-        cells = dict(zip(head, row, strict=True))
-        table.add_row(*(cells[name] for name in SHOWN))
-    return table
+def _figures(found: ScoreTable) -> Table:
+    out = Table(box=None, pad_edge=False)
+    for name in found.head:
+        out.add_column(name, justify="left" if name == found.head[0] else "right", no_wrap=True)
+    for row in found.rows:
+        out.add_row(*row)
+    return out

@@ -28,6 +28,10 @@ MAIN = {
 """Figures that are drawn; every figure stands in the table and in results.parquet."""
 WORDS = {"missions": ("mode",), "identify": ("believe",), "diagnose": ("verdict", "causes")}
 """Figures that are words and worth counting."""
+NARROW = ("figure", "cases", "least", "median", "95 %", "most")
+"""Columns of `quantiles` that fit into a terminal of 80 characters."""
+BESIDE = 3
+"""Points of a grid that fit so beside each other."""
 PARTS = 12
 """More points of a grid than this are not told apart in pictures."""
 LISTED = 100
@@ -60,6 +64,17 @@ def quantiles(table: pl.DataFrame, names: Sequence[str]) -> ScoreTable:
     return ScoreTable(("figure", "cases", "mean", "sd", "least", "5 %", "median", "95 %", "most"), tuple(rows))
 
 
+def narrow(campaign: Campaign, table: pl.DataFrame) -> ScoreTable:
+    """Main figures for a terminal: by point of the grid where the points fit beside each other, else of all cases."""
+    names, parts = main_figures(campaign, table), parts_of(campaign, table)
+    if 1 < len(parts) <= BESIDE:
+        beside = by_part(parts, names)
+        return ScoreTable((f"{beside.head[0]}: median (95 %)", *beside.head[1:]), beside.rows)
+    every = quantiles(table, names)
+    columns = [every.head.index(name) for name in NARROW]
+    return ScoreTable(NARROW, tuple(tuple(row[k] for k in columns) for row in every.rows))
+
+
 def main_figures(campaign: Campaign, table: pl.DataFrame) -> list[str]:
     """Those of the kind's main figures that this campaign has."""
     return [n for n in MAIN[campaign.kind] if n in table.columns and np.isfinite(_numbers(table, n)).any()]
@@ -77,6 +92,20 @@ def parts_of(campaign: Campaign, table: pl.DataFrame) -> dict[str, pl.DataFrame]
         here = pl.all_horizontal([pl.col(key).eq_missing(value) for key, value in zip(keys, row, strict=True)])
         out[label] = table.filter(here)
     return out
+
+
+def by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> ScoreTable:
+    """Of each figure, for each part: the median, and the value that 95 % of the cases do not exceed."""
+    rows = []
+    for name in names:
+        cells = []
+        for table in parts.values():
+            values = _numbers(table, name)
+            values = values[np.isfinite(values)]
+            quantile_pair = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
+            cells.append(f"{quantile_pair[0]:.3g} ({quantile_pair[1]:.3g})" if len(values) else "-")
+        rows.append((name, *cells))
+    return ScoreTable(("figure", *parts), tuple(rows))
 
 
 def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome], failed: int) -> Section:
@@ -118,7 +147,7 @@ def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
         figure = pictures.distributions(columns, names)
         sections.append(Section("Distributions", figures=((figure, one if len(parts) == 1 else many),)))
     if len(parts) > 1 and names:
-        sections.append(Section("By point of the grid", tables=(_by_part(parts, names),), note="Median (95 %)."))
+        sections.append(Section("By point of the grid", tables=(by_part(parts, names),), note="Median (95 %)."))
     for name in (n for n in WORDS[campaign.kind] if n in table.columns and table[n].n_unique() > 1):
         counts = {part: Counter(str(v) if v is not None else "" for v in rows[name]) for part, rows in parts.items()}
         figure = pictures.counts(counts)
@@ -128,19 +157,6 @@ def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
         caption = "Against the simulated truth: where the bars reach beyond the grey, intervals are too narrow."
         sections.append(Section("Errors of the parameters", figures=((pictures.errors(sigmas), caption),)))
     return sections
-
-
-def _by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> ScoreTable:
-    rows = []
-    for name in names:
-        cells = []
-        for table in parts.values():
-            values = _numbers(table, name)
-            values = values[np.isfinite(values)]
-            quantile_pair = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
-            cells.append(f"{quantile_pair[0]:.3g} ({quantile_pair[1]:.3g})" if len(values) else "-")
-        rows.append((name, *cells))
-    return ScoreTable(("figure", *parts), tuple(rows))
 
 
 def _sigmas(table: pl.DataFrame) -> dict[str, np.ndarray]:

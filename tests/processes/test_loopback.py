@@ -192,7 +192,7 @@ def test_a_demo_that_is_asked_to_end_leaves_nobody_behind(tmp_path):
 
 @pytest.mark.long
 def test_the_demo(tmp_path):
-    """Everything at once, on a short mission with a corner; that of the demo itself is judged by the evidence script."""
+    """Everything at once, on a short mission; the figures of the demo's own are judged by the evidence script."""
     (tmp_path / "corner.toml").write_text(
         "".join(f"[[waypoints]]\nnorth_m = {n}\neast_m = {e}\n" for n, e in ((10, 9), (15, 9), (15, 11)))
     )

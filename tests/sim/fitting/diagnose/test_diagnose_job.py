@@ -129,21 +129,14 @@ def test_what_is_left_over_and_what_cannot_be_told_apart_is_on_the_page(weak):
     assert page.count("data:image/png") == before.count("data:image/png")
 
 
-def test_where_wiring_was_put_right_and_nothing_else_is_wrong_no_list_is_promised(weak):
-    """It said that one cause was named, and named none."""
-    finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", nats=40.0, certain=True)
-    found = dataclasses.replace(weak[2], verdict="none", causes=()).with_wiring(
-        WiringReport(findings=(finding,)), VESSEL
-    )
-    first, second, *_ = sentences(found)
-    assert "front_port is reversed" in first and "put right, nothing else is wrong with aritra" in second
-
-
 def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
     found = dataclasses.replace(weak[2], verdict="none", causes=())
     lines = sentences(found)
     assert "nothing is wrong with aritra" in lines[0]
     assert re.match(r"These logs would have shown thruster_gain from \d", lines[1])
+    finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", certain=True)
+    first, second, *_ = sentences(found.with_wiring(WiringReport(findings=(finding,)), VESSEL))
+    assert "front_port is reversed" in first and "put right, nothing else is wrong with aritra" in second
     assert "<h2>The causes" not in report(found)
 
 

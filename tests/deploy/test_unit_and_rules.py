@@ -7,7 +7,7 @@ from configparser import RawConfigParser
 
 import pytest
 
-from companion.__main__ import parser
+from companion.__main__ import INTERRUPTED, parser
 from companion.boat.load_run import EXAMPLES, load_setup
 
 UNIT, RULES = EXAMPLES / "aritra.service", EXAMPLES / "udev" / "70-aritra.rules"
@@ -69,6 +69,7 @@ def test_the_service_starts_idle_and_comes_back_idle():
     assert not args.start and args.excite is None, "a restart must not arm and drive by itself"
     assert not {"ExecStartPre", "ExecStartPost", "ExecStopPost", "ExecReload"} & set(service)
     assert service["Restart"] == ["on-failure"] and service["RestartPreventExitStatus"] == ["2"]
+    assert service["SuccessExitStatus"] == [str(INTERRUPTED)]
     assert service["Type"] == ["notify"] and service["NotifyAccess"] == ["main"]
     assert unit()["[Unit]"]["StartLimitIntervalSec"] == ["0"]
 

@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.first_vessel import LAYOUTS, Answers, first_vessel
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.vessel_text import vessel_toml
-from sim.fitting.identify.result import fit_structured
 from sim.trajectory import simulate
-from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
 T200 = boat("aritra").force_maps["t200"]
@@ -78,13 +75,3 @@ def test_it_runs_under_full_thrust_and_comes_to_rest_without(said):
     M = mass_matrix(vessel)
     energy = np.einsum("ki,ij,kj->k", left, M, left)[200:]  # thrust has gone after 2 s
     assert (np.diff(energy) <= 1e-9).all() and energy[-1] < 0.02 * energy[0] + 1e-6
-
-
-def test_a_fit_starts_from_it():
-    """Logs of the reference boat, of which the file knows size and mass only."""
-    run = teleop_run(boat("aritra"), 4, 90.0, uwb_hz=5.0, sigma_m=0.07)
-    fitted = fit_structured([run], replace(first_vessel(ARITRA, "new", T200), sensors=boat("aritra").sensors))
-    M = mass_matrix(boat("aritra"))
-    assert fitted.converged
-    assert fitted["M11_kg"].value == pytest.approx(M[0, 0], rel=0.15)
-    assert fitted["M33_kg_m2"].value == pytest.approx(M[2, 2], rel=0.25)

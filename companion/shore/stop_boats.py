@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 
 from companion.shore.console.keys import Keys
 from companion.shore.console.known_boats import KnownBoats
@@ -14,9 +14,10 @@ from companion.shore.console.store import BoatStore
 from companion.shore.console.zenoh_client import ZenohClient
 
 SEARCH_S = 8.0
-"""How long boats are looked for where none is named: one without a connection tries each 4 s (zenoh's default)."""
-OTHERS_S = 1.0
-"""How long others may come after the first (assumed)."""
+"""How long boats are looked for where none is named (assumed)."""
+OTHERS_S = 4.0
+"""How long after the first one others may show themselves, through a router or a console: one that has just connected
+to a console does so within 3 s (measured, zenoh 1.10). Where boats must connect to us they get all of `SEARCH_S`."""
 PERIOD_S = 0.05
 
 
@@ -24,22 +25,36 @@ class NobodyThereError(Exception):
     """There is nobody whom a stop could be sent to. The text says where was looked."""
 
 
-async def stop_boats(client: ZenohClient, keys: Keys, names: Sequence[str]) -> list[SentOrder]:
-    """Give a stop to the boats of these names, or to all that are in reach; what came of each, within about 20 s.
+async def stop_boats(
+    client: ZenohClient, keys: Keys, names: Sequence[str], say: Callable[[SentOrder], None], *, others_s: float
+) -> list[SentOrder]:
+    """Give a stop to the boats of these names, or to all that show themselves; what came of each, within 30 s.
 
-    A named boat is sent its stop whether it is in reach or not. Raises NobodyThereError.
+    A named boat is sent its stop whether it is in reach or not. Of the others each gets it as soon as it is found;
+    looking ends `others_s` after the first. `say`: called with each when it is settled. Raises NobodyThereError.
     """
-    store = BoatStore()
+    store, given = BoatStore(), dict[str, asyncio.Task[SentOrder]]()
     orders = Orders(KnownBoats(store, keys), client.ask, lambda _: None)
-    work = [asyncio.create_task(client.run()), asyncio.create_task(_receive(client, store))]
+
+    async def give(boat: str) -> SentOrder:
+        order = await orders.give(boat, "stop")
+        say(order)
+        return order
+
+    session = asyncio.create_task(client.run())
+    work = [session, asyncio.create_task(_receive(client, store))]
     try:
-        await _connected(client)
-        boats = dict.fromkeys(names or await _in_reach(client, store))
-        return list(await asyncio.gather(*(orders.give(boat, "stop") for boat in boats)))
+        await _connected(client, session)
+        for boat in names:
+            given[boat] = given.get(boat) or asyncio.create_task(give(boat))
+        if not names:
+            async for boat in _in_reach(client, store, others_s):
+                given[boat] = asyncio.create_task(give(boat))
+        return list(await asyncio.gather(*given.values()))
     finally:
-        for task in work:
+        for task in (*given.values(), *work):
             task.cancel()
-        await asyncio.gather(*work, return_exceptions=True)
+        await asyncio.gather(*given.values(), *work, return_exceptions=True)
 
 
 async def _receive(client: ZenohClient, store: BoatStore) -> None:
@@ -53,23 +68,26 @@ async def _receive(client: ZenohClient, store: BoatStore) -> None:
         await asyncio.sleep(PERIOD_S)
 
 
-async def _connected(client: ZenohClient) -> None:
+async def _connected(client: ZenohClient, session: asyncio.Task[None]) -> None:
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(PATIENCE_S["stop"]):
             while client.problem:
+                if session.done():
+                    session.result()  # raises what it died of
                 await asyncio.sleep(PERIOD_S)
     if client.problem:
         raise NobodyThereError(f"{client.where}: {client.problem}")
 
 
-async def _in_reach(client: ZenohClient, store: BoatStore) -> list[str]:
-    """Names of all boats, a while after the first has shown itself."""
-    end_s = time.monotonic() + SEARCH_S
-    found_s = None
-    while time.monotonic() < (end_s if found_s is None else min(end_s, found_s + OTHERS_S)):
+async def _in_reach(client: ZenohClient, store: BoatStore, others_s: float) -> AsyncIterator[str]:
+    """Names of boats as they show themselves."""
+    end_s, known = time.monotonic() + SEARCH_S, set[str]()
+    while time.monotonic() < end_s:
         await asyncio.sleep(PERIOD_S)
-        if found_s is None and store.boats:
-            found_s = time.monotonic()
-    if not store.boats:
+        for boat in store.boats.keys() - known:
+            if not known:
+                end_s = min(end_s, time.monotonic() + others_s)
+            known.add(boat)
+            yield boat
+    if not known:
         raise NobodyThereError(f"{client.where}: no boat has shown itself in {SEARCH_S:g} s")
-    return list(store.boats)

@@ -30,8 +30,8 @@ WORDS = {"missions": ("mode",), "identify": ("believe",), "diagnose": ("verdict"
 """Figures that are words and worth counting."""
 NARROW = ("figure", "cases", "least", "median", "95 %", "most")
 """Columns of `quantiles` that fit into a terminal of 80 characters."""
-BESIDE = 3
-"""Points of a grid that fit so beside each other."""
+WIDTH, GAP = 80, 2
+"""Characters of a terminal, and between two columns of a table there."""
 PARTS = 12
 """More points of a grid than this are not told apart in pictures."""
 LISTED = 100
@@ -67,9 +67,12 @@ def quantiles(table: pl.DataFrame, names: Sequence[str]) -> ScoreTable:
 def narrow(campaign: Campaign, table: pl.DataFrame) -> ScoreTable:
     """Main figures for a terminal: by point of the grid where the points fit beside each other, else of all cases."""
     names, parts = main_figures(campaign, table), parts_of(campaign, table)
-    if 1 < len(parts) <= BESIDE:
+    if len(parts) > 1:
         beside = by_part(parts, names)
-        return ScoreTable((f"{beside.head[0]}: median (95 %)", *beside.head[1:]), beside.rows)
+        beside = ScoreTable(("median (95 %)", *beside.head[1:]), beside.rows)
+        widths = [max(map(len, column)) for column in zip(beside.head, *beside.rows, strict=True)]
+        if sum(widths) + GAP * (len(widths) - 1) <= WIDTH:
+            return beside
     every = quantiles(table, names)
     columns = [every.head.index(name) for name in NARROW]
     return ScoreTable(NARROW, tuple(tuple(row[k] for k in columns) for row in every.rows))

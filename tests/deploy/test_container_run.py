@@ -4,10 +4,12 @@
 """
 
 import asyncio
+import contextlib
 import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 from pathlib import Path
 
@@ -18,14 +20,16 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "deploy" / "container"
 BASE = (FOLDER / "Containerfile").read_text().split("FROM ", 1)[1].split()[0]
 CONSOLE = "http://127.0.0.1:8470"
+IMAGE = "aritra-test"
+"""Neither a user's image nor the volume with the results is touched."""
 
 pytestmark = [pytest.mark.alone, pytest.mark.long, pytest.mark.matrix]
 
 
 def run(*words, timeout_s=600):
-    return subprocess.run(
-        words, check=False, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=timeout_s
-    )
+    out = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    env = os.environ | {"ARITRA_IMAGE": IMAGE}
+    return subprocess.run(words, check=False, cwd=ROOT, timeout=timeout_s, env=env, **out)
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +46,9 @@ def tool():
 @pytest.fixture(scope="module")
 def image(tool):
     """As docs/container.md says."""
-    built = run(tool, "build", "-t", "aritra", "-f", "deploy/container/Containerfile", ".", timeout_s=1200)
+    built = run(tool, "build", "-t", IMAGE, "-f", "deploy/container/Containerfile", ".", timeout_s=1200)
     assert built.returncode == 0, built.stdout
-    return "aritra"
+    return IMAGE
 
 
 def test_the_demo_drives_in_it_and_its_files_are_the_users(tool, image, tmp_path):
@@ -55,8 +59,8 @@ def test_the_demo_drives_in_it_and_its_files_are_the_users(tool, image, tmp_path
     summary = json.loads((tmp_path / "out/demo/summary.json").read_text())
     assert summary["waypoints_passed"] == summary["waypoints_total"] > 0
     assert (tmp_path / "out/demo/run.mcap").stat().st_uid == os.getuid()
-    told = run(*started, "log", "info", "out/demo/run.mcap")
-    assert told.returncode == 0 and "run.mcap" in told.stdout, told.stdout
+    info = run(*started, "log", "info", "out/demo/run.mcap")
+    assert info.returncode == 0 and "run.mcap" in info.stdout, info.stdout
 
 
 async def _boats(count, patience_s):
@@ -82,8 +86,11 @@ def compose(tool, image):
         pytest.skip(f"`{' '.join(words)}` is not installed")
     if tool == "podman" and not re.search(r"version\s+(1\.[1-9]|[2-9])", version.stdout):
         pytest.skip("podman-compose before 1.1 puts no service on the host's network")
-    yield lambda *more: run(*words, "-f", str(FOLDER / "compose.yaml"), *more)
-    run(*words, "-f", str(FOLDER / "compose.yaml"), "down", "--volumes")
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", 8470), timeout=1.0):
+        pytest.skip("a console runs on this computer: end it first")
+    mine = (*words, "-p", IMAGE, "-f", str(FOLDER / "compose.yaml"))
+    yield lambda *more: run(*mine, *more)
+    run(*mine, "down", "--volumes")
 
 
 def test_compose_brings_three_boats_to_the_console_and_they_can_be_stopped(compose):

@@ -14,6 +14,8 @@ from companion.core.configuration.tables import ConfigError
 from companion.shore.console.orders import SentOrder
 from companion.shore.console.store import NAME
 
+ELSEWHERE = "boats on other computers: --connect tcp/CONSOLE:7447, or --listen tcp/0.0.0.0:7447 in a console's place"
+
 
 def add_parser(commands) -> None:
     """Add `stop` to the command line."""
@@ -21,14 +23,15 @@ def add_parser(commands) -> None:
         "stop",
         help="stop boats from here, without a browser",
         description="Sends a signed STOP to each BOAT, or to all that are in reach, and repeats it until the boat "
-        "answers or 10 s are over; the thrusters go to neutral, and only a new start lets them turn again. Works "
-        "beside `aritra shore` and through it. Exit code 0: every boat has it; 1: one has not, or none is there.",
+        "answers or 10 s are over. Thrusters go to neutral and stay there until somebody gives the boat another order. "
+        "Works beside `aritra shore` and through it. Exit code 0: every boat has it; 1: one has not (no answer, no "
+        "key, refused), or none is there.",
         example="aritra stop --command-key out/demo/",
     )
     p.add_argument(
         "boat", nargs="*", type=_boat, metavar="BOAT", help="names of boats (default: all that are in reach)"
     )
-    add_network(p, "default: through the console or router of this computer, else in its place")
+    add_network(p, f"default: by {LOCAL} through the console or router of this computer, else in its place")
     p.set_defaults(function=stop)
 
 
@@ -42,21 +45,22 @@ def stop(args: argparse.Namespace) -> int:
     """Give the stop, print what came of it for each boat; the exit code."""
     from companion.shore.console.keys import Keys
     from companion.shore.console.zenoh_client import ZenohClient, config_of
-    from companion.shore.stop_boats import NobodyThereError, stop_boats
+    from companion.shore.stop_boats import OTHERS_S, SEARCH_S, NobodyThereError, stop_boats
 
     if not args.command_key:
-        raise ConfigError("--command-key is missing: a boat obeys who has its key (docs/telemetry.md#orders)")
+        raise ConfigError("--command-key is missing: a boat obeys whoever has its key (docs/telemetry.md#orders)")
     keys = Keys(KeyFiles(args.command_key).find, sender_name(args))
     connect, listen = args.connect, args.listen
     if not (connect or listen or args.config):
         connect, listen = ([LOCAL], []) if _answers(LOCAL) else ([], [LOCAL])
+    client = ZenohClient(config_of(args.config, connect, listen))
+    print(f"STOP to {', '.join(args.boat) or 'all boats in reach'}, {client.where}", file=sys.stderr, flush=True)
+    others_s = OTHERS_S if connect else SEARCH_S
     try:
-        orders = asyncio.run(stop_boats(ZenohClient(config_of(args.config, connect, listen)), keys, args.boat))
+        orders = asyncio.run(stop_boats(client, keys, args.boat, _print, others_s=others_s))
     except NobodyThereError as error:
-        print(f"aritra stop: {error}: no stop was sent", file=sys.stderr)
+        print(f"aritra stop: {error}: no stop was sent; {ELSEWHERE}", file=sys.stderr)
         return 1
-    for order in orders:
-        print(_line(order))
     return 0 if all(_has_it(order) for order in orders) else 1
 
 
@@ -71,12 +75,16 @@ def _answers(endpoint: str) -> bool:
 
 
 def _has_it(order: SentOrder) -> bool:
-    return order.outcome is not None and order.outcome.status != "refused"
+    """Whether every program of the boat's name that was found has the stop."""
+    return order.outcome is not None and order.outcome.status != "refused" and not order.missing
 
 
-def _line(order: SentOrder) -> str:
+def _print(order: SentOrder) -> None:
     if order.outcome is None:
-        return f"{order.boat}: NOT STOPPED: {order.why}"
-    state = "stopped" if _has_it(order) else "NOT STOPPED"
-    said = f"{order.boat}: {state} after {order.after_ms:.0f} ms: {order.outcome.text}"
-    return f"{said}. {order.why}" if order.why else said
+        line = f"NOT STOPPED: {order.why}"
+    else:
+        state = (
+            "stopped" if _has_it(order) else "PARTLY STOPPED" if order.outcome.status != "refused" else "NOT STOPPED"
+        )
+        line = f"{state} after {order.after_ms:.0f} ms: {order.outcome.text}. {order.why}".strip()
+    print(f"{order.boat}: {line}", flush=True)

@@ -77,7 +77,7 @@ def corner_problems(path: Path, settings: GuidanceSettings, first: int = 0) -> l
 
 
 def corner_faults(path: Path, settings: GuidanceSettings) -> list[tuple[int, str]]:
-    """The same, each with the number of its point in the path."""
+    """The same, each with the index of its point in the path."""
     radius = settings.limits.turning_radius_m
     if not radius:
         return []

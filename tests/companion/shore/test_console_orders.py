@@ -122,6 +122,7 @@ def test_a_stop_reaches_every_program_of_the_name():
     water = Water([one, other], by_telemetry=Place("run", 5 * S), runs_heard=("run", "other"))
     given = water.give()
     assert one.commands == other.commands == ["stop"] and "2 programs that call themselves b have it" in given.why
+    assert given.missing == ()
 
 
 def test_a_program_whose_answer_takes_longer_than_a_try_is_stopped_once():
@@ -144,6 +145,7 @@ def test_a_run_that_is_heard_and_does_not_answer_keeps_no_other_waiting_and_is_t
     water = Water(runs_heard=("run", "ghost"))
     given = water.give()
     assert given.outcome.status == "done" and given.after_ms < 100 and "without an answer: run ghost" in given.why
+    assert given.missing == ("ghost",)
     assert next(g for g in water.told if g.state == "answered").after_ms == given.after_ms, "told as soon as it came"
 
 
@@ -151,6 +153,7 @@ def test_a_strangers_answer_ends_nothing():
     water = Water([Stranger(), boat := Boat(deaf=2)])
     given = water.give()
     assert given.outcome.run == "run" and boat.commands == ["stop"]
+    assert given.missing == (module.NO_KEY,) and "answered under this name, too" in given.why
 
 
 def test_an_overheard_answer_is_none_to_another_order():

@@ -187,14 +187,15 @@ def test_columns_that_some_cases_do_not_have_are_blank(tmp_path):
     assert table["cause_1"].null_count() == 3
 
 
-@pytest.mark.parametrize("points", [1, 2, 3, 4])
-def test_in_a_terminal_points_of_a_grid_stand_beside_each_other_where_they_fit(points, tmp_path):
+@pytest.mark.parametrize(
+    ("values", "beside"), [([0.0], 0), ([0.0, 0.1, 0.2], 3), ([0.1 + k / 3e9 for k in range(4)], 0)]
+)
+def test_in_a_terminal_points_of_a_grid_stand_beside_each_other_where_they_fit(values, beside, tmp_path):
     path = campaign_file(tmp_path)
     text = path.read_text()
     assert "V_c_m_s = [0.0, 0.1]" in text
-    values = [round(0.1 * k, 1) for k in range(points)]
     path.write_text(text.replace("V_c_m_s = [0.0, 0.1]", f"V_c_m_s = {values}"))
     found = report.narrow(read_campaign(path)[0].campaign, call(tmp_path / "out", path, pretend()).results)
-    beside = [f"V_c_m_s {v}" for v in values] if 1 < points < 4 else list(report.NARROW[1:])
-    assert list(found.head[1:]) == beside and [row[0] for row in found.rows] == ["nees"]
+    heads = [f"V_c_m_s {v}" for v in values] if beside else list(report.NARROW[1:])
+    assert list(found.head[1:]) == heads and [row[0] for row in found.rows] == ["nees"]
     assert {len(row) for row in found.rows} == {len(found.head)}

@@ -11,7 +11,7 @@ from companion.core.guidance.steerage import corner_faults
 
 
 def unfit_waypoints(mission: Mission, fence: Fence, settings: GuidanceSettings) -> Iterator[tuple[int, str]]:
-    """What keeps a mission from being driven: (number of the waypoint, words) of each problem.
+    """What keeps a mission from being driven: (index of the waypoint, words) of each problem.
 
     Waypoints beyond the fence, and corners that a boat which needs way cannot round; metres in site axes.
     """

@@ -94,7 +94,7 @@ def _check(file: MissionFile, boat: shore.About | None) -> dict:
 
 
 def _number(place: str) -> int | None:
-    """Number of the waypoint that an error's place names."""
+    """Index of the waypoint that an error's place names."""
     found = re.match(r"waypoints\[(\d+)\]", place)
     return int(found[1]) if found else None
 

@@ -1,14 +1,17 @@
 """`aritra stop`: boats of zenoh's alone behind the real network; who has the stop, who has not, exit codes."""
 
+import asyncio
 import contextlib
 import threading
+import time
 
 import pytest
 
 from companion.__main__ import main
+from companion.core.telemetry.order_gate import OrderGate
 from companion.shore import stop_boats
 from tests.companion.command_line import exit_code
-from tests.support.console_server_fixture import KEY, Boat
+from tests.support.console_server_fixture import KEY, Boat, serving
 from tests.support.zenoh_fixture import free_port, router
 
 
@@ -50,7 +53,7 @@ def test_the_named_ones_alone_whatever_their_clock(key, capsys):
     assert capsys.readouterr().out.startswith("b: stopped after")
 
 
-def test_another_boats_key_stops_nobody_and_is_told(key, capsys, monkeypatch):
+def test_another_boats_key_stops_nobody(key, capsys, monkeypatch):
     monkeypatch.setitem(stop_boats.PATIENCE_S, "stop", 2.0)
     port = free_port()
     key.write_bytes(bytes(32))
@@ -61,14 +64,24 @@ def test_another_boats_key_stops_nobody_and_is_told(key, capsys, monkeypatch):
     assert said.startswith("a: NOT STOPPED: ") and "is the key the boat's?" in said
 
 
-def test_a_boat_that_is_away_is_told_as_not_stopped(key, capsys, monkeypatch):
+def test_a_name_of_which_one_program_has_another_key_is_not_all_stopped(key, capsys):
+    port = free_port()
+    with router(port), boats(port, "a", "a") as (boat, twin):
+        twin.gate = OrderGate("a", "run2", bytes(32))
+        assert stop(port, key, "a") == 1
+    assert boat.obeyed == ["stop"] and twin.obeyed == []
+    said = capsys.readouterr().out
+    assert said.startswith("a: PARTLY STOPPED after") and "A program without this key answered" in said
+
+
+def test_a_boat_that_is_away_keeps_no_other_waiting_and_is_no_success(key, capsys, monkeypatch):
     monkeypatch.setitem(stop_boats.PATIENCE_S, "stop", 1.0)
     port = free_port()
     with router(port), boats(port, "a") as (boat,):
         assert stop(port, key, "a", "away") == 1
     assert boat.obeyed == ["stop"]
-    told = dict(line.split(": ", 1) for line in capsys.readouterr().out.splitlines())
-    assert told["a"].startswith("stopped") and told["away"].startswith("NOT STOPPED: no answer in 1 s")
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("a: stopped after") and second.startswith("away: NOT STOPPED: no answer in 1 s")
 
 
 @pytest.mark.parametrize("listens", [True, False])
@@ -82,15 +95,41 @@ def test_nobody_there_is_no_success(listens, key, capsys, monkeypatch):
     assert f"tcp/127.0.0.1:{port}" in said and "no stop was sent" in said
 
 
-def test_without_an_endpoint_it_listens_where_the_console_would(key, capsys, monkeypatch):
-    port = free_port()
+def test_in_the_consoles_place_boats_are_awaited_that_connect_later(key, capsys, monkeypatch):
+    port, codes = free_port(), []
     monkeypatch.setattr("companion.cli.shore.stop.LOCAL", f"tcp/127.0.0.1:{port}")
-    codes = []
+    monkeypatch.setattr(stop_boats, "SEARCH_S", 4.0)
     with boats(port, "a") as (boat,):  # tries to connect until somebody listens
         thread = threading.Thread(target=lambda: codes.append(main(["stop", "--command-key", str(key)])))
         thread.start()
-        thread.join(20.0)
-    assert codes == [0] and boat.obeyed == ["stop"]
+        while not boat.obeyed and thread.is_alive():
+            time.sleep(0.02)
+        time.sleep(1.5)
+        with boats(port, "late") as (late,):
+            thread.join(20.0)
+    assert codes == [0] and boat.obeyed == late.obeyed == ["stop"]
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["a", "late"]
+
+
+def test_without_an_endpoint_it_goes_through_the_console_of_this_computer(key, capsys, monkeypatch):
+    async def play():
+        async with serving() as desk:
+            monkeypatch.setattr("companion.cli.shore.stop.LOCAL", f"tcp/127.0.0.1:{desk.zenoh}")
+            with boats(desk.zenoh, "a", "b") as both:
+                assert await asyncio.to_thread(main, ["stop", "--command-key", str(key)]) == 0
+                return [boat.obeyed for boat in both]
+
+    assert asyncio.run(play()) == [["stop"], ["stop"]]
+
+
+def test_what_a_session_dies_of_is_not_hidden(key, monkeypatch):
+    def broken(*_args, **_more):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr("companion.shore.subscriber.listen", broken)
+    port = free_port()
+    with router(port), pytest.raises(RuntimeError, match="a bug"):
+        stop(port, key)
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,8 @@ def test_a_weak_thruster_is_seen_in_wind_and_current():
 def test_a_tilt_that_follows_the_acceleration_is_left_out():
     """As of a basin's autopilot, without GPS: levelled by it, coefficients were off by up to six sigmas."""
     run = following_acceleration(teleop_run(VESSEL, 5, 90.0))
-    told, bare = mission_information(run, VESSEL), mission_information(without_tilt(run), VESSEL)
-    np.testing.assert_array_equal(told.eta, bare.eta)
+    found, bare = mission_information(run, VESSEL), mission_information(without_tilt(run), VESSEL)
+    np.testing.assert_array_equal(found.eta, bare.eta)
 
 
 def test_positions_far_astray_are_as_if_they_were_not_there(windy):

@@ -208,9 +208,9 @@ def _process(command: list[str], name: str) -> Iterator[subprocess.Popen]:
     """A child process: SIGTERM, and SIGKILL after 10 s; its output lines begin with `name`, if it has one."""
     pipe = subprocess.PIPE if name else None
     child = subprocess.Popen(command, stdout=pipe, stderr=pipe and subprocess.STDOUT, text=True, errors="replace")
-    if child.stdout:
-        threading.Thread(target=_prefix_lines, args=(child.stdout, name), daemon=True).start()
     try:
+        if child.stdout:
+            threading.Thread(target=_prefix_lines, args=(child.stdout, name), daemon=True).start()
         yield child
     finally:
         child.terminate()

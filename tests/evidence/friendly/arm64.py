@@ -19,7 +19,7 @@ PYTHON = "/boat/opt/aritra/bin/python"
 ANSWERS = "tests.evidence.friendly.machine_answers"
 TESTS = ("tests/companion/core", "tests/drivers")
 LEAST_PASSED = 3600
-"""Of the 3,698 tests of core and drivers: fewer are not all of them."""
+"""Of about 3,700 tests of core and drivers: fewer are not all of them."""
 CLOSE = 1e-9
 """Largest difference of forces [N] and states [m, rad, m/s, rad/s] that counts as none."""
 Answer = dict[str, np.ndarray]

@@ -55,11 +55,12 @@ class Parser(argparse.ArgumentParser):
         """One sentence, and where to find help; exit code 2."""
         sentence = message.removeprefix("argument ")
         if unknown := re.search(r"invalid choice: (.*?) \(choose from (.*)\)$", sentence):
-            name, choices = unknown[1].strip("'\""), re.findall(r"[\w.-]+", unknown[2])
+            shown = unknown[1] if unknown[1][:1] in ("'", '"') else repr(unknown[1])
+            name, choices = shown.strip("'\""), re.findall(r"[\w.-]+", unknown[2])
             listed = f"; choose from {', '.join(choices)}"
             what = "command" + (did_you_mean(name, choices) or listed) if self._subparsers else "value" + listed
             before = "" if self._subparsers else sentence[: unknown.start()]
-            sentence = f"{before}{name!r}: unknown {what}"
+            sentence = f"{before}{shown}: unknown {what}"
         self.exit(BAD_INPUT, f"{self.prog}: {sentence}\nusage: {self.prog} --help\n")
 
     def _own(self, words: Sequence[str]) -> list[str]:

@@ -22,6 +22,7 @@ from tests.companion.command_line import exit_code
         ("run fast", "aritra run: fast: not expected here"),
         ("run ''", "aritra run: '': not expected here"),
         ("provision --wiring gat", "'gat': unknown value; choose from gate, scaled, omni"),
+        ("completion '\x1b[31-'", r"aritra completion: shell: '\x1b[31-': unknown value; choose from bash"),
         ("log plot", "aritra log plot: the following arguments are required: LOG"),
     ],
 )

@@ -11,7 +11,7 @@ from companion.__main__ import main
 from companion.core.telemetry.order_gate import OrderGate
 from companion.shore import stop_boats
 from tests.companion.command_line import exit_code
-from tests.support.console_server_fixture import KEY, Boat, serving
+from tests.support.console_server_fixture import KEY, Boat, serving, until
 from tests.support.zenoh_fixture import free_port, router
 
 
@@ -116,6 +116,7 @@ def test_without_an_endpoint_it_goes_through_the_console_of_this_computer(key, c
         async with serving() as desk:
             monkeypatch.setattr("companion.cli.shore.stop.LOCAL", f"tcp/127.0.0.1:{desk.zenoh}")
             with boats(desk.zenoh, "a", "b") as both:
+                await until(lambda: len(desk.console.store.boats) == 2)
                 assert await asyncio.to_thread(main, ["stop", "--command-key", str(key)]) == 0
                 return [boat.obeyed for boat in both]
 

@@ -36,8 +36,6 @@ from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.preparation.gaps import split_at_pauses
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.engine.parameters import HULL
-from sim.fitting.engine.split import NamedLog
-from sim.fitting.wiring.levelling import levelled
 
 WINDOW_S = 0.5
 LATENT_TIME_S = 0.5
@@ -86,10 +84,9 @@ def _of_day(effect: Effect) -> bool:
 def mission_information(run: Run, vessel: VesselFile) -> MissionInformation:
     """Fit the log `run` of the boat of `vessel`; what it says of theta. It depends on no other log.
 
-    Roll and pitch that follow the boat's own acceleration are left out. Raises StructuredFitError, RunError.
+    Raises StructuredFitError, RunError.
     """
-    (log,) = levelled([NamedLog(run.meta.source, run)])
-    runs = split_at_pauses(log.run)
+    runs = split_at_pauses(run)
     effects = [e for e in catalogue(vessel, runs) if e.always_free and (_is_watched(e) or _of_day(e))]
     stated = replace(stated_noise(vessel, runs), latent_time_s=LATENT_TIME_S)
     fit = PosteriorFit(EffectPhysics(runs, vessel, WINDOW_S), effects, stated)

@@ -5,7 +5,11 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from asyncio import AbstractEventLoop  # slow to import, and most commands have no loop
 
 ENDING = ("SIGTERM", "SIGHUP")
 """`kill` and a closed terminal; Windows has no SIGHUP."""
@@ -24,3 +28,10 @@ def ended_as_by_ctrl_c() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def call_when_asked_to_end(loop: AbstractEventLoop, end: Callable[[], object]) -> None:
+    """For a command with an orderly end of its own: Ctrl-C, `kill` and a closed terminal call `end` on `loop`."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        with contextlib.suppress(NotImplementedError):  # event loops of Windows have no signal handlers
+            loop.add_signal_handler(number, end)

@@ -45,8 +45,8 @@ async def stop_boats(
     work = [session, asyncio.create_task(_receive(client, store))]
     try:
         await _connected(client, session)
-        for boat in names:
-            given[boat] = given.get(boat) or asyncio.create_task(give(boat))
+        for boat in dict.fromkeys(names):
+            given[boat] = asyncio.create_task(give(boat))
         if not names:
             async for boat in _in_reach(client, store, others_s):
                 given[boat] = asyncio.create_task(give(boat))

@@ -8,7 +8,6 @@ import contextlib
 import gc
 import os
 import random
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -29,6 +28,7 @@ from companion.boat.uplink.uplink import Shore, shore_of
 from companion.cli.boat.run_console import RunConsole
 from companion.cli.boat.run_end import RunEnd
 from companion.cli.boat.wires import add_config, add_wires, devices_of_run, port_of, signing_of
+from companion.cli.interrupts import call_when_asked_to_end
 from companion.cli.options.files import excitation_file, mission_file
 from companion.cli.options.outputs import output, reason
 from companion.cli.options.values import seconds
@@ -227,10 +227,7 @@ async def _drive(
         vision_hz=setup.run.vision.rate_Hz if setup.run.vision else None,
         guard=guard,
     )
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        with contextlib.suppress(NotImplementedError):  # event loops of Windows have no signal handlers
-            loop.add_signal_handler(number, end)
+    call_when_asked_to_end(asyncio.get_running_loop(), end)
     if args.start:
         app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"), SWITCH_ON_S)
     _hurry()

@@ -7,7 +7,6 @@ import asyncio
 import contextlib
 import re
 import secrets
-import signal
 import socket
 import sys
 import time
@@ -15,6 +14,7 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from companion.cli.interrupts import call_when_asked_to_end
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.values import port
 from companion.cli.shore.key_files import KeyFiles
@@ -125,10 +125,8 @@ def _say(text: str) -> None:
 
 async def _until_signal(work) -> None:
     """Await `work`; SIGINT, SIGTERM and SIGHUP cancel it in order."""
-    task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        with contextlib.suppress(NotImplementedError):  # event loops of Windows have no signal handlers
-            loop.add_signal_handler(number, task.cancel)
+    task = asyncio.ensure_future(work)
+    call_when_asked_to_end(asyncio.get_running_loop(), task.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await task
 

@@ -80,11 +80,8 @@ def _has_it(order: SentOrder) -> bool:
 
 
 def _print(order: SentOrder) -> None:
-    if order.outcome is None:
-        line = f"NOT STOPPED: {order.why}"
-    else:
-        state = (
-            "stopped" if _has_it(order) else "PARTLY STOPPED" if order.outcome.status != "refused" else "NOT STOPPED"
-        )
+    line = f"NOT STOPPED: {order.why}"
+    if order.outcome is not None:
+        state = "NOT STOPPED" if order.outcome.status == "refused" else "PARTLY STOPPED" if order.missing else "stopped"
         line = f"{state} after {order.after_ms:.0f} ms: {order.outcome.text}. {order.why}".strip()
     print(f"{order.boat}: {line}", flush=True)

@@ -29,7 +29,7 @@ PAUSE_S = 0.2
 PATIENCE_S = {"stop": 10.0, "hold": 5.0, "start": 5.0, "manual": 5.0, "load_mission": 5.0}
 """How long an order is repeated. Others than a stop are not believed when older than 5 s, and should not be."""
 OVERTAKEN = "a STOP was given after it: it is not sent any more"
-NO_KEY = "a program without this key"
+STRANGER = "a program without this key"
 MAX_TOLD = 50
 TOLD = 8
 """Runs of a shared name that its programs are told of: as many as an order may carry."""
@@ -130,9 +130,9 @@ class Orders:
             order.outcome, order.after_ms = next(iter(chase.refused.values())), self._after_ms(order)
         if order.outcome is None:
             return self.end(order, "no_answer", _no_answer("stop", chase.strange))
-        order.missing = (*chase.refused, *silent, *([NO_KEY] if chase.strange else []))
+        order.missing = (*chase.refused, *silent, *([STRANGER] if chase.strange else []))
         unheard = f" Heard under this name and without an answer: run {', '.join(silent)}." if silent else ""
-        strange = f" {NO_KEY.capitalize()} answered under this name, too." if chase.strange else ""
+        strange = f" {STRANGER.capitalize()} answered under this name, too." if chase.strange else ""
         self.end(order, "answered", f"{_stopped(chase, order)}{unheard}{strange}".strip())
 
     # --- other orders ------------------------------------------------------------------------------
@@ -229,12 +229,9 @@ def _stopped(chase: StopChase, order: SentOrder) -> str:
     if len(chase.stopped) < 2 and not (chase.stopped and chase.refused):
         return ""
     no = "".join(f" Run {run} refused it: {outcome.text}." for run, outcome in chase.refused.items())
-    have = (
-        "1 program that calls itself"
-        if len(chase.stopped) == 1
-        else f"{len(chase.stopped)} programs that call themselves"
-    )
-    return f"{have} {order.boat} {'has' if len(chase.stopped) == 1 else 'have'} it.{no}"
+    if len(chase.stopped) == 1:
+        return f"1 program that calls itself {order.boat} has it.{no}"
+    return f"{len(chase.stopped)} programs that call themselves {order.boat} have it.{no}"
 
 
 def _no_answer(command: Word, strange: OrderOutcome | None) -> str:

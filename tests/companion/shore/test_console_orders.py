@@ -153,7 +153,7 @@ def test_a_strangers_answer_ends_nothing():
     water = Water([Stranger(), boat := Boat(deaf=2)])
     given = water.give()
     assert given.outcome.run == "run" and boat.commands == ["stop"]
-    assert given.missing == (module.NO_KEY,) and "answered under this name, too" in given.why
+    assert given.missing == (module.STRANGER,) and "answered under this name, too" in given.why
 
 
 def test_an_overheard_answer_is_none_to_another_order():

@@ -56,12 +56,11 @@ def _rough_reference(diagnosis: Diagnosis) -> bool:
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
-    corrected, logs = len(diagnosis.wiring.corrected), _logs(diagnosis)
+    count, logs = len(diagnosis.causes) + len(diagnosis.wiring.corrected), _logs(diagnosis)
     if diagnosis.verdict == "named" and not diagnosis.causes:
         return (
             f"{logs}: with that put right, nothing else is wrong with {diagnosis.base.name} that these logs can show."
         )
-    count = len(diagnosis.causes) + corrected
     are = "one cause is" if count == 1 else f"{count} causes are"
     they = "it explains" if count == 1 else "they explain"
     return {

@@ -67,7 +67,7 @@ def test_hard_driving_in_rough_water_stays_inside(seed):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [*range(10, 13), *(pytest.param(s, marks=pytest.mark.matrix) for s in range(13, 20))])
+@pytest.mark.parametrize("seed", [10, *(pytest.param(s, marks=pytest.mark.matrix) for s in range(11, 20))])
 def test_runs_longer_than_the_basin_stay_inside_on_ten_more_seeds(seed):
     flown = fly(setup_with(FAR), rough(seed), seed)
     check(flown, FAR.margin_m - 0.4)

@@ -58,8 +58,12 @@ GATE_SCRIPT = SCRIPTS_STOP, SCRIPTS_RESTART, "scripts stopped"
 
 @pytest.mark.parametrize(
     ("mode", "take", "give", "why"),
-    [("auto", *SWITCH), ("auto", *GATE_SCRIPT), ("hold", *SWITCH), ("manual", *GATE_SCRIPT)],
-    ids=["switch in auto", "script in auto", "switch in hold", "script in manual"],
+    [
+        pytest.param("auto", *SWITCH, id="switch in auto"),
+        pytest.param("auto", *GATE_SCRIPT, id="script in auto"),
+        pytest.param("hold", *SWITCH, id="switch in hold", marks=pytest.mark.long),
+        pytest.param("manual", *GATE_SCRIPT, id="script in manual", marks=pytest.mark.long),
+    ],
 )
 def test_nothing_turns_when_the_outputs_are_back(mode, take, give, why):
     scene = Scene(mode)

@@ -176,7 +176,7 @@ def test_without_plans_the_fallback_keeps_to_the_path(name):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("world", [{}, ROUGH], ids=["calm", "disturbed"])
+@pytest.mark.parametrize("world", [{}, pytest.param(ROUGH, marks=pytest.mark.matrix)], ids=["calm", "disturbed"])
 @pytest.mark.parametrize("name", BOATS)
 def test_the_demo_mission_within_the_limits(name, world):
     run = voyage(2, None, vessel=name, **world)

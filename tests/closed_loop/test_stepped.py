@@ -41,6 +41,7 @@ def test_calm_within_the_limits(calm):
     check(calm, 0.15)
 
 
+@pytest.mark.long
 def test_disturbed_within_the_limits():
     check(driven(1, **ROUGH), 0.25)
 

@@ -9,10 +9,17 @@ from tests.support.drive_fixture import CORNER, figures, settled, voyage
 SMALL = Weather(H_s_m=0.1, T_p_s=1.8)
 
 
-MORE = [pytest.param(w, seed, marks=pytest.mark.long) for w in (WAVES, SMALL) for seed in (1, 3)]
+MORE = [(WAVES, 1), (WAVES, 3), (SMALL, 3)]
 
 
-@pytest.mark.parametrize(("weather", "seed"), [(WAVES, 2), *MORE])
+@pytest.mark.parametrize(
+    ("weather", "seed"),
+    [
+        (WAVES, 2),
+        pytest.param(SMALL, 1, marks=pytest.mark.long),
+        *(pytest.param(*more, marks=(pytest.mark.long, pytest.mark.matrix)) for more in MORE),
+    ],
+)
 def test_the_estimate_is_right_in_waves_and_the_boat_stays_on_its_track(weather, seed):
     run = voyage(seed, weather=weather)
     assert run.run(settled(10.0), 120.0), run.state.helm

@@ -105,6 +105,7 @@ def test_a_case_whose_workers_always_die_has_failed(tmp_path):
     assert json.loads((out / "failed.json").read_text())[0]["seed"] == 1
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_what_is_done_and_leaves_nobody_behind(tmp_path):
     command = [*ARITRA, str(campaign_file(tmp_path)), "--out", str(tmp_path), "--jobs", "2"]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -67,6 +67,7 @@ def order(shore_side, command, mission=None, key=KEY):
     return answer
 
 
+@pytest.mark.long
 def test_driven_from_shore_through_a_router_that_stalls(tmp_path):  # noqa: PLR0915  (one story)
     """The console is there before the boat; the router stops taking bytes for 3 s while the boat drives."""
     udp, tcp, tag = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM), tmp_path / "tag"

@@ -48,6 +48,7 @@ def test_a_suite_that_fails_falls_short_and_is_counted():
     assert [line.judged for line in suite.suite(False)] == [False]
 
 
+@pytest.mark.long
 def test_sizes_are_those_of_this_checkout():
     figures = {line.what: line.figure for line in rooms(False)}
     assert 5 <= figures["modules in the largest folder"] < math.inf

@@ -130,6 +130,7 @@ def test_a_writable_station_can_take_the_boat_away_but_not_drive_it(tmp_path):
         assert len([t for t in words if t.startswith(f"Aritra: {what} refused: ")]) == 1
 
 
+@pytest.mark.long
 def test_the_station_hears_of_a_refusal_again_when_it_tries_a_minute_later(tmp_path):
     async def tale(bench, station):
         for _ in range(2):

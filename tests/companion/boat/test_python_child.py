@@ -46,6 +46,7 @@ def test_the_child_whose_start_is_measured():
     assert next(starts(EXAMPLES / "boats" / "aritra.toml")).status == "ok"
 
 
+@pytest.mark.long
 def test_the_demo_starts_boat_and_companion(in_the_way):
     with (in_the_way / "said.txt").open("w") as file:
         demo = subprocess.Popen(aritra("demo", "--out", "demo"), stdout=file, stderr=subprocess.STDOUT)

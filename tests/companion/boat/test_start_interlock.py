@@ -87,7 +87,7 @@ PLUGGED_IN_S = 25.0
 
 
 @pytest.mark.parametrize("command", ["start", "hold", "manual"])
-@pytest.mark.parametrize("cleared", [False, True])
+@pytest.mark.parametrize("cleared", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_an_order_without_an_autopilot_expires(command, cleared, path):
     """It waited for ever: obeyed an hour later, in the moment in which an autopilot was plugged in."""
     bench = Guarded(path)

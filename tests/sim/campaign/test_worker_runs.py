@@ -27,6 +27,7 @@ def works(folder, kind, more):
     return [inputs.work(case) for case in cases]
 
 
+@pytest.mark.long
 def test_an_identification_of_a_simulated_drive_is_judged_by_its_truth(tmp_path):
     """Seed 3, 60 s; the true boat has more drag than the file says."""
     more = "[identify]\ndrive_s = 60.0\n[set]\ntruth.damping.X_uu_N_s2_m2 = -15.0"

@@ -64,6 +64,7 @@ def test_what_only_ranges_have_is_not_in_the_catalogue():
     assert with_uwb - names == RANGES_ONLY - {"nlos"}
 
 
+@pytest.mark.long
 def test_a_weak_thruster_is_named_and_the_file_keeps_its_antenna(tmp_path):
     weak = replace(UWB, thrusters=tuple(replace(t, gain=0.5) if i == 0 else t for i, t in enumerate(UWB.thrusters)))
     write_run(drive(weak, 8, 80.0), tmp_path / "drive.csv")

@@ -106,6 +106,7 @@ def test_rotation_gives_sound_parts_that_read_as_one(tmp_path, step_clock):
     assert not recorder.lost
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_length_of_a_log(tmp_path, step_clock):
     """A file's index, one entry for each chunk and channel, is in memory until the file ends."""
 

@@ -67,6 +67,7 @@ def test_a_boat_does_not_drive_on_where_its_commissioning_is_asked_to_end(tmp_pa
 
 
 @pytest.mark.alone
+@pytest.mark.long
 def test_a_flight_on_real_wires_leaves_its_log_in_its_folder(tmp_path):
     one = Pulses(name="each thruster", levels=(0.3,), on_s=0.2, off_s=0.3)
     plan = Excitation(format=1, name="signs", homing=False, segments=(one,))

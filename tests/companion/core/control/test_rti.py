@@ -45,7 +45,9 @@ def dense_optimum(ocp: Ocp, x0, p):
 
 
 @pytest.mark.parametrize(
-    "rate", [None, 0.4, np.array([0.4, 0.2, 0.8])], ids=["bounds", "bounds and rates", "bounds and a rate for each"]
+    "rate",
+    [None, pytest.param(0.4, marks=pytest.mark.long), np.array([0.4, 0.2, 0.8])],
+    ids=["bounds", "bounds and rates", "bounds and a rate for each"],
 )
 @pytest.mark.parametrize("seeds", [(1, 2), pytest.param((3, 4, 5, 6), marks=pytest.mark.long)])
 @pytest.mark.parametrize("compiler", WAYS)

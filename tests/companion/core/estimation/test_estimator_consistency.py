@@ -43,7 +43,8 @@ def test_two_seeds_reach_the_goals_and_are_not_overconfident(disturbed: bool) ->
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("disturbed", [pytest.param(False, marks=pytest.mark.matrix), True])
+@pytest.mark.matrix
+@pytest.mark.parametrize("disturbed", [False, True])
 def test_twenty_seeds_reach_the_goals_and_are_consistent(disturbed: bool) -> None:
     runs = scores(range(1, 21), disturbed, 150.0)
     assert_goals(runs)

@@ -84,6 +84,7 @@ def test_a_position_of_which_one_axis_alone_is_good_is_none(running, estimator) 
     assert [one.accepted for one in seen] == [False, True] and halved.position_ns == before.position_ns < before.t_ns
 
 
+@pytest.mark.long
 def test_positions_serve_where_no_ranges_exist(run, estimator) -> None:
     rng = np.random.default_rng(5)
 

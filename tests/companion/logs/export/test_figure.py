@@ -30,6 +30,7 @@ def test_it_is_as_wide_as_asked_and_nothing_stands_outside(drive_log, width_mm):
             assert box.y1 <= whole.y1 + 1, artist
 
 
+@pytest.mark.long
 def test_a_pdf_has_its_fonts_inside_and_comes_out_the_same_twice(drive_log, tmp_path):
     log = drive_log(5.0)
     for name in ("a.pdf", "b.pdf"):

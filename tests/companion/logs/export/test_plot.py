@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -85,6 +86,7 @@ def test_thrusters_have_the_names_of_the_vessel_file(tmp_path):
         assert collect(LogFile(path)).thrusters == names
 
 
+@pytest.mark.long
 def test_no_legend_lies_on_a_title(drive_log):
     figure = Figure(figsize=(15, 10), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)

@@ -64,6 +64,7 @@ def test_a_weak_thruster_is_seen_in_wind_and_current():
     assert change["thruster_gain:rear_port"] < -0.12
 
 
+@pytest.mark.long
 def test_positions_far_astray_are_as_if_they_were_not_there(windy):
     run = teleop_run(VESSEL, 5, 90.0, weather=WINDY)
     known = run.table["north_m"].is_not_null().to_numpy().nonzero()[0]

@@ -16,8 +16,10 @@ from tests.hidden.write import write_case
 
 TRAIN_S = 150.0
 """Half of the logs of the large benchmark: the everyday suite stays quick."""
-EVERYDAY = ("thruster_gain", "none")
-CASES = tuple(fixed_cases(TRAIN_S))
+EVERYDAY = ("thruster_gain",)
+MORE = ("cg_shift", "gyro_bias", "heading_offset", "uwb_lever_arm")
+"""Left to `make matrix`: `scripts/evidence diagnose` draws many of each family."""
+MARKS = {name: (pytest.mark.long, *([pytest.mark.matrix] * (name in MORE))) for name in fixed_cases(TRAIN_S)}
 
 
 def said_of(case: str, folder: Path) -> tuple[dict, dict]:
@@ -36,7 +38,7 @@ def said_of(case: str, folder: Path) -> tuple[dict, dict]:
 
 
 @pytest.mark.parametrize(
-    "case", [name if name in EVERYDAY else pytest.param(name, marks=pytest.mark.long) for name in CASES]
+    "case", [pytest.param(name, marks=() if name in EVERYDAY else marks) for name, marks in MARKS.items()]
 )
 def test_what_is_hidden_is_found(case: str, tmp_path: Path) -> None:
     found, truth = said_of(case, tmp_path)

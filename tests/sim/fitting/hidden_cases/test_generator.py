@@ -51,7 +51,7 @@ def test_imperfections_are_many_and_below_what_is_worth_naming():
 # -- files ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("index", [0, 1, pytest.param(2, marks=pytest.mark.long)])
 def test_the_files_are_runs_and_say_nothing_of_the_truth(index, tmp_path):
     case = draw.draw("files", index, train_s=25.0)
     case.with_reference, case.as_csv = True, index == 1
@@ -92,7 +92,7 @@ def test_the_fixed_set_is_what_it_says():
 # -- gain, and the whole way ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("family", ["thruster_gain", "current", "uwb_lever_arm"])
+@pytest.mark.parametrize("family", ["thruster_gain", "current", pytest.param("uwb_lever_arm", marks=pytest.mark.long)])
 def test_the_true_cause_gains_and_a_wrong_one_does_not(family, tmp_path):
     case = draw.draw("gain", 1, kind="medium", family=family, uwb_hz=5, train_s=30.0)
     case.world, case.calm = case.base.copy(), case.base.copy()  # no imperfections: base plus cause is the truth

@@ -69,6 +69,7 @@ def magnetised(vessel: VesselFile, a: float, b: float) -> VesselFile:
     return replace(vessel, sensors=replace(vessel.sensors, imu=imu))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["right", "wrong"])
 def test_a_compass_is_put_right_only_where_predictions_are_better_for_it(sign, monkeypatch):
     """Seeds 11 and 12; course over ground is taken to have said what is true, or the opposite."""
@@ -83,6 +84,7 @@ def test_a_compass_is_put_right_only_where_predictions_are_better_for_it(sign, m
     assert (imu.hard_iron_cos_rad, imu.hard_iron_sin_rad) == pytest.approx(believed, abs=1e-9)
 
 
+@pytest.mark.long
 def test_what_the_file_says_of_the_compass_is_believed_by_either_method():
     """A file that knows the error, and a log without one: the same fit."""
     iron = magnetised(FILE, 0.3, 0.0)
@@ -98,6 +100,7 @@ def test_what_the_file_says_of_the_compass_is_believed_by_either_method():
     assert put_right["Y_vv_N_s2_m2"].se < 2 * right["Y_vv_N_s2_m2"].se < off["Y_vv_N_s2_m2"].se
 
 
+@pytest.mark.long
 def test_a_day_s_current_and_what_nobody_measured_are_fitted_where_that_predicts_better():
     """0.2 m/s of current, a compass that is 0.1 rad off, an IMU 0.2 m ahead of where the file has it; seed 14."""
     imu = replace(FILE.sensors.imu, x_m=FILE.sensors.imu.x_m + 0.2, heading_offset_rad=0.1)
@@ -114,11 +117,13 @@ def test_a_day_s_current_and_what_nobody_measured_are_fitted_where_that_predicts
     assert day["current"]["V_c_m_s"] == pytest.approx(0.2, abs=0.03)
 
 
+@pytest.mark.long
 def test_a_boat_like_its_file_keeps_model_and_short_windows():
     found = chosen(teleop_run(FILE, 4, 150.0, uwb_hz=5.0, sigma_m=0.07))
     assert kept(found) == set() and found.method == WINDOWS and found.result.converged
 
 
+@pytest.mark.long
 def test_an_accelerometer_that_no_model_explains_costs_no_result():
     """0.3 m/s^2 of errors that last about a second (seed 1): short windows find no solution with them."""
     log = teleop_run(FILE, 1, 150.0, uwb_hz=5.0, sigma_m=0.07)
@@ -146,6 +151,7 @@ def test_settings_that_state_the_method_are_obeyed():
     assert found.method == MULTI_STEP and found.result.horizon_s == 5.0 and found.trials == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seconds", "horizon_s"), [(240.0, HORIZONS_S[0]), (60.0, HORIZONS_S[1]), (35.0, HORIZONS_S[2])]
 )
@@ -157,6 +163,7 @@ def test_halves_of_one_log_are_alternate_blocks_as_long_as_it_allows(seconds, ho
     assert not set(np.concatenate(first)) & set(np.concatenate(second))
 
 
+@pytest.mark.long
 def test_four_logs_are_used_whole_and_a_short_log_has_no_halves():
     logs = [teleop_run(FILE, seed, 50.0) for seed in range(4)]
     halves = folds(logs, FILE)

@@ -47,6 +47,7 @@ def test_each_fault_is_named_and_put_right(fault):
     assert again.wiring.findings == () and again.vessel == found.vessel and again.logs == found.logs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("beside", ["compass", *(pytest.param(b, marks=long) for b in BESIDE if b != "compass")])
 def test_right_logs_are_left_alone_whatever_else_is_wrong(beside):
     run = drive("", beside, seed=SEED + 20, alone_s=0.0)
@@ -71,6 +72,7 @@ def test_what_pushes_alike_is_told_and_left_as_it_is():
     assert "push alone" in found.wiring.lines[0] and "no fit to them is to be trusted" in found.wiring.lines[0]
 
 
+@pytest.mark.long
 def test_as_found_tells_and_leaves_everything():
     run = drive("mirrored:port_starboard", seed=SEED + 50)
     found = check(run, as_found=True)

@@ -41,6 +41,7 @@ from tests.sim.fitting.diagnose.adequacy_fixture import (
 from tests.support.vessel_fixtures import BOATS
 
 
+@pytest.mark.long
 def test_three_names_for_one_thing_are_withdrawn():
     """All thrusters give a quarter less, said to be more drag of a heavier boat."""
     fit, base = other(_weaker)
@@ -83,6 +84,7 @@ def selected(model: CandidateModel, after: CandidateModel, *ids: str) -> Selecti
     return Selection(model, after, causes, [])
 
 
+@pytest.mark.long
 def test_a_cause_that_the_logs_do_not_ask_for_is_withdrawn():
     fit, model = clean()
     found = adequacy(fit, selected(model, model, "gyro_scale"), None)
@@ -99,6 +101,7 @@ def test_a_cause_that_is_there_stands():
     assert not found.withdrawn and not found.doubtful and found.adequacy.passed
 
 
+@pytest.mark.long
 def test_causes_that_one_group_outdoes_stand_in_for_it():
     """What the compass does in one half of the basin, said to be an offset of the heading everywhere."""
     fit, base = faulty(compass_off_by_place)

@@ -52,6 +52,7 @@ def test_a_map_that_is_bent_as_far_as_it_may_be_can_be_written_and_loaded(end):
     assert min(c.c2_rps for m in maps for c in (m.ahead, m.astern)) > 0.01  # rounding took it below zero
 
 
+@pytest.mark.long
 def test_thrusters_that_give_less_astern_at_every_command_are_named():
     found = selected(mapped(k_astern_N_s2=lambda m: 0.82 * m.k_astern_N_s2))
     assert [c.id for c in found.causes] == [ASTERN]

@@ -22,6 +22,7 @@ from sim.fitting.diagnose.selection.masking import Masking
 from tests.sim.fitting.diagnose.adequacy_fixture import clean, compass_off_by_place, faulty, other
 
 
+@pytest.mark.long
 def test_nothing_is_left_over_of_a_boat_that_is_as_the_file_says():
     fit, model = clean()
     found = adequacy(fit, Selection(model, model, [], []), None)
@@ -51,8 +52,8 @@ def _leaning(run: Run) -> Run:
     ("fault", "word", "kind"),
     [
         (compass_off_by_place, "position", "heading error over position"),
-        (_ageing, "time", "a_x error over time"),
-        (_leaning, "speed", "place error over speed"),
+        pytest.param(_ageing, "time", "a_x error over time", marks=pytest.mark.long),
+        pytest.param(_leaning, "speed", "place error over speed", marks=pytest.mark.long),
     ],
 )
 def test_what_no_entry_explains_is_found_by_what_it_depends_on(fault, word, kind):
@@ -68,7 +69,10 @@ def propelled(**more: float) -> Callable[[VesselFile], VesselFile]:
         vessel.propulsion, **{k: (getattr(vessel.propulsion, k) or 0.0) + v for k, v in more.items()}))  # fmt: skip
 
 
-@pytest.mark.parametrize("more", [{"lag_s": 0.12}, {"dead_time_s": 0.12}, {"slew_N_s": 15.0}])
+@pytest.mark.parametrize(
+    "more",
+    [{"lag_s": 0.12}, *(pytest.param(m, marks=pytest.mark.long) for m in ({"dead_time_s": 0.12}, {"slew_N_s": 15.0}))],
+)
 def test_thrust_that_comes_later_is_told_from_drag(more):
     fit, model = other(propelled(**more), "lag", "dead_time", "rate_limit")
     report = adequacy(fit, Selection(model, model, [], []), None).adequacy
@@ -83,6 +87,7 @@ def _obstructed(run: Run) -> Run:
     return Run(run.table.with_columns(north_m=pl.col("north_m") + pl.Series(1.0 * off)), run.meta)
 
 
+@pytest.mark.long
 def test_fixes_far_out_are_something_left_over_unless_a_cause_explains_them():
     fit, model = faulty(_obstructed)
     selection = Selection(model, model, [], [])

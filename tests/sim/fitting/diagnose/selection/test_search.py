@@ -26,6 +26,7 @@ from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short
 from tests.support.vessel_fixtures import boat
 
 
+@pytest.mark.long
 def test_causes_of_chance_that_are_there_for_sure_are_reported_however_small():
     """Of a calm log (seed 21), which shows none of them; a gusty wind stands for the wind."""
     fit = PosteriorFit(EffectPhysics([short()], VESSEL, 1.0), catalogue(VESSEL, [short()]), stated_noise(VESSEL))

@@ -119,7 +119,7 @@ def _carried_out(task: CommissionTask, boat: Boat, journal: FlightJournal, conso
 def _setup(args: argparse.Namespace) -> RunSetup:
     """The run file's setup with the files of the command line, without an excitation. Raises ConfigError."""
     instead = {"vessel.toml": args.vessel, "site.toml": args.site}
-    return setup_instead(args.config, instead, "commissioning", mission=args.mission)
+    return setup_instead(args.config, instead, "commissioning flights", mission=args.mission)
 
 
 def _beside(run: str, files: Mapping[str, str]) -> str:

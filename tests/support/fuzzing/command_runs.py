@@ -95,9 +95,14 @@ def _unclear(said: str, words: list[str]) -> str:
     if "Traceback" in said:
         return "a traceback"
     named = re.search(r" -+[a-z]", first) or re.search(r"\b[A-Z]{3,}\b", first)
-    told = any((word and word in first) or repr(word) in first for word in words[1:])
+    told = any((word and word in first) or repr(word) in first for word in [*words[1:], *map(_as_path, words[1:])])
     known = any(text in first for text in WORDLESS) or "unknown command" in first
     return "" if named or told or known else "nothing is named"
+
+
+def _as_path(word: str) -> str:
+    """As a program writes a path back: `a//b` is a/b."""
+    return str(Path(word)) if "/" in word else word
 
 
 @contextlib.contextmanager

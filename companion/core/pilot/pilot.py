@@ -29,6 +29,7 @@ from companion.core.pilot.thrust_command import ThrustCommander
 from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
+from companion.core.pilot.trust.thruster_monitor import ThrusterState
 from companion.core.pilot.trust.verdict import Finding, vet
 from companion.core.sensors.table import SensorTable
 
@@ -111,7 +112,7 @@ class Pilot:
         view = TickView(
             t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
             self.settings.control.period_s, state.helm.driving, state.helm.mode == "excitation",
-            state.monitor(MotionState).is_suspect,
+            state.monitor(MotionState).is_suspect, state.monitor(ThrusterState).suspected,
         )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)

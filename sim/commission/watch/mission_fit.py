@@ -29,13 +29,14 @@ from sim.fitting.diagnose.posterior.noise import (
     estimated_latent,
     estimated_white_noise,
     stated_noise,
-    with_unknown_lean,
 )
 from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.preparation.gaps import split_at_pauses
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.engine.parameters import HULL
+from sim.fitting.engine.split import NamedLog
+from sim.fitting.wiring.levelling import levelled
 
 WINDOW_S = 0.5
 LATENT_TIME_S = 0.5
@@ -84,9 +85,11 @@ def _of_day(effect: Effect) -> bool:
 def mission_information(run: Run, vessel: VesselFile) -> MissionInformation:
     """Fit the log `run` of the boat of `vessel`; what it says of theta. It depends on no other log.
 
-    Raises StructuredFitError, RunError.
+    Roll and pitch that follow the boat's own acceleration are left out; what a lean that nobody knows adds to the noise
+    of accelerometers is estimated with it. Raises StructuredFitError, RunError.
     """
-    runs = split_at_pauses(run)
+    (log,) = levelled([NamedLog(run.meta.source, run)])
+    runs = split_at_pauses(log.run)
     effects = [e for e in catalogue(vessel, runs) if e.always_free and (_is_watched(e) or _of_day(e))]
     stated = replace(stated_noise(vessel, runs), latent_time_s=LATENT_TIME_S)
     fit = PosteriorFit(EffectPhysics(runs, vessel, WINDOW_S), effects, stated)
@@ -115,8 +118,6 @@ def _solved(fit: PosteriorFit, effects: Sequence[Effect], near: LinearisationPoi
         point = fit.solve(theta, z, effects, active, steps=steps, before=point)
         theta, z = point.theta, point.z
         fit.noise = estimated_white_noise(fit.noise, point, stated)
-        if not fit.physics.levelled:
-            fit.noise = with_unknown_lean(fit.noise)
         fit.noise = estimated_latent(fit, point)
         fit.count_degrees_of_freedom(point)
     return fit.point(theta, z, effects, point).without_columns()

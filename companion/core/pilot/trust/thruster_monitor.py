@@ -42,7 +42,8 @@ class ThrusterState:
     """`bank`; what has come since the last tick: `force`, `count` of samples, `rates` (instant, r) of the attitudes;
     `before`: the filter at the last tick, and its yaw rate; `health`: what is known; `probing`: forces that cancel
     each other are commanded, to tell one thruster from another; `quiet_until_ns`: commands of before the latest
-    change are still under way; `accel_off`: the accelerometer is left out until the next start.
+    change are still under way; `suspected`: hypotheses that explain it alike, in words, since they were told of;
+    `accel_off`: the accelerometer is left out until the next start.
     """
 
     bank: BankState
@@ -56,7 +57,7 @@ class ThrusterState:
     hopeless: str = ""
     probing: bool = False
     quiet_until_ns: int = 0
-    doubted: bool = False
+    suspected: str = ""
     accel_off: bool = False
 
 
@@ -83,9 +84,9 @@ class ThrusterMonitor(Monitor[ThrusterState]):
     ) -> tuple[ThrusterState, MonitorReport]:
         """Collect what the tick will need; a new start forgets that nothing can be done, not what was found."""
         if isinstance(message, OperatorCommand):
-            if message.command == "stop" or not (state.hopeless or state.accel_off or state.doubted):
+            if message.command == "stop" or not (state.hopeless or state.accel_off or state.suspected):
                 return state, NOTHING
-            return replace(state, hopeless="", accel_off=False, doubted=False, bank=self._bank.initial()), NOTHING
+            return replace(state, hopeless="", accel_off=False, suspected="", bank=self._bank.initial()), NOTHING
         sensor = self._sensors[type(message)]
         if sensor.screen(message)[0] is None:
             return state, NOTHING
@@ -139,11 +140,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView
     ) -> tuple[ThrusterState, MonitorReport]:
         """Several explain it alike."""
-        if state.doubted:
+        if state.suspected:
             return state, _report(state)
-        text = "the boat does not do what it is told: " + " or ".join(_words(h, self._names) for h in rivals[:3])
-        alert = Alert(t_ns=view.t_ns, level="warning", text=text)
-        return replace(state, doubted=True), _report(state, alert)
+        suspected = " or ".join(_words(h, self._names) for h in rivals[:3])
+        alert = Alert(t_ns=view.t_ns, level="warning", text=f"the boat does not do what it is told: {suspected}")
+        return replace(state, suspected=suspected), _report(state, alert)
 
     def _found(self, state: ThrusterState, k: int, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """One explains it."""
@@ -181,7 +182,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         alert = Alert(t_ns=view.t_ns, level="error", text=f"{text} ({nats:.0f} nats)")
         state = replace(
             state, bank=self._bank.initial(), health=ThrusterHealth(tuple(gains), tuple(stuck), tuple(order)),
-            findings=(*state.findings, finding), hopeless=hopeless, probing=False, doubted=False,
+            findings=(*state.findings, finding), hopeless=hopeless, probing=False, suspected="",
             quiet_until_ns=view.t_ns + QUIET_NS,
         )  # fmt: skip
         return state, _report(state, alert)

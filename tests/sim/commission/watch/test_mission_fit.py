@@ -8,8 +8,10 @@ from msgspec.structs import replace
 from sim.commission.watch.filter import Belief, Likelihood
 from sim.commission.watch.mission_fit import MissionInformation, boat_effects, mission_information
 from sim.fitting.diagnose.vessel_edits.public_form import family
+from sim.fitting.wiring.levelling import without_tilt
 from sim.world.environment import Weather
 from sim.world.teleop_log import teleop_run
+from tests.sim.fitting.tilt_fixture import following_acceleration
 from tests.support.vessel_fixtures import boat
 
 VESSEL = boat("aritra")
@@ -62,6 +64,13 @@ def test_a_weak_thruster_is_seen_in_wind_and_current():
     change = {n: after[n] - before[n] for n in NAMES if n.startswith("thruster_gain:")}
     assert min(change, key=lambda n: change[n]) == "thruster_gain:rear_port"
     assert change["thruster_gain:rear_port"] < -0.12
+
+
+def test_a_tilt_that_follows_the_acceleration_is_left_out():
+    """As of a basin's autopilot, without GPS: levelled by it, coefficients were off by up to six sigmas."""
+    run = following_acceleration(teleop_run(VESSEL, 5, 90.0))
+    found, bare = mission_information(run, VESSEL), mission_information(without_tilt(run), VESSEL)
+    np.testing.assert_array_equal(found.eta, bare.eta)
 
 
 @pytest.mark.long

@@ -140,13 +140,24 @@ def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
     if args.simulate is None:
         given = [("--mavlink", args.mavlink), ("--uwb", args.uwb)]
         given += [("--device", f"{key}={url}") for key, url in args.device]
-        return RealBoat(tuple(word for option, url in given if url for word in (option, url)))
+        return RealBoat(tuple(word for option, url in given if url for word in (option, url)), fly_on)
     if args.start is None:
         args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
     true = load_vessel(text_of(args.simulate), name=str(args.simulate))
     if len(true.controls) != len(setup.pilot.vessel.controls):
         raise ConfigError(f"--simulate: {args.simulate}: it has not as many thrusters as the first vessel file")
     return SimulatedBoat(replace(world_setup(args, setup), vessel=true), args.seed)
+
+
+def fly_on(ending: str) -> bool:
+    """A person at this terminal, whether to fly on after a flight that ended so; without one: no."""
+    if not sys.stdin.isatty():
+        return False
+    try:
+        answer = input(f"The flight ended early ({ending}). Look at the boat: fly on? [y/N] ")
+    except EOFError:
+        return False
+    return answer.strip().lower() in ("y", "yes")
 
 
 def _write(outcome: CommissionOutcome, out: Path, journal: FlightJournal, site: Site) -> dict[str, str]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.boat.load_run import setup_of
 from companion.core.excitation.pen import Pen
-from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference
+from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference, ModeStatus
 from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogError, LogFile
 from companion.python_child import aritra
@@ -42,7 +42,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Flown:
-    """How a flight ended, in words; `done`: as it should."""
+    """How a flight ended, in words; `done`: it came to its end."""
 
     done: bool
     ending: str
@@ -53,6 +53,10 @@ class Boat(Protocol):
 
     def fly(self, files: Mapping[str, str], folder: Path, say: Say) -> Flown:
         """Fly the excitation, or the mission where there is none; the log is left in `folder`."""
+        ...
+
+    def goes_on(self, ending: str) -> bool:
+        """Whether another flight may begin after one that was not done, `ending` in words: somebody has looked."""
         ...
 
 
@@ -90,6 +94,10 @@ class SimulatedBoat:
         why = run.state.helm.why if started else f"never began: {run.state.helm.why}"
         return Flown(done, "done" if done else why)
 
+    def goes_on(self, ending: str) -> bool:
+        """Always: somebody is there, brings it back where that is needed, and goes on."""
+        return True
+
     def _start(self, flights: Path) -> tuple[float, float, float]:
         last = _last_place(flights)
         if last is None or float(Pen(self.world.site).clearance(np.array([last[:2]]))[0]) < NEAR_M:
@@ -99,9 +107,14 @@ class SimulatedBoat:
 
 @dataclass(frozen=True)
 class RealBoat:
-    """`aritra run` as a process of its own; it can be stopped as ever. `wires`: more words of its command line."""
+    """`aritra run` as a process of its own; it can be stopped as ever. `wires`: more words of its command line.
+
+    `ask`: a person, told how the flight ended, whether to go on. A boat that was stopped, or has stopped itself, does
+    not move again because the next flight begins.
+    """
 
     wires: tuple[str, ...] = ()
+    ask: Callable[[str], bool] = lambda _ending: False
 
     def fly(self, files: Mapping[str, str], folder: Path, say: Say) -> Flown:
         """See `Boat`."""
@@ -120,8 +133,12 @@ class RealBoat:
                 process.wait()
                 raise
         done = _is_done(folder / LOG)
-        ending = "done" if done else f"`aritra run` ended with exit code {code}: its last lines say why"
-        return Flown(done, ending)
+        ending = _last_reason(folder / LOG) or f"`aritra run` ended with exit code {code}: its last lines say why"
+        return Flown(done, "done" if done else ending)
+
+    def goes_on(self, ending: str) -> bool:
+        """See `Boat`."""
+        return self.ask(ending)
 
 
 def _settled(run: SteppedRun) -> bool:
@@ -145,6 +162,16 @@ def _is_done(log: Path) -> bool:
             elif isinstance(message, GuidanceReference):
                 guided.append(message.phase)
     return flown[-1] == "done" or (len(flown) == 1 and guided[-1] in ARRIVED)
+
+
+def _last_reason(log: Path) -> str:
+    """Mode at the end of a log, and why; empty where it cannot be read."""
+    last = ""
+    with contextlib.suppress(LogError, OSError):
+        for message in LogFile(log).messages(ModeStatus):
+            if isinstance(message, ModeStatus):
+                last = f"{message.mode}: {message.why}"
+    return last
 
 
 def _last_place(folder: Path) -> tuple[float, float, float] | None:

@@ -85,6 +85,14 @@ class NotFlownError(Exception):
     """A flight left no tick under way: nothing would be gained by another."""
 
 
+class StoppedError(Exception):
+    """A flight was not done, and nobody has said that another may begin. `belief`: by all flights so far."""
+
+    def __init__(self, why: str, belief: BoatBelief):
+        super().__init__(why)
+        self.belief = belief
+
+
 class Commissioning:
     """One commissioning in a folder. `say`: a line to keep; `status`: what it is at just now."""
 
@@ -103,6 +111,8 @@ class Commissioning:
                 belief = self._stage(stage, belief)
             except NotFlownError as error:
                 return self._outcome(belief, belief.vessel, False, f"the boat did not fly: {error}")
+            except StoppedError as error:
+                return self._outcome(error.belief, error.belief.vessel, False, str(error))
             if stage is SIGNS and not belief.signs_known:
                 return self._outcome(belief, belief.first, False, _doubts(belief))
         if belief.fit is None:
@@ -140,6 +150,8 @@ class Commissioning:
                 record = replace(record, gained=gain_nats(before.known, belief.known, of))
             self.journal.close(folder, record)
             self._say(f"{stage.name}: {record.ending}; {'; '.join(news(before, belief))}")
+            if why := self._stopped(record):
+                raise StoppedError(why, belief)
 
     def _proven(self, belief: BoatBelief) -> CommissionOutcome:
         """The file to believe, and missions with the first and with it."""
@@ -160,14 +172,14 @@ class Commissioning:
         self._say(f"diagnosis: {'; '.join(found.lines) or 'nothing else is wrong'}")
         errors = ", ".join(f"{name} {error:.1%}" for name, error in judged.errors.items())
         self._say(f"proof: error of predictions {errors}: {judged.best} is believed")
-        for name, vessel in ((OLD, belief.first), (NEW, best)):
-            done = any(stage == name and record.seconds > 0 for stage, record in self._records())
-            if not done and (name == NEW or judged.best != BEGINNING):
-                self._mission(name, vessel)
-        last = [r for name, r in self._records() if name == NEW]
-        reached = bool(last) and last[-1].done
-        why = "" if reached else f"the mission did not come to its end: {last[-1].ending if last else 'not flown'}"
-        return changed(self._outcome(belief, best, reached, why), proof=judged, causes=found.lines)
+        over = {name for name, record in self._records() if record.done or (name == OLD and record.seconds)}
+        why = ""
+        if judged.best != BEGINNING and OLD not in over:
+            why = self._stopped(self._mission(OLD, belief.first))
+        if not why and NEW not in over:
+            last = self._mission(NEW, best)
+            why = "" if last.done else f"the mission did not come to its end: {last.ending}"
+        return changed(self._outcome(belief, best, not why, why), proof=judged, causes=found.lines)
 
     def _causes(self, belief: BoatBelief, run: Run) -> Causes:
         """What the diagnosis finds; that it cannot be made ends nothing."""
@@ -177,7 +189,16 @@ class Commissioning:
         except ValueError as error:
             return Causes((f"no diagnosis: {error}",), None)
 
-    def _mission(self, name: str, vessel: VesselFile) -> None:
+    def _stopped(self, record: FlightRecord) -> str:
+        """Why no other flight may begin after this one; empty: it may."""
+        if record.done or self.boat.goes_on(record.ending):
+            return ""
+        return (
+            f"a flight ended early ({record.stage}: {record.ending}); look at the boat, then give the same command "
+            "again: it goes on from here"
+        )
+
+    def _mission(self, name: str, vessel: VesselFile) -> FlightRecord:
         record, folder = self._fly(name, vessel, {})
         with contextlib.suppress(LogError):
             record = replace(record, cross_track_rms_m=driven(folder / LOG, self.task.points))
@@ -185,6 +206,7 @@ class Commissioning:
         self._say(
             f"{name}: {record.ending}; cross-track {record.cross_track_rms_m or float('nan'):.3f} m by its own estimate"
         )
+        return record
 
     def _fly(
         self, name: str, vessel: VesselFile, more: Mapping[str, str], nats: float = 0.0

@@ -92,7 +92,8 @@ def add_parser(commands) -> None:
         "--end-after",
         type=seconds(0.0, 86_400.0),
         metavar="S",
-        help="end S seconds after mission or excitation is done, or the boat has stopped itself (exit code 1)",
+        help="end S seconds after mission or excitation is done, or the boat has stopped itself; or a minute "
+        "after an operator has stopped it (both: exit code 1)",
     )
     p.set_defaults(function=run)
 
@@ -251,7 +252,7 @@ async def _drive(
     for error in ended:
         if isinstance(error, Exception):
             raise error
-    return REFUSED if finish.stopped_itself or (args.start and guard and guard.turns_away) else 0
+    return REFUSED if finish.stopped or (args.start and guard and guard.turns_away) else 0
 
 
 def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from companion.core.messages import ExcitationStatus, GuidanceReference, Message, ModeStatus
 
+STOPPED_S = 60.0
+"""An operator who stopped the boat, and has not started it again by then, is done with it; assumed."""
+
 
 class RunEnd:
     """Mission or excitation has been done, or the boat in `safe`, for `after_s` [s]; None: it never ends by itself.
 
-    `stopped_itself`: it ended in `safe`.
+    So does a boat that an operator has stopped on its way, after `STOPPED_S` at least. `stopped`: it ended in one of
+    these ways.
     """
 
     def __init__(self, after_s: float | None):
         self._after_ns = None if after_s is None else after_s * 1e9
         self._done_ns: int | None = None
-        self._safe_ns: int | None = None
-        self.stopped_itself = False
+        self._under_way = False
+        self._stopped: tuple[str, int] = "", 0
+        self.stopped = False
 
     def see(self, message: Message) -> bool:
         """Note one message; whether the run ends now."""
@@ -24,7 +29,17 @@ class RunEnd:
         if isinstance(message, GuidanceReference | ExcitationStatus):
             self._done_ns = (self._done_ns or message.t_ns) if message.phase in ("done", "failed") else None
         elif isinstance(message, ModeStatus):
-            self._safe_ns = (self._safe_ns or message.t_ns) if message.mode == "safe" else None
-        if self._safe_ns is not None and message.t_ns - self._safe_ns >= self._after_ns:
-            self.stopped_itself = True
-        return self.stopped_itself or (self._done_ns is not None and message.t_ns - self._done_ns >= self._after_ns)
+            self._see_mode(message)
+        mode, since_ns = self._stopped
+        patience_ns = max(self._after_ns, STOPPED_S * 1e9) if mode == "idle" else self._after_ns
+        self.stopped = self.stopped or (mode != "" and message.t_ns - since_ns >= patience_ns)
+        return self.stopped or (self._done_ns is not None and message.t_ns - self._done_ns >= self._after_ns)
+
+    def _see_mode(self, status: ModeStatus) -> None:
+        """`safe`, or `idle` once it was under way: since when."""
+        self._under_way = self._under_way or status.mode != "idle"
+        rests = status.mode == "safe" or (status.mode == "idle" and self._under_way)
+        if not rests:
+            self._stopped = "", 0
+        elif status.mode != self._stopped[0]:
+            self._stopped = status.mode, status.t_ns

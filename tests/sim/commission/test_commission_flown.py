@@ -11,7 +11,7 @@ from companion.core.excitation.file import load_excitation
 from companion.core.messages import GroundTruth
 from companion.core.model.vessel_text import vessel_toml
 from companion.logs.log_file import LogFile
-from sim.commission.boats import SimulatedBoat
+from sim.commission.boats import Flown, SimulatedBoat
 from sim.commission.job import NEW, Commissioning, CommissionTask
 from sim.commission.journal import INTERRUPTED, LOG, FlightJournal
 from sim.world.environment import Weather
@@ -32,6 +32,7 @@ class Fragile:
 
     def __init__(self, boat: SimulatedBoat, at: int):
         self._boat, self._left = boat, at
+        self.goes_on = boat.goes_on
 
     def fly(self, files, folder, say):
         def counted(text):
@@ -43,6 +44,21 @@ class Fragile:
         return self._boat.fly(files, folder, counted)
 
 
+class StoppedBoat:
+    """A boat whose flights all end by an operator's STOP, and whom nobody allows to go on."""
+
+    def __init__(self, boat: SimulatedBoat):
+        self._boat, self.asked = boat, list[str]()
+
+    def fly(self, files, folder, say):
+        self._boat.fly(files, folder, say)
+        return Flown(False, "idle: the operator's stop")
+
+    def goes_on(self, ending):
+        self.asked.append(ending)
+        return False
+
+
 def unlike(vessel: VesselFile) -> VesselFile:
     """The vessel with a thruster 30 % weaker, and tag and IMU elsewhere."""
     weak, *rest = vessel.thrusters
@@ -51,14 +67,11 @@ def unlike(vessel: VesselFile) -> VesselFile:
     return replace(vessel, thrusters=(replace(weak, gain=0.7 * weak.gain), *rest), sensors=sensors)
 
 
-@pytest.mark.long
-@pytest.mark.matrix
-def test_a_killed_commissioning_goes_on_and_drives_the_mission_with_what_it_found(tmp_path):
+def commission_of(first: VesselFile) -> CommissionTask:
+    """Twelve minutes of the demo's basin and mission, with the file `first`."""
     settings = SETUP.pilot
-    first, true = settings.vessel, unlike(settings.vessel)
-    files = {**SETUP.files, "vessel.toml": vessel_toml(first)}
-    task = CommissionTask(
-        files=files,
+    return CommissionTask(
+        files={**SETUP.files, "vessel.toml": vessel_toml(first)},
         vessel=first,
         site=settings.site,
         points=tuple(settings.mission.path.points),
@@ -66,16 +79,33 @@ def test_a_killed_commissioning_goes_on_and_drives_the_mission_with_what_it_foun
         minutes=12.0,
         date="2026-01-01",
     )
+
+
+def test_after_a_stop_no_flight_begins_by_itself(tmp_path):
+    settings = SETUP.pilot
+    task = commission_of(settings.vessel)
+    boat = StoppedBoat(SimulatedBoat(WorldSetup(settings.vessel, settings.site, start=(15.0, 15.0, 0.3)), SEED))
+    outcome = Commissioning(task, boat, FlightJournal(tmp_path / "com", task.files), lambda _text: None).run()
+    assert len(outcome.flights) == 1 and boat.asked == ["idle: the operator's stop"]
+    assert not outcome.reached and "the operator's stop); look at the boat" in outcome.why
+
+
+@pytest.mark.long
+@pytest.mark.matrix
+def test_a_killed_commissioning_goes_on_and_drives_the_mission_with_what_it_found(tmp_path):
+    settings = SETUP.pilot
+    first, true = settings.vessel, unlike(settings.vessel)
+    task = commission_of(first)
     weather = Weather(V_c_m_s=0.05, beta_c_deg=60.0)
     boat = SimulatedBoat(WorldSetup(true, settings.site, start=(15.0, 15.0, 0.3), weather=weather), SEED)
     folder, said = tmp_path / "com", list[str]()
     with contextlib.suppress(Killed):
-        Commissioning(task, Fragile(boat, 21), FlightJournal(folder, files), said.append).run()
-    begun = FlightJournal(folder, files).flights()
+        Commissioning(task, Fragile(boat, 21), FlightJournal(folder, task.files), said.append).run()
+    begun = FlightJournal(folder, task.files).flights()
     assert len(begun) == 1  # it died in the first flight
     assert max(m.t_ns for m in LogFile(begun[0] / LOG).messages()) >= 15e9
 
-    outcome = Commissioning(task, boat, FlightJournal(folder, files), said.append).run()
+    outcome = Commissioning(task, boat, FlightJournal(folder, task.files), said.append).run()
 
     first_flight, last_flight = outcome.flights[0][1], outcome.flights[-1][1]
     assert first_flight.ending == INTERRUPTED and first_flight.seconds > 5.0

@@ -9,6 +9,7 @@ import psutil
 import pytest
 
 from companion.boat.load_run import EXAMPLES, load_setup
+from companion.cli.commission import fly_on
 from companion.cli.interrupts import ended_as_by_ctrl_c
 from companion.core.excitation.file import Excitation, Pulses, excitation_toml
 from companion.core.messages import ExcitationStatus
@@ -46,6 +47,15 @@ def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path, capsys):
 
 def test_too_few_minutes_for_proof_and_missions_are_refused(tmp_path, capsys):
     assert "--minutes: '3': expected minutes, 8 to 240" in refused(capsys, "--minutes", 3, "--out", tmp_path / "c")
+
+
+@pytest.mark.parametrize(("terminal", "answer", "goes_on"), [(False, "y", False), (True, "y", True), (True, "", False)])
+def test_only_a_person_at_the_terminal_lets_it_fly_on(terminal, answer, goes_on, monkeypatch):
+    asked = list[str]()
+    monkeypatch.setattr("sys.stdin.isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr("builtins.input", lambda text: asked.append(text) or answer)
+    assert RealBoat(ask=fly_on).goes_on("safe: hand at the transmitter") is goes_on
+    assert all("safe: hand at the transmitter" in text for text in asked) and bool(asked) is terminal
 
 
 def test_a_boat_does_not_drive_on_where_its_commissioning_is_asked_to_end(tmp_path, monkeypatch):

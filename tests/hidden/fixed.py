@@ -1,4 +1,4 @@
-"""A small fixed set for every run of the tests: one medium cause of a family each, nothing, something outside."""
+"""A small fixed set for the tests: one medium cause of a family each, nothing, something outside."""
 
 from __future__ import annotations
 

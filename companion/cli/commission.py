@@ -6,12 +6,12 @@ Fits and flights of the simulator are imported at first use (extra `analysis`).
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
 from rich.console import Console
 from rich.text import Text
 
@@ -23,6 +23,7 @@ from companion.cli.options.files import excitation_file, mission_file, run_file,
 from companion.cli.options.outputs import add_out
 from companion.cli.options.setup import setup_instead
 from companion.cli.options.values import number
+from companion.cli.simulator.fleet import absolute, toml_of
 from companion.cli.simulator.world_options import add_world_arguments, world_setup
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
@@ -81,7 +82,7 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
     console = console or Console()
     setup = _setup(args)
     task = CommissionTask(
-        files={**setup.files, "run.toml": _beside(setup.files["run.toml"], setup.files)},
+        files={**setup.files, "run.toml": _beside(setup, args.config.parent)},
         vessel=setup.pilot.vessel,
         site=setup.pilot.site,
         points=tuple(setup.pilot.mission.path.points),
@@ -122,15 +123,11 @@ def _setup(args: argparse.Namespace) -> RunSetup:
     return setup_instead(args.config, instead, "commissioning flights", mission=args.mission)
 
 
-def _beside(run: str, files: Mapping[str, str]) -> str:
-    """The run file with the names that its files have in the folder of a flight."""
-    (mission,) = (name for name in files if name.startswith("mission"))
-    new = {"vessel": "vessel.toml", "site": "site.toml", "mission": mission}
-    lines = []
-    for line in run.splitlines():
-        key = line.partition("=")[0].strip()
-        lines.append(f'{key} = "{new.pop(key)}"' if key in new else line)
-    return "\n".join(line for line in lines if line.partition("=")[0].strip() != "excitation") + "\n"
+def _beside(setup: RunSetup, folder: Path) -> str:
+    """The run file, from `folder`, for the folder of a flight: its files are beside it, keys stay where they are."""
+    (mission,) = (name for name in setup.files if name.startswith("mission"))
+    run = replace(absolute(setup.run, folder), vessel="vessel.toml", site="site.toml", mission=mission, excitation=None)
+    return toml_of(run)
 
 
 def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
@@ -146,7 +143,7 @@ def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
     true = load_vessel(text_of(args.simulate), name=str(args.simulate))
     if len(true.controls) != len(setup.pilot.vessel.controls):
         raise ConfigError(f"--simulate: {args.simulate}: it has not as many thrusters as the first vessel file")
-    return SimulatedBoat(replace(world_setup(args, setup), vessel=true), args.seed)
+    return SimulatedBoat(dataclasses.replace(world_setup(args, setup), vessel=true), args.seed)
 
 
 def fly_on(ending: str) -> bool:

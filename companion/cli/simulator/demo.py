@@ -115,7 +115,7 @@ def _score(boat: FleetBoat, setup: RunSetup, failure: str | None) -> bool:
         console.print(line)
     names = ", ".join(path.name for pattern in RESULTS for path in sorted(boat.folder.glob(pattern)))
     console.print(f"in {boat.folder}: {names}", markup=False)
-    if failure:
+    if failure and not score.stopped:  # else the verdict has said why
         print(f"aritra demo: {_of(boat)}{failure}", file=sys.stderr)
     return not failure and result_table.passed(score.figures, score.stopped)
 

@@ -133,7 +133,7 @@ def absolute(run: RunFile, folder: Path) -> RunFile:
         return path and str((folder / path).resolve())
 
     made = replace(run, vessel=whole(run.vessel), site=whole(run.site), mission=whole(run.mission))
-    made = replace(made, excitation=whole(run.excitation))
+    made = replace(made, excitation=whole(run.excitation), log=replace(run.log, folder=whole(run.log.folder)))
     made = replace(made, mavlink=replace(run.mavlink, signing_key=whole(run.mavlink.signing_key)))
     if link := run.telemetry:
         made = replace(made, telemetry=replace(link, config=whole(link.config), command_key=whole(link.command_key)))

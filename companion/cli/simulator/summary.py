@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import dropwhile, pairwise, takewhile
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ KINDS = (
 )  # fmt: skip
 STOPPED = "stopped: "
 """What a reason to be in `safe` begins with (`companion.core.pilot.modes`)."""
+ENDS_S = 3.0
+"""A program that was told to end does so within this time; assumed."""
 
 
 @dataclass(frozen=True)
@@ -67,15 +69,23 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
 
 
 def why_stopped(messages: dict[type[Message], list[Any]]) -> str:
-    """When and why the boat went into `safe`, if it did not drive again before it was told to end; else empty."""
-    modes = list(dropwhile(lambda m: m.mode == "idle", reversed(messages[ModeStatus])))
-    safe = list(takewhile(lambda m: m.mode == "safe", modes))
-    if not safe or not messages[Tick]:
+    """When and why the boat went into `safe`, or an operator stopped it, if it did not drive again; else empty.
+
+    Told to end, the program stops the boat as an operator does, and is gone within `ENDS_S`.
+    """
+    ticks, latest_first = messages[Tick], messages[ModeStatus][::-1]
+    idle = list(takewhile(lambda m: m.mode == "idle", latest_first))
+    rest = latest_first[len(idle) :]
+    safe = list(takewhile(lambda m: m.mode == "safe", rest))
+    if not rest or not ticks:
         return ""
-    after_s = (safe[-1].t_ns - messages[Tick][0].t_ns) * 1e-9
-    return (
-        f"driving was stopped after {after_s:.1f} s: {safe[-1].why.removeprefix(STOPPED).partition('; thrusters')[0]}"
-    )
+    if safe:
+        stop, why = safe[-1], safe[-1].why.removeprefix(STOPPED).partition("; thrusters")[0]
+    elif idle and (ticks[-1].t_ns - idle[-1].t_ns) * 1e-9 > ENDS_S:
+        stop, why = idle[-1], idle[-1].why
+    else:
+        return ""
+    return f"driving was stopped after {(stop.t_ns - ticks[0].t_ns) * 1e-9:.1f} s: {why}"
 
 
 def end_heading(settings: PilotSettings) -> float:

@@ -1,5 +1,6 @@
 """`aritra commission`: what it refuses, in a sentence, before anything moves; and one flight on real wires."""
 
+import shutil
 import signal
 import threading
 import time
@@ -47,6 +48,26 @@ def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path, capsys):
 
 def test_too_few_minutes_for_proof_and_missions_are_refused(tmp_path, capsys):
     assert "--minutes: '3': expected minutes, 8 to 240" in refused(capsys, "--minutes", 3, "--out", tmp_path / "c")
+
+
+def test_flights_find_the_keys_that_the_run_file_names(tmp_path, monkeypatch):
+    class BegunError(Exception):
+        pass
+
+    def begun(_self):
+        raise BegunError
+
+    monkeypatch.setattr("sim.commission.job.Commissioning.run", begun)
+    mine, out = tmp_path / "my", tmp_path / "out"
+    shutil.copytree(EXAMPLES, mine)
+    run = mine / "aritra.toml"
+    keys = '[telemetry]\nconnect = ["tcp/127.0.0.1:7447"]\ncommands = true\ncommand_key = "command.key"\n'
+    run.write_text(run.read_text().replace("[mavlink]", '[mavlink]\nsigning_key = "keys/boat.key"') + keys)
+    with pytest.raises(BegunError):
+        exit_code("commission", "--config", str(run), "--out", str(out))
+    flown = load_setup(out / "run.toml").run
+    assert flown.mavlink.signing_key == str(mine / "keys/boat.key")
+    assert flown.telemetry and flown.telemetry.command_key == str(mine / "command.key")
 
 
 @pytest.mark.parametrize(("terminal", "answer", "goes_on"), [(False, "y", False), (True, "y", True), (True, "", False)])

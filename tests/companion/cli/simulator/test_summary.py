@@ -33,5 +33,14 @@ def test_a_stop_for_good_is_told_with_its_time_and_reason(end):
     assert said("starting", "auto", "safe", *end) == "driving was stopped after 5.0 s: UWB is silent"
 
 
+def test_an_operators_stop_is_told_where_the_program_went_on():
+    idle = ModeStatus(t_ns=STOP_NS, mode="idle", why="stopped by the operator", driving=False)
+    auto = ModeStatus(t_ns=0, mode="auto", why="", driving=True)
+    for last_s, told in ((6, ""), (20, "driving was stopped after 5.0 s: stopped by the operator")):
+        ticks = [Tick(t_ns=t * 1_000_000_000, index=t) for t in (0, last_s)]
+        messages = {kind: [] for kind in summary.KINDS} | {Tick: ticks, ModeStatus: [auto, idle, idle]}
+        assert summary.why_stopped(messages) == told
+
+
 def test_a_boat_that_was_started_again_was_not_stopped():
     assert said("starting", "auto", "safe", "starting", "auto", "idle") == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +164,13 @@ def warnings(setup: RunSetup) -> list[str]:
             where = f"waypoint {i + 1} at north {w.north_m:g}, east {w.east_m:g} m"
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
+            )
+    points = setup.pilot.mission.path.points
+    for i, (start, end) in enumerate(pairwise(points)):
+        if fence.is_crossed(start, end):
+            texts.append(
+                f"the leg from waypoint {i + 1} to {i + 2} leaves the fence: the boat may stand before it and not go "
+                "round; put waypoints on the way round"
             )
     if setup.pilot.guidance.end == "drift":
         end = (

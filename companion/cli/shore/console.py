@@ -37,7 +37,7 @@ def add_parser(commands) -> None:
         description="A local web console fed by zenoh: map, plots, alerts, pre-flight table, orders. Without a command "
         "key it only looks. Serves 127.0.0.1 alone unless --host says otherwise; then a token is needed. Runs until "
         "Ctrl-C. Exit code 2: bad input, or the port is taken.",
-        example="aritra shore --command-key out/demo --open",
+        example="aritra shore --command-key out/demo/ --open",
     )
     add_network(p, f"default, where nothing is said: {LOCAL}")
     p.add_argument(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from companion.boat.signing_key import load_secret
 from companion.core.configuration.tables import ConfigError
 
 KEY_FILE = "command.key"
+NO_FILE = os.strerror(errno.ENOENT)
 
 
 class KeyFiles:
@@ -30,7 +32,15 @@ class KeyFiles:
             else:
                 self._files[boat] = Path(file)
                 if not boat:
-                    self._key = load_secret(Path(file), where="--command-key")
+                    self._key = self._of_all(file)
+
+    def _of_all(self, file: str) -> bytes:
+        try:
+            return load_secret(Path(file), where="--command-key")
+        except ConfigError as error:
+            if str(error).endswith(NO_FILE):
+                raise ConfigError(f'{error}; a folder that will be made later ends in "/"') from None
+            raise
 
     @property
     def boats(self) -> list[str]:

@@ -44,6 +44,11 @@ class Fence:
         place = np.array([[north_m, east_m]])
         return float(min(sign * clearance(corners, place)[0] for sign, corners in self._signed))
 
+    def is_crossed(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
+        """Whether the straight line between two places (north, east) [m] touches a fence."""
+        a, b = np.array(start), np.array(end)
+        return any(_touch(a, b, corners, np.roll(corners, -1, axis=0)).any() for _sign, corners in self._signed)
+
     def levels(self, minimum: Minimum) -> tuple[Level, ...]:
         """Levels of all polygons. `minimum(a, b)`: of two values, `min` or `casadi.fmin`."""
         found: list[Level] = []

@@ -170,7 +170,9 @@ class OrderGate:
             fresh = order.run == self.run and -AHEAD_S <= (now_ns - order.t_ns) * 1e-9 <= WINDOW_S
             return order if fresh else msgspec.structs.replace(order, heard=())
         if order.run != self.run:
-            raise OrderRefused("wrong_run", "meant for another run of the boat's program: it was started anew since")
+            unheard = "its sender had not heard of this run of the boat's program yet, and is told of it now"
+            another = "meant for another run of the boat's program: it was started anew since"
+            raise OrderRefused("wrong_run", another if order.run else unheard)
         digest = hashlib.sha256(payload).digest()
         known = self._sessions.get(order.session)
         if known and known.counter == order.counter and known.digest == digest:

@@ -117,6 +117,13 @@ def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(fo
     assert "no [battery] limits" in battery
 
 
+def test_a_leg_through_a_pier_is_told_of(folder):
+    pier = "[[fences]]\ninclusion = false\npolygon = [[14.0, 10.0], [16.0, 10.0], [16.0, 20.0], [14.0, 20.0]]\n"
+    (folder / MISSION).write_text(mission_text(((10.0, 15.0), (20.0, 15.0), (20.0, 8.0))) + pier)
+    (leg,) = warnings(load_setup(folder / RUN))
+    assert leg.startswith("the leg from waypoint 1 to 2 leaves the fence: the boat may stand before it")
+
+
 def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
     (folder / VESSEL).write_text((EXAMPLES / "boats" / "rudder.toml").read_text())
     setup = load_setup(folder / RUN)

@@ -46,6 +46,8 @@ def test_keys_for_all_for_one_and_from_a_fleets_folder(tmp_path):
     assert found.find("a") == b"\1" * 32 and found.find("b") == b"\2" * 32
     with pytest.raises(ConfigError, match="given twice for b"):
         KeyFiles([f"b={one}", f"b={other}"])
+    with pytest.raises(ConfigError, match='No such file or directory; a folder that will be made later ends in "/"'):
+        KeyFiles([str(tmp_path / "fleet")])
     fleet = KeyFiles([f"{tmp_path}/fleet/"])
     assert fleet.find("a") is None, "the boats may come later"
     key(tmp_path / "fleet/a/command.key", 3)

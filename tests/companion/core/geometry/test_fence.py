@@ -1,5 +1,7 @@
 """The fence: distance against brute force, levels for any simple polygon, crossings found."""
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -115,3 +117,18 @@ def test_a_site_whose_fence_crosses_itself_is_refused_with_file_and_key():
     text = 'name="x"\nlat_deg=0.0\nlon_deg=0.0\nsource="assumed"\nfence=[[0,0],[4,4],[4,0],[0,4]]\n'
     with pytest.raises(ConfigError, match=r"pond\.toml: fence: .*corner 0.*corner 2"):
         load_site(text, name="pond.toml")
+
+
+@pytest.mark.parametrize("corners", SHAPES.values(), ids=SHAPES)
+def test_a_line_crosses_where_a_place_on_it_is_beyond(corners):
+    """Lines between places inside, seed 4; of some 2000 places on each."""
+    fence, rng = Fence((corners,)), np.random.default_rng(4)
+    places = rng.uniform(0, 30 if corners is SQUARE else 12, (300, 2))
+    inside = places[clearance(np.array(corners), places) > 0.05]
+    found = []
+    for start, end in pairwise(inside[:60]):
+        least_m = clearance(np.array(corners), start + np.linspace(0, 1, 2001)[:, None] * (end - start)).min()
+        if abs(least_m) > 0.01:
+            assert fence.is_crossed(tuple(start), tuple(end)) == (least_m < 0)
+            found.append(least_m < 0)
+    assert len(found) > 15 and any(found) != (corners is SQUARE)

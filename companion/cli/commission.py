@@ -142,7 +142,11 @@ def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
         args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
     true = load_vessel(text_of(args.simulate), name=str(args.simulate))
     if len(true.controls) != len(setup.pilot.vessel.controls):
-        raise ConfigError(f"--simulate: {args.simulate}: it has not as many thrusters as the first vessel file")
+        controls = len(true.controls), len(setup.pilot.vessel.controls)
+        raise ConfigError(
+            f"--simulate: {args.simulate}: it has not as many thrusters as the first vessel file: {controls[0]}, not "
+            f"{controls[1]}; to simulate your own boat name its own file, and --mismatch 0.2"
+        )
     return SimulatedBoat(dataclasses.replace(world_setup(args, setup), vessel=true), args.seed)
 
 
@@ -163,7 +167,7 @@ def _write(outcome: CommissionOutcome, out: Path, journal: FlightJournal, site: 
     from sim.commission.report import report
     from sim.whole_file import write_whole
 
-    files = {REPORT: "this page"}
+    files = {REPORT: "what each stage told, as a page"}
     if outcome.belief.fit is not None:
         state = "proven" if outcome.reached else "NOT PROVEN"
         files = {COMMISSIONED: f"the vessel file to drive with, {state}"} | files

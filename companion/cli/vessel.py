@@ -140,5 +140,5 @@ def _print_next(out: Path, *, guessed: bool, example: str) -> None:
     print(f"wrote {out}")
     print(f"measure next:{' the mass,' * guessed} places of thrusters and sensors, which way each thruster pushes")
     print(f"then drive ten minutes by hand and: aritra identify LOG --vessel {out} --out DIR")
-    print(f"to try it: cp deploy/{example}.toml deploy/mine.toml, in it vessel = {json.dumps(str(out.resolve()))},")
-    print("then aritra demo --config deploy/mine.toml")
+    print(f"to try it: cp -rn deploy/. my, in my/{example}.toml vessel = {json.dumps(str(out.resolve()))},")
+    print(f"then aritra demo --config my/{example}.toml")

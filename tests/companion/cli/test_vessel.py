@@ -24,7 +24,7 @@ def test_options_alone_write_a_file_that_loads(tmp_path, capsys):
     assert found.sensors.gnss and not found.sensors.uwb
     said = capsys.readouterr().out
     assert f"aritra identify LOG --vessel {path}" in said and "the mass" not in said
-    assert f'to try it: cp deploy/lake.toml deploy/mine.toml, in it vessel = "{path}"' in said
+    assert f'to try it: cp -rn deploy/. my, in my/lake.toml vessel = "{path}"' in said
 
 
 def test_five_answers_at_a_terminal_write_the_same(tmp_path, capsys):

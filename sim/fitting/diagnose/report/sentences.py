@@ -64,7 +64,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     are = "one cause is" if count == 1 else f"{count} causes are"
     they = "it explains" if count == 1 else "they explain"
     return {
-        "none": f"{logs}: nothing is wrong with {diagnosis.base.name} that these logs can show.",
+        "none": f"{logs}: nothing is wrong with {diagnosis.base.name} that these logs can show: keep its file.",
         "named": f"{logs}: {are} named, and {they} what the "
         f"simulation of {diagnosis.base.name} gets wrong.",
         "partial": f"{logs}: {are} named, but something is left over.",

@@ -19,6 +19,12 @@ def test_the_table_fits_80_columns_and_explains_every_row():
     assert last == "PASSED: 5 of 5 waypoints, 0.12 m rms off the path, position known to 0.12 m rms."
 
 
+def test_a_goal_that_was_missed_is_marked():
+    table = [str(line) for line in lines(GOOD | {"lateness_p99_ms": 20.4}, "")]
+    assert [line.split()[:3] for line in table if line.endswith("goal 10: missed")] == [["late", "by", "20.400"]]
+    assert sum("missed" in line for line in table) == 1 and sum("goal" in line for line in table) == 3
+
+
 def test_a_run_without_a_track_still_has_a_verdict():
     figures = {"waypoints_total": 5, "waypoints_passed": 0, "ticks": 12, "lateness_p99_ms": float("nan")}
     assert str(verdict(figures, "")) == "NOT PASSED: 0 of 5 waypoints."

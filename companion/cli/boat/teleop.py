@@ -65,7 +65,9 @@ def add_parser(commands) -> None:
 def teleop(args: argparse.Namespace) -> int:
     """Drive until interrupted; the exit code. Raises ConfigError without a terminal."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise ConfigError("needs a terminal for keyboard and table: not a pipe, not a service; or drive from the console, By hand")
+        raise ConfigError(
+            "needs a terminal for keyboard and table: not a pipe, not a service; or drive from the console, By hand"
+        )
     with _keys_as_they_come(sys.stdin.fileno()):
         return run.run(args, TeleopConsole(sys.stdin.fileno(), args.gamepad))
 

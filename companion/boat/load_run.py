@@ -165,13 +165,12 @@ def warnings(setup: RunSetup) -> list[str]:
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
-    points = setup.pilot.mission.path.points
-    for i, (start, end) in enumerate(pairwise(points)):
-        if fence.is_crossed(start, end):
-            texts.append(
-                f"the leg from waypoint {i + 1} to {i + 2} leaves the fence: the boat may stand before it and not go "
-                "round; put waypoints on the way round"
-            )
+    texts += [
+        f"the leg from waypoint {i} to {i + 1} leaves the fence: the boat may stand before it and not go round; put "
+        "waypoints on the way round"
+        for i, (start, end) in enumerate(pairwise(setup.pilot.mission.path.points), 1)
+        if fence.is_crossed(start, end)
+    ]
     if setup.pilot.guidance.end == "drift":
         end = (
             " and the heading at the end of the mission is not kept"

@@ -21,9 +21,9 @@ from companion.cli.boat.wires import add_wires
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import excitation_file, mission_file, run_file, site_file, text_of, vessel_file
 from companion.cli.options.outputs import add_out
+from companion.cli.options.run_file_text import absolute, toml_of
 from companion.cli.options.setup import setup_instead
 from companion.cli.options.values import number
-from companion.cli.simulator.fleet import absolute, toml_of
 from companion.cli.simulator.world_options import add_world_arguments, world_setup
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError

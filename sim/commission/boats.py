@@ -132,9 +132,10 @@ class RealBoat:
                 process.terminate()
                 process.wait()
                 raise
-        done = _is_done(folder / LOG)
-        ending = _last_reason(folder / LOG) or f"`aritra run` ended with exit code {code}: its last lines say why"
-        return Flown(done, "done" if done else ending)
+        if _is_done(folder / LOG):
+            return Flown(True, "done")
+        ended = f"`aritra run` ended with exit code {code}: its last lines say why"
+        return Flown(False, _last_reason(folder / LOG) or ended)
 
     def goes_on(self, ending: str) -> bool:
         """See `Boat`."""

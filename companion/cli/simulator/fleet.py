@@ -8,20 +8,18 @@ of its own.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import msgspec
 from msgspec.structs import replace
 
 from companion.boat.load_run import RunSetup
 from companion.boat.uplink.telemetry import boat_name
+from companion.cli.options.run_file_text import absolute, toml_of
 from companion.core.configuration.run_file import RunFile, TelemetryLink
 from companion.core.configuration.tables import ConfigError
 
@@ -124,31 +122,3 @@ def _make_key(path: Path) -> None:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(file, "wb") as opened:
             opened.write(secrets.token_bytes(KEY_BYTES))
-
-
-def absolute(run: RunFile, folder: Path) -> RunFile:
-    """The run file with absolute paths; `folder`: its own."""
-
-    def whole(path: str | None) -> Any:
-        return path and str((folder / path).resolve())
-
-    made = replace(run, vessel=whole(run.vessel), site=whole(run.site), mission=whole(run.mission))
-    made = replace(made, excitation=whole(run.excitation), log=replace(run.log, folder=whole(run.log.folder)))
-    made = replace(made, mavlink=replace(run.mavlink, signing_key=whole(run.mavlink.signing_key)))
-    if link := run.telemetry:
-        made = replace(made, telemetry=replace(link, config=whole(link.config), command_key=whole(link.command_key)))
-    return made
-
-
-def toml_of(run: RunFile) -> str:
-    """A run file's text. Scalars and lists in JSON are TOML, too."""
-    return "\n".join(_lines(msgspec.to_builtins(run))) + "\n"
-
-
-def _lines(values: Mapping[str, Any]) -> Iterator[str]:
-    tables = {key: value for key, value in values.items() if isinstance(value, dict)}
-    for key, value in values.items():
-        if value is not None and key not in tables:
-            yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
-    for key, table in tables.items():
-        yield from ("", f"[{key}]", *_lines(table))

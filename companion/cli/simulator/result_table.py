@@ -80,9 +80,7 @@ def lines(figures: Figures, stopped: str) -> Iterator[Text]:
         for key, name, unit, meaning in rows:
             if (value := figures.get(key)) is not None:
                 shown = str(value) if isinstance(value, int) else f"{value:.3f}"
-                goal_ms = GOALS_MS.get(key, math.inf)
-                goal = f"; goal {goal_ms:g}" if key in GOALS_MS else ""
-                missed = value > goal_ms
-                style = "yellow" if missed else ""
-                yield Text(f"  {name:<16}{shown:>9} {unit:<4} {meaning}{goal}{': missed' * missed}", style=style)
+                missed = value > GOALS_MS.get(key, math.inf)
+                goal = f"; goal {GOALS_MS[key]:g}{': missed' * missed}" if key in GOALS_MS else ""
+                yield Text(f"  {name:<16}{shown:>9} {unit:<4} {meaning}{goal}", style="yellow" if missed else "")
     yield verdict(figures, stopped)

@@ -25,7 +25,7 @@ class TickView:
     `autopilot_alive`: whether heartbeats come; `belief`: the filter at `t_ns`, None before it runs; `model_nu`: u, v,
     r of the model alone (`pilot.trust.model_motion`); `period_s`: of the ticks; `driving`: whether the thrusters may
     turn; `learning`: in an excitation, which is flown because the model is not known; `suspect`: sensors contradict
-    each other, perhaps; `suspected`: thrusters, in words, that do not obey, perhaps.
+    each other, perhaps; `thrusters_suspected`: which, in words, do not obey, perhaps.
     """
 
     t_ns: int
@@ -39,7 +39,7 @@ class TickView:
     driving: bool = False
     learning: bool = False
     suspect: bool = False
-    suspected: str = ""
+    thrusters_suspected: str = ""
 
 
 @dataclass(frozen=True)

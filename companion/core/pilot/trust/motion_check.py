@@ -109,8 +109,8 @@ class MotionMonitor(Monitor[MotionState]):
             return state, _report(state)
         if not (text := _sentence(state, belief.lasting, self._words)):
             return state, NOTHING
-        if view.suspected:
-            text += f"; suspected before: {view.suspected}"
+        if view.thrusters_suspected:
+            text += f"; suspected before: {view.thrusters_suspected}"
         state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
         return state, MonitorReport(_report(state).events, (Alert(t_ns=view.t_ns, level="error", text=text),))
 

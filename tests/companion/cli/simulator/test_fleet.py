@@ -11,7 +11,8 @@ import pytest
 from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.boat.signing_key import load_secret
-from companion.cli.simulator.fleet import MOST, SHORE, FleetWires, absolute, default_name, fleet, names_of, toml_of
+from companion.cli.options.run_file_text import absolute, toml_of
+from companion.cli.simulator.fleet import MOST, SHORE, FleetWires, default_name, fleet, names_of
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
 from companion.core.telemetry.order_gate import seal

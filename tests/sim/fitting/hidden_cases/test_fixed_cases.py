@@ -19,7 +19,7 @@ TRAIN_S = 150.0
 EVERYDAY = ("thruster_gain",)
 MORE = ("cg_shift", "gyro_bias", "heading_offset", "uwb_lever_arm")
 """Left to `make matrix`: `scripts/evidence diagnose` draws many of each family."""
-MARKS = {name: (pytest.mark.long, *([pytest.mark.matrix] * (name in MORE))) for name in fixed_cases(TRAIN_S)}
+CASES = tuple(fixed_cases(TRAIN_S))
 
 
 def said_of(case: str, folder: Path) -> tuple[dict, dict]:
@@ -37,9 +37,13 @@ def said_of(case: str, folder: Path) -> tuple[dict, dict]:
     return json.loads((out / "findings.json").read_text()), truth
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(name, marks=() if name in EVERYDAY else marks) for name, marks in MARKS.items()]
-)
+def marks(case: str) -> list[pytest.MarkDecorator]:
+    if case in EVERYDAY:
+        return []
+    return [pytest.mark.long, pytest.mark.matrix] if case in MORE else [pytest.mark.long]
+
+
+@pytest.mark.parametrize("case", [pytest.param(name, marks=marks(name)) for name in CASES])
 def test_what_is_hidden_is_found(case: str, tmp_path: Path) -> None:
     found, truth = said_of(case, tmp_path)
     names = {cause["name"] for cause in found["causes"]}

@@ -21,7 +21,7 @@ h2 { margin-top: 2em; border-bottom: 2px solid #ddd; } .wide { overflow-x: auto;
 table { border-collapse: collapse; font-size: 13px; } td, th { padding: 2px 10px; border-bottom: 1px solid #ddd; }
 td { text-align: right; } td:first-child, th:first-child { text-align: left; } th { text-align: right; }
 .text td, .text th { text-align: left; vertical-align: top; } thead th { position: sticky; top: 0; background: #fff; }
-.look { background: #fff3cd; border-left: 4px solid #d55e00; padding: 0.2em 1em; }
+.look { background: #fff3cd; border-left: 4px solid #d55e00; padding: 0.2em 1em 0.2em 2em; }
 figure { margin: 1em 0; } img { max-width: 100%; } figcaption { color: #555; font-size: 13px; }
 pre { font-size: 12px; overflow-x: auto; }
 @media print { body { max-width: none; } figure, tr { break-inside: avoid; } }

@@ -7,9 +7,8 @@ degraded   no position, IMU or heading for too long (the filter dead-reckons), p
 
 from __future__ import annotations
 
-import numpy as np
-
 from companion.core.estimation.filter_state import LAYOUT, FilterState
+from companion.core.estimation.ranging.ranges import position_sigma_m
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.messages import Health
 from companion.core.sensors.sensor import PositionHealth
@@ -17,13 +16,6 @@ from companion.core.sensors.sensor import PositionHealth
 SETTLES = "it settles: speed is not known well yet"
 DISPLACED_S = 10.0
 """A position taken anew is told for so long; assumed, and shorter than `control.blind_s`: nothing is missing."""
-
-
-def position_sigma_m(P: np.ndarray) -> float:
-    """Largest semi-axis of the position's one-sigma ellipse [m]."""
-    i, j = LAYOUT.position
-    half_sum, half_difference = (P[i, i] + P[j, j]) / 2, (P[i, i] - P[j, j]) / 2
-    return float(np.sqrt(half_sum + np.hypot(half_difference, P[i, j])))
 
 
 def is_settled(belief: FilterState, tuning: EstimatorTuning) -> bool:
@@ -44,7 +36,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
     position_s = (t_ns - belief.position_ns) * 1e-9
     imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
     heading_s = belief.heading_gate.starved_s(t_ns)
-    sigma_m = position_sigma_m(belief.P)
+    sigma_m = position_sigma_m(LAYOUT, belief.P)
     reasons = [] if belief.settled or t_ns - belief.since_ns > tuning.settle_most_s * 1e9 else [SETTLES]
     if position_s > position.timeout_s:
         reasons.append(f"no {position.label} accepted for {position_s:.1f} s, dead reckoning")

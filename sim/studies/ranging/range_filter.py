@@ -154,7 +154,7 @@ class RangeFilter:
         """Predict one hypothesis over dt_s and judge the new range with it."""
         tuning = self.tuning
         x, P = self._predict(old.x, old.P, dt_s)
-        m = RangeMeasurement(anchor, range_m, partial(self._model, anchor), partial(self._find, latest, t_ns))
+        m = RangeMeasurement(anchor, range_m, self._model, partial(self._find, latest, t_ns))
         fused = self._ranges.fuse(x, P, old.gates, m, t_ns)
         gates = tuple(fused.gate if i == anchor else g for i, g in enumerate(old.gates))
         d2 = min(fused.innovation**2 / fused.S, tuning.gate.limit**2)

@@ -20,6 +20,9 @@ from companion.core.estimation.ranging.multilateration import multilaterate
 
 VELOCITY_SIGMA_M_S = 0.5
 """Sigma of the velocity after the position turned out wrong; assumed."""
+DISPLACED_M, DISPLACED_SIGMAS = 2.0, 3.29
+"""A place farther away than this, and than so many sigma of the position, contradicts it. Gusts and waves that a model
+does not know were seen to take a filter 1 m away. Assumed."""
 PLACE_SIGMA_M = 2.0
 """Sigma of a multilateration fix before its ranges are fused; wide, so that the ranges decide."""
 
@@ -50,13 +53,22 @@ class RangeModel(NamedTuple):
 class RangeMeasurement(NamedTuple):
     """One range: number of its anchor, and how the filter that gets it predicts ranges and finds places.
 
-    `model`: state -> h and its row; `find`: state -> the nearest place that the ranges at hand explain, or None.
+    `model`: anchor, state -> h and its row; `find`: state -> the nearest place that the ranges explain, or None.
     """
 
     anchor: int
     range_m: float
-    model: Callable[[np.ndarray], RangeModel]
+    model: Callable[[int, np.ndarray], RangeModel]
     find: Callable[[np.ndarray], tuple[float, float] | None]
+
+
+class OtherAnchors(NamedTuple):
+    """Those beside one whose gate re-opens. `agreed`: two or more, or none, since it was rejected first;
+    `are_accepted`: whether two are, of late.
+    """
+
+    agreed: tuple[int, ...]
+    are_accepted: bool
 
 
 class RangeUpdate(NamedTuple):
@@ -92,42 +104,46 @@ class RangeFusion:
 
     def fuse(self, x: np.ndarray, P: np.ndarray, gates: Sequence[Gate], m: RangeMeasurement, t_ns: int) -> RangeUpdate:
         """Judge a range by its anchor's gate and, unless it is rejected, update x and P with it."""
-        at, R = m.model(x), np.array([[self.sigma_m**2]])
+        at, R = m.model(m.anchor, x), np.array([[self.sigma_m**2]])
         nu, S = m.range_m - at.h, float(at.row @ P @ at.row) + self.sigma_m**2
         verdict, gate = judge(gates[m.anchor], self.rule, t_ns, nu, math.sqrt(S))
         if verdict == "rejected":
             return RangeUpdate(x, P, gate, verdict, nu, S)
         correction = nu
         if verdict == "reopened":
-            x, P = self._reopen(x, P, m, nu, self._others_accepted(gates, m.anchor, t_ns))
-            at = m.model(x)
+            x, P = self._reopen(x, P, m, nu, self._others(gates, m.anchor, t_ns))
+            at = m.model(m.anchor, x)
             correction = m.range_m - at.h
         x, P = self.algebra.update(x, P, np.array([correction]), at.row[None, :], R)
         return RangeUpdate(x, P, gate, verdict, nu, S)
 
     def _reopen(
-        self, x: np.ndarray, P: np.ndarray, m: RangeMeasurement, nu: float, others_accepted: bool
+        self, x: np.ndarray, P: np.ndarray, m: RangeMeasurement, nu: float, others: OtherAnchors
     ) -> tuple[np.ndarray, np.ndarray]:
         """State and covariance after a gate re-opened: is the position wrong, or this anchor's bias?
 
         The position, if the place nearest to x that three or more ranges explain explains this one too (within
-        `spread_m`): x moves there. The bias, if that place does not, or if there is none but two other anchors were
-        accepted of late. Else the position again. What is wrong becomes uncertain by the innovation.
+        `spread_m`), and those of other anchors that agreed with x all the while: x moves there. The bias, if that place
+        does not, or if there is none but two other anchors were accepted of late. Else the position again. What is
+        wrong becomes uncertain by the innovation.
         """
         layout, place = self.layout, m.find(x)
         if place:
             moved = relocate(layout, x, P, place)
-            if abs(m.range_m - m.model(moved[0]).h) <= self.spread_m:
+            expected = {m.anchor: m.range_m} | {i: m.model(i, x).h for i in others.agreed}
+            if all(abs(h - m.model(i, moved[0]).h) <= self.spread_m for i, h in expected.items()):
                 return moved
-        if place or others_accepted:
+        if place or others.are_accepted:
             bias = (layout.bias + m.anchor,)
             return x, inflate(decorrelate(P, bias), bias, abs(nu))
         return x, inflate(inflate(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)
 
-    def _others_accepted(self, gates: Sequence[Gate], anchor: int, t_ns: int) -> bool:
-        """Whether two anchors beside this one were accepted of late."""
-        of_late = [g.starved_s(t_ns) < 2 * self.rule.reopen_span_s for i, g in enumerate(gates) if i != anchor]
-        return sum(of_late) >= 2
+    def _others(self, gates: Sequence[Gate], anchor: int, t_ns: int) -> OtherAnchors:
+        """The anchors beside this one."""
+        first_s, ages_s = (t_ns - gates[anchor].rejections[0].t_ns) * 1e-9, [gate.starved_s(t_ns) for gate in gates]
+        agreed = [i for i, age_s in enumerate(ages_s) if i != anchor and age_s < first_s]
+        of_late = [age_s < 2 * self.rule.reopen_span_s for i, age_s in enumerate(ages_s) if i != anchor]
+        return OtherAnchors(tuple(agreed) if len(agreed) >= 2 else (), sum(of_late) >= 2)
 
 
 def nearest_fix(
@@ -158,6 +174,20 @@ def relocate(
     for i, value in zip(layout.position, place_m, strict=True):
         x[i], P[i, i] = value, PLACE_SIGMA_M**2
     return x, inflate(P, layout.velocity, VELOCITY_SIGMA_M_S)
+
+
+def position_sigma_m(layout: RangeLayout, P: np.ndarray) -> float:
+    """Largest semi-axis of the position's one-sigma ellipse [m]."""
+    i, j = layout.position
+    half_sum, half_difference = (P[i, i] + P[j, j]) / 2, (P[i, i] - P[j, j]) / 2
+    return float(np.sqrt(half_sum + np.hypot(half_difference, P[i, j])))
+
+
+def contradicts(layout: RangeLayout, x: np.ndarray, P: np.ndarray, now: np.ndarray) -> bool:
+    """Whether the position of x, with covariance P, speaks against that of `now`."""
+    at = [*layout.position]
+    away_m = math.dist(x[at], now[at])
+    return away_m > max(DISPLACED_M, DISPLACED_SIGMAS * position_sigma_m(layout, P))
 
 
 def inflate(P: np.ndarray, indices: Sequence[int], sigma: float | Sequence[float]) -> np.ndarray:

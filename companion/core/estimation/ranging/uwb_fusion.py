@@ -24,6 +24,7 @@ from companion.core.estimation.ranging.ranges import (
     RangeFusion,
     RangeMeasurement,
     RangeModel,
+    contradicts,
     decorrelate,
     inflate,
     line_of_sight,
@@ -56,11 +57,13 @@ class UwbFusion:
         for i, r in known:
             latest[i] = AnchorHistory(belief.t_ns, r.range_m)
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
-        position_ns = belief.position_ns
+        position_ns, displaced_ns = belief.position_ns, belief.displaced_ns
         arm = self.arm(belief)
         for i, r in known:
-            model, find = partial(self.range_model, i, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
+            model, find = partial(self.range_model, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
             fused = self._ranges.fuse(x, P, gates, RangeMeasurement(i, r.range_m, model, find), belief.t_ns)
+            if fused.verdict == "reopened" and contradicts(LAYOUT, x, P, fused.x):
+                displaced_ns = belief.t_ns
             x, P, gates[i] = fused.x, fused.P, fused.gate
             accepted = fused.verdict != "rejected"
             position_ns = belief.t_ns if accepted else position_ns
@@ -68,11 +71,11 @@ class UwbFusion:
             innovations.append(innovation_message(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
         after = replace(
             belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), position_ns=position_ns,
-            ranges_ns=belief.t_ns if known else belief.ranges_ns,
+            ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=displaced_ns,
         )  # fmt: skip
         return after, tuple(innovations)
 
-    def range_model(self, anchor: int, arm: tuple[float, float, float], x: np.ndarray) -> RangeModel:
+    def range_model(self, arm: tuple[float, float, float], anchor: int, x: np.ndarray) -> RangeModel:
         """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""
         dx, dy = rotate(x[2], arm[0], arm[1])
         north, east = apply_uwb_scale(self._uwb, x[0] + dx, x[1] + dy)

@@ -33,7 +33,7 @@ def test_outage_degrades_then_is_lost_then_recovers(run, estimator) -> None:
 
 
 def test_a_boat_put_down_elsewhere_is_found_again(run, estimator) -> None:
-    """All ranges jump to those of a place 8 m away: the gate re-opens on their agreement, within 5 s."""
+    """All ranges jump to those of a place 8 m away: the gate re-opens on their agreement, within 5 s, and says so."""
     anchors = np.array([(a.north_m, a.east_m, a.down_m) for a in basin().anchors])
 
     def moved(m):
@@ -53,6 +53,8 @@ def test_a_boat_put_down_elsewhere_is_found_again(run, estimator) -> None:
         if e.t_ns > 26 * S:
             truth = run.truth(e.t_ns / S)
             assert math.hypot(e.north_m - (truth[0] - 8.0), e.east_m - truth[1]) < 0.4
+        if 26 * S < e.t_ns < 31 * S:
+            assert e.health == "degraded" and "taken anew" in e.reason
     assert score.estimates[-1].health == "healthy"
 
 

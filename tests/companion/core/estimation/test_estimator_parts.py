@@ -12,12 +12,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import approx_fprime, least_squares
 
 from companion.core.estimation.command_history import TimedCommand, active_command, drop_expired, insert_command
-from companion.core.estimation.filter_state import B_RANGE
+from companion.core.estimation.filter_state import B_RANGE, LAYOUT
 from companion.core.estimation.gates import Gate, GateRule, judge
-from companion.core.estimation.health import position_sigma_m
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.multilateration import multilaterate
+from companion.core.estimation.ranging.ranges import position_sigma_m
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
 from companion.core.geometry.frames import to_level
@@ -192,7 +192,7 @@ def test_position_sigma_is_the_largest_semi_axis() -> None:
     A = np.random.default_rng(3).normal(size=(2, 2))
     P = np.eye(B_RANGE)
     P[:2, :2] = A @ A.T
-    assert position_sigma_m(P) == pytest.approx(np.sqrt(np.linalg.eigvalsh(A @ A.T).max()))
+    assert position_sigma_m(LAYOUT, P) == pytest.approx(np.sqrt(np.linalg.eigvalsh(A @ A.T).max()))
 
 
 def test_bad_ranges_are_taken_out_one_by_one() -> None:
@@ -210,8 +210,8 @@ def test_range_jacobian_equals_finite_differences(scale: float) -> None:
     rng, arm = np.random.default_rng(7), (-0.2, 0.15, -0.4)
     for anchor in range(4):
         x = rng.normal(0, 1, B_RANGE + 4) + np.r_[15.0, 12.0, np.zeros(B_RANGE + 2)]
-        numeric = approx_fprime(x, lambda x, a=anchor: uwb.range_model(a, arm, x).h, 1e-6)
-        np.testing.assert_allclose(uwb.range_model(anchor, arm, x).row, numeric, atol=1e-6)
+        numeric = approx_fprime(x, lambda x, a=anchor: uwb.range_model(arm, a, x).h, 1e-6)
+        np.testing.assert_allclose(uwb.range_model(arm, anchor, x).row, numeric, atol=1e-6)
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])

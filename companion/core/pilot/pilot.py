@@ -26,6 +26,7 @@ from companion.core.pilot.monitors.table import monitors_of
 from companion.core.pilot.order_expiry import expiry
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
+from companion.core.pilot.trust.accelerometer_check import AccelerometerState
 from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
@@ -112,7 +113,8 @@ class Pilot:
         view = TickView(
             t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
             self.settings.control.period_s, state.helm.driving, state.helm.mode == "excitation",
-            state.monitor(MotionState).is_suspect, state.monitor(ThrusterState).suspected,
+            state.monitor(MotionState).is_suspect or bool(state.monitor(AccelerometerState).findings),
+            state.monitor(ThrusterState).suspected,
         )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)
@@ -152,4 +154,5 @@ class Pilot:
 
 def _findings(state: PilotState) -> tuple[Finding, ...]:
     """What speaks against the estimate."""
-    return (*state.monitor(HeadingState).findings, *state.monitor(MotionState).findings)
+    monitors = AccelerometerState, HeadingState, MotionState
+    return tuple(finding for kind in monitors for finding in state.monitor(kind).findings)

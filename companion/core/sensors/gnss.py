@@ -52,7 +52,7 @@ class GnssReceiver(Sensor):
     """The receiver of a vessel file at a site with this origin."""
 
     key, label, messages = "gnss", "GNSS", (GnssFix,)
-    words = PositionWords("GNSS led astray (reflections, jamming)", "GNSS", "GNSS positions", by_the_second=True)
+    words = PositionWords("GNSS led astray (reflections, jamming)", "GNSS", "GNSS positions", counts_Hz=1.0)
 
     def __init__(self, spec: Gnss, origin: Origin):
         self._spec, self._origin = spec, origin

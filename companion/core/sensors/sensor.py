@@ -84,13 +84,13 @@ class PositionHealth(NamedTuple):
 
 class PositionWords(NamedTuple):
     """How alerts speak of a sensor of positions that contradicts the motion: what may be wrong with it, its parts, and
-    what it says. `by_the_second`: contradictions count by the second, not one by one (`pilot.trust.motion_check`).
+    what it says. `counts_Hz`: so often a second contradictions count in full (`pilot.trust.motion_check`).
     """
 
     astray: str
     source: str
     readings: str
-    by_the_second: bool = False
+    counts_Hz: float = 2.0
 
 
 class SensorCheck(NamedTuple):

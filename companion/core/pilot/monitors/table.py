@@ -37,6 +37,7 @@ from companion.core.pilot.monitors.plan_gap import PlanGapMonitor
 from companion.core.pilot.monitors.stall import StallMonitor
 from companion.core.pilot.monitors.stuck_sensor import StuckSensorMonitor
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
+from companion.core.pilot.trust.accelerometer_check import AccelerometerMonitor
 from companion.core.pilot.trust.heading_check import HeadingMonitor
 from companion.core.pilot.trust.motion_check import MotionMonitor
 from companion.core.pilot.trust.repeated_ranges import RepeatedRangesMonitor
@@ -54,6 +55,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             StallMonitor(),
             StuckSensorMonitor(),
             RepeatedRangesMonitor(),
+            AccelerometerMonitor(vessel.sensors.imu),
             HeadingMonitor(vessel.sensors, math.radians(settings.site.rotation_deg)),
             AutopilotMonitor(),
             ArmingMonitor(),
@@ -113,8 +115,10 @@ def _hear(
     outputs: Outputs = []
     withhold = False
     for monitor in monitors:
-        own, report = monitor.on_message(state.monitor(type(monitor.initial)), message, t_ns)
-        state, changes = transitions.events(state.with_monitors(own), report.events, t_ns)
+        before = state.monitor(type(monitor.initial))
+        own, report = monitor.on_message(before, message, t_ns)
+        state = state if own is before else state.with_monitors(own)
+        state, changes = transitions.events(state, report.events, t_ns)
         outputs += [*report.alerts, *changes]
         withhold = withhold or report.withhold
         message = report.instead or message

@@ -1,6 +1,7 @@
 """The wrench that the model does not explain, from specific force, yaw rate and the commanded thrust over one tick.
 
     w = M (nu_dot_measured - nu_dot_model(eta, nu, B f))                          [N, N, N m]
+    a = what the model says that the accelerometer feels in level axes            [m/s^2]
 
 u_dot, v_dot: mean specific force in level axes less its bias, moved from the IMU's place to the origin;
 r_dot: difference of the yaw rate over the tick. f: forces that the commands give, with dead time and lag.
@@ -30,12 +31,13 @@ class ForceBalance:
 
     def residual(
         self, before: FilterState, now: FilterState, force_m_s2: np.ndarray, r_dot_rad_s2: float
-    ) -> np.ndarray:
-        """The wrench w (3,) of the tick between two filter states; `force_m_s2`: mean specific force in body axes."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """w (3,) and a (2,) of the tick between two filter states; `force_m_s2`: mean specific force in body axes."""
         nu = (before.x[NU] + now.x[NU]) / 2
         modelled = self._rate(now.x[ETA], nu, (before.f_n + now.f_n) / 2)
         level = np.array(to_level(*now.tilt, *map(float, force_m_s2))[:2]) - now.x[B_ACCEL]
-        da = level - np.array(point_acceleration(nu, modelled, self._arm_m))
+        felt = np.array(point_acceleration(nu, modelled, self._arm_m))
+        da = level - felt
         dr = r_dot_rad_s2 - modelled[2]
         x, y = self._arm_m
-        return self._M @ np.array([da[0] + y * dr, da[1] - x * dr, dr])
+        return self._M @ np.array([da[0] + y * dr, da[1] - x * dr, dr]), felt

@@ -1,6 +1,7 @@
 """Heading against yaw rate: what the heading turned over one and over five seconds is what the gyro adds up to.
 
     e = (psi_2 - psi_1) - integral r dt      |e| > 0.12 rad + 5 % of the turn, three ticks in a row: they contradict
+                                                   0.04 rad where one of them repeats itself to the last digit
 
 Which of the two is wrong is asked of a third: the yaw rate that the commanded moment makes of the model alone.
 A heading that jumps farther than any boat turns is left out at once.
@@ -28,9 +29,14 @@ WINDOWS_S = (1.0, 5.0)
 TICKS = 3
 JUMP_RAD = 0.35
 """From one message to the next beyond what the gyro says: no boat; assumed."""
-UNCHANGED_RAD = 1e-6
-"""A heading that turned by less has not been measured at all."""
 GAP_NS = 500_000_000
+FROZEN, FROZEN_LIMIT_RAD = 10, 0.04
+"""So many readings in a row that are the same to the last digit are not measured any more, if the other sensor turns.
+Assumed."""
+TURNS_RAD_S2, SCATTER_RAD_S, SCATTER_S, SPIKE_RAD_S = 2.0, 0.03, 1.0, 0.3
+"""No boat of this size accelerates its turn by more than the first. What yaw rates change beyond that from one to the
+next, averaged over `SCATTER_S`, is noise: of a good gyro nothing is left, 0.03 are left of 0.06 rad/s. A single spike
+counts for `SPIKE_RAD_S` at most. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +50,36 @@ class Turn:
 
 
 @dataclass(frozen=True)
+class TurnReadings:
+    """The last heading and yaw rate, how often each has been repeated, and how much the rate scatters [rad/s]."""
+
+    psi_rad: float = math.nan
+    r_rad_s: float = math.nan
+    psi_repeats: int = 0
+    r_repeats: int = 0
+    scatter_rad_s: float = 0.0
+
+    def take(self, psi_rad: float, r_rad_s: float, dt_s: float) -> TurnReadings:
+        """With one more of each, `dt_s` after the last."""
+        change = abs(r_rad_s - self.r_rad_s)
+        beyond = min(max(0.0, change - TURNS_RAD_S2 * dt_s), SPIKE_RAD_S) if math.isfinite(change) else 0.0
+        scatter = self.scatter_rad_s + min(1.0, dt_s / SCATTER_S) * (beyond - self.scatter_rad_s)
+        psi_repeats = self.psi_repeats + 1 if psi_rad == self.psi_rad else 0
+        return TurnReadings(psi_rad, r_rad_s, psi_repeats, self.r_repeats + 1 if change == 0.0 else 0, scatter)
+
+    @property
+    def frozen(self) -> str:
+        """Which of the two, alone, repeats itself; empty: none."""
+        psi, r = self.psi_repeats >= FROZEN, self.r_repeats >= FROZEN
+        return "" if psi == r else ("heading" if psi else "gyro")
+
+
+@dataclass(frozen=True)
 class HeadingState:
     """`now`: the sums; `past`: at the last ticks; `contradicted`: ticks in a row; `jumped`: heading is left out."""
 
     now: Turn | None = None
+    readings: TurnReadings = TurnReadings()
     past: tuple[Turn, ...] = ()
     contradicted: int = 0
     jumped: bool = False
@@ -88,7 +120,8 @@ class HeadingMonitor(Monitor[HeadingState]):
             finding = Finding("sensor", "heading", text, t_ns)
             state = replace(state, jumped=True, past=(), findings=(*state.findings, finding))
         instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
-        return replace(state, now=now), MonitorReport(alerts=alerts, instead=instead)
+        readings = state.readings.take(message.psi_rad, message.r_rad_s, dt_s)
+        return replace(state, now=now, readings=readings), MonitorReport(alerts=alerts, instead=instead)
 
     def on_tick(self, state: HeadingState, view: TickView) -> tuple[HeadingState, MonitorReport]:
         """Compare over the windows."""
@@ -100,11 +133,15 @@ class HeadingMonitor(Monitor[HeadingState]):
         state = replace(state, now=now, past=past)
         if state.jumped or state.findings:
             return state, self._report(state)
-        worst = max((_contradiction(now, past, w) for w in WINDOWS_S), key=lambda c: c[0], default=(0.0, now))
+        limit_rad = FROZEN_LIMIT_RAD if state.readings.frozen else LIMIT_RAD
+        worst = max((_contradiction(now, past, w, limit_rad) for w in WINDOWS_S), key=lambda c: c[0])
         state = replace(state, contradicted=state.contradicted + 1 if worst[0] > 0 else 0)
-        if state.contradicted < TICKS:
+        if state.readings.scatter_rad_s > SCATTER_RAD_S:
+            what, text = "gyro", "the yaw rate jumps to and fro as no boat turns: the gyro is wrong"
+        elif state.contradicted >= TICKS:
+            what, text = _name(now, worst[1], _last(now, past, WINDOWS_S[0]), state.readings.frozen)
+        else:
             return state, NOTHING
-        what, text = _name(now, worst[1])
         state = replace(state, findings=(Finding("sensor", what, text, view.t_ns),))
         alert = Alert(t_ns=view.t_ns, level="error", text=text)
         return state, MonitorReport(self._report(state).events, (alert,))
@@ -116,21 +153,30 @@ class HeadingMonitor(Monitor[HeadingState]):
         return MonitorReport({"untrusted": state.findings[0].text})
 
 
-def _contradiction(now: Turn, past: tuple[Turn, ...], window_s: float) -> tuple[float, Turn]:
+def _contradiction(now: Turn, past: tuple[Turn, ...], window_s: float, limit_rad: float) -> tuple[float, Turn]:
     """By how much more than allowed they disagree since `window_s` ago [rad], and the sums then."""
-    then = next((t for t in past if now.t_ns - t.t_ns <= window_s * 1e9), now)
+    then = _last(now, past, window_s)
     gyro = now.gyro_rad - then.gyro_rad
-    return abs(now.psi_rad - then.psi_rad - gyro) - LIMIT_RAD - SHARE * abs(gyro), then
+    return abs(now.psi_rad - then.psi_rad - gyro) - limit_rad - SHARE * abs(gyro), then
 
 
-def _name(now: Turn, then: Turn) -> tuple[str, str]:
-    """Which one is wrong, by the model's own turn."""
-    psi, gyro, model = now.psi_rad - then.psi_rad, now.gyro_rad - then.gyro_rad, now.model_rad - then.model_rad
+def _last(now: Turn, past: tuple[Turn, ...], window_s: float) -> Turn:
+    """The sums `window_s` ago."""
+    return next((t for t in past if now.t_ns - t.t_ns <= window_s * 1e9), now)
+
+
+def _turned(now: Turn, then: Turn) -> tuple[float, float, float]:
+    """By heading, gyro and model, from then to now [rad]."""
+    return now.psi_rad - then.psi_rad, now.gyro_rad - then.gyro_rad, now.model_rad - then.model_rad
+
+
+def _name(now: Turn, then: Turn, of_late: Turn, frozen: str) -> tuple[str, str]:
+    """Which one is wrong: what is frozen, a gyro that turns the other way; else by the model's own turn."""
+    psi, gyro, model = _turned(now, then)
     wrong = "heading" if abs(psi - model) > abs(gyro - model) else "gyro"
-    if abs(psi) < UNCHANGED_RAD:
-        wrong = "heading"
-    elif abs(psi + gyro) < 0.5 * abs(psi):  # as large, with the other sign
-        wrong = "gyro"
+    if any(abs(a + b) < 0.5 * abs(a) for a, b, _ in (_turned(now, of_late), (psi, gyro, model))):
+        wrong = "gyro"  # it says as much with the other sign
+    wrong = frozen or wrong
     seconds = (now.t_ns - then.t_ns) * 1e-9
     text = (
         f"heading turned by {math.degrees(psi):.0f} degrees in {seconds:.0f} s, the gyro says {math.degrees(gyro):.0f},"

@@ -9,6 +9,7 @@
     reversed     all of them: offset -2 B f
     pushed       d large: something pushes harder than water and wind usually do
     accel        M [b_x b_y 0], b free: the accelerometer is wrong
+    askew i      offset M (A_i - I) a: its axes are turned or exchanged; a: what it should feel
 
 Each against `sound` by a cumulative sum of log-likelihood ratios (Page 1954; Willsky and Jones 1976, generalised
 likelihood ratio): where the sum falls to 0 the hypothesis begins afresh from `sound`, so it need not know when a fault
@@ -43,8 +44,12 @@ CEILING = 60.0
 """Nats at which the largest sum stops growing, so that it can fall again; the others keep their distance."""
 
 
+AXES = (np.diag([-1.0, -1.0]), *(np.array([[0.0, x], [y, 0.0]]) for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0))))
+"""How an accelerometer's axes may be mistaken: turned by 180 degrees, exchanged, turned by 90 degrees either way."""
+
+
 class ThrustHypothesis(NamedTuple):
-    """`kind`: sound, gain, stuck, swap, reversed, pushed or accel; `i`, `j`: of the thrusters."""
+    """`kind`: sound, gain, stuck, swap, reversed, pushed, accel or askew; `i`, `j`: of the thrusters, or of `AXES`."""
 
     kind: str
     i: int = -1
@@ -60,6 +65,11 @@ class ThrustHypothesis(NamedTuple):
         """Whether it blames one thruster or two."""
         return self.kind in ("gain", "stuck", "swap")
 
+    @property
+    def blames_accelerometer(self) -> bool:
+        """Whether it is about the accelerometer."""
+        return self.kind in ("accel", "askew")
+
 
 def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
     """All for n thrusters; the first is `sound`."""
@@ -71,6 +81,7 @@ def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
         *((ThrustHypothesis("reversed"),) if n > 1 else ()),
         ThrustHypothesis("pushed"),
         ThrustHypothesis("accel"),
+        *(ThrustHypothesis("askew", i) for i in range(len(AXES))),
     )
 
 
@@ -111,8 +122,8 @@ class ThrusterBank:
         K = len(self.hypotheses)
         return BankState(self._mean0.copy(), self._P0.copy(), np.zeros(K), np.zeros(3))
 
-    def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, dt_s: float) -> BankState:
-        """After one residual w (3,) under forces f (n,) [N]."""
+    def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, a_m_s2: np.ndarray, dt_s: float) -> BankState:
+        """After one residual w (3,) under forces f (n,) [N], where the accelerometer should feel a (2,)."""
         noise = state.noise
         # 1. noise: what changes within half a second and is neither sensor noise nor explained by a slow cause
         past = (*state.past, w)[-6:]
@@ -128,7 +139,7 @@ class ThrusterBank:
         axes = np.arange(3)
         P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
         # 3. innovations of all hypotheses, and their likelihoods
-        H, offset = self._measurement(f_n)
+        H, offset = self._measurement(f_n, a_m_s2)
         nu = w - offset - np.einsum("kij,kj->ki", H, mean)
         HP = H @ P
         S = HP @ H.transpose(0, 2, 1) + np.diag(R)
@@ -157,14 +168,14 @@ class ThrusterBank:
         mean[free] = self._mean0[k][free]
         return mean, P
 
-    def _measurement(self, f_n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _measurement(self, f_n: np.ndarray, a_m_s2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """H (K, 3, 4 + n) and offset (K, 3)."""
         n, K = self._n, len(self.hypotheses)
         H, offset = np.zeros((K, 3, n + 4)), np.zeros((K, 3))
         H[:, :, :3] = np.eye(3)
         H[:, :, 3 : 3 + n] = self.B * f_n
         for k, h in enumerate(self.hypotheses):
-            b_i = self.B[:, h.i]
+            b_i = self.B[:, h.i] if h.is_thruster else 0.0
             if h.kind == "stuck":
                 H[k, :, -1], offset[k] = b_i, -f_n[h.i] * b_i
                 H[k, :, 3 + h.i] = 0.0
@@ -174,4 +185,6 @@ class ThrusterBank:
                 offset[k] = -2.0 * self.B @ f_n
             elif h.kind == "accel":
                 H[k, :, :2] = self._M[:, :2]
+            elif h.kind == "askew":
+                offset[k] = self._M[:, :2] @ (AXES[h.i] @ a_m_s2 - a_m_s2)
         return H, offset

@@ -4,7 +4,8 @@
               0.15 m/s, wind, and a model that is off by a fifth make 0.4 m/s; anchors that stand elsewhere than in the
               file, or a compass that is off by 60 degrees, more.
     force     the lasting latent force beyond what water, wind and thrusters that are off can do
-    ranges    cumulative sum of the median d^2 of each cycle (d^2 = nu^2 / S), robust against single bad anchors
+    ranges    cumulative sum of what the second best range of each cycle says (d^2 = nu^2 / S): two bad anchors of four,
+              one of three, count for nothing; of a position the mean of both coordinates
 
 Each ends in `untrusted`: position and motion contradict each other, and nobody can tell which of them is right. Not in
 an excitation, which is flown because the model is not known.
@@ -14,7 +15,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from statistics import median
+from statistics import fmean
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,24 +38,41 @@ SLIP_SIGMA_M_S, SPEED_SHARE, SIGMAS = 0.18, 0.25, 2.8
 FLOW_M_S, TURN_RAD_S, THRUST_SHARE = 0.5, 0.5, 0.1
 """The latent force may be the drag of so much flow and turn, and so much of full thrust; assumed."""
 FORCE_TICKS = 15
-CAP, SLACK, LIMIT = 12.0, 2.5, 24.0
-"""Of the cumulative sum: a cycle counts 12 at most, 2.5 is normal (a sound filter's median is 0.5); assumed.
-Positions that follow one another faster than once a second may count by it (`PositionWords`)."""
+CAP, SLACK, LIMIT, SOUND = 15.0, 2.5, 24.0, 0.5
+"""Of the cumulative sum: a cycle counts 15 at most, 2.5 is normal, `SOUND` a sound filter's median: two cycles that are
+far off suffice, before their gates re-open. Assumed. Faster ones count for less (`PositionWords.counts_Hz`)."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
+
+
+class Cycle(NamedTuple):
+    """d^2 of ranges, or of a position's coordinates, that came together, `CAP` at most; empty: they are counted."""
+
+    t_ns: int = 0
+    d2: tuple[float, ...] = ()
+    are_ranges: bool = True
+
+    def surprise(self) -> float:
+        """What it adds up to; ranges that are missing are as good as others."""
+        if not self.are_ranges:
+            return fmean(self.d2)
+        return sorted((*self.d2, SOUND, SOUND))[1] if len(self.d2) < 3 else sorted(self.d2)[1]
+
+
+NO_CYCLE = Cycle()
 
 
 @dataclass(frozen=True)
 class MotionState:
     """`slip_m_s`: mean, north and east; `beyond`, `forced`: ticks in a row with too much slip, too much force; `sum`:
-    of the ranges' surprise; `cycle`: d^2 of the cycle at hand and its instant.
+    of the ranges' surprise; `cycle`: the one at hand.
     """
 
     slip_m_s: tuple[float, float] = (0.0, 0.0)
     beyond: int = 0
     forced: int = 0
     sum: float = 0.0
-    cycle: tuple[int, tuple[float, ...]] = (0, ())
+    cycle: Cycle = NO_CYCLE
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -71,7 +90,7 @@ class MotionMonitor(Monitor[MotionState]):
     def __init__(self, vessel: VesselFile):
         kind, rate_Hz = position_kind(vessel.sensors), vessel.sensors.position.rate_Hz
         self._words = kind.words
-        self._weight = min(1.0, 1.0 / rate_Hz) if kind.words.by_the_second else 1.0
+        self._weight = min(1.0, kind.words.counts_Hz / rate_Hz)
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         actuators = ActuatorSet.of(vessel)
@@ -86,15 +105,21 @@ class MotionMonitor(Monitor[MotionState]):
             return (MotionState() if state.findings and message.command != "stop" else state), NOTHING
         if not message.sensor.startswith(("range", "position")):
             return state, NOTHING
-        at_ns, cycle = state.cycle
-        if message.t_ns == at_ns:
-            return replace(state, cycle=(at_ns, (*cycle, min(message.d2, CAP)))), NOTHING
-        total = max(0.0, state.sum + self._weight * (median(cycle) - SLACK)) if cycle else state.sum
-        return replace(state, sum=min(total, 2 * LIMIT), cycle=(message.t_ns, (min(message.d2, CAP),))), NOTHING
+        if message.t_ns != state.cycle.t_ns:
+            state = replace(self._counted(state), cycle=Cycle(message.t_ns, (), message.sensor.startswith("range")))
+        d2 = (*state.cycle.d2, min(message.d2, CAP))
+        return replace(state, cycle=state.cycle._replace(d2=d2)), NOTHING
+
+    def _counted(self, state: MotionState) -> MotionState:
+        """With the cycle at hand in the sum: it is whole, for its ranges come in one message."""
+        if not state.cycle.d2:
+            return state
+        total = max(0.0, state.sum + self._weight * (state.cycle.surprise() - SLACK))
+        return replace(state, sum=min(total, 2 * LIMIT), cycle=state.cycle._replace(d2=()))
 
     def on_tick(self, state: MotionState, view: TickView) -> tuple[MotionState, MonitorReport]:
         """Judge slip, force and ranges."""
-        belief = view.belief
+        belief, state = view.belief, self._counted(state)
         if belief is None or view.learning or view.t_ns - belief.since_ns < BEGINS_NS:
             return replace(state, slip_m_s=(0.0, 0.0), beyond=0, forced=0, sum=0.0), _report(state)
         nu, modelled = belief.x[3:5], view.model_nu

@@ -15,22 +15,23 @@ from msgspec.structs import replace as struct_replace
 from companion.core.messages import Alert, UwbPosition, UwbRanges
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
 
-ALERT_NS = 1_500_000_000
-"""A repeat that lasts so long is told; assumed."""
+ALERT_NS, ALERT_READINGS = 950_000_000, 4
+"""Readings so old, and so many repeats of them, are told: a tag may renew its ranges once a second and say them ten
+times; four repeats are chance once in a million messages. Assumed."""
 ANCHOR_REPEATS = 5
 """Of one anchor alone; by chance (3 % a reading at 1 cm) once in 4,000 hours at 1 Hz with four anchors."""
 
 
 @dataclass(frozen=True)
 class RangeRepeats:
-    """`last`: the latest reading of each anchor [m] and how often it has been repeated; `since_ns`: when a whole
-    message was repeated first, None: it was not; `told`: what the latest alert named, as text.
+    """`last`: the latest reading of each anchor [m] and how often it has been repeated; `new_ns`: when something new
+    was said; `told`: what the latest alert named, as text; `position`: the tag's own, and its repeats.
     """
 
     last: Mapping[str, tuple[float, int]] = field(default_factory=dict)
-    since_ns: int | None = None
+    new_ns: int = 0
     told: str = ""
-    position: tuple[float, float] | None = None
+    position: tuple[tuple[float, float] | None, int] = (None, 0)
 
 
 class RepeatedRangesMonitor(Monitor[RangeRepeats]):
@@ -52,9 +53,9 @@ class RepeatedRangesMonitor(Monitor[RangeRepeats]):
             last[r.anchor] = (r.range_m, count + 1 if before == r.range_m else 0)
         counts = [last[r.anchor][1] for r in message.ranges]
         if len(counts) > 1 and min(counts) >= 1:
-            return self._repeated(replace(state, last=last), t_ns)
+            return self._repeated(replace(state, last=last), sum(counts), t_ns)
         stuck = [r.anchor for r in message.ranges if last[r.anchor][1] >= ANCHOR_REPEATS]
-        now = replace(state, last=last, since_ns=None, told=", ".join(stuck))
+        now = replace(state, last=last, new_ns=t_ns, told=", ".join(stuck))
         alerts = _changed(state, now, t_ns)
         if not stuck:
             return now, MonitorReport(alerts=alerts)
@@ -63,20 +64,20 @@ class RepeatedRangesMonitor(Monitor[RangeRepeats]):
             alerts=alerts, withhold=not good, instead=struct_replace(message, ranges=good) if good else None
         )
 
-    def _repeated(self, state: RangeRepeats, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
-        """A message that says nothing new."""
-        since_ns = t_ns if state.since_ns is None else state.since_ns
-        told = "all" if t_ns - since_ns >= ALERT_NS else state.told
-        now = replace(state, since_ns=since_ns, told=told)
+    def _repeated(self, state: RangeRepeats, repeats: int, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
+        """A message that says nothing new, with so many repeats since it was."""
+        is_old = t_ns - state.new_ns >= ALERT_NS and repeats >= ALERT_READINGS
+        now = replace(state, told="all" if is_old else state.told)
         return now, MonitorReport(alerts=_changed(state, now, t_ns), withhold=True)
 
     def _position(self, state: RangeRepeats, message: UwbPosition, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:
         """The tag's own position."""
-        if (place := (message.x_m, message.y_m)) == state.position:
-            return self._repeated(state, t_ns)
+        place, (before, count) = (message.x_m, message.y_m), state.position
+        if place == before:
+            return self._repeated(replace(state, position=(place, count + 2)), count + 2, t_ns)
         if state.last:  # ranges come too, and judge
-            return replace(state, position=place), NOTHING
-        now = replace(state, since_ns=None, told="", position=place)
+            return replace(state, position=(place, 0)), NOTHING
+        now = replace(state, new_ns=t_ns, told="", position=(place, 0))
         return now, MonitorReport(alerts=_changed(state, now, t_ns))
 
 

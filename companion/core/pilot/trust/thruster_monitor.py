@@ -31,6 +31,8 @@ SETTLES_NS = 2_000_000_000
 WAVE_TICKS, PUSHED_NATS = 30, 40.0
 """A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
 25 nats within their first periods."""
+UNSEEN_PERIODS, UNSEEN_S = 2.5, 1.0
+"""Without a position for so many periods, and so long, speed is dead reckoning, and thrusters are not judged by it."""
 QUIET_NS = 1_000_000_000
 """Dead time, lag and filters together; assumed."""
 BEARABLE_SHARE = 0.3
@@ -77,6 +79,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         self._names = [t.name for t in vessel.thrusters]
         self._bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
         self._balance = ForceBalance(vessel)
+        self._unseen_ns = round(max(UNSEEN_S, UNSEEN_PERIODS / vessel.sensors.position.rate_Hz) * 1e9)
         self.initial = ThrusterState(self._bank.initial(), ThrusterHealth.sound(n))
 
     def on_message(
@@ -106,14 +109,16 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             return replace(after, bank=self._bank.initial()), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
             return after, report
+        if now.t_ns - now.position_ns > self._unseen_ns:
+            return after, report
         if state.rate is None or state.rate_before is None or state.rate[0] <= state.rate_before[0]:
             return after, report
         dt_s = (now.t_ns - before.t_ns) * 1e-9
         r_dot = (state.rate[1] - state.rate_before[1]) / ((state.rate[0] - state.rate_before[0]) * 1e-9)
-        w = self._balance.residual(before, now, np.array(state.force) / state.count, r_dot)
+        w, a = self._balance.residual(before, now, np.array(state.force) / state.count, r_dot)
         if not np.isfinite(w).all():
             return after, report
-        bank = self._bank.step(state.bank, w, (before.f_n + now.f_n) / 2, dt_s)
+        bank = self._bank.step(state.bank, w, (before.f_n + now.f_n) / 2, a, dt_s)
         return self._judge(replace(after, bank=bank), view)
 
     def _judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
@@ -128,8 +133,10 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         rivals = [kinds[k] for k in order[1:] if nats[k] > nats[best] - AHEAD_NATS]
         if kinds[best].kind != "pushed":  # that would have to push just as a thruster or a bad accelerometer does
             rivals = [h for h in rivals if h.kind != "pushed"]
-        if kinds[best].kind == "pushed" and [h.kind for h in rivals] == ["accel"]:
+        if kinds[best].kind == "pushed" and rivals and all(h.blames_accelerometer for h in rivals):
             best, rivals = kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
+        if kinds[best].blames_accelerometer:  # however it is wrong, it is left out
+            rivals = [h for h in rivals if not h.blames_accelerometer]
         if rivals:
             return self._undecided(state, [kinds[best], *rivals], view)
         if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
@@ -171,11 +178,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         elif h.kind == "reversed":
             gains = [-g for g in gains]
             text = "all thrusters push the wrong way; their pulses are turned round"
-        elif h.kind == "accel":
-            cause, text = "sensor", "the accelerometer is wrong: left out until the next start"
+        elif h.blames_accelerometer:
+            cause, text = "sensor", f"{text}: left out until the next start"
         else:
             cause, text = "surroundings", "something pushes the boat harder than water and wind usually do"
-        what = {"gain": self._names[h.i], "stuck": self._names[h.i]}.get(h.kind, h.kind)
+        what = self._names[h.i] if h.kind in ("gain", "stuck") else "accel" if h.blames_accelerometer else h.kind
         if cause != "thruster":
             return self._elsewhere(state, Finding(cause, what, text, view.t_ns, nats), view)
         finding = Finding("thruster", what, text, view.t_ns, nats)
@@ -209,15 +216,13 @@ def _gain_words(gain: float) -> str:
 
 def _words(h: ThrustHypothesis, names: list[str]) -> str:
     """A hypothesis in words."""
-    match h.kind:
-        case "gain":
-            return f"thruster {names[h.i]} gives another force"
-        case "stuck":
-            return f"thruster {names[h.i]} is stuck"
-        case "swap":
-            return f"thrusters {names[h.i]} and {names[h.j]} have changed places"
-        case "reversed":
-            return "all thrusters are reversed"
-        case "pushed":
-            return "something pushes it"
-    return "the accelerometer is wrong"
+    one, other = (names[h.i], names[h.j]) if h.is_thruster else ("", "")
+    return {
+        "gain": f"thruster {one} gives another force",
+        "stuck": f"thruster {one} is stuck",
+        "swap": f"thrusters {one} and {other} have changed places",
+        "reversed": "all thrusters are reversed",
+        "pushed": "something pushes it",
+        "accel": "the accelerometer is wrong",
+        "askew": "the accelerometer is wrong (its axes are turned or exchanged)",
+    }[h.kind]

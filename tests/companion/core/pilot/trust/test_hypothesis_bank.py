@@ -5,7 +5,7 @@ import pytest
 
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.trust.hypothesis_bank import NOISE, ThrusterBank, hypotheses
+from companion.core.pilot.trust.hypothesis_bank import AXES, NOISE, ThrusterBank, hypotheses
 from tests.support.drive_fixture import setup
 
 VESSEL = setup().pilot.vessel
@@ -21,13 +21,18 @@ def told(spoil, seconds=60.0, seed=5, thrust=False):
     state, f, best = bank.initial(), np.zeros(4), (bank.hypotheses[0], 0.0, np.zeros(8))
     for _ in range(round(10 * seconds)):
         f = f + 0.1 * (rng.normal(0, 40, 4) - f)
-        state = bank.step(state, spoil(f) + rng.normal(0, NOISE), f, 0.1)
+        state = bank.step(state, spoil(f) + rng.normal(0, NOISE), f, felt(f), 0.1)
         k = int(
             np.argmax([n * (not thrust or h.blames_thrust) for n, h in zip(state.nats, bank.hypotheses, strict=True)])
         )
         if state.nats[k] > best[1]:
             best = bank.hypotheses[k], float(state.nats[k]), state.mean[k]
     return best
+
+
+def felt(f):
+    """What the accelerometer feels [m/s^2] of a boat that begins to move."""
+    return np.linalg.solve(M, B @ f)[:2]
 
 
 def gain(i, share):
@@ -49,6 +54,12 @@ def test_it_names_what_was_done(spoil, kind, i):
     assert (hypothesis.kind, hypothesis.i) == (kind, i) and nats > 15.0
     if kind == "gain":
         assert mean[3 + i] == pytest.approx(-1.0 if i == 0 else -2.0, abs=0.3)
+
+
+@pytest.mark.parametrize("i", range(len(AXES)))
+def test_an_accelerometer_with_turned_axes_is_no_thruster(i):
+    hypothesis, nats, _ = told(lambda f: M[:, :2] @ (AXES[i] - np.eye(2)) @ felt(f), 10.0)
+    assert hypothesis == ("askew", i, -1) and nats > 15.0
 
 
 def test_a_push_and_a_bad_accelerometer_are_no_thruster():
@@ -77,7 +88,7 @@ def test_a_fault_that_begins_late_is_found_within_seconds():
     for k in range(700):
         f = f + 0.1 * (rng.normal(0, 20, 4) - f)
         w = gain(3, -1.0)(f) if k >= 600 else np.zeros(3)
-        state = bank.step(state, w + rng.normal(0, NOISE), f, 0.1)
+        state = bank.step(state, w + rng.normal(0, NOISE), f, felt(f), 0.1)
         if k == 599:
             assert state.nats.max() < 8.0
     best = bank.hypotheses[int(np.argmax(state.nats))]
@@ -85,5 +96,5 @@ def test_a_fault_that_begins_late_is_found_within_seconds():
 
 
 def test_every_boat_has_its_hypotheses():
-    assert [h.kind for h in hypotheses(1)] == ["sound", "gain", "stuck", "pushed", "accel"]
-    assert len(hypotheses(4)) == 1 + 4 + 4 + 6 + 1 + 2
+    assert [h.kind for h in hypotheses(1)] == ["sound", "gain", "stuck", "pushed", "accel", *["askew"] * 4]
+    assert len(hypotheses(4)) == 1 + 4 + 4 + 6 + 1 + 2 + 4

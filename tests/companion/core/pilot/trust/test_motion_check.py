@@ -1,12 +1,17 @@
 """A boat that moves otherwise than it is driven stops, and says what it had suspected by then."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 
-from companion.core.pilot.trust.motion_check import FORCE_TICKS, SLIP_TICKS, MotionState
+from companion.core.messages import Innovation
+from companion.core.pilot.trust.motion_check import FORCE_TICKS, SLIP_TICKS, MotionMonitor, MotionState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
+from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.companion.core.pilot.test_pilot_modes import Boat
+from tests.support.vessel_fixtures import boat as vessel_of
 
 SUSPECTED = "thruster front_port gives another force or thruster front_port is stuck"
 
@@ -21,3 +26,38 @@ def test_what_was_suspected_stands_in_the_reason_of_the_stop(suspected):
     why = boat.state.helm.why
     assert "otherwise than it is driven" in why
     assert (f"; suspected before: {SUSPECTED}" in why) == bool(suspected)
+
+
+S = 1_000_000_000
+AT_REST = SimpleNamespace(since_ns=-10 * S, x=[0.0] * 6, lasting=(0.0, 0.0, 0.0))
+
+
+def contradicted_after_s(rate_Hz, d2, cycles=200):
+    """When ranges to four anchors that are off by d2 = nu^2 / S each are found to contradict; None: never."""
+    vessel = vessel_of("aritra")
+    uwb = msgspec.structs.replace(vessel.sensors.uwb, rate_Hz=rate_Hz)
+    sensors = msgspec.structs.replace(vessel.sensors, uwb=uwb)
+    monitor, state = MotionMonitor(msgspec.structs.replace(vessel, sensors=sensors)), MotionState()
+    for k in range(round(cycles * max(1.0, 10.0 / rate_Hz))):
+        t_ns = k * S // 10
+        if k % max(1, round(10 / rate_Hz)) == 0:
+            for i, value in enumerate(d2):
+                seen = Innovation(t_ns=t_ns, sensor=f"range {i}", innovation=(1.0,), S=(1.0,), d2=value, accepted=False)
+                state, _ = monitor.on_message(state, seen, t_ns)
+        state, report = monitor.on_tick(state, replace(view(t_ns), belief=AT_REST))
+        if report.events:
+            return t_ns / S
+    return None
+
+
+@pytest.mark.parametrize(("rate_Hz", "within_s"), [(1.0, (1.0, 1.1)), (10.0, (0.7, 1.1))])
+def test_ranges_that_are_all_far_off_contradict_before_a_gate_re_opens(rate_Hz, within_s):
+    assert within_s[0] <= contradicted_after_s(rate_Hz, (500.0, 900.0, 40.0, 300.0)) <= within_s[1]
+
+
+@pytest.mark.parametrize("rate_Hz", [1.0, 10.0])
+@pytest.mark.parametrize(
+    "d2", [(1.0, 0.5, 900.0, 900.0), (1.0, 0.5, 900.0), (0.5, 900.0), (900.0,), (2.0, 2.0, 2.0, 2.0)]
+)
+def test_some_bad_anchors_and_some_noise_contradict_nothing(rate_Hz, d2):
+    assert contradicted_after_s(rate_Hz, d2) is None

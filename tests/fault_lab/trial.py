@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.core.messages import Alert, GroundTruth, GuidanceReference, ModeStatus, OverrideLease, StateEstimate
+from companion.core.pilot.trust.accelerometer_check import AccelerometerState
 from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
@@ -28,6 +29,8 @@ DURATION_S = 150.0
 WRONG_M, WRONG_S = 2.0, 3.0
 BEYOND_S = 0.5
 HIGH_SHARE, HIGH_S = 0.4, 5.0
+MOVED_M = 1.0
+"""A fault that moves the boat, or its estimate, by more than this must be told soon."""
 TURNING_N = 1.0
 """A thruster that pushes less has stopped."""
 TICK_S = 0.1
@@ -35,8 +38,8 @@ TICK_S = 0.1
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one trial. Times in s, since switch-on or in all; `alerts`: (time, level, text);
-    `named`: (time, cause, what) of the findings, the first one first.
+    """What became of one trial. Times in s, since switch-on or in all; `moved_s`: when the estimate was first wrong by
+    more than `MOVED_M`; `alerts`: (time, level, text); `named`: (time, cause, what) of the findings, the first first.
     """
 
     faults: tuple[str, ...]
@@ -49,6 +52,7 @@ class Verdict:
     wrong_m: float
     cross_m: float
     true_farthest_m: float
+    moved_s: float
     alerts: tuple[tuple[float, str, str], ...] = field(repr=False)
     modes: tuple[tuple[float, str], ...] = ()
     named: tuple[tuple[float, str, str], ...] = ()
@@ -57,6 +61,11 @@ class Verdict:
     def failed(self) -> bool:
         """By the criterion above."""
         return self.healthy_wrong_s >= WRONG_S or self.beyond_s >= BEYOND_S or self.high_s >= HIGH_S
+
+    @property
+    def drives_s(self) -> float:
+        """When the boat was first allowed to drive; infinite: never."""
+        return next((t for t, mode in self.modes if mode == "auto"), math.inf)
 
     def first_alert_s(self, after_s: float) -> float:
         """Seconds from `after_s` to the first warning or error; infinite without one."""
@@ -107,6 +116,7 @@ def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
         wrong_m=float(wrong[started].max(initial=0.0)),
         cross_m=tracking(track, np.array(told.mission.path.points))["cross_track_rms_m"],
         true_farthest_m=float(-min(told.fence.clearance(*place) for place in truth)),
+        moved_s=1e-9 * pairs[far.argmax()][0].t_ns if (far := started & (wrong > MOVED_M)).any() else math.inf,
         alerts=tuple((a.t_ns * 1e-9, a.level, a.text) for a in run.of(Alert)),
         modes=_changes(run.of(ModeStatus)),
         named=_named(run),
@@ -115,7 +125,7 @@ def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
 
 def _named(run: SteppedRun) -> tuple[tuple[float, str, str], ...]:
     """What the boat named, in the order in which it did; ranges that repeat are told by an alert alone."""
-    monitors = HeadingState, MotionState, ThrusterState
+    monitors = AccelerometerState, HeadingState, MotionState, ThrusterState
     found = [(f.t_ns * 1e-9, f.cause, f.what) for kind in monitors for f in run.state.monitor(kind).findings]
     found += [
         (a.t_ns * 1e-9, "sensor", "position" if "UWB" in a.text else "imu")

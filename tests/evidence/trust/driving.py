@@ -70,9 +70,9 @@ def cost(full: bool) -> Iterator[Line]:
     bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
     rng, state, took = np.random.default_rng(1), bank.initial(), []
     for _ in range(2000):
-        w, f = rng.normal(0, 3, 3), rng.normal(0, 5, len(vessel.thrusters))
+        w, f, a = rng.normal(0, 3, 3), rng.normal(0, 5, len(vessel.thrusters)), rng.normal(0, 0.3, 2)
         started = time.perf_counter()
-        state = bank.step(state, w, f, 0.1)
+        state = bank.step(state, w, f, a, 0.1)
         took.append(time.perf_counter() - started)
     yield at_most("share of one core at 10 Hz", 100 * 10 * float(np.mean(took)), 2.0, "%")
     yield information("one step, p99", 1000 * float(np.percentile(took, 99)), "ms")

@@ -56,7 +56,8 @@ class Cycle(NamedTuple):
         """What it adds up to; ranges that are missing are as good as others."""
         if not self.are_ranges:
             return fmean(self.d2)
-        return sorted((*self.d2, SOUND, SOUND))[1] if len(self.d2) < 3 else sorted(self.d2)[1]
+        missing = [SOUND] * (3 - len(self.d2))
+        return sorted((*self.d2, *missing))[1]
 
 
 NO_CYCLE = Cycle()

@@ -14,6 +14,7 @@ an excitation, which is flown because the model is not known.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import NamedTuple
@@ -46,21 +47,29 @@ SUSPECT = 8.0
 
 
 class Cycle(NamedTuple):
-    """d^2 of ranges, or of a position's coordinates, that came together, `CAP` at most; empty: they are counted."""
+    """d^2 of a tag's ranges, or of a position's coordinates, by the name of each, `CAP` at most; none twice."""
 
-    t_ns: int = 0
-    d2: tuple[float, ...] = ()
-    are_ranges: bool = True
+    d2: Mapping[str, float]
+
+    @property
+    def are_ranges(self) -> bool:
+        """Not coordinates."""
+        return any(name.startswith("range") for name in self.d2)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it can be judged; else it may go on: tags may say their ranges one by one, or lose some."""
+        return len(self.d2) >= 3 or not self.are_ranges
 
     def surprise(self) -> float:
-        """What it adds up to; ranges that are missing are as good as others."""
+        """What it adds up to; of three ranges, those that are missing are as good as others."""
         if not self.are_ranges:
-            return fmean(self.d2)
+            return fmean(self.d2.values())
         missing = [SOUND] * (3 - len(self.d2))
-        return sorted((*self.d2, *missing))[1]
+        return sorted((*self.d2.values(), *missing))[1]
 
 
-NO_CYCLE = Cycle()
+NO_CYCLE = Cycle({})
 
 
 @dataclass(frozen=True)
@@ -106,21 +115,20 @@ class MotionMonitor(Monitor[MotionState]):
             return (MotionState() if state.findings and message.command != "stop" else state), NOTHING
         if not message.sensor.startswith(("range", "position")):
             return state, NOTHING
-        if message.t_ns != state.cycle.t_ns:
-            state = replace(self._counted(state), cycle=Cycle(message.t_ns, (), message.sensor.startswith("range")))
-        d2 = (*state.cycle.d2, min(message.d2, CAP))
-        return replace(state, cycle=state.cycle._replace(d2=d2)), NOTHING
+        if message.sensor in state.cycle.d2:
+            state = self._counted(state)
+        return replace(state, cycle=Cycle({**state.cycle.d2, message.sensor: min(message.d2, CAP)})), NOTHING
 
     def _counted(self, state: MotionState) -> MotionState:
-        """With the cycle at hand in the sum: it is whole, for its ranges come in one message."""
-        if not state.cycle.d2:
-            return state
+        """With the cycle at hand in the sum."""
         total = max(0.0, state.sum + self._weight * (state.cycle.surprise() - SLACK))
-        return replace(state, sum=min(total, 2 * LIMIT), cycle=state.cycle._replace(d2=()))
+        return replace(state, sum=min(total, 2 * LIMIT), cycle=NO_CYCLE)
 
     def on_tick(self, state: MotionState, view: TickView) -> tuple[MotionState, MonitorReport]:
         """Judge slip, force and ranges."""
-        belief, state = view.belief, self._counted(state)
+        belief = view.belief
+        if state.cycle.d2 and state.cycle.is_whole:
+            state = self._counted(state)
         if belief is None or view.learning or view.t_ns - belief.since_ns < BEGINS_NS:
             return replace(state, slip_m_s=(0.0, 0.0), beyond=0, forced=0, sum=0.0), _report(state)
         nu, modelled = belief.x[3:5], view.model_nu

@@ -9,6 +9,7 @@ Every tick ends in exactly one OverrideLease, neutral in every mode that does no
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from companion.core.pilot.inputs import Handler, InputHandler
 from companion.core.pilot.manual_control import Sticks
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.arming_refusals import ArmingRefusals, explain
-from companion.core.pilot.monitors.monitor import TickView
+from companion.core.pilot.monitors.monitor import LegAhead, TickView
 from companion.core.pilot.monitors.table import monitors_of
 from companion.core.pilot.order_expiry import expiry
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
@@ -114,7 +115,7 @@ class Pilot:
             t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
             self.settings.control.period_s, state.helm.driving, state.helm.mode == "excitation",
             state.monitor(MotionState).is_suspect or bool(state.monitor(AccelerometerState).findings),
-            state.monitor(ThrusterState).suspected,
+            state.monitor(ThrusterState).suspected, _leg(state, estimate),
         )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)
@@ -150,6 +151,15 @@ class Pilot:
 
     def _stick_rejection(self, state: PilotState, t_ns: int) -> str | None:
         return manual_control.rejection(state.monitor(Sticks), t_ns, self.settings.control.manual_timeout_s)
+
+
+def _leg(state: PilotState, estimate: StateEstimate) -> LegAhead | None:
+    """The leg of a mission under way."""
+    guided = state.guidance
+    if state.helm.mode != "auto" or guided.phase != "leg" or guided.route is None:
+        return None
+    ahead_m = math.dist((estimate.north_m, estimate.east_m), guided.route.points[guided.target])
+    return LegAhead(len(guided.passed) + 1, guided.s_m, ahead_m)
 
 
 def _findings(state: PilotState) -> tuple[Finding, ...]:

@@ -8,13 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from companion.core.estimation.filter_state import FilterState
 from companion.core.messages import Alert, Message, StateEstimate
 from companion.core.pilot.modes import Event
 
 State = TypeVar("State")
+
+
+class LegAhead(NamedTuple):
+    """What a mission's boat drives: `waypoint` ahead, from 1; `along_m` the course; `ahead_m`: distance to it."""
+
+    waypoint: int
+    along_m: float
+    ahead_m: float
 
 
 @dataclass(frozen=True)
@@ -25,7 +33,7 @@ class TickView:
     `autopilot_alive`: whether heartbeats come; `belief`: the filter at `t_ns`, None before it runs; `model_nu`: u, v,
     r of the model alone (`pilot.trust.model_motion`); `period_s`: of the ticks; `driving`: whether the thrusters may
     turn; `learning`: in an excitation, which is flown because the model is not known; `suspect`: sensors contradict
-    each other, perhaps; `thrusters_suspected`: which, in words, do not obey, perhaps.
+    each other, perhaps; `thrusters_suspected`: which, in words, do not obey, perhaps; `leg`: None between missions.
     """
 
     t_ns: int
@@ -40,6 +48,7 @@ class TickView:
     learning: bool = False
     suspect: bool = False
     thrusters_suspected: str = ""
+    leg: LegAhead | None = None
 
 
 @dataclass(frozen=True)

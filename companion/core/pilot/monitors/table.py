@@ -40,6 +40,7 @@ from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.trust.accelerometer_check import AccelerometerMonitor
 from companion.core.pilot.trust.heading_check import HeadingMonitor
 from companion.core.pilot.trust.motion_check import MotionMonitor
+from companion.core.pilot.trust.progress_check import ProgressMonitor
 from companion.core.pilot.trust.repeated_ranges import RepeatedRangesMonitor
 from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
 
@@ -71,6 +72,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             StickMonitor(control.manual_timeout_s),
             MotionMonitor(vessel),
             ThrusterMonitor(vessel),
+            ProgressMonitor(),
         )
     )
 

@@ -86,10 +86,10 @@ def _delay_s(verdict: Verdict, case: Case) -> float:
     """Seconds to the alert since a fault could move the boat: since it began, of two the later one that had begun by
     the time the estimate was wrong, and since the boat was allowed to drive: at rest nothing contradicts anything.
     """
-    began = max(f.from_s for f in case[1] if f.from_s <= verdict.moved_s)
+    first = min(f.from_s for f in case[1])
+    began = max((f.from_s for f in case[1] if f.from_s <= verdict.moved_s), default=first)
     drives = verdict.drives_s if math.isfinite(verdict.drives_s) else 0.0
-    alert_s = min(f.from_s for f in case[1]) + _alerted_s(verdict, case)
-    return max(0.0, alert_s - max(began, drives))
+    return max(0.0, first + verdict.first_alert_s(first) - max(began, drives))
 
 
 def _names(name: str, verdicts: Sequence[Verdict], faults: Sequence[Fault]) -> Iterator[Line]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from companion.core.configuration.sensors import Imu
 from companion.core.messages import Alert, ImuSample, OperatorCommand
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
-from companion.core.pilot.trust.verdict import Finding
+from companion.core.pilot.trust.verdict import Finding, is_forgotten
 
 JERK_M_S3, JOLT_M_S2, MEAN_S = 10.0, 2.0, 2.0
 """Thrusters with their lag, and waves, change the specific force of a small boat by less than the first. A blow against
@@ -23,6 +23,7 @@ SAME_NS, TURNED_RAD_S, LIVELY = 1_000_000_000, 0.02, 0.8
 """So long the same to the last digit while the gyro changes by 20 of its own, of an accelerometer that had changed with
 so many of its samples until then (noise alone is five digits; that of a simulator may be less than one). Assumed."""
 GAP_NS = 500_000_000
+"""Two samples farther apart have nothing to do with each other; assumed."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class AccelerometerMonitor(Monitor[AccelerometerState]):
     ) -> tuple[AccelerometerState, MonitorReport]:
         """One sample; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
-            return (AccelerometerState() if state.findings and message.command != "stop" else state), NOTHING
+            return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
         if state.findings:
             return state, MonitorReport(withhold=True)
         last, first = state.last, state.first

@@ -20,7 +20,7 @@ from companion.core.estimation.tilt import yaw_rate
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Alert, Attitude, OperatorCommand
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
-from companion.core.pilot.trust.verdict import Finding
+from companion.core.pilot.trust.verdict import Finding, is_forgotten
 from companion.core.sensors.inertial import AttitudeSensor
 
 LIMIT_RAD, SHARE = 0.12, 0.05
@@ -102,7 +102,7 @@ class HeadingMonitor(Monitor[HeadingState]):
     ) -> tuple[HeadingState, MonitorReport]:
         """Add up one attitude; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
-            return (HeadingState() if state.findings and message.command != "stop" else state), NOTHING
+            return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
         if self._sensor.screen(message)[0] is None or math.isnan(message.psi_rad):
             return state, NOTHING
         before, alerts = state.now, ()
@@ -173,10 +173,8 @@ def _turned(now: Turn, then: Turn) -> tuple[float, float, float]:
 def _name(now: Turn, then: Turn, of_late: Turn, frozen: str) -> tuple[str, str]:
     """Which one is wrong: what is frozen, a gyro that turns the other way; else by the model's own turn."""
     psi, gyro, model = _turned(now, then)
-    wrong = "heading" if abs(psi - model) > abs(gyro - model) else "gyro"
-    if any(abs(a + b) < 0.5 * abs(a) for a, b, _ in (_turned(now, of_late), (psi, gyro, model))):
-        wrong = "gyro"  # it says as much with the other sign
-    wrong = frozen or wrong
+    is_opposite = any(abs(a + b) < 0.5 * abs(a) for a, b, _ in (_turned(now, of_late), (psi, gyro, model)))
+    wrong = frozen or ("gyro" if is_opposite or abs(psi - model) <= abs(gyro - model) else "heading")
     seconds = (now.t_ns - then.t_ns) * 1e-9
     text = (
         f"heading turned by {math.degrees(psi):.0f} degrees in {seconds:.0f} s, the gyro says {math.degrees(gyro):.0f},"

@@ -27,7 +27,7 @@ from companion.core.messages import Alert, Innovation, OperatorCommand
 from companion.core.model.actuators.propulsion import ActuatorSet
 from companion.core.model.manoeuvring import coefficients, damping_force
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
-from companion.core.pilot.trust.verdict import Finding
+from companion.core.pilot.trust.verdict import Finding, is_forgotten
 from companion.core.sensors.sensor import PositionWords
 from companion.core.sensors.table import position_kind
 
@@ -112,7 +112,7 @@ class MotionMonitor(Monitor[MotionState]):
     ) -> tuple[MotionState, MonitorReport]:
         """One innovation of a range or coordinate; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
-            return (MotionState() if state.findings and message.command != "stop" else state), NOTHING
+            return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
         if not message.sensor.startswith(("range", "position")):
             return state, NOTHING
         if message.sensor in state.cycle.d2:

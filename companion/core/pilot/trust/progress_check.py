@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from companion.core.messages import Alert
-from companion.core.pilot.monitors.monitor import LegAhead, Monitor, MonitorReport, TickView
+from companion.core.pilot.monitors.monitor import NOTHING, LegAhead, Monitor, MonitorReport, TickView
 
 PATIENCE_NS = 40_000_000_000
 """Longer than a turn on the spot, or than the circle of a boat with a rudder, takes; assumed."""
@@ -15,11 +16,11 @@ WAY_M = 0.5
 
 @dataclass(frozen=True)
 class ProgressState:
-    """`leg`: the leg ahead when way was made last, and `since_ns` then; `is_told`: that none has been made since."""
+    """`leg`: the leg ahead when way was made last, and `since_ns` then; `is_alerted`: that none has been made since."""
 
     leg: LegAhead | None = None
     since_ns: int = 0
-    is_told: bool = False
+    is_alerted: bool = False
 
 
 class ProgressMonitor(Monitor[ProgressState]):
@@ -31,17 +32,21 @@ class ProgressMonitor(Monitor[ProgressState]):
         """Compare with where way was made last."""
         now, last = view.leg, state.leg
         if now is None or last is None or _has_way(last, now):
-            alert = Alert(t_ns=view.t_ns, level="info", text="the boat makes way again")
-            told = state.is_told and now is not None
-            return ProgressState(now, view.t_ns), MonitorReport(alerts=(alert,) if told else ())
-        if state.is_told or view.t_ns - state.since_ns < PATIENCE_NS:
-            return state, MonitorReport()
+            after = ProgressState(now, view.t_ns)
+            if now is None or not state.is_alerted:
+                return after, NOTHING
+            return after, _report(view, "info", "the boat makes way again")
+        if state.is_alerted or view.t_ns - state.since_ns < PATIENCE_NS:
+            return state, NOTHING
         text = (
             f"no way made for {PATIENCE_NS * 1e-9:.0f} s: waypoint {now.waypoint} is {now.ahead_m:.1f} m away (does the"
             " fence lie between, is the boat held, is the current stronger?)"
         )
-        alert = Alert(t_ns=view.t_ns, level="warning", text=text)
-        return ProgressState(last, state.since_ns, is_told=True), MonitorReport(alerts=(alert,))
+        return replace(state, is_alerted=True), _report(view, "warning", text)
+
+
+def _report(view: TickView, level: Literal["info", "warning"], text: str) -> MonitorReport:
+    return MonitorReport(alerts=(Alert(t_ns=view.t_ns, level=level, text=text),))
 
 
 def _has_way(last: LegAhead, now: LegAhead) -> bool:

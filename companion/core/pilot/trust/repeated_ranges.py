@@ -25,7 +25,7 @@ ANCHOR_REPEATS = 5
 @dataclass(frozen=True)
 class RangeRepeats:
     """`last`: the latest reading of each anchor [m] and how often it has been repeated; `new_ns`: when something new
-    was said; `told`: what the latest alert named, as text; `position`: the tag's own, and its repeats.
+    was said; `told`: what the latest alert named, as text; `position`: the tag's own, and repeats of its coordinates.
     """
 
     last: Mapping[str, tuple[float, int]] = field(default_factory=dict)
@@ -74,7 +74,8 @@ class RepeatedRangesMonitor(Monitor[RangeRepeats]):
         """The tag's own position."""
         place, (before, count) = (message.x_m, message.y_m), state.position
         if place == before:
-            return self._repeated(replace(state, position=(place, count + 2)), count + 2, t_ns)
+            count += len(place)
+            return self._repeated(replace(state, position=(place, count)), count, t_ns)
         if state.last:  # ranges come too, and judge
             return replace(state, position=(place, 0)), NOTHING
         now = replace(state, new_ns=t_ns, told="", position=(place, 0))

@@ -32,7 +32,7 @@ WAVE_TICKS, PUSHED_NATS = 30, 40.0
 """A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
 25 nats within their first periods."""
 UNSEEN_PERIODS, UNSEEN_S = 2.5, 1.0
-"""Without a position for so many periods, and so long, speed is dead reckoning, and thrusters are not judged by it."""
+"""Without a position for so many periods, and so long, speed is dead reckoning: it judges no thruster. Assumed."""
 QUIET_NS = 1_000_000_000
 """Dead time, lag and filters together; assumed."""
 BEARABLE_SHARE = 0.3
@@ -158,19 +158,21 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         h, mean, health = self._bank.hypotheses[k], state.bank.mean[k], state.health
         nats = float(state.bank.nats[k])
         gains, stuck, order = list(health.gains), list(health.stuck_n), list(health.order)
-        hopeless, cause, text = "", "thruster", _words(h, self._names)
+        hopeless, cause, what, text = "", "thruster", h.kind, _words(h, self._names)
         if h.kind == "gain":
             gain = 1.0 + float(mean[3 + h.i])
             if gain > FINE_GAIN:
                 return state, NOTHING
             gain = 0.0 if REVERSED_GAIN < gain < DEAD_GAIN else max(-1.0, gain)
             gains[h.i] *= -1.0 if gain < 0 else gain
-            text = f"thruster {self._names[h.i]} {_gain_words(gain)}; the others take over"
+            what = self._names[h.i]
+            text = f"thruster {what} {_gain_words(gain)}; the others take over"
         elif h.kind == "stuck":
+            what = self._names[h.i]
             stuck[h.i] = force = float(mean[-1])
             t = self._vessel.thrusters[h.i]
             share = abs(force) / max(t.force_max_N, -t.force_min_N)
-            text = f"thruster {self._names[h.i]} is stuck at {force:.0f} N whatever it is told"
+            text = f"thruster {what} is stuck at {force:.0f} N whatever it is told"
             hopeless = f"{text}; cut its power" if share > BEARABLE_SHARE else ""
         elif h.kind == "swap":
             order[h.i], order[h.j] = order[h.j], order[h.i]
@@ -179,10 +181,9 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             gains = [-g for g in gains]
             text = "all thrusters push the wrong way; their pulses are turned round"
         elif h.blames_accelerometer:
-            cause, text = "sensor", f"{text}: left out until the next start"
+            cause, what, text = "sensor", "accel", f"{text}: left out until the next start"
         else:
             cause, text = "surroundings", "something pushes the boat harder than water and wind usually do"
-        what = self._names[h.i] if h.kind in ("gain", "stuck") else "accel" if h.blames_accelerometer else h.kind
         if cause != "thruster":
             return self._elsewhere(state, Finding(cause, what, text, view.t_ns, nats), view)
         finding = Finding("thruster", what, text, view.t_ns, nats)

@@ -11,7 +11,7 @@ from typing import Literal
 
 from msgspec.structs import replace
 
-from companion.core.messages import StateEstimate
+from companion.core.messages import OperatorCommand, StateEstimate
 
 Cause = Literal["sensor", "thruster", "surroundings"]
 
@@ -25,6 +25,11 @@ class Finding:
     text: str
     t_ns: int
     nats: float = 0.0
+
+
+def is_forgotten(findings: tuple[Finding, ...], order: OperatorCommand) -> bool:
+    """Whether a monitor begins anew after an order: a new start forgets what was found, a stop does not."""
+    return bool(findings) and order.command != "stop"
 
 
 def vet(estimate: StateEstimate, findings: tuple[Finding, ...]) -> StateEstimate:

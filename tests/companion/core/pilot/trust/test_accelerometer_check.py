@@ -13,7 +13,7 @@ S = 1_000_000_000
 FAULT_S, END_S = 4.0, 10.0
 
 
-def heard(spoil, *, seed=1, turns=True, sigma=0.05, begins_s=FAULT_S):
+def watched(spoil, *, seed=1, turns=True, sigma=0.05, begins_s=FAULT_S):
     """The monitor, its state, when it withheld first [s], and its alerts; `spoil`: (t, a, dice) -> a."""
     monitor, rng = AccelerometerMonitor(boat("aritra").sensors.imu), np.random.default_rng(seed)
     state, first, alerts = monitor.initial, None, []
@@ -43,7 +43,7 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_bad_accelerometer_is_left_out_within_three_seconds_and_told_once(name):
     spoil, word = FAULTS[name]
-    monitor, state, first, alerts = heard(spoil)
+    monitor, state, first, alerts = watched(spoil)
     assert FAULT_S < first < FAULT_S + 3.0
     assert len(alerts) == 1 and word in alerts[0] and state.findings[0].what == "accel"
     begun, _ = monitor.on_message(state, OperatorCommand(t_ns=0, command="start"), 0)
@@ -61,13 +61,13 @@ SOUND = {
 
 @pytest.mark.parametrize("name", SOUND)
 def test_a_sound_accelerometer_stays(name):
-    assert heard(SOUND[name])[2:] == (None, [])
+    assert watched(SOUND[name])[2:] == (None, [])
 
 
 @pytest.mark.parametrize(("turns", "sigma"), [(False, 0.05), (True, 0.0)])
 def test_a_boat_at_rest_or_in_a_world_without_noise_may_say_the_same_for_long(turns, sigma):
     still = (0.0, 0.0, -9.81)
-    assert heard(lambda t, a, rng: still, turns=turns, sigma=sigma, begins_s=0.0 if turns else FAULT_S)[2:] == (
+    assert watched(lambda t, a, rng: still, turns=turns, sigma=sigma, begins_s=0.0 if turns else FAULT_S)[2:] == (
         None,
         [],
     )

@@ -20,7 +20,7 @@ from tests.support.drive_fixture import START, mission_text, setup
 S = 1_000_000_000
 
 
-def told(leg, seconds=120):
+def alerts_of(leg, seconds=120):
     """(time [s], level) of the alerts; `leg`: time [s] -> waypoint, along, ahead, or None."""
     monitor, alerts = ProgressMonitor(), []
     state = monitor.initial
@@ -32,18 +32,18 @@ def told(leg, seconds=120):
 
 
 def test_way_is_a_leg_a_stretch_of_the_course_or_coming_nearer():
-    assert told(lambda t: (1, 0.03 * t, 9.0)) == told(lambda t: (1, 0.0, 9.0 - 0.03 * t)) == []
-    assert told(lambda t: (1 + t // 30, 0.0, 9.0)) == []
+    assert alerts_of(lambda t: (1, 0.03 * t, 9.0)) == alerts_of(lambda t: (1, 0.0, 9.0 - 0.03 * t)) == []
+    assert alerts_of(lambda t: (1 + t // 30, 0.0, 9.0)) == []
 
 
 def test_standing_is_told_once_and_so_is_way_that_is_made_again():
     patience_s = PATIENCE_NS / S
-    assert told(lambda t: (1, 0.0, 9.0 + 0.2 * (t % 2))) == [(patience_s, "warning")]
-    assert told(lambda t: (1, 0.0, 9.0 - max(0.0, t - 60.0))) == [(patience_s, "warning"), (60.5, "info")]
+    assert alerts_of(lambda t: (1, 0.0, 9.0 + 0.2 * (t % 2))) == [(patience_s, "warning")]
+    assert alerts_of(lambda t: (1, 0.0, 9.0 - max(0.0, t - 60.0))) == [(patience_s, "warning"), (60.5, "info")]
 
 
 def test_between_missions_there_is_no_way_to_make():
-    assert told(lambda t: None if t % 30 > 20 else (1, 0.0, 9.0)) == []
+    assert alerts_of(lambda t: None if t % 30 > 20 else (1, 0.0, 9.0)) == []
 
 
 @pytest.mark.long
